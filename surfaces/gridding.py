@@ -1,0 +1,165 @@
+"""Lines of tensor-product grids: uniform, or fine where the light is and coarse outside."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .parameters import Range
+
+MAX_LINES = 20_001
+"""Most lines of one axis; finer grids are almost surely a slip of the pen."""
+
+DEFAULT_GROWTH = 1.1
+"""Ratio of neighbouring steps where a graded grid grows coarser."""
+
+DEFAULT_COARSENING = 10.0
+"""Largest step of a graded grid over its finest, unless given."""
+
+
+def uniform_axis(extent: float, spacing: float, center: float = 0.0) -> NDArray[np.float64]:
+    """Equally spaced grid lines that cover |x - center| <= extent exactly.
+
+    Parameters
+    ----------
+    extent : float
+        Half-length of the axis [m]; first and last line lie at center -+ extent.
+    spacing : float
+        Largest distance of neighbouring lines [m].
+    center : float
+        Middle of the axis [m].
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Increasing positions [m], n = ceil(2 extent / spacing) + 1.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, or the axis would have more than `MAX_LINES` lines.
+
+    Notes
+    -----
+    Where 2 extent / spacing is not an integer the lines move closer than `spacing`, never
+    apart, so that the boundary is met.
+
+    Examples
+    --------
+    >>> uniform_axis(1.0, 0.5)
+    array([-1. , -0.5,  0. ,  0.5,  1. ])
+    """
+    _check(center, extent, spacing)
+    steps = _step_count(2.0 * extent, spacing)
+    return center + extent * ((2.0 * np.arange(steps + 1) - steps) / steps)
+
+
+def graded_axis(
+    center: float,
+    fine_extent: float,
+    extent: float,
+    spacing: float,
+    coarse_spacing: float,
+    growth: float = DEFAULT_GROWTH,
+) -> NDArray[np.float64]:
+    """Grid lines that are fine around the centre and grow coarser outwards.
+
+    Parameters
+    ----------
+    center : float
+        Middle of the axis [m].
+    fine_extent : float
+        Half-length of the fine part [m].
+    extent : float
+        Half-length of the axis [m].
+    spacing : float
+        Largest step in the fine part [m].
+    coarse_spacing : float
+        Largest step anywhere [m], at least `spacing`.
+    growth : float
+        Largest ratio of a step to its inner neighbour, > 1.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Increasing positions [m], symmetric about `center`, with lines at center -+ fine_extent
+        and at center -+ extent. A fine part that is as long as the axis gives `uniform_axis`.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, or the axis would have more than `MAX_LINES` lines.
+
+    Notes
+    -----
+    The outer steps follow spacing growth^i up to `coarse_spacing` and are then shrunk by one
+    common factor so that the last line meets the boundary.
+
+    Examples
+    --------
+    >>> graded_axis(0.0, 1.0, 4.0, 0.5, 1.0, growth=2.0)
+    array([-4. , -3. , -2. , -1. , -0.5,  0. ,  0.5,  1. ,  2. ,  3. ,  4. ])
+    """
+    _check(center, extent, spacing)
+    Range("fine_extent", 0.0, unit="m").check(fine_extent)
+    Range("coarse_spacing", spacing, unit="m", closed=True).check(coarse_spacing)
+    Range("growth", 1.0).check(growth)
+    if fine_extent >= extent:
+        return uniform_axis(extent, spacing, center)
+    fine_steps = _step_count(fine_extent, spacing)
+    inner = fine_extent * (np.arange(fine_steps + 1) / fine_steps)
+    rest = extent - fine_extent
+    # No step is shorter than the spacing before shrinking, which bounds their number.
+    exponents = np.arange(1, _step_count(rest, spacing) + 1)
+    ceiling = math.log(coarse_spacing / spacing) / math.log(growth)
+    outer = spacing * growth ** np.minimum(exponents, ceiling)
+    reach = np.cumsum(outer)
+    needed = int(np.searchsorted(reach, rest * (1.0 - 1e-12))) + 1
+    half = np.concatenate([inner, fine_extent + reach[:needed] * (rest / reach[needed - 1])])
+    half[-1] = extent
+    return center + np.concatenate([-half[:0:-1], half])
+
+
+def grid_axis(
+    center: float,
+    extent: float,
+    spacing: float,
+    fine_extent: float | None = None,
+    coarse_spacing: float | None = None,
+) -> NDArray[np.float64]:
+    """Return the uniform axis, or with `fine_extent` the graded one, of a sea's mesh.
+
+    `coarse_spacing` defaults to `DEFAULT_COARSENING` times `spacing`.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, or `coarse_spacing` comes without `fine_extent`.
+    """
+    if fine_extent is None:
+        if coarse_spacing is not None:
+            raise ValueError(
+                f"coarse_spacing: {coarse_spacing} without fine_extent, allowed only with it"
+            )
+        return uniform_axis(extent, spacing, center)
+    if coarse_spacing is None:
+        coarse_spacing = DEFAULT_COARSENING * spacing
+    return graded_axis(center, fine_extent, extent, spacing, coarse_spacing)
+
+
+def _check(center: float, extent: float, spacing: float) -> None:
+    Range("center", unit="m").check(center)
+    Range("extent", 0.0, unit="m").check(extent)
+    Range("spacing", 0.0, unit="m").check(spacing)
+
+
+def _step_count(length: float, spacing: float) -> int:
+    # The tolerance keeps 2 * 20 / 0.1 at 400 steps whatever the last bit of the quotient.
+    steps = max(1, math.ceil(length / spacing * (1.0 - 1e-12)))
+    if steps >= MAX_LINES:
+        raise ValueError(
+            f"spacing: {spacing} m over {length} m, allowed at most {MAX_LINES} grid lines"
+        )
+    return steps

@@ -1,0 +1,60 @@
+"""Ranges of the physical parameters: one place that functions and models check against."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import AfterValidator, Field
+
+
+class Range(NamedTuple):
+    """An interval low < value <= high (low <= value with `closed`) with a name and a unit."""
+
+    name: str
+    low: float = -math.inf
+    high: float = math.inf
+    unit: str = ""
+    closed: bool = False
+
+    def check(self, value: float) -> float:
+        """Return `value` unchanged, or raise ValueError with what is allowed."""
+        inside = self.low < value <= self.high or (self.closed and value == self.low)
+        if inside and math.isfinite(value):
+            return value
+        raise ValueError(f"{self.name}: {value}, allowed {self}")
+
+    def __str__(self) -> str:
+        """Say the interval, as in `0 < wind_speed <= 60 m/s`."""
+        below = "<=" if self.closed else "<"
+        above = "<=" if math.isfinite(self.high) else "<"
+        return f"{self.low:g} {below} {self.name} {above} {self.high:g} {self.unit}".rstrip()
+
+
+WIND_SPEED = Range("wind_speed", 0.0, 60.0, "m/s")
+FETCH = Range("fetch", 0.0, unit="m")
+DEPTH = Range("depth", 0.0, unit="m")
+GAMMA = Range("gamma", 1.0, 20.0, closed=True)
+ALPHA = Range("alpha", 0.0)
+TIME = Range("time", unit="s")
+
+WindSpeed = Annotated[float, AfterValidator(WIND_SPEED.check)]
+Fetch = Annotated[float, AfterValidator(FETCH.check)]
+Depth = Annotated[float, AfterValidator(DEPTH.check)]
+Gamma = Annotated[float, AfterValidator(GAMMA.check)]
+Alpha = Annotated[float, AfterValidator(ALPHA.check)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+def finite_array(name: str, value: ArrayLike, minimum: float = -math.inf) -> NDArray[np.float64]:
+    """Return `value` as float64, refusing what is not finite or lies below `minimum`."""
+    array = np.asarray(value, dtype=np.float64)
+    wrong = array[~(np.isfinite(array) & (array >= minimum))]
+    if wrong.size:
+        allowed = Range(name, minimum, closed=minimum > -math.inf)
+        raise ValueError(f"{name}: {wrong[0]}, allowed {allowed}, all finite")
+    return array

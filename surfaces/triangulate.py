@@ -1,0 +1,338 @@
+"""Triangle meshes from height fields, and from surfaces made elsewhere."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meshtrace.mesh import TriangleMesh
+
+from .parameters import Range
+
+if TYPE_CHECKING:
+    import trimesh
+
+Floats = NDArray[np.float64]
+
+# float32 files (binary STL, PLY) carry positions to 6e-8 of their size.
+_COVERAGE_TOLERANCE = 1e-6
+_STEEPEST_NORMAL_Z = 1e-6
+_SMALLEST_AREA = 1e-12
+
+
+def triangulate(
+    x_axis: ArrayLike, y_axis: ArrayLike, z: ArrayLike, sx: ArrayLike, sy: ArrayLike
+) -> TriangleMesh:
+    """Triangulate a height field on a tensor grid.
+
+    Parameters
+    ----------
+    x_axis : array_like, shape (nx,)
+        Increasing grid lines [m].
+    y_axis : array_like, shape (ny,)
+        Increasing grid lines [m].
+    z : array_like, shape (nx, ny)
+        Elevation [m] at (x_axis[i], y_axis[j]).
+    sx, sy : array_like, shape (nx, ny)
+        Slopes dz/dx and dz/dy.
+
+    Returns
+    -------
+    TriangleMesh
+        nx ny vertices, vertex i ny + j at (x_axis[i], y_axis[j]), and 2 (nx - 1)(ny - 1) facets,
+        counter-clockwise seen from the air; vertex normals (-sx, -sy, 1) / norm.
+
+    Raises
+    ------
+    ValueError
+        If an axis is not strictly increasing or has fewer than two lines, or a shape is wrong.
+
+    Notes
+    -----
+    Cell (i, j) is cut from (i, j) to (i + 1, j + 1) if i + j is even, and across otherwise. With
+    one diagonal throughout, every cell would have its slope error of second order in the same
+    direction, and a mirrored sea would not give the mirrored mesh; alternating cells do.
+
+    Examples
+    --------
+    >>> flat = np.zeros((3, 2))
+    >>> triangulate([0.0, 1.0, 2.0], [0.0, 1.0], flat, flat, flat).faces.tolist()
+    [[0, 2, 3], [0, 3, 1], [2, 4, 3], [4, 5, 3]]
+    """
+    x_axis, y_axis = _increasing("x_axis", x_axis), _increasing("y_axis", y_axis)
+    shape = len(x_axis), len(y_axis)
+    z, sx, sy = (np.asarray(a, dtype=np.float64) for a in (z, sx, sy))
+    for name, array in (("z", z), ("sx", sx), ("sy", sy)):
+        if array.shape != shape:
+            raise ValueError(f"{name}: shape {array.shape}, allowed {shape} for these axes")
+    vertices = _grid_vertices(x_axis, y_axis, z)
+    normals = np.empty_like(vertices)
+    upward = 1.0 / np.sqrt(1.0 + sx**2 + sy**2)
+    for column, values in enumerate((-sx * upward, -sy * upward, upward)):
+        normals[:, column] = values.ravel()
+    return TriangleMesh(vertices, grid_faces(*shape), normals)
+
+
+@lru_cache(maxsize=8)
+def grid_faces(nx: int, ny: int) -> NDArray[np.int32]:
+    """Facets of an nx by ny grid, shape (2 (nx - 1)(ny - 1), 3), see `triangulate`.
+
+    The array is shared between meshes of one shape and therefore read-only.
+    """
+    corner = np.arange(nx * ny, dtype=np.int32).reshape(nx, ny)
+    a, b, c, d = corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]
+    even = (np.add.outer(np.arange(nx - 1), np.arange(ny - 1)) % 2 == 0)[..., None]
+    first = np.where(even, np.stack([a, b, c], axis=-1), np.stack([a, b, d], axis=-1))
+    second = np.where(even, np.stack([a, c, d], axis=-1), np.stack([b, c, d], axis=-1))
+    faces = np.stack([first, second], axis=2).reshape(-1, 3)
+    faces.flags.writeable = False
+    return faces
+
+
+def from_trimesh(
+    source: trimesh.Trimesh | str | PathLike[str] | tuple[ArrayLike, ...],
+    extent: float | None = None,
+) -> TriangleMesh:
+    """Make a mesh of a surface that was built elsewhere.
+
+    Parameters
+    ----------
+    source : trimesh.Trimesh, path or tuple
+        A `trimesh.Trimesh`; a file that trimesh reads (STL, PLY, OBJ); (vertices, faces) of
+        shapes (n, 3) and (m, 3); or a grid (x, y, z) with z of shape (nx, ny) and x, y either
+        axes of shapes (nx,), (ny,) or the arrays of `numpy.meshgrid`. Lengths in m.
+    extent : float, optional
+        Half-length [m] of the square |x|, |y| <= extent that the surface has to cover.
+
+    Returns
+    -------
+    TriangleMesh
+        With equal vertices merged and unused ones dropped. Vertex normals are the area-weighted
+        mean of the adjacent facets.
+
+    Raises
+    ------
+    ValueError
+        If the surface is empty, not finite, has facets without area, is closed, has facets that
+        do not face up, is not one piece without holes, folds over itself, or does not cover
+        the square.
+
+    Notes
+    -----
+    What is wrong is refused, never mended: a surface that is turned over could as well be
+    one with the wrong axis up. Vertices are merged only if equal in all digits, which joins the
+    facets of an STL file and nothing else. The square may stick out by 1e-6 of its size, for
+    the sake of files with single precision.
+
+    A connected surface of facets that all face up has no fold exactly if its outline, seen from
+    above, does not touch itself. (Comparing the sum of the facets' areas with the area inside
+    the outline cannot tell: by Green's theorem the two agree with folds as well.)
+
+    Examples
+    --------
+    >>> corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0.1), (0, 1, 0)]
+    >>> len(from_trimesh((corners, [(0, 1, 2), (0, 2, 3)])).faces)
+    2
+    """
+    vertices, faces = _merged(*_read(source))
+    _refuse_degenerate(vertices, faces)
+    outline = _outline(vertices, faces)
+    _refuse_folds(vertices, outline)
+    if extent is not None:
+        _refuse_uncovered(vertices[outline][..., :2], Range("extent", 0.0, unit="m").check(extent))
+    return TriangleMesh(vertices, faces.astype(np.int32))
+
+
+def _increasing(name: str, axis: ArrayLike) -> Floats:
+    axis = np.asarray(axis, dtype=np.float64)
+    if axis.ndim != 1 or len(axis) < 2 or not (np.diff(axis) > 0.0).all():
+        raise ValueError(f"{name}: shape {axis.shape}, allowed two or more increasing numbers [m]")
+    return axis
+
+
+def _grid_vertices(x_axis: Floats, y_axis: Floats, z: Floats) -> Floats:
+    vertices = np.empty((*z.shape, 3))
+    vertices[..., 0] = x_axis[:, None]
+    vertices[..., 1] = y_axis
+    vertices[..., 2] = z
+    return vertices.reshape(-1, 3)
+
+
+def _read(source: Any) -> tuple[Floats, NDArray[np.int64]]:
+    """Return vertices and facets of any source, with their shapes checked."""
+    if isinstance(source, str | PathLike):
+        import trimesh
+
+        source = trimesh.load_mesh(source, process=False)
+    if isinstance(source, tuple | list) and len(source) == 3:
+        return _read_grid(*source)
+    pair = (source.vertices, source.faces) if hasattr(source, "faces") else source
+    if not isinstance(pair, tuple | list) or len(pair) != 2:
+        raise ValueError(
+            f"source: {type(source).__name__}, allowed trimesh.Trimesh, a path, "
+            "(vertices, faces) or (x, y, z)"
+        )
+    vertices = np.array(pair[0], dtype=np.float64)
+    faces = np.array(pair[1])
+    if vertices.size == 0 or faces.size == 0:
+        raise ValueError("source: empty, allowed a surface of one or more facets")
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
+        raise ValueError(
+            f"source: shapes {vertices.shape} and {faces.shape}, allowed (n, 3) and (m, 3)"
+        )
+    if not np.issubdtype(faces.dtype, np.integer):
+        raise ValueError(f"source: faces of type {faces.dtype}, allowed integers")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise ValueError(
+            f"source: faces {faces.min()}..{faces.max()}, allowed 0..{len(vertices) - 1}"
+        )
+    return vertices, faces.astype(np.int64)
+
+
+def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
+    x, y, z = (np.asarray(a, dtype=np.float64) for a in (x, y, z))
+    if x.ndim == 2:
+        if x.shape != z.shape or y.shape != z.shape or z.size == 0:
+            raise ValueError(f"source: shapes {x.shape}, {y.shape}, {z.shape}, allowed equal ones")
+        if np.ptp(x[0]) > 0.0:
+            x, y, z = x.T, y.T, z.T
+        if (x != x[:, :1]).any() or (y != y[:1]).any():
+            raise ValueError("source: x, y are no grid, allowed the arrays of numpy.meshgrid")
+        x, y = x[:, 0], y[0]
+    x, y = _increasing("x", x), _increasing("y", y)
+    if z.shape != (len(x), len(y)):
+        raise ValueError(f"z: shape {z.shape}, allowed {(len(x), len(y))}")
+    return _grid_vertices(x, y, z), grid_faces(len(x), len(y)).astype(np.int64)
+
+
+def _merged(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the distinct used vertices, in their first order, and the facets."""
+    used, corner = np.unique(faces, return_inverse=True)
+    vertices = vertices[used]
+    if not np.isfinite(vertices).all():
+        raise ValueError("source: vertices not all finite, allowed finite coordinates [m]")
+    order = np.lexsort(vertices.T)
+    new = np.ones(len(order), dtype=bool)
+    new[1:] = (np.diff(vertices[order], axis=0) != 0.0).any(axis=1)
+    first = order[new]
+    group = np.empty_like(order)
+    group[order] = np.argsort(np.argsort(first))[np.cumsum(new) - 1]
+    return vertices[np.sort(first)], group[corner].reshape(-1, 3)
+
+
+def _refuse_degenerate(vertices: Floats, faces: NDArray[np.int64]) -> None:
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    edge = np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    count = np.count_nonzero(area <= _SMALLEST_AREA * edge)
+    if count:
+        raise ValueError(f"source: {count} of {len(faces)} facets without area, allowed none")
+
+
+def _outline(vertices: Floats, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the directed boundary edges, shape (e, 2), of one upward open piece."""
+    edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    forward = edges[:, 0] * len(vertices) + edges[:, 1]
+    backward = edges[:, 1] * len(vertices) + edges[:, 0]
+    undirected, uses = np.unique(np.minimum(forward, backward), return_counts=True)
+    if (uses > 1).all():
+        raise ValueError("source: closed solid, allowed an open surface")
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    cross = np.cross(b - a, c - a)
+    up = cross[:, 2] / np.linalg.norm(cross, axis=1)
+    _refuse_count("facets face down", up < -_STEEPEST_NORMAL_Z, len(faces))
+    _refuse_count("facets are vertical", up <= _STEEPEST_NORMAL_Z, len(faces))
+    _refuse_count("edges join more than two facets", uses > 2, len(undirected))
+    outline = edges[~np.isin(forward, backward)]
+    _refuse_many_pieces(len(vertices), edges, outline)
+    return outline
+
+
+def _refuse_count(what: str, wrong: NDArray[np.bool_], total: int) -> None:
+    count = np.count_nonzero(wrong)
+    if count:
+        raise ValueError(f"source: {count} of {total} {what}, allowed a height field that faces up")
+
+
+def _refuse_many_pieces(n: int, edges: NDArray[np.int64], outline: NDArray[np.int64]) -> None:
+    pieces = _component_count(n, edges)
+    if pieces > 1:
+        raise ValueError(f"source: {pieces} separate pieces or sheets, allowed one")
+    if len(np.unique(outline[:, 0])) < len(outline):
+        raise ValueError("source: pieces joined at a single vertex only, allowed one surface")
+    holes = _component_count(n, outline) - (n - len(outline)) - 1
+    if holes:
+        raise ValueError(f"source: {holes} holes inside the outline, allowed none")
+
+
+def _component_count(n: int, edges: NDArray[np.int64]) -> int:
+    """Return the number of connected components of n vertices, lone ones included."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
+    return int(connected_components(graph, directed=False, return_labels=False))
+
+
+def _refuse_folds(vertices: Floats, outline: NDArray[np.int64]) -> None:
+    """Refuse an outline that touches itself seen from above, apart from shared vertices."""
+    from scipy.spatial import cKDTree
+
+    start, end = vertices[outline[:, 0], :2], vertices[outline[:, 1], :2]
+    # Two segments can only meet if their middles are at most the longest segment apart.
+    longest = np.linalg.norm(end - start, axis=1).max()
+    tree = cKDTree(0.5 * (start + end))
+    i, j = tree.query_pairs(longest * (1.0 + 1e-9), output_type="ndarray").T
+    apart = (outline[i, 0] != outline[j, 1]) & (outline[i, 1] != outline[j, 0])
+    i, j = i[apart], j[apart]
+    touching = np.count_nonzero(_segments_meet(start[i], end[i], start[j], end[j]))
+    if touching:
+        raise ValueError(
+            f"source: outline meets itself {touching} times seen from above (several sheets over "
+            "one point, or a seam of unequal vertices), allowed one sheet"
+        )
+
+
+def _segments_meet(p: Floats, q: Floats, r: Floats, s: Floats) -> NDArray[np.bool_]:
+    """Return which segments p-q and r-s in the plane have a point in common."""
+
+    def side(a: Floats, b: Floats, c: Floats) -> Floats:
+        u, v = b - a, c - a
+        return np.sign(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+
+    straddle = (side(p, q, r) * side(p, q, s) <= 0.0) & (side(r, s, p) * side(r, s, q) <= 0.0)
+    boxes = (np.maximum(p, q) >= np.minimum(r, s)) & (np.maximum(r, s) >= np.minimum(p, q))
+    return straddle & boxes.all(axis=1)
+
+
+def _refuse_uncovered(segments: Floats, extent: float) -> None:
+    """Refuse an outline, shape (e, 2, 2), that leaves part of the square |x|, |y| <= extent."""
+    inner = extent * (1.0 - _COVERAGE_TOLERANCE)
+    start, step = segments[:, 0], segments[:, 1] - segments[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first, second = (-inner - start) / step, (inner - start) / step
+    # A segment along an axis stays inside or outside that slab for good.
+    parallel = step == 0.0
+    within = np.abs(start) < inner
+    enter = np.where(parallel, np.where(within, -np.inf, np.inf), np.minimum(first, second))
+    leave = np.where(parallel, np.inf, np.maximum(first, second))
+    crosses = np.maximum(enter.max(axis=1), 0.0) < np.minimum(leave.min(axis=1), 1.0)
+    if crosses.any() or not _around_origin(start, step):
+        low, high = start.min(axis=0), start.max(axis=0)
+        raise ValueError(
+            f"extent: {extent} m, allowed a square |x|, |y| <= extent that the surface covers; it "
+            f"lies in x {low[0]:g}..{high[0]:g} m, y {low[1]:g}..{high[1]:g} m"
+        )
+
+
+def _around_origin(start: Floats, step: Floats) -> bool:
+    """Return whether a closed outline that avoids the origin winds around it."""
+    end = start + step
+    crossing = (start[:, 1] > 0.0) != (end[:, 1] > 0.0)
+    start, step = start[crossing], step[crossing]
+    x = start[:, 0] - start[:, 1] * step[:, 0] / step[:, 1]
+    return bool(np.count_nonzero(x > 0.0) % 2)

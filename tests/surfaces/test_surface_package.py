@@ -1,0 +1,42 @@
+import doctest
+import importlib
+import subprocess
+import sys
+
+import pytest
+
+import meshtrace.surfaces
+
+MODULES = [
+    "dispersion",
+    "gridding",
+    "measured",
+    "parameters",
+    "seas",
+    "spectra",
+    "spreading",
+    "statistics",
+    "triangulate",
+    "waves",
+]
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_in_docstrings(name):
+    result = doctest.testmod(importlib.import_module(f"meshtrace.surfaces.{name}"))
+    assert result.failed == 0
+
+
+def test_public_names_exist():
+    for name in meshtrace.surfaces.__all__:
+        assert hasattr(meshtrace.surfaces, name)
+
+
+def test_import_leaves_heavy_libraries_alone():
+    code = (
+        "import sys, meshtrace.surfaces\n"
+        "print([m for m in ('xarray', 'trimesh', 'matplotlib', 'pyvista', 'scipy.spatial')"
+        " if m in sys.modules])\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert run.stdout.strip() == "[]"
