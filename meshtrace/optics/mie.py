@@ -1,0 +1,397 @@
+"""Mie scattering of spheres, and the phase function of a population of spheres.
+
+The series coefficients come from miepython; this module adds what a population needs: one
+table of the scattering angle, averaged over sizes, that is computed once and kept on disk.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.resources
+import json
+import logging
+import os
+import uuid
+import warnings
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from types import ModuleType
+from typing import IO, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+_LOG = logging.getLogger(__name__)
+# Raise when the recipe of `population_table` changes: tables kept on disk are then left behind.
+_FORMAT = 1
+# Irrational steps: the golden ratio from size to size, the plastic number from bin to bin.
+_SIZE_STEP = 0.6180339887498949
+_BIN_STEP = 0.7548776662466927
+
+
+class Efficiencies(NamedTuple):
+    """Mie efficiencies of spheres (cross-section / geometric cross-section) and mean cosine."""
+
+    q_ext: FloatArray
+    q_sca: FloatArray
+    g: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class MieTable:
+    """Scattering-angle distribution of a population of spheres.
+
+    Parameters
+    ----------
+    theta_edges : ndarray, shape (n,)
+        Bin edges of the scattering angle [rad], increasing from 0 to pi.
+    cdf : ndarray, shape (n,)
+        Probability of an angle below each edge, from 0 to 1.
+    q_sca : float
+        Mean scattering efficiency, weighted by geometric cross-section.
+    g : float
+        Mean cosine, weighted by scattering cross-section, from the series (not the bins).
+    closure : float
+        Integral of the differential efficiency over all bins divided by `q_sca`, minus 1:
+        the size of the averaging error before `cdf` was normalised.
+    """
+
+    theta_edges: FloatArray
+    cdf: FloatArray
+    q_sca: float
+    g: float
+    closure: float
+
+    def __post_init__(self) -> None:
+        theta, cdf = self.theta_edges, self.cdf
+        rising = theta.ndim == 1 and theta.shape == cdf.shape and bool(np.all(np.diff(theta) > 0))
+        if not rising or theta[0] != 0.0 or theta[-1] != np.pi:
+            raise ValueError(
+                "theta_edges: allowed edges increasing from 0 to pi, one cdf value each"
+            )
+        if not np.all(np.diff(cdf) >= 0) or cdf[0] != 0.0 or cdf[-1] != 1.0:
+            raise ValueError("cdf: allowed values increasing from 0 to 1")
+        if not np.all(np.isfinite([self.q_sca, self.g, self.closure])):
+            raise ValueError("q_sca, g, closure: allowed finite numbers")
+        # One table is shared by all who ask for it.
+        theta.setflags(write=False)
+        cdf.setflags(write=False)
+
+
+@lru_cache(maxsize=1)
+def _miepython() -> ModuleType:
+    """Import miepython with its compiled backend, which it selects by an environment variable."""
+    before = os.environ.get("MIEPYTHON_USE_JIT")
+    os.environ["MIEPYTHON_USE_JIT"] = "1"
+    try:
+        return importlib.import_module("miepython")
+    finally:
+        if before is None:
+            del os.environ["MIEPYTHON_USE_JIT"]
+        else:
+            os.environ["MIEPYTHON_USE_JIT"] = before
+
+
+def _size_parameter(x: ArrayLike) -> FloatArray:
+    sizes = np.asarray(x, dtype=np.float64)
+    bad = sizes[~(np.isfinite(sizes) & (sizes > 0))]
+    if bad.size:
+        raise ValueError(f"x: {bad[0]}, allowed finite x > 0")
+    return sizes
+
+
+def _cosine(cos_theta: ArrayLike) -> FloatArray:
+    cosine = np.asarray(cos_theta, dtype=np.float64)
+    bad = cosine[~(np.abs(cosine) <= 1.0)]
+    if bad.size:
+        raise ValueError(f"cos_theta: {bad[0]}, allowed -1 <= cos_theta <= 1")
+    return cosine
+
+
+def efficiencies(m: complex, x: ArrayLike) -> Efficiencies:
+    """Return extinction and scattering efficiency and mean cosine of spheres.
+
+    Q_ext = 2/x^2 sum (2n+1) Re(a_n + b_n)
+
+    Parameters
+    ----------
+    m : complex
+        Refractive index of the sphere relative to its surroundings, n - i k.
+    x : array_like
+        Size parameter 2 pi r n_medium / wavelength (vacuum wavelength).
+
+    Returns
+    -------
+    Efficiencies
+        `q_ext`, `q_sca`, `g`, each of the shape of `x`.
+
+    Raises
+    ------
+    ValueError
+        If a size parameter is not positive and finite.
+
+    Notes
+    -----
+    Tested for air in water (m = 0.75) from x = 10 to x = 17780.
+
+    References
+    ----------
+    Bohren and Huffman (1983), Absorption and Scattering of Light by Small Particles, ch. 4.
+    Wiscombe (1979), NCAR/TN-140+STR.
+
+    Examples
+    --------
+    >>> q = efficiencies(0.75, 10.0)
+    >>> round(float(q.q_sca), 6), round(float(q.g), 6)
+    (2.232265, 0.896473)
+    """
+    sizes = _size_parameter(x)
+    q_ext, q_sca, _, g = _miepython().efficiencies_mx(m, sizes.ravel())
+    return Efficiencies(*(np.asarray(q).reshape(sizes.shape)[()] for q in (q_ext, q_sca, g)))
+
+
+def phase_intensity(m: complex, x: float, cos_theta: ArrayLike) -> FloatArray:
+    """Return the unpolarised scattered intensity of one sphere.
+
+    i(theta) = (|S1|^2 + |S2|^2) / 2,   integral of i over solid angle = pi x^2 Q_sca
+
+    Parameters
+    ----------
+    m : complex
+        Refractive index of the sphere relative to its surroundings, n - i k.
+    x : float
+        Size parameter 2 pi r n_medium / wavelength.
+    cos_theta : array_like
+        Cosine of the scattering angle.
+
+    Returns
+    -------
+    ndarray
+        Intensity i, of the shape of `cos_theta`.
+
+    Raises
+    ------
+    ValueError
+        If `x` is not positive or `cos_theta` leaves [-1, 1].
+
+    Notes
+    -----
+    The amplitudes S1, S2 have Wiscombe's norm, that of van de Hulst and of Bohren and Huffman's
+    book (miepython's norm "bohren" is twice as large). The phase function is
+    i / (pi x^2 Q_sca) [1/sr].
+
+    References
+    ----------
+    Wiscombe (1980), Applied Optics 19, 1505, doi:10.1364/AO.19.001505.
+
+    Examples
+    --------
+    Its integral over solid angle is pi x^2 Q_sca:
+
+    >>> node, weight = np.polynomial.legendre.leggauss(60)
+    >>> round(float(2.0 * phase_intensity(0.75, 10.0, node) @ weight / 10.0**2), 6)
+    2.232265
+    """
+    size = float(_size_parameter(x))
+    cosine = _cosine(cos_theta)
+    intensity = _miepython().i_unpolarized(m, size, cosine.ravel(), norm="wiscombe")
+    return np.asarray(intensity).reshape(cosine.shape)[()]
+
+
+def angular_edges() -> FloatArray:
+    """Return the 2501 bin edges of the scattering angle [rad].
+
+    0, then 750 edges in geometric progression from 0.001 to 5 deg, where diffraction of bubbles
+    up to 1 mm falls off, then steps of 0.1 deg to 180 deg. 90 deg is an edge, so that the
+    backscatter fraction is exact.
+    """
+    forward = np.geomspace(1e-3, 5.0, 750)
+    return np.deg2rad(np.concatenate(([0.0], forward, np.arange(51, 1801) / 10.0)))
+
+
+def _angular_blocks(
+    cosine: FloatArray, orders: int, block: int = 256
+) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+    """Yield first order - 1, and pi_n, tau_n times (2n+1)/(n(n+1)), by blocks of orders."""
+    before, now = np.zeros_like(cosine), np.ones_like(cosine)
+    for start in range(0, orders, block):
+        count = min(block, orders - start)
+        pi, tau = np.empty((2, count, cosine.size))
+        for row, n in enumerate(range(start + 1, start + count + 1)):
+            scale = (2 * n + 1) / (n * (n + 1))
+            forward = cosine * now
+            pi[row] = scale * now
+            tau[row] = (scale * n) * forward - (scale * (n + 1)) * before
+            before, now = now, ((2 * n + 1) * forward - (n + 1) * before) / n
+        yield start, pi, tau
+
+
+def _intensities(m: complex, x: FloatArray, cosine: FloatArray) -> FloatArray:
+    """Return `phase_intensity` of many spheres, shape (angles, spheres), x in falling order.
+
+    The spheres share their angles, so pi_n and tau_n are summed with the coefficients of all of
+    them by matrix products: S1 + S2 = sum (a+b)(pi+tau), S1 - S2 = sum (a-b)(pi-tau).
+    """
+    series = [_miepython().coefficients(m, size) for size in x]
+    orders = np.array([pair.shape[1] for pair in series])
+    plus, minus = np.zeros((2, cosine.size, 2 * x.size))
+    for start, pi, tau in _angular_blocks(cosine, int(orders[0])):
+        spheres = int(np.count_nonzero(orders > start))
+        sums, differences = np.zeros((2, len(pi), spheres), dtype=np.complex128)
+        for column in range(spheres):
+            a, b = series[column][:, start : start + len(pi)]
+            sums[: a.size, column] = a + b
+            differences[: a.size, column] = a - b
+        # Real and imaginary parts side by side keep the products real: half the work.
+        plus[:, : 2 * spheres] += (pi + tau).T @ sums.view(np.float64)
+        minus[:, : 2 * spheres] += (pi - tau).T @ differences.view(np.float64)
+    square = plus**2 + minus**2
+    return (square[:, ::2] + square[:, 1::2]) / 4.0
+
+
+def population_table(
+    m: complex, x: ArrayLike, theta_edges: ArrayLike | None = None, rotations: int = 32
+) -> MieTable:
+    """Return the scattering-angle table of a population of spheres.
+
+    P_j = mean_k [ i_k(theta_jk) / x_k^2 ] (Omega_j / pi) / Qbar,   Qbar = mean_k Q_sca(x_k)
+
+    Parameters
+    ----------
+    m : complex
+        Refractive index of the spheres relative to their surroundings.
+    x : array_like, shape (k,)
+        Size parameters, each of which stands for the same share of the population's geometric
+        cross-section.
+    theta_edges : array_like, optional
+        Bin edges [rad] from 0 to pi; by default `angular_edges()`.
+    rotations : int
+        Number of node sets, see Notes.
+
+    Returns
+    -------
+    MieTable
+
+    Raises
+    ------
+    ValueError
+        If a size parameter is not positive, or `rotations` is below 1.
+
+    Notes
+    -----
+    A large sphere's intensity oscillates faster than any affordable bin. Each bin is therefore
+    evaluated at one angle per sphere, and that angle rotates through the bin (uniformly in
+    cos theta) from sphere to sphere, so that size and angle are averaged together. The angle
+    sets are `rotations` in number; spheres that share a set are summed by matrix products.
+
+    For 6144 bubbles between 10 um and 1 mm tables from different node sets agree within 3e-5
+    in the CDF and 3e-5 in `closure`; it takes some 10 s on two cores.
+    """
+    sizes = np.sort(_size_parameter(x).ravel())[::-1]
+    if rotations < 1:
+        raise ValueError(f"rotations: {rotations}, allowed rotations >= 1")
+    edges = angular_edges() if theta_edges is None else np.array(theta_edges, dtype=np.float64)
+    half = np.sin(edges / 2.0) ** 2
+    width = np.diff(half)
+    offset = _BIN_STEP * np.arange(width.size)
+    mass = np.zeros(width.size)
+    for turn in range(min(rotations, sizes.size)):
+        nodes = half[:-1] + width * ((offset + _SIZE_STEP * turn) % 1.0)
+        chosen = sizes[turn::rotations]
+        mass += (_intensities(m, chosen, 1.0 - 2.0 * nodes) / chosen**2).sum(axis=1)
+    # A bin's solid angle is 4 pi width, and Q's differential is i / (pi x^2).
+    cdf = np.concatenate(([0.0], np.cumsum(4.0 * width * mass / sizes.size)))
+    _, q_sca, g = efficiencies(m, sizes)
+    mean = float(q_sca.mean())
+    return MieTable(
+        theta_edges=edges,
+        cdf=cdf / cdf[-1],
+        q_sca=mean,
+        g=float((q_sca * g).mean()) / mean,
+        closure=float(cdf[-1]) / mean - 1.0,
+    )
+
+
+def cache_directory() -> Path:
+    """Return where computed tables are kept: MESHTRACE_CACHE_DIR, or the user's cache folder."""
+    chosen = os.environ.get("MESHTRACE_CACHE_DIR")
+    if chosen:
+        return Path(chosen)
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("meshtrace"))
+
+
+def cached_table(
+    stem: str, inputs: Mapping[str, float], compute: Callable[[], MieTable]
+) -> MieTable:
+    """Return the table of these inputs: shipped, from the user's cache, or computed and kept.
+
+    Parameters
+    ----------
+    stem : str
+        Beginning of the file's name; a hash of `inputs` follows.
+    inputs : mapping of str to float
+        Everything the table depends on.
+    compute : callable
+        Makes the table if no file has it.
+
+    Returns
+    -------
+    MieTable
+
+    Notes
+    -----
+    Files are written whole under a temporary name and then renamed, so that parallel runs never
+    see half a file. A damaged file is computed anew with a warning; a cache that cannot be
+    written costs a warning and the time to compute again.
+    """
+    text = json.dumps({**inputs, "format": _FORMAT}, sort_keys=True)
+    name = f"{stem}-{hashlib.sha256(text.encode()).hexdigest()[:16]}.npz"
+    shipped = importlib.resources.files("meshtrace.optics").joinpath("data", name)
+    kept = cache_directory() / name
+    for file in (shipped, kept):
+        if file.is_file():
+            try:
+                with file.open("rb") as stream:
+                    return _read(stream, text)
+            except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as why:
+                warnings.warn(f"{file}: damaged, computed anew ({why})", stacklevel=2)
+    _LOG.info("computing the Mie table %s (about 10 s, once)", name)
+    table = compute()
+    try:
+        _write(kept, table, text)
+    except OSError as why:
+        warnings.warn(f"{kept}: not kept ({why})", stacklevel=2)
+    return table
+
+
+def _read(stream: IO[bytes], text: str) -> MieTable:
+    with np.load(stream, allow_pickle=False) as data:
+        if str(data["inputs"]) != text:
+            raise ValueError("made from other inputs")
+        return MieTable(
+            theta_edges=data["theta_edges"],
+            cdf=data["cdf"],
+            q_sca=float(data["q_sca"]),
+            g=float(data["g"]),
+            closure=float(data["closure"]),
+        )
+
+
+def _write(path: Path, table: MieTable, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.{uuid.uuid4().hex}.part")
+    try:
+        with part.open("xb") as stream:
+            np.savez(stream, inputs=np.array(text), **vars(table))
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)

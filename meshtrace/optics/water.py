@@ -1,0 +1,384 @@
+"""Inherent optical properties of sea water: one water, and tables of known waters."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from importlib import resources
+from typing import Any, Self
+
+import numpy as np
+import pydantic
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
+
+from meshtrace.optics.phase import AnyPhase, FournierForand, Petzold, Rayleigh
+
+Array = NDArray[np.float64]
+
+_JERLOV = ("I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
+_PETZOLD = {"clear": (0.114, 0.037), "coastal": (0.179, 0.219), "harbour": (0.366, 1.824)}
+
+WATER_TYPES = (
+    "pure-sea",
+    *(f"petzold-{name}" for name in _PETZOLD),
+    *(f"jerlov-{name}" for name in _JERLOV),
+)
+"""Names that `water_from_type` knows."""
+
+
+class Water(pydantic.BaseModel, frozen=True, extra="forbid"):
+    """Sea water below the surface, homogeneous or layered.
+
+    Parameters
+    ----------
+    a : float
+        Absorption coefficient [m-1], >= 0.
+    b : float
+        Scattering coefficient [m-1], >= 0.
+    n : float
+        Refractive index, 1 < n <= 2.
+    phase : PhaseFunction
+        Scattering phase function.
+    bottom_depth : float or None
+        Depth of the sea floor [m], > 0; None for infinitely deep water.
+    bottom_albedo : float
+        Lambertian albedo of the sea floor, 0 ... 1.
+    layers : sequence of (depth, a, b), or None
+        Profile [m, m-1, m-1] from depth 0 downwards: linear between its nodes, constant below the
+        last. `a` and `b` are then those of the first node and may be left out.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a value lies outside its range, or a and b contradict the layers.
+
+    Notes
+    -----
+    The defaults are the paper's: a and b of Petzold's clear water, which he measured at 514 nm (the
+    paper's LED has 470 nm), with the phase function of his average particle. b includes
+    scattering by the water itself; see `MixturePhase` for the sum of the two.
+
+    Examples
+    --------
+    >>> water = Water(a=0.114, b=0.037)
+    >>> round(water.c, 3), round(water.albedo, 6)
+    (0.151, 0.245033)
+    """
+
+    a: float = Field(default=0.114, ge=0.0, allow_inf_nan=False)
+    b: float = Field(default=0.037, ge=0.0, allow_inf_nan=False)
+    n: float = Field(default=1.33, gt=1.0, le=2.0, allow_inf_nan=False)
+    phase: AnyPhase = FournierForand()
+    bottom_depth: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
+    bottom_albedo: float = Field(default=0.0, ge=0.0, le=1.0, allow_inf_nan=False)
+    layers: tuple[tuple[float, float, float], ...] | None = None
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _surface_values(cls, data: Any) -> Any:
+        """Take a and b from the first layer where they are not given."""
+        if isinstance(data, dict) and data.get("layers") is not None:
+            layers = np.atleast_2d(np.asarray(data["layers"], dtype=np.float64))
+            if layers.shape[1] == 3:
+                first = {"a": float(layers[0, 1]), "b": float(layers[0, 2])}
+                return {**first, **data, "layers": [tuple(row) for row in layers.tolist()]}
+        return data
+
+    @pydantic.model_validator(mode="after")
+    def _check_layers(self) -> Self:
+        if self.layers is None:
+            return self
+        layers = np.array(self.layers)
+        depth = layers[:, 0]
+        if not np.all(np.isfinite(layers)) or layers.min() < 0.0:
+            raise ValueError(f"layers: {layers.min()}, allowed finite numbers >= 0")
+        if depth[0] != 0.0 or np.any(np.diff(depth) <= 0.0):
+            raise ValueError(f"layers: depths {depth}, allowed: increasing from 0")
+        if (self.a, self.b) != self.layers[0][1:]:
+            raise ValueError(
+                f"a, b: {self.a}, {self.b}, allowed with layers: those of the first node, "
+                f"{self.layers[0][1]}, {self.layers[0][2]}, or nothing"
+            )
+        return self
+
+    @property
+    def c(self) -> float:
+        """Attenuation coefficient a + b [m-1] (of layered water: at the surface)."""
+        return self.a + self.b
+
+    @property
+    def albedo(self) -> float:
+        """Single-scattering albedo b / c (of layered water: at the surface); 0 where c is 0."""
+        return self.b / self.c if self.c > 0.0 else 0.0
+
+    def profile(self, depth: ArrayLike) -> tuple[Array, Array]:
+        """Return a and b at given depths.
+
+        Parameters
+        ----------
+        depth : array_like
+            Depth below the surface [m].
+
+        Returns
+        -------
+        a, b : ndarray
+            Absorption and scattering coefficients [m-1], of the shape of depth.
+
+        Examples
+        --------
+        >>> water = Water(layers=[(0.0, 0.1, 0.2), (10.0, 0.1, 0.4)])
+        >>> [float(x) for x in water.profile(5.0)]
+        [0.1, 0.30000000000000004]
+        """
+        depth = np.asarray(depth, dtype=np.float64)
+        nodes, a, b = np.array(self.layers or [(0.0, self.a, self.b)]).T
+        return np.interp(depth, nodes, a), np.interp(depth, nodes, b)
+
+    @classmethod
+    def from_type(cls, type: str, wavelength_nm: float = 470.0, **parameters: Any) -> Self:
+        """Return the water of a type that `coefficients` knows.
+
+        Parameters
+        ----------
+        type : str
+            One of `WATER_TYPES`.
+        wavelength_nm : float
+            Wavelength in vacuum [nm].
+        **parameters
+            Other parameters of `Water`; they take precedence.
+
+        Returns
+        -------
+        Water
+            With the phase function of pure sea water for "pure-sea", Petzold's measured one for
+            his waters, and that of the average particle (Fournier-Forand) for the Jerlov types.
+
+        Raises
+        ------
+        ValueError
+            If the type is not known or not tabulated at the wavelength.
+
+        Examples
+        --------
+        >>> Water.from_type("jerlov-IB", wavelength_nm=475).b
+        0.0635
+        """
+        a, b = coefficients(type, wavelength_nm)
+        family, _, name = type.partition("-")
+        phase: Any = FournierForand()
+        if family == "petzold":
+            phase = Petzold.model_validate({"water": name})
+        elif family == "pure":
+            phase = Rayleigh.sea_water()
+        return cls(**{"a": float(a), "b": float(b), "phase": phase, **parameters})
+
+
+def water_from_type(type: str, wavelength_nm: float = 470.0, **parameters: Any) -> Water:
+    """Return `Water.from_type`: the water of a named type."""
+    return Water.from_type(type, wavelength_nm, **parameters)
+
+
+def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Array, Array]:
+    """Return the absorption and scattering coefficients of a type of water.
+
+    Parameters
+    ----------
+    type : str
+        One of `WATER_TYPES`.
+    wavelength_nm : array_like
+        Wavelength in vacuum [nm].
+
+    Returns
+    -------
+    a, b : ndarray
+        Absorption and scattering coefficients [m-1], of the shape of wavelength_nm.
+
+    Raises
+    ------
+    ValueError
+        If the type is not known or not tabulated at a wavelength.
+
+    Notes
+    -----
+    jerlov-*: 300 to 700 nm, linear between 17 wavelengths. a and b were not measured but derived
+    from Jerlov's diffuse attenuation through a bio-optical model; their small-particle scattering
+    uses 1.513 m2/g where Haltrin (1999) has 1.151302. The printed table repeats rows for 3C (675
+    and 700 nm) and 5C (600 to 700 nm): these types end at 650 and 575 nm here.
+    petzold-*: one wavelength, 514 nm; returned at every wavelength, as the paper does at 470 nm.
+    pure-sea: 380 to 727.5 nm; absorption of pure water, scattering of sea water.
+
+    References
+    ----------
+    Solonenko and Mobley 2015, Appl. Opt. 54:5392, doi:10.1364/AO.54.005392;
+    Petzold 1972, SIO Ref. 72-78; Pope and Fry 1997, Appl. Opt. 36:8710, doi:10.1364/AO.36.008710.
+
+    Examples
+    --------
+    >>> a, b = coefficients("petzold-harbour", 514.0)
+    >>> float(a), float(b)
+    (0.366, 1.824)
+    """
+    if type not in WATER_TYPES:
+        raise ValueError(f"type: {type!r}, allowed {', '.join(WATER_TYPES)}")
+    family, _, name = type.partition("-")
+    wavelength = np.asarray(wavelength_nm, dtype=np.float64)
+    if family == "petzold":
+        a, b = _PETZOLD[name]
+        return np.full_like(wavelength, a), np.full_like(wavelength, b)
+    if family == "pure":
+        return pure_water_absorption(wavelength), sea_water_scattering(wavelength)
+    table = _jerlov_table(name)
+    return (
+        _interpolate(wavelength, table[:, 0], table[:, 1]),
+        _interpolate(wavelength, table[:, 0], table[:, 2]),
+    )
+
+
+def pure_water_absorption(wavelength_nm: ArrayLike) -> Array:
+    """Return the absorption coefficient of pure water.
+
+    Parameters
+    ----------
+    wavelength_nm : array_like
+        Wavelength in vacuum [nm], 380 ... 727.5.
+
+    Returns
+    -------
+    ndarray
+        Absorption coefficient [m-1], linear between steps of 2.5 nm.
+
+    Raises
+    ------
+    ValueError
+        If a wavelength lies outside the table.
+
+    Notes
+    -----
+    Salt changes absorption in the visible by less than the measurement's error.
+
+    References
+    ----------
+    Pope and Fry 1997, Appl. Opt. 36:8710, doi:10.1364/AO.36.008710.
+
+    Examples
+    --------
+    >>> round(float(pure_water_absorption(470.0)), 4)
+    0.0106
+    """
+    table = _read("pure_water_absorption.csv")
+    return _interpolate(np.asarray(wavelength_nm, dtype=np.float64), table[:, 0], table[:, 1])
+
+
+def sea_water_scattering(wavelength_nm: ArrayLike) -> Array:
+    r"""Return the scattering coefficient of pure sea water (salinity 35 to 39).
+
+    .. math:: b = 16.06 \cdot 4.72 \times 10^{-4} (400 / \lambda)^{4.32}
+
+    Parameters
+    ----------
+    wavelength_nm : array_like
+        Wavelength in vacuum [nm], 350 ... 800.
+
+    Returns
+    -------
+    ndarray
+        Scattering coefficient [m-1].
+
+    Raises
+    ------
+    ValueError
+        If a wavelength lies outside 350 ... 800 nm.
+
+    Notes
+    -----
+    16.06 = (8 pi / 3) (2 + d) / (1 + d) for the depolarisation ratio d = 0.09, which also gives
+    `Rayleigh.sea_water`.
+
+    References
+    ----------
+    Morel 1974, in Optical Aspects of Oceanography (Academic Press), 1-24; Mobley 1994, Light and
+    Water (Academic Press).
+
+    Examples
+    --------
+    >>> round(float(sea_water_scattering(470.0)), 6)
+    0.003777
+    """
+    wavelength = np.asarray(wavelength_nm, dtype=np.float64)
+    _check_range("wavelength_nm", wavelength, 350.0, 800.0, "nm")
+    return 16.06 * 4.72e-4 * (400.0 / wavelength) ** 4.32
+
+
+def quan_fry(
+    wavelength_nm: ArrayLike, temperature_c: ArrayLike = 20.0, salinity: ArrayLike = 35.0
+) -> Array:
+    r"""Return the refractive index of sea water at atmospheric pressure.
+
+    .. math::
+        n = n_0 + (n_1 + n_2 T + n_3 T^2) S + n_4 T^2
+        + \frac{n_5 + n_6 S + n_7 T}{\lambda} + \frac{n_8}{\lambda^2} + \frac{n_9}{\lambda^3}
+
+    Parameters
+    ----------
+    wavelength_nm : array_like
+        Wavelength [nm], 400 ... 700.
+    temperature_c : array_like
+        Temperature [degree Celsius], 0 ... 30.
+    salinity : array_like
+        Salinity [g/kg], 0 ... 35.
+
+    Returns
+    -------
+    ndarray
+        Refractive index relative to air.
+
+    Raises
+    ------
+    ValueError
+        If an argument lies outside the range of the fit.
+
+    References
+    ----------
+    Quan and Fry 1995, Appl. Opt. 34:3477, doi:10.1364/AO.34.003477.
+
+    Examples
+    --------
+    >>> round(float(quan_fry(470.0, temperature_c=20.0, salinity=35.0)), 4)
+    1.3446
+    """
+    w, t, s = (np.asarray(x, dtype=np.float64) for x in (wavelength_nm, temperature_c, salinity))
+    _check_range("wavelength_nm", w, 400.0, 700.0, "nm")
+    _check_range("temperature_c", t, 0.0, 30.0, "degrees Celsius")
+    _check_range("salinity", s, 0.0, 35.0, "g/kg")
+    salt = (1.779e-4 - 1.05e-6 * t + 1.6e-8 * t**2) * s
+    dispersion = (15.868 + 0.01155 * s - 0.00423 * t) / w - 4382.0 / w**2 + 1.1455e6 / w**3
+    return 1.31405 + salt - 2.02e-6 * t**2 + dispersion
+
+
+def _interpolate(wavelength: Array, nodes: Array, values: Array) -> Array:
+    _check_range("wavelength_nm", wavelength, nodes[0], nodes[-1], "nm")
+    return np.interp(wavelength, nodes, values)
+
+
+def _check_range(name: str, value: Array, low: float, high: float, unit: str) -> None:
+    if not np.all((value >= low) & (value <= high)):
+        bad = value[~((value >= low) & (value <= high))].flat[0]
+        raise ValueError(f"{name}: {bad}, allowed {low:g} <= {name} <= {high:g} {unit}")
+
+
+@lru_cache(maxsize=4)
+def _read(file: str) -> Array:
+    text = (resources.files("meshtrace.optics") / "data" / file).read_text(encoding="utf-8")
+    return np.loadtxt(text.splitlines(), delimiter=",")
+
+
+@lru_cache(maxsize=1)
+def _jerlov_rows() -> list[list[str]]:
+    path = resources.files("meshtrace.optics") / "data" / "jerlov_iop.csv"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return [line.split(",") for line in lines if not line.startswith("#")]
+
+
+def _jerlov_table(name: str) -> Array:
+    """Return rows of wavelength [nm], a and b of one type."""
+    return np.array([row[1:] for row in _jerlov_rows() if row[0] == name], dtype=np.float64)
