@@ -1,0 +1,139 @@
+"""Scattering chains: everything that is random about a photon except where it was sent.
+
+A chain of order K is the photon's history in the frame of its emission direction, taken as
+e_z from the origin: vertices q_1 .. q_K, the kind of scatterer at each, and the direction v_K
+of the last, open segment.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.kernels.directions import turn
+from meshtrace.kernels.jit import entry, inlined
+from meshtrace.kernels.medium import lookup
+from meshtrace.kernels.phase import sample_s
+
+FREE_PATH_SHARE = 0.2
+"""Share of chains whose distances are free paths; the others fill the way to the surface."""
+
+DIMENSIONS = 3
+"""Uniforms that a vertex takes: distance, polar angle (and scatterer), azimuth."""
+
+
+class Chains(NamedTuple):
+    """Chains of one order, one row each."""
+
+    vertex: NDArray[np.float64]  # (n, K, 3) positions relative to the source
+    kind: NDArray[np.int8]  # (n, K) 0 water, 1 bubble
+    last: NDArray[np.float64]  # (n, 3) direction of the open segment
+    path: NDArray[np.float64]  # (n,) length up to the last vertex [m]
+    weight: NDArray[np.float64]  # (n,) 1 / (density of distances, probability of the kinds)
+    disk: NDArray[np.float64]  # (n, 2) point of the unit disk aimed at
+
+
+class Nominal(NamedTuple):
+    """Where collisions are expected along the straight way to the surface."""
+
+    distance: float  # [m]
+    c: float  # attenuation of the free-path part [m-1]
+    step: float  # [m] of the tables below
+    share: NDArray[np.float64]  # cumulative share of collisions at the nodes, 0 to 1
+    density: NDArray[np.float64]  # (nodes,) linear density of collisions [m-1]
+    bubble: NDArray[np.float64]  # (nodes,) share of bubbles among the scatterers
+
+
+@inlined
+def _distance(nominal, u):
+    """Return the distance at which a share u of the collisions lies before.
+
+    Array twin: numpy.interp of the inverse; `density` is exactly its derivative.
+    Inside a cell the density is linear, so that the inverse is a quadratic.
+    """
+    low, high = 0, len(nominal.share) - 1
+    while high - low > 1:
+        mid = (low + high) // 2
+        if nominal.share[mid] <= u:
+            low = mid
+        else:
+            high = mid
+    rest = u - nominal.share[low]
+    p0, p1 = nominal.density[low], nominal.density[low + 1]
+    slope = (p1 - p0) / nominal.step
+    return nominal.step * low + 2.0 * rest / (
+        p0 + math.sqrt(max(p0 * p0 + 2.0 * slope * rest, 0.0))
+    )
+
+
+@entry
+def make_chains(chains, nominal, medium, uniforms, free_path):
+    """Fill chains of order K from uniforms of shape (n, 3 K + 2).
+
+    Array twin: `tests/unit/test_chains.py`.
+    Distances are sorted draws from the nominal profile, or free paths (`free_path` rows); the
+    weight divides by the mixture of both densities (one-sample balance heuristic).
+    """
+    n, order, _ = chains.vertex.shape
+    log_factorial = 0.0
+    for k in range(2, order + 1):
+        log_factorial += math.log(k)
+    for i in range(n):
+        u = uniforms[i]
+        at = chains.vertex[i]  # at[k, 0] holds the path length of vertex k until it is placed
+        for k in range(order):
+            if free_path[i]:
+                before = at[k - 1, 0] if k > 0 else 0.0
+                at[k, 0] = before - math.log(1.0 - u[3 * k]) / nominal.c
+            else:
+                s = _distance(nominal, u[3 * k])
+                j = k
+                while j > 0 and at[j - 1, 0] > s:
+                    at[j, 0] = at[j - 1, 0]
+                    j -= 1
+                at[j, 0] = s
+        total = at[order - 1, 0]
+        log_free = order * math.log(nominal.c) - nominal.c * total
+        density = FREE_PATH_SHARE * math.exp(log_free)
+        if total < nominal.distance:
+            log_profile = log_factorial
+            for k in range(order):
+                log_profile += math.log(lookup(nominal.density, at[k, 0] / nominal.step))
+            density += (1.0 - FREE_PATH_SHARE) * math.exp(log_profile)
+        chains.path[i] = total
+        chains.weight[i] = _place(chains, i, nominal, medium, u) / density
+        r = math.sqrt(u[3 * order])
+        phi = 2.0 * math.pi * u[3 * order + 1]
+        chains.disk[i, 0], chains.disk[i, 1] = r * math.cos(phi), r * math.sin(phi)
+
+
+@inlined
+def _place(chains, i, nominal, medium, u):
+    """Turn path lengths into positions; return 1 / probability of the chosen scatterers."""
+    at = chains.vertex[i]
+    x, y, z = 0.0, 0.0, 0.0
+    dx, dy, dz = 0.0, 0.0, 1.0
+    before = 0.0
+    weight = 1.0
+    for k in range(at.shape[0]):
+        length = at[k, 0] - before
+        before = at[k, 0]
+        x, y, z = x + length * dx, y + length * dy, z + length * dz
+        # the height decides which scatterer is likely: a chain turned aside stays deeper
+        share = lookup(nominal.bubble, max(z, 0.0) / nominal.step)
+        u_theta = u[3 * k + 1]
+        if u_theta < share:
+            chains.kind[i, k] = 1
+            weight /= share
+            s = sample_s(medium.phase_bubble, u_theta / share)
+        else:
+            chains.kind[i, k] = 0
+            weight /= 1.0 - share
+            s = sample_s(medium.phase_water, (u_theta - share) / (1.0 - share))
+        dx, dy, dz = turn(dx, dy, dz, s, u[3 * k + 2])
+        at[k, 0], at[k, 1], at[k, 2] = x, y, z
+    chains.last[i, 0], chains.last[i, 1], chains.last[i, 2] = dx, dy, dz
+    return weight
