@@ -1,0 +1,296 @@
+"""How fast the engine is, as ratios within one run.
+
+These machines are noisy: engine and yardstick take turns, and the best of several rounds counts
+for both, so that a busy machine slows both alike.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import resource
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.bvh import EmbreeIntersector, Hits
+from meshtrace.link import Link
+from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.result import environment, standard_error
+from meshtrace.simulate import mesh_for
+from meshtrace.transport.analog import run_analog
+from meshtrace.transport.forced import ForcedDetection, crossing_reach
+
+Rays = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
+
+
+class RayRecorder:
+    """An intersector that keeps the rays it is asked for."""
+
+    def __init__(self, intersector: EmbreeIntersector) -> None:
+        self.mesh = intersector.mesh
+        self.rays: Rays = []
+        self._intersector = intersector
+
+    def facets(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> NDArray[np.int32]:
+        """Return the facets and keep the rays."""
+        self.rays.append((origins.copy(), directions.copy()))
+        return self._intersector.facets(origins, directions)
+
+    def intersect(self, origins: Any, directions: Any) -> Hits:
+        """Pass on what is not asked for photons."""
+        return self._intersector.intersect(origins, directions)
+
+
+def best_of(rounds: int, *jobs: Callable[[], Any]) -> list[float]:
+    """Return the shortest time of each job [s]; they take turns."""
+    best = [math.inf] * len(jobs)
+    for _ in range(rounds):
+        for i, job in enumerate(jobs):
+            start = perf_counter()
+            job()
+            best[i] = min(best[i], perf_counter() - start)
+    return best
+
+
+def replay(intersector: EmbreeIntersector, rays: Rays, threads: int) -> None:
+    """Cast recorded chunks of rays on all threads."""
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(lambda chunk: intersector.facets(*chunk), rays))
+
+
+def analog_rate(
+    link: Link,
+    mesh: TriangleMesh,
+    photons: int = 1_500_000,
+    rounds: int = 3,
+    threads: int | None = None,
+) -> dict[str, Any]:
+    """Return photons per second against raw Embree rays per second on the same mesh.
+
+    Raw rays are those that the engine cast, replayed in its own chunks on all threads.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    mesh : TriangleMesh
+        The surface.
+    photons : int
+        Photons of each round.
+    rounds : int
+        Rounds, of which the best counts.
+    threads : int, optional
+        Threads on both sides, all by default.
+
+    Returns
+    -------
+    dict
+        `photons_per_s`, `rays_per_s`, `ratio` (photons per raw ray), `rays_per_photon`,
+        `threads`, `facets`, `seconds`.
+    """
+    threads = threads or os.cpu_count() or 1
+    intersector = EmbreeIntersector(mesh, threads)
+    recorder = RayRecorder(intersector)
+    recorded = min(photons, 2**18)
+    run_analog(link, recorder, photons=recorded, seed=1)
+    n_rays = sum(len(o) for o, _ in recorder.rays)
+    repeats = max(photons // recorded, 1)  # both sides run for about as long
+    times = best_of(
+        rounds,
+        lambda: run_analog(link, intersector, photons=photons, seed=1, threads=threads),
+        lambda: replay(intersector, recorder.rays * repeats, threads),
+    )
+    photon_rate, ray_rate = photons / times[0], repeats * n_rays / times[1]
+    return {
+        "photons_per_s": photon_rate,
+        "rays_per_s": ray_rate,
+        "ratio": photon_rate / ray_rate,
+        "rays_per_photon": n_rays / recorded,
+        "threads": threads,
+        "facets": len(mesh.faces),
+        "seconds": times,
+    }
+
+
+def figure_of_merit(
+    link: Link,
+    mesh: TriangleMesh,
+    chains: int = 20_000,
+    photons: int = 4_000_000,
+    rounds: int = 3,
+    seeds: int = 16,
+    threads: int | None = None,
+) -> dict[str, Any]:
+    """Return the figure of merit 1 / (variance x time) of forced over analog transport.
+
+    Variances are relative to the gain. That of the forced estimator is the scatter over
+    `seeds` independent sets of chains; its time is that of aiming them (both estimators are
+    warm, mesh and chains are made). That of the analog one is known from its sums of squares.
+
+    Returns
+    -------
+    dict
+        `ratio` and `ratio_stderr`; `forced_variance`, `forced_seconds`, `analog_variance`,
+        `analog_seconds`, `setup_seconds` of one set of chains; gains and standard errors.
+    """
+    threads = threads or os.cpu_count() or 1
+    intersector = EmbreeIntersector(mesh, threads)
+    crest = float(mesh.bounds[1, 2])
+    gains, setup = [], []
+    forced = None
+    for seed in range(seeds):
+        start = perf_counter()
+        forced = ForcedDetection(link, chains, seed, threads=threads, crest=crest)
+        setup.append(perf_counter() - start)
+        gains.append(float(forced.evaluate(mesh).gain[0]))
+    assert forced is not None
+    aimed = forced
+    times = best_of(
+        rounds,
+        lambda: aimed.evaluate(mesh),
+        lambda: run_analog(link, intersector, photons=photons, seed=1, threads=threads),
+    )
+    sums = run_analog(link, intersector, photons=photons, seed=2, threads=threads)
+    analog = float(sums.score[0]) / photons
+    analog_stderr = float(standard_error(sums.score, sums.score_squared, photons)[0])
+    mean = float(np.mean(gains))
+    forced_variance = float(np.var(gains, ddof=1)) / mean**2
+    analog_variance = (analog_stderr / mean) ** 2
+    ratio = analog_variance * times[1] / (forced_variance * times[0])
+    # the variance of n normal numbers is itself uncertain by sqrt(2 / (n - 1)); that of the
+    # analog run by the number of its hits
+    hits = max((analog / analog_stderr) ** 2, 1.0)
+    relative = math.sqrt(2.0 / (seeds - 1) + 2.0 / hits)
+    return {
+        "ratio": ratio,
+        "ratio_stderr": ratio * relative,
+        "forced_variance": forced_variance,
+        "forced_seconds": times[0],
+        "setup_seconds": min(setup),
+        "analog_variance": analog_variance,
+        "analog_seconds": times[1],
+        "forced_gain": mean,
+        "forced_gain_stderr": mean * math.sqrt(forced_variance / seeds),
+        "analog_gain": analog,
+        "analog_gain_stderr": analog_stderr,
+        "chains": chains,
+        "photons": photons,
+    }
+
+
+def new_sea(
+    link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5, threads: int | None = None
+) -> dict[str, Any]:
+    """Return the time of one gain at a relative tolerance over a sea never seen before.
+
+    Triangulation, chains, aiming and, where paths must be checked, the BVH are included.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    sea : SurfaceModel with seed
+        A random sea; every round takes other phases.
+    rtol : float
+        Relative standard error.
+
+    Returns
+    -------
+    dict
+        `seconds` (median), `mesh_seconds`, `bvh_seconds`, `rtol` reached (largest), `chains`.
+    """
+    threads = threads or os.cpu_count() or 1
+    reach = crossing_reach(link)
+    total, mesh_time, bvh_time, reached = [], [], [], []
+    chains = 64
+    for seed in range(rounds + 1):  # the first warms up
+        start = perf_counter()
+        mesh, _ = mesh_for(link, sea.with_seed(1000 + seed), reach=reach)
+        meshed = perf_counter()
+        while True:
+            forced = ForcedDetection(
+                link, chains, seed, threads=threads, crest=float(mesh.bounds[1, 2])
+            )
+            parts = forced.evaluate(mesh)
+            if float(parts.stderr[0]) <= rtol * float(parts.gain[0]):
+                break
+            chains *= 2
+        done = perf_counter()
+        EmbreeIntersector(mesh, threads)
+        built = perf_counter()
+        if seed:
+            total.append(done - start)
+            mesh_time.append(meshed - start)
+            bvh_time.append(built - done)
+            reached.append(float(parts.stderr[0] / parts.gain[0]))
+    return {
+        "seconds": float(np.median(total)),
+        "with_bvh_seconds": float(np.median(np.add(total, bvh_time))),
+        "mesh_seconds": float(np.median(mesh_time)),
+        "bvh_seconds": float(np.median(bvh_time)),
+        "rtol": max(reached),
+        "chains": parts.counts.chains,
+        "facets": len(mesh.faces),
+    }
+
+
+def bench(link: Link, sea: SurfaceModel, *, quick: bool = False) -> dict[str, Any]:
+    """Return all measurements on a link over a sea, with the environment they are of.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    sea : SurfaceModel with seed
+        A random sea.
+    quick : bool
+        Fewer photons and rounds.
+    """
+    mesh, _ = mesh_for(link, sea)
+    near, _ = mesh_for(link, sea, reach=crossing_reach(link))
+    scale = 4 if quick else 1
+    return {
+        "environment": environment(),
+        "cores": os.cpu_count(),
+        "analog": analog_rate(link, mesh, 4_000_000 // scale),
+        "merit": figure_of_merit(link, near, 20_000 // scale, 4_000_000 // scale),
+        "new_sea": new_sea(link, sea),
+        "peak_memory_mib": _peak_memory(),
+    }
+
+
+def report(result: dict[str, Any]) -> str:
+    """Return the measurements of `bench` as lines for the eye."""
+    analog, merit, sea = result["analog"], result["merit"], result["new_sea"]
+    return "\n".join(
+        [
+            f"analog photons      {analog['photons_per_s']:.3g} per s, {analog['threads']} threads",
+            f"raw Embree rays     {analog['rays_per_s']:.3g} per s, same rays and mesh "
+            f"({analog['facets']} facets)",
+            f"photons per ray     {analog['ratio']:.3f}",
+            f"figure of merit     {merit['ratio']:.3g} +- {merit['ratio_stderr']:.1g}, "
+            "1 / (variance x time) of forced over analog",
+            f"  forced            {merit['forced_variance'] ** 0.5:.2e} relative in "
+            f"{merit['forced_seconds']:.3f} s ({merit['chains']} chains; made in "
+            f"{merit['setup_seconds']:.3f} s)",
+            f"  analog            {merit['analog_variance'] ** 0.5:.2e} relative in "
+            f"{merit['analog_seconds']:.3f} s ({merit['photons']} photons)",
+            f"new sea to {sea['rtol']:.2%}    {sea['seconds']:.3f} s with mesh "
+            f"({sea['mesh_seconds']:.3f} s) and chains; BVH {sea['bvh_seconds']:.3f} s",
+            f"peak memory         {result['peak_memory_mib']:.0f} MiB",
+        ]
+    )
+
+
+def _peak_memory() -> float:
+    """Return the peak resident memory of this process [MiB]."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)

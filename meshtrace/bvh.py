@@ -1,0 +1,189 @@
+"""Ray-mesh intersection: Embree for speed, brute force as its oracle.
+
+Both answer one question, "which facet does this ray meet first", and nothing else: the point,
+its barycentrics and the normal follow in double precision from the facet's own corners, so
+that Embree's single precision decides only between neighbours at an edge.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from itertools import pairwise
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from meshtrace.kernels.facets import facet_hits
+from meshtrace.mesh import TriangleMesh
+
+
+class Hits(NamedTuple):
+    """First intersections of rays with a mesh.
+
+    Attributes
+    ----------
+    facet : ndarray of int32, shape (n,)
+        Index of the facet, -1 for a miss.
+    distance : ndarray, shape (n,)
+        Distance along the ray [m], inf for a miss.
+    u, v : ndarray, shape (n,)
+        Barycentrics of the point: (1 - u - v) p0 + u p1 + v p2; nan for a miss.
+    """
+
+    facet: NDArray[np.int32]
+    distance: NDArray[np.float64]
+    u: NDArray[np.float64]
+    v: NDArray[np.float64]
+
+
+class Intersector(Protocol):
+    """What a tracer needs of an acceleration structure."""
+
+    mesh: TriangleMesh
+
+    def facets(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> NDArray[np.int32]:
+        """Return the first facet of each ray, -1 for a miss; thread-safe."""
+        ...
+
+    def intersect(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
+        """Return the first hit of each ray."""
+        ...
+
+
+@cache
+def _device() -> Any:
+    """Return the one Embree device of the process: devices are costly, scenes are not."""
+    from embreex.rtcore import EmbreeDevice
+
+    return EmbreeDevice()
+
+
+def _hits(intersector: Intersector, origins: ArrayLike, directions: ArrayLike) -> Hits:
+    o = np.ascontiguousarray(origins, dtype=np.float64)
+    d = np.ascontiguousarray(directions, dtype=np.float64)
+    for name, array in (("origins", o), ("directions", d)):
+        if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
+            raise ValueError(f"{name}: shape {array.shape}, allowed finite (n, 3)")
+    if o.shape != d.shape:
+        raise ValueError(f"directions: shape {d.shape}, allowed that of origins {o.shape}")
+    facet = intersector.facets(o.astype(np.float32), d.astype(np.float32))
+    mesh = intersector.mesh
+    distance, u, v = facet_hits(facet, o, d, mesh.vertices, mesh.faces, mesh.face_normals)
+    return Hits(facet, distance, u, v)
+
+
+class EmbreeIntersector:
+    """Embree BVH over a triangle mesh, in robust mode.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The surface; its corners are copied in single precision.
+    threads : int, optional
+        Threads that `intersect` spreads its rays over; all cores by default.
+
+    Notes
+    -----
+    embreex answers rays one by one and releases the GIL, so chunks in threads scale. A scene
+    cannot be refitted: a moving sea is a new intersector for each time step.
+    """
+
+    def __init__(self, mesh: TriangleMesh, threads: int | None = None) -> None:
+        from embreex.mesh_construction import TriangleMesh as EmbreeMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        self.mesh = mesh
+        self.threads = threads or os.cpu_count() or 1
+        self._scene = EmbreeScene(_device(), robust=True)
+        EmbreeMesh(self._scene, mesh.vertices.astype(np.float32), mesh.faces)
+        # the first query commits the scene, which must not happen in two threads at once
+        self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
+
+    def facets(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> NDArray[np.int32]:
+        """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
+        return self._scene.run(origins, directions)
+
+    def intersect(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
+        """Return the first hit of each ray, rays spread over the threads.
+
+        Parameters
+        ----------
+        origins, directions : array_like, shape (n, 3)
+            Rays; directions need not be unit vectors, distances are in their length.
+        """
+        o, d = np.asarray(origins, dtype=float), np.asarray(directions, dtype=float)
+        if self.threads == 1 or len(o) < 2 * self.threads:
+            return _hits(self, o, d)
+        bounds = np.linspace(0, len(o), self.threads + 1, dtype=int)
+        with ThreadPoolExecutor(self.threads) as pool:
+            parts = list(
+                pool.map(
+                    lambda i: _hits(self, o[i[0] : i[1]], d[i[0] : i[1]]),
+                    pairwise(bounds),
+                )
+            )
+        return Hits(*(np.concatenate(field) for field in zip(*parts, strict=True)))
+
+
+class BruteForceIntersector:
+    """Every ray against every facet in double precision: slow, plain, the oracle of tests."""
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        self.mesh = mesh
+
+    def facets(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> NDArray[np.int32]:
+        """Return the first facet of each ray, -1 for a miss; thread-safe."""
+        return _first_facets(
+            origins.astype(np.float64),
+            directions.astype(np.float64),
+            self.mesh.vertices,
+            self.mesh.faces,
+        )
+
+    def intersect(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
+        """Return the first hit of each ray."""
+        return _hits(self, origins, directions)
+
+
+@njit(cache=True, nogil=True)
+def _first_facets(origins, directions, vertices, faces):
+    """Return the nearest facet of each ray by Moller and Trumbore (1997).
+
+    Array twin: `EmbreeIntersector.facets`, of which this is the oracle.
+    Double precision and no bounding volumes: nothing to get wrong.
+    """
+    out = np.full(len(origins), -1, np.int32)
+    for i in range(len(origins)):
+        o, d = origins[i], directions[i]
+        nearest = np.inf
+        for f in range(len(faces)):
+            a = vertices[faces[f, 0]]
+            e1 = vertices[faces[f, 1]] - a
+            e2 = vertices[faces[f, 2]] - a
+            p = np.cross(d, e2)
+            det = np.dot(e1, p)
+            if det == 0.0:
+                continue
+            s = o - a
+            u = np.dot(s, p) / det
+            if u < 0.0 or u > 1.0:
+                continue
+            q = np.cross(s, e1)
+            v = np.dot(d, q) / det
+            if v < 0.0 or u + v > 1.0:
+                continue
+            t = np.dot(e2, q) / det
+            if 0.0 <= t < nearest:
+                nearest = t
+                out[i] = f
+    return out

@@ -1,0 +1,168 @@
+"""One registry of variables: CF units, long name and symbol, read by results, plots and docs."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+
+class Field(NamedTuple):
+    """What a variable is: UDUNITS `units`, `long_name`, and `symbol` as TeX without dollars."""
+
+    units: str
+    long_name: str
+    symbol: str
+
+
+FIELDS: Mapping[str, Field] = MappingProxyType(
+    {
+        # channel gain
+        "gain": Field("1", "channel gain", "h"),
+        "gain_stderr": Field("1", "standard error of the channel gain", r"\sigma_h"),
+        "gain_ballistic": Field("1", "channel gain of unscattered light", "h_0"),
+        "gain_scattered": Field("1", "channel gain of scattered light", "h_s"),
+        "gain_mean": Field("1", "mean channel gain", r"\bar h"),
+        "gain_mean_stderr": Field(
+            "1", "standard error of the mean channel gain", r"\sigma_{\bar h}"
+        ),
+        "gain_median": Field("1", "median channel gain", r"h_{50}"),
+        "photons": Field("1", "number of photons", "N"),
+        "fate": Field("1", "fate of a photon", r"\mathrm{fate}"),
+        "fate_photons": Field("1", "number of photons of a fate", r"N_f"),
+        "fate_weight": Field("1", "weight of the photons of a fate", r"W_f"),
+        "delay": Field("s", "delay after the first light", r"\tau"),
+        "mean_delay": Field("s", "mean delay", r"\bar\tau"),
+        "rms_delay_spread": Field("s", "rms delay spread", r"\tau_\mathrm{rms}"),
+        "impulse_response": Field("s-1", "impulse response", r"h(\tau)"),
+        "irradiance": Field("W m-2", "irradiance", "E"),
+        "radiance": Field("W m-2 sr-1", "radiance", "L"),
+        # geometry
+        "depth": Field("m", "depth below still water", "d"),
+        "height": Field("m", "height above still water", "h_\\mathrm{Rx}"),
+        "radius": Field("m", "radius of the aperture", "r"),
+        "x": Field("m", "distance down-wind", "x"),
+        "y": Field("m", "distance across the wind", "y"),
+        "z": Field("m", "height above still water", "z"),
+        "offset": Field("m", "horizontal offset of the receiver", r"\Delta x"),
+        "fov_deg": Field("degree", "full field of view", r"\phi"),
+        "half_angle_deg": Field("degree", "half angle at half power", r"\theta_{1/2}"),
+        "tilt_deg": Field("degree", "tilt of the receiver", r"\alpha"),
+        "time": Field("s", "time", "t"),
+        "spacing": Field("m", "mesh spacing", r"\Delta"),
+        # sea
+        "wind_speed": Field("m s-1", "wind speed at 10 m height", "U_{10}"),
+        "fetch": Field("m", "fetch", "F"),
+        "hs": Field("m", "significant wave height", "H_s"),
+        "tp": Field("s", "peak wave period", "T_p"),
+        "omega": Field("rad s-1", "angular frequency of the waves", r"\omega"),
+        "omega_p": Field("rad s-1", "peak angular frequency of the waves", r"\omega_p"),
+        "k": Field("rad m-1", "wave number", "k"),
+        "spectrum": Field("m2 s rad-1", "wave frequency spectrum", r"S(\omega)"),
+        "mss": Field("1", "mean square slope", r"\mathrm{mss}"),
+        "elevation": Field("m", "sea surface elevation", r"\eta"),
+        "slope_x": Field("1", "sea surface slope down-wind", r"\partial_x \eta"),
+        "slope_y": Field("1", "sea surface slope across the wind", r"\partial_y \eta"),
+        # water and bubbles
+        "wavelength_nm": Field("nm", "wavelength in vacuum", r"\lambda"),
+        "a": Field("m-1", "absorption coefficient", "a"),
+        "b": Field("m-1", "scattering coefficient", "b"),
+        "c": Field("m-1", "attenuation coefficient", "c"),
+        "albedo": Field("1", "single scattering albedo", r"\omega_0"),
+        "theta": Field("rad", "scattering angle", r"\theta"),
+        "phase_function": Field("sr-1", "phase function", r"\tilde\beta"),
+        "vsf": Field("m-1 sr-1", "volume scattering function", r"\beta"),
+        "g": Field("1", "mean cosine of the scattering angle", "g"),
+        "b_bub": Field("m-1", "scattering coefficient of bubbles", r"b_\mathrm{bub}"),
+        "n_bubbles": Field("m-3", "number density of bubbles", "N_b"),
+        # receiver
+        "received_power": Field("W", "received optical power", r"P_\mathrm{Rx}"),
+        "snr_db": Field("dB", "signal to noise ratio", r"\mathrm{SNR}"),
+        "bit_rate": Field("s-1", "bit rate", "R_b"),
+        "ber": Field("1", "bit error ratio", r"\mathrm{BER}"),
+        "capacity": Field("s-1", "capacity in bits", "C"),
+        # fading
+        "scintillation_index": Field("1", "scintillation index", r"\sigma_I^2"),
+        "noise_share": Field(
+            "1", "share of Monte Carlo noise in the gain variance", r"\eta_\mathrm{MC}"
+        ),
+        "threshold": Field("1", "fade threshold", "h_T"),
+        "outage": Field("1", "outage probability", r"P_\mathrm{out}"),
+        "level_crossing_rate": Field("s-1", "downward level crossing rate", "N_T"),
+        "mean_fade_duration": Field("s", "mean fade duration", r"\bar\tau_T"),
+        "lag": Field("s", "time lag", r"\tau"),
+        "autocorrelation": Field("1", "autocorrelation of the channel gain", r"\rho(\tau)"),
+        "coherence_time": Field("s", "coherence time at 1/e", r"\tau_c"),
+        "gain_bin": Field("1", "channel gain at the centre of a bin", "h"),
+        "gain_bin_width": Field("1", "width of a channel gain bin", r"\Delta h"),
+        "gain_pdf": Field("1", "probability density of the channel gain", "f(h)"),
+        "gain_pdf_stderr": Field(
+            "1", "standard error of the probability density of the channel gain", r"\sigma_f"
+        ),
+        "gain_cdf": Field("1", "distribution function of the channel gain", "F(h)"),
+        "model": Field("1", "fitted law", r"\mathrm{law}"),
+        "fit_parameter": Field("1", "name of a parameter of the fitted law", r"\mathrm{name}"),
+        "fit_value": Field("1", "parameter of the fitted law", r"\hat\vartheta"),
+        "aic": Field("1", "Akaike information criterion", r"\mathrm{AIC}"),
+        "ks": Field("1", "Kolmogorov-Smirnov distance", "D"),
+        "ks_p_value": Field("1", "p-value of the Kolmogorov-Smirnov distance", "p"),
+    }
+)
+
+
+def field(name: str) -> Field:
+    """Return the registered field of a variable.
+
+    Parameters
+    ----------
+    name : str
+        Name of the variable, as in results and datasets.
+
+    Returns
+    -------
+    Field
+        Units, long name and symbol.
+
+    Raises
+    ------
+    KeyError
+        If the name is not registered; the message offers similar names.
+
+    Examples
+    --------
+    >>> field("wind_speed").units
+    'm s-1'
+    """
+    try:
+        return FIELDS[name]
+    except KeyError:
+        close = difflib.get_close_matches(name, FIELDS)
+        hint = f"; did you mean {' or '.join(close)}?" if close else ""
+        raise KeyError(f"{name}: not in meshtrace.fields.FIELDS{hint}") from None
+
+
+def attrs(name: str) -> dict[str, str]:
+    """Return the attributes of a variable for xarray: units, long_name and symbol.
+
+    Parameters
+    ----------
+    name : str
+        Name of the variable, as in results and datasets.
+
+    Returns
+    -------
+    dict
+        A new dictionary at each call.
+
+    Raises
+    ------
+    KeyError
+        If the name is not registered.
+
+    Examples
+    --------
+    >>> attrs("hs")
+    {'units': 'm', 'long_name': 'significant wave height', 'symbol': 'H_s'}
+    """
+    return field(name)._asdict()

@@ -1,0 +1,83 @@
+"""Counter-based random numbers: a draw belongs to (seed, photon id, event, purpose).
+
+Philox 4x32-10 maps a 128-bit counter and a 64-bit key to 128 random bits. With the photon id,
+the event and the purpose in the counter, every photon owns its random numbers: results do not
+depend on the number of threads, on the batch size or on the order of the photons.
+
+References
+----------
+J. K. Salmon, M. A. Moraes, R. O. Dror and D. E. Shaw, "Parallel random numbers: as easy as
+1, 2, 3", SC11 (2011), doi:10.1145/2063384.2063405.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+
+from meshtrace.kernels.jit import inlined
+
+_LOW = np.uint64(0xFFFFFFFF)
+_M0 = np.uint64(0xD2511F53)
+_M1 = np.uint64(0xCD9E8D57)
+_W0 = np.uint64(0x9E3779B9)
+_W1 = np.uint64(0xBB67AE85)
+_SHIFT = np.uint64(32)
+_TO_UNIT = 2.0**-32
+
+
+class Purpose(IntEnum):
+    """What a draw is for: each purpose is a random stream of its own."""
+
+    LAUNCH = 0
+    SOURCE = 1
+    COLLISION = 2
+    INTERFACE = 3
+    ROULETTE = 4
+    BOTTOM = 5
+    CHAIN = 6
+    APERTURE = 7
+    SLOPE = 8
+
+
+@inlined
+def philox(seed, photon, event, purpose):
+    """Return four 32-bit words of Philox 4x32-10 as uint64.
+
+    Array twin: none; checked against the Random123 known answers.
+    Masked uint64 arithmetic gives the same words with and without the JIT.
+    """
+    c0 = np.uint64(event) & _LOW
+    c1 = np.uint64(purpose) & _LOW
+    c2 = np.uint64(photon) & _LOW
+    c3 = np.uint64(photon) >> _SHIFT
+    k0 = np.uint64(seed) & _LOW
+    k1 = np.uint64(seed) >> _SHIFT
+    for _ in range(10):
+        p0 = _M0 * c0
+        p1 = _M1 * c2
+        c0 = (p1 >> _SHIFT) ^ c1 ^ k0
+        c1 = p1 & _LOW
+        c2 = (p0 >> _SHIFT) ^ c3 ^ k1
+        c3 = p0 & _LOW
+        k0 = (k0 + _W0) & _LOW
+        k1 = (k1 + _W1) & _LOW
+    return c0, c1, c2, c3
+
+
+@inlined
+def uniforms(seed, photon, event, purpose):
+    """Return four independent uniforms on the open interval (0, 1).
+
+    Array twin: `philox` words as (word + 1/2) / 2^32.
+    32 bits each, so that one Philox call serves a whole scattering event; the resolution of
+    2.3e-10 is far below any Monte Carlo error and neither 0 nor 1 can occur.
+    """
+    w0, w1, w2, w3 = philox(seed, photon, event, purpose)
+    return (
+        (np.float64(w0) + 0.5) * _TO_UNIT,
+        (np.float64(w1) + 0.5) * _TO_UNIT,
+        (np.float64(w2) + 0.5) * _TO_UNIT,
+        (np.float64(w3) + 0.5) * _TO_UNIT,
+    )

@@ -1,0 +1,215 @@
+"""The border: validated objects in, NamedTuples of arrays for the kernels out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from meshtrace.bvh import Intersector
+from meshtrace.kernels import interface as interface_codes
+from meshtrace.kernels import medium as medium_codes
+from meshtrace.kernels import sources as source_codes
+from meshtrace.kernels.facets import Surface
+from meshtrace.kernels.interface import Interface
+from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.sources import Sources
+from meshtrace.kernels.tally import Apertures
+from meshtrace.link import GaussianBeam, Led, Link, Receiver, Sun, TopHatBeam, WaterSource
+from meshtrace.mesh import TriangleMesh
+
+_SOURCE_KIND = {
+    "led": source_codes.LAMBERTIAN,
+    "gaussian-beam": source_codes.GAUSSIAN,
+    "top-hat-beam": source_codes.TOP_HAT,
+    "isotropic": source_codes.ISOTROPIC,
+    "sun": source_codes.SUN,
+    "uniform-sky": source_codes.SKY_UNIFORM,
+    "cardioidal-sky": source_codes.SKY_CARDIOIDAL,
+}
+_DEPTH_MODE = {
+    "mean_level": medium_codes.DEPTH_MEAN_LEVEL,
+    "clamped": medium_codes.DEPTH_CLAMPED,
+    "local": medium_codes.DEPTH_LOCAL,
+}
+_ABSORPTION = {
+    "continuous": medium_codes.CONTINUOUS,
+    "implicit": medium_codes.IMPLICIT,
+    "analog": medium_codes.ANALOG,
+    "paper": medium_codes.PAPER,
+}
+_FRESNEL = {
+    "weight": interface_codes.FRESNEL_WEIGHT,
+    "roulette": interface_codes.FRESNEL_ROULETTE,
+    "paper_both": interface_codes.FRESNEL_PAPER_BOTH,
+}
+
+
+def surface_arrays(mesh: TriangleMesh, normals: str) -> Surface:
+    """Return the mesh as the kernels take it; `normals` is "vertex" or "facet"."""
+    low, high = mesh.bounds
+    return Surface(
+        mesh.vertices,
+        mesh.faces,
+        mesh.face_normals,
+        mesh.vertex_normals,
+        low,
+        high,
+        mesh.max_slope,
+        normals == "vertex",
+    )
+
+
+def interface_arrays(link: Link) -> Interface:
+    """Return the switches of the surface crossing."""
+    p = link.physics
+    return Interface(
+        snell=int(p.snell == "paper"),
+        direction=int(p.direction == "paper"),
+        fresnel=_FRESNEL[p.fresnel],
+        follow_reflected=p.reflected == "trace",
+        follow_second_hit=p.second_hit == "trace",
+        foam_transmittance=link.whitecaps.transmittance if link.whitecaps else 1.0,
+        fov=int(p.fov == "paper_position"),
+    )
+
+
+def source_arrays(link: Link, top: float) -> Sources:
+    """Return the sources; light from the air starts at height `top`, above every wave."""
+    rows = link.transmitters
+    n = len(rows)
+    kind = np.array([_SOURCE_KIND[t.kind] for t in rows], np.int64)
+    position, axis = np.zeros((n, 3)), np.zeros((n, 3))
+    spread, size = np.zeros(n), np.zeros(n)
+    for i, t in enumerate(rows):
+        if isinstance(t, WaterSource):
+            position[i], axis[i] = (*t.position, -t.depth), t.axis
+        else:
+            axis[i] = (0.0, 0.0, -1.0)
+            if isinstance(t, Sun):
+                zenith, azimuth = math.radians(t.zenith_deg), math.radians(t.azimuth_deg)
+                across = math.sin(zenith)
+                axis[i] = across * math.cos(azimuth), across * math.sin(azimuth), -math.cos(zenith)
+            # a slanted beam is started up-sun, so that it lights the square at still water
+            back = top / axis[i, 2]
+            position[i] = t.position[0] + back * axis[i, 0], t.position[1] + back * axis[i, 1], top
+            size[i] = t.half_width
+        if isinstance(t, Led):
+            spread[i] = t.order
+        elif isinstance(t, GaussianBeam):
+            spread[i], size[i] = math.radians(t.divergence_deg), t.waist
+        elif isinstance(t, TopHatBeam):
+            spread[i], size[i] = math.radians(t.divergence_deg), t.radius
+    power = np.array([t.power_mw for t in rows])
+    return Sources(
+        kind, position, axis, spread, size, kind < source_codes.SUN, np.cumsum(power) / power.sum()
+    )
+
+
+def aperture_arrays(link: Link) -> Apertures:
+    """Return the apertures."""
+    rows = link.receivers
+    half = np.radians([r.fov_deg for r in rows]) / 2.0
+    with np.errstate(over="ignore"):
+        tan_half = np.tan(half)
+    return Apertures(
+        center=np.array([r.center for r in rows], float).reshape(-1, 3),
+        axis=np.array([r.axis for r in rows], float).reshape(-1, 3),
+        radius=np.array([r.radius for r in rows], float),
+        # a hemisphere must take light that grazes it in spite of rounding
+        cos_half_fov=np.where(half >= math.pi / 2.0, 0.0, np.cos(half)),
+        tan_half_fov=tan_half,
+        in_water=np.array([not isinstance(r, Receiver) for r in rows], bool),
+    )
+
+
+def with_raster(medium: Medium, intersector: Intersector) -> Medium:
+    """Return the medium with the elevations of a mesh, where depths are below the surface."""
+    if medium.depth_mode != medium_codes.DEPTH_LOCAL:
+        return medium
+    x, y, step, raster = _raster(intersector)
+    return medium._replace(raster_x=x, raster_y=y, raster_step=step, raster=raster)
+
+
+def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
+    """Return the water.
+
+    `crest` is the height up to which bubbles are tabulated where their depth is measured from
+    the mean level; depths below the local surface need `with_raster`.
+    """
+    water, bubbles = link.water, link.bubbles
+    mode, start, step, b_bub = medium_codes.DEPTH_NONE, 0.0, 1.0, np.zeros(2)
+    phase_bubble = water.phase.tables()
+    if bubbles is not None:
+        mode = _DEPTH_MODE[bubbles.depth]
+        step = bubbles.e_folding / 64.0
+        if mode == medium_codes.DEPTH_MEAN_LEVEL:
+            start = -math.ceil(max(crest, 0.0) / step) * step
+        nodes = start + step * np.arange(math.ceil((12.0 * bubbles.e_folding - start) / step) + 1)
+        b_bub = bubbles.b(nodes)
+        b_bub[-1] = 0.0  # below 12 e-foldings there are none
+        phase_bubble = bubbles.phase_function().tables()
+    layer_step, layer_a, layer_b = 1.0, np.full(2, water.a), np.full(2, water.b)
+    if water.layers is not None:
+        layer_step, layer_a, layer_b = _layer_tables(water.layers)
+    b_max = float(layer_b.max() + b_bub.max())
+    return Medium(
+        a=water.a,
+        b=water.b,
+        n_water=water.n,
+        n_air=link.n_air,
+        layered=water.layers is not None,
+        layer_step=layer_step,
+        layer_a=layer_a,
+        layer_b=layer_b,
+        layer_a_path=_integral(layer_a, layer_step),
+        layer_b_path=_integral(layer_b, layer_step),
+        depth_mode=mode,
+        bubble_start=start,
+        bubble_step=step,
+        bubble_b=b_bub,
+        bubble_path=_integral(b_bub, step),
+        b_max=b_max,
+        c_max=b_max + float(layer_a.max()),
+        bottom_z=-math.inf if water.bottom_depth is None else -water.bottom_depth,
+        bottom_albedo=water.bottom_albedo,
+        absorption=_ABSORPTION[link.physics.absorption],
+        local_c=link.physics.free_path == "local_c",
+        raster_x=0.0,
+        raster_y=0.0,
+        raster_step=1.0,
+        raster=np.zeros((2, 2)),
+        phase_water=water.phase.tables(),
+        phase_bubble=phase_bubble,
+    )
+
+
+def _layer_tables(
+    layers: tuple[tuple[float, float, float], ...], nodes: int = 2049
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return step, a and b of a layered water on a uniform grid of depths from z = 0."""
+    depth, a, b = np.array(layers).T
+    step = max(float(depth[-1]), 1e-3) / (nodes - 1)
+    grid = step * np.arange(nodes)
+    return step, np.interp(grid, depth, a), np.interp(grid, depth, b)
+
+
+def _integral(values: np.ndarray, step: float) -> np.ndarray:
+    """Return the cumulative trapezoidal integral from the first node."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * step * (values[1:] + values[:-1]))])
+
+
+def _raster(intersector: Intersector) -> tuple[float, float, float, np.ndarray]:
+    """Return the elevation of the mesh on a square raster, by vertical rays."""
+    low, high = intersector.mesh.bounds
+    width = float(max(high[0] - low[0], high[1] - low[1]))
+    nodes = int(np.clip(width / 0.25, 16, 256))
+    step = width / (nodes - 1)
+    # a ray aimed at the very rim may miss it
+    x = np.clip(low[0] + step * np.arange(nodes), low[0] + 1e-4, high[0] - 1e-4)
+    y = np.clip(low[1] + step * np.arange(nodes), low[1] + 1e-4, high[1] - 1e-4)
+    gx, gy = np.meshgrid(x, y, indexing="ij")
+    origins = np.stack([gx.ravel(), gy.ravel(), np.full(gx.size, high[2] + 1.0)], axis=1)
+    hits = intersector.intersect(origins, np.broadcast_to((0.0, 0.0, -1.0), origins.shape))
+    z = np.where(np.isfinite(hits.distance), high[2] + 1.0 - hits.distance, 0.0)
+    return float(low[0]), float(low[1]), step, z.reshape(nodes, nodes)

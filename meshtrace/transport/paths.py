@@ -1,0 +1,175 @@
+"""Photon paths for the eye: what the analog photons do, and how received light travels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.bvh import EmbreeIntersector
+from meshtrace.link import Link
+from meshtrace.mesh import TriangleMesh
+from meshtrace.transport.analog import BLOCK, new_recorder, run_analog
+from meshtrace.transport.forced import ForcedDetection
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+class Vertex(IntEnum):
+    """What happened at a vertex of a path."""
+
+    SOURCE = 0
+    SCATTER = 1
+    SURFACE_OUT = 2
+    SURFACE_IN = 3
+    BOTTOM = 4
+    RECEIVED = 5
+    LANDED = 6
+    END = 7
+    BRANCH = 8
+
+
+@dataclass(frozen=True, eq=False)
+class PhotonPaths:
+    """Polylines of photons with their weights.
+
+    Attributes
+    ----------
+    vertex : ndarray, shape (paths, vertices, 3)
+        Positions [m], nan behind the end.
+    weight : ndarray, shape (paths, vertices)
+        Weight with which the photon leaves the vertex.
+    what : ndarray of int8, shape (paths, vertices)
+        `Vertex` codes, -1 behind the end.
+    photon : ndarray of int64, shape (paths,)
+        Photon that a path belongs to: light that the surface sends back starts a new path.
+    """
+
+    vertex: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    what: NDArray[np.int8]
+    photon: NDArray[np.int64]
+
+    @property
+    def length(self) -> NDArray[np.int64]:
+        """Number of vertices of each path."""
+        return (self.what >= 0).sum(axis=1)
+
+    @property
+    def received(self) -> NDArray[np.bool_]:
+        """Which paths end in an aperture."""
+        return (self.what == Vertex.RECEIVED).any(axis=1)
+
+    @property
+    def final(self) -> NDArray[np.int8]:
+        """`Vertex` code at the end of each path."""
+        return self.what[np.arange(len(self.what)), self.length - 1]
+
+    def polylines(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return points (n, 3) and VTK cells: the count of each line before its points."""
+        used = self.what >= 0
+        points = self.vertex[used]
+        cells, start = [], 0
+        for n in self.length:
+            cells.append(np.concatenate([[n], start + np.arange(n)]))
+            start += n
+        return points, np.concatenate(cells) if cells else np.zeros(0, np.int64)
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return the paths as an xarray Dataset."""
+        import xarray as xr
+
+        codes = np.array(list(Vertex), np.int8)
+        return xr.Dataset(
+            {
+                "vertex": (("path", "step", "axis"), self.vertex, {"units": "m"}),
+                "weight": (("path", "step"), self.weight, {"units": "1"}),
+                "what": (
+                    ("path", "step"),
+                    self.what,
+                    {
+                        "flag_values": codes,
+                        "flag_meanings": " ".join(v.name.lower() for v in Vertex),
+                    },
+                ),
+                "photon": ("path", self.photon),
+            },
+            {"axis": ["x", "y", "z"]},
+        )
+
+
+def record_paths(
+    link: Link, mesh: TriangleMesh, n: int, seed: int, normals: str, max_vertices: int
+) -> PhotonPaths:
+    """Return the paths of the first n analog photons; the tallies do not change."""
+    recorder = new_recorder(n, max_vertices)
+    run_analog(
+        link,
+        EmbreeIntersector(mesh, 1),
+        photons=n,
+        seed=seed,
+        normals=normals,
+        batch_size=max(-(-n // BLOCK) * BLOCK, BLOCK),
+        recorder=recorder,
+    )
+    return _split(recorder.vertex, recorder.weight, recorder.what, recorder.length)
+
+
+def _split(
+    vertex: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    what: NDArray[np.int8],
+    length: NDArray[np.int64],
+) -> PhotonPaths:
+    """Cut the records behind every flight through the air: light sent back starts anew."""
+    rows: list[tuple[int, int, int]] = []
+    for i, n in enumerate(length):
+        codes = what[i, :n]
+        starts = [0, *np.flatnonzero(codes == Vertex.BRANCH)]
+        for a, b in zip(starts, [*starts[1:], n], strict=True):
+            left = np.flatnonzero((codes[a:b] == Vertex.RECEIVED) | (codes[a:b] == Vertex.LANDED))
+            end = a + left[0] + 1 if len(left) else b
+            if end - a > 1:
+                rows.append((i, int(a), int(end)))
+    longest = max((b - a for _, a, b in rows), default=1)
+    out = PhotonPaths(
+        np.full((len(rows), longest, 3), np.nan),
+        np.full((len(rows), longest), np.nan),
+        np.full((len(rows), longest), -1, np.int8),
+        np.array([i for i, _, _ in rows], np.int64),
+    )
+    for k, (i, a, b) in enumerate(rows):
+        out.vertex[k, : b - a] = vertex[i, a:b]
+        out.weight[k, : b - a] = weight[i, a:b]
+        out.what[k, : b - a] = what[i, a:b]
+    return out
+
+
+def received_paths(
+    link: Link, mesh: TriangleMesh, n: int, seed: int, normals: str, chains: int = 4096
+) -> PhotonPaths:
+    """Return paths of received light, drawn in proportion to the light they carry."""
+    forced = ForcedDetection(link, chains, seed, normals, crest=float(mesh.bounds[1, 2]))
+    rows = forced.received(mesh, n, np.random.default_rng([seed, 1]))
+    if not rows:
+        raise ValueError("received_only: no light is received, allowed a link that receives some")
+    longest = max(len(points) for points, _ in rows)
+    out = PhotonPaths(
+        np.full((len(rows), longest, 3), np.nan),
+        np.full((len(rows), longest), np.nan),
+        np.full((len(rows), longest), -1, np.int8),
+        np.arange(len(rows), dtype=np.int64),
+    )
+    for k, (points, weight) in enumerate(rows):
+        m = len(points)
+        out.vertex[k, :m] = points
+        out.weight[k, :m] = weight
+        out.what[k, :m] = Vertex.SCATTER
+        out.what[k, 0] = Vertex.SOURCE
+        out.what[k, m - 2] = Vertex.SURFACE_OUT
+        out.what[k, m - 1] = Vertex.RECEIVED
+    return out
