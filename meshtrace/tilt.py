@@ -1,0 +1,370 @@
+"""Laws of the tilt of a UAV in gusty wind and of the gain factor h_alpha that the tilt causes."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def squared_wind_moments(mean: ArrayLike, std: ArrayLike) -> tuple[float, float]:
+    """Mean and variance of V^2 for independent Gaussian components.
+
+    E = sum(s_j^2 + u_j^2),  Var = sum(2 s_j^4 + 4 s_j^2 u_j^2)
+
+    Parameters
+    ----------
+    mean, std : array_like
+        Mean u and standard deviation s of the components (3,) [m s-1].
+
+    Returns
+    -------
+    tuple of float
+        E[V^2] [m2 s-2] and Var[V^2] [m4 s-4].
+    """
+    u2, s2 = np.square(np.asarray(mean, float)), np.square(np.asarray(std, float))
+    return float(np.sum(s2 + u2)), float(np.sum(2.0 * s2**2 + 4.0 * s2 * u2))
+
+
+def h_alpha(tilt: ArrayLike, fov: float) -> FloatArray:
+    """Factor by which the tilt reduces the gain of light that arrives vertically.
+
+    h = cos(alpha) if alpha <= fov / 2, else 0
+
+    Parameters
+    ----------
+    tilt : array_like
+        Tilt angle alpha [rad], any shape.
+    fov : float
+        Full field of view [rad].
+
+    Returns
+    -------
+    ndarray
+        The factor, same shape.
+
+    Raises
+    ------
+    ValueError
+        If `fov` is outside (0, pi].
+
+    Notes
+    -----
+    The paper's factor cuts at alpha = fov, its test on the photons at fov / 2; the half angle is
+    the one that a full field of view means, and is used for both here.
+    """
+    angle = np.asarray(tilt, dtype=float)
+    return np.where(angle <= _half_angle(fov), np.cos(angle), 0.0)
+
+
+def _half_angle(fov: float) -> float:
+    if not 0.0 < fov <= math.pi:
+        raise ValueError(f"fov: {fov}, allowed 0 < fov <= pi rad (full angle)")
+    return 0.5 * fov
+
+
+@dataclasses.dataclass(frozen=True)
+class TiltLaw(abc.ABC):
+    """Law of the tilt angle alpha = arctan(K V^2) and of the factor h_alpha = cos(alpha).
+
+    Subclasses give the law of V^2; everything else follows by change of variable.
+    """
+
+    tilt_coefficient: float
+
+    @abc.abstractmethod
+    def squared_wind_pdf(self, v2: ArrayLike) -> FloatArray:
+        """Density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
+
+    @abc.abstractmethod
+    def squared_wind_cdf(self, v2: ArrayLike) -> FloatArray:
+        """P(V^2 <= v2), with full relative precision in the lower tail."""
+
+    @abc.abstractmethod
+    def squared_wind_sf(self, v2: ArrayLike) -> FloatArray:
+        """P(V^2 > v2), with full relative precision in the upper tail."""
+
+    @abc.abstractmethod
+    def _bulk(self) -> tuple[float, float]:
+        """Interval of V^2 outside of which less than 1e-17 of the mass lies on either side."""
+
+    def _v2(self, tilt: ArrayLike) -> FloatArray:
+        return np.tan(np.asarray(tilt, dtype=float)) / self.tilt_coefficient
+
+    def pdf(self, tilt: ArrayLike) -> FloatArray:
+        """Density of the tilt, f(alpha) = f_V2(tan(alpha) / K) sec^2(alpha) / K [rad-1].
+
+        Parameters
+        ----------
+        tilt : array_like
+            alpha [rad] in [0, pi/2), any shape.
+        """
+        v2 = self._v2(tilt)
+        k = self.tilt_coefficient
+        return self.squared_wind_pdf(v2) * (1.0 + (k * v2) ** 2) / k
+
+    def cdf(self, tilt: ArrayLike) -> FloatArray:
+        """P(alpha <= tilt), tilt in [0, pi/2) [rad]."""
+        return self.squared_wind_cdf(self._v2(tilt))
+
+    def sf(self, tilt: ArrayLike) -> FloatArray:
+        """P(alpha > tilt), tilt in [0, pi/2) [rad]."""
+        return self.squared_wind_sf(self._v2(tilt))
+
+    def ppf(self, probability: float) -> float:
+        """Tilt [rad] that is exceeded with probability 1 - `probability`, 1e-15 < p < 1 - 1e-15."""
+        from scipy.optimize import brentq
+
+        low, high = self._bulk()
+        v2 = brentq(lambda v: float(self.squared_wind_cdf(v)) - probability, low, high)
+        return math.atan(self.tilt_coefficient * float(v2))
+
+    def mean(self) -> float:
+        """Return the mean tilt [rad]."""
+        tilt, weight = self._quadrature()
+        return float(weight @ tilt)
+
+    def std(self) -> float:
+        """Return the standard deviation of the tilt [rad]."""
+        tilt, weight = self._quadrature()
+        return math.sqrt(float(weight @ (tilt - weight @ tilt) ** 2))
+
+    def outage(self, fov: float) -> float:
+        """P(alpha > fov / 2): the tilt takes the vertical out of a full field of view `fov` [rad].
+
+        This is also the mass of h_alpha at 0.
+        """
+        return float(self.sf(_half_angle(fov))) if fov < math.pi else 0.0
+
+    def h_pdf(self, h: ArrayLike, fov: float = math.pi) -> FloatArray:
+        """Density of h_alpha between cos(fov / 2) and 1; the rest, `outage(fov)`, sits at h = 0.
+
+        f(h) = f_alpha(arccos h) / sqrt(1 - h^2)
+
+        Parameters
+        ----------
+        h : array_like
+            Factor in (0, 1), any shape.
+        fov : float
+            Full field of view [rad].
+
+        Returns
+        -------
+        ndarray
+            Density, same shape; 0 outside of the support.
+
+        Notes
+        -----
+        Departs from the paper, eq. final_f_h_alpha: its density has no lower limit and no mass at
+        0, and its constant is wrong (`GammaTiltLaw.h_pdf_printed`).
+        """
+        h = np.asarray(h, dtype=float)
+        inside = (h > 0.0) & (h < 1.0) & (h >= math.cos(_half_angle(fov)))
+        safe = np.where(inside, h, 0.5)
+        return np.where(inside, self.pdf(np.arccos(safe)) / np.sqrt(1.0 - safe**2), 0.0)
+
+    def h_cdf(self, h: ArrayLike, fov: float = math.pi) -> FloatArray:
+        """P(h_alpha <= h) for h in [0, 1), with the mass at 0 from the field of view."""
+        h = np.asarray(h, dtype=float)
+        tilt = np.minimum(np.arccos(np.clip(h, 1e-12, 1.0)), min(_half_angle(fov), 1.5707963267))
+        return np.where(h < 0.0, 0.0, np.where(h >= 1.0, 1.0, self.sf(tilt)))
+
+    def h_moment(self, order: int = 1, fov: float = math.pi) -> float:
+        """Moment E[h_alpha^order], the outage of the field of view included.
+
+        Parameters
+        ----------
+        order : int
+            Order of the moment.
+        fov : float
+            Full field of view [rad].
+        """
+        tilt, weight = self._quadrature(_half_angle(fov))
+        return float(weight @ np.cos(tilt) ** order)
+
+    def _quadrature(self, upper: float = 0.5 * math.pi) -> tuple[FloatArray, FloatArray]:
+        """Nodes alpha and weights f(alpha) d(alpha) over the bulk of the law up to `upper`."""
+        low, high = (math.atan(self.tilt_coefficient * v2) for v2 in self._bulk())
+        high = max(min(high, upper), low)
+        x, w = np.polynomial.legendre.leggauss(400)
+        tilt = low + 0.5 * (high - low) * (x + 1.0)
+        return tilt, 0.5 * (high - low) * w * self.pdf(tilt)
+
+
+@dataclasses.dataclass(frozen=True)
+class GammaTiltLaw(TiltLaw):
+    """The paper's approximation: V^2 follows a Gamma law with the exact mean and variance.
+
+    shape = E[V^2]^2 / Var[V^2],  scale = Var[V^2] / E[V^2]
+
+    Parameters
+    ----------
+    tilt_coefficient : float
+        K [s2 m-2].
+    shape : float
+        alpha_Gamma [1].
+    scale : float
+        beta_Gamma [m2 s-2], a scale (the paper writes beta and theta for the same number).
+    """
+
+    shape: float
+    scale: float
+
+    def squared_wind_pdf(self, v2: ArrayLike) -> FloatArray:
+        """Density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
+        from scipy.special import gammaln, xlogy
+
+        x = np.asarray(v2, dtype=float) / self.scale
+        return np.exp(xlogy(self.shape - 1.0, x) - x - gammaln(self.shape)) / self.scale
+
+    def squared_wind_cdf(self, v2: ArrayLike) -> FloatArray:
+        """P(V^2 <= v2)."""
+        from scipy.special import gammainc
+
+        return np.asarray(gammainc(self.shape, np.asarray(v2, dtype=float) / self.scale))
+
+    def squared_wind_sf(self, v2: ArrayLike) -> FloatArray:
+        """P(V^2 > v2)."""
+        from scipy.special import gammaincc
+
+        return np.asarray(gammaincc(self.shape, np.asarray(v2, dtype=float) / self.scale))
+
+    def _bulk(self) -> tuple[float, float]:
+        from scipy.special import gammainccinv, gammaincinv
+
+        return (
+            float(gammaincinv(self.shape, 1e-17)) * self.scale,
+            float(gammainccinv(self.shape, 1e-17)) * self.scale,
+        )
+
+    def h_pdf_printed(self, h: ArrayLike) -> FloatArray:
+        """Density of h_alpha exactly as printed in the paper, for comparison only.
+
+        f(h) = h^-(a+1) (1 - h^2)^((a-2)/2) exp(-sqrt(1-h^2) / (h K b)) / (K Gamma(a) b^a)
+
+        Parameters
+        ----------
+        h : array_like
+            Factor in (0, 1), any shape.
+
+        Notes
+        -----
+        Defect of eq. final_f_h_alpha: the constant 1/K must be 1/K^a (a the Gamma shape), so the
+        printed form integrates to K^(a-1), some 1e-61 for the paper's UAV, and not to 1. Its
+        support has no lower limit either. `h_pdf` is the right form.
+        """
+        from scipy.special import gammaln
+
+        h = np.asarray(h, dtype=float)
+        a, k = self.shape, self.tilt_coefficient
+        log_pdf = (
+            -(a + 1.0) * np.log(h)
+            + 0.5 * (a - 2.0) * np.log1p(-h * h)
+            - np.sqrt(1.0 - h * h) / (h * k * self.scale)
+            - (math.log(k) + gammaln(a) + a * math.log(self.scale))
+        )
+        return np.exp(log_pdf)
+
+
+@dataclasses.dataclass(frozen=True)
+class ExactTiltLaw(TiltLaw):
+    """Exact law: V^2 is the sum of a non-central chi-squared and a central one.
+
+    F(v) = int phi(w / s_z) / s_z  F_chi2[(v - w^2) / s_h^2; 2, (u / s_h)^2] dw,  |w| <= sqrt(v)
+
+    The horizontal gusts have one variance, so V_x^2 + V_y^2 is s_h^2 times a non-central
+    chi-squared variable of two degrees of freedom; one quadrature over the vertical gust remains.
+    All its terms are positive, hence no loss of precision in either tail.
+
+    Parameters
+    ----------
+    tilt_coefficient : float
+        K [s2 m-2].
+    mean_speed : float
+        Mean wind u [m s-1].
+    std_horizontal, std_vertical : float
+        Standard deviations s_h of V_x and V_y and s_z of V_z [m s-1].
+    """
+
+    mean_speed: float
+    std_horizontal: float
+    std_vertical: float
+
+    def squared_wind_pdf(self, v2: ArrayLike) -> FloatArray:
+        """Density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
+        return self._over_vertical_gust(v2, "pdf") / self.std_horizontal**2
+
+    def squared_wind_cdf(self, v2: ArrayLike) -> FloatArray:
+        """P(V^2 <= v2)."""
+        return self._over_vertical_gust(v2, "cdf")
+
+    def squared_wind_sf(self, v2: ArrayLike) -> FloatArray:
+        """P(V^2 > v2)."""
+        from scipy.special import erfc
+
+        vertical = np.sqrt(0.5 * np.asarray(v2, dtype=float)) / self.std_vertical
+        return self._over_vertical_gust(v2, "sf") + erfc(vertical)
+
+    def _over_vertical_gust(self, v2: ArrayLike, method: str) -> FloatArray:
+        from scipy.stats import ncx2
+
+        v2 = np.asarray(v2, dtype=float)[..., None]
+        x, weight = np.polynomial.legendre.leggauss(64)
+        reach = np.minimum(np.sqrt(v2), 10.0 * self.std_vertical)
+        w = 0.5 * reach * (x + 1.0)
+        gauss = np.exp(-0.5 * (w / self.std_vertical) ** 2) / (
+            math.sqrt(2.0 * math.pi) * self.std_vertical
+        )
+        law = ncx2(2, (self.mean_speed / self.std_horizontal) ** 2)
+        horizontal = getattr(law, method)(np.maximum(v2 - w * w, 0.0) / self.std_horizontal**2)
+        return np.sum(reach * weight * gauss * horizontal, axis=-1)
+
+    def _bulk(self) -> tuple[float, float]:
+        reach = 9.0 * max(self.std_horizontal, self.std_vertical)
+        return max(self.mean_speed - reach, 0.0) ** 2, (self.mean_speed + 1.2 * reach) ** 2
+
+
+class LawComparison(NamedTuple):
+    """Distance of two laws of the tilt: D_KS [1], KL divergence [nat], RMSE and MAE [1/degree]."""
+
+    ks: float
+    kl: float
+    rmse: float
+    mae: float
+
+
+def compare_laws(exact: TiltLaw, approximation: TiltLaw, points: int = 400) -> LawComparison:
+    """Distance of an approximate law of the tilt from the exact one.
+
+    Parameters
+    ----------
+    exact, approximation : TiltLaw
+        The two laws.
+    points : int
+        Even grid between the 1e-5 quantiles of `exact` for RMSE and MAE of the density per degree.
+
+    Returns
+    -------
+    LawComparison
+        Kolmogorov-Smirnov distance, Kullback-Leibler divergence, RMSE and MAE.
+
+    Notes
+    -----
+    V^2/U^2 has one law for every wind speed, and both distances are invariant, so D_KS and KL do
+    not depend on the wind; the paper prints two different D_KS (a histogram artefact).
+    """
+    fine = np.linspace(exact.ppf(1e-12), exact.ppf(1.0 - 1e-12), 4001)
+    ks = float(np.max(np.abs(exact.cdf(fine) - approximation.cdf(fine))))
+    tilt, weight = exact._quadrature()
+    kept = weight > 0.0
+    ratio = exact.pdf(tilt[kept]) / approximation.pdf(tilt[kept])
+    kl = float(weight[kept] @ np.log(ratio))
+    grid = np.linspace(exact.ppf(1e-5), exact.ppf(1.0 - 1e-5), points)
+    error = (approximation.pdf(grid) - exact.pdf(grid)) * math.pi / 180.0
+    return LawComparison(ks, kl, float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error))))
