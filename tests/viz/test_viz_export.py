@@ -1,0 +1,122 @@
+"""Surfaces, paths and maps reach pyvista and ParaView with every number intact."""
+
+import numpy as np
+import pytest
+import pyvista as pv
+
+import meshtrace as mt
+from meshtrace import viz
+from meshtrace.surfaces import FlatSea, SinusoidalSea
+from meshtrace.transport.paths import PhotonPaths, Vertex
+from meshtrace.viz.export import surface_sampler
+
+SEA = SinusoidalSea(amplitude=0.3, wavelength=6.0)
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return SEA.mesh(extent=4.0, spacing=0.2)
+
+
+@pytest.fixture(scope="module")
+def paths():
+    nan = np.nan
+    return PhotonPaths(
+        vertex=np.array(
+            [
+                [[0, 0, -5], [0, 0, -1], [0.5, 0, 0], [1, 0, 3]],
+                [[0, 0, -5], [2, 0, -3], [nan] * 3, [nan] * 3],
+            ],
+            dtype=float,
+        ),
+        weight=np.array([[1.0, 0.8, 0.7, 0.7], [1.0, 0.5, nan, nan]]),
+        what=np.array([[0, 1, 2, 5], [0, 7, -1, -1]], np.int8),
+        photon=np.array([3, 8]),
+    )
+
+
+@pytest.fixture(scope="module")
+def coverage():
+    axis = np.array([-1.0, 0.0, 1.0])
+    gain = np.arange(6.0).reshape(3, 2)
+    link = mt.Link(receiver=mt.Receiver(height=7.0)).model_dump(mode="json")
+    return mt.CoverageMap(axis, axis[:2], gain, 0.1 * gain, {"link": link})
+
+
+def test_surface_keeps_points_and_exact_slopes(mesh):
+    data = viz.to_pyvista(mesh)
+    np.testing.assert_array_equal(data.points, mesh.vertices)
+    np.testing.assert_array_equal(data.regular_faces, mesh.faces)
+    slope_x, slope_y = SEA.slopes(*mesh.vertices[:, :2].T)
+    np.testing.assert_allclose(data["slope_x"], slope_x, atol=1e-12)
+    np.testing.assert_allclose(data["slope_y"], slope_y, atol=1e-12)
+    np.testing.assert_allclose(data["slope"], np.hypot(slope_x, slope_y), atol=1e-12)
+
+
+def test_surface_is_a_copy(mesh):
+    before = mesh.vertices.copy()
+    viz.to_pyvista(mesh).points[:] = 0.0
+    np.testing.assert_array_equal(mesh.vertices, before)
+
+
+def test_paths_keep_what_happened(paths):
+    data = viz.to_pyvista(paths)
+    assert data.n_lines == 2
+    assert data.n_points == 6
+    np.testing.assert_array_equal(data["what"], [0, 1, 2, 5, 0, 7])
+    np.testing.assert_array_equal(data["weight"], [1.0, 0.8, 0.7, 0.7, 1.0, 0.5])
+    np.testing.assert_array_equal(data.cell_data["final"], [Vertex.RECEIVED, Vertex.END])
+    np.testing.assert_array_equal(data.cell_data["photon"], [3, 8])
+
+
+def test_map_lies_where_the_receiver_is(coverage):
+    data = viz.to_pyvista(coverage)
+    centers = data.cell_centers().points
+    assert set(centers[:, 2]) == {7.0}
+    for i, x in enumerate(coverage.x):
+        for j, y in enumerate(coverage.y):
+            cell = data.find_containing_cell((x, y, 7.0))
+            assert data.cell_data["gain"][cell] == coverage.gain[i, j]
+
+
+@pytest.mark.parametrize("what", ["mesh.vtp", "mesh.vtu", "mesh.ply", "paths.vtp", "paths.vtu"])
+def test_files_read_back(what, tmp_path, mesh, paths):
+    source = mesh if what.startswith("mesh") else paths
+    data = pv.read(viz.save_vtk(source, tmp_path / what))
+    shown = viz.to_pyvista(source)
+    assert data.n_cells == shown.n_cells
+    np.testing.assert_allclose(data.points, shown.points, atol=1e-5)
+    if not what.endswith("ply"):
+        for name in shown.array_names:
+            np.testing.assert_array_equal(data[name], shown[name])
+
+
+def test_map_reads_back(tmp_path, coverage):
+    data = pv.read(viz.save_vtk(coverage, tmp_path / "map.vti"))
+    np.testing.assert_array_equal(data["gain"], coverage.gain.ravel(order="F"))
+
+
+def test_unsuitable_files_are_refused(tmp_path, mesh, paths, coverage):
+    for source, name in ((mesh, "a.vti"), (paths, "a.stl"), (coverage, "a.vtp")):
+        with pytest.raises(ValueError, match=r"path: .*allowed a file name in"):
+            viz.save_vtk(source, tmp_path / name)
+    with pytest.raises(ValueError, match="source: int, allowed TriangleMesh"):
+        viz.to_pyvista(3)
+
+
+def test_sampler_interpolates_in_the_facets(mesh):
+    vertex = mesh.vertices[57]
+    sample = surface_sampler(mesh)
+    np.testing.assert_allclose(sample(vertex[None, :2]), vertex[2], atol=1e-6)
+    middle = mesh.vertices[mesh.faces[100]].mean(axis=0)
+    np.testing.assert_allclose(sample(middle[None, :2]), middle[2], atol=1e-6)
+    assert surface_sampler(FlatSea().mesh(extent=1.0, spacing=0.5))([[9.0, 9.0]]) == 0.0
+
+
+def test_pictures_stay_within_a_size(tmp_path):
+    plotter = pv.Plotter(off_screen=True, window_size=[300, 200])
+    plotter.add_mesh(pv.Sphere(), scalars=np.arange(842.0))
+    large = viz.save_picture(plotter, tmp_path / "large.png")
+    small = viz.save_picture(plotter, tmp_path / "small.png", largest=large.stat().st_size - 1)
+    plotter.close()
+    assert small.stat().st_size < large.stat().st_size <= 300_000

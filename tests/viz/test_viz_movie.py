@@ -1,0 +1,47 @@
+"""Movies have the frames that were asked for, and the sea moves in them."""
+
+import numpy as np
+import pytest
+from imageio import v2 as imageio
+
+import meshtrace as mt
+from meshtrace import viz
+from meshtrace.surfaces import JonswapSea
+
+LINK, SEA = mt.Link(), JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)
+TIMES = np.array([0.0, 0.5, 1.0])
+GAIN = mt.GainSeries(
+    along="time",
+    coordinate=TIMES,
+    gain=np.array([1e-5, 2e-5, 1.5e-5]),
+    gain_stderr=np.full(3, 1e-7),
+    gain_ballistic=np.zeros(3),
+    mean_stderr=1e-7,
+)
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".gif"])
+def test_movies(tmp_path, suffix):
+    seen = []
+    path = viz.save_movie(
+        LINK, SEA, TIMES, tmp_path / f"sea{suffix}", gain=GAIN, spacing=0.5, progress=seen.append
+    )
+    with imageio.get_reader(path) as reader:
+        frames = np.stack([np.asarray(f)[..., :3] for f in reader]).astype(int)
+    assert frames.shape == (3, 640, 1280, 3)
+    assert seen == [1, 1, 1]
+    scene, plot = frames[:, :, :800], frames[:, :, 830:]
+    for part in (scene, plot):
+        assert (np.abs(np.diff(part, axis=0)).sum(axis=3) > 60).mean(axis=(1, 2)).min() > 1e-3
+
+
+def test_wrong_movies_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"path: .*allowed a file name in \.mp4 or \.gif"):
+        viz.save_movie(LINK, SEA, TIMES, tmp_path / "a.avi", gain=GAIN)
+    with pytest.raises(ValueError, match=r"times: shape \(1,\)"):
+        viz.save_movie(LINK, SEA, [0.0], tmp_path / "a.gif", gain=GAIN)
+    with pytest.raises(ValueError, match="gain: at other times"):
+        viz.save_movie(LINK, SEA, TIMES + 1.0, tmp_path / "a.gif", gain=GAIN)
+    with pytest.raises(ValueError, match=r"frame_rate: 0\.0"):
+        viz.save_movie(LINK, SEA, TIMES, tmp_path / "a.gif", gain=GAIN, frame_rate=0.0)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,211 @@
+"""Plots show the numbers they are given, under names and units."""
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+import meshtrace as mt
+from meshtrace import viz
+from meshtrace.detector import OokLink
+from meshtrace.fading import fading_statistics
+from meshtrace.impulse import ImpulseResponse
+from meshtrace.result import FateTally, GainResult
+
+RNG = np.random.default_rng(5)
+
+
+@pytest.fixture(autouse=True)
+def _close_figures():
+    yield
+    mpl.pyplot.close("all")
+
+
+def line(ax, i=0):
+    return ax.get_lines()[i].get_data()
+
+
+def legend(ax):
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_phase_functions():
+    theta, phase = np.radians([1.0, 10.0, 100.0]), mt.HenyeyGreenstein(g=0.9)
+    ax = viz.plot_phase_function({"HG": phase.pdf, "table": phase.pdf(theta)}, theta)
+    for i in (0, 1):
+        np.testing.assert_allclose(line(ax, i), ([1.0, 10.0, 100.0], phase.pdf(theta)))
+    assert legend(ax) == ["HG", "table"]
+    assert ax.get_ylabel() == viz.axis_label("phase_function")
+    assert "[°]" in ax.get_xlabel()
+    ax = viz.plot_phase_cdf(phase.cdf)
+    assert ax.get_legend() is None
+    assert line(ax)[1][-1] == pytest.approx(1.0)
+
+
+def test_bubbles_over_depth_downwards():
+    layer = mt.HallNovarini(wind_speed=13.0)
+    depth = np.array([0.0, 1.0, 4.0])
+    ax = viz.plot_bubble_profile(layer.b, depth)
+    np.testing.assert_allclose(line(ax), (layer.b(depth), depth))
+    assert ax.get_ylim() == (4.0, 0.0)
+    ax = viz.plot_bubble_profile({"13 m/s": layer.number_density}, quantity="n_bubbles")
+    assert ax.get_xlabel() == viz.axis_label("n_bubbles")
+
+
+def test_spectra_and_spreadings():
+    omega = np.linspace(0.5, 2.0, 4)
+    ax = viz.plot_spectrum({"twice": 2.0 * omega}, omega)
+    np.testing.assert_array_equal(line(ax), (omega, 2.0 * omega))
+    assert "[m$^{2}$ s rad$^{-1}$]" in ax.get_ylabel()
+    ax = viz.plot_spreading(np.cos, np.radians([-90.0, 0.0, 60.0]))
+    np.testing.assert_allclose(line(ax), ([-90.0, 0.0, 60.0], [0.0, 1.0, 0.5]), atol=1e-12)
+
+
+def test_fates():
+    fates = {
+        "received": FateTally(3, 1e-4),
+        "absorbed": FateTally(9, 0.7),
+        "bottom": FateTally(0, 0),
+    }
+    ax = viz.plot_fates(GainResult(1e-4, 1e-5, 12, fates, {}))
+    assert [bar.get_width() for bar in ax.patches] == [1e-4, 0.7]
+    with pytest.raises(ValueError, match="result: no fates"):
+        viz.plot_fates(GainResult(1e-4, 1e-5, 12, {}, {}))
+
+
+def make_series(along="time", receivers=0):
+    shape = (4, receivers) if receivers else (4,)
+    gain = 1e-5 * (1.0 + RNG.random(shape))
+    return mt.GainSeries(along, np.arange(4) * 0.5, gain, 0.01 * gain, gain, 1e-7)
+
+
+@pytest.mark.parametrize("convert", [lambda s: s, lambda s: s.to_dataset()])
+def test_gain_series(convert):
+    series = make_series()
+    ax = viz.plot_gain_series(convert(series))
+    np.testing.assert_array_equal(line(ax), (series.time, series.gain))
+    assert ax.get_xlabel() == viz.axis_label("time")
+    band = ax.collections[0].get_paths()[0].vertices[:, 1]
+    assert band.min() == pytest.approx((series.gain - 2 * series.gain_stderr).min())
+    assert band.max() == pytest.approx((series.gain + 2 * series.gain_stderr).max())
+
+
+def test_gain_series_of_arrays_ensembles_and_many_receivers():
+    ax = viz.plot_gain_series([0.0, 1.0], [2e-5, 3e-5])
+    np.testing.assert_array_equal(line(ax), ([0.0, 1.0], [2e-5, 3e-5]))
+    ax = viz.plot_gain_series(make_series("realization", receivers=2))
+    assert legend(ax) == ["receiver 0", "receiver 1"]
+    assert ax.get_xlabel() == "realization"
+    with pytest.raises(ValueError, match="gain: None"):
+        viz.plot_gain_series([0.0, 1.0])
+
+
+def test_gain_distributions_with_fits():
+    gain = 1e-5 * RNG.lognormal(0.0, 0.3, 600)
+    ax = viz.plot_gain_pdf(gain, fits=["lognormal"])
+    x, density = next(c.get_data() for c in ax.get_lines() if c.get_label().startswith("log"))
+    assert np.trapezoid(density, x) == pytest.approx(1.0, abs=0.02)
+    assert legend(ax)[0].startswith("lognormal, index 0.09")
+    ax = viz.plot_gain_cdf(gain)
+    assert legend(ax) == ["simulated", "lognormal", "gamma-gamma"]
+    np.testing.assert_array_equal(line(ax)[0], np.sort(gain))
+    with pytest.raises(ValueError, match=r"fits: 'weibull', allowed lognormal, gamma-gamma"):
+        viz.plot_gain_pdf(gain, fits=["weibull"])
+
+
+def test_autocorrelation():
+    time = np.arange(0.0, 60.0, 0.1)
+    gain = 1e-5 * (2.0 + np.sin(1.3 * time) + 0.1 * RNG.standard_normal(len(time)))
+    statistics = fading_statistics(gain, time=time)
+    ax = viz.plot_autocorrelation(statistics)
+    np.testing.assert_array_equal(line(ax), (statistics.lag, statistics.autocorrelation))
+    assert legend(ax)[0].startswith("coherence time 0.9")
+    with pytest.raises(ValueError, match="of an ensemble"):
+        viz.plot_autocorrelation(fading_statistics(gain))
+
+
+@pytest.mark.parametrize("convert", [lambda c: c, lambda c: c.to_dataset()])
+def test_coverage_is_not_transposed(convert):
+    gain = np.arange(6.0).reshape(3, 2)
+    coverage = mt.CoverageMap(np.array([-1.0, 0.0, 1.0]), np.array([0.0, 1.0]), gain, gain)
+    ax = viz.plot_coverage(convert(coverage))
+    mesh = ax.collections[0]
+    np.testing.assert_array_equal(np.asarray(mesh.get_array()).reshape(2, 3), gain.T)
+    assert ax.get_aspect() == 1.0
+    ax = viz.plot_coverage(convert(coverage), decibel=True)
+    shown = np.ma.filled(ax.collections[0].get_array(), np.nan).reshape(2, 3)
+    assert np.isnan(shown[0, 0])
+    assert shown[1, 2] == pytest.approx(10.0 * np.log10(5.0))
+
+
+def test_sweeps():
+    import xarray as xr
+
+    x, gain = np.array([5.0, 10.0]), np.array([1e-4, 1e-5])
+    ax = viz.plot_sweep(x, {"a": gain}, {"a": 0.1 * gain}, along="depth")
+    np.testing.assert_array_equal(line(ax), (x, gain))
+    assert ax.get_yscale() == "log"
+    assert ax.get_xlabel() == viz.axis_label("depth")
+    assert len(ax.collections) == 1
+    data = xr.Dataset({"gain": ("depth", gain), "gain_stderr": ("depth", 0.1 * gain)}, {"depth": x})
+    ax = viz.plot_sweep(data, log=False)
+    np.testing.assert_array_equal(line(ax), (x, gain))
+    assert ax.get_xlabel() == viz.axis_label("depth")
+    with pytest.raises(ValueError, match="curves: None"):
+        viz.plot_sweep(x)
+
+
+def test_convergence_finds_the_order():
+    spacing = np.array([0.1, 0.2, 0.4])
+    ax = viz.plot_convergence(spacing, {"a": 3.0 * spacing**2}, {"a": 0.1 * spacing**2})
+    assert legend(ax) == ["a, order 2.00"]
+    with pytest.raises(ValueError, match="allowed at least two errors > 0"):
+        viz.plot_convergence(spacing, np.array([1.0, 0.0, 2.0]))
+
+
+def test_impulse_response():
+    response = ImpulseResponse(
+        edges=1e-9 * np.arange(4.0),
+        h=np.array([1e5, 1e3, 1e-9]),
+        h_stderr=np.array([1e3, 1e2, 1e-9]),
+        first_arrival=5e-8,
+        mean_delay=1e-10,
+        mean_delay_stderr=1e-12,
+        rms_delay_spread=2.5e-10,
+        rms_delay_spread_stderr=1e-12,
+        delay=np.zeros(1),
+        weight=np.ones(1),
+    )
+    ax = viz.plot_impulse_response({"clear": response})
+    assert legend(ax) == ["clear, rms delay spread 0.25 ns"]
+    assert ax.get_xlim() == (0.0, 2.0)
+    assert ax.get_ylim() == (1.0, 2e5)
+    np.testing.assert_allclose(ax.patches[0].get_data().values, [1e5, 1e3, 1.0])
+
+
+def test_eye():
+    receiver = OokLink(bit_rate=5e6, memory=3)
+    eye = receiver.eye(receiver.required_power(1e-3))
+    ax = viz.plot_eye(eye)
+    assert f"opening {eye.opening:.2f}" in ax.get_title()
+    assert legend(ax) == ["one", "zero"]
+    ones = np.array([curve.get_ydata() for curve in ax.get_lines()[: eye.bits[:, 0].sum()]])
+    assert ones[:, -1].min() > 0.5
+    assert "[ns]" in ax.get_xlabel()
+
+
+def test_ber_over_power_and_depth():
+    power, receiver = np.array([1e-11, 2e-11]), OokLink()
+    ax = viz.plot_ber(power, {"1 Mbit/s": receiver.ber})
+    np.testing.assert_allclose(line(ax), (10.0 * np.log10(power / 1e-3), receiver.ber(power)))
+    assert ax.get_xlabel().endswith("[dBm]")
+    ax = viz.plot_ber([5.0, 10.0], np.array([1e-5, 1e-20]), along="depth")
+    assert np.isnan(line(ax)[1][1])
+
+
+def test_plots_draw_on_given_axes_and_leave_defaults_alone():
+    before = mpl.rcParams["axes.grid"]
+    figure = mpl.figure.Figure()
+    ax = figure.subplots()
+    assert viz.plot_ber([1e-10], OokLink().ber, ax=ax) is ax
+    assert viz.plot_ber([1e-10], OokLink().ber) is not ax
+    assert mpl.rcParams["axes.grid"] == before

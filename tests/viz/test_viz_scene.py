@@ -1,0 +1,258 @@
+"""Scenes show every part of a link, where it is."""
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+
+import meshtrace as mt
+from meshtrace import viz
+from meshtrace.surfaces import FlatSea, JonswapSea, TiltedPlane
+from meshtrace.transport.paths import PhotonPaths
+from meshtrace.viz.parts import _rotation_from_z, cone_rim
+from meshtrace.viz.stage import ROOM, round_length
+from meshtrace.viz.style import FATE_COLORS, LED_COLOR
+
+LINK = mt.Link()
+SEA = JonswapSea(wind_speed=5.0, seed=7)
+SMALL = {"off_screen": True, "window_size": (480, 300)}
+
+
+@pytest.fixture
+def shoot():
+    """Return a function that makes a scene and its picture; scenes are closed in the end."""
+    made = []
+
+    def picture(link=LINK, sea=SEA, **options):
+        plotter = viz.scene(link, sea, **{**SMALL, "spacing": 0.4, **options})
+        made.append(plotter)
+        return plotter, np.asarray(plotter.screenshot(return_img=True)).astype(int)
+
+    yield picture
+    for plotter in made:
+        plotter.close()
+
+
+def count(image, color, tolerance=60):
+    """Pixels of about a colour."""
+    return int((np.abs(image - 255 * np.array(to_rgb(color))).sum(axis=2) < tolerance).sum())
+
+
+def straight(n=12, height=5.0):
+    """Received light that goes straight up, n paths side by side."""
+    x = np.linspace(-0.4, 0.4, n)
+    o = np.zeros(n)
+    points = [np.stack([x * s, o, np.full(n, z)], axis=1) for s, z in ((0, -10), (1, 0), (0, 5))]
+    return PhotonPaths(
+        np.stack(points, axis=1),
+        np.full((n, 3), 1e-6),
+        np.tile(np.array([0, 2, 5], np.int8), (n, 1)),
+        np.arange(n),
+    )
+
+
+def test_the_default_scene_shows_lamp_surface_and_receiver(shoot):
+    plotter, image = shoot()
+    assert image.std() > 10.0
+    assert count(image, LED_COLOR, 90) > 10
+    for name in ("surface", "water"):
+        assert name in plotter.actors
+    texts = " ".join(text for _, text, _ in plotter.texts)
+    for words in ("LED, depth 10 m", "half-angle 10°", "receiver, radius 0.05 m", "wind 5 m/s"):
+        assert words in texts
+    assert "5 m" in texts
+    assert "z [m]" in texts
+
+
+def test_the_stage_fills_the_window_and_stays_in_it(shoot):
+    for extent in (None, 2.0, 20.0):
+        plotter, _ = shoot(extent=extent)
+        low, high = np.reshape(plotter.stage.bounds, (3, 2)).T
+        corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1])
+                            for z in (low[2], high[2])])  # fmt: skip
+        matrix = plotter.camera.GetCompositeProjectionTransformMatrix(480 / 300, -1, 1)
+        flat = np.array([matrix.MultiplyPoint((*c, 1.0)) for c in corners])
+        seen = flat[:, :2] / flat[:, 3:]
+        (left, right), (bottom, top) = ROOM
+        margin = 1e-3
+        assert (seen >= np.array([left, bottom]) - margin).all()
+        assert (seen <= np.array([right, top]) + margin).all()
+        used = (seen.max(axis=0) - seen.min(axis=0)) / (right - left, top - bottom)
+        assert used.max() > 0.999
+
+
+def test_received_light_is_always_among_the_paths_shown(shoot):
+    plotter, image = shoot(paths=30)
+    assert "photons received" in plotter.key
+    assert "photons landed elsewhere" in plotter.key
+    assert count(image, FATE_COLORS["received"]) > 50
+    assert "footprint" in plotter.actors
+
+
+def test_paths_given_are_the_paths_drawn(shoot):
+    plain, before = shoot()
+    plotter, image = shoot(received=straight())
+    received = FATE_COLORS["received"]
+    assert count(image, received) > count(before, received) + 30
+    assert set(plotter.key) == {"photons received"}
+    assert plain.key == {}
+    without, _ = shoot(received=straight(), footprint=False)
+    assert "footprint" not in without.actors
+
+
+def test_the_footprint_is_where_the_light_crosses(shoot):
+    paths = straight(n=1)
+    paths.vertex[:, 1] = (1.5, -0.5, 0.0)
+    plotter, _ = shoot(received=paths)
+    grid = plotter.actors["footprint"].mapper.dataset
+    brightest = grid.points[np.argmax(grid["footprint"])]
+    np.testing.assert_allclose(brightest[:2], (1.5, -0.5), atol=0.1)
+    assert grid["footprint"].max() == 0.0
+    assert grid["footprint"].min() >= -40.0
+
+
+def test_paths_are_cut_at_the_stage(shoot):
+    paths = straight(n=2)
+    paths.vertex[:, 0] = (0.0, 0.0, -60.0)
+    paths.vertex[:, 2] = (200.0, 0.0, 30.0)
+    plotter, _ = shoot(received=paths, footprint=False, labels=False)
+    bounds, stage = np.array(plotter.bounds), np.array(plotter.stage.bounds)
+    slack = 0.06 * plotter.stage.size  # the thickness of lines, the aircraft above its receiver
+    assert (bounds[::2] >= stage[::2] - slack).all()
+    assert (bounds[1::2] <= stage[1::2] + slack).all()
+
+
+def test_colour_by_weight_has_a_bar(shoot):
+    plotter, _ = shoot(received=straight(), path_color="weight")
+    assert "photon weight" in plotter.scalar_bars
+
+
+@pytest.mark.parametrize("color", ["elevation", "slope", "slope_x", "slope_y", "plain"])
+def test_surface_colours(shoot, color):
+    plotter, _ = shoot(color=color, color_limit=0.5)
+    assert len(plotter.scalar_bars) == (color != "plain")
+    if color != "plain":
+        low = 0.0 if color == "slope" else -0.5
+        assert plotter.actors["surface"].mapper.scalar_range == (low, 0.5)
+
+
+def test_parts_can_be_left_out_and_edges_shown(shoot):
+    _, full = shoot()
+    for options in ({"uav": False}, {"labels": False}, {"edges": True}, {"opacity": 0.3}):
+        _, other = shoot(**options)
+        assert (np.abs(full - other).sum(axis=2) > 30).mean() > 5e-4, options
+
+
+def test_bubbles_whiten_the_water(shoot):
+    link = mt.Link(bubbles=mt.HallNovarini(wind_speed=13.0))
+    plotter, image = shoot(link)
+    _, clear = shoot(link, bubbles=False)
+    assert any(label.startswith("bubbles, 0.0") for label in plotter.key)
+    change = (image - clear).sum(axis=2)[:280]  # above the key
+    assert (change > 60).sum() > 500
+    assert not (change < -60).any()
+
+
+def test_the_aircraft_leans_with_its_receiver(shoot):
+    _, level = shoot()
+    _, leaning = shoot(mt.Link(receiver=mt.Receiver(tilt_deg=20.0, tilt_azimuth_deg=90.0)))
+    top = slice(0, 80)
+    assert (np.abs(level - leaning).sum(axis=2) > 60)[top].sum() > 40
+
+
+@pytest.mark.parametrize("axis", [(0, 0, 1), (0, 0, -1), (0.6, 0, 0.8), (0.48, -0.64, -0.6)])
+def test_rotation_turns_z_to_the_axis(axis):
+    turn = _rotation_from_z(axis)
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(turn @ (0, 0, 1), axis, atol=1e-12)
+    assert np.linalg.det(turn) == pytest.approx(1.0)
+
+
+def test_cones_end_where_the_surface_is():
+    flat = FlatSea().mesh(extent=10.0, spacing=1.0)
+    rim = cone_rim(flat, (1.0, 2.0, -10.0), (0.0, 0.0, 1.0), 10.0, 100.0)
+    radius = np.hypot(rim[:, 0] - 1.0, rim[:, 1] - 2.0)
+    np.testing.assert_allclose(radius, 10.0 * np.tan(np.radians(10.0)), rtol=1e-6)
+    np.testing.assert_allclose(rim[:, 2], 0.0, atol=1e-6)
+
+    plane = TiltedPlane(slope_x=0.1)
+    rim = cone_rim(
+        plane.mesh(extent=20.0, spacing=1.0), (0.0, 0.0, 5.0), (0.0, 0.0, -1.0), 30.0, 100.0
+    )
+    np.testing.assert_allclose(rim[:, 2], plane.elevation(*rim[:, :2].T), atol=1e-3)
+    ray = rim - (0.0, 0.0, 5.0)
+    cosine = -ray[:, 2] / np.linalg.norm(ray, axis=1)
+    np.testing.assert_allclose(cosine, np.cos(np.radians(30.0)), atol=1e-9)
+
+
+def test_a_small_extent_is_a_close_up(shoot):
+    plotter, _ = shoot(extent=1.5, spacing=0.1)
+    assert plotter.stage.half == 1.5
+    assert plotter.stage.bottom == -1.5
+    assert not any("LED" in text for _, text, _ in plotter.texts)
+
+
+def test_coverage_is_seen_from_above(shoot):
+    axis = np.linspace(-3.0, 3.0, 13)
+    gain = np.exp(-(axis[:, None] ** 2) - axis**2)
+    origin = {"link": LINK.model_dump(mode="json")}
+    coverage = mt.CoverageMap(axis, axis, gain, 0.1 * gain, origin)
+    plotter, _ = shoot(coverage=coverage)
+    assert plotter.actors["coverage"].bounds[4:] == (5.0, 5.0)
+    assert "channel gain" in plotter.scalar_bars
+
+
+@pytest.mark.parametrize(
+    "link",
+    [
+        mt.Link(transmitter=mt.Sun(zenith_deg=30.0), receiver=mt.WaterAperture(depth=5.0)),
+        mt.Link(transmitter=(mt.Led(), mt.GaussianBeam(position=(2.0, 0.0), depth=6.0))),
+        mt.Link(transmitter=mt.IsotropicSource(), receiver=mt.Receiver(fov_deg=180.0)),
+        mt.Link(receiver=(mt.Receiver(), mt.Receiver(height=8.0, position=(3.0, 0.0)))),
+    ],
+    ids=["sun", "two-sources", "isotropic", "two-receivers"],
+)
+def test_every_kind_of_link_is_shown(shoot, link):
+    plotter, image = shoot(link)
+    for item in (*link.transmitters, *link.receivers):
+        depth = getattr(item, "depth", None)
+        if depth is not None:
+            assert plotter.stage.bottom < -depth
+    assert image.std() > 10.0
+
+
+def test_links_that_only_analog_photons_follow(shoot):
+    link = mt.Link(transmitter=mt.TopHatBeam(radius=0.2, divergence_deg=5.0))
+    plotter, _ = shoot(link, paths=20)
+    assert "photons landed elsewhere" in plotter.key
+    with pytest.raises(ValueError, match="an extended source"):
+        shoot(link, received=10)
+
+
+def test_a_mesh_alone(shoot):
+    plotter, image = shoot(None, SEA.mesh(extent=5.0, spacing=0.5), spacing=None)
+    assert plotter.stage.half == pytest.approx(5.0)
+    assert image.std() > 5.0
+    with pytest.raises(ValueError, match="link: None"):
+        shoot(None, SEA)
+
+
+def test_scenes_chain(shoot):
+    plotter, _ = shoot(labels=False)
+    assert viz.look(viz.add_scale(viz.add_compass(plotter, 5.0))) is plotter
+    before = np.asarray(plotter.screenshot(return_img=True)).astype(int)
+    again = viz.scene(LINK, SEA, time=1.0, plotter=plotter, spacing=0.4)
+    assert again is plotter
+    after = np.asarray(plotter.screenshot(return_img=True)).astype(int)
+    assert (np.abs(before - after).sum(axis=2) > 30).mean() > 1e-3
+
+
+def test_unknown_choices_are_refused(shoot):
+    with pytest.raises(ValueError, match=r"color: 'depth', allowed elevation, slope"):
+        shoot(color="depth")
+    with pytest.raises(ValueError, match=r"color: 'photon', allowed fate or weight"):
+        shoot(received=straight(), path_color="photon")
+
+
+@pytest.mark.parametrize(("length", "round_one"), [(3.75, 2.0), (5.0, 5.0), (0.99, 0.5), (10, 10)])
+def test_scale_bars_have_round_lengths(length, round_one):
+    assert round_length(length) == pytest.approx(round_one)

@@ -1,0 +1,39 @@
+"""The one door for the command line writes what is asked for."""
+
+import pytest
+from PIL import Image
+
+import meshtrace as mt
+from meshtrace import viz
+from meshtrace.surfaces import JonswapSea
+
+SEA = JonswapSea(seed=7)
+
+
+def test_view_writes_every_kind_of_file(tmp_path):
+    names = {"screenshot": "a.png", "html": "a.html", "movie": "a.gif"}
+    asked = {kind: tmp_path / name for kind, name in names.items()}
+    written = viz.view(
+        mt.Link(), SEA, paths=None, frames=2, spacing=0.5, received=None, title="sea", **asked
+    )
+    assert sorted(written) == sorted(asked.values())
+    with Image.open(asked["screenshot"]) as image:
+        assert image.size == (1600, 1000)
+    assert "<title>sea</title>" in asked["html"].read_text()
+    with Image.open(asked["movie"]) as image:
+        assert image.n_frames == 2
+
+
+def test_view_of_a_mesh(tmp_path):
+    mesh = SEA.mesh(extent=5.0, spacing=0.5)
+    assert viz.view(None, mesh, screenshot=tmp_path / "a.png") == [tmp_path / "a.png"]
+    with pytest.raises(ValueError, match="movie: of a mesh"):
+        viz.view(None, mesh, movie=tmp_path / "a.gif")
+
+
+def test_view_needs_a_display_for_a_window(monkeypatch):
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(ValueError, match="view: no display"):
+        viz.view(mt.Link(), SEA)

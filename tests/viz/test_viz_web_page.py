@@ -1,0 +1,123 @@
+"""The web page, opened in headless Chromium: it renders, turns, and asks nobody for anything."""
+
+import io
+import json
+import os
+import shutil
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+from selenium import webdriver
+from selenium.webdriver import ActionChains
+from selenium.webdriver.common.by import By
+
+import meshtrace as mt
+from meshtrace import viz
+from meshtrace.surfaces import JonswapSea
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+DRIVER = shutil.which("chromedriver")
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-dev-shm-usage",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--window-size=640,520",
+    "--host-resolver-rules=MAP * ~NOTFOUND",  # no network, whatever the machine has
+)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "scene.html"
+    link = mt.Link(receiver=mt.Receiver(tilt_deg=10.0), bubbles=mt.HallNovarini(wind_speed=5.0))
+    plotter = viz.scene(link, JonswapSea(seed=7), spacing=0.5, off_screen=True)
+    viz.save_html(plotter, path, title="a <link>")
+    plotter.close()
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser(page):
+    if not (CHROMIUM and DRIVER):
+        if "CI" in os.environ:
+            pytest.fail("Chromium and its driver are missing")
+        pytest.skip("needs Chromium and its driver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    for flag in FLAGS:
+        options.add_argument(flag)
+    with webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER)) as driver:
+        driver.get(page.as_uri())
+        until(lambda: colors(driver) > 200, "the page stays empty")
+        yield driver
+
+
+def picture(driver):
+    return np.asarray(Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB"))
+
+
+def colors(driver):
+    return len(np.unique(picture(driver).reshape(-1, 3), axis=0))
+
+
+def until(condition, problem, seconds=60.0):
+    """Wait until a condition holds; a slow machine draws slowly."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, problem
+
+
+def drag(driver):
+    """Drag across the scene in quick small steps, as a hand does."""
+    canvas = driver.find_element(By.TAG_NAME, "canvas")
+    chain = ActionChains(driver, duration=5).move_to_element(canvas).click_and_hold()
+    for _ in range(12):
+        chain.move_by_offset(6, 2)
+    chain.release().perform()
+
+
+def test_it_renders(browser):
+    image = picture(browser).astype(int)
+    sea = (image[..., 2] > image[..., 0] + 30).mean()
+    assert sea > 0.05
+
+
+def test_it_reacts_to_the_mouse(browser):
+    before = picture(browser).astype(int)
+
+    def turned():
+        drag(browser)
+        return (np.abs(picture(browser).astype(int) - before).sum(axis=2) > 30).mean() > 0.02
+
+    until(turned, "the scene does not turn")
+
+
+def test_it_explains_itself(browser):
+    text = browser.find_element(By.ID, "about").text
+    for words in ("a <link>", "sea surface elevation [m]", "bubbles", "drag to turn"):
+        assert words in text
+
+
+def test_it_needs_no_network_and_logs_no_error(browser, page):
+    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    asked = {
+        m["params"]["request"]["url"]
+        for m in messages
+        if m["method"] == "Network.requestWillBeSent"
+    }
+    assert {url for url in asked if not url.startswith(("data:", "blob:"))} == {page.as_uri()}
+    problems = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+    assert problems == []
+
+
+def test_only_pages_are_written(tmp_path):
+    plotter = viz.scene(mt.Link(), JonswapSea(seed=7), spacing=1.0, off_screen=True)
+    with pytest.raises(ValueError, match=r"path: .*allowed a file name in \.html"):
+        viz.save_html(plotter, tmp_path / "scene.png")
+    plotter.close()

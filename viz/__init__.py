@@ -1,0 +1,44 @@
+"""Seeing it: 3D scenes, movies, web pages, files for ParaView, and plots of results.
+
+Everything here needs the `viz` extra; modules load when a name is first used.
+"""
+
+from importlib.util import find_spec
+
+import lazy_loader
+
+if not all(find_spec(name) for name in ("matplotlib", "pyvista", "trame_vtk", "imageio")):
+    raise ImportError('viz needs extra packages: pip install "meshtrace[viz]"')
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "export": ["save_picture", "save_vtk", "to_pyvista"],
+        "html": ["save_html"],
+        "movie": ["save_movie"],
+        "plots": [
+            "plot_autocorrelation",
+            "plot_ber",
+            "plot_bubble_profile",
+            "plot_convergence",
+            "plot_coverage",
+            "plot_eye",
+            "plot_fates",
+            "plot_gain_cdf",
+            "plot_gain_pdf",
+            "plot_gain_series",
+            "plot_impulse_response",
+            "plot_phase_cdf",
+            "plot_phase_function",
+            "plot_spectrum",
+            "plot_spreading",
+            "plot_sweep",
+        ],
+        "light": ["add_coverage", "add_footprint", "add_paths", "select_paths"],
+        "parts": ["add_bubbles", "add_receiver", "add_surface", "add_transmitter", "add_uav"],
+        "scenes": ["scene"],
+        "show": ["view"],
+        "stage": ["Scene", "Stage", "add_compass", "add_key", "add_labels", "add_scale", "look"],
+        "style": ["axis_label", "use_style", "water_map"],
+    },
+)

@@ -1,0 +1,170 @@
+"""Surfaces, paths and maps as pyvista datasets, and as VTK files for ParaView."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import singledispatch
+from pathlib import Path
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import ArrayLike, NDArray
+
+from meshtrace.mesh import TriangleMesh
+from meshtrace.series import CoverageMap
+from meshtrace.transport.paths import PhotonPaths, Vertex
+
+
+@singledispatch
+def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
+    """Return a surface, photon paths or a coverage map as a pyvista dataset.
+
+    Parameters
+    ----------
+    source : TriangleMesh, PhotonPaths or CoverageMap
+        What is to be shown.
+
+    Returns
+    -------
+    pyvista.PolyData or pyvista.ImageData
+        Of a surface: triangles with elevation [m], slopes, and the exact normals at the
+        points. Of paths: lines with weight and what happened at the points, photon and end of
+        each line. Of a map: cells with gain and its standard error in the plane of the
+        receiver.
+
+    Raises
+    ------
+    ValueError
+        If it is something else.
+
+    Examples
+    --------
+    >>> from meshtrace.surfaces import FlatSea
+    >>> to_pyvista(FlatSea().mesh(extent=1.0, spacing=0.5)).n_cells
+    32
+    """
+    allowed = "TriangleMesh, PhotonPaths, CoverageMap"
+    raise ValueError(f"source: {type(source).__name__}, allowed {allowed}")
+
+
+@to_pyvista.register
+def _(source: TriangleMesh) -> pv.PolyData:
+    data = pv.PolyData.from_regular_faces(source.vertices.copy(), source.faces.astype(int))
+    nx, ny, nz = source.vertex_normals.T
+    data.point_data["elevation"] = source.vertices[:, 2]
+    data.point_data["slope_x"] = -nx / nz
+    data.point_data["slope_y"] = -ny / nz
+    data.point_data["slope"] = np.hypot(nx, ny) / nz
+    data.point_data.active_normals = source.vertex_normals
+    return data
+
+
+@to_pyvista.register
+def _(source: PhotonPaths) -> pv.PolyData:
+    points, cells = source.polylines()
+    data = pv.PolyData(points, lines=cells)
+    used = source.what >= 0
+    data.point_data["weight"] = source.weight[used]
+    data.point_data["what"] = source.what[used]
+    data.cell_data["photon"] = source.photon
+    data.cell_data["final"] = source.final
+    data.cell_data["received"] = source.received.astype(np.uint8)
+    data.field_data["what_meanings"] = [f"{v.value} {v.name.lower()}" for v in Vertex]
+    return data
+
+
+@to_pyvista.register
+def _(source: CoverageMap) -> pv.ImageData:
+    step = source.x[1] - source.x[0] if len(source.x) > 1 else 1.0
+    data = pv.ImageData(
+        dimensions=(len(source.x) + 1, len(source.y) + 1, 1),
+        spacing=(step, step, 1.0),
+        origin=(source.x[0] - step / 2.0, source.y[0] - step / 2.0, _height(source)),
+    )
+    data.cell_data["gain"] = source.gain.ravel(order="F")
+    data.cell_data["gain_stderr"] = source.gain_stderr.ravel(order="F")
+    return data
+
+
+def _height(source: CoverageMap) -> float:
+    """Return the height of the first receiver in the air [m], 0 if the map does not tell."""
+    receivers = source.provenance.get("link", {}).get("receiver", [])
+    for receiver in receivers if isinstance(receivers, list | tuple) else [receivers]:
+        if "height" in receiver:
+            return float(receiver["height"])
+    return 0.0
+
+
+_SUFFIXES = {pv.PolyData: (".vtp", ".vtu", ".ply", ".stl"), pv.ImageData: (".vti",)}
+
+
+def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path) -> Path:
+    """Write a surface, photon paths or a coverage map as a file for ParaView.
+
+    Parameters
+    ----------
+    source : TriangleMesh, PhotonPaths or CoverageMap
+        What is to be written; its arrays are those of `to_pyvista`.
+    path : path
+        File: .vtp or .vtu for surfaces and paths (surfaces also .ply, .stl), .vti for maps.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ValueError
+        If the suffix does not suit.
+    """
+    path, data = Path(path), to_pyvista(source)
+    allowed = _SUFFIXES[type(data)]
+    if isinstance(source, PhotonPaths):
+        allowed = allowed[:2]
+    if path.suffix not in allowed:
+        raise ValueError(f"path: {str(path)!r}, allowed a file name in {', '.join(allowed)}")
+    if path.suffix == ".vtu":
+        data = data.cast_to_unstructured_grid()
+    data.save(path)
+    return path
+
+
+def save_picture(plotter: pv.Plotter, path: str | Path, largest: int = 300_000) -> Path:
+    """Write what a plotter shows as a PNG of limited size.
+
+    Parameters
+    ----------
+    plotter : pyvista.Plotter
+        What to show.
+    path : path
+        File, .png.
+    largest : int
+        Size [byte] beyond which colours are rounded to 7, 6 or 5 bits.
+
+    Returns
+    -------
+    Path
+        The file.
+    """
+    from PIL import Image, ImageOps
+
+    path = Path(path)
+    picture = Image.fromarray(np.asarray(plotter.screenshot(return_img=True)))
+    for bits in (8, 7, 6, 5):
+        ImageOps.posterize(picture, bits).save(path)
+        if path.stat().st_size <= largest:
+            break
+    return path
+
+
+def surface_sampler(mesh: TriangleMesh) -> Callable[[ArrayLike], NDArray[np.float64]]:
+    """Return a function from places (n, 2) [m] to the elevation [m] of the facets, 0 beside."""
+    flat = to_pyvista(mesh)
+    flat.points = np.asarray(flat.points) * (1.0, 1.0, 0.0)
+
+    def elevation(places: ArrayLike) -> NDArray[np.float64]:
+        points = np.pad(np.asarray(places, dtype=float), ((0, 0), (0, 1)))
+        return np.asarray(pv.PolyData(points).sample(flat).point_data["elevation"])
+
+    return elevation

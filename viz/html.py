@@ -1,0 +1,195 @@
+"""A scene as one web page that turns under the mouse and needs no network."""
+
+from __future__ import annotations
+
+import html
+import io
+import json
+import re
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from matplotlib.colors import to_hex
+from trame_vtk.modules.vtk.serializers import (  # type: ignore[import-untyped]
+    SynchronizationContext,
+    extract_array_hash,
+    initialize_serializers,
+    reference_id,
+    serialize,
+)
+from trame_vtk.tools.vtksz2html import write_html  # type: ignore[import-untyped]
+
+from .stage import Scene
+from .style import INK
+
+_STYLE = f"""
+  .content {{ position: absolute; inset: 0; }}
+  #about {{ position: absolute; right: 0; top: 0; padding: 14px 18px; max-width: 260px;
+    pointer-events: none;
+    font: 14px/1.5 system-ui, sans-serif; color: {INK}; }}
+  #about h1 {{ font-size: 17px; margin: 0 0 6px; }}
+  #about p, #about ul {{ margin: 0 0 8px; padding: 0; list-style: none; }}
+  #about i {{ display: inline-block; width: 12px; height: 12px; margin-right: 8px;
+    border: 1px solid #8895A0; vertical-align: -1px; }}
+  #about .bar {{ width: 190px; height: 12px; margin-top: 2px; }}
+  #about .ends {{ display: flex; width: 190px; justify-content: space-between; }}
+"""
+
+# nothing may be loaded from anywhere: all that the page needs is inside
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob: data:; "
+    "style-src 'unsafe-inline'; img-src data: blob:; connect-src data: blob:; "
+    "worker-src blob: data:; font-src data:"
+)
+
+# the viewer fits light and depth, by which it blends what is translucent, to the camera only
+# once the camera moves
+_LIGHTS = """<script>
+  const waiting = setInterval(() => {
+    const drawn = window.global.renderWindow;
+    if (!drawn || drawn.getRenderers().length < 2) return;
+    clearInterval(waiting);
+    drawn.getRenderers().forEach((r) => {
+      r.resetCameraClippingRange();
+      r.updateLightsGeometryToFollowCamera();
+    });
+    drawn.render();
+  }, 100);
+</script>
+"""
+
+
+def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -> Path:
+    """Write a scene as a self-contained interactive web page.
+
+    Parameters
+    ----------
+    plotter : Scene or pyvista.Plotter
+        What to show. Texts of a `Scene` are set into it, facing where the camera is now.
+    path : path
+        File, .html.
+    title : str
+        Heading.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another.
+    """
+    path = Path(path)
+    if path.suffix not in (".html", ".htm"):
+        raise ValueError(f"path: {str(path)!r}, allowed a file name in .html")
+    page = _exported(plotter)
+    head = (
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}" />\n'
+        f'<link rel="icon" href="data:," />\n<style>{_STYLE}</style>\n'
+    )
+    heading = f"<title>{html.escape(title)}</title>"
+    page = re.sub(r"<title>.*?</title>", lambda _: f"{heading}\n{head}", page, count=1)
+    page = re.sub(r"https://kitware\.github\.io/vtk-js/icon/[^`\"']*", "data:,", page)
+    body = _about(plotter, title)
+    page = page.replace("<body>", f"<body>\n{body}", 1).replace("</body>", f"{_LIGHTS}</body>")
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def _exported(plotter: pv.Plotter) -> str:
+    """Return the viewer with the scene, its flat texts as solid ones and without bars."""
+    bars = list(plotter.scalar_bars.values())
+    for bar in bars:
+        bar.SetVisibility(False)
+    letters = _letters(plotter) if isinstance(plotter, Scene) else None
+    actor = letters and plotter.add_mesh(letters, color=INK, lighting=False, render=False)
+    page = io.StringIO()
+    write_html(_packed(plotter.render_window), page)
+    for bar in bars:
+        bar.SetVisibility(True)
+    if actor:
+        plotter.remove_actor(actor, render=False)
+    return page.getvalue()
+
+
+def _packed(window: Any) -> bytes:
+    """Return a render window as the zip file that the viewer opens.
+
+    What pyvista's own export does, which however starts a web server for it.
+    """
+    initialize_serializers()
+    context = SynchronizationContext()
+    context.set_ignore_last_dependencies(True)
+    state = serialize(None, window, reference_id(window), context, 1)
+    camera = window.GetRenderers().GetFirstRenderer().GetActiveCamera()
+    state["extra"] = {
+        "vtkRefId": reference_id(window),
+        "centerOfRotation": camera.GetFocalPoint(),
+        "camera": reference_id(camera),
+    }
+    arrays = {
+        entry["hash"]: {**entry, "content": context.get_cached_data_array(entry["hash"], False)}
+        for entry in extract_array_hash(state)
+    }
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("index.json", json.dumps({"hashes": arrays, "scene": state}))
+    return packed.getvalue()
+
+
+def _letters(scene: Scene) -> pv.PolyData | None:
+    """Return the texts of a scene as flat letters that face the camera."""
+    towards = np.subtract(scene.camera.position, scene.camera.focal_point)
+    towards /= np.linalg.norm(towards)
+    right = np.cross((0.0, 0.0, 1.0), towards)
+    right /= np.linalg.norm(right)
+    frame = np.stack([right, np.cross(towards, right), towards])
+    line, words = 0.021 * scene.stage.size, []
+    for point, text, align in scene.texts:
+        # the letters that VTK has as solids are those of ASCII
+        height = line * (1 + text.count("\n"))
+        word = pv.Text3D(text.replace("°", " deg"), depth=0.0, height=height)
+        x0, x1 = word.bounds[:2]
+        shift = {"left": -x0, "center": 0.0, "right": -x1}[align]
+        word.points = (word.points + np.array([shift, 0.0, 0.0])) @ frame + point
+        words.append(word)
+    return pv.merge(words) if words else None
+
+
+def _about(plotter: pv.Plotter, title: str) -> str:
+    """Return heading, colour bars and key as HTML."""
+    key: dict[str, str] = getattr(plotter, "key", {})
+    rows = "".join(
+        f'<li><i style="background:{color}"></i>{html.escape(label)}</li>'
+        for label, color in key.items()
+    )
+    bars = "".join(_bar(name, bar) for name, bar in plotter.scalar_bars.items())
+    # the viewer empties what it is put into: with a room of its own the rest stays
+    return (
+        '<div class="content"></div>'
+        f'<div id="about"><h1>{html.escape(title)}</h1>'
+        "<p>drag to turn, wheel to zoom, shift and drag to move</p>"
+        f"{bars}<ul>{rows}</ul></div>"
+    )
+
+
+def _bar(title: str, bar: Any) -> str:
+    """Return a colour bar, whichever colours it has, as HTML."""
+    table = bar.GetLookupTable()
+    low, high = table.GetRange()
+    shades = []
+    for value in np.linspace(low, high, 12):
+        rgb = [0.0, 0.0, 0.0]
+        table.GetColor(float(value), rgb)
+        shades.append(to_hex((rgb[0], rgb[1], rgb[2])))
+    gradient = f"linear-gradient(to right, {', '.join(shades)})"
+    return (
+        f"<p>{html.escape(' '.join(title.split()))}"
+        f'<span class="bar" style="display:block;background:{gradient}"></span>'
+        f'<span class="ends"><span>{low:.3g}</span><span>{high:.3g}</span></span></p>'
+    )

@@ -1,0 +1,154 @@
+"""A moving sea with the gain drawn beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import ArrayLike, NDArray
+
+from meshtrace.link import Link
+from meshtrace.mesh import SurfaceModel
+from meshtrace.series import GainSeries, time_series
+
+from .plots import plot_gain_series
+from .scenes import scene
+from .style import PALETTE, RC, SKY
+
+SIZE = (1280, 640)
+"""Pixels of a movie; multiples of 16, as its encoders want them."""
+
+_SCENE_SHARE = 0.64
+
+
+def save_movie(
+    link: Link,
+    sea: SurfaceModel,
+    times: ArrayLike,
+    path: str | Path,
+    *,
+    gain: GainSeries | None = None,
+    frame_rate: float = 10.0,
+    photons: int = 1024,
+    seed: int = 1,
+    progress: Callable[[int], None] | None = None,
+    **look: Any,
+) -> Path:
+    """Write a movie of a moving sea, with gain(t) drawn beside it.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    sea : SurfaceModel
+        The sea.
+    times : array_like, shape (n,)
+        Times of the frames [s], n >= 2.
+    path : path
+        File, .mp4 or .gif.
+    gain : GainSeries, optional
+        Gain at these times; computed if not given.
+    frame_rate : float
+        Frames per second of the movie.
+    photons, seed : int
+        Chains and seed of a gain that is computed here, and seed of the paths.
+    progress : callable, optional
+        Called with 1 after each frame.
+    **look
+        Further options of `scene`, such as `received=40`.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another, there are fewer than two times, or the gain is of others.
+    """
+    from imageio import v2 as imageio
+
+    path, times = Path(path), np.asarray(times, dtype=float)
+    options = _writer_options(path, frame_rate)
+    if times.ndim != 1 or len(times) < 2:
+        raise ValueError(f"times: shape {times.shape}, allowed (n,) with n >= 2")
+    gain = gain or time_series(link, sea, times, photons=photons, seed=seed)
+    if not np.array_equal(gain.coordinate, times):
+        raise ValueError("gain: at other times, allowed a series at the times of the frames")
+    heights = sea.elevation(*np.meshgrid(np.linspace(-20, 20, 41), np.linspace(-20, 20, 41)))
+    look = {"color_limit": 1.2 * float(np.abs(heights).max()) or None, **look}
+    frame = _Frame(gain)
+    plotter = None
+    with imageio.get_writer(path, **options) as writer:
+        for time in times:
+            plotter = scene(
+                link,
+                sea,
+                time=float(time),
+                seed=seed,
+                off_screen=True,
+                window_size=frame.scene_size,
+                plotter=plotter,
+                **look,
+            )
+            picture = np.asarray(plotter.screenshot(return_img=True))
+            writer.append_data(frame.draw(picture, float(time)))  # type: ignore[attr-defined]
+            if progress is not None:
+                progress(1)
+    if plotter is not None:
+        plotter.close()
+    return path
+
+
+def _writer_options(path: Path, frame_rate: float) -> dict[str, Any]:
+    if not frame_rate > 0.0:
+        raise ValueError(f"frame_rate: {frame_rate!r}, allowed > 0 frames per second")
+    if path.suffix == ".gif":
+        return {"duration": 1000.0 / frame_rate, "loop": 0}
+    if path.suffix == ".mp4":
+        return {"fps": frame_rate, "quality": 8}
+    raise ValueError(f"path: {str(path)!r}, allowed a file name in .mp4 or .gif")
+
+
+class _Frame:
+    """A figure with the scene on its left and the gain, with the present marked, on its right."""
+
+    def __init__(self, gain: GainSeries) -> None:
+        width, height = SIZE
+        self.scene_size = (round(_SCENE_SHARE * width), height)
+        with mpl.rc_context(RC):
+            self._compose(gain)
+
+    def _compose(self, gain: GainSeries) -> None:
+        width, height = SIZE
+        figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100, facecolor=SKY)
+        figure.set_layout_engine("none")
+        self._canvas = FigureCanvasAgg(figure)
+        left = figure.add_axes((0.0, 0.0, _SCENE_SHARE, 1.0))
+        left.axis("off")
+        self._image = left.imshow(np.full((height, self.scene_size[0], 3), 255, np.uint8))
+        right = figure.add_axes((_SCENE_SHARE + 0.085, 0.16, 0.96 - _SCENE_SHARE - 0.085, 0.7))
+        right.set_facecolor(SKY)
+        plot_gain_series(gain, ax=right)
+        self._times = gain.coordinate
+        self._gain = gain.gain if gain.gain.ndim == 1 else gain.gain[:, 0]
+        (self._mark,) = right.plot([], [], "o", color=PALETTE["vermilion"], markersize=9)
+        self._now: Line2D = right.axvline(self._times[0], color=PALETTE["vermilion"], lw=0.8)
+        self._title = right.set_title("")
+
+    def draw(self, picture: NDArray[np.uint8], time: float) -> NDArray[np.uint8]:
+        """Return the pixels (height, width, 3) of one frame."""
+        gain = float(np.interp(time, self._times, self._gain))
+        self._image.set_data(picture)
+        self._mark.set_data([time], [gain])
+        self._now.set_xdata([time, time])
+        self._title.set_text(f"t = {time:.2f} s, gain = {gain:.3g}")
+        self._canvas.draw()
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()

@@ -1,0 +1,314 @@
+"""The parts of a link in a scene: sea, bubbles, lamp, receiver and the aircraft."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from matplotlib.colors import to_rgb
+
+from meshtrace.link import CardioidalSky, Link, Sun, UniformSky
+from meshtrace.mesh import TriangleMesh
+from meshtrace.optics.bubbles import HallNovarini
+
+from .export import surface_sampler, to_pyvista
+from .stage import Scene, Z, add_labels
+from .style import LED_COLOR, PALETTE, RECEIVER_COLOR, UAV_COLOR, plain_label, water_map
+
+SURFACE_COLORS = {
+    "elevation": plain_label("elevation"),
+    "slope": "slope of the surface",
+    "slope_x": plain_label("slope_x"),
+    "slope_y": plain_label("slope_y"),
+    "plain": "",
+}
+"""What the surface may be coloured by, with the titles of the colour bars."""
+
+BUBBLE_COLOR = "#FFFFFF"
+WATER_COLORS = ("#8CC4D8", "#2F6690")
+"""Colours of the block of water, at the surface and at the bottom of the stage."""
+
+Vector = tuple[float, float, float]
+
+
+def add_surface(
+    scene: Scene,
+    mesh: TriangleMesh,
+    *,
+    color: str = "elevation",
+    color_limit: float | None = None,
+    edges: bool = False,
+    opacity: float = 0.9,
+) -> Scene:
+    """Draw the sea surface within the stage.
+
+    Parameters
+    ----------
+    scene : Scene
+        Where to draw.
+    mesh : TriangleMesh
+        The surface.
+    color : str
+        "elevation", "slope", "slope_x", "slope_y" or "plain".
+    color_limit : float, optional
+        End of the colours, which begin at its negative (slope: 0); the range of the values by
+        default.
+    edges : bool
+        Draw the edges of the facets.
+    opacity : float
+        0 for clear, 1 for opaque.
+
+    Returns
+    -------
+    Scene
+        The same scene.
+
+    Raises
+    ------
+    ValueError
+        If the colour is unknown.
+    """
+    if color not in SURFACE_COLORS:
+        raise ValueError(f"color: {color!r}, allowed {', '.join(SURFACE_COLORS)}")
+    data = to_pyvista(mesh)
+    look: dict[str, Any] = {"color": PALETTE["blue"]}
+    if color != "plain":
+        values = data.point_data[color]
+        low, high = float(values.min()), float(values.max())
+        if color_limit is not None:
+            low, high = 0.0 if color == "slope" else -color_limit, color_limit
+        look = {
+            "scalars": color,
+            "clim": (low, max(high, low + 1e-6)),
+            "cmap": water_map(),
+            "scalar_bar_args": scene.bar(SURFACE_COLORS[color]),
+        }
+    scene.add_mesh(
+        data,
+        smooth_shading=True,
+        show_edges=edges,
+        edge_color="white",
+        edge_opacity=0.5,
+        line_width=1.2,
+        opacity=opacity,
+        ambient=0.3,
+        diffuse=0.75,
+        specular=0.2,
+        specular_power=30.0,
+        name="surface",
+        **look,
+    )
+    return scene
+
+
+def add_bubbles(scene: Scene, mesh: TriangleMesh, bubbles: HallNovarini | None = None) -> Scene:
+    """Draw the water below the edge of the surface, milky where bubbles scatter.
+
+    Only the far sides of the block of water are seen, from wherever one looks.
+
+    Parameters
+    ----------
+    scene : Scene
+        Where to draw.
+    mesh : TriangleMesh
+        The surface.
+    bubbles : HallNovarini, optional
+        The bubbles; clear water without.
+
+    Returns
+    -------
+    Scene
+        The same scene.
+    """
+    edge = to_pyvista(mesh).extract_feature_edges(
+        boundary_edges=True, feature_edges=False, manifold_edges=False, non_manifold_edges=False
+    )
+    loop = edge.strip(join=True, max_length=edge.n_points + 1)
+    ring = np.asarray(loop.points)[loop.lines[1 : loop.lines[0] + 1]]
+    if _turns_clockwise(ring):
+        ring = ring[::-1]
+    bottom = scene.stage.bottom
+    share = np.linspace(0.0, 1.0, 60) ** 2  # finer near the surface, where the bubbles are
+    z = ring[:, 2] + share[:, None] * (bottom - ring[:, 2])
+    x, y = (np.broadcast_to(column, z.shape) for column in ring[:, :2].T)
+    curtain = pv.StructuredGrid(x[..., None], y[..., None], z[..., None]).extract_surface(
+        algorithm=None
+    )
+    curtain.point_data["tint"] = _tint(curtain.points[:, 2], bottom, bubbles)
+    scene.add_mesh(curtain, scalars="tint", rgb=True, lighting=False, culling="front", name="water")
+    if bubbles is not None:
+        scene.key[f"bubbles, {float(bubbles.b(0.0)):.2g} 1/m at the surface"] = BUBBLE_COLOR
+    return scene
+
+
+def _turns_clockwise(ring: np.ndarray) -> bool:
+    x, y = ring[:, :2].T
+    return float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])) < 0.0
+
+
+def _tint(z: np.ndarray, bottom: float, bubbles: HallNovarini | None) -> np.ndarray:
+    """Return RGBA bytes (n, 4): water that darkens with depth, veiled by bubbles."""
+    deep = np.clip(z / bottom, 0.0, 1.0)[:, None]
+    light, dark = (np.array(to_rgb(c)) for c in WATER_COLORS)
+    color, alpha = light + deep * (dark - light), np.full_like(deep, 0.55)
+    if bubbles is not None:
+        depth = np.maximum(-z, 0.0)
+        # the root, so that the eye sees the layer down to a hundredth of its density
+        veil = np.sqrt(bubbles.b(depth) / float(bubbles.b(0.0)))[:, None]
+        color = color + veil * (np.array(to_rgb(BUBBLE_COLOR)) - color)
+        alpha = alpha + veil * (0.95 - alpha)
+    return np.rint(255.0 * np.hstack([color, alpha])).astype(np.uint8)
+
+
+def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
+    """Draw every source: a lamp with its cone of emission, or rays of the sun or sky.
+
+    The cone ends at the surface; its half-angle is that of half power (lamp), of 1/e^2
+    (Gaussian beam), or of the whole beam.
+    """
+    for source in link.transmitters:
+        if isinstance(source, Sun | UniformSky | CardioidalSky):
+            _add_sky(scene, source)
+            continue
+        place = (*source.position, -source.depth)
+        half = getattr(source, "half_angle_deg", getattr(source, "divergence_deg", None))
+        if half is not None:
+            _add_cone(scene, mesh, place, source.axis, half, LED_COLOR)
+        if not scene.stage.contains(place):
+            continue
+        lamp = pv.Sphere(radius=0.012 * scene.stage.size, center=place)
+        scene.add_mesh(lamp, color=LED_COLOR, ambient=0.7, specular=0.3)
+        name = "LED" if source.kind == "led" else source.kind.replace("-", " ")
+        angle = "" if half is None else f"\nhalf-angle {half:g}°"
+        text = f"{name}, depth {source.depth:g} m{angle}"
+        beside = np.array(place) + np.array([0.03, 0.0, 0.0]) * scene.stage.size
+        add_labels(scene, [beside], [text], align="left")
+    return scene
+
+
+def _add_sky(scene: Scene, source: Any) -> None:
+    """Draw the square of the sea that a sun or sky lights, and where its light comes from."""
+    stage, w = scene.stage, source.half_width
+    zenith = math.radians(getattr(source, "zenith_deg", 0.0))
+    azimuth = math.radians(getattr(source, "azimuth_deg", 0.0))
+    along = np.array(
+        [
+            math.sin(zenith) * math.cos(azimuth),
+            math.sin(zenith) * math.sin(azimuth),
+            -math.cos(zenith),
+        ]
+    )
+    target = np.array([*source.position, 0.0])
+    square = pv.Plane(center=target, i_size=2.0 * w, j_size=2.0 * w).extract_feature_edges()
+    scene.add_mesh(square.tube(radius=0.002 * stage.size), color=LED_COLOR, lighting=False)
+    length = 0.2 * stage.size
+    arrow = pv.Arrow(start=target - length * along, direction=along, scale=length)
+    scene.add_mesh(arrow, color=LED_COLOR, ambient=0.5)
+    add_labels(scene, [target - 1.1 * length * along], [source.kind.replace("-", " ")])
+
+
+def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
+    """Draw every receiver: its disk, enlarged where it is too small to see, and field of view."""
+    stage = scene.stage
+    for receiver in link.receivers:
+        x, y, z = receiver.axis
+        half = receiver.fov_deg / 2.0
+        _add_cone(scene, mesh, receiver.center, (-x, -y, -z), half, RECEIVER_COLOR)
+        if not stage.contains(receiver.center):
+            continue
+        radius = max(receiver.radius, 0.016 * stage.size)
+        disk = pv.Cylinder(
+            center=receiver.center, direction=receiver.axis, radius=radius, height=0.15 * radius
+        )
+        scene.add_mesh(disk, color=RECEIVER_COLOR, ambient=0.4)
+        scale = radius / receiver.radius
+        drawn = "" if scale == 1.0 else f" (drawn {scale:.2g}x)"
+        text = f"receiver, radius {receiver.radius:g} m{drawn}\nfield of view {receiver.fov_deg:g}°"
+        beside = np.array(receiver.center) + np.array([0.06, 0.0, 0.0]) * stage.size
+        add_labels(scene, [beside], [text], align="left")
+    return scene
+
+
+def _add_cone(
+    scene: Scene, mesh: TriangleMesh, apex: Vector, axis: Vector, half_deg: float, color: str
+) -> None:
+    """Draw a cone from its apex to the surface, its rim in line; none wider than the stage."""
+    if not 0.0 < half_deg < 85.0:
+        return
+    stage = scene.stage
+    rim = cone_rim(mesh, apex, axis, half_deg, 2.0 * stage.size)
+    x0, x1, y0, y1, *_ = stage.bounds
+    if not ((rim[:, :2] >= (x0, y0)) & (rim[:, :2] <= (x1, y1))).all():
+        return
+    n = len(rim) - 1
+    fan = np.column_stack([np.full(n, 3), np.zeros(n), np.arange(n) + 1, np.arange(n) + 2])
+    cone = pv.PolyData(np.vstack([apex, rim]), faces=fan.astype(int).ravel())
+    ring = pv.lines_from_points(rim + 2e-3 * stage.size * Z).tube(radius=0.0014 * stage.size)
+    for part, opacity in ((cone, 0.16), (ring, 1.0)):
+        shown = part.clip_box(stage.bounds, invert=False)
+        if shown.n_cells:
+            scene.add_mesh(shown, color=color, opacity=opacity, lighting=False)
+
+
+def cone_rim(
+    mesh: TriangleMesh, apex: Vector, axis: Vector, half_deg: float, longest: float
+) -> np.ndarray:
+    """Return where the rays along a cone meet the surface, shape (97, 3) [m], first as last.
+
+    Rays that have not met it after a `longest` way [m] end there.
+    """
+    azimuth = np.linspace(0.0, 2.0 * math.pi, 97)
+    half = math.radians(half_deg)
+    around = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1) * math.sin(half)
+    rays = np.column_stack([around, np.full(97, math.cos(half))]) @ _rotation_from_z(axis).T
+    elevation, towards = surface_sampler(mesh), -math.copysign(1.0, apex[2])
+    climb = np.maximum(towards * rays[:, 2], 1e-3)
+    rim, z = np.empty_like(rays), np.zeros(97)
+    for _ in range(6):  # a fixed point: where the ray is when it is as high as the sea below it
+        length = np.clip(towards * (z - apex[2]) / climb, 0.0, longest)
+        rim = np.array(apex) + length[:, None] * rays
+        z = elevation(rim[:, :2])
+    return rim
+
+
+def add_uav(scene: Scene, link: Link) -> Scene:
+    """Draw a quadcopter above every receiver in the air, leaning as the receiver does."""
+    for receiver in link.receivers:
+        if receiver.kind == "receiver" and scene.stage.contains(receiver.center):
+            glyph = _quadcopter(0.05 * scene.stage.size)
+            turn = _rotation_from_z(receiver.axis)
+            glyph.points = glyph.points @ turn.T + np.array(receiver.center)
+            scene.add_mesh(glyph, color=UAV_COLOR, ambient=0.35, specular=0.3)
+    return scene
+
+
+def _quadcopter(arm: float) -> pv.PolyData:
+    """Return an aircraft with arms of a length [m], its receiver at the origin."""
+    up = 0.28 * arm
+    body = pv.Cube(center=(0, 0, up), x_length=0.7 * arm, y_length=0.5 * arm, z_length=up)
+    parts = [body.triangulate()]
+    for azimuth in np.radians([45.0, 135.0, 225.0, 315.0]):
+        x, y = arm * math.cos(azimuth), arm * math.sin(azimuth)
+        post = pv.Cylinder(
+            center=(x, y, 1.5 * up), direction=(0, 0, 1), radius=0.09 * arm, height=0.5 * up
+        )
+        rotor = pv.Disc(center=(x, y, 1.8 * up), inner=0.0, outer=0.52 * arm, c_res=40)
+        spar = pv.Tube(pointa=(0, 0, up), pointb=(x, y, 1.3 * up), radius=0.055 * arm)
+        parts += [post, rotor, spar]
+    return pv.merge(parts).extract_surface(algorithm=None)
+
+
+def _rotation_from_z(normal: Vector) -> np.ndarray:
+    """Return a rotation (3, 3) that turns +z to a unit vector, about a horizontal axis."""
+    x, y, z = normal
+    if z < -1.0 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    return np.array(
+        [
+            [1.0 - x * x / (1.0 + z), -x * y / (1.0 + z), x],
+            [-x * y / (1.0 + z), 1.0 - y * y / (1.0 + z), y],
+            [-x, -y, z],
+        ]
+    )

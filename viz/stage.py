@@ -1,0 +1,307 @@
+"""The stage of a scene: the box of sea that is shown, its scale, camera and lights."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import textwrap
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyvista as pv
+
+from meshtrace.link import Link
+from meshtrace.mesh import TriangleMesh
+
+from .style import FONT_FILE, INK, PALETTE, SKY, SLIDE
+
+VIEW_ANGLE_DEG = 24.0
+
+ROOM = ((-0.9, 0.7), (-0.86, 0.93))
+"""Where the stage is in the window, -1 to 1 across and up: bars stand beside it, the key below."""
+
+FROM_FILE = 4
+"""VTK_FONT_FILE."""
+
+Z = np.array([0.0, 0.0, 1.0])
+
+
+class Stage(NamedTuple):
+    """The box that a scene shows [m]: centre, half-width, lowest and highest z."""
+
+    center: tuple[float, float]
+    half: float
+    bottom: float
+    top: float
+
+    @property
+    def size(self) -> float:
+        """Longest edge [m], to which symbols are scaled."""
+        return max(2.0 * self.half, self.top - self.bottom)
+
+    def contains(self, point: tuple[float, float, float]) -> bool:
+        """Return whether a point [m] lies on the stage."""
+        low, high = np.reshape(self.bounds, (3, 2)).T
+        return bool(((low <= point) & (point <= high)).all())
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float, float, float]:
+        """Limits x, x, y, y, z, z [m] as pyvista wants them."""
+        (x, y), h = self.center, self.half
+        return (x - h, x + h, y - h, y + h, self.bottom, self.top)
+
+
+def stage_of(link: Link | None, mesh: TriangleMesh | None, extent: float | None) -> Stage:
+    """Return a box around sources, receivers and the surface between them.
+
+    Without a link it is that of the mesh. `extent` [m] replaces its half-width, and makes a
+    close-up of the surface where it is smaller than depth or height.
+    """
+    if link is None:
+        if mesh is None:
+            raise ValueError("link: None, allowed a link, or a mesh of its own")
+        low, high = mesh.bounds
+        middle = 0.5 * (low + high)
+        half = 0.5 * float((high - low)[:2].max())
+        edge = 0.1 * half
+        return Stage(
+            (float(middle[0]), float(middle[1])),
+            extent or half,
+            float(low[2]) - edge,
+            float(high[2]) + edge,
+        )
+    items = (*link.transmitters, *link.receivers)
+    places = np.array([item.position for item in items])
+    low, high = places.min(axis=0), places.max(axis=0)
+    bottom = -max((getattr(item, "depth", 0.0) for item in items), default=0.0)
+    top = max((getattr(item, "height", 0.0) for item in items), default=0.0)
+    tall = max(top - bottom, 1.0)
+    half = 0.5 * float((high - low).max()) + 0.62 * tall
+    center = 0.5 * (low + high)
+    stage = Stage(
+        (float(center[0]), float(center[1])), half, bottom - 0.04 * tall, top + 0.08 * tall
+    )
+    if extent is None:
+        return stage
+    return stage._replace(
+        half=extent, bottom=max(stage.bottom, -extent), top=min(stage.top, extent)
+    )
+
+
+class Scene(pv.Plotter):
+    """A pyvista plotter that knows its stage and keeps the key to its colours.
+
+    Parameters
+    ----------
+    stage : Stage
+        The box shown.
+    off_screen : bool, optional
+        Render without a window.
+    window_size : tuple of int
+        Pixels.
+
+    Attributes
+    ----------
+    stage : Stage
+        The box shown.
+    key : dict of str to str
+        Meaning of the colours, for the legend and the web page.
+    texts : list of (ndarray, str, str)
+        Points [m], what is written there and on which side, for the web page.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        *,
+        off_screen: bool | None = None,
+        window_size: tuple[int, int] = SLIDE,
+    ) -> None:
+        with pv.vtk_verbosity("off"):
+            # without a display VTK says so, then renders all the same
+            super().__init__(off_screen=off_screen, window_size=list(window_size), lighting="none")
+        self.stage = stage
+        self.key: dict[str, str] = {}
+        self.texts: list[tuple[np.ndarray, str, str]] = []
+        self.set_background(SKY)  # type: ignore[arg-type]
+        self.enable_anti_aliasing("ssaa")
+        add_lights(self)
+        look(self)
+
+    def wipe(self) -> None:
+        """Remove all that is drawn; camera and lights stay."""
+        self.clear_actors()
+        self.scalar_bars.clear()
+        self.key.clear()
+        self.texts.clear()
+
+    @property
+    def font_size(self) -> int:
+        """Height of texts [pixel], in proportion to the window."""
+        return round(0.02 * self.window_size[1])
+
+    def bar(self, title: str) -> Any:
+        """Return the options of a colour bar, in the next place along the right edge."""
+        place = len(self.scalar_bars)
+        return {
+            "title": "\n".join(textwrap.wrap(title, 14)),
+            "vertical": True,
+            "position_x": 0.885,
+            "position_y": 0.66 - 0.3 * place,
+            "width": 0.045,
+            "height": 0.24,
+            "title_font_size": self.font_size,
+            "label_font_size": round(0.9 * self.font_size),
+            "color": INK,
+            "n_labels": 3,
+            "fmt": "%.2g",
+            "use_opacity": False,
+        }
+
+    def add_scalar_bar(self, *args: Any, **options: Any) -> Any:  # type: ignore[override]
+        """Add a colour bar as pyvista does, in the font of all other texts."""
+        bar = super().add_scalar_bar(*args, **options)
+        for text in (bar.GetTitleTextProperty(), bar.GetLabelTextProperty()):
+            text.SetFontFamily(FROM_FILE)
+            text.SetFontFile(FONT_FILE)
+        return bar
+
+
+def add_lights(scene: Scene) -> Scene:
+    """Light the waves from far behind, so that they glint, and all else from the front."""
+    low_sun = pv.Light(position=(0.6, 1.0, 0.55), light_type="scene light", intensity=0.75)
+    from_above = pv.Light(position=(-0.5, -0.4, 1.0), light_type="scene light", intensity=0.45)
+    for light in (low_sun, from_above, pv.Light(light_type="headlight", intensity=0.35)):
+        light.positional = False
+        scene.add_light(light)
+    return scene
+
+
+def look(scene: Scene, azimuth_deg: float = -68.0, elevation_deg: float = 11.0) -> Scene:
+    """Point the camera at the stage from an azimuth and elevation, so that it fills the window.
+
+    By default low enough to see the surface from above and, under its near edge, what is in
+    the water.
+    """
+    azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
+    x, y, across = math.cos(azimuth), math.sin(azimuth), math.cos(elevation)
+    towards, right = np.array([x * across, y * across, math.sin(elevation)]), np.array([-y, x, 0.0])
+    up = np.cross(towards, right)
+    corners = np.array(list(itertools.product(*np.reshape(scene.stage.bounds, (3, 2)))))
+    half_angle = math.radians(0.5 * VIEW_ANGLE_DEG)
+    focus, distance = corners.mean(axis=0), 4.0 * scene.stage.size
+    aspect = scene.window_size[0] / scene.window_size[1]
+    for _ in range(20):  # a fixed point: perspective makes near corners stand further out
+        depth = (distance - (corners - focus) @ towards) * math.tan(half_angle)
+        spans = []
+        for axis, (low, high), scale in ((right, ROOM[0], aspect), (up, ROOM[1], 1.0)):
+            seen = (corners - focus) @ axis / (depth * scale)
+            spans.append((seen.max() - seen.min()) / (high - low))
+            shift = 0.5 * (seen.max() + seen.min()) - 0.5 * (low + high) * spans[-1]
+            focus = focus + shift * distance * math.tan(half_angle) * scale * axis
+        distance *= max(spans)
+    scene.camera.position = tuple(focus + distance * towards)
+    scene.camera.focal_point = tuple(focus)
+    scene.camera.up = tuple(Z)
+    scene.camera.view_angle = VIEW_ANGLE_DEG
+    scene.reset_camera_clipping_range()
+    return scene
+
+
+def add_scale(scene: Scene) -> Scene:
+    """Draw a ruler of z at the left edge of the stage and a bar of round length in front.
+
+    A stage as flat as a wide sea has no ruler: its colours tell z.
+    """
+    s = scene.stage
+    (x, y), half = s.center, s.half
+    bar = round_length(0.6 * half)
+    start = np.array([x + half - bar, y - half, s.bottom])
+    end, up = start + np.array([bar, 0.0, 0.0]), 0.01 * s.size * Z
+    lines = [(start, end), (start - up, start + up), (end - up, end + up)]
+    add_labels(scene, [0.5 * (start + end) - 2.5 * up], [f"{bar:g} m"])
+    if s.top - s.bottom > 0.2 * s.size:
+        step = round_length(0.25 * (s.top - s.bottom))
+        heights = np.arange(math.ceil(s.bottom / step), math.floor(s.top / step) + 1) * step
+        corner, tick = np.array([x - half, y - half, 0.0]), np.array([-0.02 * s.size, 0.0, 0.0])
+        lines += [(corner + s.bottom * Z, corner + s.top * Z)]
+        lines += [(corner + z * Z, corner + z * Z + tick) for z in heights]
+        at = [corner + z * Z + 1.6 * tick for z in heights]
+        add_labels(scene, at, [f"{z:g}" for z in heights], align="right")
+        add_labels(scene, [corner + s.top * Z + 2.0 * up], ["z [m]"])
+    segments = pv.line_segments_from_points(np.array(lines).reshape(-1, 3))
+    scene.add_mesh(segments.tube(radius=0.0012 * s.size), color=INK, lighting=False)
+    return scene
+
+
+def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0.0) -> Scene:
+    """Draw an arrow down-wind before the near edge of the sea, with the wind speed [m s-1]."""
+    s = scene.stage
+    length = 0.16 * s.size
+    angle = math.radians(direction_deg)
+    along = np.array([math.cos(angle), math.sin(angle), 0.0])
+    middle = np.array([s.center[0] - 0.5 * s.half, s.center[1] - 1.15 * s.half, 0.0])
+    arrow = pv.Arrow(
+        start=middle - 0.5 * length * along,
+        direction=along,
+        scale=length,
+        tip_length=0.3,
+        tip_radius=0.07,
+        shaft_radius=0.025,
+    )
+    scene.add_mesh(arrow, color=PALETTE["orange"], ambient=0.4)
+    text = "down-wind" if wind_speed is None else f"wind {wind_speed:g} m/s"
+    add_labels(scene, [middle - 0.035 * s.size * Z], [text])
+    return scene
+
+
+def add_key(scene: Scene) -> Scene:
+    """Write the meaning of the colours in a row along the lower edge."""
+    left, bottom = 0.02, 0.02
+    letter = 0.62 * scene.font_size / scene.window_size[0]
+    for label, color in scene.key.items():
+        swatch = (0.0, "\N{BLACK SQUARE}", color), (0.0, "\N{WHITE SQUARE}", INK)
+        for shift, text, shade in (*swatch, (2.0, label, INK)):
+            scene.add_text(
+                text,
+                position=(left + shift * letter, bottom),
+                viewport=True,
+                font_size=round(0.5 * scene.font_size),
+                font_file=FONT_FILE,
+                color=shade,
+            )
+        left += (len(label) + 4.0) * letter
+    return scene
+
+
+def add_labels(
+    scene: Scene, points: list[np.ndarray], texts: list[str], align: Any = "center"
+) -> Scene:
+    """Write texts at points, always upright and in front."""
+    scene.texts += [(point, text, align) for point, text in zip(points, texts, strict=True)]
+    scene.add_point_labels(
+        np.array(points),
+        texts,
+        font_size=scene.font_size,
+        text_color=INK,
+        font_file=FONT_FILE,
+        bold=False,
+        shape=None,
+        show_points=False,
+        always_visible=True,
+        justification_horizontal=align,
+        justification_vertical="center",
+    )
+    return scene
+
+
+def round_length(length: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that is not longer.
+
+    Examples
+    --------
+    >>> round_length(3.75)
+    2.0
+    """
+    power = 10.0 ** math.floor(math.log10(length))
+    return float(max(m * power for m in (1.0, 2.0, 5.0) if m * power <= length * (1 + 1e-12)))

@@ -1,0 +1,176 @@
+"""How pictures look: colours, fonts, sizes, and the labels of axes."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.font_manager import findfont
+
+from meshtrace.fields import FIELDS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+PALETTE = {
+    "blue": "#0072B2",
+    "vermilion": "#D55E00",
+    "green": "#009E73",
+    "purple": "#CC79A7",
+    "orange": "#E69F00",
+    "sky": "#56B4E9",
+    "black": "#000000",
+}
+"""Okabe and Ito's colours, told apart with every kind of colour vision."""
+
+FATE_COLORS = {
+    "received": PALETTE["vermilion"],
+    "landed elsewhere": PALETTE["blue"],
+    "ended in the water": "#5B6B78",
+}
+"""Colours of photon paths by what became of the photon."""
+
+INK = "#1F2933"
+LED_COLOR = "#F0C419"
+RECEIVER_COLOR = PALETTE["vermilion"]
+UAV_COLOR = "#3C4650"
+SKY = "#F7FAFC"
+"""Background of a scene."""
+
+SEQUENTIAL: Any = "viridis"
+"""Colour map of quantities without a centre."""
+
+FONT_FILE = findfont("DejaVu Sans")
+"""Font of scenes, which comes with matplotlib and has degrees and Greek letters."""
+
+SLIDE = (1600, 1000)
+"""Pixels of a scene."""
+
+RC: Any = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": INK,
+    "axes.formatter.use_mathtext": True,
+    "axes.grid": True,
+    "axes.labelcolor": INK,
+    "axes.labelsize": 11,
+    "axes.prop_cycle": cycler(color=list(PALETTE.values())),
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 11,
+    "figure.constrained_layout.use": True,
+    "figure.figsize": (6.4, 4.2),
+    "font.size": 10,
+    "grid.alpha": 0.25,
+    "grid.linewidth": 0.6,
+    "image.cmap": SEQUENTIAL,
+    "legend.fontsize": 9.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.7,
+    "savefig.dpi": 150,
+}
+
+
+def use_style() -> None:
+    """Set matplotlib's defaults to the style of the gallery."""
+    mpl.rcParams.update(RC)
+
+
+def axes(ax: Axes | None) -> Axes:
+    """Return the axes to draw on: those given, or new ones in a new figure."""
+    if ax is not None:
+        return ax
+    import matplotlib.pyplot as plt
+
+    with mpl.rc_context(RC):
+        return plt.subplots()[1]
+
+
+def axis_label(name: str) -> str:
+    r"""Return the label of an axis: long name, symbol and units of a registered variable.
+
+    Parameters
+    ----------
+    name : str
+        Name in `meshtrace.fields`.
+
+    Returns
+    -------
+    str
+        Text with TeX.
+
+    Examples
+    --------
+    >>> axis_label("spectrum")
+    'wave frequency spectrum $S(\\omega)$ [m$^{2}$ s rad$^{-1}$]'
+    """
+    field = FIELDS[name]
+    label = f"{field.long_name} ${field.symbol}$"
+    return label if field.units == "1" else f"{label} [{_typeset(field.units)}]"
+
+
+def plain_label(name: str) -> str:
+    """Return long name and units of a registered variable without TeX.
+
+    Examples
+    --------
+    >>> plain_label("elevation")
+    'sea surface elevation [m]'
+    """
+    field = FIELDS[name]
+    return field.long_name if field.units == "1" else f"{field.long_name} [{field.units}]"
+
+
+def _typeset(units: str) -> str:
+    """Return UDUNITS with raised exponents, degrees as sign."""
+    if units == "degree":
+        return "°"
+    return re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", units)
+
+
+def water_map() -> ListedColormap:
+    """Return a colour map like water, from deep blue to pale green, even in lightness.
+
+    Notes
+    -----
+    Straight lines between its colours in OKLab, whose lightness rises evenly, so that equal
+    steps look equal and survive in grey.
+
+    References
+    ----------
+    B. Ottosson, "A perceptual color space for image processing" (2020).
+    """
+    # lightness, chroma and hue [deg] of the ends and the middle
+    lightness, chroma, hue = np.array(
+        [(0.25, 0.075, 262.0), (0.44, 0.085, 248.0), (0.63, 0.085, 225.0), (0.82, 0.06, 195.0)]
+    ).T
+    at = np.linspace(0.0, len(hue) - 1.0, 256)
+    light, c, h = (np.interp(at, np.arange(len(hue)), row) for row in (lightness, chroma, hue))
+    lab = np.stack([light, c * np.cos(np.radians(h)), c * np.sin(np.radians(h))], axis=1)
+    return ListedColormap(_srgb(lab), name="water")
+
+
+_TO_LMS = np.array(
+    [
+        [1.0, 0.3963377774, 0.2158037573],
+        [1.0, -0.1055613458, -0.0638541728],
+        [1.0, -0.0894841775, -1.2914855480],
+    ]
+)
+_TO_RGB = np.array(
+    [
+        [4.0767416621, -3.3077115913, 0.2309699292],
+        [-1.2684380046, 2.6097574011, -0.3413193965],
+        [-0.0041960863, -0.7034186147, 1.7076147010],
+    ]
+)
+
+
+def _srgb(lab: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return OKLab colours (n, 3) as sRGB, cut to 0..1."""
+    linear = np.clip((lab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0.0, 1.0)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
