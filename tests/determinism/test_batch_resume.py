@@ -1,0 +1,106 @@
+"""Sweeps in real processes: the same bits for any workers, and after any of them is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from meshtrace.batch import WAITING, Study, sweep
+from meshtrace.scenario import Scenario
+
+distributed = pytest.importorskip("distributed")
+zarr = pytest.importorskip("zarr")
+
+LINK = {"sea": {"spectrum": "jonswap"}, "bubbles": "none", "run": {"photons": 512}}
+PARAMETERS = {"transmitter.depth": [4.0 + i for i in range(12)], "wind_speed": [5.0, 13.0]}
+OPTIONS = {"rtol": None, "photons": 512, "progress": False}
+SCRIPT = f"""
+import sys
+from meshtrace.batch import sweep
+
+if __name__ == "__main__":
+    sweep({LINK!r}, {PARAMETERS!r}, store=sys.argv[1], workers=1, **{OPTIONS!r})
+"""
+
+
+@pytest.fixture(scope="module")
+def expected():
+    """Gains of all points, computed one after the other in this process."""
+    asked = Study(Scenario.from_config(LINK).to_toml(), PARAMETERS, 1, None, 512, 1)
+    gain = np.empty((12, 2, 1))
+    for task in asked.tasks():
+        gain[task.region] = asked.compute(task).measured[0, :, 0]
+    return gain
+
+
+def finished(store):
+    """Which points of a store are done; none where it is not made yet."""
+    if not store.exists():
+        return np.zeros((12, 2, 1), bool)
+    return zarr.open_group(store, mode="r")["done"][...] != WAITING
+
+
+def wait_for(store, points, alive):
+    """Wait until some points are done, and return which."""
+    while alive():
+        done = finished(store)
+        if done.sum() >= points:
+            return done
+        time.sleep(0.01)
+    raise AssertionError("ended before it could be killed")
+
+
+def test_bits_are_those_of_one_process(expected):
+    parameters = {**PARAMETERS, "transmitter.depth": [*PARAMETERS["transmitter.depth"], -1.0]}
+    one, two = (sweep(LINK, parameters, workers=n, **OPTIONS) for n in (1, 2))
+    np.testing.assert_array_equal(one["gain"].values[:-1], expected)
+    assert one.drop_vars("seconds").identical(two.drop_vars("seconds"))
+    assert (one["error"][-1] == "transmitter.depth: -1.0, allowed: greater than 0").all()
+
+
+def test_killed_client_loses_nothing(expected, tmp_path):
+    store, script = tmp_path / "depths.zarr", tmp_path / "study.py"
+    script.write_text(SCRIPT)
+    client = subprocess.Popen([sys.executable, str(script), str(store)])
+    try:
+        wait_for(store, 4, lambda: client.poll() is None)
+    finally:
+        client.kill()
+        client.wait()
+    done = finished(store)
+    assert 4 <= done.sum() < done.size
+    seconds = zarr.open_group(store, mode="r")["seconds"][...]
+    data = sweep(LINK, PARAMETERS, store=store, workers=2, **OPTIONS)
+    np.testing.assert_array_equal(data["gain"].values, expected)
+    np.testing.assert_array_equal(data["seconds"].values[done], seconds[done])  # not run again
+    assert (data["error"] == "").all()
+    assert finished(store).all()
+
+
+def test_killed_worker_loses_nothing(expected, tmp_path):
+    store, result = tmp_path / "depths.zarr", []
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50
+    ) as cluster:
+        address = cluster.scheduler_address
+
+        def call():
+            result.append(sweep(LINK, PARAMETERS, store=store, scheduler=address, **OPTIONS))
+
+        with distributed.Client(address) as client:
+            (worker,) = client.run(os.getpid).values()
+        thread = threading.Thread(target=call)
+        thread.start()
+        done = wait_for(store, 2, thread.is_alive)
+        os.kill(worker, signal.SIGKILL)
+        thread.join()
+    assert done.sum() < done.size
+    np.testing.assert_array_equal(result[0]["gain"].values, expected)
+    assert (result[0]["error"] == "").all()

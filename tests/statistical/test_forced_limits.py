@@ -1,0 +1,96 @@
+"""Where forced detection could lose light in silence: it must be right, or refuse.
+
+Each case once lost between some per cent and all of the gain without a sign of failure.
+"""
+
+import numpy as np
+import pytest
+from mc_statistics import ALPHA, sidak, z_test
+
+import meshtrace as mt
+from meshtrace.surfaces import FlatSea
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning")
+
+KILL = mt.Physics(reflected="kill")
+WIDE = mt.Receiver(radius=2.0, fov_deg=150.0)
+
+
+def agree(link, photons, chains=10_000, tests=1):
+    """Compare the estimators; a refusal in words is right too."""
+    try:
+        f = mt.simulate(link, FlatSea(), photons=chains, seed=3)
+    except ValueError as error:
+        assert 'estimator="analog"' in str(error)
+        return
+    a = mt.simulate(link, FlatSea(), estimator="analog", photons=photons, seed=4)
+    assert a.gain_stderr < 0.05 * a.gain
+    p = z_test(f.gain, f.gain_stderr, a.gain, a.gain_stderr)
+    assert p > sidak(ALPHA, tests), f"{f.gain} +- {f.gain_stderr}, analog {a.gain}"
+
+
+def test_many_scatterings():
+    """B d = 40: more orders than are kept must be said, not left out."""
+    water = mt.Water(a=0.02, b=4.0)
+    agree(mt.Link(water=water, receiver=WIDE, physics=KILL), 60_000)
+
+
+@pytest.mark.parametrize(
+    "layers",
+    [
+        ((0.0, 0.1, 6.0), (1.0, 0.1, 0.0), (100.0, 0.1, 0.0)),
+        ((0.0, 0.1, 0.0), (2.0, 0.1, 2.0)),
+        ((0.0, 0.1, 0.0), (8.0, 0.1, 0.0), (9.9, 0.1, 1.5), (60.0, 0.1, 0.0)),
+    ],
+    ids=["thin turbid top", "turbid below", "turbid around the lamp"],
+)
+def test_orders_follow_the_layers_on_the_way(layers):
+    receiver = mt.Receiver(radius=0.5)
+    agree(mt.Link(water=mt.Water(layers=layers), receiver=receiver, physics=KILL), 800_000, tests=3)
+
+
+def test_many_scatterings_back_and_forth():
+    """Isotropic scattering of high albedo: far more orders than on the straight way."""
+    water = mt.Water(a=0.02, b=1.0, phase=mt.HenyeyGreenstein(g=0.0))
+    link = mt.Link(
+        water=water,
+        transmitter=mt.IsotropicSource(depth=2.0),
+        receiver=mt.Receiver(radius=0.5, fov_deg=60.0, height=2.0),
+        physics=KILL,
+    )
+    agree(link, 600_000)
+
+
+def test_light_from_the_bottom():
+    """A bright bottom 1 m below a lamp that shines down as well."""
+    link = mt.Link(
+        water=mt.Water(bottom_depth=6.0, bottom_albedo=0.9),
+        transmitter=mt.IsotropicSource(depth=5.0),
+        receiver=mt.Receiver(radius=1.0),
+        physics=KILL,
+    )
+    agree(link, 400_000)
+
+
+def test_chains_end_at_a_black_bottom():
+    """Chains that dive below the bottom and come up again bring nothing."""
+    link = mt.Link(
+        water=mt.Water(
+            a=0.05, b=0.5, phase=mt.HenyeyGreenstein(g=0.0), bottom_depth=5.05, bottom_albedo=0.0
+        ),
+        transmitter=mt.IsotropicSource(depth=5.0),
+        receiver=mt.Receiver(radius=1.0),
+        physics=KILL,
+    )
+    agree(link, 600_000)
+
+
+@pytest.mark.parametrize("normals", ["vertex", "facet"])
+def test_large_facets(normals):
+    """A plane is a plane, whatever its triangles: scattered light too."""
+    fine = FlatSea().mesh(extent=9.0, spacing=0.5)
+    large = FlatSea().mesh(extent=70.0, spacing=35.0)
+    a, b = (mt.simulate(mt.Link(), m, photons=4000, seed=1, normals=normals) for m in (fine, large))
+    np.testing.assert_allclose(b.gain_ballistic, a.gain_ballistic, rtol=1e-4)
+    error = np.hypot(a.gain_stderr, b.gain_stderr)
+    assert abs(a.gain_scattered - b.gain_scattered) < 5.0 * error

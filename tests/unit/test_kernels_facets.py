@@ -1,0 +1,90 @@
+"""Distances, barycentrics and normals on facets against plain numpy."""
+
+import numpy as np
+import pytest
+from numba import njit
+
+from meshtrace.kernels.facets import barycentrics, interpolated_normal, plane_distance
+from meshtrace.mesh import TriangleMesh
+from meshtrace.surfaces import JonswapSea
+
+
+@njit
+def points(origins, directions, facet, vertices, faces, face_normals, vertex_normals):
+    """Return distance, u, v and interpolated normal of every ray on its facet."""
+    out = np.empty((len(facet), 6))
+    for i in range(len(facet)):
+        x, y, z = origins[i, 0], origins[i, 1], origins[i, 2]
+        dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
+        t = plane_distance(x, y, z, dx, dy, dz, facet[i], vertices, faces, face_normals)
+        u, v = barycentrics(x + t * dx, y + t * dy, facet[i], vertices, faces)
+        nx, ny, nz = interpolated_normal(u, v, facet[i], faces, vertex_normals)
+        out[i, 0], out[i, 1], out[i, 2] = t, u, v
+        out[i, 3], out[i, 4], out[i, 5] = nx, ny, nz
+    return out
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return JonswapSea(wind_speed=13.0, seed=3).mesh(extent=5.0, spacing=0.5)
+
+
+def on_facets(mesh, facet, weights, origins):
+    """Return points with given barycentrics and the rays to them."""
+    corners = mesh.vertices[mesh.faces[facet]]
+    target = np.einsum("ij,ijk->ik", weights, corners)
+    way = target - origins
+    distance = np.linalg.norm(way, axis=1)
+    return target, way / distance[:, None], distance
+
+
+def kernel_points(mesh, origins, directions, facet):
+    return points(
+        origins,
+        directions,
+        facet,
+        mesh.vertices,
+        mesh.faces,
+        mesh.face_normals,
+        mesh.vertex_normals,
+    )
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_points_on_facets(mesh, side):
+    rng = np.random.default_rng(4)
+    n = 2000
+    facet = rng.integers(0, len(mesh.faces), n)
+    weights = rng.dirichlet((1.0, 1.0, 1.0), n)
+    origins = np.column_stack([rng.uniform(-20, 20, (n, 2)), np.full(n, 12.0 * side)])
+    target, directions, distance = on_facets(mesh, facet, weights, origins)
+    out = kernel_points(mesh, origins, directions, facet)
+    np.testing.assert_allclose(out[:, 0], distance, rtol=1e-12)
+    np.testing.assert_allclose(out[:, 1:3], weights[:, 1:], rtol=0, atol=1e-10)
+    corners = np.einsum("ij,ijk->ik", weights, mesh.vertices[mesh.faces[facet]])
+    np.testing.assert_allclose(target, corners, atol=1e-12)
+    normal = np.einsum("ij,ijk->ik", weights, mesh.vertex_normals[mesh.faces[facet]])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    np.testing.assert_allclose(out[:, 3:], normal, rtol=0, atol=1e-10)
+
+
+def test_corners_have_their_own_normal(mesh):
+    facet = np.arange(len(mesh.faces))
+    for corner in range(3):
+        weights = np.zeros((len(facet), 3))
+        weights[:, corner] = 1.0
+        target, directions, _ = on_facets(mesh, facet, weights, np.zeros((len(facet), 3)) + 9.0)
+        out = kernel_points(mesh, target - directions, directions, facet)
+        expected = mesh.vertex_normals[mesh.faces[:, corner]]
+        np.testing.assert_allclose(out[:, 3:], expected, atol=1e-10)
+
+
+def test_ray_along_the_plane_is_infinitely_far():
+    mesh = TriangleMesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
+    args = (mesh.vertices, mesh.faces, mesh.face_normals)
+
+    @njit
+    def distance(vertices, faces, normals):
+        return plane_distance(0.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0, vertices, faces, normals)
+
+    assert distance(*args) == np.inf

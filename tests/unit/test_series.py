@@ -1,0 +1,164 @@
+"""Series, ensembles and maps: the same numbers as single runs, in the right order."""
+
+import numpy as np
+import pytest
+from mc_statistics import ALPHA, sidak, z_test
+
+import meshtrace as mt
+from meshtrace.series import GainSeries
+from meshtrace.simulate import mesh_for
+from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
+from meshtrace.transport.forced import ForcedDetection, crossing_reach
+
+SEA = JonswapSea(wind_speed=13.0, seed=3)
+OPTIONS = {"photons": 1024, "seed": 5, "extent": 8.0, "spacing": 0.2}
+TIMES = (0.0, 0.7, 1.9, 2.0, 6.5)
+
+
+def meshes(link, sea, times):
+    reach = crossing_reach(link)
+    return [mesh_for(link, sea, t, OPTIONS["extent"], OPTIONS["spacing"], reach)[0] for t in times]
+
+
+@pytest.fixture(scope="module")
+def series():
+    return mt.time_series(mt.Link(), SEA, TIMES, threads=1, **OPTIONS)
+
+
+def test_each_time_is_the_run_over_that_mesh_with_the_same_chains(series):
+    link = mt.Link()
+    all_meshes = meshes(link, SEA, TIMES)
+    crest = 1.5 * max(float(m.bounds[1, 2]) for m in all_meshes[:4])
+    forced = ForcedDetection(link, 1024, 5, "vertex", crest=crest)
+    for i, mesh in enumerate(all_meshes):
+        parts = forced.evaluate(mesh)
+        assert series.gain[i] == parts.gain[0]
+        assert series.gain_stderr[i] == parts.stderr[0]
+        assert series.gain_ballistic[i] == parts.ballistic[0]
+
+
+def test_each_time_agrees_with_a_run_of_its_own(series):
+    for i, t in enumerate(TIMES):
+        r = mt.simulate(mt.Link(), SEA, time=t, photons=4096, seed=77 + i, extent=8.0, spacing=0.2)
+        assert r.gain_ballistic == pytest.approx(series.gain_ballistic[i], rel=1e-12)
+        p = z_test(series.gain[i], series.gain_stderr[i], r.gain, r.gain_stderr)
+        assert p > sidak(ALPHA, len(TIMES))
+
+
+def test_times_may_come_in_any_order_and_number(series):
+    """More than four, backwards: the first four meshes only set the expected crest."""
+    again = mt.time_series(mt.Link(), SEA, TIMES[::-1], threads=2, **OPTIONS)
+    np.testing.assert_array_equal(again.gain_ballistic, series.gain_ballistic[::-1])
+    # the chains differ if the expected crest does; the light does not
+    np.testing.assert_allclose(again.gain, series.gain[::-1], rtol=0.02)
+    one = mt.time_series(mt.Link(), SEA, 0.7, threads=1, **OPTIONS)
+    assert one.gain.shape == (1,)
+    assert one.gain_ballistic[0] == series.gain_ballistic[1]
+
+
+def test_common_chains_make_smooth_series():
+    """A wave that moves by millimetres changes the gain by far less than its error."""
+    wave = SinusoidalSea(amplitude=0.2, wavelength=8.0)
+    times = np.arange(4) * 1e-4
+    s = mt.time_series(mt.Link(), wave, times, threads=1, **OPTIONS)
+    noise = s.gain_stderr.mean()
+    assert noise > 0.0
+    assert np.abs(np.diff(s.gain, n=2)).max() < 0.05 * noise
+    # the mean of common chains is no better than one of them
+    assert s.mean_stderr == pytest.approx(noise, rel=0.01)
+
+
+def test_ensemble_has_other_phases_each_and_is_reproducible():
+    first = mt.ensemble(mt.Link(), 6, SEA, threads=1, **OPTIONS)
+    again = mt.ensemble(mt.Link(), 6, SEA, threads=2, **OPTIONS)
+    np.testing.assert_array_equal(first.gain, again.gain)
+    np.testing.assert_array_equal(first.coordinate, again.coordinate)
+    assert len(set(first.gain_ballistic)) == 6
+    assert len(set(first.coordinate)) == 6
+    # a longer ensemble goes on, it does not begin anew
+    longer = mt.ensemble(mt.Link(), 8, SEA, threads=1, **OPTIONS)
+    np.testing.assert_array_equal(longer.coordinate[:6], first.coordinate)
+    np.testing.assert_array_equal(longer.gain_ballistic[:6], first.gain_ballistic)
+    other = mt.ensemble(mt.Link(), 6, SEA, threads=1, **{**OPTIONS, "seed": 6})
+    assert not set(other.coordinate) & set(first.coordinate)
+
+
+def test_realization_is_the_sea_of_its_seed():
+    ensemble = mt.ensemble(mt.Link(), 3, SEA, threads=1, **OPTIONS)
+    for seed, ballistic in zip(ensemble.coordinate, ensemble.gain_ballistic, strict=True):
+        mesh = meshes(mt.Link(), SEA.with_seed(int(seed)), [0.0])[0]
+        assert ForcedDetection(mt.Link(), 32, 1).evaluate(mesh).ballistic[0] == ballistic
+
+
+def test_several_receivers_in_a_series():
+    rx = (mt.Receiver(), mt.Receiver(position=(0.5, 0.0)))
+    both = mt.time_series(mt.Link(receiver=rx), SEA, TIMES[:2], threads=1, **OPTIONS)
+    assert both.gain.shape == (2, 2)
+    assert both.mean_stderr.shape == (2,)
+    alone = mt.time_series(mt.Link(receiver=rx[1]), SEA, TIMES[:2], threads=1, **OPTIONS)
+    np.testing.assert_allclose(both.gain_ballistic[:, 1], alone.gain_ballistic, rtol=1e-12)
+    np.testing.assert_allclose(both.gain[:, 1], alone.gain, rtol=0.02)
+
+
+def test_series_round_trip(series, tmp_path):
+    series.save(tmp_path / "s.nc")
+    back = GainSeries.load(tmp_path / "s.nc")
+    for name in ("gain", "gain_stderr", "gain_ballistic", "coordinate", "mean_stderr"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(series, name))
+    assert back.along == "time"
+    assert back.provenance == series.provenance
+    with pytest.raises(ValueError, match="an ensemble has none"):
+        _ = mt.ensemble(mt.Link(), 1, SEA, threads=1, **OPTIONS).time
+
+
+@pytest.mark.parametrize("bad", [[np.nan], [np.inf, 0.0], [[0.0, 1.0]]])
+def test_times_must_be_finite_and_flat(bad):
+    with pytest.raises(ValueError, match="times"):
+        mt.time_series(mt.Link(), SEA, bad, **OPTIONS)
+
+
+def test_ensemble_refuses_what_has_no_phases():
+    with pytest.raises(ValueError, match="random phases"):
+        mt.ensemble(mt.Link(), 3, FlatSea(), **OPTIONS)
+    with pytest.raises(ValueError, match="n_realizations"):
+        mt.ensemble(mt.Link(), 0, SEA, **OPTIONS)
+
+
+# ---- coverage --------------------------------------------------------------------------------
+
+
+@pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
+def test_map_over_a_disk_is_the_gain_of_a_receiver_there():
+    """Sum of the cells whose centres lie on a disk against forced detection, away from the axis."""
+    link, sea, step = mt.Link(), JonswapSea(wind_speed=5.0, seed=2), 0.05
+    m = mt.coverage_map(link, sea, extent=1.6, step=step, photons=600_000, seed=3)
+    assert m.gain.shape == (len(m.x), len(m.y)) == (64, 64)
+    np.testing.assert_allclose(m.x[[0, -1]], [-1.575, 1.575])
+    area = np.pi * 0.05**2
+    for place, radius in (((0.0, 0.0), 0.6), ((0.7, -0.4), 0.6)):
+        gx, gy = np.meshgrid(m.x - place[0], m.y - place[1], indexing="ij")
+        # share of each cell on the disk, by 8 x 8 points
+        o = step * ((np.arange(8) + 0.5) / 8 - 0.5)
+        share = np.mean([(gx + a) ** 2 + (gy + b) ** 2 <= radius**2 for a in o for b in o], axis=0)
+        total = (share * m.gain).sum() * step**2 / area
+        error = np.sqrt(((share * m.gain_stderr) ** 2).sum()) * step**2 / area
+        receiver = mt.Receiver(position=place, radius=radius)
+        r = mt.simulate(mt.Link(receiver=receiver), sea, photons=4096, seed=4)
+        # light that the surface sends back first is in the map only: some 1e-4 of all
+        allowed = np.hypot(r.gain_stderr, 1e-3 * r.gain)
+        assert error / total < 0.03
+        assert z_test(total, error, r.gain, allowed) > sidak(ALPHA, 2)
+
+
+@pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
+def test_map_over_times_is_the_mean_of_the_maps():
+    link = mt.Link(receiver=mt.Receiver(radius=0.25))
+    options = {"extent": 2.0, "step": 0.5, "photons": 40_960, "seed": 3}
+    whole = mt.coverage_map(link, SEA, times=(0.0, 1.0), **options)
+    first = mt.coverage_map(link, SEA, times=(0.0,), **options)
+    assert not np.array_equal(first.gain, whole.gain)
+    two = mt.coverage_map(link, FlatSea(), times=(0.0, 9.0), **options)
+    one = mt.coverage_map(link, FlatSea(), times=(0.0,), **options)
+    ratio = two.gain_stderr.sum() / one.gain_stderr.sum()
+    assert ratio == pytest.approx(np.sqrt(0.5), rel=0.05)
+    assert two.to_dataset()["gain"].attrs["units"] == "1"
