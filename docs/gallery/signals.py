@@ -1,0 +1,35 @@
+"""When the light arrives, and what the receiver makes of it."""
+
+from pathlib import Path
+
+import numpy as np
+
+import meshtrace as mt
+from meshtrace import viz
+from meshtrace.detector import OokLink
+from meshtrace.surfaces import JonswapSea
+
+
+def main(folder: Path) -> None:
+    viz.use_style()
+    sea = JonswapSea(wind_speed=5.0, seed=7)
+    responses = {}
+    for name, b in (("clear, b = 0.037 1/m", 0.037), ("turbid, b = 0.3 1/m", 0.3)):
+        link = mt.Link(water=mt.Water(a=0.114, b=b))
+        result = mt.simulate(link, sea, photons=20_000, keep_arrivals=True)
+        responses[name] = mt.impulse_response(result, bin_width=2.5e-10)
+    ax = viz.plot_impulse_response(responses)
+    ax.figure.savefig(folder / "impulse_response.png")
+
+    receiver = OokLink(bit_rate=5e6)
+    ax = viz.plot_eye(receiver.eye(receiver.required_power(1e-3)))
+    ax.figure.savefig(folder / "eye.png")
+
+    power = 1e-3 * 10.0 ** (np.linspace(-82.0, -50.0, 60) / 10.0)
+    rates = {f"{rate / 1e6:g} Mbit/s": OokLink(bit_rate=rate).ber for rate in (1e6, 5e6, 1e7)}
+    ax = viz.plot_ber(power, rates)
+    ax.figure.savefig(folder / "ber.png")
+
+
+if __name__ == "__main__":
+    main(Path(__file__).parent)

@@ -1,0 +1,47 @@
+"""Wave spectra and directional spreadings."""
+
+from pathlib import Path
+
+import numpy as np
+
+from meshtrace import viz
+from meshtrace.surfaces import (
+    Cos2sSpreading,
+    Elfouhaily,
+    IttcSpreading,
+    Jonswap,
+    MitsuyasuSpreading,
+    Tma,
+)
+
+
+def main(folder: Path) -> None:
+    viz.use_style()
+    spectra = {
+        "JONSWAP, fetch 30 km": Jonswap(wind_speed=13.0, fetch=30e3),
+        "Elfouhaily, fetch 30 km": Elfouhaily(wind_speed=13.0, fetch=30e3),
+        "TMA, 10 m deep": Tma(wind_speed=13.0, fetch=30e3, depth=10.0),
+    }
+    ax = viz.plot_spectrum(spectra, np.linspace(0.2, 4.0, 500))
+    ax.set_title("wind 13 m/s")
+    ax.figure.savefig(folder / "spectra.png")
+
+    theta = np.radians(np.linspace(-180.0, 180.0, 361))
+    jonswap = spectra["JONSWAP, fetch 30 km"]
+    state = {"omega_p": jonswap.omega_p, "wind_speed": 13.0}
+    spreadings = {
+        "ITTC": IttcSpreading(),
+        "cos-2s, s = 10": Cos2sSpreading(s=10.0),
+        "Mitsuyasu": MitsuyasuSpreading(),
+    }
+    density = {
+        name: spreading.density(jonswap.omega_p, theta, **state)
+        for name, spreading in spreadings.items()
+    }
+    ax = viz.plot_spreading(density, theta)
+    ax.set_title("at the peak, wind 13 m/s")
+    ax.figure.savefig(folder / "spreading.png")
+
+
+if __name__ == "__main__":
+    main(Path(__file__).parent)
