@@ -18,7 +18,7 @@ FAST = ["--photons", "256"]
 @pytest.fixture(autouse=True)
 def compiled(monkeypatch):
     """Leave out the note about compiling, which depends on the tests that ran before."""
-    monkeypatch.setattr(cli, "_kernels_are_compiled", lambda estimator: True)
+    monkeypatch.setattr(cli.console, "kernels_are_compiled", lambda estimator: True)
 
 
 def meshtrace(*arguments):

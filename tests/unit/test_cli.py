@@ -40,7 +40,7 @@ def refusal(*arguments):
 @pytest.fixture(autouse=True)
 def compiled(monkeypatch):
     """Leave out the note about compiling, which depends on the tests that ran before."""
-    monkeypatch.setattr(cli, "_kernels_are_compiled", lambda estimator: True)
+    monkeypatch.setattr(cli.run, "kernels_are_compiled", lambda estimator: True)
 
 
 @pytest.fixture
@@ -141,9 +141,9 @@ def test_a_warning_is_one_line(tmp_path, link_file):
 
 
 def test_compiling_is_told(monkeypatch):
-    monkeypatch.setattr(cli, "_kernels_are_compiled", lambda estimator: False)
+    monkeypatch.setattr(cli.run, "kernels_are_compiled", lambda estimator: False)
     done = run("--photons", 300)
-    assert done.stderr == f"{cli.COMPILING}\n"
+    assert done.stderr == f"{cli.console.COMPILING}\n"
     assert run("--photons", 300, "--json").stderr == ""
     assert "sea.spacing" in refusal("run", "--set", "sea.spacing=1e-4")
 
@@ -152,8 +152,8 @@ def test_compiling_is_told(monkeypatch):
 def test_kernels_once_compiled_are_found(monkeypatch, estimator):
     run("--photons", 300, "--estimator", estimator)
     monkeypatch.undo()
-    assert cli._kernels_are_compiled(estimator)
-    assert not cli._kernels_are_compiled("no_such_estimator")
+    assert cli.console.kernels_are_compiled(estimator)
+    assert not cli.console.kernels_are_compiled("no_such_estimator")
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def test_our_own_failures_keep_their_traceback(monkeypatch):
     def fail(*args, **kwargs):
         raise ValueError("a slip of ours")
 
-    monkeypatch.setattr(cli, "_scenario", fail)
+    monkeypatch.setattr(cli.run, "scenario_of", fail)
     result = meshtrace("run")
     assert isinstance(result.exception, ValueError)
     assert result.exit_code == 1

@@ -1,0 +1,14 @@
+"""The command line, one module for each command.
+
+Heavy imports happen inside the commands, so that --help is quick.
+"""
+
+from . import bench, ber, run, series
+from .app import app
+
+__all__ = ["app", "bench", "ber", "main", "run", "series"]
+
+
+def main() -> None:
+    """Run the command line and exit."""
+    app(prog_name="meshtrace")

@@ -1,0 +1,73 @@
+"""The command line itself: its name, its version, and how failures are told."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+INTERRUPTED = 130
+
+
+class _Commands(TyperGroup):
+    """Commands whose failures are one line on stderr: exit code 2, or 130 after Ctrl-C."""
+
+    def main(self, *args: Any, **extra: Any) -> Any:
+        standalone = extra.get("standalone_mode", True)
+        try:
+            code = super().main(*args, **{**extra, "standalone_mode": False}) or 0
+        except typer.Abort:
+            code = INTERRUPTED
+        except Exception as error:
+            message = _message(error)
+            if message is None:
+                raise
+            typer.echo(f"error: {message}", err=True)
+            code = 2
+        if code == INTERRUPTED:
+            typer.echo("interrupted", err=True)
+        if standalone:
+            sys.exit(code)
+        return code
+
+
+app = typer.Typer(
+    cls=_Commands,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _message(error: Exception) -> str | None:
+    """Return what to tell the user, None for an error that is ours."""
+    if hasattr(error, "format_message"):  # how typer says that the arguments are wrong
+        return str(error.format_message())
+    scenario = sys.modules.get("meshtrace.scenario")
+    if scenario is not None and isinstance(error, scenario.ScenarioError):
+        return str(error)
+    return None
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"meshtrace {version('meshtrace')}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    context: typer.Context,
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version."),
+    ] = False,
+) -> None:
+    """Monte Carlo ray tracing of light that crosses a wavy sea."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())

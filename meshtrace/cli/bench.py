@@ -1,0 +1,40 @@
+"""`meshtrace bench`: the speed of the engine."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .app import app
+from .console import scenario_of
+
+
+@app.command()
+def bench(
+    link: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[LINK.TOML]", help="Link file; the paper's link at 13 m/s if none."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Write the measurements as JSON.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the measurements as JSON.")
+    ] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="A quarter of the photons.")] = False,
+) -> None:
+    """Measure the speed of the engine, as ratios within one run."""
+    from meshtrace.bench import bench as measure
+    from meshtrace.bench import report
+
+    scenario = scenario_of(link, ["wind_speed=13", "bubbles=none"] if link is None else [], {})
+    result = measure(scenario.link, scenario.surface, quick=quick)
+    text = json.dumps(result, indent=1)
+    if output is not None:
+        output.write_text(text + "\n")
+    typer.echo(text if as_json else report(result))

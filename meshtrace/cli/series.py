@@ -1,0 +1,84 @@
+"""`meshtrace series` and `meshtrace ensemble`: gains over many seas."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .app import app
+from .console import numbers, over_seas, refuse_unwritable, scenario_of, warnings_as_lines
+from .options import SERIES_CHAINS, Chains, LinkFile, Output, Seed, Settings, Threads
+
+if TYPE_CHECKING:
+    from meshtrace.scenario import Scenario
+    from meshtrace.series import GainSeries
+
+
+@app.command()
+def series(
+    link: LinkFile = None,
+    times: Annotated[
+        str, typer.Option(metavar="START:STOP:STEP", help="Times [s], or a list as in 0,1,2.")
+    ] = "0:30:0.5",
+    output: Output = None,
+    photons: Chains = SERIES_CHAINS,
+    seed: Seed = None,
+    threads: Threads = None,
+    settings: Settings = None,
+) -> None:
+    """Follow the channel gain over a moving sea and print its fading."""
+    seconds = numbers("--times", times)
+    options = {"photons": photons, "seed": seed, "threads": threads}
+    scenario = scenario_of(link, settings or [], options)
+    _fading_of(scenario, len(seconds), output, lambda step: scenario.time_series(seconds, step))
+
+
+@app.command()
+def ensemble(
+    link: LinkFile = None,
+    realizations: Annotated[
+        int, typer.Option("--realizations", "-n", min=2, max=10**7, help="Independent seas.")
+    ] = 200,
+    output: Output = None,
+    photons: Chains = SERIES_CHAINS,
+    seed: Seed = None,
+    threads: Threads = None,
+    settings: Settings = None,
+) -> None:
+    """Print the distribution of the channel gain over random seas, and its fading."""
+    options = {"photons": photons, "seed": seed, "threads": threads}
+    scenario = scenario_of(link, settings or [], options)
+    _fading_of(scenario, realizations, output, lambda step: scenario.ensemble(realizations, step))
+
+
+def _fading_of(
+    scenario: Scenario,
+    seas: int,
+    output: Path | None,
+    evaluate: Callable[[Callable[[int], None]], GainSeries],
+) -> None:
+    """Compute gains over many seas, write them, and print their fading."""
+    import numpy as np
+
+    if output is not None:
+        refuse_unwritable(output)
+    with warnings_as_lines(), over_seas(seas, quiet=False) as step:
+        gains = evaluate(step)
+    if output is not None:
+        gains.save(output)
+    for receiver, gain in enumerate(np.atleast_2d(gains.gain.T)):
+        if gains.gain.ndim == 2:
+            typer.echo(f"receiver {receiver}")
+        if gains.along == "realization":
+            shares = (1, 5, 25, 50, 75, 95, 99)
+            quantiles = np.percentile(gain, shares)
+            typer.echo("".join(f"{f'{share} %':>12}" for share in shares))
+            typer.echo("".join(f"{value:>12.4e}" for value in quantiles) + "\n")
+        typer.echo(gains.fading(receiver).summary())
+    error = np.atleast_1d(gains.mean_stderr / gains.gain.mean(axis=0))
+    typer.echo(f"  chains               mean gain +- {100.0 * float(error.max()):.2g} %")
+    if output is not None:
+        typer.echo(f"\nwritten to {output}")
