@@ -460,6 +460,20 @@ def _first_bin(scene, f, i, j, i0, j0):
 
 
 @outlined
+def corner_shines(f, shot, scene):
+    """Return whether light gets out at a corner of a facet, where none does at its centroid.
+
+    Array twin: fine meshes of the same water in the tests.
+    """
+    for corner in range(3):
+        g = scene.surface.faces[f, corner]
+        x, y = scene.surface.vertices[g, 0], scene.surface.vertices[g, 1]
+        if aim_at(x, y, f, shot, scene).ok:
+            return True
+    return False
+
+
+@outlined
 def _facet_roots(roots, n, f, flat, shot, scene):
     """Add the roots on facet f.
 
@@ -470,13 +484,15 @@ def _facet_roots(roots, n, f, flat, shot, scene):
     x, y, curvature = scene.facets[f, CX], scene.facets[f, CY], scene.facets[f, CURVATURE]
     m = aim_at(x, y, f, shot, scene)
     bend = flat.lever * curvature
-    if not m.ok or math.hypot(m.x1 - shot.x1, m.x2 - shot.x2) > (
-        _MARGIN * scene.facets[f, RADIUS] * (flat.high + bend)
-    ):
+    if m.ok:
+        reach = _MARGIN * scene.facets[f, RADIUS] * (flat.high + bend)
+        if math.hypot(m.x1 - shot.x1, m.x2 - shot.x2) > reach:
+            return n
+    elif not corner_shines(f, shot, scene):
         return n
     first = n
     n = _add_root(roots, n, first, x, y, f, shot, scene)
-    if scene.surface.interpolate and bend > 0.5 * flat.high:
+    if not m.ok or (scene.surface.interpolate and bend > 0.5 * flat.high):
         for corner in range(3):
             g = scene.surface.faces[f, corner]
             x, y = scene.surface.vertices[g, 0], scene.surface.vertices[g, 1]

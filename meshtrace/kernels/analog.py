@@ -312,11 +312,18 @@ def _bounce(q, f, world):
 
 
 @inlined
+def _steeper_than_waves(dx, dy, dz, world):
+    """Return whether a direction is steeper than every facet: away from the surface it stays so."""
+    slope = world.surface.max_slope
+    return dz * dz > slope * slope * (dx * dx + dy * dy)
+
+
+@inlined
 def _free_of_surface(z, dx, dy, dz, world):
     """Return whether a path in air cannot meet the surface again."""
     if not world.interface.follow_second_hit or (dz > 0.0 and z >= world.surface.high[2]):
         return True
-    return dz > world.surface.max_slope * math.hypot(dx, dy)
+    return dz > 0.0 and _steeper_than_waves(dx, dy, dz, world)
 
 
 @inlined
@@ -509,8 +516,12 @@ def _needs_ray(q, f, world):
     """Return whether the next flight of a photon may meet the surface."""
     if f[IN_WATER] == 0:
         return True
+    if q[DZ] < 0.0:
+        return q[Z] >= world.surface.low[2] and not _steeper_than_waves(
+            q[DX], q[DY], q[DZ], world
+        )
     z1 = q[Z] + q[S] * q[DZ] if q[DZ] != 0.0 else q[Z]
-    return max(z1, q[Z]) >= world.surface.low[2]
+    return z1 >= world.surface.low[2]
 
 
 @inlined

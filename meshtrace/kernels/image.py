@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from meshtrace.kernels.aiming import CURVATURE, CX, CY, RADIUS, Shot, aim_at, height_on
+from meshtrace.kernels.aiming import CURVATURE, CX, CY, RADIUS, Shot, aim_at, corner_shines, height_on
 from meshtrace.kernels.forced import accepted, intensity, is_steep, transmittance
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import absorption_path, scattering_path
@@ -84,7 +84,10 @@ def disk_overlap(ax, ay, bx, by, cx, cy, r):
     area = a0 + a1 + a2
     if area == 0.0:
         return 0.0, 0.0, 0.0
-    return abs(area), (x0 + x1 + x2) / area, (y0 + y1 + y2) / area
+    x, y = (x0 + x1 + x2) / area, (y0 + y1 + y2) / area
+    # of an overlap that is nothing but rounding the centroid may lie anywhere
+    inward = min(1.0, r / max(math.hypot(x, y), r))
+    return abs(area), inward * x, inward * y
 
 
 @outlined
@@ -120,9 +123,11 @@ def image_gain(scene, stretch, lever, ray, forward, score):
     for f in range(len(scene.surface.faces)):
         size = scene.facets[f, RADIUS]
         m = aim_at(scene.facets[f, CX], scene.facets[f, CY], f, shot, scene)
-        if not m.ok or math.hypot(m.x1, m.x2) > scene.target.radius + size * (
-            stretch + lever * scene.facets[f, CURVATURE]
-        ):
+        if m.ok:
+            reach = size * (stretch + lever * scene.facets[f, CURVATURE])
+            if math.hypot(m.x1, m.x2) > scene.target.radius + reach:
+                continue
+        elif not corner_shines(f, shot, scene):
             continue
         gain, steep = _facet_gain(f, math.ceil(2.0 * size / edge), shot, scene)
         score[f, 0] = gain

@@ -173,7 +173,7 @@ def run_analog(
     batch_size : int
         Photons of a chunk, a multiple of 4096; the result does not depend on it.
     roulette : float, optional
-        Weight below which Russian roulette is played; by default a fifth of the weight that
+        Weight below which Russian roulette is played; by default half of the weight that
         absorption leaves on the straight way up (1e-3 with light from the air).
     first_scored : int
         Crossing of the surface from which on light is scored; 2 for what was sent back once.
@@ -280,7 +280,7 @@ def _setup(
         roulette = 1e-3
         if sources.in_water.all() and link.planes is None:
             depth = max(-z for z in sources.position[:, 2])
-            roulette = 0.2 * math.exp(-min(link.water.a * depth, 600.0))
+            roulette = 0.5 * math.exp(-min(link.water.a * depth, 600.0))
     limits = kernel.Limits(roulette, survival, max_events, max_surface_events, first_scored)
     planes = link.planes
     return Setup(
