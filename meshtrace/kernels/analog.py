@@ -180,7 +180,7 @@ def _fly_water(q, f, length, world):
     if world.medium.absorption == CONTINUOUS:
         a_path = absorption_path(world.medium, q[Z], z1, length)
     if len(world.tallies.planes) > 0 or world.apertures.in_water.any():
-        _score_water(q, f, length, a_path, world)
+        _score_water(q, f, length, world)
     q[X] += length * q[DX]
     q[Y] += length * q[DY]
     q[Z] = z1
@@ -203,56 +203,40 @@ def _lowest(world):
 
 
 @outlined
-def _score_water(q, f, length, a_path, world):
-    """Score a path in water on planes and apertures; not inlined, most links have none.
-
-    In layers it is scored in pieces of one table step, in which absorption is even.
-    """
-    pieces = 1
-    if world.medium.layered and a_path > 0.0:
-        if q[DZ] < 0.0:  # what lies deeper than every detector is of no interest
-            length = min(length, max((_lowest(world) - q[Z]) / q[DZ], 1e-9))
-        steps = abs(length * q[DZ]) / world.medium.layer_step
-        pieces = int(min(max(math.ceil(steps), 1.0), 4096.0))
-    piece = length / pieces
-    weight = q[W]
-    for k in range(pieces):
-        x, y = q[X] + k * piece * q[DX], q[Y] + k * piece * q[DY]
-        z = q[Z] + k * piece * q[DZ]
-        z1 = z + piece * q[DZ]
-        part = a_path if pieces == 1 else absorption_path(world.medium, z, z1, piece)
-        score_planes(
-            world.tallies,
-            len(world.apertures.radius),
-            f[PHOTON] - world.first,
-            z,
-            z1,
-            q[DX],
-            q[DY],
-            q[DZ],
-            weight,
-            part,
-        )
-        score_apertures(
-            world.tallies,
-            world.apertures,
-            f[PHOTON] - world.first,
-            f[PHOTON],
-            True,
-            x,
-            y,
-            z,
-            q[DX],
-            q[DY],
-            q[DZ],
-            piece,
-            weight,
-            part,
-            q[WATER_PATH] + k * piece,
-            q[AIR_PATH],
-            world.interface.fov,
-        )
-        weight *= math.exp(-part)
+def _score_water(q, f, length, world):
+    """Score a path in water on planes and apertures; not inlined, most links have none."""
+    score_planes(
+        world.tallies,
+        len(world.apertures.radius),
+        f[PHOTON] - world.first,
+        q[Z],
+        q[Z] + length * q[DZ],
+        q[DX],
+        q[DY],
+        q[DZ],
+        length,
+        q[W],
+        world.medium,
+    )
+    score_apertures(
+        world.tallies,
+        world.apertures,
+        f[PHOTON] - world.first,
+        f[PHOTON],
+        True,
+        q[X],
+        q[Y],
+        q[Z],
+        q[DX],
+        q[DY],
+        q[DZ],
+        length,
+        q[W],
+        q[WATER_PATH],
+        q[AIR_PATH],
+        world.interface.fov,
+        world.medium,
+    )
 
 
 @inlined
@@ -343,10 +327,10 @@ def _to_sky(q, f, dx, dy, dz, weight, world):
         dz,
         math.inf,
         weight,
-        0.0,
         q[WATER_PATH],
         q[AIR_PATH],
         world.interface.fov,
+        world.medium,
     )
     score_map(world.tallies, q[X], q[Y], q[Z], dx, dy, dz, weight)
     deposit(world.tallies, RECEIVED if received else LANDED, weight)
@@ -517,9 +501,7 @@ def _needs_ray(q, f, world):
     if f[IN_WATER] == 0:
         return True
     if q[DZ] < 0.0:
-        return q[Z] >= world.surface.low[2] and not _steeper_than_waves(
-            q[DX], q[DY], q[DZ], world
-        )
+        return q[Z] >= world.surface.low[2] and not _steeper_than_waves(q[DX], q[DY], q[DZ], world)
     z1 = q[Z] + q[S] * q[DZ] if q[DZ] != 0.0 else q[Z]
     return z1 >= world.surface.low[2]
 

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import math
 
-from meshtrace.kernels.aiming import CURVATURE, CX, CY, RADIUS, Shot, aim_at, corner_shines, height_on
+from meshtrace.kernels.aiming import (
+    CURVATURE,
+    CX,
+    CY,
+    RADIUS,
+    Shot,
+    aim_at,
+    corner_shines,
+    height_on,
+)
 from meshtrace.kernels.forced import accepted, intensity, is_steep, transmittance
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import absorption_path, scattering_path

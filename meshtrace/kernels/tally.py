@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels.interface import FOV_ANGLE
 from meshtrace.kernels.jit import inlined, outlined
+from meshtrace.kernels.medium import CONTINUOUS, absorption_path
 
 SCALE = 2.0**44
 UNIT = 2.0**-44
@@ -106,6 +107,14 @@ def crosses_aperture(apertures, i, x, y, z, dx, dy, dz, length, fov):
 
 
 @inlined
+def _transmission(medium, z0, z1, length):
+    """Return what absorption along a straight path in water leaves of a weight."""
+    if medium.absorption != CONTINUOUS:
+        return 1.0
+    return math.exp(-absorption_path(medium, z0, z1, length))
+
+
+@inlined
 def score_apertures(
     tallies,
     apertures,
@@ -120,15 +129,15 @@ def score_apertures(
     dz,
     length,
     weight,
-    a_path,
     water_path,
     air_path,
     fov,
+    medium,
 ):
     """Score a straight path against every aperture of its medium; return True if any took it.
 
     Array twin: the analytic disk integrals of the flat-sea tests.
-    `a_path` is the absorption along the whole path: a disk on the way takes its share of it.
+    Water absorbs up to the disk.
     """
     received = False
     for i in range(len(apertures.radius)):
@@ -139,8 +148,8 @@ def score_apertures(
             continue
         received = True
         w = weight
-        if a_path > 0.0:
-            w *= math.exp(-a_path * t / length)
+        if in_water:
+            w *= _transmission(medium, z, z + t * dz, t)
         tallies.score[row, i] += w
         n = tallies.n_arrivals[0]
         tallies.n_arrivals[0] = n + 1  # counts what finds no room, too: the chunk is run again
@@ -153,7 +162,7 @@ def score_apertures(
 
 
 @outlined
-def score_planes(tallies, first, row, z0, z1, dx, dy, dz, weight, a_path):
+def score_planes(tallies, first, row, z0, z1, dx, dy, dz, length, weight, medium):
     """Score a straight path in water on the irradiance planes it crosses.
 
     Array twin: exp(-a z) of a beam in absorbing water.
@@ -163,8 +172,7 @@ def score_planes(tallies, first, row, z0, z1, dx, dy, dz, weight, a_path):
         h = tallies.planes[k]
         if (z0 - h) * (z1 - h) > 0.0 or z0 == z1 or h == z1:
             continue
-        fraction = (z0 - h) / (z0 - z1)
-        w = weight * math.exp(-a_path * fraction) if a_path > 0.0 else weight
+        w = weight * _transmission(medium, z0, h, length * (z0 - h) / (z0 - z1))
         column = first + 4 * k + (0 if dz < 0.0 else 1)
         tallies.score[row, column] += w
         tallies.score[row, column + 2] += w / abs(dz)

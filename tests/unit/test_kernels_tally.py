@@ -10,7 +10,7 @@ import meshtrace as mt
 from meshtrace.kernels import tally as kernel
 from meshtrace.kernels.interface import FOV_ANGLE, FOV_PAPER_POSITION
 from meshtrace.transport.analog import FixedPointSum
-from meshtrace.transport.arrays import aperture_arrays
+from meshtrace.transport.arrays import aperture_arrays, medium_arrays
 
 UP = (0.0, 0.0, 1.0)
 
@@ -27,11 +27,11 @@ def distances(apertures, i, origins, directions, length, fov):
 
 
 @njit
-def planes(tallies, origins, ends, directions, weight, a_path):
+def planes(tallies, origins, directions, length, weight, medium):
     for k in range(len(origins)):
-        d = directions[k]
+        d, z = directions[k], origins[k, 2]
         kernel.score_planes(
-            tallies, 1, k, origins[k, 2], ends[k, 2], d[0], d[1], d[2], weight, a_path[k]
+            tallies, 1, k, z, z + length[k] * d[2], d[0], d[1], d[2], length[k], weight, medium
         )
 
 
@@ -49,15 +49,19 @@ def deposits(tallies, weights):
 
 
 @njit
-def scored(tallies, apertures, origins, directions, length, weight, a_path, fov):
+def scored(tallies, apertures, origins, directions, length, weight, fov, medium):
     hit = np.zeros(len(origins), np.bool_)
     for k in range(len(origins)):
         o, d = origins[k], directions[k]
         hit[k] = kernel.score_apertures(
             tallies, apertures, k, k, True, o[0], o[1], o[2], d[0], d[1], d[2],
-            length, weight, a_path, 100.0, 7.0, fov,
+            length, weight, 100.0, 7.0, fov, medium,
         )  # fmt: skip
     return hit
+
+
+def absorbing(a):
+    return medium_arrays(mt.Link(water=mt.Water(a=a)))
 
 
 def tallies_of(
@@ -204,9 +208,9 @@ def test_score_is_weight_times_absorption_up_to_the_disk():
     tallies = tallies_of(rows=2, arrivals=2)
     o = np.array([[0.0, 0.0, -5.0], [3.0, 0.0, -5.0]])
     d = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
-    hit = scored(tallies, apertures, o, d, 4.0, 0.5, 0.8, FOV_ANGLE)
+    hit = scored(tallies, apertures, o, d, 4.0, 0.5, FOV_ANGLE, absorbing(0.2))
     assert hit.tolist() == [True, False]
-    expected = 0.5 * math.exp(-0.8 * 3.0 / 4.0)
+    expected = 0.5 * math.exp(-0.2 * 3.0)
     np.testing.assert_allclose(tallies.score[:, 0], [expected, 0.0], rtol=1e-14)
     assert tallies.n_arrivals[0] == 1
     np.testing.assert_allclose(tallies.arrivals[0], [0.0, 0.0, expected, 103.0, 7.0])
@@ -220,8 +224,7 @@ def test_planes_take_down_and_up_light_plane_and_scalar():
     origins = rng.uniform(-6.0, 0.0, (n, 3))
     directions = random_directions(rng, n)
     length = rng.uniform(0.0, 4.0, n)
-    ends = origins + length[:, None] * directions
-    planes(tallies, origins, ends, directions, 0.7, 0.3 * length)
+    planes(tallies, origins, directions, length, 0.7, absorbing(0.3))
     dz = directions[:, 2]
     expected = np.zeros((n, 13))
     total = np.zeros((3, 10, 8))
@@ -244,11 +247,23 @@ def test_planes_take_down_and_up_light_plane_and_scalar():
 def test_a_path_that_ends_on_a_plane_is_counted_by_the_next_one():
     tallies = tallies_of(rows=1, scores=5, depths=(2.0,))
     down = np.array([[0.0, 0.0, -1.0]])
-    points = [np.array([[0.0, 0.0, z]]) for z in (-1.0, -2.0, -3.0)]
-    none = np.zeros(1)
-    planes(tallies, points[0], points[1], down, 1.0, none)
-    planes(tallies, points[1], points[2], down, 1.0, none)
+    for z in (-1.0, -2.0):
+        planes(tallies, np.array([[0.0, 0.0, z]]), down, np.ones(1), 1.0, absorbing(0.0))
     assert tallies.score[0].tolist() == [0.0, 1.0, 0.0, 1.0, 0.0]
+
+
+def test_layers_absorb_up_to_the_plane_and_to_the_disk():
+    """A layer of 0.5 m-1 between 1 and 2 m: light on the way up has met what lies below."""
+    layers = ((0.0, 0.1, 0.0), (1.0, 0.1, 0.0), (1.01, 0.5, 0.0), (2.0, 0.5, 0.0))
+    aperture = mt.WaterAperture(depth=1.5, radius=1.0)
+    link = mt.Link(water=mt.Water(layers=layers), receiver=aperture)
+    tallies = tallies_of(rows=1, scores=5, depths=(1.5,))
+    o, up = np.array([[0.0, 0.0, -1.9]]), np.array([[0.0, 0.0, 1.0]])
+    medium = medium_arrays(link)
+    planes(tallies, o, up, np.array([1.8]), 1.0, medium)
+    scored(tallies, aperture_arrays(link), o, up, 1.8, 1.0, FOV_ANGLE, medium)
+    expected = math.exp(-0.5 * 0.4)
+    np.testing.assert_allclose(tallies.score[0, [0, 2, 4]], expected, rtol=1e-3)
 
 
 @pytest.mark.parametrize(("tilt_deg", "fov_deg"), [(0.0, 180.0), (0.0, 60.0), (30.0, 80.0)])
