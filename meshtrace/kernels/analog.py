@@ -500,10 +500,11 @@ def _needs_ray(q, f, world):
     """Return whether the next flight of a photon may meet the surface."""
     if f[IN_WATER] == 0:
         return True
-    if q[DZ] < 0.0:
-        return q[Z] >= world.surface.low[2] and not _steeper_than_waves(q[DX], q[DY], q[DZ], world)
+    low = world.surface.low[2]
     z1 = q[Z] + q[S] * q[DZ] if q[DZ] != 0.0 else q[Z]
-    return z1 >= world.surface.low[2]
+    if z1 < low:
+        return q[Z] >= low and not _steeper_than_waves(q[DX], q[DY], q[DZ], world)
+    return True
 
 
 @inlined
