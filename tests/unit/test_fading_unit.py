@@ -8,6 +8,7 @@ import pytest
 from scipy import integrate, stats
 
 from meshtrace import fading, fields
+from meshtrace.fading import correlation, gamma_gamma, intervals
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +84,7 @@ def test_effective_samples_of_repeated_gains():
 
 def test_block_means_against_slices():
     x = np.random.default_rng(15).uniform(size=50)
-    means = fading._block_means((x, x**2), 7, 5, seed=3)
+    means = intervals.block_means((x, x**2), 7, 5, seed=3)
     starts = np.random.default_rng(3).integers(0, 44, (5, 7))
     for k in range(5):
         drawn = np.concatenate([x[i : i + 7] for i in starts[k]])
@@ -102,7 +103,9 @@ def test_coherence_time_of_a_cosine():
 def test_first_crossing_is_interpolated_or_infinite():
     e = math.exp(-1.0)
     rho = np.array([[1.0, 1.0, 1.0], [0.9, e + 0.1, 0.0], [0.8, e - 0.3, -1.0]])
-    np.testing.assert_allclose(fading._first_crossing(rho), [math.inf, 1.25, 1.0 - e], rtol=1e-12)
+    np.testing.assert_allclose(
+        correlation._first_crossing(rho), [math.inf, 1.25, 1.0 - e], rtol=1e-12
+    )
 
 
 def test_coherence_time_beyond_half_the_record_has_it_as_its_limit():
@@ -227,7 +230,7 @@ def test_gamma_gamma_scales_with_the_mean_and_is_symmetric():
 def test_bessel_expansion_where_the_scaled_function_overflows(order):
     # ln K obeys the recurrence K_(v+1) = K_(v-1) + (2 v / x) K_v across the change of method.
     x = np.geomspace(1e-14, 1.0, 40) if order < 50.0 else np.geomspace(1e-3, 30.0, 40)
-    below, here, above = (fading._log_kv(order + i, x) for i in (-1.0, 0.0, 1.0))
+    below, here, above = (gamma_gamma._log_kv(order + i, x) for i in (-1.0, 0.0, 1.0))
     expected = np.logaddexp(below, np.log(2.0 * order / x) + here)
     np.testing.assert_allclose(above, expected, atol=3e-6)
     assert np.isfinite(above).all()

@@ -1,0 +1,60 @@
+"""Fading statistics of channel gains: ensembles of realizations and time series.
+
+Every function takes the gains as an array. `gain_stderr` is the Monte Carlo standard error of
+each gain, independent from one gain to the next; its variance is removed from what is measured.
+An error that all gains share (common random numbers) neither adds to their spread nor cancels in
+their mean: leave `gain_stderr` out, or tell `fading_statistics` that ``noise="common"``.
+"""
+
+from meshtrace.fading.correlation import (
+    autocorrelation,
+    block_length,
+    coherence_time,
+    effective_samples,
+)
+from meshtrace.fading.crossings import level_crossing_rate, mean_fade_duration
+from meshtrace.fading.distribution import Distribution, Histogram, gain_cdf, gain_pdf, outage
+from meshtrace.fading.fits import (
+    DistributionFit,
+    GoodnessOfFit,
+    Model,
+    fit_gamma_gamma,
+    fit_lognormal,
+    goodness_of_fit,
+)
+from meshtrace.fading.gains import Reference, remove_noise
+from meshtrace.fading.gamma_gamma import gamma_gamma_cdf, gamma_gamma_pdf, sample_gamma_gamma
+from meshtrace.fading.intervals import Estimate
+from meshtrace.fading.scintillation import scintillation_index
+from meshtrace.fading.statistics import Noise, fading_statistics
+from meshtrace.fading.summary import FadingStatistics
+
+__all__ = [
+    "Distribution",
+    "DistributionFit",
+    "Estimate",
+    "FadingStatistics",
+    "GoodnessOfFit",
+    "Histogram",
+    "Model",
+    "Noise",
+    "Reference",
+    "autocorrelation",
+    "block_length",
+    "coherence_time",
+    "effective_samples",
+    "fading_statistics",
+    "fit_gamma_gamma",
+    "fit_lognormal",
+    "gain_cdf",
+    "gain_pdf",
+    "gamma_gamma_cdf",
+    "gamma_gamma_pdf",
+    "goodness_of_fit",
+    "level_crossing_rate",
+    "mean_fade_duration",
+    "outage",
+    "remove_noise",
+    "sample_gamma_gamma",
+    "scintillation_index",
+]

@@ -1,0 +1,172 @@
+"""Where the gains lie: density, distribution function and outage."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from meshtrace.fading.gains import FloatArray, Reference, check_bootstrap, level_of, remove_noise
+from meshtrace.fading.intervals import Estimate, wilson
+
+
+class Histogram(NamedTuple):
+    """A probability density over bins: edges (m + 1,), density (m,) and its stderr (m,)."""
+
+    edges: FloatArray
+    density: FloatArray
+    density_stderr: FloatArray
+
+
+class Distribution(NamedTuple):
+    """An empirical CDF: sorted gains (n,), P(gain <= x) (n,) and its confidence limits (n,)."""
+
+    gain: FloatArray
+    probability: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+def outage(
+    gain: ArrayLike,
+    threshold: float = 0.5,
+    gain_stderr: ArrayLike | None = None,
+    *,
+    relative_to: Reference = "mean",
+    n_effective: float | None = None,
+    confidence: float = 0.95,
+) -> Estimate:
+    r"""Return the outage probability with its Wilson interval.
+
+    .. math:: P_\mathrm{out} = P(g < \mathrm{threshold})
+
+    Parameters
+    ----------
+    gain : array_like, shape (n,)
+        Channel gains [1].
+    threshold : float, optional
+        Threshold [1], a multiple of the reference.
+    gain_stderr : array_like, shape () or (n,), optional
+        Independent standard error of each gain [1], freed from by `remove_noise` first.
+    relative_to : {"mean", "median", "absolute"}, optional
+        Reference of the threshold; "absolute" takes it as a gain.
+    n_effective : float, optional
+        Number of independent samples, by default n; for a series see `effective_samples`.
+    confidence : float, optional
+        Level of the interval [1].
+
+    Returns
+    -------
+    Estimate
+        Probability [1] and its limits.
+
+    Raises
+    ------
+    ValueError
+        If a value is negative or not finite, or an option is out of range.
+
+    References
+    ----------
+    Wilson, E. B. (1927), doi:10.1080/01621459.1927.10502953.
+
+    Examples
+    --------
+    >>> outage([0.4, 1.0, 1.2, 1.4], 0.5, relative_to="absolute").value
+    0.25
+    """
+    g = remove_noise(gain, gain_stderr)
+    check_bootstrap(confidence)
+    n = float(g.size) if n_effective is None else n_effective
+    if not 1.0 <= n <= g.size:
+        raise ValueError(f"n_effective: {n_effective}, allowed 1 <= n_effective <= {g.size}")
+    return wilson(float(np.mean(g < level_of(g, threshold, relative_to))), n, confidence)
+
+
+def gain_pdf(
+    gain: ArrayLike, gain_stderr: ArrayLike | None = None, *, bins: int | str = "auto"
+) -> Histogram:
+    """Return the probability density of the gain as a histogram with its standard error.
+
+    Parameters
+    ----------
+    gain, gain_stderr
+        As in `remove_noise`, which is applied first.
+    bins : int or str, optional
+        Number of bins or a rule of `numpy.histogram_bin_edges`.
+
+    Returns
+    -------
+    Histogram
+        Edges [1], density [1] per unit of gain, and its binomial standard error for
+        independent gains.
+
+    Raises
+    ------
+    ValueError
+        If a value is negative or not finite.
+
+    Examples
+    --------
+    >>> h = gain_pdf([1.0, 1.2, 1.4, 2.0], bins=2)
+    >>> float(np.sum(h.density * np.diff(h.edges)))
+    1.0
+    """
+    g = remove_noise(gain, gain_stderr)
+    count, edges = np.histogram(g / g.mean(), bins=bins)
+    edges = edges * g.mean()
+    share, width = count / g.size, np.diff(edges)
+    return Histogram(edges, share / width, np.sqrt(share * (1.0 - share) / g.size) / width)
+
+
+def gain_cdf(
+    gain: ArrayLike,
+    gain_stderr: ArrayLike | None = None,
+    *,
+    n_effective: float | None = None,
+    confidence: float = 0.95,
+) -> Distribution:
+    r"""Return the empirical distribution function with a band that holds everywhere at once.
+
+    .. math:: F_n(x) \pm \sqrt{\ln(2 / (1 - \mathrm{confidence})) / (2 n_\mathrm{eff})}
+
+    Parameters
+    ----------
+    gain, gain_stderr
+        As in `remove_noise`, which is applied first.
+    n_effective : float, optional
+        Number of independent samples, by default n; for a series see `effective_samples`.
+    confidence : float, optional
+        Level of the band [1].
+
+    Returns
+    -------
+    Distribution
+        Sorted gains [1], P(g <= x) [1] and the limits of the band [1].
+
+    Raises
+    ------
+    ValueError
+        If a value is negative or not finite, or an option is out of range.
+
+    References
+    ----------
+    Massart, P. (1990), The tight constant in the Dvoretzky-Kiefer-Wolfowitz inequality,
+    doi:10.1214/aop/1176990746.
+
+    Examples
+    --------
+    >>> gain_cdf([2.0, 1.0, 4.0, 3.0]).probability
+    array([0.25, 0.5 , 0.75, 1.  ])
+    """
+    g = np.sort(remove_noise(gain, gain_stderr))
+    check_bootstrap(confidence)
+    n = float(g.size) if n_effective is None else n_effective
+    if not 1.0 <= n <= g.size:
+        raise ValueError(f"n_effective: {n_effective}, allowed 1 <= n_effective <= {g.size}")
+    probability = np.arange(1, g.size + 1) / g.size
+    half = math.sqrt(math.log(2.0 / (1.0 - confidence)) / (2.0 * n))
+    return Distribution(
+        g, probability, np.maximum(probability - half, 0.0), np.minimum(probability + half, 1.0)
+    )

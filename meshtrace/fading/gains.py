@@ -1,0 +1,124 @@
+"""Gains as they come in: what is allowed, and the Monte Carlo noise taken out of them."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+Reference = Literal["mean", "median", "absolute"]
+
+# With fewer replicates all may lie on one side of the estimate, and BCa divides by zero.
+FEWEST_RESAMPLES = 50
+
+
+def checked_gain(gain: ArrayLike) -> FloatArray:
+    """Return the gains as an array, refusing what no statistic is defined for."""
+    g = np.asarray(gain, dtype=np.float64)
+    if g.ndim != 1 or g.size < 2:
+        raise ValueError(f"gain: shape {g.shape}, allowed (n,) with n >= 2")
+    _check_values("gain", g)
+    if not g.any():
+        raise ValueError("gain: all 0, allowed at least one gain > 0")
+    return g
+
+
+def checked(gain: ArrayLike, gain_stderr: ArrayLike | None) -> tuple[FloatArray, FloatArray]:
+    """Return the gains and the variance of the Monte Carlo error of each."""
+    g = checked_gain(gain)
+    if gain_stderr is None:
+        return g, np.zeros_like(g)
+    stderr = np.asarray(gain_stderr, dtype=np.float64)
+    if stderr.shape not in ((), g.shape):
+        raise ValueError(f"gain_stderr: shape {stderr.shape}, allowed () or {g.shape}")
+    stderr = np.broadcast_to(stderr, g.shape)
+    _check_values("gain_stderr", stderr)
+    return g, stderr**2
+
+
+def _check_values(name: str, values: FloatArray) -> None:
+    bad = np.flatnonzero(~(np.isfinite(values) & (values >= 0.0)))
+    if bad.size:
+        raise ValueError(f"{name}: {values[bad[0]]} at index {bad[0]}, allowed finite values >= 0")
+
+
+def checked_step(time: ArrayLike, n: int) -> float:
+    """Return the time step [s], refusing times that are not equally spaced."""
+    t = np.asarray(time, dtype=np.float64)
+    if t.shape != (n,):
+        raise ValueError(f"time: shape {t.shape}, allowed ({n},), one time [s] per gain")
+    if not np.isfinite(t).all():
+        raise ValueError("time: not all finite, allowed finite times [s]")
+    step = (t[-1] - t[0]) / (n - 1)
+    if not step > 0.0 or np.abs(np.diff(t) - step).max() > 1e-6 * step + 1e-12 * np.abs(t).max():
+        raise ValueError("time: not equally spaced and increasing, allowed a constant step > 0 s")
+    return float(step)
+
+
+def check_bootstrap(confidence: float, resamples: int = FEWEST_RESAMPLES) -> None:
+    """Refuse a confidence or a number of replicates that is out of range."""
+    if not 0.0 < confidence < 1.0:
+        raise ValueError(f"confidence: {confidence}, allowed 0 < confidence < 1")
+    if resamples < FEWEST_RESAMPLES:
+        raise ValueError(f"resamples: {resamples}, allowed resamples >= {FEWEST_RESAMPLES}")
+
+
+def level_of(gain: FloatArray, threshold: float, relative_to: Reference) -> float:
+    """Return the threshold as a gain."""
+    if not (math.isfinite(threshold) and threshold > 0.0):
+        raise ValueError(f"threshold: {threshold}, allowed finite > 0")
+    if relative_to not in ("mean", "median", "absolute"):
+        raise ValueError(f"relative_to: {relative_to!r}, allowed 'mean', 'median', 'absolute'")
+    if relative_to == "absolute":
+        return threshold
+    return threshold * float(gain.mean() if relative_to == "mean" else np.median(gain))
+
+
+def remove_noise(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> FloatArray:
+    r"""Return the gains with their spread freed from the independent Monte Carlo error.
+
+    .. math:: \ln g' = \overline{\ln g} + \sqrt{1 - \overline{(s/g)^2} / \mathrm{Var}(\ln g)}
+              \; (\ln g - \overline{\ln g}) + \mathrm{const}
+
+    Parameters
+    ----------
+    gain : array_like, shape (n,)
+        Channel gains [1].
+    gain_stderr : array_like, shape () or (n,), optional
+        Independent standard error of each gain [1]; without it the gains are returned as is.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Gains [1] of the same order and mean, whose log-variance is that of the fading alone;
+        all equal if the noise explains the whole spread.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two gains or a value is negative or not finite.
+
+    Notes
+    -----
+    The shape of the noise is not deconvolved, only its variance removed. The expansion of the
+    logarithm wants relative errors below about 0.3; gains of zero stay zero. The mean is kept.
+
+    Examples
+    --------
+    >>> remove_noise([0.8, 1.0, 1.2], 0.1).round(3)
+    array([0.827, 1.002, 1.171])
+    """
+    g, noise = checked(gain, gain_stderr)
+    seen = g > 0.0
+    log_gain = np.log(g[seen])
+    if not noise.any() or log_gain.size < 2 or np.ptp(log_gain) == 0.0:
+        return g.copy()
+    kept = 1.0 - np.mean(noise[seen] / g[seen] ** 2) / log_gain.var(ddof=1)
+    if kept <= 0.0:
+        return np.where(seen, g[seen].mean(), 0.0)
+    out = np.zeros_like(g)
+    out[seen] = np.exp(math.sqrt(kept) * (log_gain - log_gain.mean()))
+    return out * (g.mean() / out.mean())

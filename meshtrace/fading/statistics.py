@@ -1,0 +1,277 @@
+"""All fading statistics of an ensemble or a time series at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Literal, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from meshtrace.fading.correlation import (
+    autocorrelation,
+    block_length,
+    coherence_time,
+    effective_samples,
+)
+from meshtrace.fading.crossings import level_crossing_rate, mean_fade_duration
+from meshtrace.fading.distribution import gain_cdf, gain_pdf, outage
+from meshtrace.fading.fits import (
+    DistributionFit,
+    GoodnessOfFit,
+    fit_gamma_gamma,
+    fit_lognormal,
+    goodness_of_fit,
+)
+from meshtrace.fading.gains import (
+    FloatArray,
+    Reference,
+    check_bootstrap,
+    checked,
+    checked_step,
+    level_of,
+    remove_noise,
+)
+from meshtrace.fading.intervals import Estimate
+from meshtrace.fading.scintillation import scintillation_index
+from meshtrace.fading.summary import FadingStatistics
+
+Noise = Literal["independent", "common"]
+
+# Below these numbers the intervals of a series are rough, and a fit is not tested.
+_FEWEST_EFFECTIVE = 20.0
+_FEWEST_TESTED = 20
+
+
+class _Boot(TypedDict):
+    confidence: float
+    resamples: int
+    seed: int
+
+
+class _Series(TypedDict, total=False):
+    lag: FloatArray
+    autocorrelation: FloatArray
+    coherence_time: Estimate
+    level_crossing_rate: tuple[Estimate, ...]
+    mean_fade_duration: tuple[Estimate, ...]
+
+
+def fading_statistics(
+    gain: ArrayLike,
+    gain_stderr: ArrayLike | None = None,
+    *,
+    time: ArrayLike | None = None,
+    noise: Noise = "independent",
+    thresholds: Sequence[float] = (0.5, 0.8, 0.9, 1.0),
+    relative_to: Reference = "mean",
+    confidence: float = 0.95,
+    resamples: int = 999,
+    test_resamples: int = 199,
+    seed: int = 0,
+) -> FadingStatistics:
+    """Return all fading statistics of an ensemble or, with `time`, of a time series.
+
+    Parameters
+    ----------
+    gain : array_like, shape (n,)
+        Channel gains [1].
+    gain_stderr : array_like, shape () or (n,), optional
+        Monte Carlo standard error of each gain [1].
+    time : array_like, shape (n,), optional
+        Equally spaced times [s]; without them the gains are independent realizations.
+    noise : {"independent", "common"}, optional
+        Whether the Monte Carlo errors are independent, or one and the same for all gains
+        (common random numbers).
+    thresholds : sequence of float, optional
+        Thresholds [1] of outage, crossing rate and fade duration.
+    relative_to : {"mean", "median", "absolute"}, optional
+        Reference of the thresholds.
+    confidence : float, optional
+        Level of all intervals [1].
+    resamples, test_resamples : int, optional
+        Number of replicates for the intervals, and for the tests of fit; 0 tests leave them out.
+    seed : int, optional
+        Seed of all replicates.
+
+    Returns
+    -------
+    FadingStatistics
+        With `summary()` and `to_dataset()`.
+
+    Raises
+    ------
+    ValueError
+        If a value is negative or not finite, the times are not equally spaced, or an option is
+        out of range.
+
+    Notes
+    -----
+    Common errors do not widen the spread of the gains: nothing is subtracted, and the mean carries
+    them in full. A series is tested for fit on every k-th gain, with k = n / n_effective; its
+    likelihoods count every gain, so that only the order of the AIC has a meaning.
+
+    Examples
+    --------
+    >>> g = np.random.default_rng(4).lognormal(-10.0, 0.1, 300)
+    >>> s = fading_statistics(g, 1e-7, test_resamples=0)
+    >>> s.n, round(s.scintillation_index.value, 3), [fit.model for fit in s.fits]
+    (300, 0.01, ['lognormal', 'gamma-gamma'])
+    """
+    g, variance = checked(gain, gain_stderr)
+    if noise not in ("independent", "common"):
+        raise ValueError(f"noise: {noise!r}, allowed 'independent', 'common'")
+    if test_resamples < 0:
+        raise ValueError(f"test_resamples: {test_resamples}, allowed test_resamples >= 0")
+    check_bootstrap(confidence, resamples)
+    stderr = np.sqrt(variance) if noise == "independent" and variance.any() else None
+    independent = 0.0 if stderr is None else float(variance.mean())
+    common = float(np.sqrt(variance).mean()) if stderr is None else 0.0
+    spread = float(g.var(ddof=1))
+    fades = np.ptp(g) > 0.0 and spread * (g.size - 1) / g.size > independent
+    levels = tuple(float(threshold) for threshold in thresholds)
+    boot: _Boot = {"confidence": confidence, "resamples": resamples, "seed": seed}
+    n_effective, block = float(g.size), 1
+    series: _Series = {}
+    if time is not None:
+        block = block_length(g)
+        n_effective = effective_samples(g, stderr) if fades else n_effective
+        series = _series_part(time, g, stderr, bool(fades), levels, relative_to, block, boot)
+    fits, goodness, fit_notes = _all_fits(g, stderr, n_effective, test_resamples, seed)
+    index = scintillation_index(g, stderr, block=block, **boot)
+    notes = _noise_notes(g, independent, variance, bool(fades), index)
+    if series:
+        notes += _series_notes(g, independent, n_effective, series)
+    trials = [_trials(g, stderr, h, relative_to, n_effective) for h in levels]
+    return FadingStatistics(
+        n=g.size,
+        n_effective=n_effective,
+        block=block,
+        confidence=confidence,
+        mean=float(g.mean()),
+        mean_stderr=math.sqrt(
+            max(spread - independent, 0.0) / n_effective + independent / g.size + common**2
+        ),
+        median=float(np.median(g)),
+        scintillation_index=index,
+        noise_share=independent / spread if spread > 0.0 else 0.0,
+        thresholds=levels,
+        relative_to=relative_to,
+        outage=tuple(
+            outage(g, h, stderr, relative_to=relative_to, n_effective=n, confidence=confidence)
+            for h, n in zip(levels, trials, strict=True)
+        ),
+        pdf=gain_pdf(g, stderr),
+        cdf=gain_cdf(g, stderr, n_effective=n_effective, confidence=confidence),
+        fits=fits,
+        goodness=goodness,
+        notes=tuple(notes + fit_notes),
+        **series,
+    )
+
+
+def _series_part(
+    time: ArrayLike,
+    g: FloatArray,
+    stderr: FloatArray | None,
+    fades: bool,
+    levels: tuple[float, ...],
+    relative_to: Reference,
+    block: int,
+    boot: _Boot,
+) -> _Series:
+    lag = checked_step(time, g.size) * np.arange(g.size // 2 + 1, dtype=np.float64)
+    nothing = Estimate(math.nan, math.nan, math.nan)
+    return {
+        "lag": lag,
+        "autocorrelation": (autocorrelation(g, stderr) if fades else np.full_like(lag, math.nan)),
+        "coherence_time": (
+            coherence_time(time, g, stderr, block=block, **boot) if fades else nothing
+        ),
+        "level_crossing_rate": tuple(
+            level_crossing_rate(time, g, h, relative_to=relative_to, block=block, **boot)
+            for h in levels
+        ),
+        "mean_fade_duration": tuple(
+            mean_fade_duration(time, g, h, relative_to=relative_to, block=block, **boot)
+            for h in levels
+        ),
+    }
+
+
+def _trials(
+    g: FloatArray,
+    stderr: FloatArray | None,
+    threshold: float,
+    relative_to: Reference,
+    n_effective: float,
+) -> float:
+    """Return the number of independent trials behind an outage probability."""
+    if n_effective == g.size:
+        return n_effective
+    sample = remove_noise(g, stderr)
+    below = (sample < level_of(sample, threshold, relative_to)).astype(np.float64)
+    # Rare outages decorrelate faster than the gain: their own correlation counts.
+    return effective_samples(below) if 0.0 < below.mean() < 1.0 else n_effective
+
+
+def _all_fits(
+    g: FloatArray,
+    stderr: FloatArray | None,
+    n_effective: float,
+    resamples: int,
+    seed: int,
+) -> tuple[tuple[DistributionFit, ...], tuple[GoodnessOfFit, ...], list[str]]:
+    sample = remove_noise(g, stderr)
+    if not sample.all():
+        return (), (), ["some gains are 0: no continuous law fitted"]
+    if np.ptp(sample) <= 1e-12 * sample.max():
+        return (), (), ["no variance beside the Monte Carlo noise: no law fitted"]
+    fits = (fit_lognormal(sample), fit_gamma_gamma(sample, n_effective=n_effective))
+    notes = [f"{fit.model}: {fit.note}" for fit in fits if fit.note]
+    apart = sample[:: math.ceil(g.size / n_effective)]
+    if resamples == 0:
+        return fits, (), notes
+    if apart.size < _FEWEST_TESTED:
+        return fits, (), [*notes, f"only {apart.size} independent gains: fits not tested"]
+    tests = tuple(goodness_of_fit(f.model, apart, resamples=resamples, seed=seed) for f in fits)
+    return fits, tests, notes
+
+
+def _noise_notes(
+    g: FloatArray, independent: float, variance: FloatArray, fades: bool, index: Estimate
+) -> list[str]:
+    notes = []
+    if not fades:
+        notes.append("no fading seen beside the Monte Carlo noise")
+    if index.high < 0.0:
+        notes.append(
+            "the gains vary less than independent errors of the stated size would make them: "
+            "errors of common random numbers are stated with noise='common'"
+        )
+    if independent and np.any(variance > (0.3 * g) ** 2):
+        count = np.count_nonzero(variance > (0.3 * g) ** 2)
+        notes.append(f"{count} gains have an error above 30 %: deep fades are blurred by noise")
+    return notes
+
+
+def _series_notes(
+    g: FloatArray, independent: float, n_effective: float, series: _Series
+) -> list[str]:
+    notes = []
+    if n_effective < _FEWEST_EFFECTIVE:
+        notes.append(
+            f"the record is worth {n_effective:.2g} independent samples: the scintillation index "
+            f"is low by about {100.0 / n_effective:.0f} %, and the intervals are rough"
+        )
+    if series["coherence_time"].value < series["lag"][1]:
+        notes.append("the coherence time is below one time step: sample faster")
+    steps = float(np.mean(np.diff(g) ** 2))
+    if independent and 2.0 * independent > 0.1 * steps:
+        notes.append(
+            f"Monte Carlo noise makes {100.0 * min(1.0, 2.0 * independent / steps):.0f} % of the "
+            "step-to-step variance: crossing rates are too high, fades too short; use common "
+            "random numbers or more photons"
+        )
+    return notes

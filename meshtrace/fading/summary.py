@@ -1,0 +1,200 @@
+"""All fading statistics of one set of gains, as text and as a dataset."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from meshtrace import fields
+from meshtrace.fading.distribution import Distribution, Histogram
+from meshtrace.fading.fits import DistributionFit, GoodnessOfFit
+from meshtrace.fading.gains import FloatArray, Reference
+from meshtrace.fading.intervals import Estimate
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@dataclass(frozen=True, eq=False)
+class FadingStatistics:
+    """Fading statistics of one set of gains, made by `fading_statistics`.
+
+    Parameters
+    ----------
+    n : int
+        Number of gains.
+    n_effective : float
+        Number of independent samples they are worth; n for an ensemble.
+    block : int
+        Block length [samples] of the bootstrap; 1 for an ensemble.
+    confidence : float
+        Level of all intervals [1].
+    mean, mean_stderr, median : float
+        Gain [1].
+    scintillation_index : Estimate
+        Monte Carlo variance removed [1].
+    noise_share : float
+        Share of the Monte Carlo noise in the variance of the gains [1].
+    thresholds : tuple of float
+        Thresholds [1], multiples of `relative_to`.
+    relative_to : {"mean", "median", "absolute"}
+        Reference of the thresholds.
+    outage : tuple of Estimate
+        P(gain < threshold) [1].
+    pdf, cdf : Histogram, Distribution
+        Density and distribution function of the gain.
+    fits, goodness : tuple
+        Fitted laws, and their tests.
+    notes : tuple of str
+        What the reader must know.
+    lag, autocorrelation : ndarray, optional
+        Lags [s] and autocorrelation [1] of a series.
+    coherence_time : Estimate, optional
+        Lag of 1/e [s] of a series.
+    level_crossing_rate, mean_fade_duration : tuple of Estimate
+        Per threshold [s-1], [s]; empty for an ensemble.
+    """
+
+    n: int
+    n_effective: float
+    block: int
+    confidence: float
+    mean: float
+    mean_stderr: float
+    median: float
+    scintillation_index: Estimate
+    noise_share: float
+    thresholds: tuple[float, ...]
+    relative_to: Reference
+    outage: tuple[Estimate, ...]
+    pdf: Histogram
+    cdf: Distribution
+    fits: tuple[DistributionFit, ...]
+    goodness: tuple[GoodnessOfFit, ...]
+    notes: tuple[str, ...]
+    lag: FloatArray | None = None
+    autocorrelation: FloatArray | None = None
+    coherence_time: Estimate | None = None
+    level_crossing_rate: tuple[Estimate, ...] = ()
+    mean_fade_duration: tuple[Estimate, ...] = ()
+
+    def summary(self) -> str:
+        """Return the statistics as a text for the terminal."""
+        kind = "independent gains" if self.lag is None else "gains of a time series"
+        lines = [
+            f"Fading of {self.n} {kind} (intervals {100.0 * self.confidence:g} %)",
+            f"  mean gain            {self.mean:.6g} +- {self.mean_stderr:.2g}",
+            f"  median gain          {self.median:.6g}",
+            f"  scintillation index  {_text(self.scintillation_index)}",
+            f"  Monte Carlo share    {100.0 * self.noise_share:.3g} % of the variance",
+        ]
+        if self.coherence_time is not None:
+            lines += [
+                f"  coherence time       {_text(self.coherence_time)} s",
+                f"  independent samples  {self.n_effective:.3g} (blocks of {self.block})",
+            ]
+        lines += self._threshold_lines() + self._fit_lines()
+        return "\n".join(lines + [f"  note: {note}" for note in self.notes])
+
+    def _threshold_lines(self) -> list[str]:
+        lines = []
+        for i, threshold in enumerate(self.thresholds):
+            what = f"gain < {threshold:g}"
+            what += "" if self.relative_to == "absolute" else f" x {self.relative_to}"
+            lines.append(f"  {what:<20} outage {_text(self.outage[i])}")
+            if self.level_crossing_rate:
+                lines.append(f"{'':<23}crossings {_text(self.level_crossing_rate[i])} per s")
+                lines.append(f"{'':<23}mean fade {_text(self.mean_fade_duration[i])} s")
+        return lines
+
+    def _fit_lines(self) -> list[str]:
+        tests = {test.model: test for test in self.goodness}
+        lines = []
+        for fit in self.fits:
+            values = ", ".join(f"{name} {value:.4g}" for name, value in fit.parameters.items())
+            line = f"  {fit.model:<20} {values}; AIC {fit.aic:.6g}"
+            if fit.model in tests:
+                line += f"; KS {tests[fit.model].ks:.3g}, p = {tests[fit.model].p_value:.3g}"
+            lines.append(line)
+        return lines
+
+    def to_dataset(self) -> xarray.Dataset:
+        """Return the statistics as an `xarray.Dataset` with CF attributes."""
+        import xarray as xr
+
+        data = xr.Dataset(
+            attrs={
+                "n": self.n,
+                "n_effective": self.n_effective,
+                "block_length": self.block,
+                "confidence": self.confidence,
+                "threshold_relative_to": self.relative_to,
+                "notes": "; ".join(self.notes),
+            }
+        )
+        for name, dims, values in self._variables():
+            data[name] = (dims, values, fields.attrs(name))
+        for name, dims, estimates in self._estimates():
+            columns = np.reshape(estimates, (len(self.thresholds), 3) if dims else (3,))
+            for suffix, column in zip(("", "_low", "_high"), columns.T, strict=True):
+                data[name + suffix] = (dims, column, _limit_attrs(name, suffix))
+        return data
+
+    def _variables(self) -> Iterator[tuple[str, tuple[str, ...], object]]:
+        yield "gain_mean", (), self.mean
+        yield "gain_mean_stderr", (), self.mean_stderr
+        yield "gain_median", (), self.median
+        yield "noise_share", (), self.noise_share
+        yield "threshold", ("threshold",), list(self.thresholds)
+        yield "gain_bin", ("gain_bin",), 0.5 * (self.pdf.edges[1:] + self.pdf.edges[:-1])
+        yield "gain_bin_width", ("gain_bin",), np.diff(self.pdf.edges)
+        yield "gain_pdf", ("gain_bin",), self.pdf.density
+        yield "gain_pdf_stderr", ("gain_bin",), self.pdf.density_stderr
+        yield "gain", ("gain",), self.cdf.gain
+        yield "gain_cdf", ("gain",), self.cdf.probability
+        if self.lag is not None:
+            yield "lag", ("lag",), self.lag
+            yield "autocorrelation", ("lag",), self.autocorrelation
+        if self.fits:
+            yield from self._fit_variables()
+
+    def _fit_variables(self) -> Iterator[tuple[str, tuple[str, ...], object]]:
+        names = list(dict.fromkeys(name for fit in self.fits for name in fit.parameters))
+        tests = {test.model: test for test in self.goodness}
+        none = GoodnessOfFit("lognormal", math.nan, math.nan, 0)
+        yield "model", ("model",), [fit.model for fit in self.fits]
+        yield "fit_parameter", ("fit_parameter",), names
+        yield (
+            "fit_value",
+            ("model", "fit_parameter"),
+            [[fit.parameters.get(name, math.nan) for name in names] for fit in self.fits],
+        )
+        yield "aic", ("model",), [fit.aic for fit in self.fits]
+        yield "ks", ("model",), [tests.get(fit.model, none).ks for fit in self.fits]
+        yield "ks_p_value", ("model",), [tests.get(fit.model, none).p_value for fit in self.fits]
+
+    def _estimates(
+        self,
+    ) -> Iterator[tuple[str, tuple[str, ...], Estimate | tuple[Estimate, ...]]]:
+        yield "scintillation_index", (), self.scintillation_index
+        yield "outage", ("threshold",), self.outage
+        if self.coherence_time is not None:
+            yield "coherence_time", (), self.coherence_time
+        if self.level_crossing_rate:
+            yield "level_crossing_rate", ("threshold",), self.level_crossing_rate
+            yield "mean_fade_duration", ("threshold",), self.mean_fade_duration
+
+
+def _text(estimate: Estimate) -> str:
+    return f"{estimate.value:.4g} [{estimate.low:.4g}, {estimate.high:.4g}]"
+
+
+def _limit_attrs(name: str, suffix: str) -> dict[str, str]:
+    attrs = fields.attrs(name)
+    if suffix:
+        attrs["long_name"] += f", {'lower' if suffix == '_low' else 'upper'} confidence limit"
+    return attrs
