@@ -166,12 +166,12 @@ class MeshFile(pydantic.BaseModel, frozen=True, extra="forbid"):
     kind: Literal["mesh"] = "mesh"
     file: str
 
-    def load(self, extent: float) -> TriangleMesh:
+    def load(self, extent: float | None = None) -> TriangleMesh:
         """Return the mesh.
 
         Parameters
         ----------
-        extent : float
+        extent : float, optional
             Half-length of the square |x|, |y| <= extent that it has to cover [m].
 
         Raises

@@ -13,7 +13,7 @@ if not all(find_spec(name) for name in ("matplotlib", "pyvista", "trame_vtk", "i
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "export": ["save_picture", "save_vtk", "to_pyvista"],
+        "export": ["export_scene", "save_picture", "save_vtk", "to_pyvista"],
         "html": ["save_html"],
         "movie": ["save_movie"],
         "plots": [

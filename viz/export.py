@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import singledispatch
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyvista as pv
@@ -13,6 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from meshtrace.mesh import TriangleMesh
 from meshtrace.series import CoverageMap
 from meshtrace.transport.paths import PhotonPaths, Vertex
+
+if TYPE_CHECKING:
+    from .stage import Scene
 
 
 @singledispatch
@@ -128,6 +132,29 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
         data = data.cast_to_unstructured_grid()
     data.save(path)
     return path
+
+
+def export_scene(scene: Scene, folder: str | Path) -> list[Path]:
+    """Write the surface, paths and map of a scene as files for ParaView.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is drawn.
+    folder : path
+        Folder, made if it is not there: surface.vtp, paths.vtp, received.vtp, map.vti.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return [
+        save_vtk(source, folder / f"{name}{_SUFFIXES[type(to_pyvista(source))][0]}")
+        for name, source in scene.shown.items()
+    ]
 
 
 def save_picture(plotter: pv.Plotter, path: str | Path, largest: int = 300_000) -> Path:

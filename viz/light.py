@@ -52,6 +52,7 @@ def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") ->
     """
     if color not in ("fate", "weight"):
         raise ValueError(f"color: {color!r}, allowed fate or weight")
+    scene.shown["received" if paths.received.all() else "paths"] = paths
     names, size = fate_names(paths), scene.stage.size
     for name, shade in reversed(FATE_COLORS.items()):
         chosen = select_paths(paths, names == name)
@@ -63,7 +64,7 @@ def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") ->
             .clip_box(scene.stage.bounds, invert=False)
             .extract_surface(algorithm=None)
         )
-        radius = (0.0016 if received else 0.0007) * size
+        radius = (0.0016 if received else 0.001) * size
         tubes = lines.tube(radius=radius, n_sides=8)
         look = _path_look(scene, color, shade)
         scene.add_mesh(tubes, opacity=1.0 if received else 0.55, ambient=0.5, **look)
@@ -165,6 +166,7 @@ def _footprint(mesh: TriangleMesh, crossings: np.ndarray, blur: float) -> pv.Str
 
 def add_coverage(scene: Scene, coverage: CoverageMap) -> Scene:
     """Draw a map of the gain in the plane of the receiver, clipped to the stage."""
+    scene.shown["map"] = coverage
     data = to_pyvista(coverage)
     scene.add_mesh(
         data.clip_box(scene.stage.bounds, invert=False),

@@ -14,7 +14,7 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.bubbles import HallNovarini
 
 from .export import surface_sampler, to_pyvista
-from .stage import Scene, Z, add_labels
+from .stage import Scene, Z, add_labels, round_range
 from .style import LED_COLOR, PALETTE, RECEIVER_COLOR, UAV_COLOR, plain_label, water_map
 
 SURFACE_COLORS = {
@@ -29,6 +29,9 @@ SURFACE_COLORS = {
 BUBBLE_COLOR = "#FFFFFF"
 WATER_COLORS = ("#8CC4D8", "#2F6690")
 """Colours of the block of water, at the surface and at the bottom of the stage."""
+
+NEAR_OPACITY = 0.35
+"""Opacity of its near sides, relative to that of the far ones."""
 
 Vector = tuple[float, float, float]
 
@@ -72,16 +75,17 @@ def add_surface(
     """
     if color not in SURFACE_COLORS:
         raise ValueError(f"color: {color!r}, allowed {', '.join(SURFACE_COLORS)}")
+    scene.shown["surface"] = mesh
     data = to_pyvista(mesh)
     look: dict[str, Any] = {"color": PALETTE["blue"]}
     if color != "plain":
         values = data.point_data[color]
-        low, high = float(values.min()), float(values.max())
+        clim = round_range(float(values.min()), float(values.max()))
         if color_limit is not None:
-            low, high = 0.0 if color == "slope" else -color_limit, color_limit
+            clim = (0.0 if color == "slope" else -color_limit, color_limit)
         look = {
             "scalars": color,
-            "clim": (low, max(high, low + 1e-6)),
+            "clim": clim,
             "cmap": water_map(),
             "scalar_bar_args": scene.bar(SURFACE_COLORS[color]),
         }
@@ -103,10 +107,13 @@ def add_surface(
     return scene
 
 
-def add_bubbles(scene: Scene, mesh: TriangleMesh, bubbles: HallNovarini | None = None) -> Scene:
-    """Draw the water below the edge of the surface, milky where bubbles scatter.
+def add_bubbles(
+    scene: Scene, mesh: TriangleMesh, bubbles: HallNovarini | None = None, *, near: bool = False
+) -> Scene:
+    """Draw the block of water below the surface, milky where bubbles scatter.
 
-    Only the far sides of the block of water are seen, from wherever one looks.
+    The far sides and the near ones, wherever one looks from, are two parts: all else is drawn
+    between them.
 
     Parameters
     ----------
@@ -116,36 +123,53 @@ def add_bubbles(scene: Scene, mesh: TriangleMesh, bubbles: HallNovarini | None =
         The surface.
     bubbles : HallNovarini, optional
         The bubbles; clear water without.
+    near : bool
+        Draw the near sides, clearer, instead of the far ones.
 
     Returns
     -------
     Scene
         The same scene.
     """
-    edge = to_pyvista(mesh).extract_feature_edges(
-        boundary_edges=True, feature_edges=False, manifold_edges=False, non_manifold_edges=False
-    )
-    loop = edge.strip(join=True, max_length=edge.n_points + 1)
-    ring = np.asarray(loop.points)[loop.lines[1 : loop.lines[0] + 1]]
-    if _turns_clockwise(ring):
-        ring = ring[::-1]
-    bottom = scene.stage.bottom
+    ring, bottom = _outline(mesh), scene.stage.bottom
     share = np.linspace(0.0, 1.0, 60) ** 2  # finer near the surface, where the bubbles are
     z = ring[:, 2] + share[:, None] * (bottom - ring[:, 2])
     x, y = (np.broadcast_to(column, z.shape) for column in ring[:, :2].T)
-    curtain = pv.StructuredGrid(x[..., None], y[..., None], z[..., None]).extract_surface(
+    block = pv.StructuredGrid(x[..., None], y[..., None], z[..., None]).extract_surface(
         algorithm=None
     )
-    curtain.point_data["tint"] = _tint(curtain.points[:, 2], bottom, bubbles)
-    scene.add_mesh(curtain, scalars="tint", rgb=True, lighting=False, culling="front", name="water")
+    if not near:
+        foot = np.column_stack([ring[:-1, :2], np.full(len(ring) - 1, bottom)])
+        scene.add_mesh(pv.lines_from_points(foot, close=True), color=WATER_COLORS[1], opacity=0.6)
+        floor = pv.PolyData(foot, faces=[len(foot), *reversed(range(len(foot)))]).triangulate()
+        block = pv.merge([block, floor], merge_points=False)
+    tint = _tint(block.points[:, 2], bottom, bubbles)
+    if near:
+        tint[:, 3] = np.rint(NEAR_OPACITY * tint[:, 3])
+    block.point_data["tint"] = tint
+    scene.add_mesh(
+        block,
+        scalars="tint",
+        rgb=True,
+        lighting=False,
+        culling="back" if near else "front",
+        name="near water" if near else "water",
+    )
     if bubbles is not None:
         scene.key[f"bubbles, {float(bubbles.b(0.0)):.2g} 1/m at the surface"] = BUBBLE_COLOR
     return scene
 
 
-def _turns_clockwise(ring: np.ndarray) -> bool:
+def _outline(mesh: TriangleMesh) -> np.ndarray:
+    """Return the edge of a surface, shape (n, 3) [m], anticlockwise and first as last."""
+    edge = to_pyvista(mesh).extract_feature_edges(
+        boundary_edges=True, feature_edges=False, manifold_edges=False, non_manifold_edges=False
+    )
+    loop = edge.strip(join=True, max_length=edge.n_points + 1)
+    ring = np.asarray(loop.points)[loop.lines[1 : loop.lines[0] + 1]]
     x, y = ring[:, :2].T
-    return float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])) < 0.0
+    clockwise = float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])) < 0.0
+    return ring[::-1] if clockwise else ring
 
 
 def _tint(z: np.ndarray, bottom: float, bubbles: HallNovarini | None) -> np.ndarray:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.fading import (
@@ -248,8 +250,9 @@ def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
     meanings = [FATE_MEANING[Fate[name.upper()]] for name in shares]
     bars = ax.barh(meanings, list(shares.values()), color=PALETTE["blue"])
     ax.bar_label(bars, [f"{v:.2g}" for v in shares.values()], padding=3, fontsize=9)
-    ax.set(xscale="log", xlabel="share of the emitted light")
-    ax.margins(x=0.25)
+    decades = 10.0 ** np.arange(np.floor(np.log10(min(shares.values()))), 1.0)
+    ax.set(xscale="log", xlabel="share of the emitted light", xticks=decades)
+    ax.set_xlim(decades[0], 10.0)  # what is written beside the bars needs room
     ax.invert_yaxis()
     ax.grid(axis="y", visible=False)
     return ax
@@ -581,6 +584,8 @@ def plot_convergence(
         ax.plot(at, factor * at**order, color=marks[0].get_color(), lw=1.0)
     ax.legend()
     ax.set(xscale="log", yscale="log", xlabel=axis_label("spacing"), ylabel=_label(quantity))
+    ax.set_xticks(at, [f"{value:g}" for value in at])
+    ax.set_xticks([], minor=True)
     return ax
 
 
@@ -664,15 +669,22 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
         level = (eye.level[chosen] - floor) / eye.swing
         std = eye.std[chosen] / eye.swing
         ax.plot(time, level.T, color=PALETTE[shade], lw=0.8, alpha=0.6)
-        look: Any = {"color": PALETTE[shade], "alpha": 1.0 / len(chosen), "lw": 0}
-        for mean, sigma in zip(level, std, strict=True):
-            ax.fill_between(time, mean - sigma, mean + sigma, **look)
+        ax.add_patch(_band(time, level - std, level + std, PALETTE[shade]))
         ax.plot([], [], color=PALETTE[shade], label=name)
     ax.margins(y=0.12)
     ax.legend(loc="upper center", ncols=2)
     ax.set(xlabel="time within the bit [ns]", ylabel="signal over its swing")
     ax.set_title(f"opening {eye.opening:.2f}, Q = {eye.q_factor:.2f}")
     return ax
+
+
+def _band(x: Floats, low: Floats, high: Floats, color: str) -> PathPatch:
+    """Return what many curves (curves, n) cover together, in one tone where they overlap."""
+    there, back = np.broadcast_to(x, low.shape), np.broadcast_to(x[::-1], low.shape)
+    around = np.stack([np.hstack([there, back]), np.hstack([low, high[:, ::-1]])], axis=-1)
+    closed = np.concatenate([around, around[:, :1]], axis=1)
+    outline = Path.make_compound_path(*(Path(loop, closed=True) for loop in closed))
+    return PathPatch(outline, color=color, alpha=0.22, lw=0)
 
 
 def plot_ber(

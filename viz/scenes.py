@@ -16,6 +16,9 @@ from .style import SLIDE
 RECEIVED_SHOWN = 40
 """Paths of received light among those shown."""
 
+MOST_CELLS = 1000
+"""Mesh cells along the half-width of the sea beyond which none is drawn."""
+
 FOOTPRINT_PATHS = 2000
 """Paths of received light that make the footprint."""
 
@@ -114,7 +117,7 @@ def scene(
     plotter.wipe()
     plotter.suppress_rendering = True  # once shown, it would be rendered after every part
     shown = shown_mesh(surface, stage, time, spacing)
-    # from back to front: what is translucent is drawn in this order
+    # from back to front: what is translucent is blended in this order
     if link is not None:
         add_bubbles(plotter, shown, link.bubbles if bubbles else None)
         add_transmitter(plotter, link, shown)
@@ -135,6 +138,7 @@ def scene(
         add_receiver(plotter, link, shown)
         if uav:
             add_uav(plotter, link)
+        add_bubbles(plotter, shown, link.bubbles if bubbles else None, near=True)
     if coverage is not None:
         add_coverage(plotter, coverage)
         look(plotter, elevation_deg=24.0)  # else the map is seen from its edge
@@ -153,7 +157,13 @@ def shown_mesh(
     """Return the surface within the stage: a sea triangulated anew, a mesh as it is."""
     if isinstance(surface, TriangleMesh):
         return surface
-    return surface.mesh(time, stage.half, spacing or stage.half / 100.0, center=stage.center)
+    step = spacing or stage.half / 100.0
+    if stage.half / step > MOST_CELLS:
+        raise ValueError(
+            f"spacing: {step:g} m, allowed >= {stage.half / MOST_CELLS:g} m for a sea of "
+            f"half-width {stage.half:g} m"
+        )
+    return surface.mesh(time, stage.half, step, center=stage.center)
 
 
 def wind_of(surface: SurfaceModel | TriangleMesh) -> tuple[float | None, float]:

@@ -1,4 +1,4 @@
-"""One door for the command line: a window, a picture, a web page or a movie."""
+"""One door for the command line: a window, a picture, a web page, a movie or files."""
 
 from __future__ import annotations
 
@@ -12,11 +12,19 @@ import numpy as np
 
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.series import GainSeries
 from meshtrace.transport.paths import PhotonPaths
 
+from .export import export_scene
 from .html import save_html
 from .movie import save_movie
 from .scenes import scene
+
+SUFFIXES = {"screenshot": (".png",), "html": (".html",), "movie": (".mp4", ".gif")}
+"""File names that each kind of output takes."""
+
+FRAME_RATE = 10.0
+"""Frames per second, where no gain says at which times they are."""
 
 
 def view(
@@ -28,8 +36,10 @@ def view(
     screenshot: str | Path | None = None,
     html: str | Path | None = None,
     movie: str | Path | None = None,
+    export: str | Path | None = None,
+    gain: GainSeries | None = None,
     frames: int = 50,
-    frame_rate: float = 10.0,
+    frame_rate: float | None = None,
     title: str = "meshtrace",
     progress: Callable[[int], None] | None = None,
     **look: Any,
@@ -47,11 +57,15 @@ def view(
     paths : PhotonPaths or int, optional
         Photon paths, or how many to trace; not in movies, where the received light is shown.
     screenshot, html, movie : path, optional
-        Files to write: .png, .html, .mp4 or .gif. Without any a window opens.
+        Files to write: .png, .html, .mp4 or .gif. Without any file or folder a window opens.
+    export : path, optional
+        Folder for the surface, paths and map as VTK files.
+    gain : GainSeries, optional
+        Gain over the times of the movie, which is computed otherwise.
     frames : int
-        Frames of the movie.
-    frame_rate : float
-        Frames per second, in which the sea moves as in nature.
+        Frames of the movie, where no gain says their times.
+    frame_rate : float, optional
+        Frames per second; by default the sea moves as in nature.
     title : str
         Heading of the web page.
     progress : callable, optional
@@ -67,19 +81,19 @@ def view(
     Raises
     ------
     ValueError
-        If there is no display to open a window on, or a movie of a mesh is asked for.
+        If a file could not be written, there is no display to open a window on, or a movie of a
+        mesh is asked for.
     """
-    files: list[Path] = []
-    window = not (screenshot or html or movie)
+    _refuse_unwritable({"screenshot": screenshot, "html": html, "movie": movie, "export": export})
+    window = not (screenshot or html or movie or export)
     if window and not _has_display():
-        raise ValueError("view: no display to open a window on, allowed screenshot, html or movie")
-    if movie:
-        if link is None or isinstance(surface, TriangleMesh):
-            raise ValueError("movie: of a mesh, which does not move; allowed a link over a sea")
-        times = time + np.arange(frames) / frame_rate
-        options = {"received": 40, "frame_rate": frame_rate, "progress": progress, **look}
-        files.append(save_movie(link, surface, times, movie, **options))
-    if window or screenshot or html:
+        raise ValueError(
+            "view: no display to open a window on, allowed screenshot, html, movie or export"
+        )
+    if movie and (link is None or isinstance(surface, TriangleMesh)):
+        raise ValueError("movie: of a mesh, which does not move, allowed a link over a sea")
+    files: list[Path] = []
+    if window or screenshot or html or export:
         paths = paths if link is not None else None
         plotter = scene(link, surface, time=time, paths=paths, off_screen=not window, **look)
         if screenshot:
@@ -87,10 +101,43 @@ def view(
             files.append(Path(screenshot))
         if html:
             files.append(save_html(plotter, html, title))
+        if export:
+            files += export_scene(plotter, export)
         if window:
             plotter.show(title=title)
         plotter.close()
+    if movie and isinstance(link, Link) and isinstance(surface, SurfaceModel):
+        times, rate = _frames(gain, time, frames, frame_rate)
+        options = {"received": 40, "gain": gain, "frame_rate": rate, "progress": progress, **look}
+        files.append(save_movie(link, surface, times, movie, **options))
     return files
+
+
+def _frames(
+    gain: GainSeries | None, start: float, frames: int, rate: float | None
+) -> tuple[np.ndarray, float]:
+    """Return the times of the frames [s] and how many there are per second."""
+    if gain is None:
+        rate = rate or FRAME_RATE
+        return start + np.arange(frames) / rate, rate
+    return gain.time, rate or float(1.0 / np.diff(gain.time).mean())
+
+
+def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
+    """Refuse files that could not be written, before anything is computed."""
+    for kind, name in outputs.items():
+        if name is None:
+            continue
+        path, suffixes = Path(name), SUFFIXES.get(kind)
+        if suffixes and path.suffix not in suffixes:
+            raise ValueError(
+                f"{kind}: {str(name)!r}, allowed a file name in {' or '.join(suffixes)}"
+            )
+        folder = path if kind == "export" and path.exists() else path.parent
+        taken = path.is_dir() if suffixes else path.is_file()
+        if taken or not (folder.is_dir() and os.access(folder, os.W_OK)):
+            allowed = "a file in a folder to write to" if suffixes else "a folder to write to"
+            raise ValueError(f"{kind}: {str(name)!r}, allowed {allowed}")
 
 
 def _has_display() -> bool:

@@ -12,6 +12,8 @@ import pyvista as pv
 
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
+from meshtrace.series import CoverageMap
+from meshtrace.transport.paths import PhotonPaths
 
 from .style import FONT_FILE, INK, PALETTE, SKY, SLIDE
 
@@ -108,6 +110,8 @@ class Scene(pv.Plotter):
         Meaning of the colours, for the legend and the web page.
     texts : list of (ndarray, str, str)
         Points [m], what is written there and on which side, for the web page.
+    shown : dict of str to TriangleMesh, PhotonPaths or CoverageMap
+        What is drawn, for `export_scene`.
     """
 
     def __init__(
@@ -123,6 +127,7 @@ class Scene(pv.Plotter):
         self.stage = stage
         self.key: dict[str, str] = {}
         self.texts: list[tuple[np.ndarray, str, str]] = []
+        self.shown: dict[str, TriangleMesh | PhotonPaths | CoverageMap] = {}
         self.set_background(SKY)  # type: ignore[arg-type]
         self.enable_anti_aliasing("ssaa")
         add_lights(self)
@@ -131,14 +136,13 @@ class Scene(pv.Plotter):
     def wipe(self) -> None:
         """Remove all that is drawn; camera and lights stay."""
         self.clear_actors()
-        self.scalar_bars.clear()
-        self.key.clear()
-        self.texts.clear()
+        for drawn in (self.scalar_bars, self.key, self.texts, self.shown):
+            drawn.clear()
 
     @property
     def font_size(self) -> int:
         """Height of texts [pixel], in proportion to the window."""
-        return round(0.02 * self.window_size[1])
+        return round(0.024 * self.window_size[1])
 
     def bar(self, title: str) -> Any:
         """Return the options of a colour bar, in the next place along the right edge."""
@@ -147,9 +151,9 @@ class Scene(pv.Plotter):
             "title": "\n".join(textwrap.wrap(title, 14)),
             "vertical": True,
             "position_x": 0.885,
-            "position_y": 0.66 - 0.3 * place,
+            "position_y": 0.62 - 0.36 * place,
             "width": 0.045,
-            "height": 0.24,
+            "height": 0.3,
             "title_font_size": self.font_size,
             "label_font_size": round(0.9 * self.font_size),
             "color": INK,
@@ -164,6 +168,7 @@ class Scene(pv.Plotter):
         for text in (bar.GetTitleTextProperty(), bar.GetLabelTextProperty()):
             text.SetFontFamily(FROM_FILE)
             text.SetFontFile(FONT_FILE)
+        bar.SetVerticalTitleSeparation(self.font_size // 2)
         return bar
 
 
@@ -222,7 +227,8 @@ def add_scale(scene: Scene) -> Scene:
     add_labels(scene, [0.5 * (start + end) - 2.5 * up], [f"{bar:g} m"])
     if s.top - s.bottom > 0.2 * s.size:
         step = round_length(0.25 * (s.top - s.bottom))
-        heights = np.arange(math.ceil(s.bottom / step), math.floor(s.top / step) + 1) * step
+        top = s.top - 0.04 * s.size  # above it is the name of the axis
+        heights = np.arange(math.ceil(s.bottom / step), math.floor(top / step) + 1) * step
         corner, tick = np.array([x - half, y - half, 0.0]), np.array([-0.02 * s.size, 0.0, 0.0])
         lines += [(corner + s.bottom * Z, corner + s.top * Z)]
         lines += [(corner + z * Z, corner + z * Z + tick) for z in heights]
@@ -256,12 +262,14 @@ def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0
 
 
 def add_key(scene: Scene) -> Scene:
-    """Write the meaning of the colours in a row along the lower edge."""
+    """Write the meaning of the colours in rows along the lower edge."""
     left, bottom = 0.02, 0.02
-    letter = 0.62 * scene.font_size / scene.window_size[0]
+    letter = 0.53 * scene.font_size / scene.window_size[0]
     for label, color in scene.key.items():
+        if left + (len(label) + 2.3) * letter > 1.0:
+            left, bottom = 0.02, bottom + 1.6 * scene.font_size / scene.window_size[1]
         swatch = (0.0, "\N{BLACK SQUARE}", color), (0.0, "\N{WHITE SQUARE}", INK)
-        for shift, text, shade in (*swatch, (2.0, label, INK)):
+        for shift, text, shade in (*swatch, (2.3, label, INK)):
             scene.add_text(
                 text,
                 position=(left + shift * letter, bottom),
@@ -270,7 +278,7 @@ def add_key(scene: Scene) -> Scene:
                 font_file=FONT_FILE,
                 color=shade,
             )
-        left += (len(label) + 4.0) * letter
+        left += (len(label) + 4.3) * letter
     return scene
 
 
@@ -287,6 +295,8 @@ def add_labels(
         font_file=FONT_FILE,
         bold=False,
         shape=None,
+        background_color=SKY,
+        background_opacity=0.55,
         show_points=False,
         always_visible=True,
         justification_horizontal=align,
@@ -305,3 +315,20 @@ def round_length(length: float) -> float:
     """
     power = 10.0 ** math.floor(math.log10(length))
     return float(max(m * power for m in (1.0, 2.0, 5.0) if m * power <= length * (1 + 1e-12)))
+
+
+def round_range(low: float, high: float) -> tuple[float, float]:
+    """Return the closest limits around two values whose middle has one digit, as they have.
+
+    Examples
+    --------
+    >>> round_range(-0.63, 0.56)
+    (-0.7, 0.7)
+    """
+    finest = math.floor(math.log10(max(high - low, 1e-6))) - 1
+    for power, digit in itertools.product(range(finest, finest + 3), range(1, 10)):
+        step = digit * 10.0**power
+        start = math.floor(low / step + 1e-9)
+        if (start + 2) * step >= high - 1e-9 * step:
+            break
+    return round(start * step, 12), round((start + 2) * step, 12)

@@ -54,6 +54,7 @@ SLIDE = (1600, 1000)
 RC: Any = {
     "axes.axisbelow": True,
     "axes.edgecolor": INK,
+    "axes.formatter.limits": (-4, 4),
     "axes.formatter.use_mathtext": True,
     "axes.grid": True,
     "axes.labelcolor": INK,

@@ -28,6 +28,7 @@ def main(folder: Path) -> None:
         edges=True,
         extent=2.0,
         spacing=0.1,
+        opacity=0.5,
         off_screen=True,
         window_size=(1200, 750),
     )

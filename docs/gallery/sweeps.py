@@ -6,7 +6,7 @@ import numpy as np
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.surfaces import JonswapSea
+from meshtrace.surfaces import JonswapSea, SinusoidalSea
 
 
 def main(folder: Path) -> None:
@@ -23,15 +23,14 @@ def main(folder: Path) -> None:
     ax = viz.plot_sweep(depths, gains, errors, along="depth")
     ax.figure.savefig(folder / "sweep_depth.png")
 
-    spacings, link = np.array([0.8, 0.4, 0.2, 0.1]), mt.Link()
-    curves = {}
-    for normals in ("vertex", "facet"):
-        exact = mt.simulate(link, sea, normals=normals, spacing=0.025, photons=4096).gain_ballistic
-        found = [
-            mt.simulate(link, sea, normals=normals, spacing=s, photons=4096).gain_ballistic
-            for s in spacings
+    spacings, curves = np.array([0.4, 0.3, 0.2, 0.15]), {}
+    for wavelength in (4.0, 8.0):
+        wave = SinusoidalSea(amplitude=0.02 * wavelength, wavelength=wavelength)
+        finest, *gain = [
+            mt.simulate(mt.Link(), wave, spacing=s, photons=4096).gain_ballistic
+            for s in (0.02, *spacings)
         ]
-        curves[f"{normals} normals"] = np.abs(np.array(found) / exact - 1.0)
+        curves[f"waves of {wavelength:g} m"] = np.abs(np.array(gain) / finest - 1.0)
     ax = viz.plot_convergence(spacings, curves, quantity="relative error of the unscattered gain")
     ax.figure.savefig(folder / "convergence.png")
 

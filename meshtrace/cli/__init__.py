@@ -3,10 +3,10 @@
 Heavy imports happen inside the commands, so that --help is quick.
 """
 
-from . import bench, ber, run, series
+from . import bench, ber, run, series, view
 from .app import app
 
-__all__ = ["app", "bench", "ber", "main", "run", "series"]
+__all__ = ["app", "bench", "ber", "main", "run", "series", "view"]
 
 
 def main() -> None:

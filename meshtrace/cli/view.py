@@ -1,0 +1,251 @@
+"""`meshtrace view`: a link, a result or a mesh in a window, as a picture, a page or a movie."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+
+from .app import app
+from .console import COMPILING, kernels_are_compiled, progress, scenario_of, warnings_as_lines
+from .options import Settings
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from meshtrace.link import Link
+    from meshtrace.mesh import SurfaceModel, TriangleMesh
+    from meshtrace.scenario import Scenario
+    from meshtrace.series import CoverageMap, GainSeries
+
+MESH_SUFFIXES = (".stl", ".ply", ".obj")
+
+MOST_FRAMES = 10_000
+
+MAP_EXTENT = 5.0
+"""Half-width of the coverage map [m]."""
+
+
+class Subject(NamedTuple):
+    """What is looked at: a link over a surface at a time, and what a result says of it."""
+
+    surface: SurfaceModel | TriangleMesh
+    link: Link | None = None
+    time: float = 0.0
+    coverage: CoverageMap | None = None
+    gain: GainSeries | None = None
+
+
+
+@app.command()
+def view(
+    file: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[FILE]",
+            help="Link file (.toml), result (.nc) or mesh (.stl, .ply, .obj); the default link "
+            "if none.",
+        ),
+    ] = None,
+    screenshot: Annotated[
+        Path | None, typer.Option(metavar="A.PNG", help="Write a picture; no window.")
+    ] = None,
+    html: Annotated[
+        Path | None, typer.Option(metavar="A.HTML", help="Write an interactive web page.")
+    ] = None,
+    movie: Annotated[
+        Path | None,
+        typer.Option(metavar="A.MP4", help="Write a movie (.mp4, .gif) of the sea and the gain."),
+    ] = None,
+    export: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Write surface, paths and map as VTK files."),
+    ] = None,
+    paths: Annotated[
+        int, typer.Option(metavar="N", min=0, max=100_000, help="Photon paths, besides received.")
+    ] = 100,
+    received: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, max=100_000, help="Paths of received light."),
+    ] = None,
+    map_photons: Annotated[
+        int | None,
+        typer.Option(
+            "--map", metavar="N", min=1, help="Photons of a coverage map in the receiver's plane."
+        ),
+    ] = None,
+    color: Annotated[
+        str, typer.Option(metavar="NAME", help="elevation, slope, slope_x, slope_y or plain.")
+    ] = "elevation",
+    path_color: Annotated[str, typer.Option(metavar="NAME", help="fate or weight.")] = "fate",
+    edges: Annotated[bool, typer.Option("--edges", help="Draw the edges of the facets.")] = False,
+    extent: Annotated[
+        float | None, typer.Option(metavar="M", help="Half-width of the sea shown [m].")
+    ] = None,
+    spacing: Annotated[
+        float | None, typer.Option(metavar="M", help="Mesh spacing of the sea shown [m].")
+    ] = None,
+    time: Annotated[float | None, typer.Option(metavar="S", help="Time of the sea [s].")] = None,
+    frames: Annotated[
+        int, typer.Option(metavar="N", min=2, max=MOST_FRAMES, help="Frames of the movie.")
+    ] = 50,
+    frame_rate: Annotated[
+        float | None, typer.Option(metavar="N", help="Frames per second; as in nature if none.")
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the paths.")] = 1,
+    settings: Settings = None,
+) -> None:
+    """Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files."""
+    positive = {"--extent": extent, "--spacing": spacing, "--frame-rate": frame_rate}
+    _refuse_numbers(positive, time)
+    with _refusals():
+        from meshtrace.viz import view as show
+    subject = _subject(file, settings or [])
+    if time is not None:
+        subject = subject._replace(time=time)
+    steps = frames if subject.gain is None else len(subject.gain.coordinate)
+    with warnings_as_lines(), progress(steps, False, "drawing frames") as (say, advance):
+        if subject.link is not None and not kernels_are_compiled("forced"):
+            say(COMPILING)
+        with _refusals():
+            if map_photons is not None:
+                subject = subject._replace(coverage=_coverage(subject, map_photons, seed))
+            written = show(
+                **subject._asdict(),
+                paths=paths or None,
+                received=received,
+                screenshot=screenshot,
+                html=html,
+                movie=movie,
+                export=export,
+                frames=frames,
+                frame_rate=frame_rate,
+                title="meshtrace" if file is None else file.name,
+                progress=advance,
+                color=color,
+                path_color=path_color,
+                edges=edges,
+                extent=extent,
+                spacing=spacing,
+                seed=seed,
+            )
+    for path in written:
+        typer.echo(f"written to {path}")
+
+
+def _refuse_numbers(positive: dict[str, float | None], time: float | None) -> None:
+    """Refuse what typer takes for a number and no picture can use."""
+    from meshtrace.scenario import ScenarioError
+
+    for option, value in positive.items():
+        if value is not None and not 0.0 < value < math.inf:
+            raise ScenarioError(f"{option}: {value:g}, allowed: numbers > 0")
+    if time is not None and not math.isfinite(time):
+        raise ScenarioError(f"--time: {time:g}, allowed: finite numbers [s]")
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Turn what viz refuses, and what it lacks, into one line for the user."""
+    from meshtrace.scenario import ScenarioError
+
+    try:
+        yield
+    except ImportError as error:
+        raise ScenarioError(" ".join(str(error).split())) from error
+    except ValueError as error:
+        text = " ".join(str(error).split())
+        if ", allowed" not in text:
+            raise
+        raise ScenarioError(text) from error
+
+
+def _subject(file: Path | None, settings: list[str]) -> Subject:
+    """Return what a file holds."""
+    from meshtrace.scenario import MeshFile, ScenarioError
+
+    suffix = ".toml" if file is None else file.suffix.lower()
+    if suffix == ".toml":
+        return _of_scenario(scenario_of(file, settings, {}))
+    assert file is not None
+    if settings:
+        raise ScenarioError(f"--set: {settings[0]!r}, allowed: with a link file")
+    if not file.is_file():
+        raise ScenarioError(f"{file}: no such file, allowed: a link file, result or mesh")
+    if suffix == ".nc":
+        return _of_result(file)
+    if suffix in MESH_SUFFIXES:
+        return Subject(MeshFile(file=str(file)).load())
+    kinds = ", ".join((".toml", ".nc", *MESH_SUFFIXES))
+    raise ScenarioError(f"{file}: {file.suffix!r}, allowed: a file name in {kinds}")
+
+
+def _of_scenario(scenario: Scenario) -> Subject:
+    from meshtrace.scenario import MeshFile
+
+    still = isinstance(scenario.surface, MeshFile)
+    surface = scenario.mesh() if still else scenario.surface
+    return Subject(surface, scenario.link, scenario.sampling.time)
+
+
+def _of_result(file: Path) -> Subject:
+    """Return what a result file was made of, with its map or its gain over time."""
+    from meshtrace.result import FORMAT_VERSION
+    from meshtrace.scenario import Scenario, ScenarioError
+    from meshtrace.series import CoverageMap, GainSeries
+
+    data = _dataset(file)
+    kinds = ("gain", "series", "coverage", "performance", "depth-sweep")
+    kind, version = data.attrs.get("kind"), data.attrs.get("format_version")
+    if kind not in kinds or version != FORMAT_VERSION:
+        raise ScenarioError(
+            f"{file}: kind and format_version {kind!r}, {version}, allowed: "
+            f"{', '.join(kinds)} of version {FORMAT_VERSION}"
+        )
+    origin: Any = json.loads(data.attrs["provenance"])
+    if isinstance(origin, list):  # of several winds: the first
+        origin = origin[0]
+    subject = _of_scenario(Scenario.from_provenance(origin))
+    if kind == "coverage":
+        axes, values = (data.x, data.y), (data.gain, data.gain_stderr)
+        coverage = CoverageMap(*(v.to_numpy() for v in (*axes, *values)), origin)
+        return subject._replace(coverage=coverage, time=float(origin["times"][0]))
+    if kind == "series":
+        gain = GainSeries.load(file)
+        if gain.along == "time":
+            return subject._replace(gain=gain, time=float(gain.time[0]))
+    return subject
+
+
+def _dataset(file: Path) -> xr.Dataset:
+    import xarray as xr
+
+    from meshtrace.scenario import ScenarioError
+
+    try:
+        with xr.open_dataset(file, engine="h5netcdf", decode_timedelta=False) as opened:
+            return opened.load()
+    except (OSError, ValueError) as error:
+        text = " ".join(str(error).split())
+        raise ScenarioError(f"{file}: {text}, allowed: a result in netCDF") from error
+
+
+def _coverage(subject: Subject, photons: int, seed: int) -> CoverageMap:
+    """Return the map of a link at the time that is shown."""
+    from meshtrace.series import coverage_map
+
+    if subject.link is None:
+        raise ValueError("--map: of a mesh alone, allowed with a link")
+    return coverage_map(
+        subject.link,
+        subject.surface,
+        extent=MAP_EXTENT,
+        times=(subject.time,),
+        photons=photons,
+        seed=seed,
+    )
