@@ -122,10 +122,25 @@ def required_gain(link: OokLink, ber: float) -> float:
     return link.required_power(ber) / float(link.received_power(1.0))
 
 
-def _ber_of_gains(link: OokLink, gain: FloatArray) -> FloatArray:
-    """Bit error rate of many gains; ln BER is interpolated over ln power where that is worth it.
+def ber_of_gains(link: OokLink, gain: FloatArray) -> FloatArray:
+    """Bit error rate of many gains, interpolated where that is worth it.
 
-    256 points over the range of the powers that matter keep the error below 1e-3 (relative).
+    Parameters
+    ----------
+    link : OokLink
+        Transmitter and receiver.
+    gain : ndarray
+        Gains [1], any shape.
+
+    Returns
+    -------
+    ndarray
+        Bit error rate, same shape.
+
+    Notes
+    -----
+    Of more than 512 gains, ln BER is interpolated over ln power (PCHIP): 256 points over the range
+    of the powers that matter keep the error below 1e-3 (relative).
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -196,14 +211,32 @@ def average_ber(
         raise ValueError(f"n_effective: {n_effective}, allowed 1 <= n_effective <= {g.size}")
     if not 0.0 < confidence < 1.0 or resamples < 1:
         raise ValueError("confidence, resamples: allowed 0 < confidence < 1 and resamples >= 1")
-    ber = _ber_of_gains(link, g)
+    return bootstrapped_mean(ber_of_gains(link, g), n, confidence, resamples, seed)
+
+
+def bootstrapped_mean(
+    ber: FloatArray, n_effective: float, confidence: float, resamples: int, seed: int
+) -> Estimate:
+    """Mean of bit error rates with a percentile bootstrap of its logarithm.
+
+    Parameters
+    ----------
+    ber : ndarray
+        Bit error rates (n,).
+    n_effective : float
+        Number of independent ones; the interval is stretched by sqrt(n / n_effective).
+    confidence : float
+        Level of the interval.
+    resamples, seed : int
+        Number and seed of the replicates.
+    """
     mean = float(ber.mean())
     if mean == 0.0:
         return Estimate(mean, 0.0, 0.0)
     rng = np.random.default_rng(seed)
-    means = [ber[rng.integers(0, g.size, g.size)].mean() for _ in range(resamples)]
+    means = [ber[rng.integers(0, ber.size, ber.size)].mean() for _ in range(resamples)]
     limits = np.quantile(means, [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence])
-    low, high = mean * (limits / mean) ** math.sqrt(g.size / n)
+    low, high = mean * (limits / mean) ** math.sqrt(ber.size / n_effective)
     return Estimate(mean, float(min(low, mean)), float(max(high, mean)))
 
 
@@ -293,7 +326,7 @@ def capacity(
     if not 0.0 <= outage < 1.0:
         raise ValueError(f"outage: {outage}, allowed 0 <= outage < 1")
     g = np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
-    hard = hard_information(_ber_of_gains(link, g))
+    hard = hard_information(ber_of_gains(link, g))
     counts = (level * link.bit_time for level in link.levels(link.received_power(g)))
     pairs = zip(*counts, strict=True)
     soft = [soft_information(float(n0), float(n1), link.sipm.branching) for n0, n1 in pairs]

@@ -11,7 +11,9 @@ from scipy.special import ndtri
 import meshtrace as mt
 from meshtrace.budget import capacity, required_gain
 from meshtrace.detector import OokLink
-from meshtrace.performance import Fades, _average_ber, _outage, channel_link, ook_link
+from meshtrace.figures import ber_of_fades, outage_of_fades
+from meshtrace.performance import channel_link, ook_link
+from meshtrace.realizations import Fades
 from meshtrace.scenario import Scenario
 from meshtrace.series import GainSeries
 from meshtrace.surfaces import FlatSea, JonswapSea
@@ -174,8 +176,8 @@ def test_bands_cover_the_truth(chain_error):
         gains *= 1.0 + chain_error * rng.standard_normal()
         fades = Fades(synthetic(gains, chain_error * gains.mean()), np.ones((n, 1)), float(n))
         quantile = float(ndtri(0.975))
-        ber = _average_ber(ook, fades, quantile, 0.95, trial)
-        outage = _outage(ook, fades, 1e-3, quantile, 0.95)
+        ber = ber_of_fades(ook, fades, quantile, 0.95, trial)
+        outage = outage_of_fades(ook, fades, 1e-3, quantile, 0.95)
         covered += ber.low <= truth <= ber.high, outage.low <= missed <= outage.high
     # 0.95 of 100 lies above 0.85 but for a probability of 1e-4
     assert np.all(covered / 100 >= 0.85)
