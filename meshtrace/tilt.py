@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import functools
 import math
 from typing import NamedTuple
 
@@ -67,6 +68,12 @@ def _half_angle(fov: float) -> float:
     if not 0.0 < fov <= math.pi:
         raise ValueError(f"fov: {fov}, allowed 0 < fov <= pi rad (full angle)")
     return 0.5 * fov
+
+
+@functools.cache
+def _gauss_legendre(points: int) -> tuple[FloatArray, FloatArray]:
+    # finding the nodes costs more than most of the integrals taken with them
+    return np.polynomial.legendre.leggauss(points)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -192,7 +199,7 @@ class TiltLaw(abc.ABC):
         """Nodes alpha and weights f(alpha) d(alpha) over the bulk of the law up to `upper`."""
         low, high = (math.atan(self.tilt_coefficient * v2) for v2 in self._bulk())
         high = max(min(high, upper), low)
-        x, w = np.polynomial.legendre.leggauss(400)
+        x, w = _gauss_legendre(400)
         tilt = low + 0.5 * (high - low) * (x + 1.0)
         return tilt, 0.5 * (high - low) * w * self.pdf(tilt)
 
@@ -315,14 +322,14 @@ class ExactTiltLaw(TiltLaw):
         from scipy.stats import ncx2
 
         v2 = np.asarray(v2, dtype=float)[..., None]
-        x, weight = np.polynomial.legendre.leggauss(64)
+        x, weight = _gauss_legendre(64)
         reach = np.minimum(np.sqrt(v2), 10.0 * self.std_vertical)
         w = 0.5 * reach * (x + 1.0)
         gauss = np.exp(-0.5 * (w / self.std_vertical) ** 2) / (
             math.sqrt(2.0 * math.pi) * self.std_vertical
         )
-        law = ncx2(2, (self.mean_speed / self.std_horizontal) ** 2)
-        horizontal = getattr(law, method)(np.maximum(v2 - w * w, 0.0) / self.std_horizontal**2)
+        rest = np.maximum(v2 - w * w, 0.0) / self.std_horizontal**2
+        horizontal = getattr(ncx2, method)(rest, 2, (self.mean_speed / self.std_horizontal) ** 2)
         return np.sum(reach * weight * gauss * horizontal, axis=-1)
 
     def _bulk(self) -> tuple[float, float]:
