@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from meshtrace.budget import Capacity, depth_at
 from meshtrace.detector import OokLink
 from meshtrace.fading import Estimate
-from meshtrace.figures import Figures
+from meshtrace.link_figures import Figures
 from meshtrace.pulses import Eye
 from meshtrace.realizations import Fades
 from meshtrace.result import FORMAT_VERSION

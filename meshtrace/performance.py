@@ -17,8 +17,8 @@ import numpy as np
 from meshtrace.coupled import CoupledSeries, coupled_series
 from meshtrace.curves import DepthSweep, LinkPerformance
 from meshtrace.detector import OokLink
-from meshtrace.figures import Figures, figures_of
 from meshtrace.link import Link
+from meshtrace.link_figures import Figures, figures_of
 from meshtrace.matching import (
     Preset,
     at_depth,

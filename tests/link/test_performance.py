@@ -1,6 +1,8 @@
 """Link performance from this package's own gains: ranges, fading averages, tilt, dataset."""
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from scipy.special import ndtri
 import meshtrace as mt
 from meshtrace.budget import capacity, required_gain
 from meshtrace.detector import OokLink
-from meshtrace.figures import ber_of_fades, outage_of_fades
+from meshtrace.link_figures import ber_of_fades, outage_of_fades
 from meshtrace.performance import channel_link, ook_link
 from meshtrace.realizations import Fades
 from meshtrace.scenario import Scenario
@@ -20,6 +22,7 @@ from meshtrace.surfaces import FlatSea, JonswapSea
 
 RATES = (1e6, 5e6, 1e7)
 GRID = tuple(range(25, 95, 5))
+REFERENCE = json.loads((Path(__file__).parent / "link_reference.json").read_text())
 FOV = math.radians(60.0)
 
 
@@ -39,7 +42,27 @@ def synthetic(gain, mean_stderr=0.0):
     return GainSeries("realization", np.arange(n), gain, 0.0 * gain, gain, mean_stderr)
 
 
-# --- ranges --------------------------------------------------------------------------------
+# --- gains and ranges ----------------------------------------------------------------------
+
+
+# The tables are Monte Carlo too, of 1 % and, where the gain falls steeply, up to 3 %.
+@pytest.mark.parametrize(
+    ("preset", "key", "table_error"),
+    [
+        ("physical", "flat_gain_MC_physical_h5_r5cm_th10", 0.02),
+        ("paper-ranges", "flat_gain_MC_paper_a2", 0.035),
+    ],
+)
+def test_flat_sea_gains_match_the_tables(preset, key, table_error):
+    for depth, expected in REFERENCE[key].items():
+        link = channel_link(at_depth(float(depth)), OokLink.preset(preset))
+        found = mt.simulate(link, FlatSea(), photons=8192)
+        error = abs(found.gain - expected)
+        assert error < table_error * expected + 4.0 * found.gain_stderr, f"{depth} m"
+        if preset == "physical":
+            ballistic = REFERENCE["flat_gain_ballistic"][depth]
+            assert found.gain_ballistic == pytest.approx(ballistic, rel=5e-4)
+            assert found.gain > ballistic
 
 
 @pytest.mark.parametrize(
