@@ -149,14 +149,13 @@ def _letters(scene: Scene) -> pv.PolyData | None:
     right = np.cross((0.0, 0.0, 1.0), towards)
     right /= np.linalg.norm(right)
     frame = np.stack([right, np.cross(towards, right), towards])
-    line, words = 0.021 * scene.stage.size, []
+    size, words = 0.021 * scene.stage.size, []
     for point, text, align in scene.texts:
         # the letters that VTK has as solids are those of ASCII
-        height = line * (1 + text.count("\n"))
-        word = pv.Text3D(text.replace("°", " deg"), depth=0.0, height=height)
+        word = pv.Text3D(text.replace("°", " deg"), depth=0.0)
         x0, x1 = word.bounds[:2]
         shift = {"left": -x0, "center": 0.0, "right": -x1}[align]
-        word.points = (word.points + np.array([shift, 0.0, 0.0])) @ frame + point
+        word.points = size * (word.points + np.array([shift, 0.0, 0.0])) @ frame + point
         words.append(word)
     return pv.merge(words) if words else None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.series import CoverageMap
+from meshtrace.series import CoverageMap, coverage_map
 from meshtrace.simulate import trace_paths
 from meshtrace.transport.paths import PhotonPaths
 
@@ -30,7 +30,7 @@ def scene(
     time: float = 0.0,
     paths: PhotonPaths | int | None = None,
     received: PhotonPaths | int | None = None,
-    coverage: CoverageMap | None = None,
+    coverage: CoverageMap | int | None = None,
     color: str = "elevation",
     color_limit: float | None = None,
     path_color: PathColor = "fate",
@@ -62,8 +62,8 @@ def scene(
     received : PhotonPaths or int, optional
         Paths of received light, or how many to draw, in proportion to the light they carry;
         40 when `paths` are shown, so that received ones are always among them.
-    coverage : CoverageMap, optional
-        Map in the plane of the receiver.
+    coverage : CoverageMap or int, optional
+        Map in the plane of the receiver, or of how many photons to make one over half the sea.
     color : str
         What the surface is coloured by: "elevation", "slope", "slope_x", "slope_y", "plain".
     color_limit : float, optional
@@ -140,6 +140,8 @@ def scene(
             add_uav(plotter, link)
         add_bubbles(plotter, shown, link.bubbles if bubbles else None, near=True)
     if coverage is not None:
+        if isinstance(coverage, int):
+            coverage = coverage_of(link, surface, stage, coverage, time=time, seed=seed)
         add_coverage(plotter, coverage)
         look(plotter, elevation_deg=24.0)  # else the map is seen from its edge
     if labels:
@@ -164,6 +166,22 @@ def shown_mesh(
             f"half-width {stage.half:g} m"
         )
     return surface.mesh(time, stage.half, step, center=stage.center)
+
+
+def coverage_of(
+    link: Link | None,
+    surface: SurfaceModel | TriangleMesh,
+    stage: Stage,
+    photons: int,
+    *,
+    time: float,
+    seed: int,
+) -> CoverageMap:
+    """Return a coverage map over half the width of the stage, in 40 by 40 cells."""
+    if link is None:
+        raise ValueError("coverage: of a mesh alone, allowed with a link")
+    half = 0.5 * stage.half
+    return coverage_map(link, surface, half, half / 20.0, times=(time,), photons=photons, seed=seed)
 
 
 def wind_of(surface: SurfaceModel | TriangleMesh) -> tuple[float | None, float]:

@@ -27,9 +27,6 @@ MESH_SUFFIXES = (".stl", ".ply", ".obj")
 
 MOST_FRAMES = 10_000
 
-MAP_EXTENT = 5.0
-"""Half-width of the coverage map [m]."""
-
 
 class Subject(NamedTuple):
     """What is looked at: a link over a surface at a time, and what a result says of it."""
@@ -37,9 +34,8 @@ class Subject(NamedTuple):
     surface: SurfaceModel | TriangleMesh
     link: Link | None = None
     time: float = 0.0
-    coverage: CoverageMap | None = None
+    coverage: CoverageMap | int | None = None
     gain: GainSeries | None = None
-
 
 
 @app.command()
@@ -108,13 +104,13 @@ def view(
     subject = _subject(file, settings or [])
     if time is not None:
         subject = subject._replace(time=time)
+    if map_photons is not None:
+        subject = subject._replace(coverage=map_photons)
     steps = frames if subject.gain is None else len(subject.gain.coordinate)
     with warnings_as_lines(), progress(steps, False, "drawing frames") as (say, advance):
         if subject.link is not None and not kernels_are_compiled("forced"):
             say(COMPILING)
         with _refusals():
-            if map_photons is not None:
-                subject = subject._replace(coverage=_coverage(subject, map_photons, seed))
             written = show(
                 **subject._asdict(),
                 paths=paths or None,
@@ -212,8 +208,8 @@ def _of_result(file: Path) -> Subject:
         origin = origin[0]
     subject = _of_scenario(Scenario.from_provenance(origin))
     if kind == "coverage":
-        axes, values = (data.x, data.y), (data.gain, data.gain_stderr)
-        coverage = CoverageMap(*(v.to_numpy() for v in (*axes, *values)), origin)
+        x, y, mean, stderr = (data[n].to_numpy() for n in ("x", "y", "gain", "gain_stderr"))
+        coverage = CoverageMap(x, y, mean, stderr, origin)
         return subject._replace(coverage=coverage, time=float(origin["times"][0]))
     if kind == "series":
         gain = GainSeries.load(file)
@@ -233,19 +229,3 @@ def _dataset(file: Path) -> xr.Dataset:
     except (OSError, ValueError) as error:
         text = " ".join(str(error).split())
         raise ScenarioError(f"{file}: {text}, allowed: a result in netCDF") from error
-
-
-def _coverage(subject: Subject, photons: int, seed: int) -> CoverageMap:
-    """Return the map of a link at the time that is shown."""
-    from meshtrace.series import coverage_map
-
-    if subject.link is None:
-        raise ValueError("--map: of a mesh alone, allowed with a link")
-    return coverage_map(
-        subject.link,
-        subject.surface,
-        extent=MAP_EXTENT,
-        times=(subject.time,),
-        photons=photons,
-        seed=seed,
-    )
