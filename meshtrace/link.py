@@ -340,6 +340,9 @@ class Physics(_Model, frozen=True):
         Let light in the air meet another wave, or not (E15).
     fov : {"angle", "paper_position"}
         Field of view by angle, or by the printed test of the position (E11).
+    unresolved : {"tilt", "none"}
+        Tilt the normal at every crossing by random slopes of the waves that the mesh leaves out
+        (`TriangleMesh.unresolved`), or bend light at the mesh alone, as in the paper.
     """
 
     snell: Literal["physical", "paper"] = "physical"
@@ -350,6 +353,7 @@ class Physics(_Model, frozen=True):
     reflected: Literal["trace", "kill"] = "trace"
     second_hit: Literal["trace", "ignore"] = "trace"
     fov: Literal["angle", "paper_position"] = "angle"
+    unresolved: Literal["tilt", "none"] = "tilt"
 
     @classmethod
     def paper(cls) -> Physics:
@@ -363,6 +367,7 @@ class Physics(_Model, frozen=True):
             reflected="kill",
             second_hit="ignore",
             fov="paper_position",
+            unresolved="none",
         )
 
 

@@ -127,7 +127,7 @@ def image_gain(scene, stretch, lever, ray, forward, score):
     |dX/dslope|. `score[f, 1]` marks facets whose light a wave may cut.
     """
     doubtful = 0
-    shot = Shot(ray, forward, 0.0, 0.0, 1.0)
+    shot = Shot(ray, forward, 0.0, 0.0, 1.0, 0.0, 0.0)
     edge = min(max(-_EDGE * scene.emitter.position[2], 0.005), 0.1)
     for f in range(len(scene.surface.faces)):
         size = scene.facets[f, RADIUS]
