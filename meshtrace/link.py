@@ -473,7 +473,8 @@ class Link(_Model, frozen=True):
         n = self.water.n / self.n_air
         beta = (n - 1.0) * height * depth / (depth + n * height)
         fine = max(2.5 * beta + radius + max(lateral), 1.0)
-        reach = 10.0 * depth
+        lamps = any(hasattr(t, "depth") for t in self.transmitters)
+        reach = 10.0 * depth if lamps else 50.0
         if self.water.a > 0.0:
             reach = min(reach, math.sqrt((depth + 6.0 / self.water.a) ** 2 - depth**2))
         width = max(

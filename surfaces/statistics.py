@@ -323,7 +323,7 @@ def elfouhaily_slope_variance(wind_speed: float, fetch: float | None = None) -> 
     --------
     >>> along, across = elfouhaily_slope_variance(10.0)
     >>> round(along, 3), round(across, 3)
-    (0.023, 0.018)
+    (0.036, 0.025)
     """
     spectrum = Elfouhaily(wind_speed=wind_speed, fetch=fetch)
     top = float(angular_frequency(_SHORTEST, capillary=True))
@@ -343,8 +343,9 @@ def meshed_slope_variance(
 
         1/2 + (cos(kx h) + cos(ky h) + cos(kx h) cos(ky h)) / 6,
 
-    the mean over both diagonals; the slopes of the facets are differences of corners and keep
-    sinc^2(kx h / 2) along x and sinc^2(ky h / 2) along y.
+    the mean over both diagonals. The slopes of the facets are differences of corners: they keep
+    sinc^2(kx h / 2) along x and sinc^2(ky h / 2) along y, and since the two edges of a facet
+    lie half a cell apart, cos(kx h / 2) cos(ky h / 2) of the product of both.
 
     Parameters
     ----------
@@ -371,7 +372,7 @@ def meshed_slope_variance(
     >>> waves = JonswapSea(wind_speed=5.0).components
     >>> vertex, facet = meshed_slope_variance(waves, 0.5)
     >>> round(sum(vertex), 5), round(sum(facet), 5), round(sum(components_slope_variance(waves)), 5)
-    (0.00601, 0.00611, 0.00616)
+    (0.00615, 0.00629, 0.00638)
     """
     h = Range("spacing", 0.0, unit="m").check(spacing)
     power = 0.5 * waves.amplitude**2
@@ -379,10 +380,14 @@ def meshed_slope_variance(
     kept = 0.5 + (cx + cy + cx * cy) / 6.0
     along, across = _turned(waves.kx, waves.ky, wind_direction_deg)
     vertex = float(np.sum(power * kept * along**2)), float(np.sum(power * kept * across**2))
-    difference_x = waves.kx * np.sinc(waves.kx * h / (2.0 * math.pi))
-    difference_y = waves.ky * np.sinc(waves.ky * h / (2.0 * math.pi))
-    along, across = _turned(difference_x, difference_y, wind_direction_deg)
-    return vertex, (float(np.sum(power * along**2)), float(np.sum(power * across**2)))
+    sx = waves.kx * np.sinc(waves.kx * h / (2.0 * math.pi))
+    sy = waves.ky * np.sinc(waves.ky * h / (2.0 * math.pi))
+    both = sx * sy * np.cos(0.5 * waves.kx * h) * np.cos(0.5 * waves.ky * h)
+    xx, yy, xy = (float(np.sum(power * term)) for term in (sx**2, sy**2, both))
+    turn = math.radians(wind_direction_deg)
+    cos, sin = math.cos(turn), math.sin(turn)
+    cross = 2.0 * cos * sin * xy
+    return vertex, (cos**2 * xx + sin**2 * yy + cross, sin**2 * xx + cos**2 * yy - cross)
 
 
 def _quadrature(
