@@ -340,6 +340,9 @@ class Physics(_Model, frozen=True):
         Let light in the air meet another wave, or not (E15).
     fov : {"angle", "paper_position"}
         Field of view by angle, or by the printed test of the position (E11).
+    unresolved : {"tilt", "none"}
+        Tilt the normal at every crossing by random slopes of the waves that the mesh leaves out
+        (`TriangleMesh.unresolved`), or bend light at the mesh alone, as in the paper.
     """
 
     snell: Literal["physical", "paper"] = "physical"
@@ -350,6 +353,7 @@ class Physics(_Model, frozen=True):
     reflected: Literal["trace", "kill"] = "trace"
     second_hit: Literal["trace", "ignore"] = "trace"
     fov: Literal["angle", "paper_position"] = "angle"
+    unresolved: Literal["tilt", "none"] = "tilt"
 
     @classmethod
     def paper(cls) -> Physics:
@@ -363,6 +367,7 @@ class Physics(_Model, frozen=True):
             reflected="kill",
             second_hit="ignore",
             fov="paper_position",
+            unresolved="none",
         )
 
 
@@ -468,7 +473,8 @@ class Link(_Model, frozen=True):
         n = self.water.n / self.n_air
         beta = (n - 1.0) * height * depth / (depth + n * height)
         fine = max(2.5 * beta + radius + max(lateral), 1.0)
-        reach = 10.0 * depth
+        lamps = any(hasattr(t, "depth") for t in self.transmitters)
+        reach = 10.0 * depth if lamps else 50.0
         if self.water.a > 0.0:
             reach = min(reach, math.sqrt((depth + 6.0 / self.water.a) ** 2 - depth**2))
         width = max(

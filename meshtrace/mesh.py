@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,6 +48,27 @@ class SurfaceModel(Protocol):
         ...
 
 
+class UnresolvedSlopes(NamedTuple):
+    """Slope variances (along, across the wind) of the waves that a mesh is too coarse to show.
+
+    Light that crosses the mesh is bent as if the normal were tilted by Gaussian slopes of these
+    variances, on top of those of the mesh.
+
+    Parameters
+    ----------
+    vertex : tuple of float
+        What normals interpolated from the corners leave out.
+    facet : tuple of float
+        What the facets' own normals leave out.
+    direction_deg : float
+        Direction the wind blows to, counter-clockwise from +x [deg].
+    """
+
+    vertex: tuple[float, float]
+    facet: tuple[float, float]
+    direction_deg: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
     """An open surface of triangles that faces up: the sea seen from the air.
@@ -62,6 +83,8 @@ class TriangleMesh:
     vertex_normals : array_like, shape (n, 3), optional
         Unit normals at the corners, pointing up. Surface models pass the normals of their
         exact slopes; without them the area-weighted mean of the adjacent facets is used.
+    unresolved : UnresolvedSlopes, optional
+        Slopes that the mesh leaves out.
 
     Raises
     ------
@@ -72,6 +95,7 @@ class TriangleMesh:
     vertices: NDArray[np.float64]
     faces: NDArray[np.int32]
     vertex_normals: NDArray[np.float64] = None  # type: ignore[assignment]
+    unresolved: UnresolvedSlopes | None = None
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, Field, PrivateAttr, TypeAdapter, model_validator
 
-from meshtrace.mesh import TriangleMesh
+from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 
 from .dispersion import angular_frequency, wavenumber
 from .gridding import grid_axis
@@ -30,6 +30,12 @@ from .parameters import (
 )
 from .spectra import ALPHA_COEFFICIENT, Jonswap, Spectrum, SpectrumModel
 from .spreading import IttcSpreading, Spreading, direction_grid, direction_weights
+from .statistics import (
+    cox_munk,
+    elfouhaily_slope_variance,
+    meshed_slope_variance,
+    unresolved_slope_variance,
+)
 from .triangulate import triangulate
 from .waves import (
     FactorCache,
@@ -186,7 +192,15 @@ class Surface(BaseModel, ABC, frozen=True, extra="forbid"):
         """
         lines = extent, spacing, fine_extent, coarse_spacing
         x_axis, y_axis = (grid_axis(middle, *lines) for middle in center)
-        return triangulate(x_axis, y_axis, *self.grid(x_axis, y_axis, time))
+        grid = self.grid(x_axis, y_axis, time)
+        return triangulate(x_axis, y_axis, *grid, self.unresolved_slopes(spacing))
+
+    def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
+        """Return the slope variances that a mesh of this spacing [m] leaves out.
+
+        None where the sea is meant as it is: light is bent at the mesh alone.
+        """
+        return None
 
     def to_config(self) -> dict[str, Any]:
         """Return kind and parameters as plain data for JSON or TOML; see `sea_from_config`."""
@@ -414,6 +428,7 @@ class _BandedSea(RandomSea, frozen=True):
     depth: Depth | None = None
     capillary: bool = False
     jitter: bool = False
+    mss: Literal["cox-munk", "elfouhaily", "band"] = "cox-munk"
 
     most_components: ClassVar[int] = 1_000_000
 
@@ -486,6 +501,19 @@ class _BandedSea(RandomSea, frozen=True):
         heading = theta + math.radians(self.wind_direction_deg)
         return _flat_components(amplitude, omega, k, heading, phase)
 
+    def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
+        """Return the slope variances that a mesh of this spacing [m] leaves out of `mss`."""
+        if self.mss == "band":
+            return None
+        wind_speed = self._sampled_spectrum().wind_speed
+        model = cox_munk if self.mss == "cox-munk" else elfouhaily_slope_variance
+        target = model(wind_speed)
+        vertex, facet = (
+            unresolved_slope_variance(target, resolved)
+            for resolved in meshed_slope_variance(self.components, spacing, self.wind_direction_deg)
+        )
+        return UnresolvedSlopes(vertex, facet, self.wind_direction_deg)
+
 
 class JonswapSea(_BandedSea, frozen=True):
     """Fetch-limited wind sea with the JONSWAP spectrum.
@@ -525,6 +553,10 @@ class JonswapSea(_BandedSea, frozen=True):
         Peak enhancement.
     alpha_coefficient : float
         Factor of the fetch law for alpha, 0.075 in the paper, 0.076 in the literature.
+    mss : {"cox-munk", "elfouhaily", "band"}
+        Slope variance of the real sea: measured, or of a spectrum down to the capillaries. The
+        tracer tilts normals at random by what a mesh lacks of it (`Physics.unresolved`). "band":
+        there are no waves beyond the band.
 
     Raises
     ------
@@ -594,7 +626,7 @@ class SpectralSea(_BandedSea, frozen=True):
         `Jonswap`, `Tma`, `PiersonMoskowitz` or `Elfouhaily` (or its plain data).
     spreading : Spreading
         `IttcSpreading`, `Cos2sSpreading`, `MitsuyasuSpreading` or `ElfouhailySpreading`.
-    seed, omega_min, omega_max, d_omega, d_theta, wind_direction_deg, jitter
+    seed, omega_min, omega_max, d_omega, d_theta, wind_direction_deg, jitter, mss
         See `JonswapSea`; the default band is `scaled_band`.
     depth : float, optional
         Water depth [m]; None is the depth of the spectrum (`Tma`), or else deep water.

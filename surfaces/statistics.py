@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 
 from meshtrace.mesh import TriangleMesh
 
-from .dispersion import wavenumber
+from .dispersion import angular_frequency, wavenumber
 from .parameters import WIND_SPEED, Range
-from .spectra import SpectrumModel
+from .spectra import Elfouhaily, SpectrumModel, elfouhaily_delta
 from .waves import WaveComponents
 
 _LOWEST = 0.05
 _HIGHEST = 1e6
 _PANELS_PER_E_FOLD = 32
 _NODES = 8
+_SHORTEST = 5000.0
 
 
 def spectral_moment(
@@ -251,39 +252,142 @@ def cox_munk(wind_speed: float) -> tuple[float, float]:
 
 
 def unresolved_slope_variance(
-    wind_speed: float, resolved: tuple[float, float]
+    target: tuple[float, float], resolved: tuple[float, float]
 ) -> tuple[float, float]:
-    """Slope variances that the waves of a surface lack of those of Cox and Munk.
+    """Slope variances that a surface lacks.
 
     Parameters
     ----------
-    wind_speed : float
-        Wind speed [m s-1].
+    target : (float, float)
+        Slope variances along and across the wind of the real sea, as from `cox_munk`.
     resolved : (float, float)
-        Slope variances along and across the wind of the surface, for instance from
-        `components_slope_variance`.
+        Those of the surface, for instance from `meshed_slope_variance`.
 
     Returns
     -------
     along, across : float
-        Missing slope variances, zero where the surface has more than the measured ones.
+        Missing slope variances, zero where the surface has more than the real sea.
 
     Raises
     ------
     ValueError
-        If the wind speed or a variance is out of range.
+        If a variance is out of range.
 
     Examples
     --------
     >>> from meshtrace.surfaces import JonswapSea
     >>> resolved = components_slope_variance(JonswapSea(wind_speed=5.0).components)
-    >>> [round(v, 4) for v in unresolved_slope_variance(5.0, resolved)]
+    >>> [round(v, 4) for v in unresolved_slope_variance(cox_munk(5.0), resolved)]
     [0.011, 0.011]
     """
-    allowed = Range("resolved", 0.0, closed=True)
-    targets = zip(cox_munk(wind_speed), resolved, strict=True)
-    along, across = (max(0.0, target - allowed.check(found)) for target, found in targets)
+    wanted, allowed = Range("target", 0.0, closed=True), Range("resolved", 0.0, closed=True)
+    along, across = (
+        max(0.0, wanted.check(whole) - allowed.check(found))
+        for whole, found in zip(target, resolved, strict=True)
+    )
     return along, across
+
+
+def elfouhaily_slope_variance(wind_speed: float, fetch: float | None = None) -> tuple[float, float]:
+    """Slope variances along and across the wind of the Elfouhaily spectrum, capillaries included.
+
+    sigma_along^2, sigma_across^2 = int k^2 S(omega) (1 +- Delta(k) / 2) / 2 d omega
+
+    Parameters
+    ----------
+    wind_speed : float
+        Wind speed at 10 m [m s-1].
+    fetch : float, optional
+        Fetch [m]; None is the fully developed sea.
+
+    Returns
+    -------
+    along, across : float
+        Slope variances.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range.
+
+    Notes
+    -----
+    Integrated up to k = 5000 rad m-1 (waves of 1.3 mm), beyond which the spectrum has no slopes
+    left.
+
+    References
+    ----------
+    Elfouhaily et al. (1997), doi:10.1029/97JC00467, eqs. 57 and 60.
+
+    Examples
+    --------
+    >>> along, across = elfouhaily_slope_variance(10.0)
+    >>> round(along, 3), round(across, 3)
+    (0.036, 0.025)
+    """
+    spectrum = Elfouhaily(wind_speed=wind_speed, fetch=fetch)
+    top = float(angular_frequency(_SHORTEST, capillary=True))
+    omega, weights = _quadrature(spectrum, 4, 0.0, top)
+    k = wavenumber(omega, capillary=True)
+    mss = weights * k**2 * spectrum(omega)
+    delta = elfouhaily_delta(k, wind_speed, spectrum.omega_p)
+    return float(np.sum(mss * (0.5 + 0.25 * delta))), float(np.sum(mss * (0.5 - 0.25 * delta)))
+
+
+def meshed_slope_variance(
+    waves: WaveComponents, spacing: float, wind_direction_deg: float = 0.0
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Slope variances that a triangle mesh shows of a sum of waves, over all phases and places.
+
+    Normals interpolated between corners with exact slopes keep, of the variance of a wave k,
+
+        1/2 + (cos(kx h) + cos(ky h) + cos(kx h) cos(ky h)) / 6,
+
+    the mean over both diagonals. The slopes of the facets are differences of corners: they keep
+    sinc^2(kx h / 2) along x and sinc^2(ky h / 2) along y, and since the two edges of a facet
+    lie half a cell apart, cos(kx h / 2) cos(ky h / 2) of the product of both.
+
+    Parameters
+    ----------
+    waves : WaveComponents
+        The waves.
+    spacing : float
+        Distance h of the grid lines [m].
+    wind_direction_deg : float
+        Direction the wind blows to, counter-clockwise from +x [deg].
+
+    Returns
+    -------
+    vertex, facet : tuple of float
+        Slope variances along and across the wind with interpolated normals, and of the facets.
+
+    Raises
+    ------
+    ValueError
+        If the spacing or the direction is out of range.
+
+    Examples
+    --------
+    >>> from meshtrace.surfaces import JonswapSea
+    >>> waves = JonswapSea(wind_speed=5.0).components
+    >>> vertex, facet = meshed_slope_variance(waves, 0.5)
+    >>> round(sum(vertex), 5), round(sum(facet), 5), round(sum(components_slope_variance(waves)), 5)
+    (0.00615, 0.00629, 0.00638)
+    """
+    h = Range("spacing", 0.0, unit="m").check(spacing)
+    power = 0.5 * waves.amplitude**2
+    cx, cy = np.cos(waves.kx * h), np.cos(waves.ky * h)
+    kept = 0.5 + (cx + cy + cx * cy) / 6.0
+    along, across = _turned(waves.kx, waves.ky, wind_direction_deg)
+    vertex = float(np.sum(power * kept * along**2)), float(np.sum(power * kept * across**2))
+    sx = waves.kx * np.sinc(waves.kx * h / (2.0 * math.pi))
+    sy = waves.ky * np.sinc(waves.ky * h / (2.0 * math.pi))
+    both = sx * sy * np.cos(0.5 * waves.kx * h) * np.cos(0.5 * waves.ky * h)
+    xx, yy, xy = (float(np.sum(power * term)) for term in (sx**2, sy**2, both))
+    turn = math.radians(wind_direction_deg)
+    cos, sin = math.cos(turn), math.sin(turn)
+    cross = 2.0 * cos * sin * xy
+    return vertex, (cos**2 * xx + sin**2 * yy + cross, sin**2 * xx + cos**2 * yy - cross)
 
 
 def _quadrature(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.mesh import TriangleMesh
+from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 
 from .parameters import Range
 
@@ -25,7 +25,12 @@ _SMALLEST_AREA = 1e-12
 
 
 def triangulate(
-    x_axis: ArrayLike, y_axis: ArrayLike, z: ArrayLike, sx: ArrayLike, sy: ArrayLike
+    x_axis: ArrayLike,
+    y_axis: ArrayLike,
+    z: ArrayLike,
+    sx: ArrayLike,
+    sy: ArrayLike,
+    unresolved: UnresolvedSlopes | None = None,
 ) -> TriangleMesh:
     """Triangulate a height field on a tensor grid.
 
@@ -39,6 +44,8 @@ def triangulate(
         Elevation [m] at (x_axis[i], y_axis[j]).
     sx, sy : array_like, shape (nx, ny)
         Slopes dz/dx and dz/dy.
+    unresolved : UnresolvedSlopes, optional
+        Slopes that the grid leaves out.
 
     Returns
     -------
@@ -74,7 +81,7 @@ def triangulate(
     upward = 1.0 / np.sqrt(1.0 + sx**2 + sy**2)
     for column, values in enumerate((-sx * upward, -sy * upward, upward)):
         normals[:, column] = values.ravel()
-    return TriangleMesh(vertices, grid_faces(*shape), normals)
+    return TriangleMesh(vertices, grid_faces(*shape), normals, unresolved)
 
 
 @lru_cache(maxsize=8)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.facets import Surface, barycentrics, interpolated_normal
+from meshtrace.kernels.facets import Surface, barycentrics, normal_at, tilted
 from meshtrace.kernels.interface import (
     DIRECTION_VECTOR,
     SNELL_PHYSICAL,
@@ -94,6 +94,8 @@ class Shot(NamedTuple):
     x1: float  # landing point in the plane of the aperture [m]
     x2: float
     branch: float  # +1 or -1, see `emission_through`
+    tilt_x: float  # slopes on top of those of the mesh
+    tilt_y: float
 
 
 class Flat(NamedTuple):
@@ -242,12 +244,9 @@ def aim_at(x, y, facet, shot, scene):
     z = height_on(x, y, facet, surface)
     nx, ny, nz = 0.0, 0.0, 1.0
     if facet >= 0:
-        if surface.interpolate:
-            u, w = barycentrics(x, y, facet, surface.vertices, surface.faces)
-            nx, ny, nz = interpolated_normal(u, w, facet, surface.faces, surface.vertex_normals)
-        else:
-            g = surface.face_normals
-            nx, ny, nz = g[facet, 0], g[facet, 1], g[facet, 2]
+        nx, ny, nz = normal_at(x, y, facet, surface)
+        if shot.tilt_x != 0.0 or shot.tilt_y != 0.0:
+            nx, ny, nz = tilted(nx, ny, nz, shot.tilt_x, shot.tilt_y)
     return land(
         x,
         y,
@@ -425,20 +424,21 @@ def enumerate_roots(roots, n, flat, radius, shot, scene):
         for j in range(j0, j1 + 1):
             for k in range(grid.start[i * grid.ny + j], grid.start[i * grid.ny + j + 1]):
                 f = grid.facet[k]
-                if _may_hold(f, flat, scene.facets) and _first_bin(scene, f, i, j, i0, j0):
+                if _may_hold(f, flat, shot, scene.facets) and _first_bin(scene, f, i, j, i0, j0):
                     n = _facet_roots(roots, n, f, flat, shot, scene)
     return n
 
 
 @inlined
-def _may_hold(f, flat, facets):
+def _may_hold(f, flat, shot, facets):
     """Return whether a crossing may lie on a facet, to first order in its slope and height.
 
     Array twin: `_facet_roots` without it finds the same roots.
     The flat crossing moves by dP/dslope and dP/dz; half of the move is left for what is beyond
     the first order, and the facet's size grows by its curvature.
     """
-    sx, sy, dz = facets[f, SLOPE_X], facets[f, SLOPE_Y], facets[f, CZ] - flat.level
+    sx, sy = facets[f, SLOPE_X] + shot.tilt_x, facets[f, SLOPE_Y] + shot.tilt_y
+    dz = facets[f, CZ] - flat.level
     mx, my = flat.m11 * sx + flat.m12 * sy, flat.m21 * sx + flat.m22 * sy
     hx, hy = flat.h1 * dz, flat.h2 * dz
     move = abs(mx) + abs(my) + abs(hx) + abs(hy)

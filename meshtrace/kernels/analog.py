@@ -14,7 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.kernels.directions import turn
-from meshtrace.kernels.facets import Surface, barycentrics, interpolated_normal, plane_distance
+from meshtrace.kernels.facets import (
+    Surface,
+    exposure,
+    is_rough,
+    normal_at,
+    plane_distance,
+    slope_tilt,
+    tilted,
+)
 from meshtrace.kernels.interface import (
     DIRECTION_VECTOR,
     FRESNEL_PAPER_BOTH,
@@ -53,6 +61,7 @@ _COLLISION = int(Purpose.COLLISION)
 _INTERFACE = int(Purpose.INTERFACE)
 _ROULETTE = int(Purpose.ROULETTE)
 _BOTTOM = int(Purpose.BOTTOM)
+_SLOPE = int(Purpose.SLOPE)
 
 # columns of Pool.state
 X, Y, Z, DX, DY, DZ, W, S, WATER_PATH, AIR_PATH = range(10)
@@ -359,6 +368,21 @@ def _record_flight(q, f, dx, dy, dz, weight, received, world):
     )
 
 
+@outlined
+def _roughened(q, f, nx, ny, nz, world):
+    """Return a normal tilted by the slopes that the mesh leaves out, as this light meets them.
+
+    A tilt t and its opposite are equally common; the light picks one of the two by their
+    exposures, which add up to 2.
+    """
+    u, v, w, _ = uniforms(world.seed, f[PHOTON], f[EVENT], _SLOPE)
+    r, phi = math.sqrt(-2.0 * math.log(u)), 2.0 * math.pi * v
+    tx, ty = slope_tilt(world.surface.roughness, r * math.cos(phi), r * math.sin(phi))
+    if 2.0 * w >= exposure(q[DX], q[DY], q[DZ], nx, ny, nz, tx, ty):
+        tx, ty = -tx, -ty
+    return tilted(nx, ny, nz, tx, ty)
+
+
 @inlined
 def _cross(q, f, world):
     """Let a photon on facet f[FACET] refract and reflect.
@@ -389,10 +413,9 @@ def _cross(q, f, world):
         world.surface.face_normals[g, 1],
         world.surface.face_normals[g, 2],
     )
-    nx, ny, nz = gx, gy, gz
-    if world.surface.interpolate:
-        u, v = barycentrics(q[X], q[Y], g, world.surface.vertices, world.surface.faces)
-        nx, ny, nz = interpolated_normal(u, v, g, world.surface.faces, world.surface.vertex_normals)
+    nx, ny, nz = normal_at(q[X], q[Y], g, world.surface)
+    if is_rough(world.surface.roughness):
+        nx, ny, nz = _roughened(q, f, nx, ny, nz, world)
     n1, n2 = (
         (world.medium.n_water, world.medium.n_air)
         if in_water

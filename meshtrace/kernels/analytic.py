@@ -197,7 +197,8 @@ def direct_light(points, starts, waves, scene, ray, forward, found, score):
     """
     radius = scene.target.radius
     for i in range(len(points.weight)):
-        shot = Shot(ray, forward, radius * points.disk[i, 0], radius * points.disk[i, 1], 1.0)
+        x1, x2 = radius * points.disk[i, 0], radius * points.disk[i, 1]
+        shot = Shot(ray, forward, x1, x2, 1.0, 0.0, 0.0)
         n = 0
         for k in range(len(starts)):
             ok, x, y = _exact_newton(starts[k, 0], starts[k, 1], waves, shot, scene)

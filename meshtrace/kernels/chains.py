@@ -34,6 +34,8 @@ class Chains(NamedTuple):
     path: NDArray[np.float64]  # (n,) length up to the last vertex [m]
     weight: NDArray[np.float64]  # (n,) 1 / (density of distances, probability of the kinds)
     disk: NDArray[np.float64]  # (n, 2) point of the unit disk aimed at
+    tail: NDArray[np.float64]  # (n, 3) last vertex, or the source
+    tilt: NDArray[np.float64]  # (n, 2) standard normal slopes along and across the wind
 
 
 class Nominal(NamedTuple):
@@ -71,7 +73,7 @@ def _distance(nominal, u):
 
 @entry
 def make_chains(chains, nominal, medium, uniforms, free_path):
-    """Fill chains of order K from uniforms of shape (n, 3 K + 2).
+    """Fill chains of order K from uniforms of shape (n, 3 K + 4).
 
     Array twin: `tests/unit/test_chains.py`.
     Distances are sorted draws from the nominal profile, or free paths (`free_path` rows); the
@@ -95,7 +97,7 @@ def make_chains(chains, nominal, medium, uniforms, free_path):
                     at[j, 0] = at[j - 1, 0]
                     j -= 1
                 at[j, 0] = s
-        total = at[order - 1, 0]
+        total = at[order - 1, 0] if order > 0 else 0.0
         log_free = order * math.log(nominal.c) - nominal.c * total
         density = FREE_PATH_SHARE * math.exp(log_free)
         if total < nominal.distance:
@@ -108,6 +110,9 @@ def make_chains(chains, nominal, medium, uniforms, free_path):
         r = math.sqrt(u[3 * order])
         phi = 2.0 * math.pi * u[3 * order + 1]
         chains.disk[i, 0], chains.disk[i, 1] = r * math.cos(phi), r * math.sin(phi)
+        r = math.sqrt(-2.0 * math.log(u[3 * order + 2]))
+        phi = 2.0 * math.pi * u[3 * order + 3]
+        chains.tilt[i, 0], chains.tilt[i, 1] = r * math.cos(phi), r * math.sin(phi)
 
 
 @inlined
@@ -136,4 +141,5 @@ def _place(chains, i, nominal, medium, u):
         dx, dy, dz = turn(dx, dy, dz, s, u[3 * k + 2])
         at[k, 0], at[k, 1], at[k, 2] = x, y, z
     chains.last[i, 0], chains.last[i, 1], chains.last[i, 2] = dx, dy, dz
+    chains.tail[i, 0], chains.tail[i, 1], chains.tail[i, 2] = x, y, z
     return weight

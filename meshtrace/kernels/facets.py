@@ -12,6 +12,18 @@ from numpy.typing import NDArray
 from meshtrace.kernels.jit import inlined
 
 
+class Roughness(NamedTuple):
+    """Gaussian slopes of waves that the mesh leaves out; standard deviations, wind direction."""
+
+    along: float
+    across: float
+    cos: float
+    sin: float
+
+
+SMOOTH = Roughness(0.0, 0.0, 1.0, 0.0)
+
+
 class Surface(NamedTuple):
     """A triangle mesh as arrays, see `meshtrace.mesh.TriangleMesh`."""
 
@@ -23,6 +35,7 @@ class Surface(NamedTuple):
     high: NDArray[np.float64]  # (3,)
     max_slope: float
     interpolate: bool  # normals from the corners, or the facet's own
+    roughness: Roughness = SMOOTH
     level: float = 0.0  # height of the flat sea that facet -1 stands for [m]
 
 
@@ -72,6 +85,61 @@ def interpolated_normal(u, v, facet, faces, vertex_normals):
     nz = w * vertex_normals[a, 2] + u * vertex_normals[b, 2] + v * vertex_normals[c, 2]
     scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
     return nx * scale, ny * scale, nz * scale
+
+
+@inlined
+def normal_at(x, y, facet, surface):
+    """Return the unit normal of a facet over (x, y): its own, or interpolated and continued.
+
+    Array twin: `interpolated_normal`.
+    """
+    if surface.interpolate:
+        u, v = barycentrics(x, y, facet, surface.vertices, surface.faces)
+        return interpolated_normal(u, v, facet, surface.faces, surface.vertex_normals)
+    g = surface.face_normals
+    return g[facet, 0], g[facet, 1], g[facet, 2]
+
+
+@inlined
+def is_rough(roughness):
+    """Return whether the mesh leaves slopes out."""
+    return roughness.along > 0.0 or roughness.across > 0.0
+
+
+@inlined
+def slope_tilt(roughness, along, across):
+    """Return the slopes along x and y of two standard normal numbers.
+
+    Array twin: their covariance in `tests/unit/test_kernels_facets.py`.
+    """
+    a, c = roughness.along * along, roughness.across * across
+    return roughness.cos * a - roughness.sin * c, roughness.sin * a + roughness.cos * c
+
+
+@inlined
+def tilted(nx, ny, nz, tilt_x, tilt_y):
+    """Return an upward normal whose slopes are larger by (tilt_x, tilt_y).
+
+    Array twin: (-sx, -sy, 1) / norm.
+    """
+    nx, ny = nx / nz - tilt_x, ny / nz - tilt_y
+    scale = 1.0 / math.sqrt(1.0 + nx * nx + ny * ny)
+    return nx * scale, ny * scale, scale
+
+
+@inlined
+def exposure(dx, dy, dz, nx, ny, nz, tilt_x, tilt_y):
+    """Return how often light meets a tilted piece of the surface, over how common it is.
+
+    Array twin: areas of facets seen along a ray.
+    Pieces that lean towards the light show it more of their area: with slopes s + t,
+    d.(-s - t, 1) / d.(-s, 1), whose mean is 1. Tilts that would show their back are taken for
+    those that lean as far towards the light, so that the mean stays.
+    """
+    facing = (dx * nx + dy * ny + dz * nz) / nz
+    if facing == 0.0:
+        return 1.0
+    return min(max(1.0 - (dx * tilt_x + dy * tilt_y) / facing, 0.0), 2.0)
 
 
 @njit(cache=True, nogil=True)

@@ -17,6 +17,7 @@ from meshtrace.kernels.aiming import (
     locate,
     newton,
 )
+from meshtrace.kernels.facets import SMOOTH, exposure, normal_at, slope_tilt
 from meshtrace.kernels.interface import FOV_ANGLE, FRESNEL_PAPER_BOTH
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import (
@@ -70,14 +71,17 @@ def intensity(emitter, wx, wy, wz):
 
 
 @inlined
-def _shot(chains, i, target, branch):
+def _shot(chains, i, target, branch, roughness):
     """Return the open segment of chain i and the point that it aims at."""
+    tilt_x, tilt_y = slope_tilt(roughness, chains.tilt[i, 0], chains.tilt[i, 1])
     return Shot(
-        chains.vertex[i, -1],
+        chains.tail[i],
         chains.last[i],
         target.radius * chains.disk[i, 0],
         target.radius * chains.disk[i, 1],
         branch,
+        tilt_x,
+        tilt_y,
     )
 
 
@@ -94,7 +98,7 @@ def flat_crossings(chains, starts, still, raised, out):
     """
     depth = -still.emitter.position[2]
     for i in range(len(chains.last)):
-        q, v = chains.vertex[i, -1], chains.last[i]
+        q, v = chains.tail[i], chains.last[i]
         size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
         forward = q[0] * v[0] + q[1] * v[1] + q[2] * v[2]
         plain = size < 0.95 * depth and forward > 0.8 * size
@@ -103,7 +107,7 @@ def flat_crossings(chains, starts, still, raised, out):
             for side in range(1 if size < depth else 2):
                 for k in range(len(starts)):
                     if n < len(out[i]) and not (n > 0 and plain):
-                        shot = _shot(chains, i, scene.target, 1.0 - 2.0 * side)
+                        shot = _shot(chains, i, scene.target, 1.0 - 2.0 * side, SMOOTH)
                         n = _flat_root(n, starts[k], shot, scene, out[i])
             if n > 0:
                 break
@@ -182,7 +186,8 @@ def direct_crossings(points, starts, scene, ray, forward, out):
     """
     for i in range(len(points)):
         radius = scene.target.radius
-        shot = Shot(ray, forward, radius * points[i, 0], radius * points[i, 1], 1.0)
+        x1, x2 = radius * points[i, 0], radius * points[i, 1]
+        shot = Shot(ray, forward, x1, x2, 1.0, 0.0, 0.0)
         x, y = starts[i, 0], starts[i, 1]
         facet = locate(scene.locator, scene.surface, x, y)
         found = False
@@ -208,7 +213,7 @@ def _find(chains, i, flat, audit, search, scene, roots, counters):
             break
         r = flat[k]
         near = Flat(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], r[12])
-        shot = _shot(chains, i, scene.target, branch)
+        shot = _shot(chains, i, scene.target, branch, scene.surface.roughness)
         n = _near(n, near, audit, search, shot, scene, roots, counters)
     return n
 
@@ -218,7 +223,8 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
     """Append the crossings that belong to one flat crossing."""
     surface = scene.surface
     waves = max(abs(surface.high[2] - flat.level), abs(surface.low[2] - flat.level))
-    move = _MARGIN * (search.slope * flat.lever + waves * flat.lift) / max(flat.low, 1e-3)
+    slope = search.slope + math.hypot(shot.tilt_x, shot.tilt_y)
+    move = _MARGIN * (slope * flat.lever + waves * flat.lift) / max(flat.low, 1e-3)
     radius = min(move + search.margin, search.widest)
     off = math.hypot(flat.x - scene.target.center[0], flat.y - scene.target.center[1])
     if off > scene.target.reach + radius:
@@ -227,13 +233,13 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
         return n
     first, share = n, 1.0
     if surface.interpolate:
-        found, x, y, facet = False, flat.x, flat.y, locate(scene.locator, surface, flat.x, flat.y)
+        x0 = flat.x + flat.m11 * shot.tilt_x + flat.m12 * shot.tilt_y
+        y0 = flat.y + flat.m21 * shot.tilt_x + flat.m22 * shot.tilt_y
+        found, x, y, facet = False, x0, y0, locate(scene.locator, surface, x0, y0)
         start = facet
         for step in (0.5, 0.1):  # the second time more carefully
             if start >= 0 and not found:
-                found, x, y, facet = newton(
-                    flat.x, flat.y, start, False, step * radius, shot, scene
-                )
+                found, x, y, facet = newton(x0, y0, start, False, step * radius, shot, scene)
                 found = found and inside_facet(x, y, facet, surface)
         if found:
             counters[SOLVED] += 1
@@ -326,13 +332,16 @@ def _weigh(chains, i, root, scene):
     """
     x, y, facet = root[0], root[1], int(root[2])
     z = height_on(x, y, facet, scene.surface)
-    shot = _shot(chains, i, scene.target, root[3])
+    shot = _shot(chains, i, scene.target, root[3], scene.surface.roughness)
     ok, m, a, b, c, d, wa, wb, wc, wd = jacobian(x, y, facet, shot, scene)
     spread = abs(a * d - b * c)
     if not ok or m.wz <= -0.999999 or spread == 0.0 or not accepted(m, x, y, z, scene):
         return 0.0, True, m, x, y, z
     solid_angle = abs(wa * wd - wb * wc) / (abs(m.wz) * spread)
     light = intensity(scene.emitter, m.wx, m.wy, m.wz) * transmittance(m, scene)
+    if shot.tilt_x != 0.0 or shot.tilt_y != 0.0:
+        nx, ny, nz = normal_at(x, y, facet, scene.surface)
+        light *= exposure(m.dx, m.dy, m.dz, nx, ny, nz, shot.tilt_x, shot.tilt_y)
     w, deep = _transmit(chains, i, m, x, y, z, scene)
     weight = math.pi * scene.target.radius**2 * light * solid_angle * w * chains.weight[i]
     return weight, is_steep(m, scene) and deep, m, x, y, z

@@ -20,6 +20,8 @@ from meshtrace.kernels.medium import absorption_path, scattering_path
 
 _EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the depth
 
+_ROUNDING = 1e-13  # of the disk's radius squared
+
 
 @inlined
 def solid_angle(ax, ay, az, bx, by, bz, cx, cy, cz):
@@ -91,12 +93,9 @@ def disk_overlap(ax, ay, bx, by, cx, cy, r):
     a1, x1, y1 = _edge_part(bx, by, cx, cy, r)
     a2, x2, y2 = _edge_part(cx, cy, ax, ay, r)
     area = a0 + a1 + a2
-    if area == 0.0:
+    if abs(area) < _ROUNDING * r * r:  # nothing but rounding, whose centroid may lie anywhere
         return 0.0, 0.0, 0.0
-    x, y = (x0 + x1 + x2) / area, (y0 + y1 + y2) / area
-    # of an overlap that is nothing but rounding the centroid may lie anywhere
-    inward = min(1.0, r / max(math.hypot(x, y), r))
-    return abs(area), inward * x, inward * y
+    return abs(area), (x0 + x1 + x2) / area, (y0 + y1 + y2) / area
 
 
 @outlined
@@ -127,7 +126,7 @@ def image_gain(scene, stretch, lever, ray, forward, score):
     |dX/dslope|. `score[f, 1]` marks facets whose light a wave may cut.
     """
     doubtful = 0
-    shot = Shot(ray, forward, 0.0, 0.0, 1.0)
+    shot = Shot(ray, forward, 0.0, 0.0, 1.0, 0.0, 0.0)
     edge = min(max(-_EDGE * scene.emitter.position[2], 0.005), 0.1)
     for f in range(len(scene.surface.faces)):
         size = scene.facets[f, RADIUS]

@@ -271,7 +271,7 @@ def _setup(
     keep_arrivals: bool,
     recorder: kernel.Recorder | None,
 ) -> Setup:
-    surface = surface_arrays(intersector.mesh, normals)
+    surface = surface_arrays(intersector.mesh, normals, link.physics.unresolved)
     sources = source_arrays(link, float(surface.high[2]) + 1e-3)
     survival = 0.0
     if roulette is None and link.physics.absorption == "paper":

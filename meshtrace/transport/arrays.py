@@ -10,7 +10,7 @@ from meshtrace.bvh import Intersector
 from meshtrace.kernels import interface as interface_codes
 from meshtrace.kernels import medium as medium_codes
 from meshtrace.kernels import sources as source_codes
-from meshtrace.kernels.facets import Surface
+from meshtrace.kernels.facets import SMOOTH, Roughness, Surface
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.sources import Sources
@@ -45,9 +45,19 @@ _FRESNEL = {
 }
 
 
-def surface_arrays(mesh: TriangleMesh, normals: str) -> Surface:
-    """Return the mesh as the kernels take it; `normals` is "vertex" or "facet"."""
+def surface_arrays(mesh: TriangleMesh, normals: str, unresolved: str = "none") -> Surface:
+    """Return the mesh as the kernels take it; `normals` is "vertex" or "facet".
+
+    `unresolved` is `Physics.unresolved`: whether the slopes that the mesh leaves out tilt it.
+    """
     low, high = mesh.bounds
+    roughness = SMOOTH
+    if unresolved == "tilt" and mesh.unresolved is not None:
+        missing = mesh.unresolved.vertex if normals == "vertex" else mesh.unresolved.facet
+        wind = math.radians(mesh.unresolved.direction_deg)
+        roughness = Roughness(
+            math.sqrt(missing[0]), math.sqrt(missing[1]), math.cos(wind), math.sin(wind)
+        )
     return Surface(
         mesh.vertices,
         mesh.faces,
@@ -57,6 +67,7 @@ def surface_arrays(mesh: TriangleMesh, normals: str) -> Surface:
         high,
         mesh.max_slope,
         normals == "vertex",
+        roughness,
     )
 
 

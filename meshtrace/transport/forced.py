@@ -50,6 +50,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 _ROOTS = 64  # crossings of one chain at most
 _CROSSINGS = 4  # of a flat sea, kept for each chain
 _PILOT = 128  # chains of each order that set the allocation
+_UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
 
 class Stratum(NamedTuple):
@@ -78,8 +79,8 @@ class Parts:
 
     Attributes
     ----------
-    ballistic : ndarray, shape (receivers,)
-        Unscattered gain.
+    direct : ndarray, shape (receivers, shifts)
+        Unscattered gain of each shift of the points; all the same where it is deterministic.
     scattered : ndarray, shape (receivers, shifts)
         Scattered gain of each shift of the points.
     orders : ndarray, shape (receivers, orders)
@@ -87,21 +88,30 @@ class Parts:
     counts : Counts
     """
 
-    ballistic: NDArray[np.float64]
+    direct: NDArray[np.float64]
     scattered: NDArray[np.float64]
     orders: NDArray[np.float64]
     counts: Counts
 
     @property
+    def ballistic(self) -> NDArray[np.float64]:
+        """Unscattered gain of each receiver."""
+        return self.direct.mean(axis=1)
+
+    @property
+    def shifts(self) -> NDArray[np.float64]:
+        """Gain of each receiver by the shift of the points, shape (receivers, shifts)."""
+        return self.direct + self.scattered
+
+    @property
     def gain(self) -> NDArray[np.float64]:
         """Gain of each receiver."""
-        return self.ballistic + self.scattered.mean(axis=1)
+        return self.shifts.mean(axis=1)
 
     @property
     def stderr(self) -> NDArray[np.float64]:
         """Standard error of the gain of each receiver."""
-        shifts = self.scattered.shape[1]
-        return self.scattered.std(axis=1, ddof=1) / math.sqrt(shifts)
+        return self.shifts.std(axis=1, ddof=1) / math.sqrt(SHIFTS)
 
 
 class ForcedDetection:
@@ -189,7 +199,7 @@ class ForcedDetection:
         """Return the chains of one order, `per_shift` for each shift of the points."""
         from scipy.stats import qmc
 
-        width = chain_kernel.DIMENSIONS * order + 4
+        width = chain_kernel.DIMENSIONS * order + 6
         rng = np.random.default_rng(key)
         points = qmc.Sobol(width, scramble=True, rng=rng).random_base2(
             math.ceil(math.log2(max(per_shift, 2)))
@@ -204,6 +214,8 @@ class ForcedDetection:
             path=np.empty(n),
             weight=np.empty(n),
             disk=np.empty((n, 2)),
+            tail=np.empty((n, 3)),
+            tilt=np.empty((n, 2)),
         )
         chain_kernel.make_chains(
             chains, nominal, self._medium, u, u[:, -1] < chain_kernel.FREE_PATH_SHARE
@@ -234,20 +246,21 @@ class ForcedDetection:
             return higher.evaluate(mesh, intersector)
         aimed = self._over(mesh, intersector)
         n_rx = len(self._targets)
-        ballistic = np.zeros(n_rx)
-        n_orders = max(len(s) for s in self._strata)
+        strata = self._strata_over(aimed)
+        n_orders = 1 + max(len(s) for s in self._strata)
         by_order = np.zeros((n_rx, n_orders, SHIFTS))
         jobs = [
             (s, r, stratum)
             for s in range(len(self._emitters))
             for r in range(n_rx)
-            for stratum in self._strata[s]
+            for stratum in strata[s]
         ]
+        pairs = [(s, r) for s in range(len(self._emitters)) for r in range(n_rx)]
         with ThreadPoolExecutor(self.threads) as pool:
             images = list(
                 pool.map(
                     lambda sr: aimed.ballistic(self._emitters[sr[0]], self._targets[sr[1]]),
-                    [(s, r) for s in range(len(self._emitters)) for r in range(n_rx)],
+                    [] if aimed.rough else pairs,
                 )
             )
             scores = list(
@@ -258,45 +271,68 @@ class ForcedDetection:
                     jobs,
                 )
             )
-        for k, value in enumerate(images):
-            s, r = divmod(k, n_rx)
-            ballistic[r] += self._power[s] * value
+        for (s, r), value in zip(pairs, images, strict=False):
+            by_order[r, 0] += self._power[s] * value
         for (s, r, stratum), score in zip(jobs, scores, strict=True):
             means = score.reshape(SHIFTS, -1).mean(axis=1)
-            by_order[r, stratum.order - 1] += self._power[s] * means
-        total = sum(len(stratum.audit) for row in self._strata for stratum in row)
+            by_order[r, stratum.order] += self._power[s] * means
+        total = sum(len(stratum.audit) for row in strata for stratum in row)
         return Parts(
-            ballistic,
-            by_order.sum(axis=1),
-            by_order.mean(axis=2),
+            by_order[:, 0],
+            by_order[:, 1:].sum(axis=1),
+            by_order[:, 1:].mean(axis=2),
             Counts(total, *(int(c) for c in aimed.counters)),
         )
+
+    def _strata_over(self, aimed: _Aimed) -> list[list[Stratum]]:
+        """Return the chains by source, with unscattered ones where slopes are random."""
+        if not aimed.rough:
+            return self._strata
+        return [[first, *row] for first, row in zip(self._unscattered, self._strata, strict=True)]
+
+    @cached_property
+    def _unscattered(self) -> list[Stratum]:
+        """Chains without a scattering, by source; only a random slope tells them apart."""
+        photons, seed = self._key
+        per_shift = max(math.ceil(_UNSCATTERED_SHARE * photons / len(self._emitters) / SHIFTS), 2)
+        return [
+            self._draw(
+                emitter,
+                _nominal(self._medium, emitter, self._targets[0], self._crest),
+                0,
+                per_shift,
+                (seed, source, 0, 1),
+            )
+            for source, emitter in enumerate(self._emitters)
+        ]
 
     def arrivals(self, mesh: TriangleMesh) -> list[NDArray[np.float64]]:
         """Return, by receiver, rows of weight, path in water, path in air [m] and shift.
 
-        The weights of a receiver add up to its gain. Unscattered light is one row a facet,
-        with shift -1: it has no Monte Carlo error.
+        The weights of a receiver add up to its gain. Unscattered light without random slopes
+        is one row a facet, with shift -1: it has no Monte Carlo error.
         """
         aimed = self._over(mesh)
+        strata = self._strata_over(aimed)
         result = []
         for r, target in enumerate(self._targets):
             rows = []
             for s, emitter in enumerate(self._emitters):
-                gains = self._power[s] * aimed.facet_gains(emitter, target)
-                lit = np.flatnonzero(gains)
-                centroid = mesh.vertices[mesh.faces[lit]].mean(axis=1)
-                rows.append(
-                    np.column_stack(
-                        [
-                            gains[lit],
-                            np.linalg.norm(centroid - emitter.position, axis=1),
-                            np.linalg.norm(centroid - target.center, axis=1),
-                            np.full(len(lit), -1.0),
-                        ]
+                if not aimed.rough:
+                    gains = self._power[s] * aimed.facet_gains(emitter, target)
+                    lit = np.flatnonzero(gains)
+                    centroid = mesh.vertices[mesh.faces[lit]].mean(axis=1)
+                    rows.append(
+                        np.column_stack(
+                            [
+                                gains[lit],
+                                np.linalg.norm(centroid - emitter.position, axis=1),
+                                np.linalg.norm(centroid - target.center, axis=1),
+                                np.full(len(lit), -1.0),
+                            ]
+                        )
                     )
-                )
-                for stratum in self._strata[s]:
+                for stratum in strata[s]:
                     _, found = aimed.aim(emitter, target, r, stratum, keep=True)
                     n = len(stratum.audit)
                     shift = found[:, 0] // (n // SHIFTS)
@@ -314,11 +350,12 @@ class ForcedDetection:
         aperture; all carry the same share of the gain.
         """
         aimed = self._over(mesh)
+        strata = self._strata_over(aimed)
         target = self._targets[0]
         light: list[float] = []
         paths: list[NDArray[np.float64]] = []
         for s, emitter in enumerate(self._emitters):
-            gains = aimed.facet_gains(emitter, target)
+            gains = np.zeros(0) if aimed.rough else aimed.facet_gains(emitter, target)
             lit = np.flatnonzero(gains)
             if len(lit):
                 facets = rng.choice(lit, n, p=gains[lit] / gains[lit].sum())
@@ -329,7 +366,7 @@ class ForcedDetection:
                 direct = aimed.direct_paths(emitter, target, facets, disk)
                 paths += list(direct)
                 light += [self._power[s] * gains.sum() / max(len(direct), 1)] * len(direct)
-            for stratum in self._strata[s]:
+            for stratum in strata[s]:
                 _, found = aimed.aim(emitter, target, 0, stratum, keep=True)
                 weight = self._power[s] * found[:, 1] / len(stratum.audit)
                 if not weight.sum() > 0.0:
@@ -384,7 +421,9 @@ class _Aimed:
         self._forced = forced
         self._mesh = mesh
         self._given = intersector
-        self.surface: Surface = surface_arrays(mesh, forced.normals)
+        self.surface: Surface = surface_arrays(mesh, forced.normals, forced.link.physics.unresolved)
+        rough = self.surface.roughness
+        self.rough = rough.along > 0.0 or rough.across > 0.0
         self.facets = np.empty((len(mesh.faces), aiming.N_FACET_COLUMNS))
         aiming.facet_summary(self.surface, self.facets)
         self.medium = forced._medium

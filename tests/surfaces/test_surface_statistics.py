@@ -151,11 +151,11 @@ def test_cox_munk():
 
 def test_unresolved_slopes():
     resolved = components_slope_variance(JonswapSea(wind_speed=13.0).components)
-    missing = unresolved_slope_variance(13.0, resolved)
+    missing = unresolved_slope_variance(cox_munk(13.0), resolved)
     np.testing.assert_allclose(np.add(resolved, missing), cox_munk(13.0), rtol=1e-14)
-    assert unresolved_slope_variance(5.0, (1.0, 0.0)) == (0.0, cox_munk(5.0)[1])
+    assert unresolved_slope_variance(cox_munk(5.0), (1.0, 0.0)) == (0.0, cox_munk(5.0)[1])
     with pytest.raises(ValueError, match=r"resolved: -0\.1, allowed 0 <= resolved"):
-        unresolved_slope_variance(5.0, (-0.1, 0.0))
+        unresolved_slope_variance(cox_munk(5.0), (-0.1, 0.0))
 
 
 def test_capillary_dispersion_lowers_the_mean_square_slope():

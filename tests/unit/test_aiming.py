@@ -139,7 +139,7 @@ def scene_of(link, mesh, normals="vertex"):
 @entry
 def _aims(points, facets, q, v, branch, scene, out):
     for i in range(len(points)):
-        shot = aiming.Shot(q, v, 0.0, 0.0, branch)
+        shot = aiming.Shot(q, v, 0.0, 0.0, branch, 0.0, 0.0)
         m = aiming.aim_at(points[i, 0], points[i, 1], facets[i], shot, scene)
         out[i, 0] = 1.0 if m.ok else 0.0
         out[i, 1], out[i, 2], out[i, 3], out[i, 4], out[i, 5] = m.x1, m.x2, m.wx, m.wy, m.wz
@@ -227,7 +227,7 @@ def test_light_beyond_the_critical_angle_does_not_leave():
 @entry
 def _jacobians(points, facets, q, v, scene, out):
     for i in range(len(points)):
-        shot = aiming.Shot(q, v, 0.0, 0.0, 1.0)
+        shot = aiming.Shot(q, v, 0.0, 0.0, 1.0, 0.0, 0.0)
         ok, _m, a, b, c, d, wa, wb, wc, wd = aiming.jacobian(
             points[i, 0], points[i, 1], facets[i], shot, scene
         )
@@ -264,7 +264,7 @@ def test_jacobian_against_central_differences(wave_mesh, normals):
 def _flats(points, q, v, scene, out):
     for i in range(len(points)):
         f = aiming.flat_crossing(
-            points[i, 0], points[i, 1], aiming.Shot(q, v, 0.0, 0.0, 1.0), scene
+            points[i, 0], points[i, 1], aiming.Shot(q, v, 0.0, 0.0, 1.0, 0.0, 0.0), scene
         )
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = f.low, f.high, f.lever, f.lift
         out[i, 4], out[i, 5], out[i, 6], out[i, 7] = f.m11, f.m12, f.m21, f.m22
@@ -324,14 +324,14 @@ def test_every_vertex_and_edge_belongs_to_a_facet():
 
 @entry
 def _roots(flat_at, radius, q, v, target, scene, roots):
-    shot = aiming.Shot(q, v, target[0], target[1], 1.0)
+    shot = aiming.Shot(q, v, target[0], target[1], 1.0, 0.0, 0.0)
     flat = aiming.flat_crossing(flat_at[0], flat_at[1], shot, scene)
     return aiming.enumerate_roots(roots, 0, flat, radius, shot, scene)
 
 
 @entry
 def _newton_flat(q, v, target, start, scene, out):
-    shot = aiming.Shot(q, v, target[0], target[1], 1.0)
+    shot = aiming.Shot(q, v, target[0], target[1], 1.0, 0.0, 0.0)
     found, x, y, _ = aiming.newton(start[0], start[1], -1, True, 1.0, shot, scene)
     out[0], out[1], out[2] = 1.0 if found else 0.0, x, y
 

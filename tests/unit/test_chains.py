@@ -25,7 +25,7 @@ def make(link, order, n=N, seed=1, crest=0.0, free=None):
     medium = medium_arrays(link, crest=5.0)
     nominal = _nominal(medium, _emitter(link.transmitter), _target(link.receiver), crest)
     rng = np.random.default_rng([seed, order])
-    u = rng.random((n, 3 * order + 2))
+    u = rng.random((n, 3 * order + 4))
     free = rng.random(n) < kernel.FREE_PATH_SHARE if free is None else np.full(n, free)
     out = kernel.Chains(
         vertex=np.empty((n, order, 3)),
@@ -34,6 +34,8 @@ def make(link, order, n=N, seed=1, crest=0.0, free=None):
         path=np.empty(n),
         weight=np.empty(n),
         disk=np.empty((n, 2)),
+        tail=np.empty((n, 3)),
+        tilt=np.empty((n, 2)),
     )
     kernel.make_chains(out, nominal, medium, u, free)
     return nominal, out, free
@@ -51,6 +53,26 @@ def test_path_is_the_sum_of_the_steps(order):
     np.testing.assert_allclose(steps(chains).sum(axis=1), chains.path, rtol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(chains.last, axis=1), 1.0, rtol=1e-14)
     assert (chains.vertex[:, 0, :2] == 0.0).all()
+    np.testing.assert_array_equal(chains.tail, chains.vertex[:, -1])
+
+
+def test_a_chain_without_scatterings_starts_at_the_source():
+    _, chains, _ = make(mt.Link(), 0, n=2000)
+    assert (chains.tail == 0.0).all()
+    assert (chains.last == (0.0, 0.0, 1.0)).all()
+    assert (chains.weight == 1.0).all()
+    assert (chains.path == 0.0).all()
+
+
+def test_tilts_are_two_standard_normal_numbers():
+    _, chains, _ = make(mt.Link(), 1)
+    edges = np.append(np.linspace(-3.0, 3.0, 31), np.inf)
+    law = np.diff(stats.norm.cdf(np.append(-np.inf, edges)))
+    for column in chains.tilt.T:
+        counts = np.histogram(column, np.append(-np.inf, edges))[0]
+        assert chi2_test(counts, law) > sidak(ALPHA, 3)
+    correlation = (chains.tilt[:, 0] * chains.tilt[:, 1]).mean() * math.sqrt(N)
+    assert 2.0 * stats.norm.sf(abs(correlation)) > sidak(ALPHA, 3)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 6])

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from numba import njit
 
-from meshtrace.kernels.facets import barycentrics, interpolated_normal, plane_distance
+from meshtrace.kernels.facets import (
+    Roughness,
+    barycentrics,
+    exposure,
+    interpolated_normal,
+    plane_distance,
+    slope_tilt,
+    tilted,
+)
 from meshtrace.mesh import TriangleMesh
 from meshtrace.surfaces import JonswapSea
 
@@ -88,3 +96,46 @@ def test_ray_along_the_plane_is_infinitely_far():
         return plane_distance(0.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0, vertices, faces, normals)
 
     assert distance(*args) == np.inf
+
+
+@njit
+def roughened(roughness, direction, normal, along, across):
+    """Return slopes of the tilt, the tilted normal and its exposure, for each pair of numbers."""
+    out = np.empty((len(along), 6))
+    d, n = direction, normal
+    for i in range(len(along)):
+        tx, ty = slope_tilt(roughness, along[i], across[i])
+        out[i, 0], out[i, 1] = tx, ty
+        out[i, 2], out[i, 3], out[i, 4] = tilted(n[0], n[1], n[2], tx, ty)
+        out[i, 5] = exposure(d[0], d[1], d[2], n[0], n[1], n[2], tx, ty)
+    return out
+
+
+def test_slopes_have_the_variances_along_and_across_the_wind():
+    """The covariance of R (g1 s_along, g2 s_across) is R diag(s^2) R^T."""
+    wind = np.radians(35.0)
+    roughness = Roughness(0.2, 0.1, np.cos(wind), np.sin(wind))
+    up = np.array([0.0, 0.0, 1.0])
+    unit = np.array([[1.0, 0.0], [0.0, 1.0]])
+    slopes = roughened(roughness, up, up, *unit)[:, :2]
+    turn = np.array([[np.cos(wind), -np.sin(wind)], [np.sin(wind), np.cos(wind)]])
+    np.testing.assert_allclose(slopes.T @ slopes, turn @ np.diag([0.04, 0.01]) @ turn.T, atol=1e-15)
+
+
+@pytest.mark.parametrize("dz", [0.9, -0.7])
+def test_tilted_normals_and_what_light_sees_of_them(dz):
+    """Slopes add; the exposure is the area seen, d . (-s, 1), over its mean."""
+    rng = np.random.default_rng(3)
+    d = np.array([0.3, -0.2, dz])
+    d /= np.linalg.norm(d)
+    s = np.array([0.1, 0.25])
+    normal = np.array([*-s, 1.0]) / np.sqrt(1.0 + s @ s)
+    g = rng.standard_normal((2, 4000))
+    out = roughened(Roughness(0.2, 0.15, 1.0, 0.0), d, normal, *g)
+    slopes = s + out[:, :2]
+    up = np.column_stack([-slopes, np.ones(len(slopes))])
+    np.testing.assert_allclose(out[:, 2:5], up / np.linalg.norm(up, axis=1)[:, None], atol=1e-14)
+    seen = up @ d / (np.array([*-s, 1.0]) @ d)
+    np.testing.assert_allclose(out[:, 5], np.clip(seen, 0.0, 2.0), atol=1e-12)
+    opposite = roughened(Roughness(0.2, 0.15, 1.0, 0.0), d, normal, *-g)
+    np.testing.assert_allclose(out[:, 5] + opposite[:, 5], 2.0, atol=1e-12)

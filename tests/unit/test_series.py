@@ -10,7 +10,7 @@ from meshtrace.simulate import mesh_for
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 from meshtrace.transport.forced import ForcedDetection, crossing_reach
 
-SEA = JonswapSea(wind_speed=13.0, seed=3)
+SEA = JonswapSea(wind_speed=13.0, seed=3, mss="band")
 OPTIONS = {"photons": 1024, "seed": 5, "extent": 8.0, "spacing": 0.2}
 TIMES = (0.0, 0.7, 1.9, 2.0, 6.5)
 
