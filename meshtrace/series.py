@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from meshtrace.fading import FadingStatistics
+
+_MOST_NOISE = 0.05  # share in the variance of a time series that is not worth a word
 
 
 @runtime_checkable
@@ -71,14 +73,47 @@ class GainSeries:
         return self.coordinate
 
     def fading(self, receiver: int = 0, **options: Any) -> FadingStatistics:
-        """Return the fading statistics of one receiver, see `fading.fading_statistics`."""
+        r"""Return the fading statistics of one receiver, see `fading.fading_statistics`.
+
+        .. math:: \sigma_\mathrm{own}^2 = (\overline{s_i^2} - s_{\bar h}^2) \, n / (n - 1)
+
+        is what the Monte Carlo errors s_i add to the variance of the gains beyond the error
+        s_hbar of their mean, which is common to all. It is removed from an ensemble. On a moving
+        sea it moves as smoothly as the gain does and cannot be told from it by the correlation:
+        it stays, and a note says so where it counts.
+
+        Parameters
+        ----------
+        receiver : int
+            Which receiver.
+        options
+            Of `fading.fading_statistics`.
+
+        Raises
+        ------
+        ValueError
+            If there is no such receiver, or fewer than two gains.
+        """
         from meshtrace.fading import fading_statistics
 
-        gain, stderr = self.gain, self.gain_stderr
-        if gain.ndim == 2:
-            gain, stderr = gain[:, receiver], stderr[:, receiver]
-        time = self.coordinate if self.along == "time" else None
-        return fading_statistics(gain, stderr, time=time, noise="common", **options)
+        n_receivers = len(np.atleast_1d(self.mean_stderr))
+        if not 0 <= receiver < n_receivers:
+            raise ValueError(f"receiver: {receiver!r}, allowed 0 <= receiver < {n_receivers}")
+        n = len(self.gain)
+        gain = self.gain.reshape(n, -1)[:, receiver]
+        stderr = self.gain_stderr.reshape(n, -1)[:, receiver]
+        common = float(np.atleast_1d(self.mean_stderr)[receiver])
+        noise = float(np.mean(stderr**2))
+        own = max(noise - common**2, 0.0) * n / max(n - 1, 1)
+        if self.along == "time":
+            found = fading_statistics(gain, time=self.time, common_stderr=common, **options)
+            share = own / max(float(gain.var()), own, 1e-300)
+            if share < _MOST_NOISE:
+                return found
+            note = f"Monte Carlo noise makes {100.0 * share:.0f} % of the variance: more chains"
+            return replace(found, notes=(*found.notes, note))
+        scale = np.sqrt(own / noise) if noise > 0.0 else 0.0
+        return fading_statistics(gain, scale * stderr, common_stderr=common, **options)
 
     def to_dataset(self) -> xr.Dataset:
         """Return the series as an xarray Dataset with units and provenance."""
@@ -180,11 +215,11 @@ def time_series(
     differences.
     """
     times = np.atleast_1d(np.asarray(times, dtype=float))
-    if times.ndim != 1 or not np.isfinite(times).all():
-        raise ValueError(f"times: shape {times.shape}, allowed finite times (n,) [s]")
+    if times.ndim != 1 or not times.size or not np.isfinite(times).all():
+        raise ValueError(f"times: shape {times.shape}, allowed finite times (n,) [s], n >= 1")
+    run = _run(photons, seed, normals, extent, spacing)
     reach = crossing_reach(link)
     meshes = (mesh_for(link, sea, float(t), extent, spacing, reach)[0] for t in times)
-    run = _run(photons, seed, normals, extent, spacing)
     return _series(
         link, meshes, "time", times, run, threads, provenance(link, sea.to_config(), run), progress
     )
@@ -229,10 +264,8 @@ def ensemble(
     -------
     GainSeries
     """
-    if not 1 <= n_realizations <= 10_000_000:
-        raise ValueError(
-            f"n_realizations: {n_realizations!r}, allowed 1 <= n_realizations <= 10000000"
-        )
+    _check_integer("n_realizations", n_realizations, 1, 10_000_000)
+    run = _run(photons, seed, normals, extent, spacing)
     if sea is None:
         from meshtrace.scenario import Scenario
 
@@ -245,7 +278,6 @@ def ensemble(
     )
     reach = crossing_reach(link)
     meshes = (mesh_for(link, sea.with_seed(int(s)), time, extent, spacing, reach)[0] for s in seeds)
-    run = _run(photons, seed, normals, extent, spacing)
     origin = provenance(link, sea.to_config(), {**run, "time": time})
     return _series(link, meshes, "realization", seeds, run, threads, origin, progress)
 
@@ -253,6 +285,11 @@ def ensemble(
 def _run(
     photons: int, seed: int, normals: str, extent: float | None, spacing: float | None
 ) -> dict[str, Any]:
+    """Return the options of a run over many seas, refusing what is out of range."""
+    _check_integer("photons", photons, 1, 2**53)
+    _check_integer("seed", seed, 0, 2**64 - 1)
+    if normals not in ("vertex", "facet"):
+        raise ValueError(f"normals: {normals!r}, allowed vertex or facet")
     return {
         "estimator": "forced",
         "photons": photons,
@@ -261,6 +298,12 @@ def _run(
         "extent": extent,
         "spacing": spacing,
     }
+
+
+def _check_integer(name: str, value: int, low: int, high: int) -> None:
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not whole or not low <= value <= high:
+        raise ValueError(f"{name}: {value!r}, allowed an integer {low} <= {name} <= {high}")
 
 
 def _series(
@@ -284,7 +327,7 @@ def _series(
     with ThreadPoolExecutor(threads) as pool:
         for i, parts in enumerate(_evaluated(pool, forced, meshes, threads)):
             gain[i], stderr[i], ballistic[i] = parts.gain, parts.stderr, parts.ballistic
-            shifts += parts.scattered
+            shifts += parts.shifts
             if progress is not None:
                 progress(1)
     mean_stderr = (shifts / max(n, 1)).std(axis=1, ddof=1) / np.sqrt(SHIFTS)

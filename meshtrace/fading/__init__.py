@@ -3,7 +3,7 @@
 Every function takes the gains as an array. `gain_stderr` is the Monte Carlo standard error of
 each gain, independent from one gain to the next; its variance is removed from what is measured.
 An error that all gains share (common random numbers) neither adds to their spread nor cancels in
-their mean: leave `gain_stderr` out, or tell `fading_statistics` that ``noise="common"``.
+their mean: leave `gain_stderr` out, and tell `fading_statistics` as `common_stderr`.
 """
 
 from meshtrace.fading.correlation import (
@@ -26,7 +26,7 @@ from meshtrace.fading.gains import Reference, remove_noise
 from meshtrace.fading.gamma_gamma import gamma_gamma_cdf, gamma_gamma_pdf, sample_gamma_gamma
 from meshtrace.fading.intervals import Estimate
 from meshtrace.fading.scintillation import scintillation_index
-from meshtrace.fading.statistics import Noise, fading_statistics
+from meshtrace.fading.statistics import fading_statistics
 from meshtrace.fading.summary import FadingStatistics
 
 __all__ = [
@@ -37,7 +37,6 @@ __all__ = [
     "GoodnessOfFit",
     "Histogram",
     "Model",
-    "Noise",
     "Reference",
     "autocorrelation",
     "block_length",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal, TypedDict
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,8 +37,6 @@ from meshtrace.fading.intervals import Estimate
 from meshtrace.fading.scintillation import scintillation_index
 from meshtrace.fading.summary import FadingStatistics
 
-Noise = Literal["independent", "common"]
-
 # Below these numbers the intervals of a series are rough, and a fit is not tested.
 _FEWEST_EFFECTIVE = 20.0
 _FEWEST_TESTED = 20
@@ -63,7 +61,7 @@ def fading_statistics(
     gain_stderr: ArrayLike | None = None,
     *,
     time: ArrayLike | None = None,
-    noise: Noise = "independent",
+    common_stderr: float = 0.0,
     thresholds: Sequence[float] = (0.5, 0.8, 0.9, 1.0),
     relative_to: Reference = "mean",
     confidence: float = 0.95,
@@ -78,12 +76,11 @@ def fading_statistics(
     gain : array_like, shape (n,)
         Channel gains [1].
     gain_stderr : array_like, shape () or (n,), optional
-        Monte Carlo standard error of each gain [1].
+        Monte Carlo standard error of each gain [1], independent from one gain to the next.
     time : array_like, shape (n,), optional
         Equally spaced times [s]; without them the gains are independent realizations.
-    noise : {"independent", "common"}, optional
-        Whether the Monte Carlo errors are independent, or one and the same for all gains
-        (common random numbers).
+    common_stderr : float, optional
+        Standard error of the mean [1] from what all gains share (common random numbers).
     thresholds : sequence of float, optional
         Thresholds [1] of outage, crossing rate and fade duration.
     relative_to : {"mean", "median", "absolute"}, optional
@@ -108,9 +105,10 @@ def fading_statistics(
 
     Notes
     -----
-    Common errors do not widen the spread of the gains: nothing is subtracted, and the mean carries
-    them in full. A series is tested for fit on every k-th gain, with k = n / n_effective; its
-    likelihoods count every gain, so that only the order of the AIC has a meaning.
+    The variance of independent errors is removed from the spread of the gains. A common error does
+    not widen it: only the mean carries it, in full. A series is tested for fit on every k-th gain,
+    with k = n / n_effective; its likelihoods count every gain, so that only the order of the AIC
+    has a meaning.
 
     Examples
     --------
@@ -120,16 +118,14 @@ def fading_statistics(
     (300, 0.01, ['lognormal', 'gamma-gamma'])
     """
     g, variance = checked(gain, gain_stderr)
-    if noise not in ("independent", "common"):
-        raise ValueError(f"noise: {noise!r}, allowed 'independent', 'common'")
+    if not (math.isfinite(common_stderr) and common_stderr >= 0.0):
+        raise ValueError(f"common_stderr: {common_stderr}, allowed finite >= 0")
     if test_resamples < 0:
         raise ValueError(f"test_resamples: {test_resamples}, allowed test_resamples >= 0")
     check_bootstrap(confidence, resamples)
-    stderr = np.sqrt(variance) if noise == "independent" and variance.any() else None
-    independent = 0.0 if stderr is None else float(variance.mean())
-    common = float(np.sqrt(variance).mean()) if stderr is None else 0.0
-    spread = float(g.var(ddof=1))
-    fades = np.ptp(g) > 0.0 and spread * (g.size - 1) / g.size > independent
+    stderr = np.sqrt(variance) if variance.any() else None
+    noise, spread = float(variance.mean()), float(g.var(ddof=1))
+    fades = np.ptp(g) > 0.0 and spread * (g.size - 1) / g.size > noise
     levels = tuple(float(threshold) for threshold in thresholds)
     boot: _Boot = {"confidence": confidence, "resamples": resamples, "seed": seed}
     n_effective, block = float(g.size), 1
@@ -140,33 +136,29 @@ def fading_statistics(
         series = _series_part(time, g, stderr, bool(fades), levels, relative_to, block, boot)
     fits, goodness, fit_notes = _all_fits(g, stderr, n_effective, test_resamples, seed)
     index = scintillation_index(g, stderr, block=block, **boot)
-    notes = _noise_notes(g, independent, variance, bool(fades), index)
-    if series:
-        notes += _series_notes(g, independent, n_effective, series)
-    trials = [_trials(g, stderr, h, relative_to, n_effective) for h in levels]
+    own = max(spread - noise, 0.0) / n_effective + noise / g.size
     return FadingStatistics(
         n=g.size,
         n_effective=n_effective,
         block=block,
         confidence=confidence,
         mean=float(g.mean()),
-        mean_stderr=math.sqrt(
-            max(spread - independent, 0.0) / n_effective + independent / g.size + common**2
-        ),
+        mean_stderr=math.hypot(math.sqrt(own), common_stderr),
         median=float(np.median(g)),
         scintillation_index=index,
-        noise_share=independent / spread if spread > 0.0 else 0.0,
+        noise_share=noise / spread if spread > 0.0 else 0.0,
         thresholds=levels,
         relative_to=relative_to,
-        outage=tuple(
-            outage(g, h, stderr, relative_to=relative_to, n_effective=n, confidence=confidence)
-            for h, n in zip(levels, trials, strict=True)
-        ),
+        outage=_outages(g, stderr, levels, relative_to, n_effective, confidence),
         pdf=gain_pdf(g, stderr),
         cdf=gain_cdf(g, stderr, n_effective=n_effective, confidence=confidence),
         fits=fits,
         goodness=goodness,
-        notes=tuple(notes + fit_notes),
+        notes=(
+            *_noise_notes(g, variance, bool(fades), index),
+            *(_series_notes(g, noise, n_effective, series) if series else ()),
+            *fit_notes,
+        ),
         **series,
     )
 
@@ -200,20 +192,34 @@ def _series_part(
     }
 
 
-def _trials(
+def _outages(
     g: FloatArray,
     stderr: FloatArray | None,
-    threshold: float,
+    levels: tuple[float, ...],
     relative_to: Reference,
     n_effective: float,
-) -> float:
-    """Return the number of independent trials behind an outage probability."""
-    if n_effective == g.size:
-        return n_effective
-    sample = remove_noise(g, stderr)
-    below = (sample < level_of(sample, threshold, relative_to)).astype(np.float64)
-    # Rare outages decorrelate faster than the gain: their own correlation counts.
-    return effective_samples(below) if 0.0 < below.mean() < 1.0 else n_effective
+    confidence: float,
+) -> tuple[Estimate, ...]:
+    """Return the outage below each threshold, with the number of trials behind it."""
+    found = []
+    for threshold in levels:
+        trials = n_effective
+        if n_effective != g.size:
+            sample = remove_noise(g, stderr)
+            below = (sample < level_of(sample, threshold, relative_to)).astype(np.float64)
+            # Rare outages decorrelate faster than the gain: their own correlation counts.
+            trials = effective_samples(below) if 0.0 < below.mean() < 1.0 else n_effective
+        found.append(
+            outage(
+                g,
+                threshold,
+                stderr,
+                relative_to=relative_to,
+                n_effective=trials,
+                confidence=confidence,
+            )
+        )
+    return tuple(found)
 
 
 def _all_fits(
@@ -239,20 +245,18 @@ def _all_fits(
     return fits, tests, notes
 
 
-def _noise_notes(
-    g: FloatArray, independent: float, variance: FloatArray, fades: bool, index: Estimate
-) -> list[str]:
+def _noise_notes(g: FloatArray, variance: FloatArray, fades: bool, index: Estimate) -> list[str]:
     notes = []
     if not fades:
         notes.append("no fading seen beside the Monte Carlo noise")
     if index.high < 0.0:
         notes.append(
             "the gains vary less than independent errors of the stated size would make them: "
-            "errors of common random numbers are stated with noise='common'"
+            "what they share (common random numbers) is stated as common_stderr"
         )
-    if independent and np.any(variance > (0.3 * g) ** 2):
-        count = np.count_nonzero(variance > (0.3 * g) ** 2)
-        notes.append(f"{count} gains have an error above 30 %: deep fades are blurred by noise")
+    blurred = np.count_nonzero(variance > (0.3 * g) ** 2)
+    if blurred:
+        notes.append(f"{blurred} gains have an error above 30 %: deep fades are blurred by noise")
     return notes
 
 

@@ -342,7 +342,7 @@ def test_statistics_of_an_ensemble(gains):
 
 def test_common_noise_widens_the_mean_and_nothing_else(gains):
     plain = fading.fading_statistics(gains, test_resamples=0, resamples=99)
-    common = fading.fading_statistics(gains, 2e-6, noise="common", test_resamples=0, resamples=99)
+    common = fading.fading_statistics(gains, common_stderr=2e-6, test_resamples=0, resamples=99)
     assert common.scintillation_index == plain.scintillation_index
     assert common.mean_stderr == pytest.approx(math.hypot(plain.mean_stderr, 2e-6), rel=1e-12)
     assert common.noise_share == 0.0
@@ -351,7 +351,7 @@ def test_common_noise_widens_the_mean_and_nothing_else(gains):
 def test_common_noise_stated_as_independent_is_noticed(gains):
     s = fading.fading_statistics(gains, 0.3 * gains, test_resamples=0, resamples=99)
     assert s.scintillation_index.high < 0.0
-    assert any("noise='common'" in note for note in s.notes)
+    assert any("common_stderr" in note for note in s.notes)
     assert s.fits == ()
 
 
@@ -443,7 +443,10 @@ GOOD = [1.0, 2.0, 1.5, 1.2]
         (lambda: fading.fading_statistics([0.0, 0.0]), "gain: all 0"),
         (lambda: fading.fading_statistics(GOOD, [0.1, 0.1]), r"gain_stderr: shape \(2,\)"),
         (lambda: fading.fading_statistics(GOOD, -0.1), "gain_stderr: -0.1 at index 0"),
-        (lambda: fading.fading_statistics(GOOD, noise="white"), "noise: 'white', allowed"),
+        (
+            lambda: fading.fading_statistics(GOOD, common_stderr=-1.0),
+            "common_stderr: -1.0, allowed",
+        ),
         (lambda: fading.fading_statistics(GOOD, confidence=95.0), "confidence: 95.0, allowed 0 <"),
         (lambda: fading.fading_statistics(GOOD, resamples=49), "resamples: 49, allowed"),
         (lambda: fading.fading_statistics(GOOD, test_resamples=-1), "test_resamples: -1"),
