@@ -103,7 +103,7 @@ def _add_dots(scene: Scene, paths: PhotonPaths, what: Vertex, radius: float, col
         scene.add_mesh(dots, color=color, ambient=0.6)
 
 
-FOOTPRINT_RANGE_DB = 30.0
+FOOTPRINT_RANGE_DB = 20.0
 """Where the colours of the footprint end, below its brightest spot."""
 
 

@@ -142,7 +142,7 @@ class Scene(pv.Plotter):
     @property
     def font_size(self) -> int:
         """Height of texts [pixel], in proportion to the window."""
-        return round(0.024 * self.window_size[1])
+        return round(min(0.015 * self.window_size[0], 0.024 * self.window_size[1]))
 
     def bar(self, title: str) -> Any:
         """Return the options of a colour bar, in the next place along the right edge."""
