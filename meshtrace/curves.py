@@ -131,14 +131,30 @@ class LinkPerformance:
         lines = [
             f"{'depth':>7}{'Mbit/s':>8}{'P_rx dBm':>10}{'margin dB optical':>19}"
             f"{'electrical':>12}{'average BER':>13}{percent + ' interval':>22}{'outage':>9}"
-            f"{'photons/bit':>13}{'capacity Mbit/s':>17}"
+            f"{'photons/bit':>13}{'capacity hard':>15}{'soft Mbit/s':>13}"
         ]
         lines += [_figures_line(figures) for figures in self.figures]
         if len(self.depths) > 1:
             lines += ["", f"range at BER {self.limit:g} ({percent} interval)"]
             for rate, found in zip(self.bit_rates, self.range_at_ber(), strict=True):
                 lines.append(f"{rate / 1e6:>7g} Mbit/s  {_range_text(found)}")
-        return "\n".join([*lines, "", self.status])
+        return "\n".join([*lines, "", *self._overloads(), self.status])
+
+    def _overloads(self) -> list[str]:
+        """Say where more counts fall into the dead time of the cells than are passed on."""
+        ook, lines = self.ooks[0], []
+        if not ook.saturation:
+            return []
+        unlimited = ook.model_copy(update={"saturation": False})
+        for depth in self.depths:
+            one = float(unlimited.levels(self.at(depth).received_power.value)[1])
+            passed = float(ook.sipm.saturated_rate(one)) / one
+            if passed < 0.5:
+                lines.append(
+                    f"{depth:g} m: the SiPM saturates and passes on {100.0 * passed:.2g} % of the "
+                    f"counts of a one, at {ook.sipm.bias_current(one):.2g} A: attenuate"
+                )
+        return lines
 
     def to_dataset(self) -> xr.Dataset:
         """Return the figures as an xarray Dataset over depth and bit rate, with units."""
@@ -223,7 +239,8 @@ def _figures_line(f: Figures) -> str:
     return (
         f"{f.depth:>5g} m{f.bit_rate / 1e6:>8g}{power:>10.2f}{f.margin_optical_db.value:>19.2f}"
         f"{f.margin_electrical_db.value:>12.2f}{f.ber.value:>13.3e}{interval:>22}"
-        f"{f.outage.value:>9.2g}{f.photons_per_bit.value:>13.4g}{f.capacity.hard / 1e6:>17.4g}"
+        f"{f.outage.value:>9.2g}{f.photons_per_bit.value:>13.4g}{f.capacity.hard / 1e6:>15.4g}"
+        f"{f.capacity.soft / 1e6:>13.4g}"
     )
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
+
+import pydantic
 
 from meshtrace.detector import OokLink
 from meshtrace.link import Link, Receiver, WaterSource, Whitecaps
 from meshtrace.optics.bubbles import HallNovarini
 
 Preset = Literal["physical", "paper", "paper-ranges"]
+Model = TypeVar("Model", bound=pydantic.BaseModel)
 
 
 def ook_link(
@@ -32,7 +35,8 @@ def ook_link(
     Raises
     ------
     ValueError
-        If the preset is unknown or the link has not one receiver in the air.
+        If the preset is unknown, the bit rate does not fit, or the link has not one receiver in the
+        air.
 
     Examples
     --------
@@ -47,13 +51,11 @@ def ook_link(
         "wavelength": 1e-9 * first.wavelength_nm,
     }
     optics = {"radius": receiver.radius, "fov_deg": receiver.fov_deg}
-    return OokLink.model_validate(
-        {
-            **dict(base),
-            "bit_rate": base.bit_rate if bit_rate is None else bit_rate,
-            "led": base.led.model_copy(update=led),
-            "optics": base.optics.model_copy(update=optics),
-        }
+    return _changed(
+        base,
+        bit_rate=base.bit_rate if bit_rate is None else bit_rate,
+        led=base.led.model_copy(update=led),
+        optics=base.optics.model_copy(update=optics),
     )
 
 
@@ -111,5 +113,16 @@ def at_depth(link: Link, depth: float) -> Link:
     source = link.transmitter
     if not isinstance(source, WaterSource):
         raise ValueError("transmitter: allowed one source in the water, whose depth varies")
-    moved = type(source).model_validate({**dict(source), "depth": depth})
-    return Link.model_validate({**dict(link), "transmitter": moved})
+    return _changed(link, transmitter=_changed(source, depth=depth))
+
+
+def _changed(model: Model, **changes: Any) -> Model:
+    """Return a model with other values, checked; one line says what does not fit."""
+    try:
+        return type(model).model_validate({**dict(model), **changes})
+    except pydantic.ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        text = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+        if ", allowed" not in text:
+            text = f"{first['loc'][-1]}: {first['input']}, allowed {text}"
+        raise ValueError(text) from error

@@ -44,8 +44,11 @@ def ber(
         float, typer.Option(metavar="BER", help="Bit error rate that counts as success.")
     ] = 1e-3,
     realizations: Annotated[
-        int, typer.Option("--realizations", "-n", help="Independent seas at each depth.")
-    ] = 200,
+        int | None,
+        typer.Option(
+            "--realizations", "-n", help="Independent seas at each depth: 200, or 50 with --depths."
+        ),
+    ] = None,
     uav: Annotated[
         str | None, typer.Option(metavar="NAME", help="Airframe that tilts the receiver.")
     ] = None,
@@ -74,6 +77,8 @@ def ber(
     ]
     if output is not None:
         refuse_unwritable(output)
+    if realizations is None:
+        realizations = 200 if depths is None else 50
     wished: dict[str, Any] = {
         "bit_rate": numbers("--bit-rates", bit_rates),
         "depths": None if depths is None else numbers("--depths", depths),

@@ -92,6 +92,8 @@ def test_ensemble_prints_its_distribution(tmp_path):
         (("ber", "--wind", "x"), "--wind: 'x', allowed: numbers"),
         (("ber", "--depths", "9:1:1"), "--depths: '9:1:1', allowed: numbers"),
         (("ber", "--depths", "1:2:nan"), "--depths: '1:2:nan', allowed: numbers"),
+        (("ber", "--depths", "-5:5:5"), "depth: -5.0, allowed: greater than 0"),
+        (("ber", "--bit-rates", "0"), "bit_rate: 0.0, allowed: greater than 0"),
         (("ber", "--limit", "0.7"), "limit: 0.7, allowed: 0 < limit < 0.5"),
         (("ber", "--uav", "kite"), "uav.preset: 'kite', allowed: dji-m300-rtk"),
         (("ber", "--preset", "papr"), "detector.preset: 'papr', did you mean paper?"),

@@ -278,6 +278,16 @@ def test_coupled_performance_counts_correlated_times():
     assert found.provenance["coupled"] is True
 
 
+def test_saturation_is_told():
+    near, far = (
+        mt.link_performance(at_depth(d), FlatSea(), ook="paper", photons=256).summary()
+        for d in (10.0, 45.0)
+    )
+    # r1 tau / N = 7.9 at 10 m and below 1e-3 beyond 45 m: 1 / 8.9 of the counts pass
+    assert "10 m: the SiPM saturates and passes on 11 % of the counts of a one" in near
+    assert "saturates" not in far
+
+
 # --- what fits together --------------------------------------------------------------------
 
 
@@ -345,7 +355,9 @@ def test_eye_at_the_received_power():
         ({"depths": (30.0, 20.0)}, "depths"),
         ({"depths": ()}, "depths"),
         ({"ook": "printed"}, "name"),
-        ({"bit_rate": -1.0}, "bit_rate"),
+        ({"bit_rate": -1.0}, "bit_rate: -1.0, allowed greater than 0"),
+        ({"bit_rate": 1e7, "ook": OokLink(window=1e-6)}, "window: 1e-06, allowed"),
+        ({"depths": (-5.0, 5.0)}, "depth: -5.0, allowed greater than 0"),
         ({"sea": FlatSea(), "uav": mt.Uav()}, "wind_speed"),
         ({"link": mt.Link(receiver=(mt.Receiver(), mt.Receiver()))}, "receiver"),
         ({"link": mt.Link(transmitter=(mt.Led(), mt.Led())), "depths": (9.0,)}, "transmitter"),
