@@ -157,8 +157,8 @@ def snell(setting: Setting) -> Drawing:
     )
     caption = (
         "Left: rays that leave the water, refracted rightly (full) and by Snell's law as "
-        "printed (dashed); light beyond the critical angle is reflected. Middle: the angles. Right: "
-        "the share of unpolarised light that passes."
+        "printed (dashed); light beyond the critical angle is reflected. Middle: the angles. "
+        "Right: the share of unpolarised light that passes."
     )
     return Drawing(picture, data, rows, caption)
 

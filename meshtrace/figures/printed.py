@@ -38,6 +38,7 @@ PRINTED = {
     "peak-to-peak-13": Printed(1.5, "m", _SURFACE_TEXT),
     "gain-5": Printed(1.58e-5, "1", _WIND_TEXT),
     "gain-13": Printed(1.32e-5, "1", _WIND_TEXT),
+    "gain-ratio": Printed(1.32e-5 / 1.58e-5, "1", _WIND_TEXT + " (quotient of both)"),
     "gain-half-angle-5": Printed(6.8e-5, "1", _ANGLE_TEXT),
     "gain-half-angle-60": Printed(2.6e-6, "1", _ANGLE_TEXT),
     "loss-half-angle": Printed(14.0, "dB", _ANGLE_TEXT + ' ("more than")'),
@@ -49,8 +50,6 @@ PRINTED = {
     "loss-of-range-5-10": Printed(5.0, "m", _BER_TEXT),
     "loss-of-range-13": Printed(2.5, "m", _BER_TEXT),
     "range-13-1": Printed(47.0, "m", "Abstract (the text gives it for 2e-3)"),
-    "snr": Printed(28.64, "dB", "Section VI, text on the noise power"),
-    "nep": Printed(3.42e-15, "W/sqrt(Hz)", "Section VI, text on the noise power"),
     "mean-wind-x": Printed(5.0, "m/s", "Appendix B, caption of the wind records"),
     "mean-wind-y": Printed(5.0, "m/s", "Appendix B, caption of the wind records"),
 }

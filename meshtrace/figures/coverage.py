@@ -1,0 +1,161 @@
+"""Figures of the gain over the plane of the receiver."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import meshtrace as mt
+from meshtrace.fields import attrs
+from meshtrace.viz import axis_label
+
+from .canvas import panels, wind_name
+from .links import FORM_NAMES, FORMS, Form, scenario
+from .registry import Drawing, Number, Setting, compared, figure
+
+WINDS = (5.0, 13.0)
+EXTENT = 5.0
+"""Half-width of the maps [m]."""
+
+DECADES = 20.0
+"""Depth of the colours [dB]."""
+
+
+@figure(
+    "coverage-half-angle",
+    "13",
+    "gain over the plane of the receiver, by half angle",
+    quick={"photons": 150_000, "times": 2, "step": 0.5},
+    full={"photons": 4_000_000, "times": 10, "step": 0.25},
+)
+def coverage_half_angle(setting: Setting, **effort: Any) -> Drawing:
+    """Draw coverage maps for three half angles."""
+    return _maps("half_angle_deg", (10.0, 20.0, 30.0), "half angle {:g}°", setting, **effort)
+
+
+@figure(
+    "coverage-depth",
+    "15",
+    "gain over the plane of the receiver, by depth",
+    quick={"photons": 300_000, "times": 2, "step": 0.5},
+    full={"photons": 8_000_000, "times": 10, "step": 0.25},
+)
+def coverage_depth(setting: Setting, **effort: Any) -> Drawing:
+    """Draw coverage maps for three depths."""
+    return _maps("depth", (15.0, 30.0, 40.0), "depth {:g} m", setting, **effort)
+
+
+def _maps(
+    name: str,
+    values: Sequence[float],
+    title: str,
+    setting: Setting,
+    photons: int,
+    times: int,
+    step: float,
+) -> Drawing:
+    cases = [(form, wind) for form in FORMS for wind in WINDS]
+    made = {
+        (form, wind, value): _map(form, wind, name, value, setting, photons, times, step)
+        for form, wind in cases
+        for value in values
+    }
+    picture, axes = panels(len(cases), len(values), width=4.0, height=3.3)
+    for i, (form, wind) in enumerate(cases):
+        for j, value in enumerate(values):
+            what = f"{FORM_NAMES[form]}, {wind_name(wind)}, {title.format(value)}"
+            _draw(axes[i, j], made[form, wind, value], what)
+    rows = [
+        compared(
+            f"half-width of the spot at half of its centre, {wind_name(wind)}, "
+            f"{title.format(value)}",
+            *(_half_width(made[form, wind, value]) for form in FORMS),
+            "The paper shows maps and prints no width; refraction as printed draws light to the "
+            "axis and narrows the spot.",
+            unit="m",
+        )
+        for wind in WINDS
+        for value in values
+    ]
+    first = next(iter(made.values()))
+    shape = (len(FORMS), len(WINDS), len(values), len(first.x), len(first.y))
+    dims = ("form", "wind_speed", name, "x", "y")
+    data = xr.Dataset(
+        {
+            key: (
+                dims,
+                np.reshape([getattr(m, key) for m in made.values()], shape),
+                attrs(key),
+            )
+            for key in ("gain", "gain_stderr")
+        },
+        {
+            "form": list(FORMS),
+            "wind_speed": ("wind_speed", list(WINDS), attrs("wind_speed")),
+            name: (name, list(values), attrs(name)),
+            "x": ("x", first.x, attrs("x")),
+            "y": ("y", first.y, attrs("y")),
+        },
+    )
+    caption = (
+        "Gain that the receiver would have at each place of its plane, averaged over cells and "
+        "times, relative to the brightest cell of each map; photons one by one, bubbles in, tilt "
+        "left out. The ring at the centre is the aperture."
+    )
+    return Drawing(picture, data, rows, caption)
+
+
+def _map(
+    form: Form,
+    wind: float,
+    name: str,
+    value: float,
+    setting: Setting,
+    photons: int,
+    times: int,
+    step: float,
+) -> mt.CoverageMap:
+    made = scenario(wind, form, transmitter={name: value}, run={"estimator": "analog"})
+    return mt.coverage_map(
+        made.link,
+        made.surface,
+        extent=EXTENT,
+        step=step,
+        times=2.0 * np.arange(times),
+        photons=photons,
+        seed=setting.seed,
+        threads=setting.threads,
+    )
+
+
+def _draw(ax: Any, found: mt.CoverageMap, title: str) -> None:
+    with np.errstate(divide="ignore"):
+        level = 10.0 * np.log10(found.gain / found.gain.max())
+    level = np.maximum(level, -DECADES)
+    look: Any = {"vmin": -DECADES, "vmax": 0.0, "shading": "nearest", "rasterized": True}
+    image = ax.pcolormesh(found.x, found.y, level.T, **look)
+    text = f"relative gain [dB]\n0 dB is {10.0 * np.log10(found.gain.max()):.1f} dB"
+    ax.figure.colorbar(image, ax=ax, label=text)
+    angle = np.linspace(0.0, 2.0 * np.pi, 60)
+    radius = mt.Receiver().radius
+    ax.plot(radius * np.cos(angle), radius * np.sin(angle), color="#00e676", lw=1.5)
+    ax.set_title(title, fontsize=9.5)
+    ax.set(aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
+    ax.grid(visible=False)
+
+
+def _half_width(found: mt.CoverageMap) -> Number:
+    """Return the radius of the circle around the axis within which the gain exceeds half.
+
+    The area of the cells above half of the mean within 1 m of the axis, as that of a disk.
+    """
+    x, y = np.meshgrid(found.x, found.y, indexing="ij")
+    central = found.gain[np.hypot(x, y) <= 1.0].mean()
+    cell = (found.x[1] - found.x[0]) * (found.y[1] - found.y[0])
+    count = int(np.sum(found.gain > 0.5 * central))
+    edge = np.sqrt(count) * cell  # of a count of cells
+    width = float(np.sqrt(count * cell / np.pi))
+    return Number(width, float(edge / (2.0 * np.pi * width)))

@@ -1,0 +1,335 @@
+"""Temperature and salinity over depth, and how such layers bend a ray of light.
+
+Profiles come from netCDF files as the AODN portal and the Argo programme give them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meshtrace.optics.water import quan_fry
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+STEEPEST = math.radians(80.0)
+"""Largest angle from the vertical that `ray_deflection` follows."""
+
+_GOOD = {1, 2, 5, 8}
+"""Flags of the Argo and IMOS conventions for good, probably good, changed and interpolated."""
+
+_NAMES = {
+    "temperature": ("TEMP", "TEMPERATURE", "sea_water_temperature"),
+    "salinity": ("PSAL", "SALINITY", "sea_water_practical_salinity", "sea_water_salinity"),
+    "depth": ("DEPTH", "depth"),
+    "pressure": (
+        "PRES",
+        "PRES_REL",
+        "sea_water_pressure",
+        "sea_water_pressure_due_to_sea_water",
+    ),
+    "latitude": ("LATITUDE", "LAT", "latitude"),
+    "longitude": ("LONGITUDE", "LON", "longitude"),
+}
+"""Names or CF standard names of the variables, the first that is there."""
+
+
+class Deflection(NamedTuple):
+    """What layers do to a ray: `offset` at the surface [m] and change of `angle` there [rad]."""
+
+    offset: float
+    angle: float
+
+
+@dataclass(frozen=True, eq=False)
+class WaterProfile:
+    """Temperature and salinity over depth at one place.
+
+    Parameters
+    ----------
+    depth : ndarray, shape (n,)
+        Depths [m], strictly rising, n >= 2.
+    temperature : ndarray, shape (n,)
+        Temperature [degree Celsius].
+    salinity : ndarray, shape (n,)
+        Practical salinity [1], taken as g/kg.
+    latitude, longitude : float
+        Where [degrees north, east]; nan if not known.
+    name : str
+        What legends say.
+
+    Raises
+    ------
+    ValueError
+        If the arrays do not match, are not finite, or the depths do not rise.
+    """
+
+    depth: Floats
+    temperature: Floats
+    salinity: Floats
+    latitude: float = math.nan
+    longitude: float = math.nan
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        columns = (self.depth, self.temperature, self.salinity)
+        shapes = [np.shape(values) for values in columns]
+        if len(set(shapes)) != 1 or len(shapes[0]) != 1 or shapes[0][0] < 2:
+            raise ValueError(f"depth, temperature, salinity: {shapes}, allowed (n,) of n >= 2")
+        if not np.isfinite(np.array(columns)).all():
+            raise ValueError("depth, temperature, salinity: nan or inf, allowed finite values")
+        if self.depth[0] < 0.0 or not (np.diff(self.depth) > 0.0).all():
+            raise ValueError("depth: allowed depths >= 0 m that rise strictly")
+
+    def n(self, depth: ArrayLike, wavelength_nm: float = 470.0) -> Floats:
+        """Return the refractive index at depths, linear between the samples, even above them.
+
+        Parameters
+        ----------
+        depth : array_like
+            Depths [m].
+        wavelength_nm : float
+            Wavelength [nm], 400 ... 700.
+
+        Returns
+        -------
+        ndarray
+            Refractive index relative to air.
+
+        Raises
+        ------
+        ValueError
+            If a depth lies below the profile or a temperature outside of 0 ... 30 degrees.
+
+        Notes
+        -----
+        Quan and Fry fitted up to 35 g/kg, coral seas have a little more: their formula, which is
+        linear in the salinity, is extended.
+        """
+        z = np.asarray(depth, dtype=float)
+        if not ((z >= 0.0) & (z <= self.depth[-1])).all():
+            raise ValueError(f"depth: {z}, allowed 0 <= depth <= {self.depth[-1]:g} m")
+        fresh, salt = (quan_fry(wavelength_nm, self.temperature, s) for s in (0.0, 35.0))
+        return np.interp(z, self.depth, fresh + self.salinity / 35.0 * (salt - fresh))
+
+
+def ray_deflection(
+    profile: WaterProfile, depth: float, zenith: float, wavelength_nm: float = 470.0
+) -> Deflection:
+    """Return by how much layered water bends a ray on its way up.
+
+    x = integral of tan(theta(z)) dz,  n(z) sin(theta(z)) = n(d) sin(theta(d))
+
+    Parameters
+    ----------
+    profile : WaterProfile
+        The layers.
+    depth : float
+        Where the ray starts [m].
+    zenith : float
+        Its angle from the vertical there [rad], 0 ... 80 degrees.
+    wavelength_nm : float
+        Wavelength [nm].
+
+    Returns
+    -------
+    Deflection
+        How much farther out it meets the surface than a straight ray, and by how much steeper
+        (negative) or flatter (positive) it runs there.
+
+    Raises
+    ------
+    ValueError
+        If the start lies below the profile, the angle is not allowed, or a layer reflects the
+        ray.
+
+    Notes
+    -----
+    The direction in the air is that without layers, since n sin(theta) is the same all the way: a
+    receiver sees the same offset. A vertical ray is not bent. Turbulence and gradients along the
+    horizontal are left out: profiles do not hold them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> z = np.array([0.0, 50.0])
+    >>> layers = WaterProfile(z, np.array([26.0, 22.0]), np.array([35.0, 35.0]))
+    >>> bent = ray_deflection(layers, 50.0, np.radians(10.0))
+    >>> f"{1e3 * bent.offset:.1f} mm"
+    '1.6 mm'
+    """
+    if not 0.0 <= zenith <= STEEPEST:
+        raise ValueError(f"zenith: {zenith}, allowed 0 <= zenith <= {STEEPEST:.3f} rad")
+    if not 0.0 < depth <= profile.depth[-1]:
+        raise ValueError(f"depth: {depth}, allowed 0 < depth <= {profile.depth[-1]:g} m")
+    invariant = float(profile.n(depth, wavelength_nm)) * math.sin(zenith)
+    inner = profile.depth[(profile.depth > 0.0) & (profile.depth < depth)]
+    edges = np.concatenate([[0.0], inner, [depth]])
+    x, weight = np.polynomial.legendre.leggauss(4)
+    half = 0.5 * np.diff(edges)[:, None]
+    sine = invariant / profile.n(edges[:-1, None] + half * (x + 1.0), wavelength_nm)
+    at_surface = invariant / float(profile.n(0.0, wavelength_nm))
+    if max(float(sine.max()), at_surface) >= 1.0:
+        raise ValueError(f"zenith: {zenith}, allowed angles that no layer reflects")
+    slope = sine / np.sqrt(1.0 - sine**2) - math.tan(zenith)
+    return Deflection(float(np.sum(half * weight * slope)), math.asin(at_surface) - zenith)
+
+
+def depth_of_pressure(pressure: ArrayLike, latitude: float) -> Floats:
+    """Return the depth at which sea water has a pressure.
+
+    Parameters
+    ----------
+    pressure : array_like
+        Pressure above that of the air [dbar].
+    latitude : float
+        Latitude [degrees].
+
+    Returns
+    -------
+    ndarray
+        Depth [m].
+
+    References
+    ----------
+    Fofonoff and Millard 1983, Unesco technical papers in marine science 44, algorithm 5.
+
+    Examples
+    --------
+    >>> round(float(depth_of_pressure(10000.0, 30.0)), 3)
+    9712.653
+    """
+    p = np.asarray(pressure, dtype=float)
+    x = math.sin(math.radians(latitude)) ** 2
+    gravity = 9.780318 * (1.0 + (5.2788e-3 + 2.36e-5 * x) * x) + 1.092e-6 * p
+    return (((-1.82e-15 * p + 2.279e-10) * p - 2.2512e-5) * p + 9.72659) * p / gravity
+
+
+def load_profiles(path: str | Path) -> list[WaterProfile]:
+    """Read the profiles of a netCDF file of the AODN (IMOS) or of Argo.
+
+    Parameters
+    ----------
+    path : path
+        The file, with TEMP and PSAL over DEPTH or PRES; several profiles over a first dimension.
+
+    Returns
+    -------
+    list of WaterProfile
+        Good samples by the flags of the file, sorted by depth; adjusted values where Argo has
+        them. Profiles of fewer than two good samples are left out.
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be read, lacks a variable, or has no good profile.
+    """
+    import xarray as xr
+
+    try:
+        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
+            data = opened.load()
+    except (OSError, ValueError) as error:
+        text = " ".join(str(error).split())
+        raise ValueError(f"{path}: {text}, allowed a netCDF-4 file") from error
+    found = list(_profiles(data, str(path)))
+    if not found:
+        raise ValueError(f"{path}: no good samples, allowed a profile of two or more")
+    return found
+
+
+def _profiles(data: xr.Dataset, path: str) -> Iterator[WaterProfile]:
+    temperature = _variable(data, "temperature", path)
+    salinity = _variable(data, "salinity", path)
+    vertical = _optional(data, "depth")
+    is_depth = vertical is not None
+    if vertical is None:
+        vertical = _variable(data, "pressure", path)
+    latitude, longitude = (_optional(data, name) for name in ("latitude", "longitude"))
+    count = math.prod(temperature.shape[:-1])
+    adjusted = _adjusted(data, count)
+    for i in range(count):
+        columns = [_column(data, v, temperature, i, adjusted[i]) for v in (temperature, salinity)]
+        z = _column(data, vertical, temperature, i, adjusted[i])
+        lat, lon = _place(latitude, i), _place(longitude, i)
+        if not is_depth:
+            z = depth_of_pressure(z, lat if math.isfinite(lat) else 0.0)
+        good = np.isfinite(np.array([z, *columns])).all(axis=0) & (z >= 0.0)
+        depth, first = np.unique(z[good], return_index=True)
+        if len(depth) >= 2:
+            values = (column[good][first] for column in columns)
+            name = Path(path).stem + (f" {i + 1}" if count > 1 else "")
+            yield WaterProfile(depth, *values, lat, lon, name)
+
+
+def _optional(data: xr.Dataset, what: str) -> xr.DataArray | None:
+    for name in _NAMES[what]:
+        for key in data.variables:
+            if key == name or data[key].attrs.get("standard_name") == name:
+                return data[key]
+    return None
+
+
+def _variable(data: xr.Dataset, what: str, path: str) -> xr.DataArray:
+    found = _optional(data, what)
+    if found is None:
+        raise ValueError(f"{path}: no {what}, allowed a file with {' or '.join(_NAMES[what])}")
+    return found
+
+
+def _adjusted(data: xr.Dataset, count: int) -> list[bool]:
+    """Return which profiles Argo has adjusted, by their mode of data."""
+    if "DATA_MODE" not in data:
+        return [False] * count
+    modes = np.atleast_1d(data["DATA_MODE"].to_numpy()).ravel()
+    return [_text(mode) in ("A", "D") for mode in modes]
+
+
+def _column(
+    data: xr.Dataset, variable: xr.DataArray, like: xr.DataArray, i: int, adjusted: bool
+) -> Floats:
+    """Return profile i of a variable, nan where its flag is not good."""
+    key = str(variable.name)
+    if adjusted and f"{key}_ADJUSTED" in data:
+        key = f"{key}_ADJUSTED"
+    values = _row(data[key], like, i).astype(float)
+    for flag in (f"{key}_QC", f"{key}_quality_control"):
+        if flag in data:
+            codes = _row(data[flag], like, i)
+            values = np.where([_code(code) in _GOOD for code in codes], values, np.nan)
+    return values
+
+
+def _row(variable: xr.DataArray, like: xr.DataArray, i: int) -> NDArray[Any]:
+    """Return the values of profile i along the levels."""
+    full = variable.broadcast_like(like).transpose(*like.dims)
+    return full.to_numpy().reshape(-1, like.shape[-1])[i]
+
+
+def _place(variable: xr.DataArray | None, i: int) -> float:
+    if variable is None:
+        return math.nan
+    values = np.atleast_1d(variable.to_numpy()).ravel()
+    return float(values[min(i, len(values) - 1)])
+
+
+def _text(value: Any) -> str:
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def _code(flag: Any) -> int:
+    """Return a flag as a number, -1 for none: Argo writes characters, IMOS bytes."""
+    text = _text(flag).strip()
+    try:
+        return int(float(text))
+    except ValueError:
+        return -1
