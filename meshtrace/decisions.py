@@ -212,4 +212,4 @@ def soft_information(n0: float, n1: float, branching: float) -> float:
     _, log0, log1 = _decision_laws(n0, n1, branching)
     log_mean = np.logaddexp(log0, log1) - math.log(2.0)
     terms = [np.exp(law) @ np.maximum(law - log_mean, -1e3) for law in (log0, log1)]
-    return min(0.5 * float(sum(terms)) / math.log(2.0), 1.0)
+    return float(np.clip(0.5 * sum(terms) / math.log(2.0), 0.0, 1.0))
