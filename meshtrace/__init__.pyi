@@ -1,5 +1,9 @@
+from .batch import sweep as sweep
 from .bvh import BruteForceIntersector as BruteForceIntersector
 from .bvh import EmbreeIntersector as EmbreeIntersector
+from .convergence import band_limit_study as band_limit_study
+from .convergence import convergence_study as convergence_study
+from .convergence import time_step_study as time_step_study
 from .detector import OokLink as OokLink
 from .impulse import ImpulseResponse as ImpulseResponse
 from .impulse import impulse_response as impulse_response

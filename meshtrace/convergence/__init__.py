@@ -10,17 +10,19 @@ for the order p and the value g_0 at vanishing step (Richardson), and beside it 
 over the exact sum of waves, with the same chains.
 """
 
-from .band_limit import band_limit_study
+from .band_limit import REALIZATIONS, band_limit_study
 from .checks import Normals
 from .exact import Reference, WaveSum
 from .fit import Fit, Interval
 from .from_scenario import study_scenario
-from .spacing import DEFAULT_SPACINGS, convergence_study
+from .spacing import DEFAULT_SPACINGS, PLACEMENTS, convergence_study
 from .study import ConvergenceStudy, Costs
 from .time_step import time_step_study
 
 __all__ = [
     "DEFAULT_SPACINGS",
+    "PLACEMENTS",
+    "REALIZATIONS",
     "ConvergenceStudy",
     "Costs",
     "Fit",

@@ -20,13 +20,16 @@ if TYPE_CHECKING:
     from meshtrace.link import Link
     from meshtrace.mesh import SurfaceModel
 
+REALIZATIONS = 16
+"""Seas of each band."""
+
 
 def band_limit_study(
     link: Link,
     sea: SurfaceModel,
     omega_max: Sequence[float],
     *,
-    realizations: int = 16,
+    realizations: int = REALIZATIONS,
     normals: Sequence[Normals] = ("vertex",),
     photons: int = 2048,
     seed: int = 1,

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 DEFAULT_SPACINGS = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
 """Mesh spacings [m] of a study: each halves the one before, so that the grid lines nest."""
 
+PLACEMENTS = 34
+"""Meshes of each spacing: a Fibonacci number, whose lattice fills a cell most evenly."""
+
 
 def convergence_study(
     link: Link,
@@ -35,7 +38,7 @@ def convergence_study(
     photons: int = 2048,
     seed: int = 1,
     time: float = 0.0,
-    placements: int = 16,
+    placements: int = PLACEMENTS,
     reference: Literal["analytic"] | None = "analytic",
     tolerance: float = 1e-3,
     receiver: int = 0,

@@ -157,19 +157,19 @@ def move_crossings(chains, arrivals, waves, scene, score, counters):
     Array twin: meshes of vanishing spacing.
     Each arrival over the mesh is moved to the exact crossing next to it, and its weight changed
     in proportion, which keeps how often the mesh counted it. `arrivals` comes back with the
-    crossings moved.
+    crossings moved. The mesh has no random slopes: the sum of waves leaves none out.
     """
     for k in range(len(arrivals)):
         row = arrivals[k]
         i = int(row[0])
-        q, v = chains.vertex[i, -1], chains.last[i]
+        q, v = chains.tail[i], chains.last[i]
         along = q[0] * v[0] + q[1] * v[1] + q[2] * v[2]
         branch = 1.0 if row[2] - chains.path[i] + along >= 0.0 else -1.0
         facet = locate(scene.locator, scene.surface, row[5], row[6])
         meshed = 0.0
         if facet >= 0:
             meshed = _weigh(chains, i, (row[5], row[6], float(facet), branch), scene)[0]
-        shot = _shot(chains, i, scene.target, branch)
+        shot = _shot(chains, i, scene.target, branch, scene.surface.roughness)
         found, x, y = _exact_newton(row[5], row[6], waves, shot, scene)
         if not found or meshed == 0.0:
             counters[LOST] += 1

@@ -10,7 +10,6 @@ import xarray as xr
 from numba import njit
 
 import meshtrace as mt
-from meshtrace import convergence
 from meshtrace.convergence import (
     ConvergenceStudy,
     Costs,
@@ -19,6 +18,9 @@ from meshtrace.convergence import (
     study_scenario,
     time_step_study,
 )
+from meshtrace.convergence.exact import waves_at
+from meshtrace.convergence.fit import fit_law
+from meshtrace.convergence.measure import CommonChains
 from meshtrace.kernels.analytic import shape_at
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.scenario import Scenario, ScenarioError
@@ -29,7 +31,7 @@ WAVE = SinusoidalSea(amplitude=0.06, wavelength=4.0, direction_deg=30.0, phase=3
 
 
 def exact(link, sea, photons=256, spacing=0.125, time=0.0):
-    chains = convergence._Chains(link, photons, 1, ("vertex",), 0, 0.3)
+    chains = CommonChains(link, photons, 1, ("vertex",), 0, 0.3)
     return chains.exact(sea, time, spacing)
 
 
@@ -41,7 +43,7 @@ def shapes(waves, x, y):
 def test_shape_is_that_of_the_sea():
     sea = JonswapSea(wind_speed=13.0, seed=3)
     x, y = np.random.default_rng(1).uniform(-5.0, 5.0, (2, 20))
-    found = np.array(shapes(convergence._waves(sea, 2.5), x, y)).T
+    found = np.array(shapes(waves_at(sea, 2.5), x, y)).T
     expected = (
         sea.elevation(x, y, 2.5),
         *sea.slopes(x, y, 2.5),
@@ -60,7 +62,7 @@ def test_exact_flat_sea_is_the_closed_form():
 
 def test_exact_flat_sea_scatters_as_a_flat_mesh():
     reference = exact(LINK, SinusoidalSea(amplitude=0.0, wavelength=4.0))
-    chains = convergence._Chains(LINK, 256, 1, ("vertex",), 0, 0.3)
+    chains = CommonChains(LINK, 256, 1, ("vertex",), 0, 0.3)
     meshed = chains.measure(FlatSea().mesh(extent=8.0, spacing=1.0), 0.0)
     np.testing.assert_allclose(reference.samples, meshed.samples[0], rtol=1e-5)
 
@@ -115,7 +117,7 @@ def law(h, order, spread=0.0, noise=0.0, rng=None, shifts=32):
 @pytest.mark.parametrize("order", [1.0, 1.7, 2.0, 3.2])
 def test_fit_finds_a_power_law(order):
     h = np.array([2.0, 1.0, 0.5, 0.25])
-    fit = convergence._fit(h, law(h, order), 5.0)
+    fit = fit_law(h, law(h, order), 5.0)
     assert fit.order.value == pytest.approx(order, abs=0.005)
     assert fit.gain.value == pytest.approx(5.0, abs=1e-5)
     assert fit.coefficient == pytest.approx(0.02, rel=0.01)
@@ -126,7 +128,7 @@ def test_fitted_intervals_hold_the_truth():
     # 95 % intervals: fewer than 85 hits in 100 have a probability below 1e-4
     rng = np.random.default_rng(5)
     h = np.array([2.0, 1.0, 0.5, 0.25, 0.125, 0.0625])
-    fits = [convergence._fit(h, law(h, 2.0, 2e-3, 1e-3, rng), 5.0) for _ in range(100)]
+    fits = [fit_law(h, law(h, 2.0, 2e-3, 1e-3, rng), 5.0) for _ in range(100)]
     assert sum(fit.gain.low <= 5.0 <= fit.gain.high for fit in fits) >= 85
     assert sum(fit.order.low <= 2.0 <= fit.order.high for fit in fits) >= 85
 
@@ -157,7 +159,8 @@ def test_scatter_counts_as_error_of_one_mesh():
 
 @pytest.fixture(scope="module")
 def study():
-    return convergence_study(LINK, WAVE, (1.0, 0.5, 0.25, 0.125), photons=256, placements=8)
+    spacings = (1.0, 0.5, 0.25, 0.125, 0.0625)
+    return convergence_study(LINK, WAVE, spacings, photons=64, placements=13)
 
 
 def test_interpolated_normals_converge_as_the_square(study):
@@ -200,7 +203,7 @@ def test_result_does_not_depend_on_threads():
 
 def test_total_reflection_is_that_of_steep_waves():
     # from a plane tilted by 60 degrees light that goes straight up is totally reflected
-    chains = convergence._Chains(LINK, 64, 1, ("facet",), 0, 0.0)
+    chains = CommonChains(LINK, 64, 1, ("facet",), 0, 0.0)
     steep = SinusoidalSea(amplitude=0.3, wavelength=0.5).mesh(extent=8.0, spacing=0.0625)
     flat = FlatSea().mesh(extent=8.0, spacing=1.0)
     share = [chains.measure(mesh, 0.0, photons=4096).total_reflection[0] for mesh in (flat, steep)]
@@ -227,7 +230,7 @@ def test_time_steps_converge():
     # a trapezoidal mean over a whole period of a smooth function leaves nothing
     period = 2.0 * math.pi / float(WAVE.components.omega[0])
     steps = [period / n for n in (4, 8, 16, 32)]
-    study = time_step_study(LINK, WAVE, steps, duration=period, photons=64, spacing=0.25)
+    study = time_step_study(LINK, WAVE, steps, duration=period, photons=64, spacing=0.1)
     assert study.gain.shape == (1, 4)
     assert abs(study.gain[0, -2] / study.gain[0, -1] - 1.0) < 1e-4
     ratio = study.scatter[0, 1:-1] / study.scatter[0, 2:]

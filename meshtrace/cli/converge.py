@@ -1,0 +1,156 @@
+"""`meshtrace converge`: whether a gain still depends on mesh, time step or band of waves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .app import app
+from .console import (
+    COMPILING,
+    kernels_are_compiled,
+    numbers,
+    progress,
+    refuse_unwritable,
+    scenario_of,
+    warnings_as_lines,
+)
+from .options import LinkFile, Output, Seed, Settings, Threads
+
+if TYPE_CHECKING:
+    from meshtrace.convergence import ConvergenceStudy
+    from meshtrace.scenario import Scenario
+
+_LISTS = {"spacing": "--spacings", "time_step": "--time-steps", "omega_max": "--omega-max"}
+
+
+@app.command()
+def converge(
+    link: LinkFile = None,
+    spacings: Annotated[
+        str | None,
+        typer.Option(metavar="M,M,...", help="Mesh spacings [m]; 2, 1, ... 0.0625 by default."),
+    ] = None,
+    time_steps: Annotated[
+        str | None,
+        typer.Option(metavar="S,S,...", help="Time steps [s], in place of mesh spacings."),
+    ] = None,
+    omega_max: Annotated[
+        str | None,
+        typer.Option(metavar="W,W,...", help="Band limits [rad/s], in place of mesh spacings."),
+    ] = None,
+    normals: Annotated[
+        str | None,
+        typer.Option(metavar="KINDS", help="vertex, facet or vertex,facet (for spacings)."),
+    ] = None,
+    photons: Annotated[
+        int, typer.Option(metavar="N", min=1, max=10**7, help="Chains, shared by all meshes.")
+    ] = 2048,
+    placements: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, max=10**5, help="Meshes of each spacing [default: 34]."),
+    ] = None,
+    realizations: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, max=10**5, help="Seas of each band [default: 16]."),
+    ] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Length of the series [s] [default: 8 longest steps]."),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(metavar="R", help="Relative error that the recommendation is about."),
+    ] = None,
+    output: Output = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="A.PNG", help="Draw errors and orders.")
+    ] = None,
+    seed: Seed = None,
+    threads: Threads = None,
+    settings: Settings = None,
+) -> None:
+    """Study how the gain depends on the mesh spacing, the time step or the band of waves.
+
+    All meshes get the same chains. The table shows gains, their differences, the fitted order,
+    the value at vanishing spacing beside that of the exact sum of waves, and the spacing that a
+    tolerance asks for.
+    """
+    scenario = scenario_of(link, settings or [], {"seed": seed, "threads": threads})
+    given = {"spacing": spacings, "time_step": time_steps, "omega_max": omega_max}
+    parameter, values = _values({key: text for key, text in given.items() if text is not None})
+    options = {
+        "placements": placements,
+        "realizations": realizations,
+        "duration": 8.0 * max(values) if (parameter, duration) == ("time_step", None) else duration,
+        "tolerance": tolerance,
+        "normals": None if normals is None else normals.split(","),
+    }
+    options = {key: value for key, value in options.items() if value is not None}
+    _refuse_other_options(parameter, options)
+    for path in (output, plot):
+        if path is not None:
+            refuse_unwritable(path)
+    study = _study(scenario, parameter, values, {**options, "photons": photons})
+    if output is not None:
+        study.save(output)
+    if plot is not None:
+        _draw(study, plot)
+    typer.echo(study.summary())
+    for path in (output, plot):
+        if path is not None:
+            typer.echo(f"\nwritten to {path}")
+
+
+def _draw(study: ConvergenceStudy, path: Path) -> None:
+    """Write the plot of a study."""
+    import matplotlib.pyplot as plt
+
+    study.plot()
+    plt.savefig(path)
+    plt.close()
+
+
+def _values(given: dict[str, str]) -> tuple[str, list[float]]:
+    """Return what is refined, and its values."""
+    from meshtrace.convergence import DEFAULT_SPACINGS
+    from meshtrace.scenario import ScenarioError
+
+    if len(given) > 1:
+        first, second, *_ = (_LISTS[key] for key in given)
+        raise ScenarioError(f"{second}: {given[list(given)[1]]!r}, allowed: not beside {first}")
+    for key, text in given.items():
+        return key, numbers(_LISTS[key], text)
+    return "spacing", list(DEFAULT_SPACINGS)
+
+
+def _refuse_other_options(parameter: str, options: dict[str, Any]) -> None:
+    """Refuse options of another study than that of a parameter."""
+    from meshtrace.scenario import ScenarioError
+
+    belongs = {"placements": "spacing", "realizations": "omega_max", "duration": "time_step"}
+    for name, other in belongs.items():
+        if name in options and other != parameter:
+            raise ScenarioError(f"--{name}: {options[name]}, allowed: only with {_LISTS[other]}")
+
+
+def _study(
+    scenario: Scenario, parameter: Any, values: list[float], options: dict[str, Any]
+) -> ConvergenceStudy:
+    """Return the study of a scenario, with a bar while it runs."""
+    from meshtrace.convergence import PLACEMENTS, REALIZATIONS, study_scenario
+
+    surfaces = {
+        "spacing": len(values) * options.get("placements", PLACEMENTS),
+        "time_step": 2.0 * options.get("duration", 0.0) / min(values) + 1.0,
+        "omega_max": len(values) * options.get("realizations", REALIZATIONS),
+    }
+    with (
+        warnings_as_lines(),
+        progress(round(surfaces[parameter]), False, "over the meshes") as (say, advance),
+    ):
+        if not kernels_are_compiled("forced"):
+            say(COMPILING)
+        return study_scenario(scenario, values, parameter=parameter, progress=advance, **options)
