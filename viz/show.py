@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyvista as pv
 
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
@@ -86,7 +87,7 @@ def view(
     """
     _refuse_unwritable({"screenshot": screenshot, "html": html, "movie": movie, "export": export})
     window = not (screenshot or html or movie or export)
-    if window and not _has_display():
+    if window and not has_display():
         raise ValueError(
             "view: no display to open a window on, allowed screenshot, html, movie or export"
         )
@@ -140,7 +141,14 @@ def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
             raise ValueError(f"{kind}: {str(name)!r}, allowed {allowed}")
 
 
-def _has_display() -> bool:
+def has_display() -> bool:
+    """Whether a window can be opened: without a display that answers VTK draws in memory."""
     if not sys.platform.startswith("linux"):
         return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return False
+    with pv.vtk_verbosity("off"):
+        plotter = pv.Plotter(off_screen=False)
+        kind = plotter.render_window.GetClassName()
+        plotter.close()
+    return "EGL" not in kind and "OSOpenGL" not in kind

@@ -48,7 +48,7 @@ def compiled(monkeypatch):
 def asked(monkeypatch):
     """Return the options with which a window would have been opened."""
     options = {}
-    monkeypatch.setattr("meshtrace.viz.show._has_display", lambda: True)
+    monkeypatch.setattr("meshtrace.viz.show.has_display", lambda: True)
     monkeypatch.setattr("meshtrace.viz.view", lambda **given: options.update(given) or [])
     return options
 
@@ -199,7 +199,7 @@ def test_refusals_are_one_line(tmp_path, monkeypatch, arguments, line):
 
 
 def test_a_window_needs_a_display(monkeypatch):
-    monkeypatch.setattr("meshtrace.viz.show._has_display", lambda: False)
+    monkeypatch.setattr("meshtrace.viz.show.has_display", lambda: False)
     assert refusal().startswith("view: no display to open a window on")
 
 

@@ -37,3 +37,6 @@ def test_view_needs_a_display_for_a_window(monkeypatch):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(ValueError, match="view: no display"):
         viz.view(mt.Link(), SEA)
+    monkeypatch.setenv("DISPLAY", ":4242")  # nobody answers there
+    with pytest.raises(ValueError, match="view: no display"):
+        viz.view(mt.Link(), SEA)
