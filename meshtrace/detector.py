@@ -90,7 +90,8 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
     threshold, agree within 8 % (0.1 dB in power) at 1e-2 and 1e-3 for 1, 5 and 10 Mbit/s. The
     Gaussian threshold however lies too low for the skewed counts: a receiver that uses it at 1 or
     5 Mbit/s and 1e-3 makes nearly twice as many errors (model A at 1 Mbit/s: nearly three times).
-    Set a real threshold with CP.
+    Set a real threshold with CP. Where a one has about a count or less (error rates above 0.3) all
+    Gaussian models are too optimistic: 0.35 stands for 0.40 at 10 Mbit/s.
 
     References
     ----------

@@ -211,6 +211,21 @@ def test_capacity_orders():
         capacity(link, gain, outage=1.0)
 
 
+@pytest.mark.parametrize("bit_rate", RATES)
+def test_hard_decisions_never_carry_more_than_full_counts(bit_rate):
+    link = OokLink(bit_rate=bit_rate)
+    for ber in (0.49, 0.45, 0.35, 0.2):
+        rates = capacity(link, [required_gain(link, ber)])
+        assert 0.0 < rates.hard <= rates.soft
+
+
+@pytest.mark.parametrize("bit_rate", RATES)
+def test_few_counts_are_worse_than_gaussian(bit_rate):
+    link = OokLink(bit_rate=bit_rate)
+    exact = link.model_copy(update={"model": "CP", "window": link.averaging_window})
+    assert float(exact.ber(link.required_power(0.35))) > 0.36
+
+
 def test_wyner_capacity_against_its_definition():
     """Mutual information of duty q, in units of the peak rate, maximised by brute force."""
     s = 0.1
