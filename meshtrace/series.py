@@ -152,15 +152,7 @@ class GainSeries:
         ValueError
             If the file is of another kind or of a later format.
         """
-        import xarray as xr
-
-        with xr.open_dataset(path, engine="h5netcdf", decode_timedelta=False) as opened:
-            data = opened.load()
-        found = (data.attrs.get("kind"), data.attrs.get("format_version"))
-        if found != ("series", FORMAT_VERSION):
-            raise ValueError(
-                f"{path}: kind and format_version {found}, allowed ('series', {FORMAT_VERSION})"
-            )
+        data = _loaded(path, "series")
         along: Literal["time", "realization"] = "time" if "time" in data.dims else "realization"
         gain = data["gain"].to_numpy()
         mean_stderr = np.atleast_1d(data.attrs["mean_stderr"])
@@ -356,6 +348,20 @@ def _evaluated(
         yield parts
 
 
+def _loaded(path: str | Path, kind: str) -> xr.Dataset:
+    """Return the dataset of a file, refusing another kind or format."""
+    import xarray as xr
+
+    with xr.open_dataset(path, engine="h5netcdf", decode_timedelta=False) as opened:
+        data = opened.load()
+    found = (data.attrs.get("kind"), data.attrs.get("format_version"))
+    if found != (kind, FORMAT_VERSION):
+        raise ValueError(
+            f"{path}: kind and format_version {found}, allowed {(kind, FORMAT_VERSION)}"
+        )
+    return data
+
+
 @dataclass(frozen=True, eq=False)
 class CoverageMap:
     """Gain of a receiver at each place of its plane.
@@ -387,13 +393,35 @@ class CoverageMap:
                 "gain": (("x", "y"), self.gain, attrs("gain")),
                 "gain_stderr": (("x", "y"), self.gain_stderr, attrs("gain_stderr")),
             },
-            {"x": ("x", self.x, {"units": "m"}), "y": ("y", self.y, {"units": "m"})},
+            {name: (name, getattr(self, name), attrs(name)) for name in ("x", "y")},
             {
                 "title": "meshtrace coverage map",
                 "format_version": FORMAT_VERSION,
                 "kind": "coverage",
                 "provenance": json.dumps(self.provenance),
             },
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the map as netCDF."""
+        self.to_dataset().to_netcdf(path, engine="h5netcdf")
+
+    @classmethod
+    def load(cls, path: str | Path) -> CoverageMap:
+        """Read a map from netCDF.
+
+        Raises
+        ------
+        ValueError
+            If the file is of another kind or of a later format.
+        """
+        data = _loaded(path, "coverage")
+        return cls(
+            data["x"].to_numpy(),
+            data["y"].to_numpy(),
+            data["gain"].to_numpy(),
+            data["gain_stderr"].to_numpy(),
+            json.loads(data.attrs["provenance"]),
         )
 
 
@@ -439,6 +467,8 @@ def coverage_map(
     receiver = next((r for r in link.receivers if isinstance(r, Receiver)), None)
     if receiver is None:
         raise ValueError("receiver: none in the air, allowed a link with one")
+    if not len(times):
+        raise ValueError("times: (), allowed one or more times [s]")
     if not 0.0 < step <= extent:
         raise ValueError(f"step: {step!r}, allowed 0 < step <= extent = {extent:g} m")
     grid = MapGrid(receiver.height, extent, step, receiver.axis, receiver.fov_deg)

@@ -80,7 +80,8 @@ def test_estimators_agree_on_the_shape(forced, analog):
             time = 1.33 * r.data["arrival_water_path"][1] + r.data["arrival_air_path"][1]
             tail = mine & (time / SPEED_OF_LIGHT > start + late)
             w, g = r.data["arrival_weight"][1], r.data["arrival_group"][1]
-            assert not (tail & (g < 0)).any() or late < 2e-10
+            # straight light is early, but for what rounding leaves of the edge of the field of view
+            assert w[tail & (g < 0)].sum() < 1e-9 * w[mine].sum() or late < 2e-10
             groups = np.array([32 * w[tail & (g == k)].sum() for k in range(32)])
             groups += w[tail & (g < 0)].sum()
             shares.append(groups.mean())

@@ -3,14 +3,16 @@
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, sidak, z_test
+from scipy import stats
 
 import meshtrace as mt
-from meshtrace.series import GainSeries
+from meshtrace.series import CoverageMap, GainSeries
 from meshtrace.simulate import mesh_for
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 from meshtrace.transport.forced import ForcedDetection, crossing_reach
 
 SEA = JonswapSea(wind_speed=13.0, seed=3, mss="band")
+TILTED = JonswapSea(wind_speed=13.0, seed=3)
 OPTIONS = {"photons": 1024, "seed": 5, "extent": 8.0, "spacing": 0.2}
 TIMES = (0.0, 0.7, 1.9, 2.0, 6.5)
 
@@ -111,7 +113,92 @@ def test_series_round_trip(series, tmp_path):
         _ = mt.ensemble(mt.Link(), 1, SEA, threads=1, **OPTIONS).time
 
 
-@pytest.mark.parametrize("bad", [[np.nan], [np.inf, 0.0], [[0.0, 1.0]]])
+def test_slopes_beyond_the_mesh_share_the_chains_too():
+    """Unscattered light is then drawn as well: its error is part of the mean's."""
+    s = mt.ensemble(mt.Link(), 4, TILTED, threads=1, **OPTIONS)
+    again = mt.ensemble(mt.Link(), 4, TILTED, threads=2, **OPTIONS)
+    np.testing.assert_array_equal(s.gain, again.gain)
+    assert 0.0 < s.mean_stderr <= s.gain_stderr.mean()
+    r = mt.simulate(
+        mt.Link(), TILTED.with_seed(int(s.coordinate[0])), photons=4096, extent=8.0, spacing=0.2
+    )
+    assert z_test(s.gain[0], s.gain_stderr[0], r.gain, r.gain_stderr) > ALPHA
+
+
+def synthetic(own, common, spread, rng, n=50):
+    """Return an ensemble whose shifts have independent and common errors of known size."""
+    gain = 1.0 + spread * rng.standard_normal(n)
+    noise = np.sqrt(32.0) * (own * rng.standard_normal((n, 32)) + common * rng.standard_normal(32))
+    stderr = noise.std(axis=1, ddof=1) / np.sqrt(32.0)
+    mean_stderr = noise.mean(axis=0).std(ddof=1) / np.sqrt(32.0)
+    return GainSeries(
+        "realization",
+        np.arange(n),
+        gain + noise.mean(axis=1),
+        stderr,
+        np.zeros(n),
+        float(mean_stderr),
+    )
+
+
+@pytest.mark.parametrize(("own", "common"), [(0.05, 0.0), (0.0, 0.05), (0.04, 0.03)])
+def test_scintillation_index_is_free_of_what_realizations_do_not_share(own, common):
+    rng = np.random.default_rng(31)
+    options = {"resamples": 50, "test_resamples": 0}
+    index, raw = [], []
+    for _ in range(150):
+        s = synthetic(own, common, 0.1, rng)
+        found = s.fading(**options)
+        index.append(found.scintillation_index.value * s.gain.mean() ** 2)
+        raw.append(s.gain.var(ddof=1))
+    error = np.std(index, ddof=1) / np.sqrt(150.0)
+    assert z_test(np.mean(index), error, 0.01) > sidak(ALPHA, 3)
+    if own:  # the same test sees what was left in
+        assert z_test(np.mean(raw), error, 0.01) < sidak(ALPHA, 3)
+    # the common error is the mean's in full
+    assert found.mean_stderr >= s.mean_stderr
+
+
+def test_what_chains_do_not_share_is_the_scatter_about_many_chains():
+    """Few chains against many over the same seas: what differs from sea to sea."""
+    seas = [SEA.with_seed(k) for k in range(16)]
+    all_meshes = [meshes(mt.Link(), sea, [0.0])[0] for sea in seas]
+    crest = 1.5 * max(float(m.bounds[1, 2]) for m in all_meshes)
+    many = ForcedDetection(mt.Link(), 4096, 99, crest=crest)
+    truth = np.array([many.evaluate(m).gain[0] for m in all_meshes])
+    ratio = []
+    for seed in range(12):
+        few = ForcedDetection(mt.Link(), 128, seed, crest=crest)
+        parts = [few.evaluate(m) for m in all_meshes]
+        s = GainSeries(
+            "realization",
+            np.arange(16),
+            np.array([p.gain[0] for p in parts]),
+            np.array([p.stderr[0] for p in parts]),
+            np.zeros(16),
+            float(np.mean([p.shifts[0] for p in parts], axis=0).std(ddof=1) / np.sqrt(32.0)),
+        )
+        stated = s.fading(resamples=50, test_resamples=0).noise_share * s.gain.var(ddof=1)
+        ratio.append((s.gain - truth).var(ddof=1) / stated)
+    error = np.std(ratio, ddof=1) / np.sqrt(len(ratio))
+    assert 2.0 * stats.t.sf(abs(np.mean(ratio) - 1.0) / error, len(ratio) - 1) > ALPHA, ratio
+
+
+def test_series_says_when_noise_counts():
+    time = np.arange(40.0)
+    gain = 1.0 + 0.01 * np.sin(time)
+    quiet, loud = (
+        GainSeries("time", time, gain, np.full(40, error), 0.0 * gain, 0.0)
+        for error in (1e-4, 5e-3)
+    )
+    options = {"resamples": 50, "test_resamples": 0}
+    assert not any("Monte Carlo" in note for note in quiet.fading(**options).notes)
+    assert any("more chains" in note for note in loud.fading(**options).notes)
+    with pytest.raises(ValueError, match="receiver: 1, allowed"):
+        quiet.fading(1)
+
+
+@pytest.mark.parametrize("bad", [[np.nan], [np.inf, 0.0], [[0.0, 1.0]], []])
 def test_times_must_be_finite_and_flat(bad):
     with pytest.raises(ValueError, match="times"):
         mt.time_series(mt.Link(), SEA, bad, **OPTIONS)
@@ -122,6 +209,16 @@ def test_ensemble_refuses_what_has_no_phases():
         mt.ensemble(mt.Link(), 3, FlatSea(), **OPTIONS)
     with pytest.raises(ValueError, match="n_realizations"):
         mt.ensemble(mt.Link(), 0, SEA, **OPTIONS)
+
+
+@pytest.mark.parametrize(
+    "bad", [{"photons": 0}, {"photons": 2.5}, {"seed": -1}, {"normals": "smooth"}]
+)
+def test_options_out_of_range_are_named(bad):
+    with pytest.raises(ValueError, match=f"{next(iter(bad))}: .*, allowed"):
+        mt.ensemble(mt.Link(), 3, SEA, **{**OPTIONS, **bad})
+    with pytest.raises(ValueError, match=f"{next(iter(bad))}: .*, allowed"):
+        mt.time_series(mt.Link(), SEA, TIMES, **{**OPTIONS, **bad})
 
 
 # ---- coverage --------------------------------------------------------------------------------
@@ -162,3 +259,19 @@ def test_map_over_times_is_the_mean_of_the_maps():
     ratio = two.gain_stderr.sum() / one.gain_stderr.sum()
     assert ratio == pytest.approx(np.sqrt(0.5), rel=0.05)
     assert two.to_dataset()["gain"].attrs["units"] == "1"
+
+
+@pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
+def test_map_round_trip_and_refusals(tmp_path):
+    options = {"extent": 1.0, "step": 0.5, "photons": 8192}
+    m = mt.coverage_map(mt.Link(), FlatSea(), **options)
+    m.save(tmp_path / "map.nc")
+    back = CoverageMap.load(tmp_path / "map.nc")
+    for name in ("x", "y", "gain", "gain_stderr"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(m, name))
+    assert back.provenance == m.provenance
+    with pytest.raises(ValueError, match="kind"):
+        GainSeries.load(tmp_path / "map.nc")
+    for bad in ({"step": 0.0}, {"step": 2.0}, {"extent": np.nan}, {"times": ()}):
+        with pytest.raises(ValueError, match=f"{next(iter(bad))}: .*, allowed|step: "):
+            mt.coverage_map(mt.Link(), FlatSea(), **{**options, **bad})
