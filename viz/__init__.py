@@ -28,6 +28,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
             "plot_gain_pdf",
             "plot_gain_series",
             "plot_impulse_response",
+            "plot_performance",
             "plot_phase_cdf",
             "plot_phase_function",
             "plot_spectrum",

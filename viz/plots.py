@@ -19,6 +19,7 @@ from .plots_signal import (
     plot_ber,
     plot_eye,
     plot_impulse_response,
+    plot_performance,
 )
 from .plots_sweep import (
     fitted_order,
@@ -39,6 +40,7 @@ __all__ = [
     "plot_gain_pdf",
     "plot_gain_series",
     "plot_impulse_response",
+    "plot_performance",
     "plot_phase_cdf",
     "plot_phase_function",
     "plot_spectrum",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,6 +17,9 @@ from meshtrace.pulses import Eye
 
 from .curves import Curves, Floats, by_name, evaluated, label_of
 from .style import INK, PALETTE, axes, axis_label
+
+if TYPE_CHECKING:
+    from meshtrace.performance import LinkPerformance
 
 BER_FLOOR = 1e-12
 """Error ratios below are not drawn."""
@@ -133,4 +136,54 @@ def plot_ber(
     ax.axhline(1e-3, color=INK, lw=0.8, ls="--")
     ax.set(yscale="log", xlabel=label, ylabel=axis_label("ber"))
     ax.set_ylim(1e-9, 1.0)
+    return ax
+
+
+def plot_performance(
+    performance: LinkPerformance, *, quantity: str = "ber", ax: Axes | None = None
+) -> Axes:
+    """Plot a figure of a link over depth with its confidence band, one curve for each bit rate.
+
+    Parameters
+    ----------
+    performance : LinkPerformance
+        Of `link_performance`.
+    quantity : str
+        "ber", "outage", "received_power", "gain" or another estimate of it.
+    ax : matplotlib Axes, optional
+        Where to draw. What the calibration is worth stands below.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    ValueError
+        If it was computed at one depth only.
+    """
+    if len(performance.depths) < 2:
+        raise ValueError(f"performance: at {performance.depths} m, allowed two depths or more")
+    ax, depth = axes(ax), np.array(performance.depths)
+    curves = performance.estimates(quantity).transpose(1, 2, 0)
+    for rate, (value, low, high) in zip(performance.bit_rates, curves, strict=True):
+        shown, low, high = (np.where(v >= BER_FLOOR, v, np.nan) for v in (value, low, high))
+        (line,) = ax.plot(depth, shown, "o-", markersize=4, label=f"{rate / 1e6:g} Mbit/s")
+        bottom = np.where(np.isnan(low), BER_FLOOR, low)
+        ax.fill_between(depth, bottom, high, color=line.get_color(), alpha=0.2, lw=0)
+    if quantity == "ber":
+        ax.axhline(performance.limit, color=INK, lw=0.8, ls="--")
+        ax.set_ylim(1e-9, 1.0)
+    ax.set(yscale="log", xlabel=axis_label("depth"), ylabel=label_of(quantity))
+    pad = 0.03 * np.ptp(depth)
+    ax.set_xlim(depth.min() - pad, depth.max() + pad)
+    ax.legend()
+    ax.annotate(
+        performance.status,
+        (0.0, -0.17),
+        xycoords="axes fraction",
+        fontsize=7.5,
+        va="top",
+        wrap=True,
+    )
     return ax

@@ -30,6 +30,13 @@ def main(folder: Path) -> None:
     ax = viz.plot_ber(power, rates)
     ax.figure.savefig(folder / "ber.png")
 
+    depths = [24.0, 28.0, 32.0, 36.0, 40.0, 44.0]
+    performance = mt.link_performance(
+        mt.Link(), sea, depths=depths, bit_rate=[5e6, 1e7], realizations=12, photons=512
+    )
+    ax = viz.plot_performance(performance)
+    ax.figure.savefig(folder / "performance.png")
+
 
 if __name__ == "__main__":
     main(Path(__file__).parent)

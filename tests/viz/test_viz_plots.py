@@ -1,5 +1,7 @@
 """Plots show the numbers they are given, under names and units."""
 
+from dataclasses import replace
+
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from meshtrace.detector import OokLink
 from meshtrace.fading import fading_statistics
 from meshtrace.impulse import ImpulseResponse
 from meshtrace.result import FateTally, GainResult
+from meshtrace.surfaces import JonswapSea
 
 RNG = np.random.default_rng(5)
 
@@ -200,6 +203,23 @@ def test_ber_over_power_and_depth():
     assert ax.get_xlabel().endswith("[dBm]")
     ax = viz.plot_ber([5.0, 10.0], np.array([1e-5, 1e-20]), along="depth")
     assert np.isnan(line(ax)[1][1])
+
+
+def test_performance_over_depth():
+    sea = JonswapSea(wind_speed=5.0, seed=7)
+    performance = mt.link_performance(
+        mt.Link(), sea, depths=[24.0, 30.0], bit_rate=[5e6, 1e7], realizations=8, photons=64
+    )
+    ax = viz.plot_performance(performance)
+    assert legend(ax) == ["5 Mbit/s", "10 Mbit/s"]
+    value, low, high = performance.estimates("ber")[:, 1].T
+    np.testing.assert_array_equal(line(ax, 1), ([24.0, 30.0], value))
+    band = ax.collections[1].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == (low.min(), high.max())
+    assert performance.status in [text.get_text() for text in ax.texts]
+    shallow = replace(performance, depths=(24.0,))
+    with pytest.raises(ValueError, match="performance: at "):
+        viz.plot_performance(shallow)
 
 
 def test_plots_draw_on_given_axes_and_leave_defaults_alone():
