@@ -266,9 +266,9 @@ def _profiles(data: xr.Dataset, path: str) -> Iterator[WaterProfile]:
         good = np.isfinite(np.array([z, *columns])).all(axis=0) & (z >= 0.0)
         depth, first = np.unique(z[good], return_index=True)
         if len(depth) >= 2:
-            values = (column[good][first] for column in columns)
+            warm, salt = (column[good][first] for column in columns)
             name = Path(path).stem + (f" {i + 1}" if count > 1 else "")
-            yield WaterProfile(depth, *values, lat, lon, name)
+            yield WaterProfile(depth, warm, salt, lat, lon, name)
 
 
 def _optional(data: xr.Dataset, what: str) -> xr.DataArray | None:

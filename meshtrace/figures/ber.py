@@ -34,7 +34,7 @@ _WAVES = (
 )
 def ber_depth(setting: Setting, realizations: int, photons: int, step: float) -> Drawing:
     """Draw the average bit error rate over depth for bit rates and winds."""
-    depths = np.arange(20.0, 75.0, step)
+    depths = [float(d) for d in np.arange(20.0, 75.0, step)]
     options: Any = {"photons": photons, "seed": setting.seed, "threads": setting.threads}
     sweeps = {
         name: mt.depth_sweep(
@@ -87,24 +87,24 @@ def _rows(ranges: list[Any]) -> list[Row]:
 
     name = "range at a bit error rate of 1e-3"
     return [
-        compared(f"{name}, flat sea, 5 Mbit/s", *pair(0.0, 5e6), _LEVEL, printed="range-0-5"),
-        compared(f"{name}, flat sea, 10 Mbit/s", *pair(0.0, 1e7), _LEVEL, printed="range-0-10"),
-        compared(f"{name}, 13 m/s, 1 Mbit/s", *pair(13.0, 1e6), _LEVEL, printed="range-13-1"),
+        compared(f"{name}, flat sea, 5 Mbit/s", pair(0.0, 5e6), _LEVEL, printed="range-0-5"),
+        compared(f"{name}, flat sea, 10 Mbit/s", pair(0.0, 1e7), _LEVEL, printed="range-0-10"),
+        compared(f"{name}, 13 m/s, 1 Mbit/s", pair(13.0, 1e6), _LEVEL, printed="range-13-1"),
         compared(
             "range lost from a flat sea to 5 m/s, 5 Mbit/s",
-            *lost(0.0, 5.0, 5e6),
+            lost(0.0, 5.0, 5e6),
             _WAVES,
             printed="loss-of-range-5-5",
         ),
         compared(
             "range lost from a flat sea to 5 m/s, 10 Mbit/s",
-            *lost(0.0, 5.0, 1e7),
+            lost(0.0, 5.0, 1e7),
             _WAVES,
             printed="loss-of-range-5-10",
         ),
         compared(
             "range lost from 5 to 13 m/s, 5 Mbit/s",
-            *lost(5.0, 13.0, 5e6),
+            lost(5.0, 13.0, 5e6),
             _WAVES,
             printed="loss-of-range-13",
         ),

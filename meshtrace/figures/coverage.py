@@ -72,7 +72,7 @@ def _maps(
         compared(
             f"half-width of the spot at half of its centre, {wind_name(wind)}, "
             f"{title.format(value)}",
-            *(_half_width(made[form, wind, value]) for form in FORMS),
+            (_half_width(made[form, wind, value]) for form in FORMS),
             "The paper shows maps and prints no width; refraction as printed draws light to the "
             "axis and narrows the spot.",
             unit="m",
@@ -124,7 +124,7 @@ def _map(
         made.surface,
         extent=EXTENT,
         step=step,
-        times=2.0 * np.arange(times),
+        times=[2.0 * i for i in range(times)],
         photons=photons,
         seed=setting.seed,
         threads=setting.threads,

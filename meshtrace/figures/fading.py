@@ -65,12 +65,11 @@ def gain_series(setting: Setting, times: int, photons: int) -> Drawing:
         ax.set_ylim(bottom=0.0)
         ax.legend(ncols=2)
     axes[1, 0].set(xlabel=axis_label("time"))
-    why = "The paper shows this curve and prints no number; more at 5 m/s is due to its bands."
+    why = "The paper shows its curve and prints no number; so short a record holds few waves."
     rows = [
         compared(
             f"standard deviation over mean of the gain in the record, {wind_name(u)}, waves alone",
-            spreads["physical", u],
-            spreads["paper", u],
+            (spreads["physical", u], spreads["paper", u]),
             why,
         )
         for u in WINDS
@@ -163,8 +162,7 @@ def _mean_rows(means: dict[tuple[Form, float], Number]) -> list[Row]:
     rows = [
         compared(
             f"mean gain, {wind_name(u)}",
-            means["physical", u],
-            means["paper", u],
+            (means["physical", u], means["paper", u]),
             _TOO_BRIGHT,
             printed=f"gain-{u:g}",
         )
@@ -175,7 +173,7 @@ def _mean_rows(means: dict[tuple[Form, float], Number]) -> list[Row]:
         *rows,
         compared(
             "mean gain at 13 m/s over that at 5 m/s",
-            *ratios,
+            ratios,
             "Foam, bubbles and tilt take more at 13 m/s; here print and run are close.",
             printed="gain-ratio",
         ),
@@ -193,10 +191,9 @@ def _index_rows(
         rows.append(
             compared(
                 f"scintillation index, {wind_name(u)}, waves of the paper's bands",
-                indices["physical", u],
-                indices["paper", u],
-                "The paper sees more variation at 5 m/s: so do we, with its bands, which end at "
-                "a higher frequency there.",
+                (indices["physical", u], indices["paper", u]),
+                "The paper sees more variation at 5 m/s: so does right physics with its bands, "
+                "which end at a higher frequency there.",
             )
         )
     for u in WINDS:
@@ -208,7 +205,7 @@ def _index_rows(
         rows.append(
             compared(
                 f"scintillation index, {wind_name(u)}, both bands up to the same frequency",
-                *pair,
+                pair,
                 "With one end for both bands the variation is no longer larger at lower wind: the "
                 "order in the paper comes from its bands.",
             )
@@ -230,7 +227,7 @@ def _bubble_row(setting: Setting, photons: int) -> Row:
         found.append(ratio(*numbers))
     return compared(
         f"gain with bubbles over that without, 13 m/s, photons one by one, {RADIUS:g} m aperture",
-        *found,
+        found,
         "What the paper preset of this page leaves out. With c as at the start of each path "
         "photons pass the bubbles unseen.",
     )

@@ -46,7 +46,7 @@ def fates(setting: Setting, photons: int) -> Drawing:
     rows = [
         compared(
             f"share of the light: {FATE_MEANING[Fate[name.upper()]]}",
-            *(
+            (
                 Number(s, float(np.sqrt(max(c, 0.0)) / photons))
                 for s, c in zip(both, n, strict=True)
             ),

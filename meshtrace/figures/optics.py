@@ -68,8 +68,7 @@ def ff_cdf(setting: Setting) -> Drawing:
     rows = [
         compared(
             quantity,
-            Number(default),
-            Number(paper),
+            (Number(default), Number(paper)),
             "The printed coefficient of the last term is 1/(16 pi) where the integral has 1/8; "
             "the printed distances are those of that slip, the exact form has none.",
             printed=key,
@@ -128,22 +127,22 @@ def snell(setting: Setting) -> Drawing:
     rows = [
         compared(
             "angle of refraction at 20 degrees of incidence",
-            Number(float(np.degrees(_refracted(np.array([at]), n)[0]))),
-            Number(float(np.degrees(np.arcsin(np.sin(at) / n)))),
+            (
+                Number(float(np.degrees(_refracted(np.array([at]), n)[0]))),
+                Number(float(np.degrees(np.arcsin(np.sin(at) / n)))),
+            ),
             "With the indices exchanged light bends towards the axis, as if it went into water.",
             unit="degree",
         ),
         compared(
             "critical angle",
-            Number(critical),
-            None,
+            (Number(critical), None),
             "The printed form has no total reflection.",
             unit="degree",
         ),
         compared(
             "transmittance at normal incidence",
-            Number(float(share[0])),
-            Number(float(share[0] ** 2)),
+            (Number(float(share[0])), Number(float(share[0] ** 2))),
             "The printed algorithm draws the transmission by chance and weights by it as well.",
         ),
     ]
@@ -247,7 +246,7 @@ def _bubbles(
         for j, u in enumerate(WINDS):
             text = f"{attrs(name)['long_name']} at {z:g} m, {wind_name(u)}"
             default, paper = (Number(float(values[i, j, k])) for i in range(2))
-            rows.append(compared(text, default, paper, why, unit=attrs(name)["units"]))
+            rows.append(compared(text, (default, paper), why, unit=attrs(name)["units"]))
     data = xr.Dataset(
         {name: (("form", "wind_speed", "depth"), values, attrs(name))},
         {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -49,8 +49,7 @@ class Row(NamedTuple):
 
 def compared(
     quantity: str,
-    default: Number | None,
-    paper: Number | None,
+    numbers: Iterable[Number | None],
     why: str,
     *,
     unit: str = "1",
@@ -62,7 +61,7 @@ def compared(
     ----------
     quantity : str
         What is compared.
-    default, paper : Number or None
+    numbers : iterable of two Number or None
         What right physics and the printed forms give.
     why : str
         A sentence on the difference.
@@ -71,6 +70,7 @@ def compared(
     printed : str, optional
         Key of what the paper prints, in `printed.PRINTED`.
     """
+    default, paper = numbers
     if printed is None:
         return Row(quantity, unit, None, "", default, paper, why)
     found = PRINTED[printed]

@@ -75,16 +75,14 @@ def _rows(sea: JonswapSea, axis: Any, seed: int, seas: int) -> list[Any]:
     return [
         compared(
             f"height from lowest trough to highest crest on the square, {name}",
-            mean,
-            mean,
+            (mean, mean),
             "Mean over independent seas, which scatter far less than this differs from the print; "
             "the print is nearer to the significant wave height.",
             printed=f"peak-to-peak-{sea.wind_speed:g}",
         ),
         compared(
             f"significant wave height, {name}",
-            hs,
-            hs,
+            (hs, hs),
             "Of the waves within the paper's band; it prints none.",
             unit="m",
         ),

@@ -49,7 +49,7 @@ def link(setting: Setting, paths: int) -> Drawing:
         ("radius of the aperture", receiver.radius, "m"),
     )
     rows = [
-        compared(what, Number(float(value)), Number(float(value)), why, unit=unit)
+        compared(what, (Number(float(value)), Number(float(value))), why, unit=unit)
         for what, value, unit in values
     ]
     caption = (
@@ -66,14 +66,14 @@ def uav_axes(setting: Setting) -> Drawing:
     receiver = mt.Receiver(tilt_deg=float(tilts[0]))
     made = mt.Link(receiver=receiver)
     scene = viz.scene(
-        made, FlatSea(), labels=False, footprint=False, off_screen=True, window_size=SIZE
+        made, FlatSea(), labels=False, color="plain", off_screen=True, window_size=SIZE
     )
     _close_up(scene, receiver)
     picture = _shot(scene)
     rows = [
         compared(
             f"mean tilt at {WIND:g} m/s",
-            *(Number(float(t)) for t in tilts),
+            (Number(float(t)) for t in tilts),
             "Stronger gusts add to the mean square of the wind, and so to the tilt; the paper "
             "prints no mean.",
             unit="degree",
@@ -109,10 +109,10 @@ def _close_up(scene: Any, receiver: mt.Receiver) -> None:
             tip_length=0.12,
         )  # fmt: skip
         scene.add_mesh(arrow, color=PALETTE[color])
-    ends = [center + 1.12 * size * direction for direction, _ in axes.values()]
+    ends = [center + 1.1 * size * direction for direction, _ in axes.values()]
     viz.add_labels(scene, ends, list(axes))
     scene.camera.focal_point = tuple(center)
-    scene.camera.position = tuple(center + 4.2 * size * np.array([0.35, -0.85, 0.35]))
+    scene.camera.position = tuple(center + 4.2 * size * np.array([0.35, -0.85, 0.3]) * 1.25)
     scene.reset_camera_clipping_range()
 
 
@@ -135,8 +135,7 @@ def offset(setting: Setting) -> Drawing:
     rows = [
         compared(
             "radius of the field of view on still water",
-            Number(reach),
-            Number(reach),
+            (Number(reach), Number(reach)),
             why,
             unit="m",
         )

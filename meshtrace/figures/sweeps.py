@@ -9,7 +9,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-import meshtrace as mt
 from meshtrace.fields import attrs
 from meshtrace.viz import plot_sweep
 
@@ -33,12 +32,16 @@ def _one_by_one(key: str, table: str, values: Sequence[float], **options: Any) -
     setting = options.pop("setting")
     return {
         (form, wind): [
-            mean_gain(wind, form, setting, **options, **{table: {key: value}})[0]
+            mean_gain(wind, form, setting, **options, **_table(table, key, value))[0]
             for value in values
         ]
         for form in FORMS
         for wind in WINDS
     }
+
+
+def _table(table: str, key: str, value: float) -> dict[str, Any]:
+    return {table: {key: value}}
 
 
 def _receivers(
@@ -113,17 +116,17 @@ def gain_half_angle(setting: Setting, **effort: int) -> Drawing:
     gains = _one_by_one("half_angle_deg", "transmitter", values, setting=setting, **effort)
     narrow, wide = (_at(gains, values, 5.0, angle) for angle in (5.0, 60.0))
     rows = [
-        compared("mean gain at 5 degrees, 5 m/s", *narrow, _NARROW, printed="gain-half-angle-5"),
+        compared("mean gain at 5 degrees, 5 m/s", narrow, _NARROW, printed="gain-half-angle-5"),
         compared(
             "mean gain at 10 degrees, 5 m/s",
-            *_at(gains, values, 5.0, 10.0),
+            _at(gains, values, 5.0, 10.0),
             _NARROW,
             printed="gain-5",
         ),
-        compared("mean gain at 60 degrees, 5 m/s", *wide, _NARROW, printed="gain-half-angle-60"),
+        compared("mean gain at 60 degrees, 5 m/s", wide, _NARROW, printed="gain-half-angle-60"),
         compared(
             "loss from 5 to 60 degrees, 5 m/s",
-            *_loss(narrow, wide),
+            _loss(narrow, wide),
             "More than printed, since our narrow beam is brighter.",
             printed="loss-half-angle",
         ),
@@ -141,9 +144,9 @@ def gain_depth(setting: Setting, **effort: int) -> Drawing:
     rows = [
         compared(
             f"mean gain at {depth:g} m, {wind_name(u)}",
-            *_at(gains, values, u, depth),
-            "The paper draws the curve and prints no number; printed weights of absorption dim "
-            "unscattered light too little, the more the deeper.",
+            _at(gains, values, u, depth),
+            "The paper draws the curve and prints no number; printed forms that gain light and "
+            "forms that lose it partly cancel.",
         )
         for depth in (20.0, 40.0)
         for u in (5.0, 13.0)
@@ -151,7 +154,7 @@ def gain_depth(setting: Setting, **effort: int) -> Drawing:
     first = [
         compared(
             f"mean gain at 10 m, {wind_name(u)}",
-            *_at(gains, values, u, 10.0),
+            _at(gains, values, u, 10.0),
             _NARROW,
             printed=f"gain-{u:g}",
         )
@@ -171,7 +174,7 @@ def gain_height(setting: Setting, **effort: int) -> Drawing:
     rows = [
         compared(
             f"gain of a flat sea over that at {u:g} m/s, {height:g} m high",
-            *(
+            (
                 ratio(a, b)
                 for a, b in zip(
                     _at(gains, values, 0.0, height), _at(gains, values, u, height), strict=True
@@ -201,7 +204,7 @@ def gain_radius(setting: Setting, **effort: int) -> Drawing:
         rows.append(
             compared(
                 f"power of the radius that the gain follows, {wind_name(u)}",
-                *slopes,
+                slopes,
                 "The gain follows the area: the spot is far wider than the aperture. The paper "
                 "prints no number.",
             )
@@ -218,7 +221,7 @@ def gain_offset(setting: Setting, **effort: int) -> Drawing:
     rows = [
         compared(
             f"loss at an offset of 0.5 m, {wind_name(u)}",
-            *_loss(_at(gains, values, u, 0.0), _at(gains, values, u, 0.5)),
+            _loss(_at(gains, values, u, 0.0), _at(gains, values, u, 0.5)),
             "The spot of a beam of 10 degrees is metres wide: it cannot fall by that much within "
             "half a metre. The narrower spot of the printed refraction falls off faster.",
             printed=f"loss-offset-{u:g}",

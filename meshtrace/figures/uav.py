@@ -8,14 +8,14 @@ import numpy as np
 import xarray as xr
 
 import meshtrace as mt
-from meshtrace.tilt import ExactTiltLaw, GammaTiltLaw, compare_laws
+from meshtrace.tilt import ExactTiltLaw, GammaTiltLaw, TiltLaw, compare_laws
 from meshtrace.uav import UAVS
 from meshtrace.viz.style import INK, PALETTE
 
 from .canvas import panels, wind_name
 from .links import FORM_NAMES, FORMS, Form, gusts
 from .printed import MODERATE_W20
-from .registry import Drawing, Number, Setting, compared, figure
+from .registry import Drawing, Number, Row, Setting, compared, figure
 
 WINDS = (5.0, 13.0)
 KNOT = 1852.0 / 3600.0
@@ -38,7 +38,8 @@ def _laws(wind: float, form: Form) -> tuple[ExactTiltLaw, GammaTiltLaw]:
 def tilt(setting: Setting, samples: int) -> Drawing:
     """Draw sampled tilts, their exact law and the paper's Gamma law."""
     picture, axes = panels(2, 2)
-    rows, variables = [], {}
+    rows: list[Row] = []
+    variables: dict[str, Any] = {}
     for i, form in enumerate(FORMS):
         for j, wind in enumerate(WINDS):
             exact, gamma = _laws(wind, form)
@@ -79,7 +80,7 @@ def _tilt_rows(wind: float) -> list[Any]:
     rows = [
         compared(
             f"standard deviation of the tilt, {name}",
-            *stds,
+            stds,
             "The paper divides the variance of gusts by pi and takes metres for feet; a record of "
             "finite length explains the rest.",
             printed=f"tilt-std-{wind:g}",
@@ -94,7 +95,7 @@ def _tilt_rows(wind: float) -> list[Any]:
     for field, why in whys.items():
         default, paper = (Number(getattr(d, field)) for d in distances)
         text = f"{field.upper()} of the Gamma law, {name}"
-        rows.append(compared(text, default, paper, why, printed=f"tilt-{field}-{wind:g}"))
+        rows.append(compared(text, (default, paper), why, printed=f"tilt-{field}-{wind:g}"))
     return rows
 
 
@@ -106,7 +107,7 @@ def h_alpha(setting: Setting) -> Drawing:
     variables: dict[str, Any] = {}
     rows = []
     for ax, wind in zip(axes[0], WINDS, strict=True):
-        laws = {"default, exact law": _laws(wind, "physical")[0]}
+        laws: dict[str, TiltLaw] = {"default, exact law": _laws(wind, "physical")[0]}
         laws["paper preset, Gamma law"] = _laws(wind, "paper")[1]
         low = max(min(float(np.cos(law.ppf(1.0 - 1e-5))) for law in laws.values()), 0.0)
         h = np.linspace(low, 1.0, 801)[:-1]
@@ -133,21 +134,18 @@ def _h_rows(wind: float, fov: float, laws: list[Any]) -> list[Any]:
     return [
         compared(
             f"mean factor, {name}",
-            Number(default.h_moment(1, fov)),
-            Number(paper.h_moment(1, fov)),
+            (Number(default.h_moment(1, fov)), Number(paper.h_moment(1, fov))),
             "Both are close to 1: the loss on average is small, as the paper says.",
         ),
         compared(
             f"probability that the tilt leaves the field of view, {name}",
-            Number(default.outage(fov)),
-            Number(paper.outage(fov)),
+            (Number(default.outage(fov)), Number(paper.outage(fov))),
             "Gusts of the specification's variance leave it far more often than printed ones; no "
             "power mends that.",
         ),
         compared(
             f"integral of the density, {name}",
-            Number(1.0),
-            Number(float(printed)),
+            (Number(1.0), Number(float(printed))),
             "The printed constant 1/K must be 1/K^a with the shape a of the Gamma law; the curve "
             "of the paper preset has the right constant.",
         ),
@@ -178,7 +176,7 @@ def wind(setting: Setting, duration: float) -> Drawing:
     rows = [
         compared(
             f"mean of the record along {name}",
-            *(
+            (
                 Number(float(records[form][:, i].mean()), error)
                 for form, error in zip(FORMS, errors, strict=True)
             ),
@@ -190,7 +188,7 @@ def wind(setting: Setting, duration: float) -> Drawing:
     rows.append(
         compared(
             "standard deviation of the gusts along x and y",
-            *stds,
+            stds,
             "The printed filters carry a factor of 1/sqrt(pi) that the specification does not.",
             unit="m/s",
         )

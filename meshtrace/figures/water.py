@@ -8,11 +8,12 @@ import numpy as np
 import xarray as xr
 
 from meshtrace.fields import attrs
-from meshtrace.profiles import WaterProfile, load_profiles, ray_deflection
+from meshtrace.profiles import WaterProfile, ray_deflection
 from meshtrace.viz.style import PALETTE
 
 from .canvas import panels
 from .printed import STATIONS
+from .profile_files import profiles_of
 from .registry import Drawing, Number, Setting, compared, figure
 
 EARTH_RADIUS = 6371.0
@@ -22,43 +23,6 @@ DEEPEST = 50.0
 """The depths of interest end here [m]."""
 
 ZENITHS = np.radians(np.linspace(0.0, 40.0, 41))
-
-
-def profiles_of(setting: Setting) -> list[WaterProfile]:
-    """Return the profiles that the user gives, or stand-ins for them.
-
-    Raises
-    ------
-    ScenarioError
-        If a file cannot be read.
-    """
-    from meshtrace.scenario import ScenarioError
-
-    if not setting.profiles:
-        return stand_ins()
-    try:
-        return [profile for path in setting.profiles for profile in load_profiles(path)]
-    except ValueError as error:
-        raise ScenarioError(f"--profiles: {error}") from error
-
-
-def stand_ins() -> list[WaterProfile]:
-    """Return made-up profiles: the paper's data cannot be shipped.
-
-    A mixed layer as the paper describes it, and two with a thermocline ever sharper than that.
-    """
-    z = np.linspace(0.0, 100.0, 201)
-    shapes = (("stand-in, mixed", 80.0, 20.0, 2.0, 0.1), ("stand-in, weak", 40.0, 10.0, 2.0, 0.3))
-    sharp = ("stand-in, sharp", 25.0, 2.0, 4.0, 0.6)
-    return [
-        WaterProfile(
-            z,
-            26.0 - 0.5 * drop * (1.0 + np.tanh((z - middle) / width)),
-            35.2 + 0.5 * fresh * np.tanh((z - middle) / width),
-            name=name,
-        )
-        for name, middle, width, drop, fresh in (*shapes, sharp)
-    ]
 
 
 @figure("stations", "21", "where temperature and salinity were measured", reads_profiles=True)
@@ -82,8 +46,7 @@ def stations(setting: Setting) -> Drawing:
     rows = [
         compared(
             f"distance of stations {i + 1} and {j + 1}",
-            None,
-            Number(_distance(STATIONS[i], STATIONS[j])),
+            (None, Number(_distance(STATIONS[i], STATIONS[j]))),
             "The paper prints the coordinates alone; the distance along the sphere follows.",
             unit="km",
         )
@@ -166,12 +129,12 @@ def _rows(profile: WaterProfile, depth: float, offset: Any) -> list[Any]:
     )
     rows = [
         compared(
-            f"{what} down to {depth:g} m, {profile.name}", Number(float(v)), None, weak, unit=u
+            f"{what} down to {depth:g} m, {profile.name}", (Number(float(v)), None), weak, unit=u
         )
         for what, v, u in spans
     ]
     name = f"offset of a ray at {np.degrees(ZENITHS[at]):.0f} degrees, {depth:g} m, {profile.name}"
-    rows.append(compared(name, Number(1e3 * float(offset[at])), Number(0.0), bent, unit="mm"))
+    rows.append(compared(name, (Number(1e3 * float(offset[at])), Number(0.0)), bent, unit="mm"))
     return rows
 
 
