@@ -3,10 +3,10 @@
 Heavy imports happen inside the commands, so that --help is quick.
 """
 
-from . import bench, ber, converge, figures, run, series, view
+from . import bench, ber, converge, figures, run, series, sweep, view
 from .app import app
 
-__all__ = ["app", "bench", "ber", "converge", "figures", "main", "run", "series", "view"]
+__all__ = ["app", "bench", "ber", "converge", "figures", "main", "run", "series", "sweep", "view"]
 
 
 def main() -> None:

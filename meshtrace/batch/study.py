@@ -1,0 +1,144 @@
+"""What a sweep computes: points, realizations, and what each of them gives."""
+
+from __future__ import annotations
+
+import itertools
+import time
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.scenario import Scenario, ScenarioError
+
+BLOCK = 8
+"""Realizations of one task."""
+
+MEASURED = ("gain", "gain_stderr", "gain_ballistic")
+"""What a realization gives for each receiver."""
+
+_WHOLE = {"realizations": (1, 10**7), "seed": (0, 2**64 - 1)}
+
+
+class Task(NamedTuple):
+    """One point and a block of its realizations."""
+
+    point: tuple[int, ...]  # which value of each parameter
+    first: int
+    last: int  # behind the last realization
+
+    @property
+    def region(self) -> tuple[Any, ...]:
+        """The chunk of the task in arrays (parameters..., realization)."""
+        return (*self.point, slice(self.first, self.last))
+
+
+class Outcome(NamedTuple):
+    """What a task gave, by realization."""
+
+    measured: NDArray[np.float64]  # (3, n, receivers) gain, standard error, unscattered gain
+    seconds: NDArray[np.float64]
+    error: list[str]
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that the results of a sweep depend on."""
+
+    base: str  # link file
+    parameters: dict[str, list[Any]]
+    realizations: int
+    rtol: float | None
+    photons: int | None
+    seed: int
+
+    def check(self) -> None:
+        """Raise ScenarioError if an option is out of range or a parameter has no allowed value."""
+        for name, (low, high) in _WHOLE.items():
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+                raise ScenarioError(f"{name}: {value!r}, allowed: {low} <= {name} <= {high}")
+        self.scenario({})
+        if not self.parameters:
+            raise ScenarioError("parameters: none, allowed: lists of values by dotted keys")
+        for name, values in self.parameters.items():
+            if not values:
+                raise ScenarioError(f"{name}: [], allowed: at least one value")
+            problems = [self._problem({name: value}) for value in values]
+            if all(problems):
+                raise ScenarioError(str(problems[0]))
+
+    def _problem(self, changes: dict[str, Any]) -> str:
+        try:
+            self.scenario(changes)
+        except ScenarioError as error:
+            return str(error)
+        return ""
+
+    def scenario(self, changes: Mapping[str, Any]) -> Scenario:
+        """Return the scenario of a point, whose changes win over the options of the sweep."""
+        options = {"run.photons": self.photons, "run.rtol": self.rtol}
+        given = {key: value for key, value in options.items() if value is not None}
+        return Scenario.from_toml(self.base, changes={**given, **changes})
+
+    def tasks(self) -> Iterator[Task]:
+        """Yield all tasks."""
+        for point in itertools.product(*(range(len(v)) for v in self.parameters.values())):
+            for first in range(0, self.realizations, BLOCK):
+                yield Task(point, first, min(first + BLOCK, self.realizations))
+
+    def changes(self, task: Task) -> dict[str, Any]:
+        """Return the values of the parameters at the point of a task."""
+        rows = zip(self.parameters.items(), task.point, strict=True)
+        return {name: values[i] for (name, values), i in rows}
+
+    def compute(self, task: Task) -> Outcome:
+        """Run the realizations of a task; what fails gives its text and no numbers."""
+        n = task.last - task.first
+        outcome = Outcome(np.full((3, n, self.receivers), np.nan), np.zeros(n), [""] * n)
+        for i in range(n):
+            start = time.perf_counter()
+            try:
+                outcome.measured[:, i] = self._measure(task, task.first + i)
+            except Exception as error:
+                outcome.error[i] = one_line(error)
+            outcome.seconds[i] = time.perf_counter() - start
+        return outcome
+
+    def _measure(self, task: Task, realization: int) -> NDArray[np.float64]:
+        """Return gain, standard error and unscattered gain, each by receiver."""
+        scenario = self.scenario(self.changes(task))
+        surface, key = scenario.surface, self.seed
+        if self.realizations > 1:
+            sequence = np.random.SeedSequence([self.seed, realization])
+            phases, key = (int(word) for word in sequence.generate_state(2))
+            surface = surface.with_seed(phases) if hasattr(surface, "with_seed") else surface
+        run = scenario.run.model_copy(update={"seed": key, "threads": 1})
+        result = scenario.model_copy(update={"surface": surface, "run": run}).simulate()
+        rows = [getattr(result, name) for name in MEASURED]
+        return np.stack([np.full(self.receivers, np.nan if row is None else row) for row in rows])
+
+    @cached_property
+    def receivers(self) -> int:
+        """Number of receivers of every point."""
+        return len(self.scenario({}).link.receivers)
+
+    @cached_property
+    def listed(self) -> bool:
+        """Whether the receivers are a list, and a dimension of the result."""
+        return isinstance(self.scenario({}).link.receiver, tuple)
+
+    def identity(self) -> dict[str, Any]:
+        """Return what tells this sweep from others, as plain data."""
+        options = {name: getattr(self, name) for name in (*_WHOLE, "rtol", "photons")}
+        return {**options, "parameters": self.parameters, "link": tomllib.loads(self.base)}
+
+
+def one_line(error: BaseException) -> str:
+    """Return what went wrong as one line."""
+    text = " ".join(str(error).split())
+    return text if isinstance(error, ValueError) and text else f"{type(error).__name__}: {text}"

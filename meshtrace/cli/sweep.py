@@ -1,0 +1,111 @@
+"""`meshtrace sweep`: a study file on all cores or on a cluster."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .app import app
+from .console import COMPILING, kernels_are_compiled, refuse_unwritable
+from .options import Output
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_MOST_ROWS = 200  # printed; the store holds all
+
+
+@app.command()
+def sweep(
+    study: Annotated[
+        Path, typer.Argument(metavar="STUDY.TOML", help="Link file with a table [sweep].")
+    ],
+    store: Annotated[
+        Path | None,
+        typer.Option(metavar="A.ZARR", help="Where results grow; STUDY.zarr beside it if none."),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="TCP://...", help="Address of a running dask scheduler."),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, max=1024, help="Processes; all cores by default."),
+    ] = None,
+    output: Output = None,
+) -> None:
+    """Compute the gain at every combination of some parameters.
+
+    Finished points are kept in the store: stopped in any way, the same command goes on where it
+    was. Points that fail are told at the end, with their errors in the store.
+    """
+    if output is not None:
+        refuse_unwritable(output)
+    data, place = _swept(study, store, scheduler, workers)
+    if output is not None:
+        data.to_netcdf(output, engine="h5netcdf")
+    typer.echo("\n".join(_rows(data)))
+    _tell_failures(data)
+    for path in (place, output):
+        if path is not None:
+            typer.echo(f"\nwritten to {path}")
+
+
+def _swept(
+    study: Path, store: Path | None, scheduler: str | None, workers: int | None
+) -> tuple[xr.Dataset, Path]:
+    """Return the results of a study file and the store that they are in."""
+    from meshtrace.batch import store_of, sweep_file
+    from meshtrace.scenario import ScenarioError
+
+    place = store or store_of(study)
+    if not kernels_are_compiled("forced"):
+        typer.echo(COMPILING, err=True)
+    try:
+        return sweep_file(study, store=place, scheduler=scheduler, workers=workers), place
+    except ModuleNotFoundError as error:
+        raise ScenarioError(str(error)) from error
+    except KeyboardInterrupt:
+        typer.echo(f"finished points are in {place}: the same command goes on", err=True)
+        raise
+
+
+def _rows(data: xr.Dataset) -> list[str]:
+    """Return gains over the realizations as a table, one row for each point and receiver."""
+    import numpy as np
+
+    gain, stderr = data["gain"], data["gain_stderr"]
+    dims = [str(name) for name in gain.dims if name != "realization"]
+    n = data.sizes["realization"]
+    mean = gain.mean("realization").values
+    # chains are drawn anew for each realization: their errors are independent
+    error = np.sqrt((stderr**2).sum("realization", skipna=False).values) / n
+    spread = gain.std("realization", ddof=1).values if n > 1 else np.full(mean.shape, np.nan)
+    widths = [max(len(name), 12) + 2 for name in dims]
+    head = "".join(f"{name:>{width}}" for name, width in zip(dims, widths, strict=True))
+    lines = [f"{head}{'gain':>14}{'stderr':>10}{'scatter':>10}"]
+    for index in list(np.ndindex(mean.shape))[:_MOST_ROWS]:
+        labels = (_label(data, name, i) for name, i in zip(dims, index, strict=True))
+        row = "".join(f"{text:>{width}}" for text, width in zip(labels, widths, strict=True))
+        lines.append(f"{row}{mean[index]:>14.4e}{error[index]:>10.1e}{spread[index]:>10.1e}")
+    if mean.size > _MOST_ROWS:
+        lines.append(f"... {mean.size - _MOST_ROWS} more")
+    return lines
+
+
+def _label(data: xr.Dataset, name: str, i: int) -> str:
+    """Return a coordinate as text."""
+    value: Any = data[name].values[i] if name in data.coords else i
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _tell_failures(data: xr.Dataset) -> None:
+    """Tell on stderr how many realizations failed, and why the first did."""
+    errors = [text for text in data["error"].values.ravel().tolist() if text]
+    if errors:
+        total = data["error"].size
+        typer.echo(
+            f"warning: {len(errors)} of {total} runs failed, the first: {errors[0]}", err=True
+        )
