@@ -38,7 +38,7 @@ class DomainWarning(UserWarning):
 DEFAULT_PHOTONS = {"forced": 10_000, "analog": 1_000_000}
 """Photons of a run, by estimator; the first is the default estimator."""
 
-_MOST_PHOTONS = 10**9  # that a relative tolerance may ask for
+_MOST_PHOTONS = {"forced": 2**20, "analog": 10**9}  # that a relative tolerance may ask for
 
 
 def simulate(
@@ -188,11 +188,11 @@ def _to_tolerance(evaluate: Callable[[int, int], GainResult], run: dict[str, Any
         with np.errstate(divide="ignore", invalid="ignore"):
             # no hit yet is no result, not a gain of 0 +- 0
             worst = float(np.max(np.where(gain > 0.0, stderr / gain, math.inf)))
-        if worst <= rtol or result.photons >= _MOST_PHOTONS:
+        if worst <= rtol or result.photons >= _MOST_PHOTONS[run["estimator"]]:
             break
         # an error of few hits is itself uncertain: never more than sixteenfold at once
         wanted = math.ceil(result.photons * min(1.1 * (worst / rtol) ** 2, 16.0))
-        wanted = min(wanted, _MOST_PHOTONS)
+        wanted = min(wanted, _MOST_PHOTONS[run["estimator"]])
         if run["estimator"] == "forced":
             result = evaluate(wanted, first)
         else:
