@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.directions import turn
+from meshtrace.kernels.directions import on_circle, turn
 from meshtrace.kernels.facets import (
     Surface,
     exposure,
@@ -188,7 +188,7 @@ def _fly_water(q, f, length, world):
     a_path = 0.0
     if world.medium.absorption == CONTINUOUS:
         a_path = absorption_path(world.medium, q[Z], z1, length)
-    if len(world.tallies.planes) > 0 or world.apertures.in_water.any():
+    if len(world.tallies.planes) > 0 or world.apertures.any_in_water:
         _score_water(q, f, length, world)
     q[X] += length * q[DX]
     q[Y] += length * q[DY]
@@ -249,13 +249,14 @@ def _score_water(q, f, length, world):
 
 
 @inlined
-def _roulette(q, f, world):
-    """Play Russian roulette with a light photon."""
+def _roulette(q, f, lot, world):
+    """Play Russian roulette with a light photon, by a lot in (0, 1) or, if negative, a new one."""
     if q[W] >= world.limits.weight:
         return GOES_ON
     p = world.limits.survival if world.limits.survival > 0.0 else q[W] / world.limits.weight
-    u, _, _, _ = uniforms(world.seed, f[PHOTON], f[EVENT], _ROULETTE)
-    if u >= p:
+    if lot < 0.0:
+        lot, _, _, _ = uniforms(world.seed, f[PHOTON], f[EVENT], _ROULETTE)
+    if lot >= p:
         return ROULETTE
     heavier = q[W] / p
     deposit(world.tallies, ROULETTE, q[W] - heavier)
@@ -280,7 +281,7 @@ def _scatter(q, f, world):
     q[S] = sample_free_path(world.medium, q[X], q[Y], q[Z], u_path)
     if f[EVENT] >= world.limits.events:
         return EVENT_LIMIT
-    return _roulette(q, f, world)
+    return _roulette(q, f, -1.0, world)
 
 
 @outlined
@@ -301,7 +302,7 @@ def _bounce(q, f, world):
     _record(world.recorder, f[PHOTON], q[X], q[Y], q[Z], q[W], V_BOTTOM)
     if f[EVENT] >= world.limits.events:
         return EVENT_LIMIT
-    return _roulette(q, f, world)
+    return _roulette(q, f, -1.0, world)
 
 
 @inlined
@@ -369,18 +370,20 @@ def _record_flight(q, f, dx, dy, dz, weight, received, world):
 
 
 @outlined
-def _roughened(q, f, nx, ny, nz, world):
-    """Return a normal tilted by the slopes that the mesh leaves out, as this light meets them.
+def _roughened(seed, photon, event, dx, dy, dz, nx, ny, nz, roughness):
+    """Return a normal tilted by the slopes that the mesh leaves out, and a number not needed.
 
     A tilt t and its opposite are equally common; the light picks one of the two by their
     exposures, which add up to 2.
     """
-    u, v, w, _ = uniforms(world.seed, f[PHOTON], f[EVENT], _SLOPE)
-    r, phi = math.sqrt(-2.0 * math.log(u)), 2.0 * math.pi * v
-    tx, ty = slope_tilt(world.surface.roughness, r * math.cos(phi), r * math.sin(phi))
-    if 2.0 * w >= exposure(q[DX], q[DY], q[DZ], nx, ny, nz, tx, ty):
+    u, v, w, lot = uniforms(seed, photon, event, _SLOPE)
+    r = math.sqrt(-2.0 * math.log(u))
+    cos_phi, sin_phi = on_circle(v)
+    tx, ty = slope_tilt(roughness, r * cos_phi, r * sin_phi)
+    if 2.0 * w >= exposure(dx, dy, dz, nx, ny, nz, tx, ty):
         tx, ty = -tx, -ty
-    return tilted(nx, ny, nz, tx, ty)
+    nx, ny, nz = tilted(nx, ny, nz, tx, ty)
+    return nx, ny, nz, lot
 
 
 @inlined
@@ -414,8 +417,20 @@ def _cross(q, f, world):
         world.surface.face_normals[g, 2],
     )
     nx, ny, nz = normal_at(q[X], q[Y], g, world.surface)
+    lot = -1.0
     if is_rough(world.surface.roughness):
-        nx, ny, nz = _roughened(q, f, nx, ny, nz, world)
+        nx, ny, nz, lot = _roughened(
+            world.seed,
+            f[PHOTON],
+            f[EVENT],
+            q[DX],
+            q[DY],
+            q[DZ],
+            nx,
+            ny,
+            nz,
+            world.surface.roughness,
+        )
     n1, n2 = (
         (world.medium.n_water, world.medium.n_air)
         if in_water
@@ -468,7 +483,7 @@ def _cross(q, f, world):
         return LANDED
     if in_water and not world.interface.follow_reflected:
         return REFLECTED
-    fate = _roulette(q, f, world)
+    fate = _roulette(q, f, lot, world)
     if fate != GOES_ON:
         return fate
     _record(world.recorder, f[PHOTON], q[X], q[Y], q[Z], q[W], V_BRANCH)

@@ -10,6 +10,17 @@ TWO_PI = 2.0 * math.pi
 
 
 @inlined
+def on_circle(u):
+    """Return cosine and sine of 2 pi u, 0 <= u <= 1.
+
+    Array twin: numpy.cos, numpy.sin.
+    One of the two functions is enough: the other is a square root and a sign.
+    """
+    c = math.cos(TWO_PI * u)
+    return c, math.copysign(math.sqrt(max(1.0 - c * c, 0.0)), 0.5 - u)
+
+
+@inlined
 def turn(dx, dy, dz, s, u_phi):
     """Turn a unit direction by the polar angle of s = sin^2(theta/2) and azimuth 2 pi u_phi.
 
@@ -19,9 +30,8 @@ def turn(dx, dy, dz, s, u_phi):
     """
     sin_theta = 2.0 * math.sqrt(max(s * (1.0 - s), 0.0))
     cos_theta = 1.0 - 2.0 * s
-    phi = TWO_PI * u_phi
-    p = sin_theta * math.cos(phi)
-    q = sin_theta * math.sin(phi)
+    cos_phi, sin_phi = on_circle(u_phi)
+    p, q = sin_theta * cos_phi, sin_theta * sin_phi
     sign = math.copysign(1.0, dz)
     f = -1.0 / (sign + dz)
     g = dx * dy * f

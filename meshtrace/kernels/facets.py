@@ -122,9 +122,9 @@ def tilted(nx, ny, nz, tilt_x, tilt_y):
 
     Array twin: (-sx, -sy, 1) / norm.
     """
-    nx, ny = nx / nz - tilt_x, ny / nz - tilt_y
-    scale = 1.0 / math.sqrt(1.0 + nx * nx + ny * ny)
-    return nx * scale, ny * scale, scale
+    nx, ny = nx - tilt_x * nz, ny - tilt_y * nz
+    scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+    return nx * scale, ny * scale, nz * scale
 
 
 @inlined
@@ -136,10 +136,10 @@ def exposure(dx, dy, dz, nx, ny, nz, tilt_x, tilt_y):
     d.(-s - t, 1) / d.(-s, 1), whose mean is 1. Tilts that would show their back are taken for
     those that lean as far towards the light, so that the mean stays.
     """
-    facing = (dx * nx + dy * ny + dz * nz) / nz
+    facing = dx * nx + dy * ny + dz * nz
     if facing == 0.0:
         return 1.0
-    return min(max(1.0 - (dx * tilt_x + dy * tilt_y) / facing, 0.0), 2.0)
+    return min(max(1.0 - nz * (dx * tilt_x + dy * tilt_y) / facing, 0.0), 2.0)
 
 
 @njit(cache=True, nogil=True)

@@ -47,7 +47,7 @@ def launch(sources, seed, photon):
     ax, ay, az = sources.axis[i, 0], sources.axis[i, 1], sources.axis[i, 2]
     spread, size = sources.spread[i], sources.size[i]
     if kind == LAMBERTIAN:
-        s = 0.5 * (1.0 - u0 ** (1.0 / (spread + 1.0)))
+        s = 0.5 - 0.5 * math.exp(math.log(u0) / (spread + 1.0))
         dx, dy, dz = turn(ax, ay, az, s, u1)
     elif kind == ISOTROPIC:
         dx, dy, dz = turn(ax, ay, az, u0, u1)

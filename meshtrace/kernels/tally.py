@@ -45,6 +45,7 @@ class Apertures(NamedTuple):
     cos_half_fov: NDArray[np.float64]
     tan_half_fov: NDArray[np.float64]
     in_water: NDArray[np.bool_]
+    any_in_water: bool
 
 
 class Tallies(NamedTuple):

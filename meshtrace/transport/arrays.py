@@ -120,6 +120,7 @@ def source_arrays(link: Link, top: float) -> Sources:
 def aperture_arrays(link: Link) -> Apertures:
     """Return the apertures."""
     rows = link.receivers
+    in_water = np.array([not isinstance(r, Receiver) for r in rows], bool)
     half = np.radians([r.fov_deg for r in rows]) / 2.0
     with np.errstate(over="ignore"):
         tan_half = np.tan(half)
@@ -130,7 +131,8 @@ def aperture_arrays(link: Link) -> Apertures:
         # a hemisphere must take light that grazes it in spite of rounding
         cos_half_fov=np.where(half >= math.pi / 2.0, 0.0, np.cos(half)),
         tan_half_fov=tan_half,
-        in_water=np.array([not isinstance(r, Receiver) for r in rows], bool),
+        in_water=in_water,
+        any_in_water=bool(in_water.any()),
     )
 
 

@@ -13,15 +13,17 @@ SEAS = [FlatSea(), JonswapSea(wind_speed=13.0, seed=7)]
 
 @pytest.mark.parametrize("sea", SEAS, ids=["flat", "jonswap"])
 def test_gains_agree(sea):
-    """Reflected light, which the plain tracer leaves out, is 1e-4 of the gain."""
     link = mt.Link(
+        physics=mt.Physics(unresolved="none"),
         water=mt.Water(b=0.1),
         receiver=mt.Receiver(radius=1.0, position=(0.4, -0.2), tilt_deg=10.0),
     )
     mesh = sea.mesh(extent=40.0, spacing=0.5)
-    gain, stderr = plain_gain(link, mesh, 200_000, seed=3)
-    r = mt.simulate(link, mesh, estimator="analog", photons=1_000_000, seed=4, normals="facet")
+    gain, stderr, ledger = plain_gain(link, mesh, 200_000, seed=3)
+    r = mt.simulate(link, mesh, estimator="analog", photons=1_000_000, seed=4)
     assert stderr / gain < 0.02
+    assert sum(ledger.values()) == pytest.approx(1.0, abs=1e-12)
+    assert ledger["landed"] == pytest.approx(r.fates["landed"].weight, rel=0.01)
     assert z_test(gain, stderr, r.gain, r.gain_stderr) > sidak(ALPHA, len(SEAS))
 
 

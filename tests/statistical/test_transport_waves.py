@@ -63,8 +63,8 @@ SEAS = {
     "tilted": (TiltedPlane(slope_x=0.2, slope_y=-0.1), 2.0),
     "focusing": (FOCUSING, 0.03),
     "oblique": (OBLIQUE, 0.04),
-    "jonswap": (JonswapSea(wind_speed=13.0, seed=3), 0.1),
-    "jonswap later": (JonswapSea(wind_speed=5.0, seed=4), 0.1),
+    "jonswap": (JonswapSea(wind_speed=13.0, seed=3, mss="band"), 0.1),
+    "jonswap later": (JonswapSea(wind_speed=5.0, seed=4, mss="band"), 0.1),
 }
 
 
