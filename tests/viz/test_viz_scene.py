@@ -9,7 +9,7 @@ from meshtrace import viz
 from meshtrace.surfaces import FlatSea, JonswapSea, TiltedPlane
 from meshtrace.transport.paths import PhotonPaths
 from meshtrace.viz.parts import _rotation_from_z, cone_rim
-from meshtrace.viz.stage import ROOM, round_length
+from meshtrace.viz.stage import ROOM, round_length, round_range
 from meshtrace.viz.style import FATE_COLORS, LED_COLOR
 
 LINK = mt.Link()
@@ -110,6 +110,22 @@ def test_the_footprint_is_where_the_light_crosses(shoot):
     assert grid["footprint"].min() >= -40.0
 
 
+def test_dots_mark_where_light_scatters(shoot):
+    paths = straight(n=1)
+    paths.vertex[:, 1] = (0.0, 0.0, -4.0)
+    paths.what[:] = (0, 1, 5)
+    options = {"footprint": False, "labels": False}
+
+    def dots():
+        plotter, _ = shoot(received=paths, **options)
+        centers = [actor.center for actor in plotter.actors.values() if hasattr(actor, "center")]
+        return sum(np.allclose(center, (0.0, 0.0, -4.0), atol=1e-6) for center in centers)
+
+    assert dots() == 1
+    paths.what[:] = (0, 8, 5)
+    assert dots() == 0
+
+
 def test_paths_are_cut_at_the_stage(shoot):
     paths = straight(n=2)
     paths.vertex[:, 0] = (0.0, 0.0, -60.0)
@@ -150,6 +166,20 @@ def test_bubbles_whiten_the_water(shoot):
     change = (image - clear).sum(axis=2)[:280]  # above the key
     assert (change > 60).sum() > 500
     assert not (change < -60).any()
+
+
+def test_the_block_of_water_is_closed(shoot):
+    plotter, _ = shoot(mt.Link(bubbles=mt.HallNovarini(wind_speed=5.0)))
+    far, near = (plotter.actors[name] for name in ("water", "near water"))
+    for actor in (far, near):
+        assert actor.bounds[4] == pytest.approx(plotter.stage.bottom)
+        assert actor.bounds[5] == pytest.approx(plotter.shown["surface"].bounds[1, 2], abs=0.05)
+    assert far.prop.culling == "front"
+    assert near.prop.culling == "back"
+    veil = near.mapper.dataset["tint"][:, 3].astype(float)
+    depth = near.mapper.dataset.points[:, 2]
+    assert veil[np.argmax(depth)] > veil[np.argmin(depth)]
+    assert near.mapper.dataset["tint"][:, 3].max() < far.mapper.dataset["tint"][:, 3].min()
 
 
 def test_the_aircraft_leans_with_its_receiver(shoot):
@@ -256,3 +286,24 @@ def test_unknown_choices_are_refused(shoot):
 @pytest.mark.parametrize(("length", "round_one"), [(3.75, 2.0), (5.0, 5.0), (0.99, 0.5), (10, 10)])
 def test_scale_bars_have_round_lengths(length, round_one):
     assert round_length(length) == pytest.approx(round_one)
+
+
+@pytest.mark.parametrize(
+    ("values", "limits"),
+    [((-0.63, 0.56), (-0.7, 0.7)), ((-0.55, -0.28), (-0.6, -0.2)), ((0.0, 0.0), (0.0, 2e-7))],
+)
+def test_colour_bars_end_at_round_numbers(values, limits):
+    assert round_range(*values) == pytest.approx(limits)
+
+
+def test_seas_too_fine_to_draw_are_refused(shoot):
+    with pytest.raises(ValueError, match=r"spacing: 0.001 m, allowed >= 0\.00"):
+        shoot(spacing=1e-3)
+
+
+def test_a_map_of_so_many_photons(shoot):
+    plotter, _ = shoot(coverage=4096)
+    assert plotter.shown["map"].gain.shape == (40, 40)
+    assert plotter.shown["map"].x.max() < 0.5 * plotter.stage.half
+    with pytest.raises(ValueError, match="coverage: of a mesh alone"):
+        shoot(None, SEA.mesh(extent=2.0, spacing=0.5), coverage=10)
