@@ -62,6 +62,15 @@ def test_ber_prints_table_ranges_and_status(tmp_path):
         assert f"{float(data['range'][0]):.1f} m" in text
 
 
+def test_ber_with_a_uav_as_factor_and_coupled():
+    options = ("ber", "--uav", "dji-m300-rtk", "--wind", "13", "--bit-rates", "1e6", "-n", 4)
+    for extra in ((), ("--coupled",)):
+        (found,) = json.loads(shown(*options, *extra, "--json"))
+        assert found["provenance"]["coupled"] == bool(extra)
+        assert found["provenance"]["uav"]["mass"] == 8.37
+        assert found["provenance"]["wind"]["wind_speed"] == 13.0
+
+
 def test_ber_writes_all_winds(tmp_path):
     shown("ber", "--wind", "0,5", "-n", 2, "-o", tmp_path / "ber.nc")
     with xr.open_dataset(tmp_path / "ber.nc", engine="h5netcdf") as data:
