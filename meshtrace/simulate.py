@@ -182,22 +182,22 @@ def _to_tolerance(evaluate: Callable[[int, int], GainResult], run: dict[str, Any
     Analog photons add to those already followed; chains are drawn anew.
     """
     n, first, rtol = run["photons"], run["first_photon"], run["rtol"]
+    most = _MOST_PHOTONS[run["estimator"]]
     result = evaluate(n, first)
     while rtol is not None:
         stderr, gain = np.atleast_1d(result.gain_stderr), np.atleast_1d(result.gain)
         with np.errstate(divide="ignore", invalid="ignore"):
             # no hit yet is no result, not a gain of 0 +- 0
             worst = float(np.max(np.where(gain > 0.0, stderr / gain, math.inf)))
-        if worst <= rtol or result.photons >= _MOST_PHOTONS[run["estimator"]]:
+        if worst <= rtol or n >= most:
             break
         # an error of few hits is itself uncertain: never more than sixteenfold at once
-        wanted = math.ceil(result.photons * min(1.1 * (worst / rtol) ** 2, 16.0))
-        wanted = min(wanted, _MOST_PHOTONS[run["estimator"]])
+        more = min(math.ceil(n * min(1.1 * (worst / rtol) ** 2, 16.0)), most)
         if run["estimator"] == "forced":
-            result = evaluate(wanted, first)
+            result = evaluate(more, first)
         else:
-            more = evaluate(wanted - result.photons, first + result.photons)
-            result = merge([result, more])
+            result = merge([result, evaluate(more - n, first + n)])
+        n = more
     return result
 
 
