@@ -13,15 +13,21 @@ from meshtrace.fields import attrs
 from meshtrace.viz import axis_label
 
 from .canvas import panels, wind_name
-from .links import FORM_NAMES, FORMS, Form, scenario
+from .links import FORM_NAMES, FORMS, Form, decibel, ratio, scenario
 from .registry import Drawing, Number, Setting, compared, figure
 
 WINDS = (5.0, 13.0)
 EXTENT = 5.0
 """Half-width of the maps [m]."""
 
-DECADES = 20.0
+DEPTH = 15.0
 """Depth of the colours [dB]."""
+
+CENTRE = 1.0
+"""Radius about the axis that counts as the centre [m]."""
+
+RING = (3.0, 4.0)
+"""Distances from the axis between which the fall of the gain is taken [m]."""
 
 
 @figure(
@@ -70,12 +76,12 @@ def _maps(
             _draw(axes[i, j], made[form, wind, value], what)
     rows = [
         compared(
-            f"half-width of the spot at half of its centre, {wind_name(wind)}, "
-            f"{title.format(value)}",
-            (_half_width(made[form, wind, value]) for form in FORMS),
-            "The paper shows maps and prints no width; refraction as printed draws light to the "
+            f"gain {RING[0]:g} to {RING[1]:g} m off the axis over that within {CENTRE:g} m, "
+            f"{wind_name(wind)}, {title.format(value)}",
+            (_fall(made[form, wind, value]) for form in FORMS),
+            "The paper shows maps and prints no number; refraction as printed draws light to the "
             "axis and narrows the spot.",
-            unit="m",
+            unit="dB",
         )
         for wind in WINDS
         for value in values
@@ -102,7 +108,7 @@ def _maps(
     )
     caption = (
         "Gain that the receiver would have at each place of its plane, averaged over cells and "
-        "times, relative to the brightest cell of each map; photons one by one, bubbles in, tilt "
+        "times, relative to the mean within 1 m of the axis; photons one by one, bubbles in, tilt "
         "left out. The ring at the centre is the aperture."
     )
     return Drawing(picture, data, rows, caption)
@@ -133,11 +139,11 @@ def _map(
 
 def _draw(ax: Any, found: mt.CoverageMap, title: str) -> None:
     with np.errstate(divide="ignore"):
-        level = 10.0 * np.log10(found.gain / found.gain.max())
-    level = np.maximum(level, -DECADES)
-    look: Any = {"vmin": -DECADES, "vmax": 0.0, "shading": "nearest", "rasterized": True}
+        level = 10.0 * np.log10(found.gain / _centre(found).value)
+    level = np.maximum(level, -DEPTH)
+    look: Any = {"vmin": -DEPTH, "vmax": 1.0, "shading": "nearest", "rasterized": True}
     image = ax.pcolormesh(found.x, found.y, level.T, **look)
-    text = f"relative gain [dB]\n0 dB is {10.0 * np.log10(found.gain.max()):.1f} dB"
+    text = f"relative gain [dB]\n0 dB is {decibel(_centre(found)).value:.1f} dB"
     ax.figure.colorbar(image, ax=ax, label=text)
     angle = np.linspace(0.0, 2.0 * np.pi, 60)
     radius = mt.Receiver().radius
@@ -147,15 +153,20 @@ def _draw(ax: Any, found: mt.CoverageMap, title: str) -> None:
     ax.grid(visible=False)
 
 
-def _half_width(found: mt.CoverageMap) -> Number:
-    """Return the radius of the circle around the axis within which the gain exceeds half.
+def _centre(found: mt.CoverageMap) -> Number:
+    """Return the mean gain within `CENTRE` of the axis."""
+    return _mean(found, 0.0, CENTRE)
 
-    The area of the cells above half of the mean within 1 m of the axis, as that of a disk.
-    """
+
+def _mean(found: mt.CoverageMap, inner: float, outer: float) -> Number:
+    """Return the mean gain of the cells between two distances from the axis [m]."""
     x, y = np.meshgrid(found.x, found.y, indexing="ij")
-    central = found.gain[np.hypot(x, y) <= 1.0].mean()
-    cell = (found.x[1] - found.x[0]) * (found.y[1] - found.y[0])
-    count = int(np.sum(found.gain > 0.5 * central))
-    edge = np.sqrt(count) * cell  # of a count of cells
-    width = float(np.sqrt(count * cell / np.pi))
-    return Number(width, float(edge / (2.0 * np.pi * width)))
+    distance = np.hypot(x, y)
+    inside = (distance >= inner) & (distance < outer)
+    error = np.sqrt(np.sum(found.gain_stderr[inside] ** 2)) / inside.sum()
+    return Number(float(found.gain[inside].mean()), float(error))
+
+
+def _fall(found: mt.CoverageMap) -> Number:
+    """Return the gain in the ring over that of the centre [dB]."""
+    return decibel(ratio(_mean(found, *RING), _centre(found)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,30 @@ PAPER_NOTE = (
     "photons followed one by one, which cannot reach this precision."
 )
 """What captions say of gains of the paper preset."""
+
+
+class Mean(NamedTuple):
+    """A mean over seas: the gain over each of them, and what the chains add to its error."""
+
+    samples: Floats
+    chain_error: float
+
+    @property
+    def number(self) -> Number:
+        """The mean with its standard error; one sea has no spread."""
+        n = len(self.samples)
+        spread = self.samples.std(ddof=1) / np.sqrt(n) if n > 1 else 0.0
+        return Number(float(self.samples.mean()), float(np.hypot(spread, self.chain_error)))
+
+    def over(self, other: Mean) -> Number:
+        """Return the quotient of two means over the same seas, whose spreads cancel."""
+        quotient = ratio(self.number, other.number)
+        if len(self.samples) != len(other.samples) or len(self.samples) == 1:
+            return quotient
+        a, b = (m.samples / m.samples.mean() for m in (self, other))
+        chains = [m.chain_error / m.samples.mean() for m in (self, other)]
+        error = np.hypot((a - b).std(ddof=1) / np.sqrt(len(a)), np.hypot(*chains))
+        return Number(quotient.value, float(quotient.value * error))
 
 
 def scenario(wind: float, form: Form, **tables: Any) -> Scenario:
@@ -75,7 +99,7 @@ def mean_gain(
     realizations: int,
     photons: int,
     **tables: Any,
-) -> list[Number]:
+) -> list[Mean]:
     """Return the gain of each receiver, averaged over seas and tilts.
 
     Parameters
@@ -91,22 +115,19 @@ def mean_gain(
 
     Returns
     -------
-    list of Number
+    list of Mean
         Standard errors join the spread of the seas and that of the chains.
     """
     made = forced(wind, form, **tables)
     options: Any = {"seed": setting.seed, "threads": setting.threads}
     if wind == 0.0:
         result = mt.simulate(made.link, made.surface, photons=10 * photons, **options)
-        gain, error = np.atleast_1d(result.gain), np.atleast_1d(result.gain_stderr)
+        gains, chains = np.atleast_2d(result.gain), np.atleast_1d(result.gain_stderr)
     else:
         series = mt.ensemble(made.link, realizations, made.surface, photons=photons, **options)
-        gains = series.gain.reshape(realizations, -1)
-        gain = gains.mean(axis=0)
-        spread = gains.std(axis=0, ddof=1) / np.sqrt(realizations)
-        error = np.hypot(spread, np.atleast_1d(series.mean_stderr))
+        gains, chains = series.gain.reshape(realizations, -1), np.atleast_1d(series.mean_stderr)
     factor = [mean_h_alpha(wind, form, r.center[2]) for r in made.link.receivers]
-    return [Number(float(f * g), float(f * e)) for f, g, e in zip(factor, gain, error, strict=True)]
+    return [Mean(f * g, float(f * e)) for f, g, e in zip(factor, gains.T, chains, strict=True)]
 
 
 def ratio(a: Number, b: Number) -> Number:

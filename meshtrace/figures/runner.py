@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import inspect
 import json
 import os
 import time
@@ -17,6 +16,9 @@ from .registry import FIGURES, Drawing, Figure, Row, Setting, load
 
 INDEX = "index.html"
 _KINDS = (".png", ".nc", ".csv")
+_SHARED = ("canvas", "links", "printed", "registry")
+"""Modules that figures draw from."""
+
 _COLUMNS = (
     "quantity",
     "unit",
@@ -66,9 +68,9 @@ def make_figures(
 
     Notes
     -----
-    Each figure has a key: a digest of name, version, the source of its module, effort, seed and
-    profiles. A figure whose record has the same key and whose files are all present is kept, so
-    that an interrupted run goes on where it was.
+    Each figure has a key: a digest of name, version, the sources of its module and of what all
+    share, effort, seed and profiles. A figure whose record has the same key and whose files are all
+    present is kept, so that an interrupted run goes on where it was.
     """
     from .index import write_index
     from .profile_files import profiles_of
@@ -98,12 +100,21 @@ def key(one: Figure, setting: Setting, quick: bool) -> str:
     inputs = {
         "name": one.name,
         "version": version("meshtrace"),
-        "source": inspect.getsource(inspect.getmodule(one.make) or one.make),
+        "source": _source(one),
         "effort": one.effort(quick),
         "seed": setting.seed,
         "profiles": [_digest(path) for path in setting.profiles] if one.reads_profiles else [],
     }
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+
+
+def _source(one: Figure) -> str:
+    """Return the source of a figure's module and of what all figures share."""
+    here = Path(__file__).parent
+    modules = {one.make.__module__.rpartition(".")[2], *_SHARED}
+    return "".join(
+        (here / f"{module}.py").read_text(encoding="utf-8") for module in sorted(modules)
+    )
 
 
 def _digest(path: Path) -> str:

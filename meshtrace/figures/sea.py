@@ -35,7 +35,7 @@ def surfaces(setting: Setting, seas: int) -> Drawing:
             None, mesh, labels=False, color_limit=limit, off_screen=True, window_size=(1120, 720)
         )
         viz.look(scene, elevation_deg=28.0)
-        scene.camera.zoom(1.35)
+        scene.camera.zoom(1.25)
         scene.remove_scalar_bar()
         axes[0, j].imshow(scene.screenshot(return_img=True))
         scene.close()

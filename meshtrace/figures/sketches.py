@@ -111,6 +111,7 @@ def _close_up(scene: Any, receiver: mt.Receiver) -> None:
         scene.add_mesh(arrow, color=PALETTE[color])
     ends = [center + 1.1 * size * direction for direction, _ in axes.values()]
     viz.add_labels(scene, ends, list(axes))
+    center = center + 0.3 * size * up
     scene.camera.focal_point = tuple(center)
     scene.camera.position = tuple(center + 4.2 * size * np.array([0.35, -0.85, 0.3]) * 1.25)
     scene.reset_camera_clipping_range()

@@ -13,14 +13,14 @@ from meshtrace.fields import attrs
 from meshtrace.viz import plot_sweep
 
 from .canvas import WIND_COLORS, mark_printed, panels, wind_name
-from .links import FORM_NAMES, FORMS, PAPER_NOTE, WINDS, Form, decibel, mean_gain, ratio
+from .links import FORM_NAMES, FORMS, PAPER_NOTE, WINDS, Form, Mean, decibel, mean_gain, ratio
 from .printed import PRINTED
 from .registry import Drawing, Number, Row, Setting, compared, figure
 
 QUICK = {"realizations": 10, "photons": 512}
 FULL = {"realizations": 200, "photons": 2048}
 
-Gains = dict[tuple[Form, float], list[Number]]
+Gains = dict[tuple[Form, float], list[Mean]]
 _NARROW = (
     "The narrow beams of the paper are far dimmer than its parameters give, the wide one is not; "
     "no single change explains both."
@@ -94,19 +94,25 @@ def _drawing(
     return Drawing(picture, data, rows, f"{caption} {seas}errors. {PAPER_NOTE}")
 
 
-def _column(numbers: list[Number], i: int) -> NDArray[np.float64]:
-    return np.array([number[i] for number in numbers])
+def _column(means: list[Mean], i: int) -> NDArray[np.float64]:
+    """Return the values (0) or their standard errors (1)."""
+    return np.array([mean.number[i] for mean in means])
 
 
-def _at(gains: Gains, values: Sequence[float], wind: float, value: float) -> tuple[Number, Number]:
-    """Return the gains of both forms at one value."""
+def _means(gains: Gains, values: Sequence[float], wind: float, value: float) -> list[Mean]:
+    """Return the means of both forms at one value."""
     i = int(np.argmin(np.abs(np.asarray(values) - value)))
-    return gains["physical", wind][i], gains["paper", wind][i]
+    return [gains[form, wind][i] for form in FORMS]
 
 
-def _loss(reference: tuple[Number, Number], other: tuple[Number, Number]) -> list[Number]:
+def _at(gains: Gains, values: Sequence[float], wind: float, value: float) -> list[Number]:
+    """Return the gains of both forms at one value."""
+    return [mean.number for mean in _means(gains, values, wind, value)]
+
+
+def _loss(reference: list[Mean], other: list[Mean]) -> list[Number]:
     """Return the losses [dB] from a reference, of both forms."""
-    return [decibel(ratio(a, b)) for a, b in zip(reference, other, strict=True)]
+    return [decibel(a.over(b)) for a, b in zip(reference, other, strict=True)]
 
 
 @figure("gain-half-angle", "12", "gain over the half angle", quick=QUICK, full=FULL)
@@ -114,16 +120,26 @@ def gain_half_angle(setting: Setting, **effort: int) -> Drawing:
     """Draw the mean gain over the lamp's half angle."""
     values = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0)
     gains = _one_by_one("half_angle_deg", "transmitter", values, setting=setting, **effort)
-    narrow, wide = (_at(gains, values, 5.0, angle) for angle in (5.0, 60.0))
+    narrow, wide = (_means(gains, values, 5.0, angle) for angle in (5.0, 60.0))
     rows = [
-        compared("mean gain at 5 degrees, 5 m/s", narrow, _NARROW, printed="gain-half-angle-5"),
+        compared(
+            "mean gain at 5 degrees, 5 m/s",
+            [m.number for m in narrow],
+            _NARROW,
+            printed="gain-half-angle-5",
+        ),
         compared(
             "mean gain at 10 degrees, 5 m/s",
             _at(gains, values, 5.0, 10.0),
             _NARROW,
             printed="gain-5",
         ),
-        compared("mean gain at 60 degrees, 5 m/s", wide, _NARROW, printed="gain-half-angle-60"),
+        compared(
+            "mean gain at 60 degrees, 5 m/s",
+            [m.number for m in wide],
+            _NARROW,
+            printed="gain-half-angle-60",
+        ),
         compared(
             "loss from 5 to 60 degrees, 5 m/s",
             _loss(narrow, wide),
@@ -221,9 +237,9 @@ def gain_offset(setting: Setting, **effort: int) -> Drawing:
     rows = [
         compared(
             f"loss at an offset of 0.5 m, {wind_name(u)}",
-            _loss(_at(gains, values, u, 0.0), _at(gains, values, u, 0.5)),
+            _loss(_means(gains, values, u, 0.0), _means(gains, values, u, 0.5)),
             "The spot of a beam of 10 degrees is metres wide: it cannot fall by that much within "
-            "half a metre. The narrower spot of the printed refraction falls off faster.",
+            "half a metre.",
             printed=f"loss-offset-{u:g}",
         )
         for u in (5.0, 13.0)

@@ -77,7 +77,8 @@ def test_records_of_the_wind_scatter_about_their_mean():
 
 
 def test_mean_gain_of_a_flat_sea_is_the_known_one():
-    (found,) = mean_gain(0.0, "physical", Setting(threads=1), realizations=2, photons=1024)
+    (mean,) = mean_gain(0.0, "physical", Setting(threads=1), realizations=2, photons=1024)
+    found = mean.number
     assert z_test(found.value, found.stderr, FLAT_GAIN, 6e-9) > ALPHA
 
 
