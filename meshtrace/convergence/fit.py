@@ -32,22 +32,40 @@ class Fit(NamedTuple):
     coefficient: float
 
 
-def fit_law(step: Floats, differences: Floats, anchor: float) -> Fit:
-    """Fit g_0 + C h^p to differences (n, shifts) from an anchor, with 95 % intervals."""
+def fit_law(step: Floats, differences: Floats, anchor: float, spread: Floats | None = None) -> Fit:
+    """Fit g_0 + C h^p to differences from an anchor, with 95 % intervals.
+
+    Parameters
+    ----------
+    step : ndarray, shape (n,)
+        Steps h, from coarse to fine, n >= 4.
+    differences : ndarray, shape (n, shifts)
+        Gains less the anchor, of each shift of the chains.
+    anchor : float
+        What they are differences from.
+    spread : ndarray, shape (n,), optional
+        What else each mean may err by, at least and in proportion; by default the law leaves
+        out something in proportion to h^2.
+
+    Returns
+    -------
+    Fit
+    """
     n, shifts = differences.shape
     h = step / step[0]
     y, noise = differences.mean(axis=1), stderr(differences)
+    shape, least = (h**2, 0.0) if spread is None else (spread, 1.0)
     sigma = h**2
     for _ in range(_REWEIGHTINGS):
         order, offset, slope = _least_squares(h, y[None], sigma)
-        misfit = _misfit(y - offset - slope * h**order, noise, h**2)
-        sigma = np.hypot(noise, misfit * h**2) + 1e-300
+        misfit = max(_misfit(y - offset - slope * h**order, noise, shape), least)
+        sigma = np.hypot(noise, misfit * shape) + 1e-300
     order, offset, slope = _least_squares(h, y[None], sigma)
     rng = np.random.default_rng(n * shifts)
     resampled = differences[:, rng.integers(shifts, size=(_REPLICATES, shifts))].mean(axis=2).T
     # the size of the misfit is itself known from n - 3 residuals only: Student's distribution
     scale = np.sqrt((n - 3) / rng.chisquare(n - 3, (_REPLICATES, 1)))
-    left = misfit * h**2 * scale * rng.standard_normal((_REPLICATES, n))
+    left = misfit * shape * scale * rng.standard_normal((_REPLICATES, n))
     orders, offsets, _ = _least_squares(h, offset + slope * h**order + resampled - y + left, sigma)
     tail = 0.5 * (1.0 - _LEVEL)
     limits = np.quantile([orders, offsets], (tail, 1.0 - tail), axis=1)

@@ -119,18 +119,26 @@ class ConvergenceStudy:
 
         Notes
         -----
-        Least squares, weighted by the standard errors of the differences and a misfit in
-        proportion to h^2: what the law leaves out is a share of the error itself, as large as
-        the residuals are beyond their standard errors (Paule and Mandel 1982). Intervals join
-        a bootstrap over the shifts of the chains with that misfit, known from n - 3 residuals
-        (Student). They leave out `gain_stderr`, which exact and meshed gains share.
+        Least squares, weighted by the standard errors of the differences and a misfit: the
+        scatter over the placements over their number, as the mean over a lattice errs, or else
+        something in proportion to h^2, which the law leaves out; as large as the residuals are
+        beyond their standard errors (Paule and Mandel 1982). Intervals join a bootstrap over
+        the shifts of the chains with that misfit, known from n - 3 residuals (Student). They
+        leave out `gain_stderr`, which exact and meshed gains share.
 
         References
         ----------
         L. Eça and M. Hoekstra, J. Comput. Phys. 262, 104 (2014), doi:10.1016/j.jcp.2014.01.006.
         """
+        placements = self.samples.shape[2]
+        known = self.parameter == "spacing" and placements > 1
         return {
-            kind: fit_law(self.step, self._differences[k], float(self.anchor[k]))
+            kind: fit_law(
+                self.step,
+                self._differences[k],
+                float(self.anchor[k]),
+                self.scatter[k] / placements if known else None,
+            )
             for k, kind in enumerate(self.normals)
         }
 

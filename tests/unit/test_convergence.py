@@ -21,6 +21,7 @@ from meshtrace.convergence import (
 from meshtrace.convergence.exact import waves_at
 from meshtrace.convergence.fit import fit_law
 from meshtrace.convergence.measure import CommonChains
+from meshtrace.convergence.meshes import nested_mesh, placement_shifts
 from meshtrace.kernels.analytic import shape_at
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.scenario import Scenario, ScenarioError
@@ -131,6 +132,47 @@ def test_fitted_intervals_hold_the_truth():
     fits = [fit_law(h, law(h, 2.0, 2e-3, 1e-3, rng), 5.0) for _ in range(100)]
     assert sum(fit.gain.low <= 5.0 <= fit.gain.high for fit in fits) >= 85
     assert sum(fit.order.low <= 2.0 <= fit.order.high for fit in fits) >= 85
+
+
+def test_fitted_intervals_hold_the_truth_under_noise_of_placements():
+    # as meshes give it: all steps err by a share of their scatter, far above Monte Carlo noise
+    rng = np.random.default_rng(6)
+    h = np.array([2.0, 1.0, 0.5, 0.25, 0.125, 0.0625])
+    spread = 2e-3 * h**1.5
+    hits = np.zeros(2, int)
+    for _ in range(100):
+        noise = spread * rng.standard_normal(6)
+        fit = fit_law(h, law(h, 2.0) + noise[:, None], 5.0, spread)
+        hits += [fit.gain.low <= 5.0 <= fit.gain.high, fit.order.low <= 2.0 <= fit.order.high]
+    assert (hits >= 85).all()
+
+
+def test_noise_is_not_taken_for_misfit():
+    # a floor of noise at fine steps leaves the order as sure as the coarse steps make it
+    h = np.array([2.0, 1.0, 0.5, 0.25, 0.125, 0.0625])
+    rng = np.random.default_rng(7)
+    fit = fit_law(h, law(h, 2.0) + 1e-3 * rng.standard_normal((6, 32)), 5.0)
+    assert fit.order.low <= 2.0 <= fit.order.high
+    assert fit.order.high - fit.order.low < 0.2
+
+
+@pytest.mark.parametrize("n", [2, 13, 34])
+def test_placements_fill_a_cell_evenly(n):
+    # two cells by two hold each placement of the triangles twice
+    shifts = placement_shifts(n)
+    assert (abs(shifts) <= 0.5).all()
+    along, across = shifts.sum(axis=1), shifts[:, 0] - shifts[:, 1]
+    for axis in (along, across):
+        np.testing.assert_allclose(np.diff(np.sort(axis)), 1.0 / n)
+
+
+def test_shift_by_a_cell_along_both_axes_is_the_same_mesh():
+    meshes = [
+        nested_mesh(LINK, WAVE, 0.0, 0.5, np.array(shift)) for shift in ((0.1, 0.2), (0.6, 0.7))
+    ]
+    chains = CommonChains(LINK, 64, 1, ("vertex",), 0, 0.3)
+    first, second = (chains.measure(mesh, 0.0) for mesh in meshes)
+    np.testing.assert_allclose(first.samples, second.samples, rtol=1e-9)
 
 
 def study_of_law(h, order, scatter=0.0):
