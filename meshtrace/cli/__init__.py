@@ -3,10 +3,22 @@
 Heavy imports happen inside the commands, so that --help is quick.
 """
 
-from . import bench, ber, converge, figures, run, series, sweep, view
+from . import bench, ber, converge, figures, run, series, sweep, validate, view
 from .app import app
 
-__all__ = ["app", "bench", "ber", "converge", "figures", "main", "run", "series", "sweep", "view"]
+__all__ = [
+    "app",
+    "bench",
+    "ber",
+    "converge",
+    "figures",
+    "main",
+    "run",
+    "series",
+    "sweep",
+    "validate",
+    "view",
+]
 
 
 def main() -> None:

@@ -1,65 +1,38 @@
-"""Canonical problem 1 of Mobley et al. (1993) through the mesh engine.
+"""Canonical problems of Mobley et al. (1993) through the mesh engine.
 
-Flat surface, n = 1.34, sun at 60 degrees that gives E_d(air) = 0.5 on a level plane, black sky,
-Rayleigh-like phase function 3/(16 pi) (1 + cos^2), infinitely deep homogeneous water; depths are
-optical depths. Appl. Opt. 32, 7484, doi:10.1364/AO.32.007484.
+The problems are those of `meshtrace validate`, which takes fewer photons.
 """
-
-import math
 
 import numpy as np
 import pytest
 
-import meshtrace as mt
 from meshtrace.optics.phase import Petzold, Rayleigh
-from meshtrace.surfaces import FlatSea
+from meshtrace.validation.check import half_digit
+from meshtrace.validation.mobley import PROBLEM_1, SPREAD, canonical_problem, light_field
 
 pytestmark = [
     pytest.mark.external,
     pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning"),
 ]
 
-E_AIR = 0.5
-# albedo: optical depths, E_d, E_ou (both as printed, three digits)
-PROBLEM_1 = {
-    0.2: ((1.0, 5.0), (0.141, 1.07e-3), (1.34e-2, 1.00e-4)),
-    0.9: ((1.0, 5.0, 10.0), (0.366, 4.33e-2, 3.16e-3), (0.372, 4.35e-2, 3.20e-3)),
-}
-# the models that the paper averages agree to so much: E_d, E_ou
-SPREAD = {1.0: (0.01, 0.03), 5.0: (0.02, 0.03), 10.0: (0.03, 0.04)}
 
-
-def problem(albedo, phase, depths, **water):
-    """Return a sun over water of c = 1 m-1; problems 2 and 6 differ in phase and floor only."""
-    return mt.Link(
-        water=mt.Water(a=1.0 - albedo, b=albedo, n=1.34, phase=phase, **water),
-        transmitter=mt.Sun(zenith_deg=60.0, half_width=1.0),
-        receiver=(),
-        planes=mt.IrradiancePlanes(depths=depths),
-    )
-
-
-def light_field(link, photons, seed=41):
-    mesh = FlatSea().mesh(extent=3000.0, spacing=1000.0)
-    r = mt.simulate(
-        link, mesh, estimator="analog", photons=photons, seed=seed, max_surface_events=1000
-    )
-    assert sum(f.weight for f in r.fates.values()) == pytest.approx(1.0, abs=1e-12)
-    return {name: E_AIR * values for name, (_, values) in r.data.items() if name != "plane_depth"}
+def light_of(link, photons, seed=41):
+    field, result = light_field(link, photons, seed)
+    assert sum(f.weight for f in result.fates.values()) == pytest.approx(1.0, abs=1e-12)
+    return field
 
 
 @pytest.mark.parametrize("albedo", PROBLEM_1)
 def test_problem_1(albedo):
-    depths, e_d, e_ou = PROBLEM_1[albedo]
-    field = light_field(problem(albedo, Rayleigh(), depths), 2_500_000)
-    for k, depth in enumerate(depths):
-        for name, table, spread in (("e_d", e_d, 0), ("e_ou", e_ou, 1)):
-            value, stderr, expected = field[name][k], field[f"{name}_stderr"][k], table[k]
-            digits = 0.5 * 10.0 ** (math.floor(math.log10(expected)) - 2)
-            limit = SPREAD[depth][spread] * expected
+    table = PROBLEM_1[albedo]
+    field = light_of(canonical_problem(albedo, Rayleigh(), tuple(table)), 2_500_000)
+    for k, (depth, row) in enumerate(table.items()):
+        for name, text, spread in zip(("e_d", "e_ou"), row, SPREAD[depth], strict=True):
+            value, stderr, expected = field[name][k], field[f"{name}_stderr"][k], float(text)
+            limit = spread * expected
             assert stderr < limit, f"{name} at {depth}: too noisy"
-            assert abs(value - expected) < max(limit, 3.0 * stderr + digits), (
-                f"{name} at tau {depth}: {value:.4g} +- {stderr:.2g}, published {expected}"
+            assert abs(value - expected) < max(limit, 3.0 * stderr + half_digit(text)), (
+                f"{name} at tau {depth}: {value:.4g} +- {stderr:.2g}, published {text}"
             )
 
 
@@ -67,7 +40,7 @@ def test_problem_1(albedo):
 def test_absorption_closes_the_energy_balance(albedo):
     """Gershun: the net flux through a plane is what is absorbed below it, a E_o dz."""
     depths = tuple(float(d) for d in np.linspace(0.25, 6.0, 24))
-    field = light_field(problem(albedo, Rayleigh(), depths), 300_000, seed=42)
+    field = light_of(canonical_problem(albedo, Rayleigh(), depths), 300_000, seed=42)
     net = field["e_d"] - field["e_u"]
     scalar = field["e_od"] + field["e_ou"]
     step = depths[1] - depths[0]
@@ -81,11 +54,11 @@ def test_absorption_closes_the_energy_balance(albedo):
 def test_problems_2_and_6_run_with_the_same_objects():
     """Petzold's particles, and a Lambertian floor of albedo 0.5 at tau = 5."""
     depths = (1.0, 4.9)
-    deep = light_field(problem(0.9, Petzold(), depths), 200_000)
+    deep = light_of(canonical_problem(0.9, Petzold(), depths), 200_000)
     floor = {"bottom_depth": 5.0, "bottom_albedo": 0.5}
-    shallow = light_field(problem(0.9, Petzold(), depths, **floor), 200_000)
+    shallow = light_of(canonical_problem(0.9, Petzold(), depths, **floor), 200_000)
     # forward peaked: less comes back than in problem 1, and the floor sends more of it
-    assert deep["e_ou"][0] < 0.4 * PROBLEM_1[0.9][2][0]
+    assert deep["e_ou"][0] < 0.4 * float(PROBLEM_1[0.9][1.0][1])
     assert shallow["e_u"][1] > 3.0 * deep["e_u"][1]
     # a Lambertian floor reflects half of what reaches it
     assert shallow["e_u"][1] == pytest.approx(0.5 * shallow["e_d"][1], rel=0.1)

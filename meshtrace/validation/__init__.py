@@ -1,0 +1,10 @@
+"""Checks of the engine by means that do not share its code, in one table.
+
+Closed forms and quadratures, published tables, and the two estimators against each other.
+`meshtrace validate` prints them; the tests of published tables run the same problems longer.
+"""
+
+from .check import LIMIT, Check, format_table
+from .suite import SUITE, validate
+
+__all__ = ["LIMIT", "SUITE", "Check", "format_table", "validate"]

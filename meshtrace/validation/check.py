@@ -1,0 +1,114 @@
+"""One line of a validation: what was expected, what came out, and how far apart they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+LIMIT = 4.0
+"""Largest |z| with which a check passes: 6e-5 of right estimates are beyond."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """A quantity beside its reference.
+
+    Parameters
+    ----------
+    quantity : str
+        What is compared.
+    source : str
+        Where the reference comes from.
+    expected, got : float
+        Reference, and the value found.
+    stderr : float
+        Monte Carlo standard error of the difference, 0 for what is computed without chance.
+    tolerance : float
+        Uncertainty of the reference: its last printed digit, its own standard error, or, for
+        what is computed without chance, the accuracy that is claimed.
+    """
+
+    quantity: str
+    source: str
+    expected: float
+    got: float
+    stderr: float = 0.0
+    tolerance: float = 0.0
+
+    @property
+    def z(self) -> float:
+        """(got - expected) / hypot(stderr, tolerance); infinite where nothing finite came out."""
+        error = math.hypot(self.stderr, self.tolerance)
+        difference = self.got - self.expected
+        return difference / error if math.isfinite(difference) and error > 0.0 else math.inf
+
+    @property
+    def passed(self) -> bool:
+        """Whether |z| <= LIMIT."""
+        return abs(self.z) <= LIMIT
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the check as plain data."""
+        return {**asdict(self), "z": self.z, "passed": self.passed}
+
+
+def half_digit(printed: str) -> float:
+    """Return half a unit of the last digit of a printed number.
+
+    Parameters
+    ----------
+    printed : str
+        Number as printed, as in "0.09739" or "1.07e-3".
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> half_digit("1.07e-3")
+    5e-06
+    """
+    mantissa, _, exponent = printed.lower().partition("e")
+    decimals = len(mantissa.partition(".")[2])
+    return float(f"5e{int(exponent or 0) - decimals - 1}")
+
+
+def printed(quantity: str, source: str, text: str, got: float, stderr: float = 0.0) -> Check:
+    """Return the check of a value against a printed number, good to half of its last digit."""
+    return Check(quantity, source, float(text), float(got), stderr, half_digit(text))
+
+
+def format_table(checks: Iterable[Check]) -> str:
+    """Return checks as a table in text; `|z| > 4` is marked.
+
+    Parameters
+    ----------
+    checks : iterable of Check
+        What to show.
+
+    Returns
+    -------
+    str
+    """
+    head = ("quantity", "source", "expected", "got", "std. error", "tolerance", "z")
+    rows = [head, *(_row(check) for check in checks)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
+    lines = ["  ".join(f"{cell:<{w}}" for cell, w in zip(row, widths, strict=True)) for row in rows]
+    lines.insert(1, "  ".join("-" * width for width in widths))
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def _row(check: Check) -> tuple[str, ...]:
+    mark = "" if check.passed else "  FAILED"
+    return (
+        check.quantity,
+        check.source,
+        f"{check.expected:.6g}",
+        f"{check.got:.6g}",
+        f"{check.stderr:.1e}" if check.stderr else "-",
+        f"{check.tolerance:.1e}" if check.tolerance else "-",
+        f"{check.z:+.2f}{mark}",
+    )

@@ -1,0 +1,70 @@
+"""All checks, and how many photons each family takes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import NamedTuple
+
+from meshtrace.simulate import DomainWarning
+
+from .check import Check
+from .estimators import estimator_checks
+from .flat_sea import flat_sea_checks
+from .mobley import mobley_checks
+from .optics import optics_checks
+from .receiver import receiver_checks
+from .slabs import slab_checks
+
+
+class Family(NamedTuple):
+    """Checks that belong together, and the photons that they take."""
+
+    checks: Callable[[int], list[Check]]
+    photons: int
+    quick_photons: int
+
+
+SUITE = {
+    "optics and waves": Family(optics_checks, 4_000_000, 500_000),
+    "receiver": Family(receiver_checks, 0, 0),
+    "still water": Family(flat_sea_checks, 4_000_000, 500_000),
+    "slabs": Family(slab_checks, 4_000_000, 400_000),
+    "canonical problems": Family(mobley_checks, 1_000_000, 100_000),
+    "analog against forced": Family(estimator_checks, 6_000_000, 500_000),
+}
+"""Families of checks by name, in the order in which they run."""
+
+
+def validate(
+    quick: bool = False, progress: Callable[[str], None] | None = None
+) -> tuple[Check, ...]:
+    """Run every check against closed forms, published tables and the other estimator.
+
+    Parameters
+    ----------
+    quick : bool
+        A tenth of the photons: larger standard errors, the same checks.
+    progress : callable, optional
+        Called with the name of each family of checks before it runs.
+
+    Returns
+    -------
+    tuple of Check
+        Seeds are fixed: on one machine the same numbers come out each time.
+
+    Examples
+    --------
+    >>> checks = validate(quick=True)  # doctest: +SKIP
+    >>> max(abs(check.z) for check in checks) < 4.0  # doctest: +SKIP
+    True
+    """
+    found: list[Check] = []
+    for name, family in SUITE.items():
+        if progress is not None:
+            progress(name)
+        with warnings.catch_warnings():
+            # slabs are infinite, meshes are not: the light that wanders off is negligible
+            warnings.filterwarnings("ignore", "(?s).*left the meshed surface", DomainWarning)
+            found += family.checks(family.quick_photons if quick else family.photons)
+    return tuple(found)
