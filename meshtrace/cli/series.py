@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
     from meshtrace.series import GainSeries
 
+_FEW = 50  # gains that are printed where no statistics can be
+
 
 @app.command()
 def series(
@@ -77,8 +79,21 @@ def _fading_of(
             quantiles = np.percentile(gain, shares)
             typer.echo("".join(f"{f'{share} %':>12}" for share in shares))
             typer.echo("".join(f"{value:>12.4e}" for value in quantiles) + "\n")
-        typer.echo(gains.fading(receiver).summary())
-    error = np.atleast_1d(gains.mean_stderr / gains.gain.mean(axis=0))
-    typer.echo(f"  chains               mean gain +- {100.0 * float(error.max()):.2g} %")
+        typer.echo(_statistics(gains, receiver))
+        if gain.any():
+            error = np.atleast_1d(gains.mean_stderr)[receiver] / gain.mean()
+            typer.echo(f"  chains               mean gain +- {100.0 * error:.2g} %")
     if output is not None:
         typer.echo(f"\nwritten to {output}")
+
+
+def _statistics(gains: GainSeries, receiver: int) -> str:
+    """Return the fading of a receiver as text, or the few gains that have no such statistics."""
+    try:
+        return gains.fading(receiver).summary()
+    except ValueError as error:
+        lines = []
+        if gains.along == "time":
+            gain = gains.gain.reshape(len(gains.gain), -1)[:_FEW, receiver]
+            lines = [f"  {t:>12g} s {g:.4e}" for t, g in zip(gains.time, gain, strict=False)]
+        return "\n".join([*lines, f"no fading statistics: {error}"])

@@ -85,7 +85,7 @@ def test_chains_end_at_a_black_bottom():
     agree(link, 600_000)
 
 
-@pytest.mark.parametrize("normals", ["vertex", "facet"])
+@pytest.mark.parametrize("normals", ["vertex", pytest.param("facet", marks=pytest.mark.slow)])
 def test_large_facets(normals):
     """A plane is a plane, whatever its triangles: scattered light too."""
     fine = FlatSea().mesh(extent=9.0, spacing=0.5)
