@@ -41,8 +41,11 @@ def validate(
         checks = run_checks(quick, step)
     failed = sum(not check.passed for check in checks)
     if as_json:
-        rows = [{**check.as_data(), "z": finite(check.z)} for check in checks]
-        typer.echo(json.dumps({"limit": LIMIT, "failed": failed, "checks": rows}))
+        rows = [
+            {key: finite(v) if isinstance(v, float) else v for key, v in check.as_data().items()}
+            for check in checks
+        ]
+        typer.echo(json.dumps({"limit": LIMIT, "failed": failed, "checks": rows}, allow_nan=False))
     else:
         typer.echo(format_table(checks))
         typer.echo(

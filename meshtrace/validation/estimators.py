@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 from meshtrace.link import Link, Physics, Receiver
+from meshtrace.mesh import SurfaceModel
 from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.simulate import simulate
 
@@ -23,7 +25,7 @@ def estimator_checks(photons: int) -> list[Check]:
     plain = Link(receiver=receiver, physics=kill)
     bubbly = Link(receiver=receiver, physics=kill, bubbles=HallNovarini(wind_speed=13.0))
     sea = JonswapSea(wind_speed=13.0, seed=3)
-    cases = {
+    cases: dict[str, tuple[Link, SurfaceModel, Literal["vertex", "facet"]]] = {
         "flat": (plain, FlatSea(), "vertex"),
         "13 m/s": (plain, sea, "vertex"),
         "13 m/s, facets": (plain, sea, "facet"),
@@ -33,8 +35,9 @@ def estimator_checks(photons: int) -> list[Check]:
     for name, (link, surface, normals) in cases.items():
         f = simulate(link, surface, photons=10_000, seed=3, normals=normals)
         a = simulate(link, surface, estimator="analog", photons=photons, seed=4, normals=normals)
-        stderr = math.hypot(f.gain_stderr, a.gain_stderr)
+        expected, got = float(f.gain), float(a.gain)
+        stderr = math.hypot(float(f.gain_stderr), float(a.gain_stderr))
         checks.append(
-            Check(f"gain, {name}, r = 0.25 m, analog", "forced estimator", f.gain, a.gain, stderr)
+            Check(f"gain, {name}, r = 0.25 m, analog", "forced estimator", expected, got, stderr)
         )
     return checks

@@ -86,7 +86,13 @@ def flat_sea_checks(photons: int) -> list[Check]:
     r = simulate(clear, mesh, estimator="analog", photons=photons, seed=1)
     expected = unscattered_gain(radius=1.0, c=clear.water.a)
     checks.append(
-        Check("b = 0, r = 1 m: gain, analog", quadrature, expected, r.gain, r.gain_stderr)
+        Check(
+            "b = 0, r = 1 m: gain, analog",
+            quadrature,
+            expected,
+            float(r.gain),
+            float(r.gain_stderr),
+        )
     )
     kill = Physics(reflected="kill")
     for radius, expected in ((0.05, 5.9731e-5), (0.25, 1.488835e-3)):
@@ -95,7 +101,7 @@ def flat_sea_checks(photons: int) -> list[Check]:
         checks.append(
             Check(
                 f"gain, r = {radius:g} m, forced", "forced and adjoint prototypes", expected,
-                r.gain, r.gain_stderr, REFERENCE_ERROR * expected,
+                float(r.gain), float(r.gain_stderr), REFERENCE_ERROR * expected,
             )
         )  # fmt: skip
     return checks
