@@ -67,7 +67,7 @@ def study_file(tmp_path_factory):
 def nothing_computed():
     """Read and check the study, make its arrays in memory, and stop there."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(batch, "_compute", lambda *arguments: None)
+        patch.setattr("meshtrace.batch.sweeps.compute", lambda *arguments: None)
         yield
 
 
