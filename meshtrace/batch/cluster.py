@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from meshtrace.scenario import ScenarioError
@@ -51,24 +53,41 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[distributed.
     """Yield a client of a running scheduler or of a new cluster on this machine."""
     import distributed
 
-    with ExitStack() as stack:
-        if scheduler is None:
-            scheduler = stack.enter_context(
-                distributed.LocalCluster(
-                    n_workers=workers or os.cpu_count() or 1,
-                    threads_per_worker=1,
-                    processes=True,
-                    dashboard_address=":0",
-                )
-            )
-        try:
-            client = distributed.Client(scheduler)
-        except (OSError, ValueError) as error:
-            raise ScenarioError(
-                f"scheduler: {scheduler!r}: {one_line(error)}, allowed: the address of a running "
-                "dask scheduler"
-            ) from error
-        yield stack.enter_context(client)
+    if scheduler is None:
+        # one thread each: a task fills one core, and dask keeps BLAS to one thread as well
+        with (
+            distributed.LocalCluster(
+                n_workers=workers or os.cpu_count() or 1,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=":0",
+                silence_logs=logging.ERROR,
+            ) as cluster,
+            distributed.Client(cluster) as client,
+        ):
+            client.register_plugin(_leave_interrupts())
+            yield client
+        return
+    try:
+        client = distributed.Client(scheduler)
+    except (OSError, ValueError) as error:
+        raise ScenarioError(
+            f"scheduler: {scheduler!r}: {one_line(error)}, allowed: the address of a running "
+            "dask scheduler"
+        ) from error
+    with client:
+        yield client
+
+
+def _leave_interrupts() -> distributed.WorkerPlugin:
+    """Return a plugin that leaves Ctrl-C, which the terminal sends to all, to the client."""
+    import distributed
+
+    class LeaveInterrupts(distributed.WorkerPlugin):
+        def setup(self, worker: distributed.Worker) -> None:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    return LeaveInterrupts()
 
 
 @contextmanager
