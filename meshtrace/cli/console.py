@@ -37,7 +37,7 @@ def numbers(option: str, text: str) -> list[float]:
             found = [float(word) for word in text.split(",")]
         else:
             start, stop, step = (float(word) for word in text.split(":"))
-            count = int((stop - start) / step + 1e-9) + 1
+            count = math.floor((stop - start) / step + 1e-9) + 1
             if not (step > 0.0 and 1 <= count <= 10**7):
                 raise ScenarioError(wrong)
             found = [start + step * i for i in range(count)]

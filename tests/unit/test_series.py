@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from mc_statistics import ALPHA, sidak, z_test
 from scipy import stats
+from typer.testing import CliRunner
 
 import meshtrace as mt
+from meshtrace.cli import app
 from meshtrace.series import CoverageMap, GainSeries
 from meshtrace.simulate import mesh_for
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
@@ -275,3 +277,58 @@ def test_map_round_trip_and_refusals(tmp_path):
     for bad in ({"step": 0.0}, {"step": 2.0}, {"extent": np.nan}, {"times": ()}):
         with pytest.raises(ValueError, match=f"{next(iter(bad))}: .*, allowed|step: "):
             mt.coverage_map(mt.Link(), FlatSea(), **{**options, **bad})
+
+
+# ---- command line ----------------------------------------------------------------------------
+
+
+def command(*arguments):
+    result = CliRunner().invoke(app, [*arguments, "--photons", "64", "--threads", "1"])
+    return result.exit_code, result.output
+
+
+def test_commands_write_what_they_print(tmp_path):
+    code, said = command("series", "--times", "0:1:0.5", "-o", str(tmp_path / "s.nc"))
+    assert code == 0
+    written = GainSeries.load(tmp_path / "s.nc")
+    np.testing.assert_allclose(written.time, [0.0, 0.5, 1.0])
+    assert f"mean gain            {written.gain.mean():.6g}" in said
+    code, said = command("ensemble", "-n", "3", "-o", str(tmp_path / "e.nc"))
+    assert code == 0
+    assert GainSeries.load(tmp_path / "e.nc").along == "realization"
+    assert "3 independent gains" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "lines"),
+    [
+        (("--times", "0"), ["0 s", "no fading statistics: gain: shape (1,)"]),
+        (("--times", "0,1,5"), ["5 s", "no fading statistics: time: not equally spaced"]),
+        (
+            ("--times", "0,1", "--set", "receiver.tilt_deg=89", "--set", "receiver.fov_deg=1"),
+            ["0.0000e+00", "no fading statistics: gain: all 0"],
+        ),
+    ],
+)
+def test_gains_without_statistics_are_printed(arguments, lines):
+    code, said = command("series", *arguments)
+    assert code == 0
+    for line in lines:
+        assert line in said
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("series", "--times", "1:0:1"),
+        ("series", "--times", "now"),
+        ("ensemble", "-n", "1"),
+        ("ensemble", "-n", "3", "--seed", "-1"),
+        ("ensemble", "-n", "3", "-o", "/no/such/folder/e.nc"),
+    ],
+)
+def test_bad_arguments_are_one_line(arguments):
+    code, said = command(*arguments)
+    assert code == 2
+    assert said.startswith("error: ")
+    assert said.count("\n") == 1
