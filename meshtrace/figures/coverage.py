@@ -35,7 +35,7 @@ RING = (3.0, 4.0)
     "13",
     "gain over the plane of the receiver, by half angle",
     quick={"photons": 150_000, "times": 2, "step": 0.5},
-    full={"photons": 4_000_000, "times": 10, "step": 0.25},
+    full={"photons": 1_000_000, "times": 10, "step": 0.25},
 )
 def coverage_half_angle(setting: Setting, **effort: Any) -> Drawing:
     """Draw coverage maps for three half angles."""
@@ -47,7 +47,7 @@ def coverage_half_angle(setting: Setting, **effort: Any) -> Drawing:
     "15",
     "gain over the plane of the receiver, by depth",
     quick={"photons": 300_000, "times": 2, "step": 0.5},
-    full={"photons": 8_000_000, "times": 10, "step": 0.25},
+    full={"photons": 2_000_000, "times": 10, "step": 0.5},
 )
 def coverage_depth(setting: Setting, **effort: Any) -> Drawing:
     """Draw coverage maps for three depths."""

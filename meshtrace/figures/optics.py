@@ -31,7 +31,7 @@ def integrated_cdf(phase: mt.FournierForand, theta: Floats) -> Floats:
     F(theta) = integral of 2 pi beta sin(t) dt from 0; t = pi u^4 tames the peak at 0. Gauss
     quadrature of eight nodes in each of the steps of `theta` and 64 in the first.
     """
-    u = np.concatenate([np.linspace(0.0, 1.0, 65)[:-1] * (theta[1] / np.pi) ** 0.25])
+    u = np.linspace(0.0, 1.0, 65)[:-1] * (theta[1] / np.pi) ** 0.25
     edges = np.concatenate([u, (theta[1:] / np.pi) ** 0.25])
     x, w = np.polynomial.legendre.leggauss(8)
     half = 0.5 * np.diff(edges)[:, None]
@@ -60,8 +60,9 @@ def ff_cdf(setting: Setting) -> Drawing:
         line.set(linewidth=width, linestyle=dashes)
     left.lines[0].set_alpha(0.35)
     left.legend()
-    for name in list(curves)[1:]:
-        right.plot(np.degrees(theta), curves[name] - curves["quadrature"], label=name)
+    for name, line in zip(list(curves)[1:], left.lines[1:], strict=True):
+        difference = curves[name] - curves["quadrature"]
+        right.plot(np.degrees(theta), difference, color=line.get_color(), label=name)
     right.set(xlabel=r"scattering angle $\theta$ [°]", ylabel="difference from the quadrature")
     right.legend()
     distances = [_distances(curves[name] - curves["quadrature"]) for name in list(curves)[1:]]

@@ -20,7 +20,13 @@ _WIND_TEXT = "Section VI, text on the channel gain over 10 000 realizations"
 _ANGLE_TEXT = "Section VI, text on the half angle"
 _BER_TEXT = "Section VI, text on the bit error rate"
 
+_TABLE = "Section VI, table of the link's parameters"
+
 PRINTED = {
+    "depth": Printed(10.0, "m", _TABLE),
+    "height": Printed(5.0, "m", _TABLE),
+    "half-angle": Printed(10.0, "degree", _TABLE),
+    "radius": Printed(0.05, "m", _TABLE),
     "ff-rmse": Printed(6.28e-4, "1", _FF_TEXT),
     "ff-mae": Printed(5.33e-4, "1", _FF_TEXT),
     "ff-ks": Printed(9.69e-4, "1", _FF_TEXT),

@@ -43,14 +43,14 @@ def link(setting: Setting, paths: int) -> Drawing:
     led, receiver = made.transmitters[0], made.receivers[0]
     why = "Taken from the paper's table of parameters by both."
     values = (
-        ("depth of the lamp", getattr(led, "depth", np.nan), "m"),
-        ("height of the receiver", receiver.center[2], "m"),
-        ("half angle at half power", getattr(led, "half_angle_deg", np.nan), "degree"),
-        ("radius of the aperture", receiver.radius, "m"),
+        ("depth of the lamp", getattr(led, "depth", np.nan), "depth"),
+        ("height of the receiver", receiver.center[2], "height"),
+        ("half angle at half power", getattr(led, "half_angle_deg", np.nan), "half-angle"),
+        ("radius of the aperture", receiver.radius, "radius"),
     )
     rows = [
-        compared(what, (Number(float(value)), Number(float(value))), why, unit=unit)
-        for what, value, unit in values
+        compared(what, (Number(float(value)), Number(float(value))), why, printed=key)
+        for what, value, key in values
     ]
     caption = (
         f"The paper's link over a JONSWAP sea at {WIND:g} m/s, to scale but for lamp, receiver and "
