@@ -1,0 +1,96 @@
+"""Configuration of the documentation: sphinx-build -W -b html docs docs/_build/html.
+
+Nothing is fetched, neither while building nor by a reader: equations become MathML.
+"""
+
+from __future__ import annotations
+
+import re
+from importlib.metadata import version as installed
+
+from docutils import nodes
+from docutils.utils.math import latex2mathml
+from sphinx.application import Sphinx
+from sphinx.writers.html5 import HTML5Translator
+
+project = "meshtrace"
+author = "The meshtrace developers"
+copyright = author
+release = installed("meshtrace")
+version = ".".join(release.split(".")[:2])
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+source_suffix = {".md": "markdown"}
+exclude_patterns = ["_build", "*_table.md"]
+default_role = "code"
+nitpicky = False
+
+myst_enable_extensions = ["colon_fence", "dollarmath"]
+myst_heading_anchors = 3
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_preserve_defaults = True
+napoleon_numpy_docstring = True
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+napoleon_use_param = False  # types are words, such as "ndarray, shape (n,)", and no references
+napoleon_custom_sections = [("Attributes", "params_style")]
+
+html_theme = "furo"
+html_title = f"meshtrace {release}"
+html_math_renderer = "mathml"
+html_copy_source = False
+html_static_path = ["_static"]
+html_css_files = ["meshtrace.css"]
+
+QUOTED = re.compile(r"(``[^`]*``|`[^`]*`)")
+MARKUP = re.compile(r"(\||(?<=\S)\*|(?<=\S )\*|(?<=\w)_(?!\w))")
+
+
+def plain_text(
+    app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
+) -> None:
+    """Escape what reStructuredText would take for markup: |x|, a * b and f_ in formulas."""
+    block: int | None = None  # indentation of the directive or example that a line is in
+    for i, line in enumerate(lines):
+        indent = len(line) - len(line.lstrip())
+        if block is not None and line.strip() and indent <= block:
+            block = None
+        if line.lstrip().startswith(">>>"):
+            block = indent - 1  # up to the next line that is less deep
+        elif line.lstrip().startswith(".. ") or line.rstrip().endswith("::"):
+            block = indent
+        elif block is None:
+            parts = QUOTED.split(line)
+            parts[::2] = [MARKUP.sub(r"\\\1", part) for part in parts[::2]]
+            lines[i] = "".join(parts)
+
+
+def without_machinery(
+    app: Sphinx, what: str, name: str, obj: object, skip: bool, options: object
+) -> bool | None:
+    """Leave out what pydantic adds to models, and fields of tuples, which their class explains."""
+    pydantic = name.startswith("model_") and name != "model_copy"
+    return True if pydantic or type(obj).__name__ == "_tuplegetter" else None
+
+
+def _inline_math(self: HTML5Translator, node: nodes.math) -> None:
+    self.body.append(latex2mathml.tex2mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def _block_math(self: HTML5Translator, node: nodes.math_block) -> None:
+    self.body.append('<div class="math-block">')
+    self.body.append(latex2mathml.tex2mathml(node.astext(), as_block=True))
+    self.body.append("</div>")
+    raise nodes.SkipNode
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register the renderer of equations and the reading of docstrings."""
+    app.add_html_math_renderer("mathml", (_inline_math, None), (_block_math, None))
+    app.connect("autodoc-process-docstring", plain_text, priority=400)
+    app.connect("autodoc-skip-member", without_machinery)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
