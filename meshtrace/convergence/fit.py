@@ -63,8 +63,9 @@ def fit_law(step: Floats, differences: Floats, anchor: float, spread: Floats | N
     order, offset, slope = _least_squares(h, y[None], sigma)
     rng = np.random.default_rng(n * shifts)
     resampled = differences[:, rng.integers(shifts, size=(_REPLICATES, shifts))].mean(axis=2).T
-    # the size of the misfit is itself known from n - 3 residuals only: Student's distribution
-    scale = np.sqrt((n - 3) / rng.chisquare(n - 3, (_REPLICATES, 1)))
+    # a misfit that was fitted is itself known from n - 3 residuals only: Student's distribution
+    fitted = misfit > least
+    scale = np.sqrt((n - 3) / rng.chisquare(n - 3, (_REPLICATES, 1))) if fitted else 1.0
     left = misfit * shape * scale * rng.standard_normal((_REPLICATES, n))
     orders, offsets, _ = _least_squares(h, offset + slope * h**order + resampled - y + left, sigma)
     tail = 0.5 * (1.0 - _LEVEL)

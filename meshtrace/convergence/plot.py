@@ -32,7 +32,7 @@ def plot_study(study: ConvergenceStudy, ax: Axes | None = None) -> Axes:
         ax.plot(study.values, law, color=color, lw=1.0)
         if np.isfinite(study.scatter[k]).any():
             one = percent * study.scatter[k]
-            ax.plot(study.values, one, "^--", color=color, lw=0.8, label=f"{kind} normals, one sea")
+            ax.plot(study.values, one, "^--", color=color, lw=0.8, label=f"{kind} normals, scatter")
     ax.axhline(100.0 * study.tolerance, color="0.5", lw=0.8, ls=":", label="tolerance")
     ax.set(
         xscale="log", yscale="log", ylabel="error of the gain [%]",

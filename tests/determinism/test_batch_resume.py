@@ -104,3 +104,41 @@ def test_killed_worker_loses_nothing(expected, tmp_path):
     assert done.sum() < done.size
     np.testing.assert_array_equal(result[0]["gain"].values, expected)
     assert (result[0]["error"] == "").all()
+
+
+def test_interrupted_command_goes_on(expected, tmp_path):
+    study, store = tmp_path / "study.toml", tmp_path / "study.zarr"
+    study.write_text(
+        f"""
+        bubbles = "none"
+        [sea]
+        spectrum = "jonswap"
+        [run]
+        photons = 512
+        [sweep]
+        rtol = 1.0
+        photons = 512
+        [sweep.parameters]
+        "transmitter.depth" = {PARAMETERS["transmitter.depth"]}
+        wind_speed = {PARAMETERS["wind_speed"]}
+        """
+    )
+    command = [sys.executable, "-m", "meshtrace", "sweep", str(study), "--workers", "1"]
+    # Ctrl-C reaches every process of the terminal: a session of its own stands for it
+    first = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        done = wait_for(store, 2, lambda: first.poll() is None)
+        os.killpg(first.pid, signal.SIGINT)
+        errors = first.communicate(timeout=60)[1]
+    finally:
+        if first.poll() is None:
+            os.killpg(first.pid, signal.SIGKILL)
+    assert first.returncode == 130
+    assert "finished points are in" in errors
+    assert "Traceback" not in errors
+    assert done.sum() < done.size
+    subprocess.run(command, check=True, capture_output=True)
+    assert finished(store).all()
+    np.testing.assert_array_equal(zarr.open_group(store, mode="r")["gain"][...], expected)

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import json
 import sys
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
+from typer.testing import CliRunner
 
 import meshtrace as mt
-from meshtrace.batch import BLOCK, Study, Task, sweep, sweep_file
+from meshtrace import cli
+from meshtrace.batch import BLOCK, Study, Task, store_of, sweep, sweep_file
 from meshtrace.scenario import Scenario, ScenarioError
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
 
@@ -255,6 +260,80 @@ def test_wrong_study_files_are_told_in_one_line(tmp_path, text, message):
     with pytest.raises(ScenarioError, match=message) as caught:
         sweep_file(write_study(tmp_path, text), progress=False)
     assert "\n" not in str(caught.value)
+
+
+def sweep_command(*arguments):
+    return CliRunner().invoke(cli.app, ["sweep", *map(str, arguments)])
+
+
+def test_command_prints_a_row_for_each_point_and_keeps_all(address, tmp_path):
+    text = """
+        bubbles = "none"
+        sea.spectrum = "flat"
+        run.photons = 64
+        [sweep]
+        rtol = 1.0
+        realizations = 2
+        [sweep.parameters]
+        "transmitter.depth" = [5.0, -1.0]
+        "water.type" = ["jerlov-I", "jerlov-IB"]
+    """
+    path, kept = write_study(tmp_path, text), tmp_path / "kept.nc"
+    result = sweep_command(path, "--scheduler", address, "-o", kept)
+    assert result.exit_code == 0, result.stderr
+    head, *rows = result.stdout.split("\n\n")[0].splitlines()
+    assert head.split() == ["transmitter.depth", "water.type", "gain", "stderr", "scatter"]
+    assert [row.split()[:2] for row in rows] == [
+        [depth, water] for depth in ("5", "-1") for water in ("jerlov-I", "jerlov-IB")
+    ]
+    assert "warning: 4 of 8 runs failed, the first: transmitter.depth: -1.0" in result.stderr
+    assert (tmp_path / "study.zarr").is_dir()  # beside the study, without being asked
+    with xr.open_dataset(kept, engine="h5netcdf") as data:
+        gain = data["gain"].values[0, 0]
+        chains = data["gain_stderr"].values[0, 0]
+    assert rows[0].split()[2] == f"{gain.mean():.4e}"
+    assert rows[0].split()[3] == f"{np.hypot(*chains) / 2:.1e}"
+    assert rows[0].split()[4] == f"{gain.std(ddof=1):.1e}"
+
+
+def test_command_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    result = sweep_command(write_study(tmp_path, "[sweep.parameters]\nwind_speed = [5.0]"))
+    assert result.exit_code == 2
+    assert result.stderr.splitlines()[-1].endswith('pip install "meshtrace[batch]"')
+    assert result.stderr.count("error") == 1
+
+
+def test_scheduler_that_is_none_is_told_in_one_line(tmp_path):
+    path = write_study(tmp_path, "[sweep.parameters]\nwind_speed = [5.0]")
+    result = sweep_command(path, "--scheduler", "nonsense")
+    assert result.exit_code == 2
+    assert "error: scheduler: 'nonsense'" in result.stderr
+
+
+def test_point_without_light_ends(address):
+    # a lamp that shines past the receiver: no number of chains reaches a relative error
+    link = {"bubbles": "none", "receiver": {"position": [40.0, 0.0], "fov_deg": 5.0}}
+    data = run({"water.b": [0.0]}, address, link=link, rtol=0.01, photons=64)
+    assert data["gain"].values.tolist() == [[0.0]]
+    assert data["error"].values.tolist() == [[""]]
+
+
+def test_study_of_the_examples_is_allowed():
+    path = Path(__file__).parents[2] / "examples" / "study.toml"
+    assert store_of(path) == path.with_name("study.zarr")
+    config = tomllib.loads(path.read_text())
+    table = config.pop("sweep")
+    asked = Study(
+        Scenario.from_config(config).to_toml(),
+        dict(table["parameters"]),
+        table["realizations"],
+        table["rtol"],
+        None,
+        table["seed"],
+    )
+    asked.check()
+    assert len(list(asked.tasks())) == 12
 
 
 def test_missing_study_file_is_told(tmp_path):

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 import xarray as xr
 from numba import njit
+from typer.testing import CliRunner
 
 import meshtrace as mt
+from meshtrace import cli
 from meshtrace.convergence import (
     ConvergenceStudy,
     Costs,
@@ -338,6 +340,53 @@ def test_scenario_sets_seed_and_time():
     assert math.isnan(study.scatter[0, 0])
     with pytest.raises(ScenarioError, match="placements: 0, allowed"):
         study_scenario(scenario, spacings, placements=0)
+
+
+def converge_command(*arguments):
+    return CliRunner().invoke(cli.app, ["converge", *map(str, arguments)])
+
+
+FEW = ["--photons", "64", "--threads", "1", "--set", "bubbles=none"]
+
+
+def test_command_prints_writes_and_draws(tmp_path):
+    pytest.importorskip("matplotlib").use("Agg")
+    table, picture = tmp_path / "study.nc", tmp_path / "study.png"
+    few = ["--spacings", "2,1.5,1,0.5", "--placements", "2", "--normals", "vertex", *FEW]
+    result = converge_command(*few, "-o", table, "--plot", picture)
+    assert result.exit_code == 0, result.stderr
+    for word in ("vertex normals", "order", "Richardson", "exact surface", "for an error of"):
+        assert word in result.stdout
+    assert picture.stat().st_size > 10_000
+    with xr.open_dataset(table, engine="h5netcdf") as data:
+        assert data.sizes["spacing"] == 4
+
+
+def test_command_studies_bands_and_time_steps():
+    bands = converge_command("--omega-max", "2,3,4,5", "--realizations", "2", *FEW)
+    assert bands.exit_code == 0, bands.stderr
+    assert "omega_max [rad s-1]" in bands.stdout
+    steps = converge_command("--time-steps", "0.8,0.4,0.2,0.1", "--duration", "0.8", *FEW)
+    assert steps.exit_code == 0, steps.stderr
+    assert "time_step [s]" in steps.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--spacings", "1,2"], "spacings: [1.0, 2.0], allowed: at least four different values"),
+        (["--spacings", "x"], "--spacings: 'x', allowed: numbers"),
+        (["--spacings", "2,1", "--omega-max", "2"], "--omega-max: '2', allowed: not beside"),
+        (["--realizations", "3"], "--realizations: 3, allowed: only with --omega-max"),
+        (["--normals", "smooth"], "normals: ['smooth'], allowed: vertex and facet"),
+        (["--set", "sea.spectrum=flat", "--omega-max", "1,2,3,4"], "sea: FlatSea, allowed: a rand"),
+    ],
+)
+def test_command_refuses_in_one_line(arguments, message):
+    result = converge_command(*arguments, *FEW)
+    assert result.exit_code == 2
+    assert f"error: {message}" in result.stderr
+    assert "Traceback" not in result.stderr
 
 
 @pytest.mark.slow
