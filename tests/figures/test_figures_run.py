@@ -67,13 +67,12 @@ def test_second_run_keeps_what_is_there_and_redraws_what_is_missing(tmp_path):
 
 
 def test_interrupted_run_goes_on_where_it_was(tmp_path, monkeypatch):
-    def interrupted(setting):
+    def interrupted(*arguments):
         raise KeyboardInterrupt
 
-    density = load("bubble-density")
+    load("bubble-density")
     with monkeypatch.context() as patch:
-        patch.setattr(type(density), "effort", lambda self, quick: {})
-        patch.setitem(density.__dict__, "make", interrupted)
+        patch.setattr("meshtrace.figures.optics._bubbles", interrupted)
         with pytest.raises(KeyboardInterrupt):
             make_figures(tmp_path, CHEAP, quick=True)
     assert (tmp_path / "ff-cdf.json").is_file()
