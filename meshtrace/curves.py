@@ -205,23 +205,10 @@ _ESTIMATES = (
     "outage",
 )
 
-_OWN_FIELDS = {
-    "required_power": ("W", "optical power required for the limit of the bit error ratio"),
-    "photons_per_bit": ("1", "photons on the detector in a bit"),
-    "margin_optical_db": ("dB", "link margin, ratio of optical powers"),
-    "margin_electrical_db": ("dB", "link margin, ratio of squared photocurrents"),
-    "capacity_hard": ("s-1", "ergodic capacity in bits after hard decisions"),
-    "capacity_soft": ("s-1", "ergodic capacity in bits from full counts"),
-    "capacity_hard_outage": ("s-1", "hard-decision rate of all but 1 percent of the fades"),
-    "range": ("m", "depth down to which the limit of the bit error ratio is reached"),
-}
-
 
 def _attrs(name: str) -> dict[str, str]:
     from meshtrace.fields import attrs
 
-    if name in _OWN_FIELDS:
-        return dict(zip(("units", "long_name"), _OWN_FIELDS[name], strict=True))
     return attrs("gain_mean" if name == "gain" else name)
 
 

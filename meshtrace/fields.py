@@ -82,6 +82,28 @@ FIELDS: Mapping[str, Field] = MappingProxyType(
         "bit_rate": Field("s-1", "bit rate", "R_b"),
         "ber": Field("1", "bit error ratio", r"\mathrm{BER}"),
         "capacity": Field("s-1", "capacity in bits", "C"),
+        "required_power": Field(
+            "W", "optical power required for the limit of the bit error ratio", r"P_\mathrm{req}"
+        ),
+        "photons_per_bit": Field("1", "photons on the detector in a bit", r"n_\mathrm{ph}"),
+        "margin_optical_db": Field("dB", "link margin, ratio of optical powers", r"M_\mathrm{opt}"),
+        "margin_electrical_db": Field(
+            "dB", "link margin, ratio of squared photocurrents", r"M_\mathrm{el}"
+        ),
+        "capacity_hard": Field(
+            "s-1", "ergodic capacity in bits after hard decisions", r"C_\mathrm{hard}"
+        ),
+        "capacity_soft": Field(
+            "s-1", "ergodic capacity in bits from full counts", r"C_\mathrm{soft}"
+        ),
+        "capacity_hard_outage": Field(
+            "s-1", "hard-decision rate of all but 1 percent of the fades", r"C_\mathrm{out}"
+        ),
+        "range": Field(
+            "m",
+            "depth down to which the limit of the bit error ratio is reached",
+            r"d_\mathrm{max}",
+        ),
         # fading
         "scintillation_index": Field("1", "scintillation index", r"\sigma_I^2"),
         "noise_share": Field(

@@ -22,7 +22,7 @@ class _Model(pydantic.BaseModel, frozen=True, extra="forbid"):
 
 class _Pointed(_Model, frozen=True):
     position: Position = (0.0, 0.0)
-    depth: float = Field(10.0, gt=0.0, allow_inf_nan=False)
+    depth: float = Field(10.0, gt=0.0, le=12_000.0, allow_inf_nan=False)
     zenith_deg: float = Field(0.0, ge=0.0, le=180.0, allow_inf_nan=False)
     azimuth_deg: Finite = 0.0
     power_mw: float = Field(100.0, gt=0.0, allow_inf_nan=False)
@@ -40,7 +40,7 @@ class Led(_Pointed, frozen=True):
     Parameters
     ----------
     depth : float
-        Depth below still water [m], > 0.
+        Depth below still water [m], 0 < depth <= 12 000.
     half_angle_deg : float
         Half-angle at half power theta_1/2 [deg], 0 < theta_1/2 < 90; the order is
         m = -ln 2 / ln cos theta_1/2.
