@@ -64,6 +64,12 @@ def converge(
         float | None,
         typer.Option(metavar="R", help="Relative error that the recommendation is about."),
     ] = None,
+    unresolved: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WORD", help="tilt: random slopes for the waves that a mesh leaves out; none."
+        ),
+    ] = None,
     output: Output = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="A.PNG", help="Draw errors and orders.")
@@ -86,6 +92,7 @@ def converge(
         "realizations": realizations,
         "duration": 8.0 * max(values) if (parameter, duration) == ("time_step", None) else duration,
         "tolerance": tolerance,
+        "unresolved": unresolved,
         "normals": None if normals is None else normals.split(","),
     }
     options = {key: value for key, value in options.items() if value is not None}

@@ -11,7 +11,7 @@ import numpy as np
 
 from meshtrace.simulate import provenance
 
-from .checks import Normals, Progress, falling, kinds_of, positive
+from .checks import Normals, Progress, Unresolved, falling, kinds_of, positive, unresolved_in
 from .measure import ANALOG_PHOTONS, CommonChains, Measured, mapped, spread, stacked
 from .meshes import crest_of, nested_mesh
 from .study import ConvergenceStudy
@@ -37,6 +37,7 @@ def band_limit_study(
     spacing: float = 0.1,
     tolerance: float = 1e-2,
     receiver: int = 0,
+    unresolved: Unresolved = "none",
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> ConvergenceStudy:
@@ -55,7 +56,7 @@ def band_limit_study(
         narrower one.
     spacing : float
         Spacing of the mesh [m]; a few to the shortest wave.
-    normals, photons, seed, time, tolerance, receiver, threads, progress
+    normals, photons, seed, time, tolerance, receiver, unresolved, threads, progress
         As in `convergence_study`.
 
     Returns
@@ -65,8 +66,9 @@ def band_limit_study(
 
     Notes
     -----
-    The mean square slope of a spectrum with an omega^-5 tail grows as log omega_max: without a
-    model of the waves left out there is nothing that this study could converge to.
+    The mean square slope of a spectrum with an omega^-5 tail grows as log omega_max: without
+    random slopes for the waves left out (`unresolved="tilt"`) there is nothing that this study
+    could converge to.
     """
     values = falling("omega_max", omega_max)[::-1]
     kinds = kinds_of(normals)
@@ -76,7 +78,7 @@ def band_limit_study(
     if copy is None or not {"omega_max", "seed"} <= set(fields):
         raise ValueError(f"sea: {type(sea).__name__}, allowed a random sea with omega_max")
     crest = crest_of(link, copy(update={"omega_max": values[-1]}), time)
-    chains = CommonChains(link, photons, seed, kinds, receiver, crest)
+    chains = CommonChains(link, photons, seed, kinds, receiver, crest, unresolved_in(unresolved))
     nothing = np.zeros(2)
 
     def measure(job: tuple[float, int]) -> Measured:
@@ -94,7 +96,7 @@ def band_limit_study(
     run = {
         "estimator": "forced", "photons": photons, "seed": seed, "time": time,
         "omega_max": list(values), "realizations": realizations, "spacing": spacing,
-        "normals": list(kinds), "receiver": receiver,
+        "normals": list(kinds), "receiver": receiver, "unresolved": unresolved,
     }  # fmt: skip
     return ConvergenceStudy(
         parameter="omega_max",

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Literal
+from typing import Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Normals = Literal["vertex", "facet"]
+Unresolved = Literal["tilt", "none"]
 Progress = Callable[[int], None]
 
 
@@ -28,6 +29,13 @@ def kinds_of(normals: Sequence[Normals]) -> tuple[Normals, ...]:
     if not kinds or not set(kinds) <= {"vertex", "facet"}:
         raise ValueError(f"normals: {normals!r}, allowed vertex and facet")
     return kinds
+
+
+def unresolved_in(name: str) -> Unresolved:
+    """Return what is done about slopes that a mesh leaves out; refuse other words."""
+    if name not in get_args(Unresolved):
+        raise ValueError(f"unresolved: {name!r}, allowed tilt or none")
+    return cast(Unresolved, name)
 
 
 def positive(name: str, value: float) -> float:

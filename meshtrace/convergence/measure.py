@@ -16,7 +16,7 @@ from meshtrace.result import Fate
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import crossing_reach
 
-from .checks import Floats, Normals, Progress
+from .checks import Floats, Normals, Progress, Unresolved
 from .exact import OverWaves, Reference, WaveSum
 from .exhaustive import ExhaustiveDetection
 from .meshes import probes
@@ -50,13 +50,13 @@ class CommonChains:
         kinds: tuple[Normals, ...],
         receiver: int,
         crest: float,
+        unresolved: Unresolved = "none",
     ) -> None:
         if not 0 <= receiver < len(link.receivers):
             raise ValueError(f"receiver: {receiver!r}, allowed 0..{len(link.receivers) - 1}")
         if not photons >= 1:
             raise ValueError(f"photons: {photons!r}, allowed photons >= 1")
-        # what a mesh leaves out is what is studied: random slopes would make up for it
-        physics = link.physics.model_copy(update={"unresolved": "none"})
+        physics = link.physics.model_copy(update={"unresolved": unresolved})
         self.link = link.model_copy(
             update={"receiver": link.receivers[receiver], "physics": physics}
         )
@@ -79,7 +79,7 @@ class CommonChains:
             seconds = mesh_seconds, bvh_seconds, clock.perf_counter() - start
             rows.append(
                 (
-                    parts.ballistic[0] + parts.scattered[0],
+                    parts.shifts[0],
                     parts.ballistic[0],
                     _slope_variance(intersector, kind, self.reach),
                     _total_reflection(self.link, intersector, kind, photons, self._seed),

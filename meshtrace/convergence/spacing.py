@@ -11,7 +11,16 @@ import numpy as np
 
 from meshtrace.simulate import provenance
 
-from .checks import Floats, Normals, Progress, falling, kinds_of, positive
+from .checks import (
+    Floats,
+    Normals,
+    Progress,
+    Unresolved,
+    falling,
+    kinds_of,
+    positive,
+    unresolved_in,
+)
 from .exact import wave_sum
 from .measure import ANALOG_PHOTONS, CommonChains, Measured, mapped, spread, stacked
 from .meshes import crest_of, nested_mesh, placement_shifts
@@ -42,6 +51,7 @@ def convergence_study(
     reference: Literal["analytic"] | None = "analytic",
     tolerance: float = 1e-3,
     receiver: int = 0,
+    unresolved: Unresolved = "none",
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> ConvergenceStudy:
@@ -72,6 +82,10 @@ def convergence_study(
         Relative error that the recommended spacing is about.
     receiver : int
         Index of the receiver.
+    unresolved : {"none", "tilt"}
+        Whether normals tilt at random by the slopes that each mesh leaves out
+        (`Physics.unresolved`): "none" studies the mesh itself, "tilt" whether the mean gain is
+        free of it.
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
     progress : callable, optional
@@ -112,8 +126,11 @@ def convergence_study(
         raise ValueError(f"placements: {placements!r}, allowed placements >= 1")
     if reference not in ("analytic", None):
         raise ValueError(f"reference: {reference!r}, allowed 'analytic' or None")
+    if unresolved_in(unresolved) == "tilt" and reference:
+        raise ValueError("reference: 'analytic', allowed None beside random slopes")
     exact = wave_sum(sea) if reference else None
-    chains = CommonChains(link, photons, seed, kinds, receiver, crest_of(link, sea, time))
+    crest = crest_of(link, sea, time)
+    chains = CommonChains(link, photons, seed, kinds, receiver, crest, unresolved)
     shifts = placement_shifts(placements)
 
     def measure(job: tuple[float, Floats]) -> Measured:
@@ -128,7 +145,7 @@ def convergence_study(
     run = {
         "estimator": "forced", "photons": photons, "seed": seed, "time": time,
         "spacings": list(values), "normals": list(kinds), "placements": placements,
-        "receiver": receiver,
+        "receiver": receiver, "unresolved": unresolved,
     }  # fmt: skip
     return ConvergenceStudy(
         parameter="spacing",

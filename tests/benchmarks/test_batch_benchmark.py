@@ -35,7 +35,7 @@ def seconds_of(workers: int, rtol: float) -> float:
     return seconds
 
 
-def measure(rtol: float = 0.003, rounds: int = 3) -> dict[str, Any]:
+def measure(rtol: float = 0.0007, rounds: int = 3) -> dict[str, Any]:
     """Return the wall times of one and of two workers in turn, and the median of their ratio.
 
     Starting the processes counts: a sweep pays for it once.

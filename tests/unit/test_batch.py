@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 import meshtrace as mt
 from meshtrace import cli
 from meshtrace.batch import BLOCK, Study, Task, store_of, sweep, sweep_file
+from meshtrace.batch.store import dataset, note, open_store, waiting_tasks, write
 from meshtrace.scenario import Scenario, ScenarioError
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
 
@@ -163,6 +164,20 @@ def test_finished_points_are_read_not_computed(address, tmp_path):
     first = run({"water.b": [0.0, 0.1]}, address, store=store)
     second = run({"water.b": [0.0, 0.1]}, None, store=store, workers=1)
     assert first.identical(second)  # seconds included: nothing ran
+
+
+def test_task_lost_with_its_worker_is_told_and_stays_to_be_done(address, tmp_path):
+    store, asked = tmp_path / "lost.zarr", study({"water.b": [0.0, 0.1]})
+    group = open_store(asked, store)
+    lost, other = waiting_tasks(asked, group)
+    note(group, lost, "KilledWorker: died")
+    write(group, other, asked.compute(other))
+    assert dataset(group)["error"].values.tolist() == [["KilledWorker: died"], [""]]
+    group = open_store(asked, store)  # by the next call
+    assert waiting_tasks(asked, group) == [lost]
+    write(group, lost, asked.compute(lost))
+    assert waiting_tasks(asked, group) == []
+    assert (dataset(group)["error"] == "").all()
 
 
 def test_other_sweep_in_the_store_is_refused(address, tmp_path):

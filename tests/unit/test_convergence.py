@@ -236,6 +236,17 @@ def test_slope_variance_is_approached(study):
     assert short[-1] < 1e-2
 
 
+def test_random_slopes_stand_for_waves_left_out():
+    # long waves alone bend light little: the slopes that they lack spread it out of the aperture
+    bands, few = (1.0, 1.2, 1.4, 1.6), {"photons": 2048, "realizations": 1, "spacing": 0.5}
+    sea = JonswapSea(wind_speed=13.0)
+    bare, rough = (
+        band_limit_study(LINK, sea, bands, unresolved=word, **few) for word in ("none", "tilt")
+    )
+    assert (bare.gain - rough.gain > 4.0 * np.hypot(bare.gain_stderr, rough.gain_stderr)).all()
+    assert rough.provenance["run"]["unresolved"] == "tilt"
+
+
 def test_result_does_not_depend_on_threads():
     options = {"normals": ("vertex",), "photons": 64, "placements": 2}
     one, two = (
@@ -305,6 +316,8 @@ def test_wider_bands_add_to_the_same_waves():
         ({"reference": "exact"}, "reference: 'exact', allowed"),
         ({"receiver": 1}, "receiver: 1, allowed"),
         ({"photons": 0}, "photons: 0, allowed"),
+        ({"unresolved": "some"}, "unresolved: 'some', allowed tilt or none"),
+        ({"unresolved": "tilt"}, "reference: 'analytic', allowed None"),
     ],
 )
 def test_wrong_options_are_named(options, message):
