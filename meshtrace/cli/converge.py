@@ -100,6 +100,8 @@ def converge(
     for path in (output, plot):
         if path is not None:
             refuse_unwritable(path)
+    if plot is not None:
+        _refuse_undrawable(plot)
     study = _study(scenario, parameter, values, {**options, "photons": photons})
     if output is not None:
         study.save(output)
@@ -109,6 +111,21 @@ def converge(
     for path in (output, plot):
         if path is not None:
             typer.echo(f"\nwritten to {path}")
+
+
+def _refuse_undrawable(path: Path) -> None:
+    """Refuse a picture that could not be drawn, before anything is computed."""
+    from meshtrace.scenario import ScenarioError
+
+    try:
+        from matplotlib.figure import Figure
+    except ModuleNotFoundError as error:
+        raise ScenarioError(
+            f'--plot: {error.name} is missing, pip install "meshtrace[viz]"'
+        ) from error
+    kinds = Figure().canvas.get_supported_filetypes()
+    if path.suffix[1:].lower() not in kinds:
+        raise ScenarioError(f"--plot: {str(path)!r}, allowed: a file .{', .'.join(sorted(kinds))}")
 
 
 def _draw(study: ConvergenceStudy, path: Path) -> None:
