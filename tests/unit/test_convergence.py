@@ -391,7 +391,7 @@ def test_command_studies_bands_and_time_steps():
         (["--spacings", "x"], "--spacings: 'x', allowed: numbers"),
         (["--spacings", "2,1", "--omega-max", "2"], "--omega-max: '2', allowed: not beside"),
         (["--realizations", "3"], "--realizations: 3, allowed: only with --omega-max"),
-        (["--plot", "study.xyz"], "--plot: 'study.xyz', allowed: a file .eps, "),
+        (["--plot", "study.xyz"], "--plot: 'study.xyz', allowed: a file ."),
         (["--normals", "smooth"], "normals: ['smooth'], allowed: vertex and facet"),
         (["--set", "sea.spectrum=flat", "--omega-max", "1,2,3,4"], "sea: FlatSea, allowed: a rand"),
     ],
