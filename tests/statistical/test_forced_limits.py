@@ -40,9 +40,12 @@ def test_many_scatterings():
     [
         pytest.param(
             ((0.0, 0.1, 6.0), (1.0, 0.1, 0.0), (100.0, 0.1, 0.0)),
-            marks=pytest.mark.xfail(
-                reason="chains that wander in a thin layer below the surface are hardly drawn"
-            ),
+            marks=[
+                pytest.mark.slow,
+                pytest.mark.xfail(
+                    reason="chains that wander in a thin layer below the surface are hardly drawn"
+                ),
+            ],
         ),
         ((0.0, 0.1, 0.0), (2.0, 0.1, 2.0)),
         ((0.0, 0.1, 0.0), (8.0, 0.1, 0.0), (9.9, 0.1, 1.5), (60.0, 0.1, 0.0)),
@@ -95,7 +98,7 @@ def test_large_facets(normals):
     """A plane is a plane, whatever its triangles: scattered light too."""
     fine = FlatSea().mesh(extent=9.0, spacing=0.5)
     large = FlatSea().mesh(extent=70.0, spacing=35.0)
-    a, b = (mt.simulate(mt.Link(), m, photons=4000, seed=1, normals=normals) for m in (fine, large))
+    a, b = (mt.simulate(mt.Link(), m, photons=1000, seed=1, normals=normals) for m in (fine, large))
     np.testing.assert_allclose(b.gain_ballistic, a.gain_ballistic, rtol=1e-4)
     error = np.hypot(a.gain_stderr, b.gain_stderr)
     assert abs(a.gain_scattered - b.gain_scattered) < 5.0 * error
