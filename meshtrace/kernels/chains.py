@@ -47,6 +47,7 @@ class Nominal(NamedTuple):
     share: NDArray[np.float64]  # cumulative share of collisions at the nodes, 0 to 1
     density: NDArray[np.float64]  # (nodes,) linear density of collisions [m-1]
     bubble: NDArray[np.float64]  # (nodes,) share of bubbles among the scatterers
+    expected: float  # number of collisions on the way
 
 
 @inlined

@@ -46,6 +46,7 @@ SHIFTS = 32
 
 _TAIL = 1e-7  # orders whose share of a Poisson law is smaller together are left out
 _MAX_ORDER = 40
+_MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
 _UP = np.array([0.0, 0.0, 1.0])
 _ROOTS = 64  # crossings of one chain at most
 _CROSSINGS = 4  # of a flat sea, kept for each chain
@@ -602,6 +603,11 @@ def _check(link: Link) -> None:
             raise ValueError(
                 f'receiver: {r.kind}, allowed a receiver in the air; else estimator="analog"'
             )
+    if link.water.bottom_depth is not None:
+        raise ValueError(
+            f"water.bottom_depth: {link.water.bottom_depth:g} m, allowed None; light that meets "
+            'the bottom needs estimator="analog"'
+        )
     if link.planes is not None:
         raise ValueError('planes: given, allowed None; irradiances need estimator="analog"')
     stratified = link.bubbles is not None or link.water.layers is not None
@@ -687,6 +693,7 @@ def _nominal(
         cumulative / cumulative[-1],
         total / cumulative[-1],
         np.where(total > 0.0, b_bub / total, 0.0),
+        float(cumulative[-1]),
     )
 
 
@@ -695,9 +702,14 @@ def _last_order(medium: Medium, nominal: Nominal) -> int:
     from scipy.stats import poisson
 
     b = medium.layer_b.mean() if medium.layered else medium.b
-    expected = 1.2 * (b * nominal.distance + float(medium.bubble_path[-1]))
-    if expected == 0.0:
+    expected = 1.2 * max(nominal.expected, b * nominal.distance + float(medium.bubble_path[-1]))
+    if b == 0.0 and medium.bubble_path[-1] == 0.0:
         return 0
+    if poisson.sf(_MAX_ORDER, 1.2 * nominal.expected) > _MOST_LEFT_OUT:
+        raise ValueError(
+            f"water: {nominal.expected:.3g} scatterings expected on the way to the surface, "
+            f'allowed: nearly all light within {_MAX_ORDER}; more need estimator="analog"'
+        )
     return int(min(max(poisson.isf(_TAIL, expected), 1), _MAX_ORDER))
 
 
@@ -712,16 +724,20 @@ def _flat_mesh(extent: float) -> TriangleMesh:
 
 
 def _starts(emitter: aiming.Emitter, target: aiming.Target) -> NDArray[np.float64]:
-    """Return points (x, y) from which flat crossings are looked for: the likely one first."""
+    """Return points (x, y) from which flat crossings are looked for: the likely one first.
+
+    Light that arrives flatter than 60 degrees crosses far out, where Newton comes from anywhere.
+    """
     rx, ry = target.center[:2]
     sx, sy = emitter.position[:2]
     rows = [(rx, ry), (0.5 * (rx + sx), 0.5 * (ry + sy)), (sx, sy)]
+    reach = min(target.reach, 2.0 * (target.center[2] + 2.0))
     for radius in (0.3, 0.8):
         for azimuth in np.arange(6) * math.pi / 3.0 + radius:
             rows.append(
                 (
-                    rx + radius * target.reach * math.cos(azimuth),
-                    ry + radius * target.reach * math.sin(azimuth),
+                    rx + radius * reach * math.cos(azimuth),
+                    ry + radius * reach * math.sin(azimuth),
                 )
             )
     return np.array(rows)
