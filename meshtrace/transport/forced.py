@@ -243,7 +243,7 @@ class ForcedDetection:
         """Return the gain over a mesh, in parts."""
         top = float(mesh.bounds[1, 2])
         if top > self._ceiling:  # far higher than expected: chains that reach up there
-            higher = ForcedDetection(self.link, *self._key, self.normals, self.threads, top)
+            higher = type(self)(self.link, *self._key, self.normals, self.threads, top)
             return higher.evaluate(mesh, intersector)
         aimed = self._over(mesh, intersector)
         n_rx = len(self._targets)
