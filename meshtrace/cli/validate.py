@@ -15,7 +15,7 @@ from .options import AsJson
 @app.command()
 def validate(
     quick: Annotated[
-        bool, typer.Option("--quick", help="A tenth of the photons: under a minute.")
+        bool, typer.Option("--quick", help="A twentieth of the photons: under a minute.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:

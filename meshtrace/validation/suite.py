@@ -28,10 +28,10 @@ class Family(NamedTuple):
 SUITE = {
     "optics and waves": Family(optics_checks, 4_000_000, 500_000),
     "receiver": Family(receiver_checks, 0, 0),
-    "still water": Family(flat_sea_checks, 4_000_000, 500_000),
-    "slabs": Family(slab_checks, 4_000_000, 400_000),
-    "canonical problems": Family(mobley_checks, 1_000_000, 100_000),
-    "analog against forced": Family(estimator_checks, 6_000_000, 500_000),
+    "still water": Family(flat_sea_checks, 20_000_000, 1_000_000),
+    "slabs": Family(slab_checks, 20_000_000, 1_000_000),
+    "canonical problems": Family(mobley_checks, 5_000_000, 250_000),
+    "analog against forced": Family(estimator_checks, 15_000_000, 1_000_000),
 }
 """Families of checks by name, in the order in which they run."""
 
@@ -44,7 +44,7 @@ def validate(
     Parameters
     ----------
     quick : bool
-        A tenth of the photons: larger standard errors, the same checks.
+        A twentieth of the photons: larger standard errors, the same checks.
     progress : callable, optional
         Called with the name of each family of checks before it runs.
 
