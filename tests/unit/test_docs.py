@@ -13,11 +13,12 @@ from typer.main import get_command
 
 from meshtrace import cli
 from meshtrace.result import FATE_MEANING
-from meshtrace.scenario import Scenario
+from meshtrace.scenario import Scenario, ScenarioError
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = [DOCS / "quickstart.md", *sorted((DOCS / "guides").glob("*.md"))]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+QUICKSTART = PAGES[0].read_text("utf-8")
 COMMANDS = get_command(cli.app).commands
 
 
@@ -76,6 +77,14 @@ def test_commands_exist(page):
 def test_quickstart_lists_all_commands():
     listed = set(re.findall(r"`(?:meshtrace )?([a-z]+)`", _section("quickstart.md", "| command |")))
     assert set(COMMANDS) <= listed
+
+
+def test_quickstart_shows_an_error_as_it_is(tmp_path):
+    shown = re.search(r"^error: (link\.toml: (\w+)\.(\w+): (\d+),.*)$", QUICKSTART, re.MULTILINE)
+    message, table, key, value = shown.groups()
+    with pytest.raises(ScenarioError) as refused:
+        Scenario.from_toml(f"[{table}]\n{key} = {value}", source="link.toml")
+    assert str(refused.value) == message
 
 
 def test_concepts_list_all_fates():
