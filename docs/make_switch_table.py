@@ -48,7 +48,7 @@ CASES: list[tuple[str, str, dict[str, object]]] = [
     ("E8b", "bubbles `q = 2.0`", bubbles(q=2.0)),
     ("E10", 'bubbles `depth = "clamped"`', bubbles(depth="clamped")),
     ("E10", 'bubbles `depth = "mean_level"`', bubbles(depth="mean_level")),
-    ("E0", '`unresolved = "none"`', physics(unresolved="none")),
+    ("", '`unresolved = "none"`', physics(unresolved="none")),
     ("E11", '`fov = "paper_position"`', physics(fov="paper_position")),
     (
         "E12",
@@ -75,7 +75,6 @@ CASES: list[tuple[str, str, dict[str, object]]] = [
         },
     ),
 ]
-ANALOG_ONLY = ("E5", "E6", "E15", "")
 
 
 def wide(link: mt.Link) -> mt.Link:
