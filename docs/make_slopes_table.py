@@ -12,7 +12,7 @@ from meshtrace.surfaces import JonswapSea
 from meshtrace.surfaces.statistics import cox_munk
 
 PAGE = Path(__file__).with_name("slopes.md")
-SEAS = 100
+SEAS = 80
 LENS = mt.Receiver(radius=2.0)
 CASES = {
     5.0: ((4.0, 0.1), (4.0, 1.0), (4.0, 2.0), (6.0, 0.1), (8.0, 0.1)),
