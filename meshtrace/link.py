@@ -42,7 +42,7 @@ class Led(_Pointed, frozen=True):
     depth : float
         Depth below still water [m], 0 < depth <= 12 000.
     half_angle_deg : float
-        Half-angle at half power theta_1/2 [deg], 0 < theta_1/2 < 90; the order is
+        Half-angle at half power theta_1/2 [deg], 0.001 <= theta_1/2 < 90; the order is
         m = -ln 2 / ln cos theta_1/2.
     position : tuple of float
         Horizontal position (x, y) [m].
@@ -64,7 +64,7 @@ class Led(_Pointed, frozen=True):
     """
 
     kind: Literal["led"] = "led"
-    half_angle_deg: float = Field(10.0, gt=0.0, lt=90.0, allow_inf_nan=False)
+    half_angle_deg: float = Field(10.0, ge=1e-3, lt=90.0, allow_inf_nan=False)
 
     @property
     def order(self) -> float:

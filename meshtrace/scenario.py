@@ -69,6 +69,9 @@ MOST_VERTICES = 10_000_000
 MOST_FACTORS = 50_000_000
 """Waves times grid lines, at some 50 B each, beyond which a run is refused."""
 
+LARGEST = 1e30
+"""Magnitude of a number beyond which its square may overflow on the way to a gain."""
+
 _PRESETS = {"physical": Physics(), "paper": Physics.paper()}
 _DETECTOR_PRESETS = ("physical", "paper", "paper-ranges")
 _DETECTOR_PARTS: dict[str, type[pydantic.BaseModel]] = {
@@ -85,6 +88,11 @@ Table = dict[str, Any]
 
 class ScenarioError(ValueError):
     """One line that names the field, its value, and what is allowed."""
+
+    def __init__(self, text: str) -> None:
+        # keys of a file may hold line ends and control characters
+        shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+        super().__init__("".join(shown))
 
 
 class Sampling(pydantic.BaseModel, frozen=True, extra="forbid"):
@@ -462,6 +470,7 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
         options: Any = {**self.sampling.model_dump(), **self.run.model_dump()}
         with _named_as_in_files():
             result = simulate(self.link, self._runnable(), progress=progress, **options)
+            _refuse_overflow(result)
         if isinstance(self.surface, MeshFile):
             return replace(result, provenance={**result.provenance, "mesh_file": self.surface.file})
         return result
@@ -929,6 +938,8 @@ def _named_as_in_files() -> Iterator[None]:
         yield
     except ScenarioError:
         raise
+    except ArithmeticError as error:
+        raise ScenarioError(f"link: {error}, allowed: numbers that do not overflow") from error
     except ValueError as error:
         text = _one_line(str(error))
         name, colon, _ = text.partition(": ")
@@ -942,11 +953,21 @@ def _named_as_in_files() -> Iterator[None]:
         raise ScenarioError(_colon(_named(text, path))) from error
 
 
+def _refuse_overflow(result: GainResult) -> None:
+    """Refuse a gain that is no number, which only numbers far from any link give."""
+    gains = [result.gain] if isinstance(result.gain, float) else result.gain.tolist()
+    for gain in gains:
+        if not math.isfinite(gain):
+            raise ScenarioError(f"link: a gain of {gain}, allowed: numbers that do not overflow")
+
+
 def _refuse_numbers(config: Mapping[str, Any]) -> None:
     """Refuse numbers that no key takes: not finite, or integers of more than 64 bits."""
     for path, value in _leaves(config):
         if isinstance(value, float) and not math.isfinite(value):
             raise ScenarioError(f"{path}: {value}, allowed: finite numbers")
+        if isinstance(value, float) and abs(value) > LARGEST:
+            raise ScenarioError(f"{path}: {value:g}, allowed: at most {LARGEST:g} in magnitude")
         if isinstance(value, int) and abs(value) >= 2**64:
             raise ScenarioError(f"{path}: {_show(value)}, allowed: integers of 64 bits")
 

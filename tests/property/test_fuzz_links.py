@@ -4,9 +4,9 @@ What a link file may say, and how it is spoilt value by value, is in `test_link_
 are many more of them, files spoilt letter by letter, changes of the command line, and short runs.
 """
 
+import faulthandler
 import math
 import warnings
-from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -30,9 +30,7 @@ import meshtrace.scenario
 from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.scenario import Run, Scenario, ScenarioError, parse_setting
 
-# far beyond what a case takes, so that what is caught is a case that hangs
-HANGS = timedelta(seconds=120)
-many = settings(derandomize=True, deadline=HANGS, suppress_health_check=[HealthCheck.too_slow])
+many = settings(derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "default_link.toml"
 TEXTS = [EXAMPLE.read_text(), *SOUND, *(Scenario.from_toml(text).to_toml() for text in SOUND)]
@@ -45,6 +43,14 @@ KEYS = sorted(
 )
 SNIPPETS = ["nan", "inf", "-", "=", "[", "]]", '"', "'", "{", "\n", "\x00", "é", "1e999", "#", "..",
             "true", "0x", "1979-05-27", "0_", "\\u"]  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def no_hang():
+    """End the session with a traceback where a test takes far longer than any machine needs."""
+    faulthandler.dump_traceback_later(1800, exit=True)
+    yield
+    faulthandler.cancel_dump_traceback_later()
 
 
 @st.composite
@@ -181,6 +187,27 @@ def test_short_runs_give_finite_gains(small_meshes, config):
     assert (np.asarray(result.gain) >= 0.0).all()
     if result.fates:
         assert math.isclose(sum(f.weight for f in result.fates.values()), 1.0, abs_tol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"receiver.height": 4e77},
+        {"receiver.radius": 1e-300, "sea": {"spectrum": "sinusoid", "wavelength": 2.0}},
+        {"water.a": 1e-300},
+        {"transmitter.half_angle_deg": 1e-12},
+        {"sea.\x1e": 0},
+        {"\x1b[2J.depth": 1.0},
+    ],
+    ids=str,
+)
+def test_found_before(compiled, changes):
+    """What gave a gain of nan, a traceback or more than one line."""
+    with pytest.raises(ScenarioError) as refused:
+        shortened(Scenario.from_toml("", changes=changes)).simulate()
+    assert str(refused.value).splitlines() == [str(refused.value)]
+    assert str(refused.value).isprintable()
+    assert "allowed: " in str(refused.value)
 
 
 @pytest.mark.parametrize("text", SOUND)
