@@ -46,6 +46,7 @@ SHIFTS = 32
 
 _TAIL = 1e-7  # orders whose share of a Poisson law is smaller together are left out
 _MAX_ORDER = 40
+_MOST_CROWDED = 4.0  # density of collisions near the surface over the mean: chains fill the way
 _MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
 _UP = np.array([0.0, 0.0, 1.0])
 _ROOTS = 64  # crossings of one chain at most
@@ -709,6 +710,13 @@ def _last_order(medium: Medium, nominal: Nominal) -> int:
         raise ValueError(
             f"water: {nominal.expected:.3g} scatterings expected on the way to the surface, "
             f'allowed: nearly all light within {_MAX_ORDER}; more need estimator="analog"'
+        )
+    upper = float(nominal.density[len(nominal.density) // 2 :].max()) * nominal.distance
+    if medium.layered and upper > _MOST_CROWDED and nominal.expected > 2.0:
+        raise ValueError(
+            f"water.layers: {nominal.expected:.3g} scatterings expected, {upper:.3g} times "
+            f"as dense near the surface as on average, allowed up to {_MOST_CROWDED:g}; light that "
+            'wanders in a thin turbid layer needs estimator="analog"'
         )
     return int(min(max(poisson.isf(_TAIL, expected), 1), _MAX_ORDER))
 
