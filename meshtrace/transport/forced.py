@@ -46,6 +46,7 @@ SHIFTS = 32
 
 _TAIL = 1e-7  # orders whose share of a Poisson law is smaller together are left out
 _MAX_ORDER = 40
+_NARROWEST = 0.1  # [deg], of a lamp: narrower spots are smaller than the parts of a facet
 _MOST_CROWDED = 4.0  # density of collisions near the surface over the mean: chains fill the way
 _MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
 _UP = np.array([0.0, 0.0, 1.0])
@@ -593,10 +594,13 @@ def _check(link: Link) -> None:
                 f"{t.kind}: an extended source, allowed a point (waist or radius 0); extended "
                 'sources need estimator="analog"'
             )
-        if getattr(t, "divergence_deg", 1.0) == 0.0:
-            raise ValueError(
-                f'{t.kind}.divergence_deg: 0, allowed > 0; a parallel beam needs estimator="analog"'
-            )
+        for name in ("half_angle_deg", "divergence_deg"):
+            angle = getattr(t, name, _NARROWEST)
+            if angle < _NARROWEST:
+                raise ValueError(
+                    f"{t.kind}.{name}: {angle:g}, allowed >= {_NARROWEST:g}; narrower light needs "
+                    'estimator="analog"'
+                )
     if not link.receivers:
         raise ValueError("receiver: (), allowed at least one")
     for r in link.receivers:

@@ -18,9 +18,10 @@ from meshtrace.scenario import Scenario
 distributed = pytest.importorskip("distributed")
 zarr = pytest.importorskip("zarr")
 
-LINK = {"sea": {"spectrum": "jonswap"}, "bubbles": "none", "run": {"photons": 512}}
+PHOTONS = 8192  # so many that a sweep lasts seconds, and can be interrupted
+LINK = {"sea": {"spectrum": "jonswap"}, "bubbles": "none", "run": {"photons": PHOTONS}}
 PARAMETERS = {"transmitter.depth": [4.0 + i for i in range(12)], "wind_speed": [5.0, 13.0]}
-OPTIONS = {"rtol": None, "photons": 512, "progress": False}
+OPTIONS = {"rtol": None, "photons": PHOTONS, "progress": False}
 SCRIPT = f"""
 import sys
 from meshtrace.batch import sweep
@@ -33,7 +34,7 @@ if __name__ == "__main__":
 @pytest.fixture(scope="module")
 def expected():
     """Gains of all points, computed one after the other in this process."""
-    asked = Study(Scenario.from_config(LINK).to_toml(), PARAMETERS, 1, None, 512, 1)
+    asked = Study(Scenario.from_config(LINK).to_toml(), PARAMETERS, 1, None, PHOTONS, 1)
     gain = np.empty((12, 2, 1))
     for task in asked.tasks():
         gain[task.region] = asked.compute(task).measured[0, :, 0]
@@ -114,10 +115,10 @@ def test_interrupted_command_goes_on(expected, tmp_path):
         [sea]
         spectrum = "jonswap"
         [run]
-        photons = 512
+        photons = {PHOTONS}
         [sweep]
         rtol = 1.0
-        photons = 512
+        photons = {PHOTONS}
         [sweep.parameters]
         "transmitter.depth" = {PARAMETERS["transmitter.depth"]}
         wind_speed = {PARAMETERS["wind_speed"]}
