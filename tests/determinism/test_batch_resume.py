@@ -127,7 +127,13 @@ def test_interrupted_command_goes_on(expected, tmp_path):
     command = [sys.executable, "-m", "meshtrace", "sweep", str(study), "--workers", "1"]
     # Ctrl-C reaches every process of the terminal: a session of its own stands for it
     first = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        # a shell's background jobs ignore Ctrl-C, and so would their children
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     try:
         done = wait_for(store, 2, lambda: first.poll() is None)
