@@ -21,8 +21,8 @@ from .style import INK, PALETTE, axes, axis_label
 if TYPE_CHECKING:
     from meshtrace.performance import LinkPerformance
 
-BER_FLOOR = 1e-12
-"""Error ratios below are not drawn."""
+BER_SHOWN = (1e-9, 1.0)
+"""Error ratios of the axis; curves run on to their last value that is not 0."""
 
 
 def plot_impulse_response(
@@ -105,7 +105,12 @@ def _band(x: Floats, low: Floats, high: Floats, color: str) -> PathPatch:
 
 
 def plot_ber(
-    x: ArrayLike, curves: Curves, *, along: str = "received_power", ax: Axes | None = None
+    x: ArrayLike,
+    curves: Curves,
+    *,
+    bands: Mapping[str, tuple[ArrayLike, ArrayLike]] | None = None,
+    along: str = "received_power",
+    ax: Axes | None = None,
 ) -> Axes:
     """Plot bit error ratios, logarithmic, over power, gain, depth or whatever else.
 
@@ -115,6 +120,8 @@ def plot_ber(
         Abscissa; a received power is shown in dBm.
     curves : function or array, or mapping of str to these
         Bit error ratios, such as `OokLink().ber`.
+    bands : mapping of str to (low, high), optional
+        Confidence limits of curves, by their names.
     along : str
         Name of the abscissa in `meshtrace.fields`, or a label of its own.
     ax : matplotlib Axes, optional
@@ -129,13 +136,14 @@ def plot_ber(
     if along == "received_power":
         shown, label = 10.0 * np.log10(at / 1e-3), f"{FIELDS[along].long_name} [dBm]"
     for name, curve in by_name(curves).items():
-        values = evaluated(curve, at)
-        ax.plot(shown, np.where(values >= BER_FLOOR, values, np.nan), label=name or None)
+        (line,) = ax.plot(shown, _positive(evaluated(curve, at)), label=name or None)
+        if name in (bands or {}):
+            _draw_band(ax, shown, bands[name], line.get_color())
     if any(by_name(curves)):
         ax.legend()
     ax.axhline(1e-3, color=INK, lw=0.8, ls="--")
     ax.set(yscale="log", xlabel=label, ylabel=axis_label("ber"))
-    ax.set_ylim(1e-9, 1.0)
+    ax.set_ylim(*BER_SHOWN)
     return ax
 
 
@@ -167,13 +175,12 @@ def plot_performance(
     ax, depth = axes(ax), np.array(performance.depths)
     curves = performance.estimates(quantity).transpose(1, 2, 0)
     for rate, (value, low, high) in zip(performance.bit_rates, curves, strict=True):
-        shown, low, high = (np.where(v >= BER_FLOOR, v, np.nan) for v in (value, low, high))
+        shown = _positive(value)
         (line,) = ax.plot(depth, shown, "o-", markersize=4, label=f"{rate / 1e6:g} Mbit/s")
-        bottom = np.where(np.isnan(low), BER_FLOOR, low)
-        ax.fill_between(depth, bottom, high, color=line.get_color(), alpha=0.2, lw=0)
+        _draw_band(ax, depth, (low, high), line.get_color())
     if quantity == "ber":
         ax.axhline(performance.limit, color=INK, lw=0.8, ls="--")
-        ax.set_ylim(1e-9, 1.0)
+        ax.set_ylim(*BER_SHOWN)
     ax.set(yscale="log", xlabel=axis_label("depth"), ylabel=label_of(quantity))
     pad = 0.03 * np.ptp(depth)
     ax.set_xlim(depth.min() - pad, depth.max() + pad)
@@ -187,3 +194,16 @@ def plot_performance(
         wrap=True,
     )
     return ax
+
+
+def _positive(values: ArrayLike) -> Floats:
+    """Return values as a logarithmic axis takes them: 0 is not drawn."""
+    found = np.asarray(values, dtype=float)
+    return np.where(found > 0.0, found, np.nan)
+
+
+def _draw_band(ax: Axes, x: Floats, limits: tuple[ArrayLike, ArrayLike], color: Any) -> None:
+    """Shade between two limits; a lower one of 0 reaches below the axis."""
+    low, high = (_positive(limit) for limit in limits)
+    low = np.where(np.isnan(low), 1e-300, low)
+    ax.fill_between(x, low, high, color=color, alpha=0.2, lw=0)

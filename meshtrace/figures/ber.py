@@ -43,7 +43,7 @@ _PRINTED = {
     "20",
     "bit error rate over depth",
     quick={"realizations": 5, "photons": 512, "step": 5.0},
-    full={"realizations": 50, "photons": 2048, "step": 5.0},
+    full={"realizations": 40, "photons": 2048, "step": 2.5},
 )
 def ber_depth(setting: Setting, realizations: int, photons: int, step: float) -> Drawing:
     """Draw the average bit error rate over depth for bit rates and winds."""
@@ -65,11 +65,16 @@ def ber_depth(setting: Setting, realizations: int, photons: int, step: float) ->
     for i, (name, sweep) in enumerate(sweeps.items()):
         data = sweep.to_dataset()
         for j, rate in enumerate(RATES):
-            curves = {
-                wind_name(u): data.ber.sel(wind_speed=u, bit_rate=rate).to_numpy() for u in WINDS
+            curves = {wind_name(u): data.ber.sel(wind_speed=u, bit_rate=rate) for u in WINDS}
+            bands = {
+                wind_name(u): (
+                    data.ber_low.sel(wind_speed=u, bit_rate=rate),
+                    data.ber_high.sel(wind_speed=u, bit_rate=rate),
+                )
+                for u in WINDS
             }
             axes[i, j].set_prop_cycle(color=[WIND_COLORS[u] for u in WINDS])
-            ax = plot_ber(depths, curves, along="depth", ax=axes[i, j])
+            ax = plot_ber(depths, curves, bands=bands, along="depth", ax=axes[i, j])
             for key, wind in _PRINTED.get(rate, {}).items():
                 color = WIND_COLORS[wind]
                 ax.plot(PRINTED[key].value, LIMIT, "*", color=color, markersize=13, zorder=5)
@@ -80,8 +85,8 @@ def ber_depth(setting: Setting, realizations: int, photons: int, step: float) ->
     parts = [sweep.to_dataset() for sweep in sweeps.values()]
     whole = xr.concat(parts, presets, data_vars="all", join="exact", combine_attrs="drop")
     caption = (
-        "Bit error rate averaged over seas, without tilt; dashed: 1e-3; stars: printed ranges, in "
-        "the colour of their wind. Top: physical receiver. Bottom: paper-ranges. "
+        "Bit error rate averaged over seas, without tilt, with 95 % bands; dashed: 1e-3; stars: "
+        "printed ranges, in the colour of their wind. Top: physical, bottom: paper-ranges. "
         + sweeps["paper-ranges"].performances[0].status
     )
     return Drawing(picture, whole, _rows(ranges), caption)

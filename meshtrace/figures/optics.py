@@ -115,8 +115,19 @@ def snell(setting: Setting) -> Drawing:
     _draw_rays(axes[0, 0], n)
     ax = axes[0, 1]
     degrees = np.degrees(angle)
-    ax.plot(degrees, np.degrees(right), label=r"default, $n_1 \sin\theta_i = n_2 \sin\theta_t$")
-    ax.plot(degrees, np.degrees(printed), label=r"printed, $n_1$ and $n_2$ exchanged")
+    ax.plot(
+        degrees,
+        np.degrees(right),
+        color=PALETTE["vermilion"],
+        label=r"default, $n_1 \sin\theta_i = n_2 \sin\theta_t$",
+    )
+    ax.plot(
+        degrees,
+        np.degrees(printed),
+        color=PALETTE["green"],
+        ls="--",
+        label=r"printed, $n_1$ and $n_2$ exchanged",
+    )
     ax.set(
         xlabel=r"angle of incidence $\theta_i$ [°]", ylabel=r"angle of refraction $\theta_t$ [°]"
     )

@@ -108,12 +108,12 @@ def _close_up(scene: Any, receiver: mt.Receiver) -> None:
             start=center, direction=direction, scale=size, shaft_radius=0.012, tip_radius=0.035,
             tip_length=0.12,
         )  # fmt: skip
-        scene.add_mesh(arrow, color=PALETTE[color])
+        scene.add_mesh(arrow, color=PALETTE[color], ambient=0.45)
     ends = [center + 1.1 * size * direction for direction, _ in axes.values()]
     viz.add_labels(scene, ends, list(axes))
     center = center + 0.3 * size * up
     scene.camera.focal_point = tuple(center)
-    scene.camera.position = tuple(center + 4.2 * size * np.array([0.35, -0.85, 0.3]) * 1.25)
+    scene.camera.position = tuple(center + 4.2 * size * np.array([-0.45, -0.8, 0.42]) * 1.25)
     scene.reset_camera_clipping_range()
 
 

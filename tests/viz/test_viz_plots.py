@@ -14,8 +14,6 @@ from meshtrace.impulse import ImpulseResponse
 from meshtrace.result import FateTally, GainResult
 from meshtrace.surfaces import JonswapSea
 
-RNG = np.random.default_rng(5)
-
 
 @pytest.fixture(autouse=True)
 def _close_figures():
@@ -77,7 +75,7 @@ def test_fates():
 
 def make_series(along="time", receivers=0):
     shape = (4, receivers) if receivers else (4,)
-    gain = 1e-5 * (1.0 + RNG.random(shape))
+    gain = 1e-5 * (1.0 + np.random.default_rng(5).random(shape))
     return mt.GainSeries(along, np.arange(4) * 0.5, gain, 0.01 * gain, gain, 1e-7)
 
 
@@ -103,11 +101,12 @@ def test_gain_series_of_arrays_ensembles_and_many_receivers():
 
 
 def test_gain_distributions_with_fits():
-    gain = 1e-5 * RNG.lognormal(0.0, 0.3, 600)
+    gain = 1e-5 * np.random.default_rng(6).lognormal(0.0, 0.3, 600)
     ax = viz.plot_gain_pdf(gain, fits=["lognormal"])
     x, density = next(c.get_data() for c in ax.get_lines() if c.get_label().startswith("log"))
     assert np.trapezoid(density, x) == pytest.approx(1.0, abs=0.02)
-    assert legend(ax)[0].startswith("lognormal, index 0.09")
+    index = float(legend(ax)[0].removeprefix("lognormal, index "))
+    assert index == pytest.approx(np.expm1(np.var(np.log(gain))), rel=0.02)
     ax = viz.plot_gain_cdf(gain)
     assert legend(ax) == ["simulated", "lognormal", "gamma-gamma"]
     np.testing.assert_array_equal(line(ax)[0], np.sort(gain))
@@ -117,7 +116,9 @@ def test_gain_distributions_with_fits():
 
 def test_autocorrelation():
     time = np.arange(0.0, 60.0, 0.1)
-    gain = 1e-5 * (2.0 + np.sin(1.3 * time) + 0.1 * RNG.standard_normal(len(time)))
+    gain = 1e-5 * (
+        2.0 + np.sin(1.3 * time) + 0.1 * np.random.default_rng(7).standard_normal(len(time))
+    )
     statistics = fading_statistics(gain, time=time)
     ax = viz.plot_autocorrelation(statistics)
     np.testing.assert_array_equal(line(ax), (statistics.lag, statistics.autocorrelation))
@@ -201,8 +202,13 @@ def test_ber_over_power_and_depth():
     ax = viz.plot_ber(power, {"1 Mbit/s": receiver.ber})
     np.testing.assert_allclose(line(ax), (10.0 * np.log10(power / 1e-3), receiver.ber(power)))
     assert ax.get_xlabel().endswith("[dBm]")
-    ax = viz.plot_ber([5.0, 10.0], np.array([1e-5, 1e-20]), along="depth")
-    assert np.isnan(line(ax)[1][1])
+    ax = viz.plot_ber([5.0, 10.0, 15.0], np.array([1e-20, 1e-5, 0.0]), along="depth")
+    np.testing.assert_array_equal(line(ax)[1], (1e-20, 1e-5, np.nan))
+    ax = viz.plot_ber(
+        [5.0, 10.0], {"a": [1e-5, 1e-2]}, bands={"a": ([1e-6, 3e-3], [1e-4, 4e-2])}, along="depth"
+    )
+    band = ax.collections[0].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == (1e-6, 4e-2)
 
 
 def test_performance_over_depth():
