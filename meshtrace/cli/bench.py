@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from .app import app
-from .console import scenario_of
+from .console import refuse_unwritable, scenario_of
 
 
 @app.command()
@@ -32,8 +32,10 @@ def bench(
     from meshtrace.bench import bench as measure
     from meshtrace.bench import report
 
+    if output is not None:
+        refuse_unwritable(output)
     scenario = scenario_of(link, ["wind_speed=13", "bubbles=none"] if link is None else [], {})
-    result = measure(scenario.link, scenario.surface, quick=quick)
+    result = measure(scenario, quick=quick)
     text = json.dumps(result, indent=1)
     if output is not None:
         output.write_text(text + "\n")

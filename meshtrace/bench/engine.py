@@ -1,15 +1,9 @@
-"""How fast the engine is, as ratios within one run.
-
-These machines are noisy: engine and yardstick take turns, and the best of several rounds counts
-for both, so that a busy machine slows both alike.
-"""
+"""Photons and rays per second, the figure of merit, and the cost of a new sea."""
 
 from __future__ import annotations
 
 import math
 import os
-import resource
-import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from time import perf_counter
@@ -20,8 +14,8 @@ from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector, Hits
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.result import environment, standard_error
+from meshtrace.mesh import TriangleMesh
+from meshtrace.result import standard_error
 from meshtrace.simulate import mesh_for
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection, crossing_reach
@@ -240,61 +234,3 @@ def new_sea(
         "chains": parts.counts.chains,
         "facets": len(mesh.faces),
     }
-
-
-def bench(link: Link, sea: SurfaceModel, *, quick: bool = False) -> dict[str, Any]:
-    """Return all measurements on a link over a sea, with the environment they are of.
-
-    Parameters
-    ----------
-    link : Link
-        The link.
-    sea : SurfaceModel with seed
-        A random sea.
-    quick : bool
-        Fewer photons and rounds.
-    """
-    mesh, _ = mesh_for(link, sea)
-    near, _ = mesh_for(link, sea, reach=crossing_reach(link))
-    scale = 4 if quick else 1
-    physics = link.physics.model_copy(update={"unresolved": "none"})
-    bare = link.model_copy(update={"physics": physics})
-    return {
-        "environment": environment(),
-        "cores": os.cpu_count(),
-        "analog": analog_rate(bare, mesh, 4_000_000 // scale),
-        "analog_tilted": analog_rate(link, mesh, 4_000_000 // scale),
-        "merit": figure_of_merit(link, near, 20_000 // scale, 4_000_000 // scale),
-        "new_sea": new_sea(link, sea),
-        "peak_memory_mib": _peak_memory(),
-    }
-
-
-def report(result: dict[str, Any]) -> str:
-    """Return the measurements of `bench` as lines for the eye."""
-    analog, merit, sea = result["analog"], result["merit"], result["new_sea"]
-    return "\n".join(
-        [
-            f"analog photons      {analog['photons_per_s']:.3g} per s, {analog['threads']} threads",
-            f"raw Embree rays     {analog['rays_per_s']:.3g} per s, same rays and mesh "
-            f"({analog['facets']} facets)",
-            f"photons per ray     {analog['ratio']:.3f}; "
-            f"{result['analog_tilted']['ratio']:.3f} with tilts for the slopes that the mesh lacks",
-            f"figure of merit     {merit['ratio']:.3g} +- {merit['ratio_stderr']:.1g}, "
-            "1 / (variance x time) of forced over analog",
-            f"  forced            {merit['forced_variance'] ** 0.5:.2e} relative in "
-            f"{merit['forced_seconds']:.3f} s ({merit['chains']} chains; made in "
-            f"{merit['setup_seconds']:.3f} s)",
-            f"  analog            {merit['analog_variance'] ** 0.5:.2e} relative in "
-            f"{merit['analog_seconds']:.3f} s ({merit['photons']} photons)",
-            f"new sea to {sea['rtol']:.2%}    {sea['seconds']:.3f} s with mesh "
-            f"({sea['mesh_seconds']:.3f} s) and chains; BVH {sea['bvh_seconds']:.3f} s",
-            f"peak memory         {result['peak_memory_mib']:.0f} MiB",
-        ]
-    )
-
-
-def _peak_memory() -> float:
-    """Return the peak resident memory of this process [MiB]."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (2**20 if sys.platform == "darwin" else 2**10)

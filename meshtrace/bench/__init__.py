@@ -1,0 +1,20 @@
+"""How fast the engine is, as ratios within one run.
+
+Machines are noisy: engine and yardstick take turns, and the best of several rounds counts for
+both, so that a busy machine slows both alike.
+"""
+
+from .engine import analog_rate, best_of, figure_of_merit, new_sea
+from .report import bench, report
+from .scaling import thread_scaling, worker_scaling
+
+__all__ = [
+    "analog_rate",
+    "bench",
+    "best_of",
+    "figure_of_merit",
+    "new_sea",
+    "report",
+    "thread_scaling",
+    "worker_scaling",
+]

@@ -1,0 +1,132 @@
+"""How rates grow with threads, and with the processes of a sweep."""
+
+from __future__ import annotations
+
+import os
+from functools import partial
+from typing import Any
+
+from meshtrace.bvh import EmbreeIntersector
+from meshtrace.link import Link
+from meshtrace.mesh import TriangleMesh
+from meshtrace.scenario import Scenario
+from meshtrace.transport.analog import run_analog
+from meshtrace.transport.forced import ForcedDetection
+
+from .engine import best_of
+
+
+def counts_up_to(most: int) -> list[int]:
+    """Return 1, 2, 4, ... and the largest.
+
+    Examples
+    --------
+    >>> counts_up_to(1), counts_up_to(6)
+    ([1], [1, 2, 4, 6])
+    """
+    return sorted({1, most, *(2**i for i in range(1, most.bit_length()) if 2**i <= most)})
+
+
+def thread_scaling(
+    link: Link,
+    mesh: TriangleMesh,
+    near: TriangleMesh,
+    photons: int = 1_500_000,
+    chains: int = 20_000,
+    rounds: int = 3,
+    most: int | None = None,
+) -> dict[str, Any]:
+    """Return rates of both estimators on one thread, two, four, ... relative to one.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    mesh, near : TriangleMesh
+        The surface for analog transport, and the part of it that forced detection needs.
+    photons, chains : int
+        Work of each round of both estimators.
+    rounds : int
+        Rounds, of which the best counts; all numbers of threads take turns.
+    most : int, optional
+        Most threads, all cores by default.
+
+    Returns
+    -------
+    dict
+        `threads`; `photons_per_s` and `chains_per_s` for each; `analog_speedup` and
+        `forced_speedup`, relative to one thread.
+    """
+    threads = counts_up_to(most or os.cpu_count() or 1)
+    crest = float(near.bounds[1, 2])
+    analog = [
+        partial(run_analog, link, EmbreeIntersector(mesh, n), photons=photons, seed=1, threads=n)
+        for n in threads
+    ]
+    forced = [
+        partial(ForcedDetection(link, chains, 1, threads=n, crest=crest).evaluate, near)
+        for n in threads
+    ]
+    times = best_of(rounds, *analog, *forced)
+    analog_times, forced_times = times[: len(threads)], times[len(threads) :]
+    return {
+        "threads": threads,
+        "photons_per_s": [photons / t for t in analog_times],
+        "chains_per_s": [chains / t for t in forced_times],
+        "analog_speedup": [analog_times[0] / t for t in analog_times],
+        "forced_speedup": [forced_times[0] / t for t in forced_times],
+    }
+
+
+def worker_scaling(
+    scenario: Scenario,
+    realizations: int = 128,
+    chains: int = 8192,
+    rounds: int = 1,
+    most: int | None = None,
+) -> dict[str, Any]:
+    """Return how fast one, two, four, ... processes compute the realizations of a sweep.
+
+    The start of the processes counts: a sweep pays for it once.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Link and random sea.
+    realizations : int
+        Seas, in tasks of `meshtrace.batch.BLOCK`.
+    chains : int
+        Chains of every gain.
+    rounds : int
+        Rounds, of which the best counts; all numbers of workers take turns.
+    most : int, optional
+        Most workers, all cores by default.
+
+    Returns
+    -------
+    dict
+        `workers`; `realizations_per_s` for each; `speedup`, relative to one worker.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If dask, distributed or zarr are not installed.
+    """
+    from meshtrace.batch import Study
+    from meshtrace.batch.cluster import compute
+    from meshtrace.batch.store import open_store, waiting_tasks
+
+    def run(workers: int, n: int = realizations) -> None:
+        study = Study(scenario.to_toml(), {}, n, None, chains, seed=1)
+        group = open_store(study, None)
+        compute(study, group, waiting_tasks(study, group), None, workers, progress=False)
+
+    workers = counts_up_to(most or os.cpu_count() or 1)
+    run(workers[-1], 1)  # compiles
+    times = best_of(rounds, *(partial(run, n) for n in workers))
+    return {
+        "workers": workers,
+        "realizations": realizations,
+        "realizations_per_s": [realizations / t for t in times],
+        "speedup": [times[0] / t for t in times],
+    }
