@@ -43,6 +43,7 @@ html_title = f"meshtrace {release}"
 html_math_renderer = "mathml"
 html_copy_source = False
 html_static_path = ["_static"]
+html_extra_path = ["extra"]  # figures/, a page of its own
 html_css_files = ["meshtrace.css"]
 
 QUOTED = re.compile(r"(``[^`]*``|`[^`]*`)")

@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.metadata import version
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -135,7 +136,12 @@ class Study:
     def identity(self) -> dict[str, Any]:
         """Return what tells this sweep from others, as plain data."""
         options = {name: getattr(self, name) for name in (*_WHOLE, "rtol", "photons")}
-        return {**options, "parameters": self.parameters, "link": tomllib.loads(self.base)}
+        return {
+            "meshtrace": version("meshtrace"),  # another version may give other digits
+            **options,
+            "parameters": self.parameters,
+            "link": tomllib.loads(self.base),
+        }
 
 
 def one_line(error: BaseException) -> str:

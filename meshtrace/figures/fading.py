@@ -105,7 +105,7 @@ def gain_series(setting: Setting, times: int, photons: int) -> Drawing:
     full={
         "realizations": 10_000,
         "paper_realizations": 2_000,
-        "photons": 2048,
+        "photons": 1024,
         "analog": 40_000_000,
     },
 )

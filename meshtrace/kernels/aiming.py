@@ -234,19 +234,11 @@ def height_on(x, y, facet, surface):
 
 
 @inlined
-def aim_at(x, y, facet, shot, scene):
-    """Return the `Aim` of a crossing over (x, y) on the plane of a facet.
+def land_from(x, y, z, nx, ny, nz, shot, scene):
+    """Return the `Aim` of a crossing at (x, y, z) with a unit normal.
 
     Array twin: see `land`.
-    Interpolated normals are continued beyond the facet, so that Newton sees a smooth map.
     """
-    surface = scene.surface
-    z = height_on(x, y, facet, surface)
-    nx, ny, nz = 0.0, 0.0, 1.0
-    if facet >= 0:
-        nx, ny, nz = normal_at(x, y, facet, surface)
-        if shot.tilt_x != 0.0 or shot.tilt_y != 0.0:
-            nx, ny, nz = tilted(nx, ny, nz, shot.tilt_x, shot.tilt_y)
     return land(
         x,
         y,
@@ -264,6 +256,49 @@ def aim_at(x, y, facet, shot, scene):
         scene.interface.snell,
         scene.interface.direction,
     )
+
+
+@inlined
+def land_sloped(x, y, z, slope_x, slope_y, shot, scene):
+    """Return the `Aim` of a crossing at (x, y, z) of a surface with these slopes.
+
+    Array twin: see `land`.
+    """
+    scale = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+    return land_from(x, y, z, -slope_x * scale, -slope_y * scale, scale, shot, scene)
+
+
+@inlined
+def forward_differences(m, a, b, step):
+    """Return dX/dP and d(wx, wy)/dP of `Aim` m from those a step along x (a) and along y (b)."""
+    h = 1.0 / step
+    return (
+        (a.x1 - m.x1) * h,
+        (b.x1 - m.x1) * h,
+        (a.x2 - m.x2) * h,
+        (b.x2 - m.x2) * h,
+        (a.wx - m.wx) * h,
+        (b.wx - m.wx) * h,
+        (a.wy - m.wy) * h,
+        (b.wy - m.wy) * h,
+    )
+
+
+@inlined
+def aim_at(x, y, facet, shot, scene):
+    """Return the `Aim` of a crossing over (x, y) on the plane of a facet.
+
+    Array twin: see `land`.
+    Interpolated normals are continued beyond the facet, so that Newton sees a smooth map.
+    """
+    surface = scene.surface
+    z = height_on(x, y, facet, surface)
+    nx, ny, nz = 0.0, 0.0, 1.0
+    if facet >= 0:
+        nx, ny, nz = normal_at(x, y, facet, surface)
+        if shot.tilt_x != 0.0 or shot.tilt_y != 0.0:
+            nx, ny, nz = tilted(nx, ny, nz, shot.tilt_x, shot.tilt_y)
+    return land_from(x, y, z, nx, ny, nz, shot, scene)
 
 
 @inlined
@@ -295,19 +330,7 @@ def jacobian(x, y, facet, shot, scene):
     m = aim_at(x, y, facet, shot, scene)
     a = aim_at(x + _STEP, y, facet, shot, scene)
     b = aim_at(x, y + _STEP, facet, shot, scene)
-    h = 1.0 / _STEP
-    return (
-        m.ok and a.ok and b.ok,
-        m,
-        (a.x1 - m.x1) * h,
-        (b.x1 - m.x1) * h,
-        (a.x2 - m.x2) * h,
-        (b.x2 - m.x2) * h,
-        (a.wx - m.wx) * h,
-        (b.wx - m.wx) * h,
-        (a.wy - m.wy) * h,
-        (b.wy - m.wy) * h,
-    )
+    return (m.ok and a.ok and b.ok, m, *forward_differences(m, a, b, _STEP))
 
 
 @outlined
@@ -322,9 +345,9 @@ def flat_crossing(x, y, shot, scene):
     det = a * d - b * c
     high = math.sqrt(0.5 * (total + math.sqrt(max(total * total - 4.0 * det * det, 0.0))))
     level = scene.surface.level
-    p = _tilted(x, y, level, _STEP, 0.0, shot, scene)
-    q = _tilted(x, y, level, 0.0, _STEP, shot, scene)
-    r = _tilted(x, y, level + _STEP, 0.0, 0.0, shot, scene)
+    p = land_sloped(x, y, level, _STEP, 0.0, shot, scene)
+    q = land_sloped(x, y, level, 0.0, _STEP, shot, scene)
+    r = land_sloped(x, y, level + _STEP, 0.0, 0.0, shot, scene)
     h = 1.0 / _STEP
     p1, p2 = (p.x1 - m.x1) * h, (p.x2 - m.x2) * h
     q1, q2 = (q.x1 - m.x1) * h, (q.x2 - m.x2) * h
@@ -344,28 +367,6 @@ def flat_crossing(x, y, shot, scene):
         -(a * q2 - c * q1) * k,
         -(d * r1 - b * r2) * k,
         -(a * r2 - c * r1) * k,
-    )
-
-
-@inlined
-def _tilted(x, y, z, slope_x, slope_y, shot, scene):
-    scale = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-    return land(
-        x,
-        y,
-        z,
-        -slope_x * scale,
-        -slope_y * scale,
-        scale,
-        shot.q,
-        shot.v,
-        scene.emitter.position,
-        scene.target,
-        shot.branch,
-        scene.medium.n_water,
-        scene.medium.n_air,
-        scene.interface.snell,
-        scene.interface.direction,
     )
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.aiming import Shot, land, locate
+from meshtrace.kernels.aiming import Shot, forward_differences, land_sloped, locate
 from meshtrace.kernels.forced import (
     _shot,
     _transmit,
@@ -69,24 +69,8 @@ def _aim_beside(x, y, dx, dy, shape, shot, scene):
     """Return the `Aim` of a crossing at (x + dx, y + dy), a hair from where the shape is known."""
     z, zx, zy, zxx, zxy, zyy = shape
     slope_x, slope_y = zx + zxx * dx + zxy * dy, zy + zxy * dx + zyy * dy
-    scale = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-    return land(
-        x + dx,
-        y + dy,
-        z + zx * dx + zy * dy,
-        -slope_x * scale,
-        -slope_y * scale,
-        scale,
-        shot.q,
-        shot.v,
-        scene.emitter.position,
-        scene.target,
-        shot.branch,
-        scene.medium.n_water,
-        scene.medium.n_air,
-        scene.interface.snell,
-        scene.interface.direction,
-    )
+    height = z + zx * dx + zy * dy
+    return land_sloped(x + dx, y + dy, height, slope_x, slope_y, shot, scene)
 
 
 @outlined
@@ -99,20 +83,7 @@ def _exact_jacobian(x, y, waves, shot, scene):
     m = _aim_beside(x, y, 0.0, 0.0, shape, shot, scene)
     a = _aim_beside(x, y, _STEP, 0.0, shape, shot, scene)
     b = _aim_beside(x, y, 0.0, _STEP, shape, shot, scene)
-    h = 1.0 / _STEP
-    return (
-        m.ok and a.ok and b.ok,
-        m,
-        shape[0],
-        (a.x1 - m.x1) * h,
-        (b.x1 - m.x1) * h,
-        (a.x2 - m.x2) * h,
-        (b.x2 - m.x2) * h,
-        (a.wx - m.wx) * h,
-        (b.wx - m.wx) * h,
-        (a.wy - m.wy) * h,
-        (b.wy - m.wy) * h,
-    )
+    return (m.ok and a.ok and b.ok, m, shape[0], *forward_differences(m, a, b, _STEP))
 
 
 @outlined

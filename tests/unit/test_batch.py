@@ -180,6 +180,15 @@ def test_task_lost_with_its_worker_is_told_and_stays_to_be_done(address, tmp_pat
     assert (dataset(group)["error"] == "").all()
 
 
+def test_other_version_in_the_store_is_refused(address, tmp_path, monkeypatch):
+    store = tmp_path / "depths.zarr"
+    with monkeypatch.context() as patch:
+        patch.setattr("meshtrace.batch.study.version", lambda name: "0.0.1")
+        run({"water.b": [0.0]}, address, store=store)
+    with pytest.raises(ScenarioError, match=r"store: .*meshtrace: '0\.0\.1' there"):
+        run({"water.b": [0.0]}, address, store=store)
+
+
 def test_other_sweep_in_the_store_is_refused(address, tmp_path):
     store = tmp_path / "depths.zarr"
     run({"water.b": [0.0, 0.1]}, address, store=store)

@@ -1,0 +1,44 @@
+"""Write the numbers of docs/extra/figures that the paper prints, too, into figures_table.md.
+
+The figures are drawn by `meshtrace figures -o docs/extra/figures`.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+from pathlib import Path
+
+from meshtrace.figures import FIGURES
+from meshtrace.figures.index import number_text
+
+HERE = Path(__file__).parent
+FOLDER = HERE / "extra" / "figures"
+TABLE = HERE / "figures_table.md"
+
+
+def table() -> str:
+    """Return a row for every number that the paper prints."""
+    rows = [
+        "| figure | quantity | unit | the paper prints | default | paper preset |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name in FIGURES:
+        record = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+        for row in record["rows"]:
+            if row["printed"] is None:
+                continue
+            found = (html.unescape(number_text(row[form])) for form in ("default", "paper"))
+            cells = (
+                f'<a href="figures/index.html#{name}">{record["number"]}</a>',
+                row["quantity"],
+                row["unit"],
+                f"{row['printed']:.4g}",
+                *found,
+            )
+            rows.append("| " + " | ".join(cells) + " |")
+    return "\n".join(rows) + "\n"
+
+
+if __name__ == "__main__":
+    TABLE.write_text(table(), encoding="utf-8")
