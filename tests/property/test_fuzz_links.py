@@ -26,7 +26,7 @@ from test_link_files import (
     values,
 )
 
-import meshtrace.scenario
+import meshtrace.scenario.seas
 from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.scenario import Run, Scenario, ScenarioError, parse_setting
 
@@ -147,8 +147,8 @@ def compiled():
 @pytest.fixture
 def small_meshes(monkeypatch, compiled):
     """Refuse meshes that are right but take long."""
-    monkeypatch.setattr(meshtrace.scenario, "MOST_VERTICES", 40_000)
-    monkeypatch.setattr(meshtrace.scenario, "MOST_FACTORS", 2_000_000)
+    monkeypatch.setattr(meshtrace.scenario.seas, "MOST_VERTICES", 40_000)
+    monkeypatch.setattr(meshtrace.scenario.seas, "MOST_FACTORS", 2_000_000)
 
 
 @st.composite

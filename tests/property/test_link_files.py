@@ -10,7 +10,8 @@ from meshtrace.link import Aperture, Physics, Source
 from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.optics.phase import AnyPhase
 from meshtrace.optics.water import WATER_TYPES, Water
-from meshtrace.scenario import KEYS, Run, Sampling, Scenario, ScenarioError, _kinds
+from meshtrace.scenario import KEYS, Run, Sampling, Scenario, ScenarioError
+from meshtrace.scenario.tables import kinds
 from meshtrace.surfaces.seas import Sea
 from meshtrace.surfaces.spectra import Spectrum
 from meshtrace.surfaces.spreading import Spreading
@@ -30,11 +31,11 @@ WORDS = [
     *(
         kind
         for union in (Source, Aperture, AnyPhase, Sea, Spectrum, Spreading)
-        for kind in _kinds(union)
+        for kind in kinds(union)
     ),
 ]
 SEAS, PHASES, SOURCES, APERTURES = (
-    sorted({key for model in _kinds(union).values() for key in model.model_fields})
+    sorted({key for model in kinds(union).values() for key in model.model_fields})
     for union in (Sea, AnyPhase, Source, Aperture)
 )
 
