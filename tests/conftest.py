@@ -9,9 +9,8 @@ import tempfile
 
 import pytest
 
-# numba's cache does not notice a change in an imported kernel, so that every session compiles
-# anew; its subprocesses and workers share what it has compiled. To keep the kernels between
-# sessions, name a folder in MESHTRACE_TEST_CACHE.
+# Every session compiles anew, as a new user does; its subprocesses and workers share what it has
+# compiled. To keep the kernels between sessions, name a folder in MESHTRACE_TEST_CACHE.
 if "MESHTRACE_TEST_CACHE" not in os.environ:
     os.environ["MESHTRACE_TEST_CACHE"] = tempfile.mkdtemp(prefix="meshtrace-tests-")
     atexit.register(shutil.rmtree, os.environ["MESHTRACE_TEST_CACHE"], ignore_errors=True)

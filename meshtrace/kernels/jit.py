@@ -10,6 +10,10 @@ which saves a third of the compile time.
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from numba import njit
@@ -23,8 +27,26 @@ _bare: dict[str, Any] = {
 
 _entry: dict[str, Any] = {"cache": True, "nogil": True, "_nrt": False}
 
-entry: Any = njit(**_entry)
-"""Decorator of functions called from Python: cached on disk, without the GIL."""
+
+@cache
+def sources() -> bytes:
+    """Return a digest of all kernels."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.digest()
+
+
+def entry(function: Callable[..., Any]) -> Any:
+    """Decorate a function that Python calls: cached on disk, without the GIL.
+
+    numba asks only whether the file of this function has changed, and would go on with what it
+    compiled of kernels that the file imports: the stamp on the cache is that of all kernels.
+    """
+    compiled = njit(**_entry)(function)
+    compiled._cache._cache_file._source_stamp = sources()
+    return compiled
+
 
 inlined: Any = njit(forceinline=True, **_bare)
 """Decorator of hot functions; they must not make arrays."""
