@@ -18,7 +18,7 @@ from .printed import PRINTED
 from .registry import Drawing, Number, Row, Setting, compared, figure
 
 QUICK = {"realizations": 10, "photons": 512}
-FULL = {"realizations": 200, "photons": 2048}
+FULL = {"realizations": 100, "photons": 2048}
 
 Gains = dict[tuple[Form, float], list[Mean]]
 _NARROW = (
