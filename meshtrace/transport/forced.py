@@ -455,13 +455,17 @@ class _Aimed:
     def _search(self, target: aiming.Target) -> kernel.Search:
         """Return how far and how thoroughly roots are looked for."""
         n = self.medium.n_water / self.medium.n_air
-        listed = self.facets[np.unique(self.locator.facet)]
-        if not len(listed):
-            listed = self.facets
-        focusing = float(listed[:, aiming.CURVATURE].max()) * _lever(n, target, self._waves)
+        curvature, radius = self._largest
+        focusing = curvature * _lever(n, target, self._waves)
         audit = 1.0 if self._forced.normals == "facet" or focusing > 1.0 else 0.02
-        margin = 2.0 * float(listed[:, aiming.RADIUS].max())
-        return kernel.Search(audit, self.surface.max_slope, margin, target.reach + 1.0)
+        return kernel.Search(audit, self.surface.max_slope, 2.0 * radius, target.reach + 1.0)
+
+    @cached_property
+    def _largest(self) -> tuple[float, float]:
+        """Largest curvature [1/m] and radius [m] of the facets that light can cross."""
+        near = self.locator.facet
+        listed = self.facets[near] if len(near) else self.facets
+        return float(listed[:, aiming.CURVATURE].max()), float(listed[:, aiming.RADIUS].max())
 
     def score(
         self, emitter: aiming.Emitter, target: aiming.Target, receiver: int, stratum: Stratum

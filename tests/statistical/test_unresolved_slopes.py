@@ -5,11 +5,13 @@ import math
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, sidak, z_test
+from scipy.stats import t as student_t
 
 import meshtrace as mt
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.surfaces.statistics import (
+    components_hs,
     components_slope_variance,
     cox_munk,
     elfouhaily_slope_variance,
@@ -187,3 +189,52 @@ def test_the_mean_gain_does_not_hang_on_band_and_spacing():
     plain = mt.Link(receiver=link.receiver, physics=mt.Physics(unresolved="none"))
     e = mt.ensemble(plain, 60, JonswapSea(wind_speed=13.0), photons=1024, spacing=0.25, extent=8.0)
     assert e.gain.mean() > 1.01 * mean[0]
+
+
+BEAM = mt.Link(
+    transmitter=mt.Led(half_angle_deg=2.0), receiver=mt.Receiver(radius=0.5, height=20.0)
+)
+BATCHES, SEAS = 10, 16
+
+
+def mean_without_seas(sea):
+    """Return the mean gain of BEAM, for the chains of each batch.
+
+    Heights and slopes of a Gaussian sea are independent at one point, and light that crosses once
+    knows no more of it: a flat mesh with random slopes, averaged over its height, is enough.
+    """
+    flat, slopes = FlatSea().mesh(extent=12.0, spacing=1.0), cox_munk(sea.wind_speed)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(7)
+    total = np.zeros(BATCHES)
+    for node, weight in zip(nodes, weights / weights.sum(), strict=True):
+        level = [0.0, 0.0, node * components_hs(sea.components) / 4.0]
+        mesh = mt.TriangleMesh(
+            flat.vertices + level, flat.faces, flat.vertex_normals, UnresolvedSlopes(slopes, slopes)
+        )
+        for batch in range(BATCHES):
+            total[batch] += weight * mt.simulate(BEAM, mesh, photons=1024, seed=batch).gain
+    return total
+
+
+def mean_over_seas(sea, link):
+    options = {"photons": 1024, "spacing": 0.25, "extent": 5.0}
+    batches = range(BATCHES)
+    return np.array([mt.ensemble(link, SEAS, sea, seed=i, **options).gain.mean() for i in batches])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("wind_speed", "bands"), [(5.0, (4.0, 7.0)), (13.0, (3.0, 7.0))], ids=["5 m/s", "13 m/s"]
+)
+def test_narrow_beam_spreads_as_over_a_sea_of_slopes_alone(wind_speed, bands):
+    """A beam of 2 degrees far up, where slopes halve the gain: scatter of batches, same chains."""
+    seas = [JonswapSea(wind_speed=wind_speed, omega_max=omega_max) for omega_max in bands]
+    closed = [mean_without_seas(sea) for sea in seas]
+    for sea, expected in zip(seas, closed, strict=True):
+        ratio = mean_over_seas(sea, BEAM) / expected
+        stderr = ratio.std(ddof=1) / math.sqrt(BATCHES)
+        assert stderr < 0.03
+        t = abs(ratio.mean() - 1.0) / stderr
+        assert 2.0 * student_t.sf(t, BATCHES - 1) > sidak(ALPHA, 4)
+    smooth = BEAM.model_copy(update={"physics": mt.Physics(unresolved="none")})
+    assert (mean_over_seas(seas[0], smooth) / closed[0]).mean() > 1.2
