@@ -45,10 +45,10 @@ STUDIES = (
             transmitter=mt.Led(half_angle_deg=2.0), receiver=mt.Receiver(radius=0.5, height=20.0)
         ),
         6.0,
-        60,
+        30,
     ),
     Study(
-        "The default link, lens of 2 m radius", mt.Link(receiver=mt.Receiver(radius=2.0)), 9.0, 60
+        "The default link, lens of 2 m radius", mt.Link(receiver=mt.Receiver(radius=2.0)), 9.0, 30
     ),
 )
 CASES = {
