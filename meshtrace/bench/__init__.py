@@ -5,8 +5,8 @@ both, so that a busy machine slows both alike.
 """
 
 from .engine import analog_rate, best_of, figure_of_merit, new_sea
-from .report import bench, report
 from .scaling import thread_scaling, worker_scaling
+from .suite import bench, report
 
 __all__ = [
     "analog_rate",

@@ -7,8 +7,15 @@ from typer.testing import CliRunner
 
 import meshtrace as mt
 from meshtrace import cli
-from meshtrace.bench import analog_rate, figure_of_merit, new_sea, thread_scaling, worker_scaling
-from meshtrace.bench.report import report
+from meshtrace.bench import (
+    analog_rate,
+    bench,
+    figure_of_merit,
+    new_sea,
+    report,
+    thread_scaling,
+    worker_scaling,
+)
 from meshtrace.bench.scaling import counts_up_to
 from meshtrace.scenario import Scenario
 from meshtrace.simulate import mesh_for
@@ -57,8 +64,10 @@ def test_worker_scaling_runs_a_sweep():
     assert found["realizations_per_s"][0] > 0.0
 
 
-def test_report_names_every_measurement(meshes, threads):
-    result = {
+@pytest.fixture(scope="module")
+def measured(meshes, threads):
+    """Return what `bench` returns, of a few photons."""
+    return {
         "environment": {},
         "analog": analog_rate(LINK, meshes[0], photons=20_000, rounds=1),
         "analog_tilted": analog_rate(LINK, meshes[0], photons=20_000, rounds=1),
@@ -73,12 +82,33 @@ def test_report_names_every_measurement(meshes, threads):
             "speedup": [1.0, 1.75],
         },
     }
-    json.dumps(result)
-    text = report(result)
+
+
+def test_report_names_every_measurement(measured, threads):
+    text = report(measured)
     assert "2: 1.75x (8 seas" in text
     assert f"3: {threads['analog_speedup'][2]:.2f}x" in text
-    result["worker_scaling"] = None
-    assert 'pip install "meshtrace[batch]"' in report(result)
+    assert 'pip install "meshtrace[batch]"' in report({**measured, "worker_scaling": None})
+
+
+def test_bench_measures_all_of_it(monkeypatch, measured):
+    monkeypatch.setattr("meshtrace.bench.suite.worker_scaling", lambda scenario, seas: seas)
+    found = bench(Scenario.from_config({"bubbles": "none"}), quick=True)
+    assert set(found) == {*measured, "cores"}
+    assert found["worker_scaling"] == 32
+    assert found["analog"]["ratio"] > 0.0
+    json.dumps(found)
+
+
+def test_command_writes_what_was_measured(tmp_path, monkeypatch, measured):
+    asked = []
+    monkeypatch.setattr("meshtrace.bench.bench", lambda s, quick: asked.append(quick) or measured)
+    path = tmp_path / "bench.json"
+    result = CliRunner().invoke(cli.app, ["bench", "--quick", "-o", str(path)])
+    assert result.exit_code == 0, result.output
+    assert json.loads(path.read_text()) == measured
+    assert result.stdout == report(measured) + "\n"
+    assert asked == [True]
 
 
 @pytest.mark.parametrize(
@@ -95,13 +125,3 @@ def test_what_cannot_be_measured_is_one_line(tmp_path, text, options, field):
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr.startswith(f"error: {field}")
     assert result.stderr.count("\n") == 1
-
-
-@pytest.mark.slow
-def test_bench_writes_what_it_measured(tmp_path):
-    path = tmp_path / "bench.json"
-    result = CliRunner().invoke(cli.app, ["bench", "--quick", "-o", str(path)])
-    assert result.exit_code == 0, result.output
-    found = json.loads(path.read_text())
-    assert report(found) == result.stdout.rstrip("\n")
-    assert found["thread_scaling"]["analog_speedup"][0] == 1.0
