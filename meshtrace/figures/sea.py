@@ -70,9 +70,11 @@ def _draw_map(ax: Any, axis: Any, elevation: Any) -> None:
 
 
 def _rows(sea: JonswapSea, axis: Any, seed: int, seas: int) -> list[Any]:
-    heights = [sea.with_seed(seed + i).grid(axis, axis)[0] for i in range(seas)]
-    square = _mean([np.ptp(z) for z in heights])
-    line = _mean([np.ptp(z[:, len(axis) // 2]) for z in heights])
+    spans = []
+    for i in range(seas):
+        z = sea.with_seed(seed + i).grid(axis, axis)[0]
+        spans.append((np.ptp(z), np.ptp(z[:, len(axis) // 2])))
+    square, line = (_mean(values) for values in zip(*spans, strict=True))
     hs = Number(components_hs(sea.components))
     name = wind_name(sea.wind_speed)
     return [
@@ -99,5 +101,5 @@ def _rows(sea: JonswapSea, axis: Any, seed: int, seas: int) -> list[Any]:
     ]
 
 
-def _mean(values: list[float]) -> Number:
+def _mean(values: tuple[float, ...]) -> Number:
     return Number(float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values))))

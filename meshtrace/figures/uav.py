@@ -45,13 +45,15 @@ def tilt(setting: Setting, samples: int) -> Drawing:
             exact, gamma = _laws(wind, form)
             drawn = _UAV.tilt(gusts(wind, form).sample_wind(samples, setting.seed)).angle
             grid = np.linspace(exact.ppf(1e-6), exact.ppf(1.0 - 1e-6), 400)
-            _draw_tilt(axes[i, j], drawn, grid, exact, gamma)
+            density, edges = np.histogram(drawn, bins=80, density=True)
+            _draw_tilt(axes[i, j], density, edges, grid, exact, gamma)
             axes[i, j].set_title(f"{wind_name(wind)}, {FORM_NAMES[form]}")
             dims, key = f"angle_{form}_{wind:g}", f"{form}_{wind:g}"
             variables[f"pdf_exact_{key}"] = (dims, exact.pdf(grid), {"units": "rad-1"})
             variables[f"pdf_gamma_{key}"] = (dims, gamma.pdf(grid), {"units": "rad-1"})
             variables[dims] = (dims, grid, {"units": "rad"})
-            variables[f"sampled_{key}"] = (("sample",), drawn, {"units": "rad"})
+            variables[f"pdf_sampled_{key}"] = (f"bin_{key}", density, {"units": "rad-1"})
+            variables[f"edges_{key}"] = (f"edge_{key}", edges, {"units": "rad"})
     for wind in WINDS:
         rows += _tilt_rows(wind)
     caption = (
@@ -62,10 +64,12 @@ def tilt(setting: Setting, samples: int) -> Drawing:
     return Drawing(picture, xr.Dataset(variables), rows, caption)
 
 
-def _draw_tilt(ax: Any, drawn: Any, grid: Any, exact: ExactTiltLaw, gamma: GammaTiltLaw) -> None:
+def _draw_tilt(
+    ax: Any, density: Any, edges: Any, grid: Any, exact: ExactTiltLaw, gamma: GammaTiltLaw
+) -> None:
     degrees, per_degree = np.degrees(grid), np.radians(1.0)
-    look = {"bins": 80, "density": True, "color": PALETTE["sky"], "alpha": 0.5}
-    ax.hist(np.degrees(drawn), **look, label="sampled")
+    look: Any = {"fill": True, "color": PALETTE["sky"], "alpha": 0.5}
+    ax.stairs(density * per_degree, np.degrees(edges), **look, label="sampled")
     ax.plot(degrees, exact.pdf(grid) * per_degree, color=INK, label="exact law")
     ax.plot(degrees, gamma.pdf(grid) * per_degree, "--", color=PALETTE["vermilion"], label="Gamma")
     ax.set(xlabel=r"tilt $\alpha$ [°]", ylabel=r"probability density [1/°]")

@@ -44,7 +44,8 @@ def entry(function: Callable[..., Any]) -> Any:
     compiled of kernels that the file imports: the stamp on the cache is that of all kernels.
     """
     compiled = njit(**_entry)(function)
-    compiled._cache._cache_file._source_stamp = sources()
+    if compiled is not function:  # as it is under NUMBA_DISABLE_JIT, for debuggers
+        compiled._cache._cache_file._source_stamp = sources()
     return compiled
 
 

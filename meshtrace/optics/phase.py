@@ -8,6 +8,7 @@ carried as s = sin^2(theta / 2), in which dOmega = 4 pi ds.
 from __future__ import annotations
 
 import itertools
+from abc import abstractmethod
 from collections.abc import Callable
 from functools import lru_cache
 from importlib import resources
@@ -120,17 +121,21 @@ class PhaseFunction(pydantic.BaseModel, frozen=True, extra="forbid"):
         """Return the arrays from which `meshtrace.kernels.phase.sample_s` draws; cached."""
         return _tables(self)
 
+    @abstractmethod
     def _pdf_s(self, s: Array) -> Array:
-        raise NotImplementedError
+        """Return the phase function [1/sr] at s."""
 
+    @abstractmethod
     def _cdf_s(self, s: Array) -> Array:
-        raise NotImplementedError
+        """Return the share of light that is scattered to s or less."""
 
+    @abstractmethod
     def _mean_s(self) -> float:
-        raise NotImplementedError
+        """Return the mean of s."""
 
+    @abstractmethod
     def _components(self) -> list[_Component]:
-        raise NotImplementedError
+        """Return the parts that tables are made of."""
 
 
 class FournierForand(PhaseFunction, frozen=True):
@@ -339,8 +344,9 @@ class _Segments(NamedTuple):
 class _PiecewisePhase(PhaseFunction, frozen=True):
     """A phase function made of power laws (or constants) of s, all in closed form."""
 
+    @abstractmethod
     def _segments(self) -> _Segments:
-        raise NotImplementedError
+        """Return the pieces in the order of s."""
 
     def _pdf_s(self, s: Array) -> Array:
         seg = self._segments()

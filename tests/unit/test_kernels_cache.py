@@ -1,5 +1,9 @@
 """What is compiled is kept on disk as long as no kernel has changed."""
 
+import os
+import subprocess
+import sys
+
 from meshtrace.kernels import jit
 
 
@@ -21,3 +25,10 @@ def test_a_change_in_any_kernel_is_noticed(monkeypatch):
         changed.setattr(jit, "sources", lambda: b"second")
         assert hits_of_a_call() == 0
         assert hits_of_a_call() == 1
+
+
+def test_kernels_run_as_plain_python_for_debuggers():
+    code = "from meshtrace.kernels import aiming, jit; print(jit.entry(lambda x: 2.0 * x)(1.0))"
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True)
+    assert (done.returncode, done.stdout.strip()) == (0, b"2.0"), done.stderr
