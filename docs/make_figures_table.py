@@ -9,8 +9,8 @@ import html
 import json
 from pathlib import Path
 
-from meshtrace.figures import FIGURES
-from meshtrace.figures.index import number_text
+from meshtrace.paper import FIGURES
+from meshtrace.paper.index import number_text
 
 HERE = Path(__file__).parent
 FOLDER = HERE / "extra" / "figures"

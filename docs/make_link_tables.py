@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 import meshtrace as mt
-from meshtrace.budget import required_gain
+from meshtrace.comms.budget import required_gain
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea
-from meshtrace.tilt import h_alpha
+from meshtrace.uav.tilt import h_alpha
 
 PAGE = Path(__file__).with_name("link.md")
 RATES = (1e6, 5e6, 1e7)

@@ -17,7 +17,7 @@ from meshtrace.fading import (
     gain_pdf,
     remove_noise,
 )
-from meshtrace.result import FATE_MEANING, Fate, GainResult
+from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
 
 from .curves import Floats, label_of
 from .style import INK, PALETTE, axes, axis_label
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from meshtrace.fading import FadingStatistics
-    from meshtrace.series import CoverageMap, GainSeries
+    from meshtrace.studies.series import CoverageMap, GainSeries
 
 _FITS: dict[str, Callable[[Floats], DistributionFit]] = {
     "lognormal": fit_lognormal,

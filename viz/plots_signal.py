@@ -11,15 +11,15 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from numpy.typing import ArrayLike
 
+from meshtrace.comms.pulses import Eye
 from meshtrace.fields import FIELDS
-from meshtrace.impulse import ImpulseResponse
-from meshtrace.pulses import Eye
+from meshtrace.results.impulse import ImpulseResponse
 
 from .curves import Curves, Floats, by_name, evaluated, label_of
 from .style import INK, PALETTE, axes, axis_label
 
 if TYPE_CHECKING:
-    from meshtrace.performance import LinkPerformance
+    from meshtrace.studies.performance.link_performance import LinkPerformance
 
 BER_SHOWN = (1e-9, 1.0)
 """Error ratios of the axis; curves run on to their last value that is not 0."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.series import CoverageMap, coverage_map
-from meshtrace.simulate import trace_paths
+from meshtrace.studies.series import CoverageMap, coverage_map
 from meshtrace.transport.paths import PhotonPaths
+from meshtrace.transport.simulate import trace_paths
 
 from .light import PathColor, add_coverage, add_footprint, add_paths, select_paths
 from .parts import add_bubbles, add_receiver, add_surface, add_transmitter, add_uav

@@ -6,7 +6,7 @@ import numpy as np
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.detector import OokLink
+from meshtrace.comms.ook import OokLink
 from meshtrace.surfaces import JonswapSea
 
 

@@ -4,9 +4,9 @@ Machines are noisy: engine and yardstick take turns, and the best of several rou
 both, so that a busy machine slows both alike.
 """
 
-from .engine import analog_rate, best_of, figure_of_merit, new_sea
-from .scaling import thread_scaling, worker_scaling
-from .suite import bench, report
+from meshtrace.bench.engine import analog_rate, best_of, figure_of_merit, new_sea
+from meshtrace.bench.scaling import thread_scaling, worker_scaling
+from meshtrace.bench.suite import bench, report
 
 __all__ = [
     "analog_rate",

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from meshtrace.bvh import EmbreeIntersector, Hits
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
-from meshtrace.result import standard_error
-from meshtrace.simulate import mesh_for
+from meshtrace.results.gain import standard_error
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection, crossing_reach
+from meshtrace.transport.simulate import mesh_for
 
 Rays = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 

@@ -6,14 +6,13 @@ import os
 from functools import partial
 from typing import Any
 
+from meshtrace.bench.engine import best_of
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.scenario import Scenario
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection
-
-from .engine import best_of
 
 
 def counts_up_to(most: int) -> list[int]:
@@ -94,7 +93,7 @@ def worker_scaling(
     scenario : Scenario
         Link and random sea.
     realizations : int
-        Seas, in tasks of `meshtrace.batch.BLOCK`.
+        Seas, in tasks of `meshtrace.studies.sweep.BLOCK`.
     chains : int
         Chains of every gain.
     rounds : int
@@ -112,9 +111,9 @@ def worker_scaling(
     ModuleNotFoundError
         If dask, distributed or zarr are not installed.
     """
-    from meshtrace.batch import Study
-    from meshtrace.batch.cluster import compute
-    from meshtrace.batch.store import open_store, waiting_tasks
+    from meshtrace.studies.sweep import Study
+    from meshtrace.studies.sweep.cluster import compute
+    from meshtrace.studies.sweep.store import open_store, waiting_tasks
 
     def run(workers: int, n: int = realizations) -> None:
         study = Study(scenario.to_toml(), {}, n, None, chains, seed=1)

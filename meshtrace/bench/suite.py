@@ -8,13 +8,12 @@ import sys
 from importlib.util import find_spec
 from typing import Any
 
-from meshtrace.result import environment
+from meshtrace.bench.engine import analog_rate, figure_of_merit, new_sea
+from meshtrace.bench.scaling import thread_scaling, worker_scaling
+from meshtrace.results.gain import environment
 from meshtrace.scenario import Scenario, ScenarioError
-from meshtrace.simulate import mesh_for
 from meshtrace.transport.forced import crossing_reach
-
-from .engine import analog_rate, figure_of_merit, new_sea
-from .scaling import thread_scaling, worker_scaling
+from meshtrace.transport.simulate import mesh_for
 
 
 def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:

@@ -3,8 +3,8 @@
 Heavy imports happen inside the commands, so that --help is quick.
 """
 
-from . import bench, ber, converge, figures, run, series, sweep, validate, view
-from .app import app
+from meshtrace.cli import bench, ber, converge, figures, run, series, sweep, validate, view
+from meshtrace.cli.app import app
 
 __all__ = [
     "app",

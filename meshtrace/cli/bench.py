@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from .app import app
-from .console import refuse_unwritable, scenario_of
+from meshtrace.cli.app import app
+from meshtrace.cli.console import refuse_unwritable, scenario_of
 
 
 @app.command()

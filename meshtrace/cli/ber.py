@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import app
-from .console import (
+from meshtrace.cli.app import app
+from meshtrace.cli.console import (
     finite,
     numbers,
     over_seas,
@@ -16,11 +16,20 @@ from .console import (
     scenario_of,
     warnings_as_lines,
 )
-from .options import SERIES_CHAINS, AsJson, Chains, LinkFile, Output, Seed, Settings, Threads
+from meshtrace.cli.options import (
+    SERIES_CHAINS,
+    AsJson,
+    Chains,
+    LinkFile,
+    Output,
+    Seed,
+    Settings,
+    Threads,
+)
 
 if TYPE_CHECKING:
-    from meshtrace.performance import LinkPerformance
     from meshtrace.scenario import Scenario
+    from meshtrace.studies.performance.link_performance import LinkPerformance
 
 
 @app.command()
@@ -102,14 +111,14 @@ def ber(
 
 def _seas(scenario: Scenario, realizations: int, coupled: bool) -> int:
     """Return how many surfaces a link's performance takes at one depth."""
-    from meshtrace.series import RandomSea
+    from meshtrace.studies.series import RandomSea
 
     return realizations if coupled or isinstance(scenario.surface, RandomSea) else 1
 
 
 def _sweep(found: list[tuple[float, LinkPerformance]]) -> Any:
     """Return what to save: one performance, or those of several winds."""
-    from meshtrace.performance import DepthSweep
+    from meshtrace.studies.performance.link_performance import DepthSweep
 
     if len(found) == 1:
         return found[0][1]

@@ -101,11 +101,11 @@ def progress(
 
 def kernels_are_compiled(estimator: str) -> bool:
     """Whether numba's cache on disk has kernels of an estimator, of whatever version."""
-    from meshtrace.kernels.analog import advance
+    from meshtrace.kernels.photon import advance
 
     stats = getattr(advance, "stats", None)  # a plain function where compiling is disabled
-    # kernels/forced.py and kernels/analog.py: numba names its files after the module
-    return stats is None or any(Path(stats.cache_path).glob(f"{estimator}.*.nbi"))
+    module = {"forced": "chain_gain", "analog": "photon"}[estimator]
+    return stats is None or any(Path(stats.cache_path).glob(f"{module}.*.nbi"))
 
 
 @contextmanager

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import app
-from .console import (
+from meshtrace.cli.app import app
+from meshtrace.cli.console import (
     COMPILING,
     kernels_are_compiled,
     numbers,
@@ -17,11 +17,11 @@ from .console import (
     scenario_of,
     warnings_as_lines,
 )
-from .options import LinkFile, Output, Seed, Settings, Threads
+from meshtrace.cli.options import LinkFile, Output, Seed, Settings, Threads
 
 if TYPE_CHECKING:
-    from meshtrace.convergence import ConvergenceStudy
     from meshtrace.scenario import Scenario
+    from meshtrace.studies.convergence import ConvergenceStudy
 
 _LISTS = {"spacing": "--spacings", "time_step": "--time-steps", "omega_max": "--omega-max"}
 
@@ -139,8 +139,8 @@ def _draw(study: ConvergenceStudy, path: Path) -> None:
 
 def _values(given: dict[str, str]) -> tuple[str, list[float]]:
     """Return what is refined, and its values."""
-    from meshtrace.convergence import DEFAULT_SPACINGS
     from meshtrace.scenario import ScenarioError
+    from meshtrace.studies.convergence import DEFAULT_SPACINGS
 
     if len(given) > 1:
         first, second, *_ = (_LISTS[key] for key in given)
@@ -164,7 +164,7 @@ def _study(
     scenario: Scenario, parameter: Any, values: list[float], options: dict[str, Any]
 ) -> ConvergenceStudy:
     """Return the study of a scenario, with a bar while it runs."""
-    from meshtrace.convergence import PLACEMENTS, REALIZATIONS, study_scenario
+    from meshtrace.studies.convergence import PLACEMENTS, REALIZATIONS, study_scenario
 
     surfaces = {
         "spacing": len(values) * options.get("placements", PLACEMENTS),

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from .app import app
-from .console import warnings_as_lines
+from meshtrace.cli.app import app
+from meshtrace.cli.console import warnings_as_lines
 
 
 @app.command()
@@ -37,8 +37,8 @@ def figures(
 
     Figures that are there already are kept; an interrupted run goes on where it was.
     """
-    from meshtrace.figures.registry import FIGURES, Setting
-    from meshtrace.figures.runner import INDEX, make_figures
+    from meshtrace.paper.registry import FIGURES, Setting
+    from meshtrace.paper.runner import INDEX, make_figures
     from meshtrace.scenario import ScenarioError
 
     if names:

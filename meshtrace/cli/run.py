@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import app
-from .console import (
+from meshtrace.cli.app import app
+from meshtrace.cli.console import (
     COMPILING,
     finite,
     kernels_are_compiled,
@@ -21,10 +21,10 @@ from .console import (
     scenario_of,
     warnings_as_lines,
 )
-from .options import AsJson, LinkFile, Output, Seed, Settings, Threads
+from meshtrace.cli.options import AsJson, LinkFile, Output, Seed, Settings, Threads
 
 if TYPE_CHECKING:
-    from meshtrace.result import GainResult
+    from meshtrace.results.gain import GainResult
     from meshtrace.scenario import Scenario
 
 CHAIN_MEANING = {
@@ -163,7 +163,7 @@ def _gain_lines(result: GainResult) -> list[str]:
 
 def _fate_lines(result: GainResult) -> list[str]:
     """Return what became of the photons, as a table."""
-    from meshtrace.result import FATE_MEANING, Fate
+    from meshtrace.results.gain import FATE_MEANING, Fate
 
     lines = [f"{'fate':<12}{'photons':>15}{'weight %':>12}  meaning"]
     for name, tally in result.fates.items():

@@ -8,13 +8,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import app
-from .console import numbers, over_seas, refuse_unwritable, scenario_of, warnings_as_lines
-from .options import SERIES_CHAINS, Chains, LinkFile, Output, Seed, Settings, Threads
+from meshtrace.cli.app import app
+from meshtrace.cli.console import (
+    numbers,
+    over_seas,
+    refuse_unwritable,
+    scenario_of,
+    warnings_as_lines,
+)
+from meshtrace.cli.options import SERIES_CHAINS, Chains, LinkFile, Output, Seed, Settings, Threads
 
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
-    from meshtrace.series import GainSeries
+    from meshtrace.studies.series import GainSeries
 
 _FEW = 50  # gains that are printed where no statistics can be
 

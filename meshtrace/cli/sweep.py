@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .app import app
-from .console import COMPILING, kernels_are_compiled, refuse_unwritable
-from .options import Output
+from meshtrace.cli.app import app
+from meshtrace.cli.console import COMPILING, kernels_are_compiled, refuse_unwritable
+from meshtrace.cli.options import Output
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,8 +57,8 @@ def _swept(
     study: Path, store: Path | None, scheduler: str | None, workers: int | None
 ) -> tuple[xr.Dataset, Path]:
     """Return the results of a study file and the store that they are in."""
-    from meshtrace.batch import store_of, sweep_file
     from meshtrace.scenario import ScenarioError
+    from meshtrace.studies.sweep import store_of, sweep_file
 
     place = store or store_of(study)
     if not kernels_are_compiled("forced"):

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from .app import app
-from .console import COMPILING, finite, kernels_are_compiled, progress
-from .options import AsJson
+from meshtrace.cli.app import app
+from meshtrace.cli.console import COMPILING, finite, kernels_are_compiled, progress
+from meshtrace.cli.options import AsJson
 
 
 @app.command()

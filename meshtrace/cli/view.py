@@ -11,9 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from .app import app
-from .console import COMPILING, kernels_are_compiled, progress, scenario_of, warnings_as_lines
-from .options import Settings
+from meshtrace.cli.app import app
+from meshtrace.cli.console import (
+    COMPILING,
+    kernels_are_compiled,
+    progress,
+    scenario_of,
+    warnings_as_lines,
+)
+from meshtrace.cli.options import Settings
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -21,7 +27,7 @@ if TYPE_CHECKING:
     from meshtrace.link import Link
     from meshtrace.mesh import SurfaceModel, TriangleMesh
     from meshtrace.scenario import Scenario
-    from meshtrace.series import CoverageMap, GainSeries
+    from meshtrace.studies.series import CoverageMap, GainSeries
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 
@@ -191,9 +197,9 @@ def _of_scenario(scenario: Scenario) -> Subject:
 
 def _of_result(file: Path) -> Subject:
     """Return what a result file was made of, with its map or its gain over time."""
-    from meshtrace.result import FORMAT_VERSION
+    from meshtrace.results.gain import FORMAT_VERSION
     from meshtrace.scenario import Scenario, ScenarioError
-    from meshtrace.series import CoverageMap, GainSeries
+    from meshtrace.studies.series import CoverageMap, GainSeries
 
     data = _dataset(file)
     kinds = ("gain", "series", "coverage", "performance", "depth-sweep")

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.directions import turn
 from meshtrace.kernels.jit import entry, inlined
 from meshtrace.kernels.medium import lookup
 from meshtrace.kernels.phase import sample_s
+from meshtrace.kernels.vectors import turn
 
 FREE_PATH_SHARE = 0.2
 """Share of chains whose distances are free paths; the others fill the way to the surface."""

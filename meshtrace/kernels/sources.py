@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.directions import TWO_PI, turn
 from meshtrace.kernels.jit import inlined, outlined
-from meshtrace.rng import Purpose, uniforms
+from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.vectors import TWO_PI, turn
 
 LAMBERTIAN, GAUSSIAN, TOP_HAT, ISOTROPIC, SUN, SKY_UNIFORM, SKY_CARDIOIDAL = range(7)
 

@@ -4,12 +4,12 @@ A scenario is everything that one run depends on. This is the only package that 
 with `meshtrace.surfaces`, by late imports.
 """
 
-from .errors import LARGEST, ScenarioError
-from .files import KEYS, parse_setting
-from .model import Scenario
-from .options import Run, Sampling
-from .parts import DEFAULT_WIND_SPEED
-from .seas import MOST_FACTORS, MOST_VERTICES, MeshFile
+from meshtrace.errors import LARGEST, ScenarioError
+from meshtrace.scenario.files import KEYS, parse_setting
+from meshtrace.scenario.model import Scenario
+from meshtrace.scenario.parts import DEFAULT_WIND_SPEED
+from meshtrace.scenario.seas import MOST_FACTORS, MOST_VERTICES, MeshFile
+from meshtrace.transport.options import Run, Sampling
 
 __all__ = [
     "DEFAULT_WIND_SPEED",

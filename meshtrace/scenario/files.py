@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from .errors import ScenarioError, one_line, show
+from meshtrace.errors import ScenarioError, one_line, show
 
 KEYS = (
     "wind_speed",

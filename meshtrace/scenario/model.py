@@ -10,24 +10,23 @@ from typing import TYPE_CHECKING, Any, Self
 import pydantic
 from pydantic import field_validator
 
-from meshtrace.detector import OokLink
+from meshtrace.comms.ook import OokLink
+from meshtrace.errors import ScenarioError, refuse_numbers, refuse_overflow, refuse_unknown, show
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.result import GainResult
-from meshtrace.simulate import mesh_for, simulate
+from meshtrace.results.gain import GainResult
+from meshtrace.scenario import parts, seas
+from meshtrace.scenario.files import KEYS, parse_toml, read_text, set_value
+from meshtrace.scenario.seas import MeshFile
+from meshtrace.scenario.tables import Table, as_table, named_as_in_files, plain, validated
 from meshtrace.transport.forced import crossing_reach
-from meshtrace.uav import Uav
-
-from . import parts, seas
-from .errors import ScenarioError, refuse_numbers, refuse_overflow, refuse_unknown, show
-from .files import KEYS, parse_toml, read_text, set_value
-from .options import Run, Sampling
-from .seas import MeshFile
-from .tables import Table, as_table, named_as_in_files, plain, validated
+from meshtrace.transport.options import Run, Sampling
+from meshtrace.transport.simulate import mesh_for, simulate
+from meshtrace.uav.airframe import Uav
 
 if TYPE_CHECKING:
-    from meshtrace.performance import LinkPerformance
-    from meshtrace.series import GainSeries
+    from meshtrace.studies.performance.link_performance import LinkPerformance
+    from meshtrace.studies.series import GainSeries
 
 
 class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
@@ -277,7 +276,7 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
         ScenarioError
             If the surface does not move, or the link needs the analog estimator.
         """
-        from meshtrace.series import time_series
+        from meshtrace.studies.series import time_series
 
         options: Any = self._series_options(moving=True)
         with named_as_in_files():
@@ -293,7 +292,7 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
         ScenarioError
             If the sea has no random phases, or the link needs the analog estimator.
         """
-        from meshtrace.series import ensemble
+        from meshtrace.studies.series import ensemble
 
         options: Any = {**self._series_options(), "time": self.sampling.time}
         with named_as_in_files():
@@ -316,7 +315,7 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
         ScenarioError
             If an option is out of range, or the link needs the analog estimator.
         """
-        from meshtrace.performance import link_performance
+        from meshtrace.studies.performance.link_performance import link_performance
 
         run = self._series_options()
         shared: Any = {key: run[key] for key in ("photons", "seed", "spacing", "threads")}

@@ -11,16 +11,9 @@ from typing import Any, get_args
 
 import pydantic
 
-from meshtrace.detector import OokLink
-from meshtrace.link import Aperture, IrradiancePlanes, Link, Physics, Source, Whitecaps
-from meshtrace.optics.bubbles import HallNovarini
-from meshtrace.optics.phase import AnyPhase, FournierForand
-from meshtrace.optics.water import WATER_TYPES, Water
-from meshtrace.sipm import LedDriver, OpticalFrontEnd, SiPM, Tia
-from meshtrace.transport.forced import crossing_reach
-from meshtrace.uav import UAVS, Uav
-
-from .errors import (
+from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia
+from meshtrace.comms.ook import OokLink
+from meshtrace.errors import (
     ScenarioError,
     is_number,
     refuse_ragged,
@@ -29,7 +22,13 @@ from .errors import (
     show,
     with_colon,
 )
-from .tables import Table, as_table, of_kind, validated, without_shared_wind
+from meshtrace.link import Aperture, IrradiancePlanes, Link, Physics, Source, Whitecaps
+from meshtrace.optics.bubbles import HallNovarini
+from meshtrace.optics.phase import AnyPhase, FournierForand
+from meshtrace.optics.water import WATER_TYPES, Water
+from meshtrace.scenario.tables import Table, as_table, of_kind, validated, without_shared_wind
+from meshtrace.transport.forced import crossing_reach
+from meshtrace.uav.airframe import UAVS, Uav
 
 DEFAULT_WIND_SPEED = 5.0
 

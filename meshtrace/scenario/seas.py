@@ -12,12 +12,18 @@ from typing import Any, Literal
 
 import pydantic
 
+from meshtrace.errors import (
+    ScenarioError,
+    one_line,
+    refuse_unknown,
+    refuse_unlisted,
+    show,
+    with_colon,
+)
 from meshtrace.link import Footprint, Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
-
-from .errors import ScenarioError, one_line, refuse_unknown, refuse_unlisted, show, with_colon
-from .options import Sampling
-from .tables import Table, kinds, of_kind, validated, without_shared_wind
+from meshtrace.scenario.tables import Table, kinds, of_kind, validated, without_shared_wind
+from meshtrace.transport.options import Sampling
 
 MOST_VERTICES = 10_000_000
 """Vertices of a mesh, at some 0.5 kB each, beyond which a run is refused."""

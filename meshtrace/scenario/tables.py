@@ -12,9 +12,7 @@ from typing import Any, TypeVar, get_args
 
 import pydantic
 
-from meshtrace.link import Aperture, Source
-
-from .errors import (
+from meshtrace.errors import (
     ScenarioError,
     join_path,
     one_line,
@@ -24,7 +22,8 @@ from .errors import (
     show,
     with_colon,
 )
-from .options import Run, Sampling
+from meshtrace.link import Aperture, Source
+from meshtrace.transport.options import Run, Sampling
 
 Model = TypeVar("Model", bound=pydantic.BaseModel)
 Table = dict[str, Any]

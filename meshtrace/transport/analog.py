@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import Intersector
-from meshtrace.kernels import analog as kernel
+from meshtrace.kernels import photon as kernel
 from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium

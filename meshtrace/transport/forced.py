@@ -25,10 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.kernels import aiming, image
+from meshtrace.kernels import aiming
+from meshtrace.kernels import chain_gain as kernel
 from meshtrace.kernels import chains as chain_kernel
-from meshtrace.kernels import forced as kernel
 from meshtrace.kernels import sources as source_codes
+from meshtrace.kernels import unscattered as image
 from meshtrace.kernels.chains import Chains, Nominal
 from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.medium import Medium

@@ -4,7 +4,7 @@ Closed forms and quadratures, published tables, and the two estimators against e
 `meshtrace validate` prints them; the tests of published tables run the same problems longer.
 """
 
-from .check import LIMIT, Check, format_table
-from .suite import SUITE, validate
+from meshtrace.validation.check import LIMIT, Check, format_table
+from meshtrace.validation.suite import SUITE, validate
 
 __all__ = ["LIMIT", "SUITE", "Check", "format_table", "validate"]

@@ -8,9 +8,8 @@ from typing import Literal
 from meshtrace.link import Link, Physics, Receiver
 from meshtrace.mesh import SurfaceModel
 from meshtrace.optics.bubbles import HallNovarini
-from meshtrace.simulate import simulate
-
-from .check import Check
+from meshtrace.transport.simulate import simulate
+from meshtrace.validation.check import Check
 
 
 def estimator_checks(photons: int) -> list[Check]:

@@ -9,9 +9,8 @@ import numpy as np
 from meshtrace.link import Led, Link, Physics, Receiver
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.optics.water import Water
-from meshtrace.simulate import simulate
-
-from .check import Check
+from meshtrace.transport.simulate import simulate
+from meshtrace.validation.check import Check
 
 REFERENCE_ERROR = 1e-4
 """Relative standard error of the reference gains with scattering."""

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from meshtrace.link import IrradiancePlanes, Link, Sun
 from meshtrace.optics.phase import AnyPhase, Rayleigh
 from meshtrace.optics.water import Water
-from meshtrace.result import GainResult
-from meshtrace.simulate import simulate
-
-from .check import Check, half_digit
-from .slabs import wide_mesh
+from meshtrace.results.gain import GainResult
+from meshtrace.transport.simulate import simulate
+from meshtrace.validation.check import Check, half_digit
+from meshtrace.validation.slabs import wide_mesh
 
 E_AIR = 0.5
 """Irradiance just above the surface."""

@@ -11,8 +11,7 @@ from meshtrace.optics import mie
 from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.optics.fresnel import fresnel_reflectance, hemispheric_reflectance
 from meshtrace.optics.phase import FournierForand
-
-from .check import Check, printed
+from meshtrace.validation.check import Check, printed
 
 WISCOMBE = (
     (0.75, 10.0, "2.232265", "0.896473"),

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 
-from meshtrace.detector import Model, OokLink
-from meshtrace.sipm import SiPM
-from meshtrace.uav import Uav
-from meshtrace.wind import Dryden
-
-from .check import Check, printed
+from meshtrace.comms.devices import SiPM
+from meshtrace.comms.ook import Model, OokLink
+from meshtrace.uav.airframe import Uav
+from meshtrace.uav.wind import Dryden
+from meshtrace.validation.check import Check, printed
 
 WAVELENGTH = 470e-9
 PAPER = "Nennouche et al., printed"

@@ -14,10 +14,9 @@ from meshtrace.link import IrradiancePlanes, Link, Physics, Receiver, Sun
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.phase import HenyeyGreenstein
 from meshtrace.optics.water import Water
-from meshtrace.result import GainResult
-from meshtrace.simulate import simulate
-
-from .check import Check, printed
+from meshtrace.results.gain import GainResult
+from meshtrace.transport.simulate import simulate
+from meshtrace.validation.check import Check, printed
 
 VAN_DE_HULST = {"R": "0.09739", "T": "0.66096"}
 """Tau 2, albedo 0.9, Henyey-Greenstein 0.75, index-matched: van de Hulst 1980, vol. 2, table 35."""
@@ -98,7 +97,7 @@ def slab_light(link: Link, photons: int, seed: int, threads: int | None = None) 
     link : Link
         From `slab_link`.
     photons, seed, threads
-        See `meshtrace.simulate`.
+        See `meshtrace.transport.simulate`.
 
     Returns
     -------

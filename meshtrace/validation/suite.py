@@ -6,15 +6,14 @@ import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
-from meshtrace.simulate import DomainWarning
-
-from .check import Check
-from .estimators import estimator_checks
-from .flat_sea import flat_sea_checks
-from .mobley import mobley_checks
-from .optics import optics_checks
-from .receiver import receiver_checks
-from .slabs import slab_checks
+from meshtrace.transport.simulate import DomainWarning
+from meshtrace.validation.check import Check
+from meshtrace.validation.estimators import estimator_checks
+from meshtrace.validation.flat_sea import flat_sea_checks
+from meshtrace.validation.mobley import mobley_checks
+from meshtrace.validation.optics import optics_checks
+from meshtrace.validation.receiver import receiver_checks
+from meshtrace.validation.slabs import slab_checks
 
 
 class Family(NamedTuple):

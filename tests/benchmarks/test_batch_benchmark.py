@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from meshtrace.batch import sweep
+from meshtrace.studies.sweep import sweep
 
 pytest.importorskip("distributed")
 pytest.importorskip("zarr")

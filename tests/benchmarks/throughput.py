@@ -17,9 +17,9 @@ from plain_tracer import plain_gain
 import meshtrace as mt
 from meshtrace.bench import best_of
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.simulate import mesh_for
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport.analog import run_analog
+from meshtrace.transport.simulate import mesh_for
 
 SMOOTH = mt.Link(physics=mt.Physics(unresolved="none"))
 

@@ -5,7 +5,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.bvh import BruteForceIntersector, EmbreeIntersector
-from meshtrace.result import Fate
+from meshtrace.results.gain import Fate
 from meshtrace.surfaces import JonswapSea
 from meshtrace.transport.analog import run_analog
 

@@ -8,10 +8,10 @@ import pytest
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.detector import OokLink
+from meshtrace.comms.ook import OokLink
 from meshtrace.fading import fading_statistics
-from meshtrace.impulse import ImpulseResponse
-from meshtrace.result import FateTally, GainResult
+from meshtrace.results.gain import FateTally, GainResult
+from meshtrace.results.impulse import ImpulseResponse
 from meshtrace.surfaces import JonswapSea
 
 

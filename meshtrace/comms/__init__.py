@@ -1,0 +1,1 @@
+"""Communications: pulses, detectors, decisions and link budgets."""

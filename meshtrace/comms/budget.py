@@ -1,0 +1,461 @@
+"""From channel gains to link performance: budget, average error rate, outage, capacity, range.
+
+Gains come as a number, an array over depth or time, or an ensemble of realizations; the tilt factor
+h_alpha joins as an array of the same shape (or 1 where the gains already contain the tilt).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meshtrace import fading
+from meshtrace.comms.decisions import non_negative, soft_information
+from meshtrace.comms.ook import OokLink
+from meshtrace.fading import Estimate
+
+FloatArray = NDArray[np.float64]
+
+FEC_LIMITS: dict[str, float] = {"uncoded": 1e-3, "paper": 2e-3, "hard-7-percent": 3.8e-3}
+"""Bit error rates before decoding that count as success: the figure usual without a code, the
+paper's limit, and that of hard-decision codes with 7 % overhead (net rate 239/255)."""
+
+_TABLE_POINTS = 256
+
+
+class LinkBudget(NamedTuple):
+    """Optical power along the link, in decibels; the fields are numbers or arrays over the gains.
+
+    `margin_optical_db` is 10 log10 of the ratio of optical powers, received over required.
+    `margin_electrical_db` is twice that: the ratio of squared photocurrents. It equals the reserve
+    in SNR only where the noise does not depend on the signal (thermal or background noise); with
+    signal shot noise the SNR gains but the optical figure.
+    """
+
+    transmitted_dbm: float
+    gain_db: FloatArray
+    tilt_db: FloatArray
+    concentration_db: float
+    filter_db: float
+    received_dbm: FloatArray
+    required_dbm: float
+    margin_optical_db: FloatArray
+    margin_electrical_db: FloatArray
+
+
+class Capacity(NamedTuple):
+    """Rates over a fading channel [bit s-1].
+
+    `hard` and `soft` are averages over the ensemble (ergodic: a code must span the fades), after
+    hard decisions and from full counts without intersymbol interference; `hard_outage` is the rate
+    that all but the stated share of the realizations carry, the figure for codes shorter than a
+    wave's fade.
+    """
+
+    hard: float
+    soft: float
+    hard_outage: float
+
+
+def _db(ratio: ArrayLike) -> FloatArray:
+    with np.errstate(divide="ignore"):
+        return 10.0 * np.log10(np.asarray(ratio, dtype=float))
+
+
+def link_budget(link: OokLink, gain: ArrayLike, ber: float, h_alpha: ArrayLike = 1.0) -> LinkBudget:
+    """Add up a link in decibels.
+
+    P_rx = P_Tx + G + h_alpha + eta_conc + T_filter,  margin = P_rx - P_req(ber)
+
+    Parameters
+    ----------
+    link : OokLink
+        Transmitter and receiver.
+    gain : array_like
+        Channel gain [1], any shape.
+    ber : float
+        Bit error rate that the link has to reach, 0 < ber < 0.5; see `FEC_LIMITS`.
+    h_alpha : array_like
+        Tilt factor [1], broadcast against `gain`.
+
+    Returns
+    -------
+    LinkBudget
+        The terms of the sum; -inf where no light arrives.
+
+    Examples
+    --------
+    >>> budget = link_budget(OokLink(bit_rate=1e6), gain=6.4e-8, ber=1e-3)
+    >>> print(f"{float(budget.margin_optical_db):.1f} dB optical")
+    5.7 dB optical
+    """
+    g, tilt = non_negative("gain", gain), non_negative("h_alpha", h_alpha)
+    required = link.required_power(ber)
+    margin = _db(link.received_power(g * tilt) / required)
+    optics, area = link.optics, link.sipm.area
+    return LinkBudget(
+        transmitted_dbm=float(_db(link.led.power / 1e-3)),
+        gain_db=_db(g),
+        tilt_db=_db(tilt),
+        concentration_db=float(_db(optics.concentration_efficiency(area))),
+        filter_db=float(_db(optics.filter_transmission)),
+        received_dbm=_db(link.received_power(g * tilt) / 1e-3),
+        required_dbm=float(_db(required / 1e-3)),
+        margin_optical_db=margin,
+        margin_electrical_db=2.0 * margin,
+    )
+
+
+def required_gain(link: OokLink, ber: float) -> float:
+    """Channel gain that a link needs for a bit error rate; infinite if none suffices.
+
+    Parameters
+    ----------
+    link : OokLink
+        Transmitter and receiver.
+    ber : float
+        Bit error rate, 0 < ber < 0.5.
+    """
+    return link.required_power(ber) / float(link.received_power(1.0))
+
+
+def ber_of_gains(link: OokLink, gain: FloatArray) -> FloatArray:
+    """Bit error rate of many gains, interpolated where that is worth it.
+
+    Parameters
+    ----------
+    link : OokLink
+        Transmitter and receiver.
+    gain : ndarray
+        Gains [1], any shape.
+
+    Returns
+    -------
+    ndarray
+        Bit error rate, same shape.
+
+    Notes
+    -----
+    Of more than 512 gains, ln BER is interpolated over ln power (PCHIP): 256 points over the range
+    of the powers that matter keep the error below 1e-3 (relative).
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    power = link.received_power(gain)
+    if power.size <= 2 * _TABLE_POINTS:
+        return link.ber(power)
+    floor = link.required_power(0.4999)
+    high = float(power.max())
+    if high <= floor:
+        return np.full(power.shape, 0.5)
+    clipped = np.maximum(power, floor)
+    nodes = np.linspace(math.log(float(clipped.min())), math.log(high), _TABLE_POINTS)
+    if nodes[0] == nodes[-1]:
+        return np.full(power.shape, float(link.ber(high)))
+    log_ber = np.log(np.maximum(link.ber(np.exp(nodes)), 1e-300))
+    table = PchipInterpolator(nodes, log_ber)
+    ber = np.exp(table(np.clip(np.log(clipped), nodes[0], nodes[-1])))
+    return np.where(power < floor, 0.5, ber)
+
+
+def average_ber(
+    link: OokLink,
+    gain: ArrayLike,
+    h_alpha: ArrayLike = 1.0,
+    *,
+    n_effective: float | None = None,
+    confidence: float = 0.95,
+    resamples: int = 1000,
+    seed: int = 0,
+) -> Estimate:
+    """Average the bit error rate over fading, BER = E[BER(P h)].
+
+    Parameters
+    ----------
+    link : OokLink
+        Transmitter and receiver.
+    gain : array_like
+        Gains of the realizations or of a time series (n,) [1].
+    h_alpha : array_like
+        Tilt factor [1], broadcast against `gain`; zeros (line of sight outside of the field of
+        view) count with a bit error rate of 0.5.
+    n_effective : float, optional
+        Number of independent gains, by default n; for a series see `fading.effective_samples`.
+    confidence : float
+        Level of the interval.
+    resamples, seed : int
+        Number and seed of the bootstrap replicates.
+
+    Returns
+    -------
+    Estimate
+        Average and its interval: percentile bootstrap, stretched in the logarithm by
+        sqrt(n / n_effective).
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range.
+
+    Notes
+    -----
+    The Monte Carlo noise of the gains acts like additional fading: free the gains from it first
+    (`fading.remove_noise`), or make it small against their spread.
+    """
+    g = np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
+    n = float(g.size) if n_effective is None else n_effective
+    if not 1.0 <= n <= g.size:
+        raise ValueError(f"n_effective: {n_effective}, allowed 1 <= n_effective <= {g.size}")
+    if not 0.0 < confidence < 1.0 or resamples < 1:
+        raise ValueError("confidence, resamples: allowed 0 < confidence < 1 and resamples >= 1")
+    return bootstrapped_mean(ber_of_gains(link, g), n, confidence, resamples, seed)
+
+
+def bootstrapped_mean(
+    ber: FloatArray, n_effective: float, confidence: float, resamples: int, seed: int
+) -> Estimate:
+    """Mean of bit error rates with a percentile bootstrap of its logarithm.
+
+    Parameters
+    ----------
+    ber : ndarray
+        Bit error rates (n,).
+    n_effective : float
+        Number of independent ones; the interval is stretched by sqrt(n / n_effective).
+    confidence : float
+        Level of the interval.
+    resamples, seed : int
+        Number and seed of the replicates.
+    """
+    mean = float(ber.mean())
+    if mean == 0.0:
+        return Estimate(mean, 0.0, 0.0)
+    rng = np.random.default_rng(seed)
+    means = [ber[rng.integers(0, ber.size, ber.size)].mean() for _ in range(resamples)]
+    limits = np.quantile(means, [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence])
+    low, high = mean * (limits / mean) ** math.sqrt(ber.size / n_effective)
+    return Estimate(mean, float(min(low, mean)), float(max(high, mean)))
+
+
+def outage(
+    link: OokLink,
+    gain: ArrayLike,
+    ber: float,
+    h_alpha: ArrayLike = 1.0,
+    *,
+    n_effective: float | None = None,
+    confidence: float = 0.95,
+) -> Estimate:
+    """Probability that the link misses a bit error rate, P(g h_alpha < g_req).
+
+    Parameters
+    ----------
+    link : OokLink
+        Transmitter and receiver.
+    gain : array_like
+        Gains (n,) [1], n >= 2.
+    ber : float
+        Bit error rate, 0 < ber < 0.5.
+    h_alpha : array_like
+        Tilt factor [1], broadcast against `gain`; its zeros are the outage P(alpha > fov / 2).
+    n_effective : float, optional
+        Number of independent gains, by default n; for a series see `fading.effective_samples`.
+    confidence : float
+        Level of the interval.
+
+    Returns
+    -------
+    Estimate
+        Probability with its Wilson interval.
+    """
+    g = np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
+    threshold = min(required_gain(link, ber), float(np.finfo(float).max))
+    return fading.outage(
+        g, threshold, relative_to="absolute", n_effective=n_effective, confidence=confidence
+    )
+
+
+def hard_information(ber: ArrayLike) -> FloatArray:
+    """Capacity of a binary symmetric channel, 1 - H2(BER) [bit per use].
+
+    Parameters
+    ----------
+    ber : array_like
+        Bit error rate, 0 <= ber <= 1, any shape.
+
+    Examples
+    --------
+    >>> round(float(hard_information(1e-3)), 6)
+    0.988592
+    """
+    from scipy.special import entr
+
+    p = non_negative("ber", ber)
+    return 1.0 - (entr(p) + entr(1.0 - p)) / math.log(2.0)
+
+
+def capacity(
+    link: OokLink, gain: ArrayLike, h_alpha: ArrayLike = 1.0, outage: float = 0.01
+) -> Capacity:
+    """Rates that on-off keying at the link's bit rate carries over an ensemble of gains.
+
+    Parameters
+    ----------
+    link : OokLink
+        Transmitter and receiver.
+    gain : array_like
+        Gains (n,) [1].
+    h_alpha : array_like
+        Tilt factor [1], broadcast against `gain`.
+    outage : float
+        Share of the realizations that `hard_outage` gives up, 0 <= outage < 1.
+
+    Returns
+    -------
+    Capacity
+        Hard-decision and soft ergodic rates, hard-decision outage rate [bit s-1].
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range.
+    """
+    if not 0.0 <= outage < 1.0:
+        raise ValueError(f"outage: {outage}, allowed 0 <= outage < 1")
+    g = np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
+    counts = (level * link.bit_time for level in link.levels(link.received_power(g)))
+    pairs = zip(*counts, strict=True)
+    soft = np.array([soft_information(float(a), float(b), link.sipm.branching) for a, b in pairs])
+    # full counts bound every decision; Gaussian models break that below a count or so in a one
+    hard = np.minimum(hard_information(ber_of_gains(link, g)), soft)
+    carried = float(np.quantile(hard, outage, method="lower"))
+    rate = link.bit_rate
+    return Capacity(rate * float(hard.mean()), rate * float(soft.mean()), rate * carried)
+
+
+def wyner_capacity(peak_rate: float, dark_rate: float, mean_share: float = 1.0) -> float:
+    """Capacity of the photon channel under peak and mean power, any modulation [bit s-1].
+
+    C = A [q (1+s) ln(1+s) + (1-q) s ln s - (q+s) ln(q+s)] / ln 2,  s = dark / A,
+    q = min(mean share, (1+s)^(1+s) / (s^s e) - s)
+
+    Parameters
+    ----------
+    peak_rate : float
+        Signal counts at peak power A [s-1], > 0.
+    dark_rate : float
+        Dark and background counts [s-1], >= 0.
+    mean_share : float
+        Largest mean power over peak power, 0 < mean_share <= 1.
+
+    Returns
+    -------
+    float
+        Capacity [bit s-1].
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range.
+
+    References
+    ----------
+    Wyner (1988), IEEE Trans. Inf. Theory 34, 1449, doi:10.1109/18.21284.
+
+    Examples
+    --------
+    >>> round(wyner_capacity(1.0, 0.1) * math.log(2.0), 6)
+    0.250556
+    """
+    if not (0.0 < peak_rate < math.inf and 0.0 <= dark_rate < math.inf):
+        raise ValueError("peak_rate, dark_rate: allowed 0 < peak_rate and 0 <= dark_rate, finite")
+    if not 0.0 < mean_share <= 1.0:
+        raise ValueError(f"mean_share: {mean_share}, allowed 0 < mean_share <= 1")
+    s = dark_rate / peak_rate
+    s_log_s = s * math.log(s) if s > 0.0 else 0.0
+    best = math.exp((1.0 + s) * math.log1p(s) - s_log_s - 1.0) - s
+    q = min(mean_share, best)
+    nats = q * (1.0 + s) * math.log1p(s) + (1.0 - q) * s_log_s - (q + s) * math.log(q + s)
+    return peak_rate * nats / math.log(2.0)
+
+
+def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
+    """Largest depth at which a curve over depth crosses a limit.
+
+    Monotone cubic (PCHIP) interpolation of ln(value) over depth.
+
+    Parameters
+    ----------
+    depth : array_like
+        Depths (n,) [m], strictly rising, n >= 2.
+    value : array_like
+        Gain, bit error rate or any other positive quantity at these depths (n,).
+    limit : float
+        Value looked for, > 0.
+
+    Returns
+    -------
+    float
+        Depth [m].
+
+    Raises
+    ------
+    ValueError
+        If the arrays do not fit, a value is not positive, or the curve does not cross the limit.
+
+    Examples
+    --------
+    >>> print(f"{depth_at([10.0, 20.0, 30.0], [1e-4, 1e-6, 1e-8], 1e-5):.3f}")
+    15.000
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    d, v = np.asarray(depth, dtype=float), np.asarray(value, dtype=float)
+    if d.ndim != 1 or d.size < 2 or v.shape != d.shape or not np.all(np.diff(d) > 0.0):
+        raise ValueError("depth, value: allowed two arrays (n,), n >= 2, depth strictly rising")
+    if not (np.all(np.isfinite(d) & np.isfinite(v) & (v > 0.0)) and 0.0 < limit < math.inf):
+        raise ValueError("depth, value, limit: allowed finite depths, values and limit > 0")
+    curve = PchipInterpolator(d, np.log(v) - math.log(limit))
+    crossings = curve.roots(discontinuity=False, extrapolate=False)
+    crossings = crossings[np.isfinite(crossings)]
+    if crossings.size == 0:
+        raise ValueError(
+            f"limit: {limit:g}, allowed {v.min():g} <= limit <= {v.max():g} as found between "
+            f"{d[0]:g} m and {d[-1]:g} m"
+        )
+    return float(crossings.max())
+
+
+def range_at_ber(link: OokLink, depth: ArrayLike, gain: ArrayLike, ber: float) -> float:
+    """Depth down to which a link without fading reaches a bit error rate.
+
+    Parameters
+    ----------
+    link : OokLink
+        Transmitter and receiver.
+    depth : array_like
+        Depths of the transmitter (n,) [m], strictly rising.
+    gain : array_like
+        Channel gain at these depths (n,) [1].
+    ber : float
+        Bit error rate, 0 < ber < 0.5; see `FEC_LIMITS`.
+
+    Returns
+    -------
+    float
+        Depth [m].
+
+    Raises
+    ------
+    ValueError
+        If the table of depths does not contain the range.
+
+    Notes
+    -----
+    With fading, take the `average_ber` of each depth's ensemble and look for the limit in these
+    values with `depth_at`.
+    """
+    return depth_at(depth, gain, required_gain(link, ber))

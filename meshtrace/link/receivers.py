@@ -1,0 +1,117 @@
+"""Apertures in air and water, and irradiance planes."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from meshtrace.link.models import Finite, Model, Position, unit_vector
+
+
+class Receiver(Model, frozen=True):
+    """Disk that collects light in the air, seen from below.
+
+    A photon counts if it meets the disk within the field of view: |q - center| <= radius and
+    d . axis >= cos(fov / 2).
+
+    Parameters
+    ----------
+    height : float
+        Height above still water [m], > 0.
+    radius : float
+        Radius of the aperture [m], > 0.
+    fov_deg : float
+        Full angle of the field of view [deg], 0 < fov <= 180.
+    position : tuple of float
+        Horizontal position (x, y) [m].
+    tilt_deg, tilt_azimuth_deg : float
+        The receiver looks down; tilt leans its line of sight from nadir towards the azimuth
+        (from +x counter-clockwise) [deg], 0 <= tilt < 90.
+
+    Notes
+    -----
+    The paper tests the position of the surface crossing instead of the angle (eq.
+    condition_2), which accepts a superset: `Physics(fov="paper_position")`.
+    """
+
+    kind: Literal["receiver"] = "receiver"
+    height: float = Field(5.0, gt=0.0, allow_inf_nan=False)
+    radius: float = Field(0.05, gt=0.0, allow_inf_nan=False)
+    fov_deg: float = Field(60.0, gt=0.0, le=180.0, allow_inf_nan=False)
+    position: Position = (0.0, 0.0)
+    tilt_deg: float = Field(0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
+    tilt_azimuth_deg: Finite = 0.0
+
+    @property
+    def center(self) -> tuple[float, float, float]:
+        """Centre of the disk [m]."""
+        return (*self.position, self.height)
+
+    @property
+    def axis(self) -> tuple[float, float, float]:
+        """Direction of light at normal incidence: opposite to the line of sight."""
+        x, y, z = unit_vector(self.tilt_deg, self.tilt_azimuth_deg)
+        return (-x, -y, z)
+
+
+class WaterAperture(Model, frozen=True):
+    """Disk that counts light in the water without stopping it.
+
+    Parameters
+    ----------
+    depth : float
+        Depth of its centre [m], > 0.
+    radius : float
+        Radius [m], > 0.
+    fov_deg : float
+        Full angle of the field of view [deg], 0 < fov <= 180.
+    zenith_deg, azimuth_deg : float
+        Direction of the light at normal incidence; 0 counts light that goes up, 180 down.
+    """
+
+    kind: Literal["water-aperture"] = "water-aperture"
+    depth: float = Field(1.0, gt=0.0, allow_inf_nan=False)
+    radius: float = Field(0.05, gt=0.0, allow_inf_nan=False)
+    fov_deg: float = Field(180.0, gt=0.0, le=180.0, allow_inf_nan=False)
+    position: Position = (0.0, 0.0)
+    zenith_deg: float = Field(0.0, ge=0.0, le=180.0, allow_inf_nan=False)
+    azimuth_deg: Finite = 0.0
+
+    @property
+    def center(self) -> tuple[float, float, float]:
+        """Centre of the disk [m]."""
+        return (*self.position, -self.depth)
+
+    @property
+    def axis(self) -> tuple[float, float, float]:
+        """Direction of light at normal incidence."""
+        return unit_vector(self.zenith_deg, self.azimuth_deg)
+
+
+Aperture = Annotated[Receiver | WaterAperture, Field(discriminator="kind")]
+
+
+class IrradiancePlanes(Model, frozen=True):
+    """Horizontal planes in the water on which irradiances and radiances are scored.
+
+    Parameters
+    ----------
+    depths : tuple of float
+        Depths [m], > 0, rising.
+    n_cosines, n_azimuths : int
+        Bins of the radiance in the cosine of the zenith angle of the light's travel
+        (from +1, straight up, to -1) and in its azimuth; 0 for none.
+    """
+
+    depths: tuple[Annotated[float, Field(gt=0.0, allow_inf_nan=False)], ...]
+    n_cosines: int = Field(0, ge=0, le=1000)
+    n_azimuths: int = Field(1, ge=1, le=1000)
+
+    @field_validator("depths")
+    @classmethod
+    def _rising(cls, depths: tuple[float, ...]) -> tuple[float, ...]:
+        if not depths or any(b <= a for a, b in pairwise(depths)):
+            raise ValueError("allowed at least one depth, strictly rising")
+        return depths

@@ -1,0 +1,158 @@
+"""Light sources under water and in the air."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from meshtrace.link.models import Finite, Model, Position, unit_vector
+
+
+class _Pointed(Model, frozen=True):
+    position: Position = (0.0, 0.0)
+    depth: float = Field(10.0, gt=0.0, le=12_000.0, allow_inf_nan=False)
+    zenith_deg: float = Field(0.0, ge=0.0, le=180.0, allow_inf_nan=False)
+    azimuth_deg: Finite = 0.0
+    power_mw: float = Field(100.0, gt=0.0, allow_inf_nan=False)
+    wavelength_nm: float = Field(470.0, ge=200.0, le=1200.0, allow_inf_nan=False)
+
+    @property
+    def axis(self) -> tuple[float, float, float]:
+        """Unit vector along which the source shines."""
+        return unit_vector(self.zenith_deg, self.azimuth_deg)
+
+
+class Led(_Pointed, frozen=True):
+    """Lambertian lamp under water, I(theta) = (m + 1) / (2 pi) cos^m(theta) per unit power.
+
+    Parameters
+    ----------
+    depth : float
+        Depth below still water [m], 0 < depth <= 12 000.
+    half_angle_deg : float
+        Half-angle at half power theta_1/2 [deg], 0.001 <= theta_1/2 < 90; the order is
+        m = -ln 2 / ln cos theta_1/2.
+    position : tuple of float
+        Horizontal position (x, y) [m].
+    zenith_deg, azimuth_deg : float
+        Where the lamp points; 0 is straight up.
+    power_mw : float
+        Emitted optical power [mW]; the weight of the source in a list of sources.
+    wavelength_nm : float
+        Wavelength in vacuum [nm].
+
+    Notes
+    -----
+    Paper, text below eq. theta_phi_ini.
+
+    Examples
+    --------
+    >>> round(Led(half_angle_deg=10.0).order, 6)
+    45.277602
+    """
+
+    kind: Literal["led"] = "led"
+    half_angle_deg: float = Field(10.0, ge=1e-3, lt=90.0, allow_inf_nan=False)
+
+    @property
+    def order(self) -> float:
+        """Lambertian order m."""
+        return -math.log(2.0) / math.log(math.cos(math.radians(self.half_angle_deg)))
+
+
+class GaussianBeam(_Pointed, frozen=True):
+    """Laser-like beam: Gaussian in position and in angle, 1/e^2 at waist and divergence.
+
+    Parameters
+    ----------
+    divergence_deg : float
+        Half-angle at 1/e^2 of the on-axis intensity [deg], 0 <= divergence < 60.
+    waist : float
+        Radius at 1/e^2 of the on-axis irradiance at the source [m], >= 0.
+    """
+
+    kind: Literal["gaussian-beam"] = "gaussian-beam"
+    divergence_deg: float = Field(1.0, ge=0.0, lt=60.0, allow_inf_nan=False)
+    waist: float = Field(0.0, ge=0.0, allow_inf_nan=False)
+
+
+class TopHatBeam(_Pointed, frozen=True):
+    """Beam uniform over a disk and over a cone of directions.
+
+    Parameters
+    ----------
+    divergence_deg : float
+        Half-angle of the cone [deg], 0 <= divergence <= 90.
+    radius : float
+        Radius of the disk [m], >= 0.
+    """
+
+    kind: Literal["top-hat-beam"] = "top-hat-beam"
+    divergence_deg: float = Field(1.0, ge=0.0, le=90.0, allow_inf_nan=False)
+    radius: float = Field(0.0, ge=0.0, allow_inf_nan=False)
+
+
+class IsotropicSource(_Pointed, frozen=True):
+    """Point source that shines equally in all directions."""
+
+    kind: Literal["isotropic"] = "isotropic"
+
+
+class _AirSource(Model, frozen=True):
+    half_width: float = Field(5.0, gt=0.0, allow_inf_nan=False)
+    position: Position = (0.0, 0.0)
+    power_mw: float = Field(100.0, gt=0.0, allow_inf_nan=False)
+    wavelength_nm: float = Field(470.0, ge=200.0, le=1200.0, allow_inf_nan=False)
+
+
+class Sun(_AirSource, frozen=True):
+    """Collimated light from the air onto a square of the sea.
+
+    Parameters
+    ----------
+    zenith_deg : float
+        Zenith angle of the sun in air [deg], 0 <= zenith < 89.
+    azimuth_deg : float
+        Direction that the light travels to, from +x counter-clockwise [deg].
+    half_width : float
+        Half-width of the lit square at still water [m]; every photon starts on it.
+    position : tuple of float
+        Centre of the square [m].
+
+    Notes
+    -----
+    Tallies over whole horizontal planes, divided by the power, are those of an infinitely wide
+    beam of unit power per unit area: E of the plane over E_d just above the sea.
+    """
+
+    kind: Literal["sun"] = "sun"
+    zenith_deg: float = Field(0.0, ge=0.0, lt=89.0, allow_inf_nan=False)
+    azimuth_deg: Finite = 0.0
+
+
+class UniformSky(_AirSource, frozen=True):
+    """Sky of equal radiance over the upper hemisphere, onto a square of the sea."""
+
+    kind: Literal["uniform-sky"] = "uniform-sky"
+
+
+class CardioidalSky(_AirSource, frozen=True):
+    """Heavily overcast sky, L(theta) ~ 1 + 2 cos theta, onto a square of the sea.
+
+    References
+    ----------
+    P. Moon and D. E. Spencer, "Illumination from a non-uniform sky", Illum. Eng. 37 (1942).
+    """
+
+    kind: Literal["cardioidal-sky"] = "cardioidal-sky"
+
+
+Source = Annotated[
+    Led | GaussianBeam | TopHatBeam | IsotropicSource | Sun | UniformSky | CardioidalSky,
+    Field(discriminator="kind"),
+]
+
+WaterSource = Led | GaussianBeam | TopHatBeam | IsotropicSource
+"""Sources in the water, which have a depth and an axis."""

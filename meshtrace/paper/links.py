@@ -1,0 +1,141 @@
+"""Links of the paper in a wind, with right physics or with the printed forms, and their means."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import meshtrace as mt
+from meshtrace.paper.registry import Number, Setting
+from meshtrace.scenario import Scenario
+from meshtrace.uav.airframe import UAVS
+
+Form = Literal["physical", "paper"]
+Floats = NDArray[np.float64]
+
+WINDS = (0.0, 5.0, 13.0)
+FORMS: tuple[Form, Form] = ("physical", "paper")
+FORM_NAMES = {"physical": "default", "paper": "paper preset"}
+
+PAPER_NOTE = (
+    "The paper preset leaves out the bubbles: the printed free paths through them are left to "
+    "photons followed one by one, which cannot reach this precision."
+)
+"""What captions say of gains of the paper preset."""
+
+
+class Mean(NamedTuple):
+    """A mean over seas: the gain over each of them, and what the chains add to its error."""
+
+    samples: Floats
+    chain_error: float
+
+    @property
+    def number(self) -> Number:
+        """The mean with its standard error; one sea has no spread."""
+        n = len(self.samples)
+        spread = self.samples.std(ddof=1) / np.sqrt(n) if n > 1 else 0.0
+        return Number(float(self.samples.mean()), float(np.hypot(spread, self.chain_error)))
+
+    def over(self, other: Mean) -> Number:
+        """Return the quotient of two means over the same seas, whose spreads cancel."""
+        quotient = ratio(self.number, other.number)
+        if len(self.samples) != len(other.samples) or len(self.samples) == 1:
+            return quotient
+        a, b = (m.samples / m.samples.mean() for m in (self, other))
+        chains = [m.chain_error / m.samples.mean() for m in (self, other)]
+        error = np.hypot((a - b).std(ddof=1) / np.sqrt(len(a)), np.hypot(*chains))
+        return Number(quotient.value, float(quotient.value * error))
+
+
+def scenario(wind: float, form: Form, **tables: Any) -> Scenario:
+    """Return the paper's link and sea in a wind.
+
+    Parameters
+    ----------
+    wind : float
+        Wind at 10 m [m s-1]; 0 is a flat sea without foam and bubbles.
+    form : {"physical", "paper"}
+        Right physics, or every printed form.
+    **tables
+        Keys of a link file that replace those of the paper's link.
+    """
+    config: dict[str, Any] = {"wind_speed": wind, "physics": form, **tables}
+    if wind == 0.0:
+        config |= {"whitecaps": "none", "bubbles": {"model": "none"}, "sea": {"spectrum": "flat"}}
+    return Scenario.from_config(config)
+
+
+def forced(wind: float, form: Form, **tables: Any) -> Scenario:
+    """Return the link as forced detection follows it: printed forms have no bubbles."""
+    if form == "paper":
+        tables["bubbles"] = {"model": "none"}
+    return scenario(wind, form, **tables)
+
+
+def gusts(wind: float, form: Form, height: float = 5.0) -> mt.Dryden:
+    """Return the gusts at a height in the right or the printed form."""
+    return mt.Dryden.preset(form, wind_speed=wind, height=height)
+
+
+def mean_h_alpha(wind: float, form: Form, height: float = 5.0) -> float:
+    """Return the mean factor of the tilt; the printed law is that of the Gamma fit."""
+    if wind == 0.0:
+        return 1.0
+    law = UAVS["dji-m300-rtk"].tilt_law(
+        gusts(wind, form, height), "exact" if form == "physical" else "gamma"
+    )
+    return law.h_moment(1, np.radians(mt.Receiver().fov_deg))
+
+
+def mean_gain(
+    wind: float,
+    form: Form,
+    setting: Setting,
+    *,
+    realizations: int,
+    photons: int,
+    **tables: Any,
+) -> list[Mean]:
+    """Return the gain of each receiver, averaged over seas and tilts.
+
+    Parameters
+    ----------
+    wind, form, **tables
+        As in `forced`.
+    setting : Setting
+        Seed and threads.
+    realizations : int
+        Independent seas; a flat sea is taken once.
+    photons : int
+        Chains, common to all seas; ten times as many over a flat sea.
+
+    Returns
+    -------
+    list of Mean
+        Standard errors join the spread of the seas and that of the chains.
+    """
+    made = forced(wind, form, **tables)
+    options: Any = {"seed": setting.seed, "threads": setting.threads}
+    if wind == 0.0:
+        result = mt.simulate(made.link, made.surface, photons=10 * photons, **options)
+        gains, chains = np.atleast_2d(result.gain), np.atleast_1d(result.gain_stderr)
+    else:
+        series = mt.ensemble(made.link, realizations, made.surface, photons=photons, **options)
+        gains, chains = series.gain.reshape(realizations, -1), np.atleast_1d(series.mean_stderr)
+    factor = [mean_h_alpha(wind, form, r.center[2]) for r in made.link.receivers]
+    return [Mean(f * g, float(f * e)) for f, g, e in zip(factor, gains.T, chains, strict=True)]
+
+
+def ratio(a: Number, b: Number) -> Number:
+    """Return a / b with its standard error, as of independent numbers."""
+    value = a.value / b.value
+    return Number(value, abs(value) * float(np.hypot(a.stderr / a.value, b.stderr / b.value)))
+
+
+def decibel(number: Number) -> Number:
+    """Return 10 log10 of a number with its standard error."""
+    error = 10.0 / np.log(10.0) * number.stderr / number.value
+    return Number(10.0 * float(np.log10(number.value)), float(error))

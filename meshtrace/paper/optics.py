@@ -1,0 +1,269 @@
+"""Figures of scattering, bubbles and refraction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+import meshtrace as mt
+from meshtrace.fields import attrs
+from meshtrace.optics.fresnel import fresnel_reflectance, refract
+from meshtrace.paper.canvas import WIND_COLORS, panels, wind_name
+from meshtrace.paper.registry import Drawing, Number, Row, Setting, compared, figure
+from meshtrace.viz import plot_bubble_profile, plot_phase_cdf
+from meshtrace.viz.style import INK, PALETTE
+
+Floats = NDArray[np.float64]
+
+WINDS = (5.0, 13.0)
+NODES = 500
+"""Even grid of angles from 0 to 180 degrees on which the distances of two CDFs are taken."""
+
+
+def integrated_cdf(phase: mt.FournierForand, theta: Floats) -> Floats:
+    """Return the CDF at rising angles by quadrature of the phase function alone.
+
+    F(theta) = integral of 2 pi beta sin(t) dt from 0; t = pi u^4 tames the peak at 0. Gauss
+    quadrature of eight nodes in each of the steps of `theta` and 64 in the first.
+    """
+    u = np.linspace(0.0, 1.0, 65)[:-1] * (theta[1] / np.pi) ** 0.25
+    edges = np.concatenate([u, (theta[1:] / np.pi) ** 0.25])
+    x, w = np.polynomial.legendre.leggauss(8)
+    half = 0.5 * np.diff(edges)[:, None]
+    nodes = edges[:-1, None] + half * (x + 1.0)
+    angle = np.pi * nodes**4
+    density = 2.0 * np.pi * phase.pdf(angle) * np.sin(angle) * 4.0 * np.pi * nodes**3
+    cumulative = np.concatenate([[0.0], np.cumsum(np.sum(half * w * density, axis=1))])
+    return np.concatenate([[0.0], cumulative[len(u) :]])
+
+
+@figure("ff-cdf", "2", "distribution of the scattering angle, exact and approximate")
+def ff_cdf(setting: Setting) -> Drawing:
+    """Draw the Fournier-Forand CDF: quadrature, exact closed form, printed closed form."""
+    theta = np.linspace(0.0, np.pi, NODES)
+    exact, printed = mt.FournierForand(), mt.FournierForand(cdf_coef="paper")
+    curves = {
+        "quadrature": integrated_cdf(exact, theta),
+        "closed form, exact": exact.cdf(theta),
+        "closed form, printed": printed.cdf(theta),
+    }
+    picture, axes = panels(1, 2)
+    left, right = axes[0]
+    shown = {name: values[1:] for name, values in curves.items()}
+    plot_phase_cdf(shown, theta[1:], ax=left)
+    for line, (width, dashes) in zip(left.lines, ((5.0, "-"), (1.7, "-"), (1.7, ":")), strict=True):
+        line.set(linewidth=width, linestyle=dashes)
+    left.lines[0].set_alpha(0.35)
+    left.legend()
+    for name, line in zip(list(curves)[1:], left.lines[1:], strict=True):
+        difference = curves[name] - curves["quadrature"]
+        right.plot(np.degrees(theta), difference, color=line.get_color(), label=name)
+    right.set(xlabel=r"scattering angle $\theta$ [°]", ylabel="difference from the quadrature")
+    right.legend()
+    distances = [_distances(curves[name] - curves["quadrature"]) for name in list(curves)[1:]]
+    rows = [
+        compared(
+            quantity,
+            (Number(default), Number(paper)),
+            "The printed coefficient of the last term is 1/(16 pi) where the integral has 1/8; "
+            "the printed distances are those of that slip, the exact form has none.",
+            printed=key,
+        )
+        for quantity, key, default, paper in zip(
+            ("RMSE of the CDF", "MAE of the CDF", "Kolmogorov-Smirnov distance"),
+            ("ff-rmse", "ff-mae", "ff-ks"),
+            *distances,
+            strict=True,
+        )
+    ]
+    data = xr.Dataset(
+        {
+            name: ("theta", values, {"units": "1"})
+            for name, values in zip(
+                ("cdf_quadrature", "cdf_exact", "cdf_printed"), curves.values(), strict=True
+            )
+        },
+        {"theta": ("theta", theta, attrs("theta"))},
+    )
+    caption = (
+        "Fournier-Forand phase function of the paper's water. Left: the three distribution "
+        "functions; right: distance of the closed forms from a quadrature of the phase function."
+    )
+    return Drawing(picture, data, rows, caption)
+
+
+def _distances(difference: Floats) -> tuple[float, float, float]:
+    """Return RMSE, MAE and largest distance."""
+    size = np.abs(difference)
+    return float(np.sqrt(np.mean(size**2))), float(np.mean(size)), float(size.max())
+
+
+@figure("snell", "4", "refraction at the surface, right and as printed")
+def snell(setting: Setting) -> Drawing:
+    """Draw rays from the water through a flat surface, and angle and transmittance over theta."""
+    n = mt.Link().water.n
+    angle = np.radians(np.linspace(0.0, 60.0, 241))
+    right = _refracted(angle, n)
+    printed = np.arcsin(np.sin(angle) / n)
+    share = 1.0 - fresnel_reflectance(np.cos(angle), n, 1.0)
+    picture, axes = panels(1, 3, width=4.6)
+    _draw_rays(axes[0, 0], n)
+    ax = axes[0, 1]
+    degrees = np.degrees(angle)
+    ax.plot(
+        degrees,
+        np.degrees(right),
+        color=PALETTE["vermilion"],
+        label=r"default, $n_1 \sin\theta_i = n_2 \sin\theta_t$",
+    )
+    ax.plot(
+        degrees,
+        np.degrees(printed),
+        color=PALETTE["green"],
+        ls="--",
+        label=r"printed, $n_1$ and $n_2$ exchanged",
+    )
+    ax.set(
+        xlabel=r"angle of incidence $\theta_i$ [°]", ylabel=r"angle of refraction $\theta_t$ [°]"
+    )
+    ax.legend(loc="upper left")
+    axes[0, 2].plot(degrees, share)
+    axes[0, 2].set(xlabel=r"angle of incidence $\theta_i$ [°]", ylabel="transmittance $T$")
+    at = np.radians(20.0)
+    critical = float(np.degrees(np.arcsin(1.0 / n)))
+    rows = [
+        compared(
+            "angle of refraction at 20 degrees of incidence",
+            (
+                Number(float(np.degrees(_refracted(np.array([at]), n)[0]))),
+                Number(float(np.degrees(np.arcsin(np.sin(at) / n)))),
+            ),
+            "With the indices exchanged light bends towards the axis, as if it went into water.",
+            unit="degree",
+        ),
+        compared(
+            "critical angle",
+            (Number(critical), None),
+            "The printed form has no total reflection.",
+            unit="degree",
+        ),
+        compared(
+            "transmittance at normal incidence",
+            (Number(float(share[0])), Number(float(share[0] ** 2))),
+            "The printed algorithm draws the transmission by chance and weights by it as well.",
+        ),
+    ]
+    data = xr.Dataset(
+        {
+            "theta_t": ("theta_i", right, {"units": "rad", "long_name": "angle of refraction"}),
+            "theta_t_printed": ("theta_i", printed, {"units": "rad"}),
+            "transmittance": ("theta_i", share, {"units": "1"}),
+        },
+        {"theta_i": ("theta_i", angle, {"units": "rad", "long_name": "angle of incidence"})},
+    )
+    caption = (
+        "Left: rays that leave the water, refracted rightly (full) and by Snell's law as "
+        "printed (dashed); light beyond the critical angle is reflected. Middle: the angles. "
+        "Right: the share of unpolarised light that passes."
+    )
+    return Drawing(picture, data, rows, caption)
+
+
+def _refracted(angle: Floats, n: float) -> Floats:
+    """Return angles of refraction into air, nan under total reflection."""
+    d = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=-1)
+    out = refract(d, np.array([0.0, 0.0, 1.0]), n, 1.0)
+    return np.arctan2(out[..., 0], out[..., 2])
+
+
+def _draw_rays(ax: Any, n: float) -> None:
+    ax.axhspan(-1.0, 0.0, color=PALETTE["sky"], alpha=0.25, lw=0)
+    ax.axhline(0.0, color=INK, lw=1.0)
+    for degrees in (10.0, 20.0, 30.0, 40.0, 55.0):
+        angle = np.radians(degrees)
+        x0 = -np.tan(angle)
+        ax.plot([x0, 0.0], [-1.0, 0.0], color=PALETTE["blue"], lw=1.2)
+        theta = float(_refracted(np.array([angle]), n)[0])
+        if np.isfinite(theta):
+            ax.plot([0.0, np.sin(theta)], [0.0, np.cos(theta)], color=PALETTE["vermilion"], lw=1.6)
+        else:
+            ax.plot([0.0, -x0], [0.0, -1.0], color=PALETTE["blue"], lw=0.9, ls=":")
+        wrong = np.arcsin(np.sin(angle) / n)
+        ax.plot([0.0, np.sin(wrong)], [0.0, np.cos(wrong)], color=PALETTE["green"], lw=1.2, ls="--")
+    ax.annotate("", (0.0, 1.0), (0.0, -1.0), arrowprops={"arrowstyle": "->", "color": INK})
+    ax.text(-0.03, 1.0, "normal", ha="right", va="top", color=INK)
+    ax.text(-1.45, 0.06, "air, $n_2 = 1$", color=INK)
+    ax.text(-1.45, -0.12, f"water, $n_1 = {n:g}$", color=INK)
+    ax.set(xlim=(-1.5, 1.5), ylim=(-1.0, 1.05), aspect="equal", xticks=[], yticks=[])
+    ax.grid(visible=False)
+
+
+@figure("bubble-density", "9", "number density of bubbles over depth")
+def bubble_density(setting: Setting) -> Drawing:
+    """Draw the number density of the Hall-Novarini population."""
+    return _bubbles(
+        "n_bubbles",
+        lambda bubbles, z: bubbles.number_density(z),
+        "The printed integral stops at the reference radius for an infinite range of sizes; it is "
+        "a little above the exact one.",
+        "Number density of bubbles after Hall and Novarini, all sizes from 10 um to 1 mm.",
+    )
+
+
+@figure("bubble-scattering", "10", "scattering coefficient of bubbles over depth")
+def bubble_scattering(setting: Setting) -> Drawing:
+    """Draw the scattering coefficient of the Hall-Novarini population."""
+    return _bubbles(
+        "b_bub",
+        lambda bubbles, z: bubbles.b(z),
+        "The printed cross-section is that at r_min alone, too large and the same at all depths; "
+        "the printed efficiency of 2.0 is a little below the mean of Mie theory.",
+        "Scattering coefficient of bubbles: number density times efficiency times cross-section. "
+        "The dotted line is the scattering coefficient of the paper's water.",
+    )
+
+
+def _bubbles(
+    name: str, quantity: Callable[[mt.HallNovarini, Floats], Floats], why: str, caption: str
+) -> Drawing:
+    depth = np.linspace(0.0, 10.0, 201)
+    forms = {"default": {}, "paper": {"psi": "paper", "q": 2.0}}
+    values = np.array(
+        [
+            [quantity(mt.HallNovarini(wind_speed=u, **form), depth) for u in WINDS]
+            for form in forms.values()
+        ]
+    )
+    picture, axes = panels()
+    curves = {
+        f"{wind_name(u)}, {form}": values[i, j]
+        for i, form in enumerate(forms)
+        for j, u in enumerate(WINDS)
+    }
+    ax = plot_bubble_profile(curves, depth, quantity=name, ax=axes[0, 0])
+    for i, line in enumerate(ax.lines):
+        line.set(color=WIND_COLORS[WINDS[i % 2]], linestyle="-" if i < 2 else "--")
+    ax.set_xlim(values.max() * 1e-8, values.max() * 3.0)
+    if name == "b_bub":
+        ax.axvline(mt.Water().b, color=INK, ls=":", lw=1.0)
+    ax.legend()
+    rows: list[Row] = []
+    for z in (0.0, 1.0):
+        k = int(np.argmin(np.abs(depth - z)))
+        for j, u in enumerate(WINDS):
+            text = f"{attrs(name)['long_name']} at {z:g} m, {wind_name(u)}"
+            default, paper = (Number(float(values[i, j, k])) for i in range(2))
+            rows.append(compared(text, (default, paper), why, unit=attrs(name)["units"]))
+    data = xr.Dataset(
+        {name: (("form", "wind_speed", "depth"), values, attrs(name))},
+        {
+            "form": list(forms),
+            "wind_speed": ("wind_speed", list(WINDS), attrs("wind_speed")),
+            "depth": ("depth", depth, attrs("depth")),
+        },
+    )
+    return Drawing(picture, data, rows, caption)

@@ -1,0 +1,1 @@
+"""Results of simulations, with files and tables."""

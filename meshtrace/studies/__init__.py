@@ -1,0 +1,1 @@
+"""Studies that repeat simulations: series, ensembles, convergence, performance and sweeps."""

@@ -1,0 +1,183 @@
+"""One set of chains for every surface of a study, and what it measures."""
+
+from __future__ import annotations
+
+import math
+import os
+import time as clock
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
+
+import numpy as np
+
+from meshtrace.bvh import EmbreeIntersector
+from meshtrace.results.gain import Fate
+from meshtrace.studies.convergence.checks import Floats, Normals, Progress, Unresolved
+from meshtrace.studies.convergence.exact import OverWaves, Reference, WaveSum
+from meshtrace.studies.convergence.exhaustive import ExhaustiveDetection
+from meshtrace.studies.convergence.meshes import probes
+from meshtrace.studies.convergence.study import Costs
+from meshtrace.transport.analog import run_analog
+from meshtrace.transport.forced import crossing_reach
+
+if TYPE_CHECKING:
+    from meshtrace.link import Link
+    from meshtrace.mesh import TriangleMesh
+
+ANALOG_PHOTONS = 16_384  # of the share of total reflection
+
+
+class Measured(NamedTuple):
+    """What one surface gave, each by kind of normals."""
+
+    samples: Floats  # (kinds, shifts)
+    ballistic: Floats
+    slope_variance: Floats
+    total_reflection: Floats
+    seconds: Floats  # (3, kinds) mesh, BVH, gain
+
+
+class CommonChains:
+    """One set of chains for every surface of a study."""
+
+    def __init__(
+        self,
+        link: Link,
+        photons: int,
+        seed: int,
+        kinds: tuple[Normals, ...],
+        receiver: int,
+        crest: float,
+        unresolved: Unresolved = "none",
+    ) -> None:
+        if not 0 <= receiver < len(link.receivers):
+            raise ValueError(f"receiver: {receiver!r}, allowed 0..{len(link.receivers) - 1}")
+        if not photons >= 1:
+            raise ValueError(f"photons: {photons!r}, allowed photons >= 1")
+        physics = link.physics.model_copy(update={"unresolved": unresolved})
+        self.link = link.model_copy(
+            update={"receiver": link.receivers[receiver], "physics": physics}
+        )
+        self.reach = crossing_reach(self.link)
+        self._seed = seed
+        self._made = (photons, seed), crest
+        self._forced = {
+            kind: ExhaustiveDetection(self.link, photons, seed, kind, 1, crest) for kind in kinds
+        }
+
+    def measure(self, mesh: TriangleMesh, mesh_seconds: float, photons: int = 0) -> Measured:
+        """Return what a mesh gives; `photons` are for the share of total reflection."""
+        start = clock.perf_counter()
+        intersector = EmbreeIntersector(mesh, 1)
+        bvh_seconds = clock.perf_counter() - start
+        rows = []
+        for kind, forced in self._forced.items():
+            start = clock.perf_counter()
+            parts = forced.evaluate(mesh, intersector)
+            seconds = mesh_seconds, bvh_seconds, clock.perf_counter() - start
+            rows.append(
+                (
+                    parts.shifts[0],
+                    parts.ballistic[0],
+                    _slope_variance(intersector, kind, self.reach),
+                    _total_reflection(self.link, intersector, kind, photons, self._seed),
+                    seconds,
+                )
+            )
+        samples, ballistic, slopes, reflected, seconds_by_kind = zip(*rows, strict=True)
+        return Measured(
+            np.array(samples),
+            np.array(ballistic),
+            np.array(slopes),
+            np.array(reflected),
+            np.array(seconds_by_kind).T,
+        )
+
+    def exact(self, sea: WaveSum, time: float, spacing: float) -> Reference:
+        """Return the gain over the sum of waves; a mesh of some spacing names the crossings."""
+        (photons, seed), crest = self._made
+        return OverWaves(self.link, photons, seed, "vertex", 1, crest).over(sea, time, spacing)
+
+
+def _slope_variance(intersector: EmbreeIntersector, kind: Normals, reach: float) -> float:
+    """Return the mean square slope of the normals that light meets, along plus across."""
+    x, y = probes(reach)
+    mesh = intersector.mesh
+    top = np.full(len(x), mesh.bounds[1, 2] + 1.0)
+    down = np.broadcast_to((0.0, 0.0, -1.0), (len(x), 3))
+    hits = intersector.intersect(np.stack([x, y, top], axis=1), down)
+    seen = hits.facet >= 0
+    facet, u, v = hits.facet[seen], hits.u[seen, None], hits.v[seen, None]
+    if kind == "facet":
+        normal = mesh.face_normals[facet]
+    else:
+        a, b, c = (mesh.vertex_normals[mesh.faces[facet, i]] for i in range(3))
+        normal = (1.0 - u - v) * a + u * b + v * c
+    return float(np.mean((normal[:, 0] ** 2 + normal[:, 1] ** 2) / normal[:, 2] ** 2))
+
+
+def _total_reflection(
+    link: Link, intersector: EmbreeIntersector, kind: Normals, photons: int, seed: int
+) -> float:
+    """Return the share of the photons coming from below that are totally reflected."""
+    if photons == 0:
+        return math.nan
+    physics = link.physics.model_copy(
+        update={"reflected": "kill", "second_hit": "ignore", "absorption": "analog"}
+    )
+    sums = run_analog(
+        link.model_copy(update={"physics": physics}),
+        intersector,
+        photons=photons,
+        seed=seed,
+        normals=kind,
+    )
+    # a photon counts as landed if any of its light leaves: what counts as reflected left none
+    reflected = int(sums.count[Fate.REFLECTED])
+    met = reflected + int(sums.count[Fate.LANDED]) + int(sums.count[Fate.RECEIVED])
+    return reflected / met if met else math.nan
+
+
+def spread(gain: Floats) -> Floats:
+    """Return the standard deviation over the repeats, the last axis; nan for a single one."""
+    if gain.shape[-1] == 1:
+        return np.full(gain.shape[:-1], math.nan)
+    return gain.std(axis=-1, ddof=1)
+
+
+Job = TypeVar("Job")
+
+
+def mapped(
+    measure: Callable[[Job], Measured],
+    jobs: Iterable[Job],
+    threads: int | None,
+    progress: Progress | None,
+) -> list[Measured]:
+    """Return the result of every job, in their order."""
+    rows = []
+    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+        for row in pool.map(measure, jobs):
+            rows.append(row)
+            if progress is not None:
+                progress(1)
+    return rows
+
+
+def stacked(rows: list[Measured], steps: int) -> tuple[Floats, Floats, Floats, Floats, Costs]:
+    """Return samples (kinds, steps, repeats, shifts), three more of its kind, and mean costs."""
+
+    def by_step(name: str) -> Floats:
+        values = np.stack([getattr(row, name) for row in rows])
+        return np.moveaxis(values.reshape(steps, -1, *values.shape[1:]), 2, 0)
+
+    seconds = np.stack([row.seconds for row in rows])  # (jobs, 3, kinds)
+    means = seconds.reshape(steps, -1, *seconds.shape[1:]).mean(axis=1)
+    return (
+        by_step("samples"),
+        by_step("ballistic"),
+        by_step("slope_variance"),
+        by_step("total_reflection"),
+        Costs(*(means[:, i].T for i in range(3))),
+    )

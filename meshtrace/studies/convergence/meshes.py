@@ -1,0 +1,58 @@
+"""Meshes of a study: nested when the spacing halves, or moved by parts of a cell."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from meshtrace.studies.convergence.checks import Floats
+from meshtrace.transport.forced import crossing_reach
+from meshtrace.transport.simulate import mesh_for
+
+if TYPE_CHECKING:
+    from meshtrace.link import Link
+    from meshtrace.mesh import SurfaceModel, TriangleMesh
+
+_MARGIN = 2.0  # [m], mesh beyond the farthest crossing to the receiver
+_PROBES = 64  # per axis: where slopes are compared
+
+
+def nested_mesh(
+    link: Link, sea: SurfaceModel, time: float, spacing: float, shift: Floats
+) -> TriangleMesh:
+    """Return a uniform mesh over all crossings, `shift` in periods of its triangles off the origin.
+
+    Without a shift the lines lie at the multiples of the spacing, so that they nest when it halves.
+    """
+    cells = math.ceil((crossing_reach(link) + _MARGIN) / spacing) + 1
+    x, y = 2.0 * spacing * shift
+    mesh = sea.mesh(time, cells * spacing, spacing, center=(float(x), float(y)))
+    return mesh_for(link, mesh)[0]  # refuses one that does not suit the link
+
+
+def crest_of(link: Link, sea: SurfaceModel, time: float) -> float:
+    """Return about how high the sea rises where light crosses [m]."""
+    return float(nested_mesh(link, sea, time, 0.5, np.zeros(2)).bounds[1, 2])
+
+
+def probes(reach: float) -> tuple[Floats, Floats]:
+    """Return the points (x, y) at which slopes are compared."""
+    axis = reach * ((2.0 * np.arange(_PROBES) + 1.0) / _PROBES - 1.0)
+    x, y = np.meshgrid(axis, axis, indexing="ij")
+    return x.ravel(), y.ravel()
+
+
+def placement_shifts(n: int) -> Floats:
+    """Return shifts of a mesh in periods of its triangles (two cells), (n, 2): a lattice.
+
+    The diagonals alternate: a shift by one cell along both axes gives the same triangles, so
+    that the lattice fills half a square of two cells.
+    """
+    if n == 1:
+        return np.zeros((1, 2))
+    step = next(a for a in range(round(n / 1.618), n + 1) if math.gcd(a, n) == 1)
+    k = np.arange(n)
+    along, across = (k + 0.5) / n, (step * k / n + 0.5 / n) % 1.0
+    return 0.5 * np.stack([along + across - 1.0, along - across], axis=1)

@@ -1,0 +1,120 @@
+"""A study as a dataset and as text."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from meshtrace.fields import attrs
+from meshtrace.results.gain import FORMAT_VERSION
+from meshtrace.studies.convergence.checks import Normals
+from meshtrace.studies.convergence.study import UNITS, ConvergenceStudy
+
+
+def dataset(study: ConvergenceStudy) -> xr.Dataset:
+    """Return a study as an xarray Dataset with units and provenance."""
+    dims, by_value = ("normals", study.parameter), (study.parameter,)
+    one = {"units": "1"}
+    variables: dict[str, Any] = {
+        "gain": (dims, study.gain, attrs("gain")),
+        "gain_stderr": (dims, study.gain_stderr, attrs("gain_stderr")),
+        "gain_ballistic": (dims, study.ballistic.mean(axis=2), attrs("gain_ballistic")),
+        "difference": (dims, study.difference, one),
+        "difference_stderr": (dims, study.difference_stderr, one),
+        "scatter": (dims, study.scatter, one),
+        "error": (dims, study.error, one),
+        "mss": (dims, study.slope_variance, attrs("mss")),
+        "total_reflection": (dims, study.total_reflection, one),
+    }
+    for name, seconds in study.costs._asdict().items():
+        variables[f"{name}_time"] = (dims, seconds, {"units": "s"})
+    for name in ("order", "gain"):
+        limits = np.array([getattr(study.fits[kind], name) for kind in study.normals])
+        variables[f"fitted_{name}"] = (("normals", "limit"), limits, one)
+    variables["recommended"] = ("normals", list(study.recommended().values()))
+    if study.reference is not None:
+        variables["exact_gain"] = ((), study.reference.gain, attrs("gain"))
+        variables["exact_gain_ballistic"] = (
+            (),
+            study.reference.ballistic,
+            attrs("gain_ballistic"),
+        )
+        variables["exact_mss"] = ((), study.reference.slope_variance, attrs("mss"))
+    coordinates = {
+        "normals": list(study.normals),
+        "limit": ["value", "low", "high"],
+        study.parameter: (by_value, study.values, {"units": UNITS[study.parameter]}),
+    }
+    return xr.Dataset(
+        variables,
+        coordinates,
+        {
+            "title": f"meshtrace convergence in {study.parameter}",
+            "format_version": FORMAT_VERSION,
+            "kind": "convergence",
+            "tolerance": study.tolerance,
+            "provenance": json.dumps(study.provenance),
+        },
+    )
+
+
+def table(study: ConvergenceStudy, kind: Normals) -> str:
+    """Return the part of a study about one kind of normals as text."""
+    unit, k = UNITS[study.parameter], study.normals.index(kind)
+    head = f"{study.parameter} [{unit}]"
+    base = "the exact surface" if study.reference else "the finest"
+    percent = 100.0 / study.anchor[k]
+    lines = [
+        f"{kind} normals, differences from {base} in percent",
+        f"{head:>18}{'gain':>12}{'unscattered':>12}{'difference':>12}{'stderr':>9}{'scatter':>9}"
+        f"{'slope var.':>12}{'total refl.':>12}{'mesh s':>8}{'BVH s':>8}{'gain s':>8}",
+    ]
+    ballistic = study.ballistic.mean(axis=2)
+    for j, value in enumerate(study.values):
+        lines.append(
+            f"{value:>18g}{study.gain[k, j]:>12.4e}{ballistic[k, j]:>12.4e}"
+            f"{percent * study.difference[k, j]:>+12.4f}"
+            f"{percent * study.difference_stderr[k, j]:>9.4f}"
+            f"{percent * study.scatter[k, j]:>9.4f}{study.slope_variance[k, j]:>12.6f}"
+            f"{study.total_reflection[k, j]:>12.5f}"
+            + "".join(f"{seconds[k, j]:>8.3f}" for seconds in study.costs)
+        )
+    return "\n".join([*lines, *_exact_lines(study), *_fitted_lines(study, kind)])
+
+
+def _exact_lines(study: ConvergenceStudy) -> list[str]:
+    """Return the row of the exact surface."""
+    exact = study.reference
+    if exact is None:
+        return []
+    lines = [
+        f"{'exact surface':>18}{exact.gain:>12.4e}{exact.ballistic:>12.4e}{'':>30}"
+        f"{exact.slope_variance:>12.6f}"
+    ]
+    if exact.lost:
+        lines.append(f"{exact.lost} crossings have none of the exact surface next to them")
+    return lines
+
+
+def _fitted_lines(study: ConvergenceStudy, kind: Normals) -> list[str]:
+    """Return order, limit and recommendation as text."""
+    k, unit, exact = study.normals.index(kind), UNITS[study.parameter], study.reference
+    order, gain, _ = study.fits[kind]
+    lines = [
+        f"order {order.value:.2f} ({order.low:.2f} to {order.high:.2f}, 95 %)",
+        f"Richardson {gain.value:.5e} ({gain.low:.5e} to {gain.high:.5e}, 95 %)",
+    ]
+    if exact is not None:
+        inside = "inside" if gain.low <= exact.gain <= gain.high else "outside"
+        lines.append(f"exact surface {exact.gain:.5e}, {inside} that interval")
+    best = study.recommended()[kind]
+    said = f"finer than {study.values[-1]:g}" if math.isnan(best) else f"{best:.3g}"
+    lines.append(
+        f"Monte Carlo error of all {100.0 * study.gain_stderr[k, -1] / study.gain[k, -1]:.2g} %; "
+        f"{study.parameter} for an error of {100.0 * study.tolerance:g} %: {said} {unit}"
+    )
+    return lines

@@ -1,0 +1,1 @@
+"""Performance of a link: bit error rate, outage and range."""

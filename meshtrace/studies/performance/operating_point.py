@@ -1,0 +1,150 @@
+"""The figures of a link at one depth and bit rate, with their confidence intervals."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.comms.budget import (
+    Capacity,
+    ber_of_gains,
+    bootstrapped_mean,
+    capacity,
+    link_budget,
+    outage,
+    required_gain,
+)
+from meshtrace.comms.devices import photon_energy
+from meshtrace.comms.ook import OokLink
+from meshtrace.fading import Estimate
+from meshtrace.studies.performance.samples import Fades, independent
+
+FloatArray = NDArray[np.float64]
+
+_RESAMPLES = 1000
+_QUANTILES = 500  # that stand for the law of the gain in the capacity
+
+
+class Figures(NamedTuple):
+    """Performance at one depth and bit rate; estimates carry their confidence intervals.
+
+    Attributes
+    ----------
+    depth : float
+        Depth of the transmitter [m].
+    bit_rate : float
+        R_b [bit s-1].
+    gain : Estimate
+        Mean channel gain, tilt included [1].
+    received_power : Estimate
+        Mean optical power on the SiPM [W], in the sense of `LedDriver.power`.
+    required_power : float
+        Power for the limit of the bit error rate without fading [W].
+    photons_per_bit : Estimate
+        Mean photons on the SiPM in a bit, ones and zeros alike [1].
+    margin_optical_db, margin_electrical_db : Estimate
+        Mean received over required power: 10 log10 of the optical powers, and twice that.
+    ber : Estimate
+        Bit error rate, averaged over the fading.
+    outage : Estimate
+        Probability that the bit error rate of a realization misses the limit.
+    capacity : Capacity
+        Hard and soft ergodic rates, hard-decision rate of all but 1 % of the fades [bit s-1].
+    """
+
+    depth: float
+    bit_rate: float
+    gain: Estimate
+    received_power: Estimate
+    required_power: float
+    photons_per_bit: Estimate
+    margin_optical_db: Estimate
+    margin_electrical_db: Estimate
+    ber: Estimate
+    outage: Estimate
+    capacity: Capacity
+
+
+def figures_of(
+    ook: OokLink, depth: float, fades: Fades, limit: float, confidence: float, seed: int
+) -> Figures:
+    """Return all figures of one bit rate at one depth."""
+    from scipy.special import ndtri
+
+    quantile = float(ndtri(0.5 + 0.5 * confidence))
+    gain = fades.mean_gain(quantile)
+    power = Estimate(*ook.received_power(gain).tolist())
+    budget = link_budget(ook, gain, limit)
+    low, high = ook.led.levels(power)
+    photons = 0.5 * (low + high) / (ook.bit_rate * photon_energy(ook.led.wavelength))
+    return Figures(
+        depth=depth,
+        bit_rate=ook.bit_rate,
+        gain=gain,
+        received_power=power,
+        required_power=ook.required_power(limit),
+        photons_per_bit=Estimate(*photons.tolist()),
+        margin_optical_db=Estimate(*budget.margin_optical_db.tolist()),
+        margin_electrical_db=Estimate(*budget.margin_electrical_db.tolist()),
+        ber=ber_of_fades(ook, fades, quantile, confidence, seed),
+        outage=outage_of_fades(ook, fades, limit, quantile, confidence),
+        capacity=_capacity(ook, fades.samples),
+    )
+
+
+def ber_of_fades(
+    ook: OokLink, fades: Fades, quantile: float, confidence: float, seed: int
+) -> Estimate:
+    """Return the error rate, its intervals joined in the logarithm.
+
+    The interval of the seas is a percentile bootstrap, stretched for correlated times.
+    """
+    bers = [
+        independent(ber_of_gains(ook, fades.samples * math.exp(step * fades.chain_error)))
+        for step in (0.0, quantile, -quantile)
+    ]
+    over_seas = bootstrapped_mean(bers[0], fades.n_effective, confidence, _RESAMPLES, seed)
+    if over_seas.value == 0.0:
+        return over_seas
+    values = (*over_seas, float(bers[1].mean()), float(bers[2].mean()))
+    logs = _joined(*(math.log(max(value, 1e-300)) for value in values))
+    return Estimate(*(math.exp(value) for value in logs))
+
+
+def outage_of_fades(
+    ook: OokLink, fades: Fades, limit: float, quantile: float, confidence: float
+) -> Estimate:
+    """Return the outage; its Wilson interval counts what tilts and seas are worth together."""
+    samples, needed = fades.samples, required_gain(ook, limit)
+    missed = [
+        samples * math.exp(step * fades.chain_error) < needed for step in (0.0, quantile, -quantile)
+    ]
+    share, brighter, darker = (float(m.mean()) for m in missed)
+    over_seas = Estimate(share, share, share)
+    if samples.size > 1 and samples.any():
+        n, rows = fades.n_effective, independent(missed[0].astype(float))
+        if 0.0 < share < 1.0 and rows.var() > 0.0:
+            n *= max(share * (1.0 - share) / float(rows.var()), 1.0)
+        n = min(n, float(samples.size))
+        over_seas = outage(ook, samples, limit, n_effective=n, confidence=confidence)
+    value, low, high = _joined(*over_seas, brighter, darker)
+    return Estimate(value, max(low, 0.0), min(high, 1.0))
+
+
+def _joined(value: float, low: float, high: float, brighter: float, darker: float) -> Estimate:
+    """Return an interval with that of an independent error added in quadrature."""
+    return Estimate(
+        value,
+        value - math.hypot(value - low, value - brighter),
+        value + math.hypot(high - value, darker - value),
+    )
+
+
+def _capacity(ook: OokLink, gain: FloatArray) -> Capacity:
+    """Return the capacity; of very many gains, from the quantiles of their law."""
+    if gain.size > _QUANTILES:
+        gain = np.quantile(gain, (np.arange(_QUANTILES) + 0.5) / _QUANTILES)
+    return capacity(ook, gain)

@@ -1,0 +1,304 @@
+"""Performance of a link over depth, bit rate and wind: tables, ranges, files."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.comms.budget import Capacity, depth_at
+from meshtrace.comms.ook import OokLink
+from meshtrace.comms.pulses import Eye
+from meshtrace.fading import Estimate
+from meshtrace.results.gain import FORMAT_VERSION
+from meshtrace.studies.performance.operating_point import Figures
+from meshtrace.studies.performance.samples import Fades
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LinkPerformance:
+    """Performance of a link at one or several depths and bit rates.
+
+    Attributes
+    ----------
+    depths : tuple of float
+        Depths of the transmitter [m].
+    ooks : tuple of OokLink
+        Transmission at each bit rate.
+    figures : tuple of Figures
+        Depth by depth, the bit rates of each together.
+    fades : tuple of Fades
+        Gains and tilt factors at each depth.
+    limit : float
+        Bit error rate before decoding that counts as success.
+    confidence : float
+        Level of all intervals.
+    status : str
+        What the calibration is worth; to be shown with every figure.
+    provenance : dict
+        Link, sea, receiver, seeds and versions.
+    """
+
+    depths: tuple[float, ...]
+    ooks: tuple[OokLink, ...]
+    figures: tuple[Figures, ...]
+    fades: tuple[Fades, ...]
+    limit: float
+    confidence: float
+    status: str
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def bit_rates(self) -> tuple[float, ...]:
+        """Bit rates [bit s-1]."""
+        return tuple(ook.bit_rate for ook in self.ooks)
+
+    def at(self, depth: float | None = None, bit_rate: float | None = None) -> Figures:
+        """Return the figures of a depth [m] and bit rate [bit s-1], by default the first.
+
+        Raises
+        ------
+        ValueError
+            If the performance was not computed there.
+        """
+        row = _index("depth", self.depths, depth)
+        column = _index("bit_rate", self.bit_rates, bit_rate)
+        return self.figures[row * len(self.ooks) + column]
+
+    def estimates(self, name: str) -> FloatArray:
+        """Return a figure with its limits as an array.
+
+        Parameters
+        ----------
+        name : str
+            An estimate of `Figures`, such as "ber".
+
+        Returns
+        -------
+        ndarray, shape (depths, bit_rates, 3)
+            Value, lower and upper limit.
+        """
+        flat = np.array([getattr(f, name) for f in self.figures])
+        return flat.reshape(len(self.depths), len(self.ooks), 3)
+
+    def range_at_ber(self, ber: float | None = None) -> tuple[Estimate, ...]:
+        """Return the depth down to which each bit rate reaches an average bit error rate.
+
+        Parameters
+        ----------
+        ber : float, optional
+            Bit error rate, `limit` by default; see `budget.FEC_LIMITS`.
+
+        Returns
+        -------
+        tuple of Estimate
+            Depths [m]; nan where the curve, or that of a limit, does not cross `ber` between the
+            depths computed.
+
+        Notes
+        -----
+        The argument q of BER = Q(q) is interpolated over depth (PCHIP of ln q): it follows the
+        gain and is far smoother than the error rate.
+        """
+        target = self.limit if ber is None else ber
+        if not 0.0 < target < 0.5:
+            raise ValueError(f"ber: {ber}, allowed 0 < ber < 0.5")
+        curves = self.estimates("ber")
+        ranges = []
+        for i in range(len(self.ooks)):
+            value, more, less = (_range(self.depths, curves[:, i, j], target) for j in range(3))
+            ranges.append(Estimate(value, less, more))
+        return tuple(ranges)
+
+    def eye(self, depth: float | None = None, bit_rate: float | None = None) -> Eye:
+        """Return the eye diagram at the mean received power of a depth and bit rate."""
+        figures = self.at(depth, bit_rate)
+        return self.ooks[self.bit_rates.index(figures.bit_rate)].eye(figures.received_power.value)
+
+    def summary(self) -> str:
+        """Return the performance as a text for the terminal."""
+        percent = f"{100.0 * self.confidence:g} %"
+        lines = [
+            f"{'depth':>7}{'Mbit/s':>8}{'P_rx dBm':>10}{'margin dB optical':>19}"
+            f"{'electrical':>12}{'average BER':>13}{percent + ' interval':>22}{'outage':>9}"
+            f"{'photons/bit':>13}{'capacity hard':>15}{'soft Mbit/s':>13}"
+        ]
+        lines += [_figures_line(figures) for figures in self.figures]
+        if len(self.depths) > 1:
+            lines += ["", f"range at BER {self.limit:g} ({percent} interval)"]
+            for rate, found in zip(self.bit_rates, self.range_at_ber(), strict=True):
+                lines.append(f"{rate / 1e6:>7g} Mbit/s  {_range_text(found)}")
+        return "\n".join([*lines, "", *self._overloads(), self.status])
+
+    def _overloads(self) -> list[str]:
+        """Say where more counts fall into the dead time of the cells than are passed on."""
+        ook, lines = self.ooks[0], []
+        if not ook.saturation:
+            return []
+        unlimited = ook.model_copy(update={"saturation": False})
+        for depth in self.depths:
+            one = float(unlimited.levels(self.at(depth).received_power.value)[1])
+            passed = float(ook.sipm.saturated_rate(one)) / one
+            if passed < 0.5:
+                lines.append(
+                    f"{depth:g} m: the SiPM saturates and passes on {100.0 * passed:.2g} % of the "
+                    f"counts of a one, at {ook.sipm.bias_current(one):.2g} A: attenuate"
+                )
+        return lines
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return the figures as an xarray Dataset over depth and bit rate, with units."""
+        import xarray as xr
+
+        dims, shape = ("depth", "bit_rate"), (len(self.depths), len(self.ooks))
+        variables: dict[str, Any] = {}
+        for name in _ESTIMATES:
+            for i, suffix in enumerate(("", "_low", "_high")):
+                variables[name + suffix] = (dims, self.estimates(name)[..., i], _attrs(name))
+        for name in Capacity._fields:
+            values = [getattr(f.capacity, name) for f in self.figures]
+            key = f"capacity_{name}"
+            variables[key] = (dims, np.reshape(values, shape), _attrs(key))
+        needed = [f.required_power for f in self.figures[: len(self.ooks)]]
+        variables["required_power"] = (("bit_rate",), needed, _attrs("required_power"))
+        if len(self.depths) > 1:
+            ranges = np.array(self.range_at_ber())
+            for i, suffix in enumerate(("", "_low", "_high")):
+                variables["range" + suffix] = (("bit_rate",), ranges[:, i], _attrs("range"))
+        coordinates = {
+            "depth": ("depth", list(self.depths), _attrs("depth")),
+            "bit_rate": ("bit_rate", list(self.bit_rates), _attrs("bit_rate")),
+        }
+        about = {
+            "title": "meshtrace link performance",
+            "format_version": FORMAT_VERSION,
+            "kind": "performance",
+            "ber_limit": self.limit,
+            "confidence": self.confidence,
+            "status": self.status,
+            "provenance": json.dumps(self.provenance),
+        }
+        return xr.Dataset(variables, coordinates, about)
+
+    def save(self, path: str | Path) -> None:
+        """Write the figures as netCDF."""
+        self.to_dataset().to_netcdf(path, engine="h5netcdf")
+
+
+_ESTIMATES = (
+    "gain",
+    "received_power",
+    "photons_per_bit",
+    "margin_optical_db",
+    "margin_electrical_db",
+    "ber",
+    "outage",
+)
+
+
+def _attrs(name: str) -> dict[str, str]:
+    from meshtrace.fields import attrs
+
+    return attrs("gain_mean" if name == "gain" else name)
+
+
+def _index(name: str, values: tuple[float, ...], wanted: float | None) -> int:
+    if wanted is None:
+        return 0
+    if wanted not in values:
+        raise ValueError(f"{name}: {wanted:g}, allowed {', '.join(f'{v:g}' for v in values)}")
+    return values.index(wanted)
+
+
+def _figures_line(f: Figures) -> str:
+    power = 10.0 * math.log10(max(f.received_power.value, 1e-300) / 1e-3)
+    interval = f"{f.ber.low:.2e}..{f.ber.high:.2e}"
+    return (
+        f"{f.depth:>5g} m{f.bit_rate / 1e6:>8g}{power:>10.2f}{f.margin_optical_db.value:>19.2f}"
+        f"{f.margin_electrical_db.value:>12.2f}{f.ber.value:>13.3e}{interval:>22}"
+        f"{f.outage.value:>9.2g}{f.photons_per_bit.value:>13.4g}{f.capacity.hard / 1e6:>15.4g}"
+        f"{f.capacity.soft / 1e6:>13.4g}"
+    )
+
+
+def _range_text(found: Estimate) -> str:
+    if math.isnan(found.value):
+        return "not between the depths computed"
+    return f"{found.value:.1f} m  ({found.low:.1f}..{found.high:.1f})"
+
+
+def _range(depths: tuple[float, ...], ber: FloatArray, target: float) -> float:
+    from scipy.special import ndtri
+
+    quality = -ndtri(np.clip(ber, 1e-300, 0.5 - 1e-12))
+    try:
+        return depth_at(depths, quality, -float(ndtri(target)))
+    except ValueError:  # no crossing, or a single depth
+        return math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class DepthSweep:
+    """Performance over depth, for several winds.
+
+    Attributes
+    ----------
+    wind_speeds : tuple of float
+        Winds at 10 m [m s-1].
+    performances : tuple of LinkPerformance
+        One for each wind.
+    """
+
+    wind_speeds: tuple[float, ...]
+    performances: tuple[LinkPerformance, ...]
+
+    def range_at_ber(self, ber: float | None = None) -> FloatArray:
+        """Return ranges with their limits [m].
+
+        Parameters
+        ----------
+        ber : float, optional
+            See `LinkPerformance.range_at_ber`.
+
+        Returns
+        -------
+        ndarray, shape (winds, bit_rates, 3)
+        """
+        return np.array([p.range_at_ber(ber) for p in self.performances])
+
+    def summary(self) -> str:
+        """Return the ranges of all winds and bit rates as a text for the terminal."""
+        first = self.performances[0]
+        percent = f"{100.0 * first.confidence:g} %"
+        lines = [f"range at BER {first.limit:g} ({percent} interval)"]
+        for speed, performance in zip(self.wind_speeds, self.performances, strict=True):
+            found = zip(performance.bit_rates, performance.range_at_ber(), strict=True)
+            for rate, value in found:
+                lines.append(f"{speed:>5g} m/s{rate / 1e6:>7g} Mbit/s  {_range_text(value)}")
+        return "\n".join([*lines, "", first.status])
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return all figures as an xarray Dataset over wind, depth and bit rate."""
+        import xarray as xr
+
+        from meshtrace.fields import attrs
+
+        parts = [p.to_dataset() for p in self.performances]
+        winds = xr.Variable("wind_speed", list(self.wind_speeds), attrs("wind_speed"))
+        whole = xr.concat(parts, winds, data_vars="all", join="exact", combine_attrs="override")
+        origins = [p.provenance for p in self.performances]
+        return whole.assign_attrs(kind="depth-sweep", provenance=json.dumps(origins))
+
+    def save(self, path: str | Path) -> None:
+        """Write all figures as netCDF."""
+        self.to_dataset().to_netcdf(path, engine="h5netcdf")

@@ -1,0 +1,266 @@
+"""Sweeps as a function and as study files."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from meshtrace.link import Link
+from meshtrace.mesh import SurfaceModel
+from meshtrace.scenario import DEFAULT_WIND_SPEED, Run, Sampling, Scenario, ScenarioError
+from meshtrace.studies.sweep.cluster import compute
+from meshtrace.studies.sweep.points import Study, one_line
+from meshtrace.studies.sweep.store import dataset, open_store, waiting_tasks
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FIRST_CHAINS = 1024
+"""Chains with which a point begins unless told otherwise; its tolerance asks for more."""
+
+_SHARED = ("rtol", "photons", "seed")  # options of a run that a sweep sets for all its points
+
+
+def sweep(
+    link: Link | Scenario | Mapping[str, Any],
+    parameters: Mapping[str, Sequence[Any]],
+    *,
+    sea: SurfaceModel | Mapping[str, Any] | None = None,
+    realizations: int = 1,
+    rtol: float | None = 0.01,
+    photons: int | None = None,
+    seed: int = 1,
+    store: str | Path | None = None,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> xr.Dataset:
+    """Return the gain at every combination of some parameters, computed in parallel.
+
+    Parameters
+    ----------
+    link : Link, Scenario or mapping
+        What all points share: a link, a scenario, or the plain data of a link file. Options of
+        its run that are arguments here are left out.
+    parameters : mapping of str to sequence
+        Values of each parameter, by its dotted key in a link file: "wind_speed",
+        "transmitter.depth", "water.b", "sea.omega_max", ...
+    sea : SurfaceModel or mapping, optional
+        The sea, or the [sea] table of a link file, in place of that of `link`; a `Link` alone
+        goes with the default sea, which follows `wind_speed`.
+    realizations : int
+        Surfaces of each point. One keeps the phases of the sea as they are; of several,
+        realization i has those of `numpy.random.SeedSequence([seed, i])`, as in `ensemble`.
+    rtol : float, optional
+        Relative standard error to reach in every gain; None for `photons` as they are.
+    photons : int, optional
+        Chains (forced) or photons (analog) of every gain, with `rtol` the first guess.
+    seed : int
+        Key of the random numbers, 0 <= seed < 2^64. Points share them.
+    store : path, optional
+        Zarr store to keep finished points in. A second call with the same arguments and version
+        goes on where the first was stopped, however it was stopped.
+    scheduler : str, optional
+        Address of a running dask scheduler, as in "tcp://10.0.0.1:8786"; else a cluster is
+        started on this machine.
+    workers : int, optional
+        Processes of that cluster, all cores by default; the result does not depend on them.
+    progress : bool
+        Show on stderr the address of the dashboard and a bar with the time left.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions are the parameters in their order and "realization" (and "receiver" for a
+        link with a list of receivers); variables gain, gain_stderr, gain_ballistic, seconds and
+        error, the text of what went wrong, empty where nothing did.
+
+    Raises
+    ------
+    ScenarioError
+        If an option is out of range, no value of a parameter is allowed, or the store holds
+        another sweep.
+    ModuleNotFoundError
+        If dask, distributed or zarr are not installed.
+
+    Notes
+    -----
+    A point that fails is recorded and not tried again. One whose worker died, time after time, is
+    recorded too and tried again by the next call.
+
+    The cluster on this machine starts new Python processes: in a script call `sweep` under
+    `if __name__ == "__main__":`.
+    """
+    _require_batch()
+    study = Study(
+        _base(link, sea).to_toml(),
+        {name: _plain(values) for name, values in parameters.items()},
+        realizations,
+        rtol,
+        photons,
+        seed,
+    )
+    study.check()
+    if scheduler is not None and workers is not None:
+        raise ScenarioError(f"workers: {workers}, allowed: no workers beside a scheduler")
+    group = open_store(study, store)
+    tasks = waiting_tasks(study, group)
+    if tasks:
+        compute(study, group, tasks, scheduler, workers, progress)
+    return dataset(group)
+
+
+def sweep_file(
+    path: str | Path,
+    *,
+    store: str | Path | None = None,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> xr.Dataset:
+    """Run the sweep of a study file: a link file with a table [sweep].
+
+    Parameters
+    ----------
+    path : path
+        TOML file. [sweep] takes realizations, rtol, photons, seed and store, as in `sweep`
+        (rtol, photons and seed may stand in [run] too); [sweep.parameters] the lists of values
+        by their dotted keys.
+    store, scheduler, workers, progress
+        As in `sweep`; a store in the file lies beside it.
+
+    Returns
+    -------
+    xarray.Dataset
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be read or a value is not allowed.
+
+    Examples
+    --------
+    A study file::
+
+        [receiver]
+        radius = 0.1
+
+        [sweep]
+        realizations = 16
+
+        [sweep.parameters]
+        wind_speed = [5.0, 13.0]
+        transmitter.depth = [5.0, 10.0, 20.0]
+    """
+    path = Path(path)
+    config, table = _read(path)
+    run = config.get("run", {})
+    options = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
+    options |= {key: value for key, value in table.items() if key not in ("parameters", "store")}
+    for key in options:
+        if key not in ("realizations", *_SHARED):
+            raise ScenarioError(
+                f"{path}: sweep.{key}: {options[key]!r}, no such key, allowed: parameters, "
+                f"realizations, {', '.join(_SHARED)}, store"
+            )
+    if store is None and "store" in table:
+        store = _stored(path, table)
+    return sweep(
+        Scenario.from_config(config, folder=path.parent),
+        dict(_dotted(table.get("parameters", {}))),
+        store=store,
+        scheduler=scheduler,
+        workers=workers,
+        progress=progress,
+        **options,
+    )
+
+
+def store_of(path: str | Path) -> Path:
+    """Return the store that a study file names, or that of its own name beside it.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be read.
+    """
+    path = Path(path)
+    table = _read(path)[1]
+    return _stored(path, table) if "store" in table else path.with_suffix(".zarr")
+
+
+def _stored(path: Path, table: Mapping[str, Any]) -> Path:
+    if not isinstance(table["store"], str) or not table["store"]:
+        raise ScenarioError(f"{path}: sweep.store: {table['store']!r}, allowed: a path")
+    return path.parent / table["store"]
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the link of a study file and its table [sweep]."""
+    try:
+        config = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ScenarioError(f"{path}: {error.strerror}, allowed: a TOML file") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ScenarioError(f"{path}: {one_line(error)}, allowed: TOML in UTF-8") from error
+    table = config.pop("sweep", None)
+    if not isinstance(table, dict):
+        raise ScenarioError(f"{path}: sweep: {table!r}, allowed: a table")
+    return config, table
+
+
+def _base(
+    link: Link | Scenario | Mapping[str, Any], sea: SurfaceModel | Mapping[str, Any] | None
+) -> Scenario:
+    """Return what all points share, without the options that a sweep sets."""
+    if isinstance(link, Link):
+        parts = (sea, link.bubbles, link.whitecaps)
+        winds = (getattr(part, "wind_speed", None) for part in parts)
+        wind = next((wind for wind in winds if wind is not None), DEFAULT_WIND_SPEED)
+        default = Scenario.from_config({"wind_speed": wind})
+        scenario = default.model_copy(update={"link": link})
+    elif isinstance(link, Scenario):
+        scenario = link
+    else:
+        scenario = Scenario.from_config(link)
+    if isinstance(sea, SurfaceModel):
+        scenario = scenario.model_copy(update={"surface": sea, "sampling": Sampling()})
+    elif sea is not None:
+        scenario = Scenario.from_config({**scenario.to_config(), "sea": dict(sea)})
+    forced = scenario.run.estimator == "forced"
+    photons = FIRST_CHAINS if forced else scenario.run.photons
+    return scenario.model_copy(update={"run": Run(**{**_kept(scenario.run), "photons": photons})})
+
+
+def _kept(run: Run) -> dict[str, Any]:
+    """Return the options of a run that a sweep keeps."""
+    return run.model_dump(exclude={*_SHARED, "threads"}, exclude_none=True)
+
+
+def _plain(values: Sequence[Any]) -> list[Any]:
+    """Return values as plain data: arrays and tuples as lists."""
+    if isinstance(values, str) or not hasattr(values, "__iter__"):
+        raise ScenarioError(f"parameters: {values!r}, allowed: a list of values")
+    return list(json.loads(json.dumps(list(values), default=lambda value: value.tolist())))
+
+
+def _dotted(table: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the lists in nested tables with their dotted keys."""
+    if not isinstance(table, dict):
+        yield path, table
+        return
+    for key, value in table.items():
+        yield from _dotted(value, f"{path}.{key}" if path else key)
+
+
+def _require_batch() -> None:
+    try:
+        import distributed  # noqa: F401
+        import zarr  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f'sweep: {error.name} is missing, pip install "meshtrace[batch]"', name=error.name
+        ) from error

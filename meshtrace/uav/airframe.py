@@ -1,0 +1,170 @@
+"""A hovering UAV: the tilt of the receiver it carries, in a given wind, in time, and as a law.
+
+The airframe leans into the wind until thrust balances drag. `Uav.tilt` maps winds to tilts,
+`Uav.simulate_flight` gives records in time for a joint run with the sea, and `Uav.tilt_law` the
+law of the tilt angle, exact or as the paper's Gamma approximation.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+import pydantic
+from numpy.typing import ArrayLike, NDArray
+
+from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, squared_wind_moments
+from meshtrace.uav.wind import Dryden
+
+GRAVITY = 9.81  # [m s-2], the paper's value
+
+FloatArray = NDArray[np.float64]
+
+
+class Tilt(NamedTuple):
+    """Tilt of the receiver: `angle` from the vertical and `azimuth` of its line of sight [rad].
+
+    The airframe leans into the wind, so the line of sight of a receiver fixed under it leans
+    down-wind: it points along (sin angle cos azimuth, sin angle sin azimuth, -cos angle).
+    """
+
+    angle: FloatArray
+    azimuth: FloatArray
+
+
+class Flight(NamedTuple):
+    """Record of a flight: times (n,) [s], wind (n, 3) [m s-1], tilt of the receiver (n,) [rad]."""
+
+    times: FloatArray
+    wind: FloatArray
+    tilt: Tilt
+
+
+class Uav(pydantic.BaseModel, frozen=True, extra="forbid"):
+    """Hovering multirotor that balances the wind's drag by tilting.
+
+    tan(alpha) = K V^2,  K = C_D rho A / (2 m g)
+
+    Parameters
+    ----------
+    mass : float
+        Take-off mass m [kg].
+    drag_coefficient : float
+        C_D [1].
+    area : float
+        Equivalent flat area A [m2].
+    air_density : float
+        rho [kg m-3]; the paper's 1.293 is air at 0 degrees C, tropical air has 1.17 (K -9.5 %).
+    gimbal : bool
+        Receiver on a gimbal that holds it vertical: its tilt is 0.
+
+    Notes
+    -----
+    V^2 contains the vertical gust, as in the paper. Balance of the horizontal forces would take the
+    horizontal wind only; the vertical part adds less than 1 % to E[V^2].
+
+    References
+    ----------
+    Palomaki et al. (2017), J. Atmos. Oceanic Technol. 34, 1183, doi:10.1175/JTECH-D-16-0177.1.
+
+    Examples
+    --------
+    >>> round(UAVS["dji-m300-rtk"].tilt_coefficient, 9)
+    0.001574723
+    """
+
+    mass: float = pydantic.Field(default=8.37, gt=0.0, allow_inf_nan=False)
+    drag_coefficient: float = pydantic.Field(default=0.8, gt=0.0, allow_inf_nan=False)
+    area: float = pydantic.Field(default=0.25, gt=0.0, allow_inf_nan=False)
+    air_density: float = pydantic.Field(default=1.293, gt=0.0, le=2.0, allow_inf_nan=False)
+    gimbal: bool = False
+
+    @property
+    def tilt_coefficient(self) -> float:
+        """K = C_D rho A / (2 m g) [s2 m-2]."""
+        return self.drag_coefficient * self.air_density * self.area / (2.0 * self.mass * GRAVITY)
+
+    def tilt(self, wind: ArrayLike) -> Tilt:
+        """Tilt of the receiver in a given wind, alpha = arctan(K V^2), down-wind.
+
+        Parameters
+        ----------
+        wind : array_like
+            Wind vectors (..., 3) [m s-1].
+
+        Returns
+        -------
+        Tilt
+            Angle and azimuth (...) [rad]; zeros behind a gimbal.
+        """
+        v = np.asarray(wind, dtype=float)
+        if self.gimbal:
+            return Tilt(np.zeros(v.shape[:-1]), np.zeros(v.shape[:-1]))
+        angle = np.arctan(self.tilt_coefficient * np.sum(v * v, axis=-1))
+        return Tilt(angle, np.arctan2(v[..., 1], v[..., 0]))
+
+    def simulate_flight(self, wind: Dryden, times: ArrayLike, seed: int) -> Flight:
+        """Simulate wind and tilt in time.
+
+        Parameters
+        ----------
+        wind : Dryden
+            Wind at the UAV.
+        times : array_like
+            Evenly spaced times (n,) [s], for instance those of the sea's time series.
+        seed : int
+            Seed of the generator.
+
+        Returns
+        -------
+        Flight
+            Times, wind and tilt.
+        """
+        record = wind.simulate_wind(times, seed)
+        return Flight(np.asarray(times, dtype=float), record, self.tilt(record))
+
+    def tilt_law(
+        self, wind: Dryden, law: Literal["exact", "gamma"] = "exact"
+    ) -> ExactTiltLaw | GammaTiltLaw:
+        """Law of the tilt angle in a given wind.
+
+        Parameters
+        ----------
+        wind : Dryden
+            Wind at the UAV.
+        law : {"exact", "gamma"}
+            Exact law of V^2 (three Gaussian components), or the paper's Gamma law of the same mean
+            and variance.
+
+        Returns
+        -------
+        ExactTiltLaw or GammaTiltLaw
+            The law.
+
+        Raises
+        ------
+        ValueError
+            If the tilt does not vary (gimbal or calm), or `law` is not one of the two names.
+        """
+        if self.gimbal or not np.all(wind.std > 0.0):
+            raise ValueError(
+                "tilt_law: the tilt is constant, allowed gimbal = False and a wind with gusts"
+            )
+        mean_wind, std = wind.mean_wind, wind.std
+        if law == "exact":
+            return ExactTiltLaw(
+                self.tilt_coefficient, float(mean_wind[0]), float(std[0]), float(std[2])
+            )
+        if law != "gamma":
+            raise ValueError(f"law: {law!r}, allowed 'exact', 'gamma'")
+        mean, variance = squared_wind_moments(mean_wind, std)
+        return GammaTiltLaw(self.tilt_coefficient, mean**2 / variance, variance / mean)
+
+
+UAVS: dict[str, Uav] = {
+    "dji-m300-rtk": Uav(),
+    "dji-m300-rtk-no-payload": Uav(mass=6.3),
+    "dji-m300-rtk-max-takeoff": Uav(mass=9.0),
+}
+"""Airframes by name. The paper's mass is 8.37 kg; drag coefficient and area are the paper's CFD
+estimates for all three."""

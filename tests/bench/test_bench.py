@@ -1,0 +1,127 @@
+"""Measurements of speed: what they hold and what they refuse; no bound on any time."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+import meshtrace as mt
+from meshtrace import cli
+from meshtrace.bench import (
+    analog_rate,
+    bench,
+    figure_of_merit,
+    new_sea,
+    report,
+    thread_scaling,
+    worker_scaling,
+)
+from meshtrace.bench.scaling import counts_up_to
+from meshtrace.scenario import Scenario
+from meshtrace.surfaces import JonswapSea
+from meshtrace.transport.forced import crossing_reach
+from meshtrace.transport.simulate import mesh_for
+
+LINK = mt.Link()
+SEA = JonswapSea(seed=3)
+
+
+@pytest.fixture(scope="module")
+def meshes():
+    return mesh_for(LINK, SEA)[0], mesh_for(LINK, SEA, reach=crossing_reach(LINK))[0]
+
+
+@pytest.fixture(scope="module")
+def threads(meshes):
+    return thread_scaling(LINK, *meshes, photons=20_000, chains=256, rounds=1, most=3)
+
+
+def test_counts_are_powers_of_two_and_the_largest():
+    assert [counts_up_to(n) for n in (1, 2, 3, 8, 12)] == [
+        [1],
+        [1, 2],
+        [1, 2, 3],
+        [1, 2, 4, 8],
+        [1, 2, 4, 8, 12],
+    ]
+
+
+def test_thread_scaling_is_relative_to_one_thread(threads):
+    assert threads["threads"] == [1, 2, 3]
+    for rate, speedup in (
+        ("photons_per_s", "analog_speedup"),
+        ("chains_per_s", "forced_speedup"),
+    ):
+        assert threads[speedup][0] == 1.0
+        assert threads[speedup] == pytest.approx([r / threads[rate][0] for r in threads[rate]])
+
+
+def test_worker_scaling_runs_a_sweep():
+    pytest.importorskip("distributed")
+    found = worker_scaling(Scenario.from_config({"bubbles": "none"}), 8, chains=64, most=1)
+    assert found["workers"] == [1]
+    assert found["speedup"] == [1.0]
+    assert found["realizations_per_s"][0] > 0.0
+
+
+@pytest.fixture(scope="module")
+def measured(meshes, threads):
+    """Return what `bench` returns, of a few photons."""
+    return {
+        "environment": {},
+        "analog": analog_rate(LINK, meshes[0], photons=20_000, rounds=1),
+        "analog_tilted": analog_rate(LINK, meshes[0], photons=20_000, rounds=1),
+        "merit": figure_of_merit(LINK, meshes[1], 256, 50_000, rounds=1, seeds=3),
+        "new_sea": new_sea(LINK, SEA, rtol=0.2, rounds=1),
+        "peak_memory_mib": 1.0,
+        "thread_scaling": threads,
+        "worker_scaling": {
+            "workers": [1, 2],
+            "realizations": 8,
+            "realizations_per_s": [4.0, 7.0],
+            "speedup": [1.0, 1.75],
+        },
+    }
+
+
+def test_report_names_every_measurement(measured, threads):
+    text = report(measured)
+    assert "2: 1.75x (8 seas" in text
+    assert f"3: {threads['analog_speedup'][2]:.2f}x" in text
+    assert 'pip install "meshtrace[batch]"' in report({**measured, "worker_scaling": None})
+
+
+def test_bench_measures_all_of_it(monkeypatch, measured):
+    monkeypatch.setattr("meshtrace.bench.suite.worker_scaling", lambda scenario, seas: seas)
+    found = bench(Scenario.from_config({"bubbles": "none"}), quick=True)
+    assert set(found) == {*measured, "cores"}
+    assert found["worker_scaling"] == 32
+    assert found["analog"]["ratio"] > 0.0
+    json.dumps(found)
+
+
+def test_command_writes_what_was_measured(tmp_path, monkeypatch, measured):
+    asked = []
+    monkeypatch.setattr("meshtrace.bench.bench", lambda s, quick: asked.append(quick) or measured)
+    path = tmp_path / "bench.json"
+    result = CliRunner().invoke(cli.app, ["bench", "--quick", "-o", str(path)])
+    assert result.exit_code == 0, result.output
+    assert json.loads(path.read_text()) == measured
+    assert result.stdout == report(measured) + "\n"
+    assert asked == [True]
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "field"),
+    [
+        ('[sea]\nspectrum = "flat"\n', [], "sea: "),
+        ("", ["--output", "/nowhere/at/all.json"], "--output: "),
+    ],
+)
+def test_what_cannot_be_measured_is_one_line(tmp_path, text, options, field):
+    link = tmp_path / "link.toml"
+    link.write_text(text)
+    result = CliRunner().invoke(cli.app, ["bench", str(link), *options])
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr.startswith(f"error: {field}")
+    assert result.stderr.count("\n") == 1

@@ -1,0 +1,266 @@
+"""The command line: what it prints, what it writes, and how it fails."""
+
+import json
+import signal
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+import meshtrace as mt
+from meshtrace import cli
+from meshtrace.results.gain import FATE_MEANING
+from meshtrace.scenario import Scenario
+from meshtrace.surfaces import FlatSea
+from meshtrace.transport.simulate import DEFAULT_PHOTONS
+
+ANALOG = ["--estimator", "analog", "--photons", "5000"]
+
+
+def meshtrace(*arguments):
+    return CliRunner().invoke(cli.app, [str(argument) for argument in arguments])
+
+
+def run(*arguments):
+    result = meshtrace("run", *arguments)
+    assert result.exit_code == 0, result.stderr
+    return result
+
+
+def refusal(*arguments):
+    """Return the only line that a failing command prints."""
+    result = meshtrace(*arguments)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    return result.stderr.removeprefix("error: ").rstrip("\n")
+
+
+@pytest.fixture(autouse=True)
+def compiled(monkeypatch):
+    """Leave out the note about compiling, which depends on the tests that ran before."""
+    monkeypatch.setattr(cli.run, "kernels_are_compiled", lambda estimator: True)
+
+
+@pytest.fixture
+def link_file(tmp_path):
+    def write(text):
+        (tmp_path / "link.toml").write_text(text)
+        return tmp_path / "link.toml"
+
+    return write
+
+
+def test_help_and_version():
+    assert "run" in meshtrace("--help").stdout
+    assert meshtrace().stdout == meshtrace("--help").stdout
+    assert "--photons" in meshtrace("run", "--help").stdout
+    assert meshtrace("--version").stdout.startswith("meshtrace 0.")
+
+
+def test_run_without_arguments_is_the_default_link():
+    shown = run().stdout
+    expected = Scenario.from_toml("").simulate()
+    assert f"{expected.gain:.4e}" in shown
+    assert f"{expected.gain_stderr:.1e}" in shown
+    assert f"({expected.gain_db:.3f} dB optical)" in shown
+    assert f"{expected.gain_ballistic:.4e} unscattered" in shown
+    assert "per second" in shown
+
+
+def test_analog_tells_the_fates():
+    shown = run("--set", "receiver.radius=3", *ANALOG).stdout
+    result = Scenario.from_toml("", changes={**analog_changes(), "receiver.radius": 3}).simulate()
+    assert f"{result.gain:.4e}" in shown
+    assert "5,000 in" in shown
+    for fate, meaning in FATE_MEANING.items():
+        photons, weight = result.fates[fate.name.lower()]
+        line = next(line for line in shown.splitlines() if line.startswith(fate.name.lower()))
+        assert line.split()[1:3] == [f"{photons:,}", f"{100.0 * weight:.4g}"]
+        assert line.endswith(meaning)
+
+
+def analog_changes():
+    return {"run.estimator": "analog", "run.photons": 5000}
+
+
+def test_no_light_gives_a_bound_instead_of_an_error_of_zero():
+    shown = run("--estimator", "analog", "--photons", 30).stdout
+    assert "0: no light received, below 0.1 at 95 % confidence" in shown
+    assert "standard error" not in shown
+
+
+def test_every_receiver_has_its_gain(link_file):
+    shown = run(link_file("[[receiver]]\n[[receiver]]\nheight = 1.0")).stdout
+    assert shown.count("channel gain [") == 2
+
+
+@pytest.mark.parametrize("estimator", DEFAULT_PHOTONS)
+def test_json_holds_the_result_and_the_configuration(estimator):
+    done = run("--json", "--photons", 4096, "--seed", 3, "--estimator", estimator)
+    data = json.loads(done.stdout)
+    changes = {"run.photons": 4096, "run.seed": 3, "run.estimator": estimator}
+    expected = Scenario.from_toml("", changes=changes)
+    result = expected.simulate()
+    assert (data["gain"], data["gain_stderr"]) == (result.gain, result.gain_stderr)
+    assert data["fates"] == {name: tally._asdict() for name, tally in result.fates.items()}
+    assert data["photons_per_second"] == pytest.approx(data["photons"] / data["wall_time"])
+    assert Scenario.from_provenance(data["provenance"]) == expected
+    assert done.stderr == ""
+
+
+def test_json_knows_no_infinity():
+    data = json.loads(run("--json", "--estimator", "analog", "--photons", 1).stdout)
+    assert (data["gain"], data["gain_db"], data["gain_stderr"]) == (0.0, None, None)
+
+
+def test_the_result_is_written_as_netcdf(tmp_path):
+    done = run("-o", tmp_path / "out.nc", "--threads", 1, "--rtol", 1e-2, "--photons", "1e3")
+    assert str(tmp_path / "out.nc") in done.stdout
+    result = mt.GainResult.load(tmp_path / "out.nc")
+    assert f"{result.gain:.4e}" in done.stdout
+    assert result.provenance["run"]["threads"] == 1
+    assert result.gain_stderr <= 0.01 * result.gain
+
+
+def test_options_take_precedence_over_the_file(link_file):
+    file = link_file("wind_speed = 13.0\n[run]\nseed = 5\nphotons = 300")
+    done = run(file, "--set", "wind_speed=0", "--set", "sea.seed=3", "--seed", 6, "--json")
+    provenance = json.loads(done.stdout)["provenance"]
+    assert provenance["surface"]["kind"] == "flat"
+    assert (provenance["run"]["seed"], provenance["run"]["photons"]) == (6, 300)
+
+
+def test_a_warning_is_one_line(tmp_path, link_file):
+    FlatSea().mesh(extent=5.0, spacing=1.0).to_trimesh().export(tmp_path / "small.ply")
+    done = run(link_file('[sea]\nmesh = "small.ply"'), *ANALOG)
+    assert done.stderr.startswith("warning: ")
+    assert "left the meshed surface sideways" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_compiling_is_told(monkeypatch):
+    monkeypatch.setattr(cli.run, "kernels_are_compiled", lambda estimator: False)
+    done = run("--photons", 300)
+    assert done.stderr == f"{cli.console.COMPILING}\n"
+    assert run("--photons", 300, "--json").stderr == ""
+    assert "sea.spacing" in refusal("run", "--set", "sea.spacing=1e-4")
+
+
+@pytest.mark.parametrize("estimator", DEFAULT_PHOTONS)
+def test_kernels_once_compiled_are_found(monkeypatch, estimator):
+    run("--photons", 300, "--estimator", estimator)
+    monkeypatch.undo()
+    assert cli.console.kernels_are_compiled(estimator)
+    assert not cli.console.kernels_are_compiled("no_such_estimator")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[transmitter]\ndepth = -3.0", ["transmitter.depth: -3.0", "greater than 0"]),
+        ("[receiver]\nheight = -0.5", ["receiver.height: -0.5", "greater than 0"]),
+        ("[receiver]\nheight = 0.1", ["receiver.height: 0.1 m", "above the highest crest"]),
+        ("[receiver]\nfov_deg = 181", ["receiver.fov_deg: 181", "less than or equal to 180"]),
+        ("[water]\na = nan", ["water.a: nan", "finite numbers"]),
+        ("wind_speed = inf", ["wind_speed: inf", "finite numbers"]),
+        ("wind_speed = 5.0\n[sea\n", ["line 2", "TOML"]),
+        ('[sea]\nmesh = "small.ply"\n[receiver]\nposition = [9.0, 0.0]', ["small.ply", "covers"]),
+        ('[sea]\nmesh = "none.ply"', ["sea.mesh: 'none.ply'", "STL, PLY or OBJ"]),
+        ("[transmitter]\ndepht = 3.0", ["transmitter.depht: 3.0", "did you mean depth?"]),
+    ],
+)
+def test_bad_files_are_refused_in_one_line(tmp_path, link_file, text, words):
+    FlatSea().mesh(extent=5.0, spacing=1.0).to_trimesh().export(tmp_path / "small.ply")
+    file = link_file(text)
+    message = refusal("run", file)
+    assert all(word in message for word in [*words, "allowed: "])
+
+
+def test_errors_of_a_file_begin_with_its_name(link_file):
+    file = link_file("[transmitter]\ndepth = -3.0")
+    assert refusal("run", file) == f"{file}: transmitter.depth: -3.0, allowed: greater than 0"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run", "none.toml"], ["none.toml", "No such file"]),
+        (["run", "--photons", "0"], ["run.photons: 0", "allowed: "]),
+        (["run", "--photons", "many"], ["run.photons: 'many'", "allowed: a valid integer"]),
+        (["run", "--estimator", "guess"], ["run.estimator: 'guess'", *DEFAULT_PHOTONS]),
+        (["run", "--set", "depth"], ["'depth'", "allowed: key=value"]),
+        (["run", "--set", "water.a=nan"], ["water.a: nan", "allowed: finite numbers"]),
+        (["run", "--set", "sea.spectrum=flatt"], ["sea.spectrum: 'flatt'", "did you mean flat?"]),
+        (["run", "-o", "none/out.nc"], ["none/out.nc", "allowed: "]),
+        (["run", "-o", "."], ["--output", "allowed: "]),
+        (["run", "--wind", "3"], ["--wind"]),
+        (["fly"], ["fly"]),
+        (["--fast"], ["--fast"]),
+    ],
+)
+def test_bad_arguments_are_refused_in_one_line(arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    message = refusal(*arguments)
+    assert all(word in message for word in words)
+
+
+def test_our_own_failures_keep_their_traceback(monkeypatch):
+    def fail(*args, **kwargs):
+        raise ValueError("a slip of ours")
+
+    monkeypatch.setattr(cli.run, "scenario_of", fail)
+    result = meshtrace("run")
+    assert isinstance(result.exception, ValueError)
+    assert result.exit_code == 1
+
+
+def test_the_bar_shows_on_a_terminal_only(monkeypatch):
+    from rich.console import Console
+
+    class Terminal(Console):
+        is_terminal = True
+
+    monkeypatch.setattr("rich.console.Console", Terminal)
+    assert "following photons" in run(*ANALOG).stderr
+    assert run("--json", *ANALOG).stderr == ""
+
+
+def command(*arguments, **options):
+    return subprocess.Popen(
+        [sys.executable, "-m", "meshtrace", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **options,
+    )
+
+
+def test_a_real_process_runs_and_fails_as_told(tmp_path):
+    with command("run", "-o", "out.nc", "--photons", "1000", cwd=tmp_path) as process:
+        shown, _ = process.communicate()
+    assert process.returncode == 0
+    assert "channel gain" in shown
+    assert (tmp_path / "out.nc").exists()
+    with command("run", "--set", "transmitter.depth=-1", cwd=tmp_path) as process:
+        assert process.communicate() == (
+            "",
+            "error: transmitter.depth: -1, allowed: greater than 0\n",
+        )
+    assert process.returncode == 2
+
+
+def test_interrupting_ends_with_one_line(monkeypatch):
+    simulate = Scenario.simulate
+
+    def interrupted(self, progress=None):
+        return simulate(self, lambda photons: signal.raise_signal(signal.SIGINT))
+
+    monkeypatch.setattr(Scenario, "simulate", interrupted)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        result = meshtrace("run", "--estimator", "analog", "--photons", 10**9)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert (result.exit_code, result.stdout, result.stderr) == (130, "", "interrupted\n")

@@ -1,0 +1,98 @@
+"""The pages of the documentation: their code runs, their commands and link files are right."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+from meshtrace import cli
+from meshtrace.results.gain import FATE_MEANING
+from meshtrace.scenario import Scenario, ScenarioError
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGES = [DOCS / "quickstart.md", *sorted((DOCS / "guides").glob("*.md"))]
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+QUICKSTART = PAGES[0].read_text("utf-8")
+COMMANDS = get_command(cli.app).commands
+
+
+def blocks(page, language):
+    return [text for found, text in BLOCK.findall(page.read_text("utf-8")) if found == language]
+
+
+def pages_with(language):
+    return [pytest.param(page, id=page.stem) for page in PAGES if blocks(page, language)]
+
+
+@pytest.mark.parametrize("page", pages_with("python"))
+def test_code_runs(page, tmp_path):
+    """All blocks of a page are one script: later ones use the names of earlier ones."""
+    if page.stem == "sweep":
+        pytest.importorskip("distributed")
+        pytest.importorskip("zarr")
+    script = tmp_path / "page.py"
+    script.write_text("\n".join(blocks(page, "python")), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": ""},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("page", pages_with("toml"))
+def test_link_files_load(page, tmp_path):
+    (tmp_path / "ring_wave.ply").touch()
+    for text in blocks(page, "toml"):
+        config = tomllib.loads(text)
+        study = config.pop("sweep", {"parameters": {}})
+        assert isinstance(Scenario.from_config(config, folder=tmp_path), Scenario)
+        assert set(study) <= {"realizations", "rtol", "photons", "seed", "store", "parameters"}
+
+
+def command_lines(page):
+    """Yield the words of each line that calls meshtrace."""
+    for language in ("sh", "bash"):
+        for line in "".join(blocks(page, language)).splitlines():
+            if line.startswith("meshtrace "):
+                yield shlex.split(line)
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
+def test_commands_exist(page):
+    for _, name, *arguments in command_lines(page):
+        options = {option for p in COMMANDS[name].params for option in p.opts}
+        used = {word for word in arguments if word.startswith("-")}
+        assert used <= options, f"{name}: {used - options}"
+
+
+def test_quickstart_lists_all_commands():
+    listed = set(re.findall(r"`(?:meshtrace )?([a-z]+)`", _section("quickstart.md", "| command |")))
+    assert set(COMMANDS) <= listed
+
+
+def test_quickstart_shows_an_error_as_it_is(tmp_path):
+    shown = re.search(r"^error: (link\.toml: (\w+)\.(\w+): (\d+),.*)$", QUICKSTART, re.MULTILINE)
+    message, table, key, value = shown.groups()
+    with pytest.raises(ScenarioError) as refused:
+        Scenario.from_toml(f"[{table}]\n{key} = {value}", source="link.toml")
+    assert str(refused.value) == message
+
+
+def test_concepts_list_all_fates():
+    rows = re.findall(r"^\| `(\w+)` \| (.+) \|$", _section("concepts.md", "| fate |"), re.MULTILINE)
+    assert dict(rows) == {fate.name.lower(): text for fate, text in FATE_MEANING.items()}
+
+
+def _section(page, start):
+    """Return the table that begins with a header."""
+    text = (DOCS / page).read_text("utf-8")
+    return text[text.index(start) :].split("\n\n")[0]

@@ -1,0 +1,156 @@
+"""Numbers in the tables of the figures, by means independent of what draws them."""
+
+import math
+
+import numpy as np
+import pytest
+from mc_statistics import ALPHA, sidak, z_test
+
+import meshtrace as mt
+from meshtrace.paper import Setting
+from meshtrace.paper.links import FORMS, decibel, forced, mean_gain, ratio
+from meshtrace.paper.registry import Number, load
+from meshtrace.paper.runner import make_figures
+from meshtrace.surfaces import FlatSea
+
+TINY = {"realizations": 3, "photons": 64}
+FLAT_GAIN = 5.9731e-5
+"""Gain of the paper's link over a flat sea without bubbles, from an independent program."""
+
+
+def rows(name, **effort):
+    drawing = load(name).make(Setting(threads=1), **effort)
+    return {row.quantity: row for row in drawing.rows}
+
+
+def test_distances_of_the_printed_cdf_follow_from_its_slip():
+    """The printed CDF is off by D cos sin^2 with D = (1/8 - 1/16 pi) K: RMSE D/4, KS 2D/3 sqrt 3."""
+    v, delta = (3.0 - 3.5835) / 2.0, 4.0 / (3.0 * 0.1**2)
+    k = (1.0 - delta**v) / ((delta - 1.0) * delta**v)
+    d = (1.0 / 8.0 - 1.0 / (16.0 * math.pi)) * k
+    found = rows("ff-cdf")
+    rmse, ks = found["RMSE of the CDF"], found["Kolmogorov-Smirnov distance"]
+    assert rmse.paper.value == pytest.approx(d / 4.0, rel=2e-3)
+    assert ks.paper.value == pytest.approx(2.0 * d / (3.0 * math.sqrt(3.0)), rel=1e-4)
+    assert ks.default.value < 1e-8
+    assert float(f"{rmse.paper.value:.2e}") == rmse.printed
+    assert float(f"{ks.paper.value:.2e}") == ks.printed
+
+
+def test_table_of_the_tilt_holds_the_known_deviations():
+    found = rows("tilt", samples=1000)
+    low, high = (found[f"standard deviation of the tilt, {u} m/s"] for u in (5, 13))
+    assert low.default.value == pytest.approx(0.848294, abs=2e-6)
+    assert low.paper.value == pytest.approx(0.483006, abs=2e-6)
+    assert high.default.value == pytest.approx(5.20717, abs=2e-5)
+    assert high.paper.value == pytest.approx(3.02437, abs=2e-5)
+    assert found["KS of the Gamma law, 5 m/s"].paper.value == pytest.approx(6.72999e-3, abs=1e-6)
+
+
+def test_table_of_the_factor_holds_the_defect_of_the_printed_density():
+    found = rows("h-alpha")
+    integral = found["integral of the density, 5 m/s"].paper.value
+    assert math.log10(integral) == pytest.approx(-61.26, abs=0.01)
+    factor = found["mean factor, 13 m/s"].paper.value
+    assert factor == pytest.approx(0.963577, abs=5e-5)
+
+
+def test_tables_of_the_bubbles_hold_the_known_coefficients():
+    found = rows("bubble-scattering")["scattering coefficient of bubbles at 0 m, 13 m/s"]
+    assert found.default.value == pytest.approx(8.45128e-2, rel=1e-5)
+    assert found.paper.value == pytest.approx(8.80431252e-2, rel=1e-8)
+
+
+def test_records_of_the_wind_scatter_about_their_mean():
+    found = rows("wind", duration=2000.0)
+    z = [
+        number
+        for axis in "xy"
+        for number in (
+            found[f"mean of the record along {axis}"].default,
+            found[f"mean of the record along {axis}"].paper,
+        )
+    ]
+    # gusts along both axes hold half of those along the wind, which stay longest: a wide error
+    for number in z:
+        assert z_test(number.value, number.stderr, 5.0) > sidak(ALPHA, len(z))
+
+
+def test_mean_gain_of_a_flat_sea_is_the_known_one():
+    (mean,) = mean_gain(0.0, "physical", Setting(threads=1), realizations=2, photons=1024)
+    found = mean.number
+    assert z_test(found.value, found.stderr, FLAT_GAIN, 6e-9) > ALPHA
+
+
+def test_printed_forms_by_forced_detection_meet_photons_one_by_one():
+    made = forced(0.0, "paper", receiver={"radius": 0.25})
+    fast = mt.simulate(made.link, FlatSea(), photons=4096, threads=1)
+    slow = mt.simulate(made.link, FlatSea(), estimator="analog", photons=600_000, seed=3, threads=1)
+    assert slow.gain_stderr < 0.03 * slow.gain
+    assert z_test(slow.gain, slow.gain_stderr, fast.gain, fast.gain_stderr) > ALPHA
+    assert (
+        fast.gain
+        > 1.2
+        * mt.simulate(
+            forced(0.0, "physical", receiver={"radius": 0.25}).link,
+            FlatSea(),
+            photons=2048,
+            threads=1,
+        ).gain
+    )
+
+
+def test_sweep_over_receivers_meets_the_law_of_the_area():
+    found = rows("gain-radius", **TINY)
+    for row in found.values():
+        assert row.default.value == pytest.approx(2.0, abs=0.05)
+
+
+def test_wide_beams_lose_what_their_solid_angle_says():
+    """On axis the gain goes with (m + 1): scattering changes the ratio by a few percent."""
+    order = [-math.log(2.0) / math.log(math.cos(math.radians(a))) for a in (5.0, 60.0)]
+    expected = 10.0 * math.log10((order[0] + 1.0) / (order[1] + 1.0))
+    loss = rows("gain-half-angle", **TINY)["loss from 5 to 60 degrees, 5 m/s"]
+    assert loss.default.value == pytest.approx(expected, abs=1.5)
+    assert loss.default.value > loss.printed
+
+
+def test_ratios_and_decibels_carry_their_errors():
+    found = decibel(ratio(Number(4.0, 0.04), Number(2.0, 0.02)))
+    assert found.value == pytest.approx(10.0 * math.log10(2.0))
+    assert found.stderr == pytest.approx(10.0 / math.log(10.0) * 0.01 * math.sqrt(2.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "effort"),
+    [
+        ("fates", {"photons": 20_000}),
+        ("gain-series", {"times": 5, "photons": 64}),
+        (
+            "gain-distribution",
+            {"realizations": 60, "paper_realizations": 60, "photons": 64, "analog": 100_000},
+        ),
+        ("coverage-half-angle", {"photons": 20_000, "times": 1, "step": 1.0}),
+        ("coverage-depth", {"photons": 20_000, "times": 1, "step": 1.0}),
+        ("gain-depth", TINY),
+        ("gain-height", TINY),
+        ("gain-offset", TINY),
+        ("ber-depth", {"realizations": 2, "photons": 128, "step": 10.0}),
+        ("surfaces", {"seas": 2}),
+        ("link", {"paths": 10}),
+        ("uav-axes", {}),
+        ("offset", {}),
+        ("snell", {}),
+    ],
+)
+def test_every_figure_is_drawn_with_finite_numbers(tmp_path, monkeypatch, name, effort):
+    one = load(name)
+    monkeypatch.setattr(type(one), "effort", lambda self, quick: effort)
+    (record,) = make_figures(tmp_path, [name], setting=Setting(threads=1))
+    assert (tmp_path / f"{name}.png").stat().st_size > 10_000
+    assert record["rows"]
+    for row in record["rows"]:
+        for form in ("default", "paper"):
+            assert row[form] is None or np.isfinite(row[form]).all(), row["quantity"]
+    assert FORMS == ("physical", "paper")

@@ -1,0 +1,160 @@
+"""The command that redraws the paper: its files, its page, and what it keeps."""
+
+import csv
+import json
+import sys
+
+import numpy as np
+import pytest
+import xarray as xr
+from test_profiles import write_argo
+from typer.testing import CliRunner
+
+from meshtrace import cli
+from meshtrace.paper import FIGURES, Setting, make_figures
+from meshtrace.paper.index import number_text
+from meshtrace.paper.registry import load
+from meshtrace.paper.runner import key
+
+CHEAP = ("ff-cdf", "bubble-density", "stations")
+
+
+def figures(*arguments):
+    return CliRunner().invoke(cli.app, ["figures", *[str(a) for a in arguments]])
+
+
+def only(*names):
+    return [word for name in names for word in ("--only", name)]
+
+
+def refusal(*arguments):
+    result = figures(*arguments)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    return result.stderr
+
+
+def test_cheap_figures_have_picture_data_table_and_a_page(tmp_path):
+    result = figures("-o", tmp_path, "--quick", *only(*CHEAP))
+    assert result.exit_code == 0, result.stderr
+    assert "3 drawn, 0 kept" in result.stdout
+    page = (tmp_path / "index.html").read_text()
+    for name in CHEAP:
+        assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        with xr.open_dataset(tmp_path / f"{name}.nc", engine="h5netcdf") as data:
+            assert data.data_vars
+        record = json.loads((tmp_path / f"{name}.json").read_text())
+        with (tmp_path / f"{name}.csv").open(newline="") as file:
+            table = list(csv.DictReader(file))
+        assert len(table) == len(record["rows"]) > 0
+        assert all(row["difference"].endswith(".") for row in table)
+        assert f'src="{name}.png"' in page
+        assert f'href="{name}.nc"' in page
+    assert (
+        page.index('id="ff-cdf"') < page.index('id="bubble-density"') < page.index('id="stations"')
+    )
+    assert "Not drawn yet: link," in page
+
+
+def test_second_run_keeps_what_is_there_and_redraws_what_is_missing(tmp_path):
+    make_figures(tmp_path, CHEAP, quick=True)
+    (tmp_path / "stations.png").unlink()
+    (tmp_path / "bubble-density.json").write_text("{ half a record")
+    made = {r["name"]: r["kept"] for r in make_figures(tmp_path, CHEAP, quick=True)}
+    assert made == {"ff-cdf": True, "bubble-density": False, "stations": False}
+    assert all(r["kept"] for r in make_figures(tmp_path, CHEAP, quick=True))
+
+
+def test_interrupted_run_goes_on_where_it_was(tmp_path, monkeypatch):
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    load("bubble-density")
+    with monkeypatch.context() as patch:
+        patch.setattr("meshtrace.paper.optics._bubbles", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            make_figures(tmp_path, CHEAP, quick=True)
+    assert (tmp_path / "ff-cdf.json").is_file()
+    assert not (tmp_path / "bubble-density.json").exists()
+    made = [r["kept"] for r in make_figures(tmp_path, CHEAP, quick=True)]
+    assert made == [True, False, False]
+
+
+def test_key_follows_all_inputs_and_no_others(tmp_path):
+    write_argo(tmp_path / "a.nc")
+    given = Setting(profiles=(tmp_path / "a.nc",))
+    sweep, water = load("gain-depth"), load("temperature-salinity")
+    first = key(sweep, Setting(), True)
+    assert key(sweep, Setting(threads=2), True) == first
+    assert key(sweep, given, True) == first
+    assert len({first, key(sweep, Setting(), False), key(sweep, Setting(seed=2), True)}) == 3
+    assert key(water, given, True) != key(water, Setting(), True)
+
+
+def test_profiles_are_read_and_drawn(tmp_path):
+    write_argo(tmp_path / "cast.nc")
+    name = "temperature-salinity"
+    result = figures("-o", tmp_path / "out", *only(name), "--profiles", tmp_path / "cast.nc")
+    assert result.exit_code == 0, result.stderr
+    record = json.loads((tmp_path / "out" / f"{name}.json").read_text())
+    assert "NOT the paper's data" not in record["caption"]
+    with xr.open_dataset(tmp_path / "out" / f"{name}.nc", engine="h5netcdf") as data:
+        assert list(data.profile.to_numpy()) == ["cast 1", "cast 2"]
+        assert (data.offset.sel(zenith=data.zenith[-1]) > 0.0).all()
+
+
+def test_stand_ins_say_that_they_are_not_the_papers_data(tmp_path):
+    (record,) = make_figures(tmp_path, ["temperature-salinity"])
+    assert record["caption"].startswith("NOT the paper's data")
+
+
+def test_bad_input_is_one_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    assert "--only: 'nope', allowed: link," in refusal("-o", tmp_path, "--only", "nope")
+    assert "allowed: a folder" in refusal("-o", tmp_path / "file", *only("ff-cdf"))
+    missing = refusal("-o", tmp_path, *only("stations"), "--profiles", tmp_path / "no.nc")
+    assert "--profiles" in missing
+    text = refusal("-o", tmp_path, *only("stations"), "--profiles", tmp_path / "file")
+    assert "allowed a netCDF-4 file" in text
+
+
+def test_without_the_viz_extra_one_line_says_how_to_install_it(tmp_path, monkeypatch):
+    for module in [m for m in sys.modules if m.startswith("meshtrace.paper")]:
+        monkeypatch.delitem(sys.modules, module)
+    for module in [m for m in sys.modules if m.split(".")[:2] == ["meshtrace", "viz"]]:
+        monkeypatch.delitem(sys.modules, module)
+    real = __import__("importlib.util", fromlist=["find_spec"]).find_spec
+    monkeypatch.setattr(
+        "importlib.util.find_spec", lambda name, *a: None if name == "pyvista" else real(name, *a)
+    )
+    assert 'pip install "meshtrace[viz]"' in refusal("-o", tmp_path, *only("ff-cdf"))
+
+
+def test_list_names_all_figures():
+    result = figures("--list")
+    assert result.stdout.split() == list(FIGURES)
+
+
+def test_all_numbered_figures_of_the_paper_are_there():
+    found = [load(name) for name in FIGURES]
+    assert [one.name for one in found] == list(FIGURES)
+    numbers = [int(one.number.rstrip("ab")) for one in found]
+    assert sorted(set(numbers)) == list(range(1, 24))
+    assert numbers == sorted(numbers)
+    assert all(set(one.quick) == set(one.full) for one in found)
+
+
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [
+        ((5.9731e-5, 6.2e-8), "5.973e-05 &plusmn; 6e-08"),
+        ((43.26, 0.12), "43.3 &plusmn; 0.1"),
+        ((0.0, 0.0), "0"),
+        ((np.nan, 0.0), "none"),
+        ((0.002, 0.01), "0.002 &plusmn; 0.01"),
+        (None, "&ndash;"),
+    ],
+)
+def test_numbers_are_rounded_to_their_errors(number, text):
+    assert number_text(number) == text

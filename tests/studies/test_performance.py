@@ -1,0 +1,391 @@
+"""Link performance from this package's own gains: ranges, fading averages, tilt, dataset."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from mc_statistics import ALPHA, z_test
+from scipy.special import ndtri
+
+import meshtrace as mt
+from meshtrace.comms.budget import capacity, required_gain
+from meshtrace.comms.ook import OokLink
+from meshtrace.scenario import Scenario
+from meshtrace.studies.performance.link_performance import channel_link, ook_link
+from meshtrace.studies.performance.operating_point import ber_of_fades, outage_of_fades
+from meshtrace.studies.performance.samples import Fades
+from meshtrace.studies.series import GainSeries
+from meshtrace.surfaces import FlatSea, JonswapSea
+
+RATES = (1e6, 5e6, 1e7)
+GRID = tuple(range(25, 95, 5))
+REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "link_reference.json").read_text())
+FOV = math.radians(60.0)
+
+
+def at_depth(depth, **receiver):
+    return mt.Link(transmitter=mt.Led(depth=depth), receiver=mt.Receiver(**receiver))
+
+
+def steady(tilt_deg, wind_speed=13.0):
+    """Return an airframe and a wind without gusts that tilt a receiver by a given angle."""
+    unit = mt.Uav().tilt_coefficient * wind_speed**2
+    drag = 0.8 * math.tan(math.radians(tilt_deg)) / unit
+    return mt.Uav(drag_coefficient=drag), mt.Dryden(wind_speed=wind_speed, w20=0.0)
+
+
+def synthetic(gain, mean_stderr=0.0):
+    n = len(gain)
+    return GainSeries("realization", np.arange(n), gain, 0.0 * gain, gain, mean_stderr)
+
+
+# --- gains and ranges ----------------------------------------------------------------------
+
+
+# The tables are Monte Carlo too, of 1 % and, where the gain falls steeply, up to 3 %.
+@pytest.mark.parametrize(
+    ("preset", "key", "table_error"),
+    [
+        ("physical", "flat_gain_MC_physical_h5_r5cm_th10", 0.02),
+        ("paper-ranges", "flat_gain_MC_paper_a2", 0.035),
+    ],
+)
+def test_flat_sea_gains_match_the_tables(preset, key, table_error):
+    for depth, expected in REFERENCE[key].items():
+        link = channel_link(at_depth(float(depth)), OokLink.preset(preset))
+        found = mt.simulate(link, FlatSea(), photons=8192)
+        error = abs(found.gain - expected)
+        assert error < table_error * expected + 4.0 * found.gain_stderr, f"{depth} m"
+        if preset == "physical":
+            ballistic = REFERENCE["flat_gain_ballistic"][depth]
+            assert found.gain_ballistic == pytest.approx(ballistic, rel=5e-4)
+            assert found.gain > ballistic
+
+
+@pytest.mark.parametrize(
+    ("preset", "expected"), [("physical", (55, 43, 31)), ("paper-ranges", (49, 42, 34.5))]
+)
+def test_flat_sea_ranges(preset, expected):
+    found = mt.link_performance(
+        mt.Link(), FlatSea(), depths=GRID, bit_rate=RATES, ook=preset, photons=4096
+    )
+    ranges = found.range_at_ber()
+    assert [r.value for r in ranges] == pytest.approx(expected, abs=1.0)
+    for r in ranges:
+        assert r.low < r.value < r.high
+        assert r.high - r.low < 0.5
+    assert ("not physics" in found.status) == (preset == "paper-ranges")
+    assert found.status in found.summary()
+
+
+def test_foam_and_bubbles_of_13_metres_per_second_cost_a_metre():
+    still, windy = (
+        mt.link_performance(
+            mt.in_wind(mt.Link(), wind), FlatSea(), depths=(50, 55, 60), photons=8192
+        ).range_at_ber()[0]
+        for wind in (0.0, 13.0)
+    )
+    assert 0.7 < still.value - windy.value < 1.3
+
+
+def test_range_is_a_crossing_of_the_direct_curve():
+    link, ook = mt.Link(), OokLink()
+    found = mt.link_performance(link, FlatSea(), depths=(50, 55, 60), photons=8192)
+    for ber in (1e-3, 3.8e-3):
+        there = at_depth(found.range_at_ber(ber)[0].value)
+        gain = mt.simulate(there, FlatSea(), photons=8192)
+        error = gain.gain_stderr / gain.gain + found.fades[1].chain_error
+        assert math.log(gain.gain / required_gain(ook, ber)) == pytest.approx(0.0, abs=4.0 * error)
+    assert math.isnan(found.range_at_ber(0.4)[0].value)
+
+
+def test_gain_at_13_over_5_metres_per_second_as_printed():
+    gains = []
+    for wind in (5.0, 13.0):
+        given = Scenario.from_config({"wind_speed": wind, "physics": "paper"}).link
+        foam = {"whitecaps": given.whitecaps, "bubbles": given.bubbles}
+        gains.append(mt.simulate(mt.Link().model_copy(update=foam), FlatSea()).gain)
+    assert gains[1] / gains[0] == pytest.approx(0.835, abs=0.01)
+
+
+def test_foam_follows_the_wind():
+    windy = mt.in_wind(mt.Link(), 13.0)
+    scenario = Scenario.from_config({"wind_speed": 13.0}).link
+    assert (windy.whitecaps, windy.bubbles) == (scenario.whitecaps, scenario.bubbles)
+    assert mt.in_wind(windy, 0.0) == mt.Link()
+
+
+# --- averages over fading ------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def ensemble_performance():
+    return mt.link_performance(
+        at_depth(40.0), bit_rate=RATES, realizations=24, photons=512, limit=2e-3
+    )
+
+
+def test_average_ber_equals_brute_force(ensemble_performance):
+    gains = mt.ensemble(at_depth(40.0), 24, photons=512).gain
+    for rate in RATES:
+        ook = OokLink(bit_rate=rate)
+        figures = ensemble_performance.at(bit_rate=rate)
+        bers = ook.ber(ook.received_power(gains))
+        assert figures.ber.value == pytest.approx(bers.mean(), rel=1e-12)
+        assert figures.outage.value == np.mean(bers > 2e-3)
+        assert figures.capacity == pytest.approx(capacity(ook, gains), rel=1e-12)
+        margin = 10.0 * math.log10(gains.mean() / required_gain(ook, 2e-3))
+        assert figures.margin_optical_db.value == pytest.approx(margin, abs=1e-9)
+        assert figures.margin_electrical_db.value == pytest.approx(2.0 * margin, abs=1e-9)
+        power = figures.received_power.value
+        photons = power / rate / (6.62607015e-34 * 299792458.0 / 470e-9)
+        assert figures.photons_per_bit.value == pytest.approx(photons, rel=1e-6)
+
+
+def test_tilts_are_averaged_as_brute_force_does():
+    found = mt.link_performance(
+        at_depth(40.0), wind_speed=13.0, bit_rate=5e6, realizations=12, photons=256, uav=mt.Uav()
+    )
+    ook, samples = found.ooks[0], found.fades[0].samples
+    assert samples.shape == (12, 50)
+    bers = ook.ber(ook.received_power(samples))
+    assert found.at().ber.value == pytest.approx(bers.mean(), rel=1e-3)
+    assert found.at().outage.value == pytest.approx(np.mean(bers > 1e-3), abs=1e-9)
+
+
+def test_tilt_outage_is_that_of_the_law():
+    uav, wind = mt.Uav(), mt.Dryden(wind_speed=13.0)
+    found = mt.link_performance(
+        mt.Link(), FlatSea(), bit_rate=1e6, uav=uav, wind=wind, photons=256, realizations=400
+    )
+    share = uav.tilt_law(wind).outage(FOV)
+    n = found.fades[0].samples.size
+    outage = found.at().outage
+    assert z_test(outage.value, math.sqrt(share * (1.0 - share) / n), share) > ALPHA
+    assert outage.low < share < outage.high
+    assert found.at().ber.value == pytest.approx(0.5 * outage.value, rel=1e-6)
+
+
+def test_gimbal_takes_the_tilt_away():
+    link, seas = at_depth(40.0), {"realizations": 4, "photons": 256, "wind_speed": 13.0}
+    level = mt.link_performance(link, **seas).at()
+    held = mt.link_performance(link, uav=mt.Uav(gimbal=True), **seas).at()
+    assert held.ber.value == pytest.approx(level.ber.value, rel=1e-9)
+
+
+def test_band_of_a_flat_sea_is_the_error_of_its_chains():
+    found = mt.link_performance(at_depth(40.0), FlatSea(), bit_rate=5e6, photons=1024)
+    ook, fades, ber = found.ooks[0], found.fades[0], found.at().ber
+    reach = ndtri(0.975) * fades.chain_error
+    gain = float(fades.series.gain[0]) * np.exp([reach, 0.0, -reach])
+    assert ber == pytest.approx(ook.ber(ook.received_power(gain))[[1, 0, 2]], rel=1e-9)
+
+
+@pytest.mark.parametrize("chain_error", [0.0, 0.03])
+def test_bands_cover_the_truth(chain_error):
+    rng = np.random.default_rng(3)
+    ook, n, sigma = OokLink(model="GP"), 100, 0.25
+    centre = 1.25 * required_gain(ook, 1e-3)
+    x, weight = np.polynomial.hermite_e.hermegauss(80)
+    curve = ook.ber(ook.received_power(centre * np.exp(sigma * x)))
+    truth = weight @ curve / weight.sum()
+    missed = float(np.mean(rng.standard_normal(10**6) < -math.log(1.25) / sigma))
+    covered = np.zeros(2)
+    for trial in range(100):
+        gains = centre * np.exp(sigma * rng.standard_normal(n))
+        gains *= 1.0 + chain_error * rng.standard_normal()
+        fades = Fades(synthetic(gains, chain_error * gains.mean()), np.ones((n, 1)), float(n))
+        quantile = float(ndtri(0.975))
+        ber = ber_of_fades(ook, fades, quantile, 0.95, trial)
+        outage = outage_of_fades(ook, fades, 1e-3, quantile, 0.95)
+        covered += ber.low <= truth <= ber.high, outage.low <= missed <= outage.high
+    # 0.95 of 100 lies above 0.85 but for a probability of 1e-4
+    assert np.all(covered / 100 >= 0.85)
+
+
+def test_threads_do_not_matter():
+    one, two = (
+        mt.link_performance(mt.Link(), realizations=3, photons=256, threads=n).at() for n in (1, 2)
+    )
+    assert one == two
+
+
+# --- the tilt inside of the transport ------------------------------------------------------
+
+
+@pytest.mark.parametrize("tilt_deg", [3.0, 10.0])
+def test_small_tilts_agree_with_the_factor(tilt_deg):
+    uav, wind = steady(tilt_deg)
+    link, sea, times = mt.Link(), JonswapSea(wind_speed=5.0), np.arange(4.0)
+    coupled = mt.coupled_series(link, sea, times, uav, wind, photons=1024)
+    level = mt.time_series(link, sea, times, photons=1024)
+    assert coupled.flight.tilt.angle == pytest.approx(math.radians(tilt_deg), rel=1e-9)
+    ratio = coupled.series.gain / level.gain
+    assert ratio == pytest.approx(math.cos(math.radians(tilt_deg)), rel=0.01)
+
+
+@pytest.mark.parametrize(("tilt_deg", "most"), [(28.0, 0.93), (33.0, 0.15), (45.0, 0.02)])
+def test_gain_falls_at_the_edge_of_the_field_of_view(tilt_deg, most):
+    uav, wind = steady(tilt_deg)
+    link, times = at_depth(40.0), np.arange(2.0)
+    coupled = mt.coupled_series(link, FlatSea(), times, uav, wind, photons=2048).series
+    level = mt.simulate(link, FlatSea(), photons=2048)
+    share = coupled.gain / (level.gain * math.cos(math.radians(tilt_deg)))
+    assert np.all((0.0 < share) & (share < most))
+
+
+def test_a_gimbal_makes_the_coupled_series_the_plain_one():
+    sea, times = JonswapSea(wind_speed=5.0), np.arange(3.0)
+    wind = mt.Dryden(wind_speed=13.0)
+    held = mt.coupled_series(mt.Link(), sea, times, mt.Uav(gimbal=True), wind, photons=1024)
+    plain = mt.time_series(mt.Link(), sea, times, photons=1024)
+    error = np.hypot(held.series.gain_stderr, plain.gain_stderr)
+    assert np.all(np.abs(held.series.gain - plain.gain) < 4.5 * error)
+    assert held.series.gain_ballistic == pytest.approx(plain.gain_ballistic, rel=1e-9)
+
+
+def test_each_frame_has_its_own_tilt():
+    wind, times = mt.Dryden(wind_speed=13.0), np.arange(3.0)
+    coupled = mt.coupled_series(mt.Link(), FlatSea(), times, mt.Uav(), wind, 5, photons=1024)
+    assert coupled.flight.tilt.angle == pytest.approx(
+        mt.Uav().simulate_flight(wind, times, 5).tilt.angle
+    )
+    for i, (angle, azimuth) in enumerate(zip(*coupled.flight.tilt, strict=True)):
+        azimuth_deg = math.degrees(azimuth)
+        link = at_depth(10.0, tilt_deg=math.degrees(angle), tilt_azimuth_deg=azimuth_deg)
+        alone = mt.simulate(link, FlatSea(), photons=1024, seed=5)
+        assert coupled.series.gain[i] == pytest.approx(alone.gain, rel=1e-9)
+    assert coupled.series.provenance["uav"]["mass"] == 8.37
+
+
+def test_coupled_performance_counts_correlated_times():
+    found = mt.link_performance(
+        mt.Link(),
+        wind_speed=13.0,
+        uav=mt.Uav(),
+        coupled=True,
+        realizations=8,
+        time_step=0.25,
+        photons=256,
+    )
+    fades = found.fades[0]
+    assert np.all(fades.h_alpha == 1.0)
+    assert 1.0 <= fades.n_effective <= 8.0
+    assert fades.series.time == pytest.approx(0.25 * np.arange(8))
+    assert found.provenance["coupled"] is True
+
+
+def test_saturation_is_told():
+    near, far = (
+        mt.link_performance(at_depth(d), FlatSea(), ook="paper", photons=256).summary()
+        for d in (10.0, 45.0)
+    )
+    # r1 tau / N = 7.9 at 10 m and below 1e-3 beyond 45 m: 1 / 8.9 of the counts pass
+    assert "10 m: the SiPM saturates and passes on 11 % of the counts of a one" in near
+    assert "saturates" not in far
+
+
+# --- what fits together --------------------------------------------------------------------
+
+
+def test_transmission_takes_over_the_link():
+    link = mt.Link(
+        transmitter=(mt.Led(power_mw=20.0, wavelength_nm=450.0), mt.Led(power_mw=30.0)),
+        receiver=mt.Receiver(radius=0.02, fov_deg=40.0),
+    )
+    ook = ook_link(link, OokLink.preset("paper"), 5e6)
+    assert (ook.led.power, ook.led.wavelength) == pytest.approx((0.05, 450e-9))
+    assert (ook.optics.radius, ook.optics.fov_deg, ook.optics.etendue_limited) == (
+        0.02,
+        40.0,
+        False,
+    )
+    assert (ook.model, ook.bit_rate) == ("PC", 5e6)
+
+
+def test_only_the_calibration_doubles_the_absorption():
+    layered = mt.Link(water=mt.Water(layers=[(0.0, 0.1, 0.2), (9.0, 0.3, 0.1)]))
+    assert channel_link(layered, OokLink.preset("paper")) is layered
+    doubled = channel_link(layered, OokLink.preset("paper-ranges")).water
+    assert (doubled.a, doubled.b) == (0.2, 0.2)
+    assert doubled.layers == ((0.0, 0.2, 0.2), (9.0, 0.6, 0.1))
+
+
+def test_dataset_goes_to_disk_and_back(tmp_path):
+    sweep = mt.depth_sweep(
+        mt.Link(),
+        (30, 35, 40),
+        bit_rate=(5e6, 1e7),
+        wind_speeds=(0.0, 13.0),
+        realizations=3,
+        photons=256,
+    )
+    sweep.save(tmp_path / "sweep.nc")
+    with xr.open_dataset(tmp_path / "sweep.nc", engine="h5netcdf") as data:
+        assert dict(data.sizes) == {"wind_speed": 2, "depth": 3, "bit_rate": 2}
+        for i, performance in enumerate(sweep.performances):
+            ber = performance.estimates("ber")
+            assert data["ber"].to_numpy()[i] == pytest.approx(ber[..., 0], rel=1e-12)
+            assert data["ber_high"].to_numpy()[i] == pytest.approx(ber[..., 2], rel=1e-12)
+        assert np.all(data["ber_low"] <= data["ber"])
+        assert np.all(data["ber"] <= data["ber_high"])
+        assert data["received_power"].attrs["units"] == "W"
+        assert data["margin_optical_db"].attrs["units"] == "dB"
+        assert data["range"].to_numpy() == pytest.approx(sweep.range_at_ber()[..., 0], nan_ok=True)
+        assert data.attrs["kind"] == "depth-sweep"
+    assert "13 m/s" in sweep.summary()
+
+
+def test_eye_at_the_received_power():
+    found = mt.link_performance(at_depth(30.0), FlatSea(), bit_rate=(1e6, 5e6), photons=256)
+    ook, power = found.ooks[1], found.at(bit_rate=5e6).received_power.value
+    assert np.array_equal(found.eye(bit_rate=5e6).level, ook.eye(power).level)
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({"limit": 0.5}, "limit"),
+        ({"realizations": 1}, "realizations"),
+        ({"confidence": 1.0}, "confidence"),
+        ({"coupled": True}, "coupled"),
+        ({"depths": (30.0, 20.0)}, "depths"),
+        ({"depths": ()}, "depths"),
+        ({"ook": "printed"}, "name"),
+        ({"bit_rate": -1.0}, "bit_rate: -1.0, allowed greater than 0"),
+        ({"bit_rate": 1e7, "ook": OokLink(window=1e-6)}, "window: 1e-06, allowed"),
+        ({"depths": (-5.0, 5.0)}, "depth: -5.0, allowed greater than 0"),
+        ({"sea": FlatSea(), "uav": mt.Uav()}, "wind_speed"),
+        ({"link": mt.Link(receiver=(mt.Receiver(), mt.Receiver()))}, "receiver"),
+        ({"link": mt.Link(transmitter=(mt.Led(), mt.Led())), "depths": (9.0,)}, "transmitter"),
+        (
+            {"link": at_depth(9.0, tilt_deg=5.0), "uav": mt.Uav(), "coupled": True},
+            "receiver.tilt_deg",
+        ),
+    ],
+)
+def test_wrong_options_are_named(options, name):
+    given = {"link": mt.Link(), **options}
+    with pytest.raises(ValueError, match=name):
+        mt.link_performance(given.pop("link"), **given)
+
+
+@pytest.mark.parametrize("place", [{"depth": 11.0}, {"bit_rate": 2e6}])
+def test_figures_are_only_where_computed(place):
+    found = mt.link_performance(mt.Link(), FlatSea(), photons=256)
+    with pytest.raises(ValueError, match="allowed"):
+        found.at(**place)
+
+
+# --- slow ----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_waves_of_5_metres_per_second_do_not_cost_what_the_paper_prints():
+    sweep = mt.depth_sweep(mt.Link(), (35, 40, 45), bit_rate=5e6, wind_speeds=(0.0, 5.0))
+    still, windy = sweep.range_at_ber()[:, 0]
+    assert windy[1] < still[0] < windy[2]
+    assert abs(still[0] - windy[0]) < 0.5  # the paper prints a loss of 4 m

@@ -1,0 +1,365 @@
+"""Sweeps: what is asked for, what is kept, and what is refused, without processes."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+import meshtrace as mt
+from meshtrace import cli
+from meshtrace.scenario import Scenario, ScenarioError
+from meshtrace.studies.sweep import BLOCK, Study, Task, store_of, sweep, sweep_file
+from meshtrace.studies.sweep.store import dataset, note, open_store, waiting_tasks, write
+from meshtrace.surfaces import JonswapSea, SinusoidalSea
+
+distributed = pytest.importorskip("distributed")
+zarr = pytest.importorskip("zarr")
+
+FLAT = {"spectrum": "flat"}
+
+
+@pytest.fixture(scope="module")
+def address():
+    """Scheduler of one worker in a thread of this process."""
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0"
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+def run(parameters, address, **options):
+    options = {"sea": FLAT, "rtol": None, "photons": 64, "progress": False, **options}
+    return sweep(options.pop("link", mt.Link()), parameters, scheduler=address, **options)
+
+
+def study(parameters, **options):
+    link = {"sea": FLAT, "bubbles": "none", "run": {"photons": 64}}
+    defaults = {"realizations": 1, "rtol": None, "photons": None, "seed": 1, **options}
+    return Study(Scenario.from_config(link).to_toml(), parameters, **defaults)
+
+
+def test_tasks_cover_all_points_and_realizations():
+    asked = study({"wind_speed": [5.0, 13.0], "water.b": [0.1, 0.2, 0.3]}, realizations=BLOCK + 3)
+    tasks = list(asked.tasks())
+    assert len(set(tasks)) == len(tasks) == 2 * 3 * 2
+    hits = np.zeros((2, 3, BLOCK + 3), int)
+    for task in tasks:
+        hits[task.region] += 1
+    assert (hits == 1).all()
+    assert asked.changes(Task((1, 2), 0, 1)) == {"wind_speed": 13.0, "water.b": 0.3}
+
+
+def test_point_is_the_run_of_its_scenario():
+    asked = study({"transmitter.depth": [6.0]}, seed=5)
+    outcome = asked.compute(Task((0,), 0, 1))
+    link = mt.Link(transmitter=mt.Led(depth=6.0))
+    whitecaps = Scenario.from_config({}).link.whitecaps
+    link = link.model_copy(update={"whitecaps": whitecaps})
+    flat = Scenario.from_config({"sea": FLAT}).surface
+    single = mt.simulate(link, flat, photons=64, seed=5, threads=1)
+    assert outcome.measured[:, 0, 0].tolist() == [
+        single.gain,
+        single.gain_stderr,
+        single.gain_ballistic,
+    ]
+    assert outcome.error == [""]
+
+
+def test_realizations_are_those_of_an_ensemble():
+    # unscattered light has no Monte Carlo error where no slopes are random
+    link = {
+        "physics": {"unresolved": "none"},
+        "bubbles": "none",
+        "whitecaps": "none",
+        "run": {"photons": 64},
+    }
+    asked = Study(Scenario.from_config(link).to_toml(), {"water.b": [0.0]}, 3, None, None, 4)
+    outcome = asked.compute(Task((0,), 0, 3))
+    smooth = mt.Link(water=mt.Water(b=0.0), physics=mt.Physics(unresolved="none"))
+    several = mt.ensemble(smooth, 3, photons=64, seed=4)
+    np.testing.assert_allclose(outcome.measured[2, :, 0], several.gain_ballistic, rtol=1e-12)
+
+
+def test_points_share_their_random_numbers():
+    asked = study({"transmitter.power_mw": [1.0, 2.0]})
+    first, second = (asked.compute(task).measured for task in asked.tasks())
+    np.testing.assert_array_equal(first, second)  # the gain is relative to the power
+
+
+def test_failing_point_is_told_in_one_line(address):
+    data = run({"transmitter.depth": [10.0, -1.0, 0.001]}, address, sea={"spectrum": "jonswap"})
+    errors = data["error"].values[:, 0]
+    assert errors[0] == ""
+    assert errors[1] == "transmitter.depth: -1.0, allowed: greater than 0"
+    assert "depth: 0.001 m, allowed" in errors[2]
+    assert np.isfinite(data["gain"].values[:, 0]).tolist() == [True, False, False]
+
+
+def test_coordinates_are_the_parameters(address):
+    parameters = {
+        "transmitter.depth": np.array([5.0, 10.0]),
+        "water.type": ["jerlov-I", "jerlov-IB"],
+        "receiver.position": [(0.0, 0.0), (0.5, 0.0)],
+    }
+    data = run(parameters, address)
+    assert data["gain"].dims == (*parameters, "realization")
+    assert data["transmitter.depth"].values.tolist() == [5.0, 10.0]
+    assert data["transmitter.depth"].attrs["units"] == "m"
+    assert data["water.type"].values.tolist() == ["jerlov-I", "jerlov-IB"]
+    assert data["receiver.position"].values.tolist() == ["[0.0, 0.0]", "[0.5, 0.0]"]
+    assert data["gain"].attrs["units"] == "1"
+    assert (data["gain"] > data["gain_ballistic"]).all()
+    assert (data["seconds"] > 0.0).all()
+    assert json.loads(data.attrs["identity"])["parameters"]["transmitter.depth"] == [5.0, 10.0]
+
+
+def test_sweep_writes_netcdf(address, tmp_path):
+    data = run({"water.type": ["jerlov-I"]}, address)
+    data.to_netcdf(tmp_path / "sweep.nc", engine="h5netcdf")
+
+
+def test_list_of_receivers_is_a_dimension(address):
+    link = mt.Link(receiver=(mt.Receiver(), mt.Receiver(position=(1.0, 0.0))))
+    data = run({"water.b": [0.01, 0.03]}, address, link=link, realizations=2)
+    assert data["gain"].shape == (2, 2, 2)
+    assert data["gain"].dims[-1] == "receiver"
+    assert data["seconds"].shape == (2, 2)
+
+
+def test_analog_points_have_no_unscattered_part(address):
+    link = {"bubbles": "none", "run": {"estimator": "analog"}, "receiver": {"radius": 2.0}}
+    data = run({"water.b": [0.01]}, address, link=link, photons=4096)
+    assert np.isnan(data["gain_ballistic"]).all()
+    assert (data["gain"] > 0.0).all()
+
+
+def test_tolerance_is_met(address):
+    data = run({"water.b": [0.037, 0.2]}, address, rtol=0.003, photons=None)
+    assert (data["gain_stderr"] <= 0.003 * data["gain"]).all()
+
+
+def test_sea_is_taken_as_it_is(address):
+    wave = SinusoidalSea(amplitude=0.05, wavelength=4.0)
+    data = run({"water.b": [0.0]}, address, sea=wave)
+    single = mt.simulate(mt.Link(water=mt.Water(b=0.0)), wave, photons=64)
+    assert float(data["gain_ballistic"][0, 0]) == single.gain_ballistic
+
+
+def test_link_alone_goes_with_a_sea_that_follows_the_wind(address):
+    data = run({"wind_speed": [5.0, 13.0]}, address, sea=None)
+    for i, wind_speed in enumerate((5.0, 13.0)):
+        single = mt.simulate(mt.Link(), JonswapSea(wind_speed=wind_speed), photons=64)
+        assert float(data["gain"][i, 0]) == single.gain
+
+
+def test_finished_points_are_read_not_computed(address, tmp_path):
+    store = tmp_path / "depths.zarr"
+    first = run({"water.b": [0.0, 0.1]}, address, store=store)
+    second = run({"water.b": [0.0, 0.1]}, None, store=store, workers=1)
+    assert first.identical(second)  # seconds included: nothing ran
+
+
+def test_task_lost_with_its_worker_is_told_and_stays_to_be_done(address, tmp_path):
+    store, asked = tmp_path / "lost.zarr", study({"water.b": [0.0, 0.1]})
+    group = open_store(asked, store)
+    lost, other = waiting_tasks(asked, group)
+    note(group, lost, "KilledWorker: died")
+    write(group, other, asked.compute(other))
+    assert dataset(group)["error"].values.tolist() == [["KilledWorker: died"], [""]]
+    group = open_store(asked, store)  # by the next call
+    assert waiting_tasks(asked, group) == [lost]
+    write(group, lost, asked.compute(lost))
+    assert waiting_tasks(asked, group) == []
+    assert (dataset(group)["error"] == "").all()
+
+
+def test_other_version_in_the_store_is_refused(address, tmp_path, monkeypatch):
+    store = tmp_path / "depths.zarr"
+    with monkeypatch.context() as patch:
+        patch.setattr("meshtrace.studies.sweep.points.version", lambda name: "0.0.1")
+        run({"water.b": [0.0]}, address, store=store)
+    with pytest.raises(ScenarioError, match=r"store: .*meshtrace: '0\.0\.1' there"):
+        run({"water.b": [0.0]}, address, store=store)
+
+
+def test_other_sweep_in_the_store_is_refused(address, tmp_path):
+    store = tmp_path / "depths.zarr"
+    run({"water.b": [0.0, 0.1]}, address, store=store)
+    with pytest.raises(ScenarioError, match=r"store: .*seed: 1 there, 2 here.*allowed"):
+        run({"water.b": [0.0, 0.1]}, address, store=store, seed=2)
+    with pytest.raises(ScenarioError, match=r"parameters\.water\.b: \[0\.0, 0\.1\] there"):
+        run({"water.b": [0.0]}, address, store=store)
+
+
+def test_folder_that_is_no_store_is_refused(address, tmp_path):
+    (tmp_path / "thesis.txt").write_text("precious")
+    with pytest.raises(ScenarioError, match=r"is not that of a sweep, allowed"):
+        run({"water.b": [0.0]}, address, store=tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "options", "message"),
+    [
+        ({}, {}, r"parameters: none, allowed"),
+        ({"water.b": []}, {}, r"water\.b: \[\], allowed"),
+        ({"water.b": 0.1}, {}, r"parameters: 0\.1, allowed"),
+        ({"water.bb": [0.1, 0.2]}, {}, r"water\.bb: 0\.1, no such key"),
+        ({"water.b": [-1.0, -2.0]}, {}, r"water\.b: -1\.0, allowed"),
+        ({"water.b": [0.1]}, {"realizations": 0}, r"realizations: 0, allowed"),
+        ({"water.b": [0.1]}, {"realizations": 1.5}, r"realizations: 1\.5, allowed"),
+        ({"water.b": [0.1]}, {"seed": -1}, r"seed: -1, allowed"),
+        ({"water.b": [0.1]}, {"rtol": 2.0}, r"run\.rtol: 2\.0, allowed"),
+        ({"water.b": [0.1]}, {"photons": 0}, r"run\.photons: 0, allowed"),
+        ({"water.b": [0.1]}, {"workers": 2}, r"workers: 2, allowed"),
+    ],
+)
+def test_wrong_arguments_are_named(parameters, options, message):
+    with pytest.raises(ScenarioError, match=message):
+        run(parameters, "tcp://127.0.0.1:1", **options)
+
+
+def test_progress_tells_where_the_dashboard_is(address, capsys):
+    run({"water.b": [0.0]}, address, progress=True)
+    text = capsys.readouterr().err
+    assert "dashboard: http://" in text
+    assert "1/1" in text
+
+
+def test_missing_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(ModuleNotFoundError, match=r'pip install "meshtrace\[batch\]"'):
+        sweep(mt.Link(), {"water.b": [0.1]})
+
+
+def write_study(folder, text):
+    path = folder / "study.toml"
+    path.write_text(text)
+    return path
+
+
+def test_study_file_is_a_link_file_with_a_sweep(address, tmp_path):
+    path = write_study(
+        tmp_path,
+        """
+        bubbles = "none"
+        [sea]
+        spectrum = "flat"
+        [run]
+        seed = 7
+        photons = 64
+        [sweep]
+        rtol = 1.0
+        store = "kept.zarr"
+        [sweep.parameters]
+        transmitter.depth = [5.0, 10.0]
+        "receiver.height" = [4.0]
+        """,
+    )
+    data = sweep_file(path, scheduler=address, progress=False)
+    assert data["gain"].dims == ("transmitter.depth", "receiver.height", "realization")
+    identity = json.loads(data.attrs["identity"])
+    assert (identity["seed"], identity["photons"], identity["rtol"]) == (7, 64, 1.0)
+    assert (tmp_path / "kept.zarr").is_dir()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("wind_speed = 5.0", r"sweep: None, allowed: a table"),
+        ("[sweep]\nseeds = 3", r"sweep\.seeds: 3, no such key"),
+        ("[sweep", r"allowed: TOML"),
+        ("[sweep]\n[sweep.parameters]\nwind_speed = 5.0", r"parameters: 5\.0, allowed: a list"),
+        ("wind = 5.0\n[sweep]", r"wind: 5\.0, no such key"),
+    ],
+)
+def test_wrong_study_files_are_told_in_one_line(tmp_path, text, message):
+    with pytest.raises(ScenarioError, match=message) as caught:
+        sweep_file(write_study(tmp_path, text), progress=False)
+    assert "\n" not in str(caught.value)
+
+
+def sweep_command(*arguments):
+    return CliRunner().invoke(cli.app, ["sweep", *map(str, arguments)])
+
+
+def test_command_prints_a_row_for_each_point_and_keeps_all(address, tmp_path):
+    text = """
+        bubbles = "none"
+        sea.spectrum = "flat"
+        run.photons = 64
+        [sweep]
+        rtol = 1.0
+        realizations = 2
+        [sweep.parameters]
+        "transmitter.depth" = [5.0, -1.0]
+        "water.type" = ["jerlov-I", "jerlov-IB"]
+    """
+    path, kept = write_study(tmp_path, text), tmp_path / "kept.nc"
+    result = sweep_command(path, "--scheduler", address, "-o", kept)
+    assert result.exit_code == 0, result.stderr
+    head, *rows = result.stdout.split("\n\n")[0].splitlines()
+    assert head.split() == ["transmitter.depth", "water.type", "gain", "stderr", "scatter"]
+    assert [row.split()[:2] for row in rows] == [
+        [depth, water] for depth in ("5", "-1") for water in ("jerlov-I", "jerlov-IB")
+    ]
+    assert "warning: 4 of 8 runs failed, the first: transmitter.depth: -1.0" in result.stderr
+    assert (tmp_path / "study.zarr").is_dir()  # beside the study, without being asked
+    with xr.open_dataset(kept, engine="h5netcdf") as data:
+        gain = data["gain"].values[0, 0]
+        chains = data["gain_stderr"].values[0, 0]
+    assert rows[0].split()[2] == f"{gain.mean():.4e}"
+    assert rows[0].split()[3] == f"{np.hypot(*chains) / 2:.1e}"
+    assert rows[0].split()[4] == f"{gain.std(ddof=1):.1e}"
+
+
+def test_command_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    result = sweep_command(write_study(tmp_path, "[sweep.parameters]\nwind_speed = [5.0]"))
+    assert result.exit_code == 2
+    assert result.stderr.splitlines()[-1].endswith('pip install "meshtrace[batch]"')
+    assert result.stderr.count("error") == 1
+
+
+def test_scheduler_that_is_none_is_told_in_one_line(tmp_path):
+    path = write_study(tmp_path, "[sweep.parameters]\nwind_speed = [5.0]")
+    result = sweep_command(path, "--scheduler", "nonsense")
+    assert result.exit_code == 2
+    assert "error: scheduler: 'nonsense'" in result.stderr
+
+
+def test_point_without_light_ends(address):
+    # a lamp that shines past the receiver: no number of chains reaches a relative error
+    link = {"bubbles": "none", "receiver": {"position": [40.0, 0.0], "fov_deg": 5.0}}
+    data = run({"water.b": [0.0]}, address, link=link, rtol=0.01, photons=64)
+    assert data["gain"].values.tolist() == [[0.0]]
+    assert data["error"].values.tolist() == [[""]]
+
+
+def test_study_of_the_examples_is_allowed():
+    path = Path(__file__).parents[2] / "examples" / "study.toml"
+    assert store_of(path) == path.with_name("study.zarr")
+    config = tomllib.loads(path.read_text())
+    table = config.pop("sweep")
+    asked = Study(
+        Scenario.from_config(config).to_toml(),
+        dict(table["parameters"]),
+        table["realizations"],
+        table["rtol"],
+        None,
+        table["seed"],
+    )
+    asked.check()
+    assert len(list(asked.tasks())) == 12
+
+
+def test_missing_study_file_is_told(tmp_path):
+    with pytest.raises(ScenarioError, match=r"No such file"):
+        sweep_file(tmp_path / "none.toml")

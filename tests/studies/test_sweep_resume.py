@@ -1,0 +1,151 @@
+"""Sweeps in real processes: the same bits for any workers, and after any of them is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from meshtrace.scenario import Scenario
+from meshtrace.studies.sweep import WAITING, Study, sweep
+
+distributed = pytest.importorskip("distributed")
+zarr = pytest.importorskip("zarr")
+
+PHOTONS = 8192  # so many that a sweep lasts seconds, and can be interrupted
+LINK = {"sea": {"spectrum": "jonswap"}, "bubbles": "none", "run": {"photons": PHOTONS}}
+PARAMETERS = {"transmitter.depth": [4.0 + i for i in range(12)], "wind_speed": [5.0, 13.0]}
+OPTIONS = {"rtol": None, "photons": PHOTONS, "progress": False}
+SCRIPT = f"""
+import sys
+from meshtrace.studies.sweep import sweep
+
+if __name__ == "__main__":
+    sweep({LINK!r}, {PARAMETERS!r}, store=sys.argv[1], workers=1, **{OPTIONS!r})
+"""
+
+
+@pytest.fixture(scope="module")
+def expected():
+    """Gains of all points, computed one after the other in this process."""
+    asked = Study(Scenario.from_config(LINK).to_toml(), PARAMETERS, 1, None, PHOTONS, 1)
+    gain = np.empty((12, 2, 1))
+    for task in asked.tasks():
+        gain[task.region] = asked.compute(task).measured[0, :, 0]
+    return gain
+
+
+def finished(store):
+    """Which points of a store are done; none where it is not made yet."""
+    if not store.exists():
+        return np.zeros((12, 2, 1), bool)
+    return zarr.open_group(store, mode="r")["done"][...] != WAITING
+
+
+def wait_for(store, points, alive):
+    """Wait until some points are done, and return which."""
+    while alive():
+        done = finished(store)
+        if done.sum() >= points:
+            return done
+        time.sleep(0.01)
+    raise AssertionError("ended before it could be killed")
+
+
+def test_bits_are_those_of_one_process(expected):
+    parameters = {**PARAMETERS, "transmitter.depth": [*PARAMETERS["transmitter.depth"], -1.0]}
+    one, two = (sweep(LINK, parameters, workers=n, **OPTIONS) for n in (1, 2))
+    np.testing.assert_array_equal(one["gain"].values[:-1], expected)
+    assert one.drop_vars("seconds").identical(two.drop_vars("seconds"))
+    assert (one["error"][-1] == "transmitter.depth: -1.0, allowed: greater than 0").all()
+
+
+def test_killed_client_loses_nothing(expected, tmp_path):
+    store, script = tmp_path / "depths.zarr", tmp_path / "study.py"
+    script.write_text(SCRIPT)
+    client = subprocess.Popen([sys.executable, str(script), str(store)])
+    try:
+        wait_for(store, 4, lambda: client.poll() is None)
+    finally:
+        client.kill()
+        client.wait()
+    done = finished(store)
+    assert 4 <= done.sum() < done.size
+    seconds = zarr.open_group(store, mode="r")["seconds"][...]
+    data = sweep(LINK, PARAMETERS, store=store, workers=2, **OPTIONS)
+    np.testing.assert_array_equal(data["gain"].values, expected)
+    np.testing.assert_array_equal(data["seconds"].values[done], seconds[done])  # not run again
+    assert (data["error"] == "").all()
+    assert finished(store).all()
+
+
+def test_killed_worker_loses_nothing(expected, tmp_path):
+    store, result = tmp_path / "depths.zarr", []
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50
+    ) as cluster:
+        address = cluster.scheduler_address
+
+        def call():
+            result.append(sweep(LINK, PARAMETERS, store=store, scheduler=address, **OPTIONS))
+
+        with distributed.Client(address) as client:
+            (worker,) = client.run(os.getpid).values()
+        thread = threading.Thread(target=call)
+        thread.start()
+        done = wait_for(store, 2, thread.is_alive)
+        os.kill(worker, signal.SIGKILL)
+        thread.join()
+    assert done.sum() < done.size
+    np.testing.assert_array_equal(result[0]["gain"].values, expected)
+    assert (result[0]["error"] == "").all()
+
+
+def test_interrupted_command_goes_on(expected, tmp_path):
+    study, store = tmp_path / "study.toml", tmp_path / "study.zarr"
+    study.write_text(
+        f"""
+        bubbles = "none"
+        [sea]
+        spectrum = "jonswap"
+        [run]
+        photons = {PHOTONS}
+        [sweep]
+        rtol = 1.0
+        photons = {PHOTONS}
+        [sweep.parameters]
+        "transmitter.depth" = {PARAMETERS["transmitter.depth"]}
+        wind_speed = {PARAMETERS["wind_speed"]}
+        """
+    )
+    command = [sys.executable, "-m", "meshtrace", "sweep", str(study), "--workers", "1"]
+    # Ctrl-C reaches every process of the terminal: a session of its own stands for it
+    first = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        # a shell's background jobs ignore Ctrl-C, and so would their children
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    try:
+        done = wait_for(store, 2, lambda: first.poll() is None)
+        os.killpg(first.pid, signal.SIGINT)
+        errors = first.communicate(timeout=60)[1]
+    finally:
+        if first.poll() is None:
+            os.killpg(first.pid, signal.SIGKILL)
+    assert first.returncode == 130
+    assert "finished points are in" in errors
+    assert "Traceback" not in errors
+    assert done.sum() < done.size
+    subprocess.run(command, check=True, capture_output=True)
+    assert finished(store).all()
+    np.testing.assert_array_equal(zarr.open_group(store, mode="r")["gain"][...], expected)
