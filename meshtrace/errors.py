@@ -21,6 +21,47 @@ LARGEST = 1e30
 """Magnitude of a number beyond which its square may overflow on the way to a gain."""
 
 
+class Refused(ValueError):
+    """Input that is not accepted: one line that names the field, its value and what is allowed.
+
+    Parameters
+    ----------
+    field : str
+        Dotted path of the field, such as "receiver.height".
+    value : object
+        The value that was given.
+    allowed : str
+        Allowed values or range.
+
+    Examples
+    --------
+    >>> raise Refused("photons", 0, "an integer >= 1")
+    Traceback (most recent call last):
+    meshtrace.errors.Refused: photons: 0, allowed: an integer >= 1
+    """
+
+    def __init__(self, field: str, value: object, allowed: str) -> None:
+        self.field, self.value, self.allowed = field, value, allowed
+        text = f"{field}: {show(value)}, allowed: {allowed}"
+        # keys of a file may hold line ends and control characters
+        shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+        super().__init__("".join(shown))
+
+    def inside(self, table: str) -> Refused:
+        """Return the same refusal with the field's path inside a table.
+
+        Examples
+        --------
+        >>> Refused("photons", 0, ">= 1").inside("run").field
+        'run.photons'
+        """
+        return type(self)(join_path(table, self.field), self.value, self.allowed)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by the three parts: workers of a sweep send refusals back."""
+        return type(self), (self.field, self.value, self.allowed)
+
+
 class ScenarioError(ValueError):
     """One line that names the field, its value, and what is allowed."""
 

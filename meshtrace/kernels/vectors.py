@@ -1,12 +1,75 @@
-"""Directions: orthonormal frames, rotations by a scattering angle, emission patterns."""
+"""Vectors of three numbers, and rotations by a scattering angle."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from meshtrace.kernels.jit import inlined
 
 TWO_PI = 2.0 * math.pi
+
+
+class Vec3(NamedTuple):
+    """Point [m] or direction."""
+
+    x: float
+    y: float
+    z: float
+
+
+@inlined
+def row(array, i):
+    """Return row i of an (n, 3) array.
+
+    Array twin: `array[i]`.
+    """
+    return Vec3(array[i, 0], array[i, 1], array[i, 2])
+
+
+@inlined
+def dot(a, b):
+    """Return the scalar product.
+
+    Array twin: numpy.dot.
+    """
+    return a.x * b.x + a.y * b.y + a.z * b.z
+
+
+@inlined
+def minus(a, b):
+    """Return a - b.
+
+    Array twin: numpy.subtract.
+    """
+    return Vec3(a.x - b.x, a.y - b.y, a.z - b.z)
+
+
+@inlined
+def along(p, d, t):
+    """Return p + t d, the point at distance t of a ray.
+
+    Array twin: `p + t * d`.
+    """
+    return Vec3(p.x + t * d.x, p.y + t * d.y, p.z + t * d.z)
+
+
+@inlined
+def combine(s, a, t, b):
+    """Return s a + t b.
+
+    Array twin: `s * a + t * b`.
+    """
+    return Vec3(s * a.x + t * b.x, s * a.y + t * b.y, s * a.z + t * b.z)
+
+
+@inlined
+def norm(a):
+    """Return the length of a vector.
+
+    Array twin: numpy.linalg.norm.
+    """
+    return math.sqrt(a.x * a.x + a.y * a.y + a.z * a.z)
 
 
 @inlined

@@ -1,0 +1,55 @@
+"""Ordered maps over threads with a bounded number of pending results."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+
+def default_threads(threads: int | None = None) -> int:
+    """Return the number of threads, all cores by default."""
+    return threads or os.cpu_count() or 1
+
+
+def ordered_map(
+    function: Callable[[Job], Result], jobs: Iterable[Job], threads: int, ahead: int = 2
+) -> Iterator[Result]:
+    """Yield `function(job)` of each job in order, computed by several threads.
+
+    Parameters
+    ----------
+    function : callable
+        Function of one job; exceptions are raised where its result is due.
+    jobs : iterable
+        Jobs, drawn lazily.
+    threads : int
+        Threads; 1 runs in the calling thread.
+    ahead : int
+        Pending jobs per thread: what bounds the memory.
+
+    Examples
+    --------
+    >>> list(ordered_map(abs, [-1, 2, -3], threads=2))
+    [1, 2, 3]
+    """
+    if threads == 1:
+        yield from map(function, jobs)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        pending: deque = deque()
+        try:
+            for job in jobs:
+                pending.append(pool.submit(function, job))
+                if len(pending) >= ahead * threads:
+                    yield pending.popleft().result()
+            while pending:
+                yield pending.popleft().result()
+        finally:
+            for future in pending:
+                future.cancel()
