@@ -8,6 +8,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from meshtrace.errors import Refused
+
 INTERRUPTED = 130
 
 
@@ -46,10 +48,7 @@ def _message(error: Exception) -> str | None:
     """Return what to tell the user, None for an error that is ours."""
     if hasattr(error, "format_message"):  # how typer says that the arguments are wrong
         return str(error.format_message())
-    scenario = sys.modules.get("meshtrace.scenario")
-    if scenario is not None and isinstance(error, scenario.ScenarioError):
-        return str(error)
-    return None
+    return str(error) if isinstance(error, Refused) else None
 
 
 def _print_version(wanted: bool) -> None:

@@ -10,6 +10,7 @@ import typer
 from meshtrace.cli.app import app
 from meshtrace.cli.console import COMPILING, kernels_are_compiled, refuse_unwritable
 from meshtrace.cli.options import Output
+from meshtrace.errors import Described, Refused
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,7 +58,6 @@ def _swept(
     study: Path, store: Path | None, scheduler: str | None, workers: int | None
 ) -> tuple[xr.Dataset, Path]:
     """Return the results of a study file and the store that they are in."""
-    from meshtrace.scenario import ScenarioError
     from meshtrace.studies.sweep import store_of, sweep_file
 
     place = store or store_of(study)
@@ -66,7 +66,7 @@ def _swept(
     try:
         return sweep_file(study, store=place, scheduler=scheduler, workers=workers), place
     except ModuleNotFoundError as error:
-        raise ScenarioError(str(error)) from error
+        raise Refused("", Described(f"{error}"), "the extra packages") from error
     except KeyboardInterrupt:
         typer.echo(f"finished points are in {place}: the same command goes on", err=True)
         raise

@@ -8,6 +8,9 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Refused
+from meshtrace.models import Model
+
 PLANCK = 6.62607015e-34  # [J s]
 LIGHT_SPEED = 299792458.0  # [m s-1], in vacuum
 BOLTZMANN = 1.380649e-23  # [J K-1]
@@ -40,11 +43,11 @@ def photon_energy(wavelength: float) -> float:
     4.226480547e-19
     """
     if not 1e-7 <= wavelength <= 1e-5:
-        raise ValueError(f"wavelength: {wavelength}, allowed 1e-7 <= wavelength <= 1e-5 m")
+        raise Refused("wavelength", wavelength, "1e-7 <= wavelength <= 1e-5 m")
     return PLANCK * LIGHT_SPEED / wavelength
 
 
-class SiPM(pydantic.BaseModel, frozen=True, extra="forbid"):
+class SiPM(Model, frozen=True):
     """Silicon photomultiplier with crosstalk, afterpulses, dark counts and dead time.
 
     Every primary avalanche starts a Poisson number of secondary ones of mean
@@ -222,7 +225,7 @@ class SiPM(pydantic.BaseModel, frozen=True, extra="forbid"):
             If the bandwidth is not positive.
         """
         if not 0.0 < noise_bandwidth < math.inf:
-            raise ValueError(f"noise_bandwidth: {noise_bandwidth}, allowed > 0 Hz")
+            raise Refused("noise_bandwidth", noise_bandwidth, "> 0 Hz")
         fb = self.excess_noise_factor * noise_bandwidth
         root = 1.0 + math.sqrt(1.0 + 2.0 * self.dark_count_rate / fb)
         return photon_energy(wavelength) * fb / self.pde * root
@@ -232,7 +235,7 @@ SIPMS: dict[str, SiPM] = {"onsemi-microfj-30020": SiPM()}
 """Devices by name."""
 
 
-class Tia(pydantic.BaseModel, frozen=True, extra="forbid"):
+class Tia(Model, frozen=True):
     """Transimpedance amplifier behind the SiPM.
 
     Parameters
@@ -263,7 +266,7 @@ class Tia(pydantic.BaseModel, frozen=True, extra="forbid"):
         return current / (gain * ELEMENTARY_CHARGE) ** 2
 
 
-class LedDriver(pydantic.BaseModel, frozen=True, extra="forbid"):
+class LedDriver(Model, frozen=True):
     """On-off keyed LED.
 
     Parameters
@@ -316,7 +319,7 @@ class LedDriver(pydantic.BaseModel, frozen=True, extra="forbid"):
         return self.extinction_ratio * one, one
 
 
-class OpticalFrontEnd(pydantic.BaseModel, frozen=True, extra="forbid"):
+class OpticalFrontEnd(Model, frozen=True):
     """Lens or concentrator, and filter, in front of the SiPM.
 
     eta = min(1, A_SiPM n^2 / (A_lens sin^2(fov / 2)))
@@ -404,6 +407,6 @@ class OpticalFrontEnd(pydantic.BaseModel, frozen=True, extra="forbid"):
             If the radiance is negative or not finite.
         """
         if not 0.0 <= radiance_per_nm < math.inf:
-            raise ValueError(f"radiance_per_nm: {radiance_per_nm}, allowed >= 0 W m-2 nm-1 sr-1")
+            raise Refused("radiance_per_nm", radiance_per_nm, ">= 0 W m-2 nm-1 sr-1")
         etendue = self._acceptance * self.efficiency(detector_area)
         return radiance_per_nm * self.filter_width_nm * etendue

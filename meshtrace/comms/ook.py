@@ -25,6 +25,8 @@ from meshtrace.comms.decisions import (
 )
 from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia
 from meshtrace.comms.pulses import Eye, PulseFilters
+from meshtrace.errors import Refused
+from meshtrace.models import Model as Described
 
 FloatArray = NDArray[np.float64]
 Model = Literal["W", "A", "CP", "PC", "G0", "GP"]
@@ -34,7 +36,7 @@ _NEGLIGIBLE_CURSOR = 1e-9
 _DESIGN_BER = 1e-3
 
 
-class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
+class OokLink(Described, frozen=True):
     """NRZ on-off keying from an LED to a SiPM with one fixed decision threshold.
 
     Parameters
@@ -121,7 +123,7 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
     @pydantic.model_validator(mode="after")
     def _window_within_bit(self) -> OokLink:
         if self.window is not None and self.window > self.bit_time * (1.0 + 1e-12):
-            raise ValueError(f"window: {self.window}, allowed 0 <= window <= {self.bit_time} s")
+            raise Refused("window", self.window, f"0 <= window <= {self.bit_time} s")
         return self
 
     @classmethod
@@ -151,7 +153,7 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
             "paper-ranges": printed | {"calibration": "paper-ranges"},
         }
         if name not in presets:
-            raise ValueError(f"name: {name!r}, allowed {', '.join(presets)}")
+            raise Refused("name", name, ", ".join(presets))
         return cls(**(presets[name] | fields))
 
     @property
@@ -302,7 +304,7 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
             If the power is not positive and finite.
         """
         if not 0.0 < power < math.inf:
-            raise ValueError(f"power: {power}, allowed 0 < power W")
+            raise Refused("power", power, "0 < power W")
         return float(self._decide(np.array([power])).threshold[0])
 
     def _decide(self, power: FloatArray) -> Decision:
@@ -350,7 +352,7 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
             If the target is outside of its range.
         """
         if not 0.0 < ber < 0.5:
-            raise ValueError(f"ber: {ber}, allowed 0 < ber < 0.5")
+            raise Refused("ber", ber, "0 < ber < 0.5")
         return _required_power(self, ber)
 
     def overload_power(self, ber: float) -> float:
@@ -393,9 +395,9 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
             If the model knows no pulses (G0, GP), or there is no light.
         """
         if self.model in ("G0", "GP"):
-            raise ValueError(f"model: {self.model}, allowed W, A, CP, PC for an eye diagram")
+            raise Refused("model", self.model, "W, A, CP, PC for an eye diagram")
         if not 0.0 < power < math.inf:
-            raise ValueError(f"power: {power}, allowed 0 < power W")
+            raise Refused("power", power, "0 < power W")
         bits = self.patterns()
         phases = np.arange(1, points + 1) / points
         moments = [self.moments(power, float(phase)) for phase in phases]

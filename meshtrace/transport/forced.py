@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
+from meshtrace.errors import Described, Refused
 from meshtrace.kernels import aiming
 from meshtrace.kernels import chain_gain as kernel
 from meshtrace.kernels import chains as chain_kernel
@@ -33,7 +34,7 @@ from meshtrace.kernels import unscattered as image
 from meshtrace.kernels.chains import Chains, Nominal
 from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.medium import Medium
-from meshtrace.link import GaussianBeam, Led, Link, Receiver, TopHatBeam, WaterSource
+from meshtrace.link import Aperture, GaussianBeam, Led, Link, Receiver, TopHatBeam, WaterSource
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.arrays import (
     interface_arrays,
@@ -588,43 +589,48 @@ def _lever(n: float, target: aiming.Target, waves: float) -> float:
 
 
 def _check(link: Link) -> None:
-    for t in link.transmitters:
+    for path, t in link.items():
+        if isinstance(t, Aperture):
+            continue
         if not isinstance(t, WaterSource):
-            raise ValueError(
-                f"transmitter: {t.kind}, allowed a source in the water; light from the air needs "
-                'estimator="analog"'
+            raise Refused(
+                path,
+                t.kind,
+                'a source in the water; light from the air needs estimator="analog"',
             )
         if getattr(t, "waist", 0.0) or getattr(t, "radius", 0.0):
-            raise ValueError(
-                f"{t.kind}: an extended source, allowed a point (waist or radius 0); extended "
-                'sources need estimator="analog"'
+            raise Refused(
+                path,
+                Described("an extended source"),
+                'a point (waist or radius 0); extended sources need estimator="analog"',
             )
         for name in ("half_angle_deg", "divergence_deg"):
             angle = getattr(t, name, _NARROWEST)
             if angle < _NARROWEST:
-                raise ValueError(
-                    f"{t.kind}.{name}: {angle:g}, allowed >= {_NARROWEST:g}; narrower light needs "
-                    'estimator="analog"'
+                raise Refused(
+                    f"{path}.{name}",
+                    Described(f"{angle:g}"),
+                    f'>= {_NARROWEST:g}; narrower light needs estimator="analog"',
                 )
     if not link.receivers:
-        raise ValueError("receiver: (), allowed at least one")
+        raise Refused("receiver", Described("()"), "at least one")
     for r in link.receivers:
         if not isinstance(r, Receiver):
-            raise ValueError(
-                f'receiver: {r.kind}, allowed a receiver in the air; else estimator="analog"'
-            )
+            raise Refused("receiver", r.kind, 'a receiver in the air; else estimator="analog"')
     if link.water.bottom_depth is not None:
-        raise ValueError(
-            f"water.bottom_depth: {link.water.bottom_depth:g} m, allowed None; light that meets "
-            'the bottom needs estimator="analog"'
+        raise Refused(
+            "water.bottom_depth",
+            Described(f"{link.water.bottom_depth:g} m"),
+            'None; light that meets the bottom needs estimator="analog"',
         )
     if link.planes is not None:
-        raise ValueError('planes: given, allowed None; irradiances need estimator="analog"')
+        raise Refused("planes", Described("given"), 'None; irradiances need estimator="analog"')
     stratified = link.bubbles is not None or link.water.layers is not None
     if stratified and (link.physics.absorption == "paper" or link.physics.free_path == "local_c"):
-        raise ValueError(
-            'physics: absorption="paper" or free_path="local_c" in stratified water, allowed the '
-            'physical forms; the printed ones need estimator="analog"'
+        raise Refused(
+            "physics",
+            Described('absorption="paper" or free_path="local_c" in stratified water'),
+            'the physical forms; the printed ones need estimator="analog"',
         )
 
 
@@ -716,16 +722,21 @@ def _last_order(medium: Medium, nominal: Nominal) -> int:
     if b == 0.0 and medium.bubble_path[-1] == 0.0:
         return 0
     if poisson.sf(_MAX_ORDER, 1.2 * nominal.expected) > _MOST_LEFT_OUT:
-        raise ValueError(
-            f"water: {nominal.expected:.3g} scatterings expected on the way to the surface, "
-            f'allowed: nearly all light within {_MAX_ORDER}; more need estimator="analog"'
+        raise Refused(
+            "water",
+            Described(f"{nominal.expected:.3g} scatterings expected on the way to the surface"),
+            f'nearly all light within {_MAX_ORDER}; more need estimator="analog"',
         )
     upper = float(nominal.density[len(nominal.density) // 2 :].max()) * nominal.distance
     if medium.layered and upper > _MOST_CROWDED and nominal.expected > 2.0:
-        raise ValueError(
-            f"water.layers: {nominal.expected:.3g} scatterings expected, {upper:.3g} times "
-            f"as dense near the surface as on average, allowed up to {_MOST_CROWDED:g}; light that "
-            'wanders in a thin turbid layer needs estimator="analog"'
+        raise Refused(
+            "water.layers",
+            Described(
+                f"{nominal.expected:.3g} scatterings expected, {upper:.3g} times as dense "
+                "near the surface as on average"
+            ),
+            f"up to {_MOST_CROWDED:g}; light that wanders in a thin turbid layer needs "
+            'estimator="analog"',
         )
     return int(min(max(poisson.isf(_TAIL, expected), 1), _MAX_ORDER))
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
+from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.analog import BLOCK, new_recorder, run_analog
@@ -156,7 +157,9 @@ def received_paths(
     forced = ForcedDetection(link, chains, seed, normals, crest=float(mesh.bounds[1, 2]))
     rows = forced.received(mesh, n, np.random.default_rng([seed, 1]))
     if not rows:
-        raise ValueError("received_only: no light is received, allowed a link that receives some")
+        raise Refused(
+            "received_only", Described("no light is received"), "a link that receives some"
+        )
     longest = max(len(points) for points, _ in rows)
     out = PhotonPaths(
         np.full((len(rows), longest, 3), np.nan),

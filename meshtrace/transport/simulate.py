@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from meshtrace.bvh import EmbreeIntersector
+from meshtrace.errors import Described, Refused
 from meshtrace.link import Link, WaterSource
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.gain import (
@@ -134,7 +135,7 @@ def simulate(
     """
     if estimator not in DEFAULT_PHOTONS:
         allowed = " or ".join(DEFAULT_PHOTONS)
-        raise ValueError(f"estimator: {estimator!r}, allowed {allowed}")
+        raise Refused("estimator", estimator, str(allowed))
     run = {
         "estimator": estimator,
         "photons": DEFAULT_PHOTONS[estimator] if photons is None else photons,
@@ -367,33 +368,25 @@ def mesh_for(
             mesh = surface.mesh(time, extent, spacing or f.spacing)
         config = surface.to_config()
     else:
-        raise ValueError(
-            f"surface: {type(surface).__name__}, allowed a sea (SurfaceModel) or a TriangleMesh"
-        )
+        raise Refused("surface", type(surface).__name__, "a sea (SurfaceModel) or a TriangleMesh")
     _check_cover(link, mesh)
     return mesh, config
 
 
 def _check_cover(link: Link, mesh: TriangleMesh) -> None:
     low, high = mesh.bounds
-    for item in (*link.transmitters, *link.receivers):
-        x, y = item.position
+    for path, item in link.items():
+        x, y, z = item.center
         if not (low[0] <= x <= high[0] and low[1] <= y <= high[1]):
-            raise ValueError(
-                f"mesh: covers x {low[0]:g}..{high[0]:g} m, y {low[1]:g}..{high[1]:g} m, allowed "
-                f"a mesh that covers the beam: {item.kind} at ({x:g}, {y:g}) m"
-            )
-        depth, height = getattr(item, "depth", None), getattr(item, "height", None)
-        if depth is not None and -depth >= low[2]:
-            raise ValueError(
-                f"{item.kind}.depth: {depth:g} m, allowed below the lowest trough, "
-                f"depth > {-low[2]:.3g} m"
-            )
-        if height is not None and height <= high[2]:
-            raise ValueError(
-                f"{item.kind}.height: {height:g} m, allowed above the highest crest, "
-                f"height > {high[2]:.3g} m"
-            )
+            covered = f"covers x {low[0]:g}..{high[0]:g} m, y {low[1]:g}..{high[1]:g} m"
+            allowed = f"a mesh that covers the beam: {path} at ({x:g}, {y:g}) m"
+            raise Refused("mesh", Described(covered), allowed)
+        if z < 0.0 and z >= low[2]:
+            allowed = f"below the lowest trough, depth > {-low[2]:.3g} m"
+            raise Refused(f"{path}.depth", Described(f"{-z:g} m"), allowed)
+        if z > 0.0 and z <= high[2]:
+            allowed = f"above the highest crest, height > {high[2]:.3g} m"
+            raise Refused(f"{path}.height", Described(f"{z:g} m"), allowed)
 
 
 def _check(run: dict[str, Any]) -> None:
@@ -412,17 +405,17 @@ def _check(run: dict[str, Any]) -> None:
         value = run[name]
         whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
         if not whole or not low <= value <= high:
-            raise ValueError(f"{name}: {value!r}, allowed an integer {low} <= {name} <= {high}")
+            raise Refused(name, value, f"an integer {low} <= {name} <= {high}")
     if run["batch_size"] % BLOCK:
-        raise ValueError(f"batch_size: {run['batch_size']}, allowed multiples of {BLOCK}")
+        raise Refused("batch_size", run["batch_size"], f"multiples of {BLOCK}")
     if run["normals"] not in ("vertex", "facet"):
-        raise ValueError(f"normals: {run['normals']!r}, allowed vertex or facet")
+        raise Refused("normals", run["normals"], "vertex or facet")
     if not np.isfinite(run["time"]):
-        raise ValueError(f"time: {run['time']!r}, allowed a finite time [s]")
+        raise Refused("time", run["time"], "a finite time [s]")
     if run["roulette"] is not None and not 0.0 <= run["roulette"] <= 1.0:
-        raise ValueError(f"roulette: {run['roulette']!r}, allowed 0 <= roulette <= 1")
+        raise Refused("roulette", run["roulette"], "0 <= roulette <= 1")
     if run["rtol"] is not None and not 1e-6 <= run["rtol"] <= 1.0:
-        raise ValueError(f"rtol: {run['rtol']!r}, allowed 1e-6 <= rtol <= 1")
+        raise Refused("rtol", run["rtol"], "1e-6 <= rtol <= 1")
 
 
 def _gain_result(
@@ -555,7 +548,7 @@ def trace_paths(
     PhotonPaths
     """
     if not 1 <= n <= 100_000:
-        raise ValueError(f"n: {n!r}, allowed 1 <= n <= 100000")
+        raise Refused("n", n, "1 <= n <= 100000")
     mesh, _ = mesh_for(link, surface, time, extent, spacing)
     if received_only:
         return received_paths(link, mesh, n, seed, normals)

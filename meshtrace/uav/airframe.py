@@ -13,6 +13,8 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Described, Refused
+from meshtrace.models import Model
 from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, squared_wind_moments
 from meshtrace.uav.wind import Dryden
 
@@ -40,7 +42,7 @@ class Flight(NamedTuple):
     tilt: Tilt
 
 
-class Uav(pydantic.BaseModel, frozen=True, extra="forbid"):
+class Uav(Model, frozen=True):
     """Hovering multirotor that balances the wind's drag by tilting.
 
     tan(alpha) = K V^2,  K = C_D rho A / (2 m g)
@@ -147,8 +149,10 @@ class Uav(pydantic.BaseModel, frozen=True, extra="forbid"):
             If the tilt does not vary (gimbal or calm), or `law` is not one of the two names.
         """
         if self.gimbal or not np.all(wind.std > 0.0):
-            raise ValueError(
-                "tilt_law: the tilt is constant, allowed gimbal = False and a wind with gusts"
+            raise Refused(
+                "tilt_law",
+                Described("the tilt is constant"),
+                "gimbal = False and a wind with gusts",
             )
         mean_wind, std = wind.mean_wind, wind.std
         if law == "exact":
@@ -156,7 +160,7 @@ class Uav(pydantic.BaseModel, frozen=True, extra="forbid"):
                 self.tilt_coefficient, float(mean_wind[0]), float(std[0]), float(std[2])
             )
         if law != "gamma":
-            raise ValueError(f"law: {law!r}, allowed 'exact', 'gamma'")
+            raise Refused("law", law, "'exact', 'gamma'")
         mean, variance = squared_wind_moments(mean_wind, std)
         return GammaTiltLaw(self.tilt_coefficient, mean**2 / variance, variance / mean)
 

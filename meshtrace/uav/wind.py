@@ -9,6 +9,9 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Described, Refused
+from meshtrace.models import Model
+
 FOOT = 0.3048  # [m]
 HEIGHT_20FT = 20.0 * FOOT
 
@@ -16,7 +19,7 @@ Preset = Literal["physical", "paper"]
 FloatArray = NDArray[np.float64]
 
 
-class LogProfile(pydantic.BaseModel, frozen=True, extra="forbid"):
+class LogProfile(Model, frozen=True):
     """Neutral logarithmic wind profile over a surface of given roughness.
 
     U(z) = U10 ln(z / z0) / ln(10 / z0)
@@ -35,7 +38,7 @@ class LogProfile(pydantic.BaseModel, frozen=True, extra="forbid"):
         return math.log(height / self.roughness_length) / math.log(10.0 / self.roughness_length)
 
 
-class PowerProfile(pydantic.BaseModel, frozen=True, extra="forbid"):
+class PowerProfile(Model, frozen=True):
     """Power-law wind profile, U(z) = U10 (z / 10)^p.
 
     Parameters
@@ -55,7 +58,7 @@ class PowerProfile(pydantic.BaseModel, frozen=True, extra="forbid"):
 WindProfile = Annotated[LogProfile | PowerProfile, pydantic.Field(discriminator="kind")]
 
 
-class Dryden(pydantic.BaseModel, frozen=True, extra="forbid"):
+class Dryden(Model, frozen=True):
     """Mean wind with Dryden gusts at low altitude after MIL-F-8785C.
 
     sigma_w = 0.1 W20,  sigma_u = sigma_v = sigma_w (0.177 + 0.000823 h)^-0.4,
@@ -129,7 +132,7 @@ class Dryden(pydantic.BaseModel, frozen=True, extra="forbid"):
             "paper": {"altitude_unit": "metre", "gust_variance": "sigma^2/pi"},
         }
         if physics not in forms:
-            raise ValueError(f"physics: {physics!r}, allowed {', '.join(forms)}")
+            raise Refused("physics", physics, ", ".join(forms))
         return cls(**(forms[physics] | fields))
 
     @property
@@ -237,9 +240,13 @@ class Dryden(pydantic.BaseModel, frozen=True, extra="forbid"):
         t = np.asarray(times, dtype=float)
         steps = np.diff(t)
         if t.ndim != 1 or t.size < 2 or not np.allclose(steps, steps[:1], rtol=1e-6, atol=0.0):
-            raise ValueError("times: allowed a 1-D array of two or more evenly spaced times")
+            raise Refused(
+                "times",
+                Described(f"shape {t.shape}"),
+                "a 1-D array of two or more evenly spaced times",
+            )
         if not (np.isfinite(steps[0]) and steps[0] > 0.0):
-            raise ValueError(f"times: step {steps[0]} s, allowed step > 0 s")
+            raise Refused("times", Described(f"step {steps[0]} s"), "step > 0 s")
         noise = np.random.default_rng(seed).standard_normal((3, 2, t.size))
         q = float(steps.mean()) / self.correlation_times
         gusts = [_first_order(q[0], noise[0, 0])]

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from meshtrace.scenario import ScenarioError
+from meshtrace.errors import Described, Refused
 from meshtrace.studies.sweep.points import Outcome, Study, Task, one_line
 from meshtrace.studies.sweep.store import note, write
 
@@ -70,9 +70,10 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[distributed.
     try:
         client = distributed.Client(scheduler)
     except (OSError, ValueError) as error:
-        raise ScenarioError(
-            f"scheduler: {scheduler!r}: {one_line(error)}, allowed: the address of a running "
-            "dask scheduler"
+        raise Refused(
+            "scheduler",
+            Described(f"{scheduler!r}: {one_line(error)}"),
+            "the address of a running dask scheduler",
         ) from error
     with client:
         yield client

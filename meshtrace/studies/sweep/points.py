@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.scenario import Scenario, ScenarioError
+from meshtrace.errors import Described, Refused
+from meshtrace.scenario import Scenario
 
 BLOCK = 8
 """Realizations of one task."""
@@ -58,27 +59,27 @@ class Study:
     seed: int
 
     def check(self) -> None:
-        """Raise ScenarioError if an option is out of range or a parameter has no allowed value."""
+        """Raise Refused if an option is out of range or a parameter has no allowed value."""
         for name, (low, high) in _WHOLE.items():
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-                raise ScenarioError(f"{name}: {value!r}, allowed: {low} <= {name} <= {high}")
+                raise Refused(name, value, f"{low} <= {name} <= {high}")
         self.scenario({})
         if not self.parameters:
-            raise ScenarioError("parameters: none, allowed: lists of values by dotted keys")
+            raise Refused("parameters", Described("none"), "lists of values by dotted keys")
         for name, values in self.parameters.items():
             if not values:
-                raise ScenarioError(f"{name}: [], allowed: at least one value")
+                raise Refused(name, Described("[]"), "at least one value")
             problems = [self._problem({name: value}) for value in values]
             if all(problems):
-                raise ScenarioError(str(problems[0]))
+                raise problems[0]
 
-    def _problem(self, changes: dict[str, Any]) -> str:
+    def _problem(self, changes: dict[str, Any]) -> Refused | None:
         try:
             self.scenario(changes)
-        except ScenarioError as error:
-            return str(error)
-        return ""
+        except Refused as error:
+            return error
+        return None
 
     def scenario(self, changes: Mapping[str, Any]) -> Scenario:
         """Return the scenario of a point, whose changes win over the options of the sweep."""

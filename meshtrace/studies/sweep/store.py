@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.errors import Described, Refused
 from meshtrace.fields import FIELDS, attrs
 from meshtrace.results.gain import FORMAT_VERSION, environment
-from meshtrace.scenario import ScenarioError
 from meshtrace.studies.sweep.points import BLOCK, MEASURED, Outcome, Study, Task
 
 if TYPE_CHECKING:
@@ -38,14 +38,15 @@ def open_store(study: Study, store: str | Path | None) -> zarr.Group:
         group = zarr.open_group(path, mode="r+")
         found = json.loads(str(group.attrs["identity"]))
     except (OSError, KeyError, ValueError) as error:
-        raise ScenarioError(
-            f"store: {str(path)!r} is not that of a sweep, allowed: one, or a new path"
+        raise Refused(
+            "store", Described(f"{str(path)!r} is not that of a sweep"), "one, or a new path"
         ) from error
     difference = _difference(found, json.loads(json.dumps(study.identity())))
     if difference:
-        raise ScenarioError(
-            f"store: {str(path)!r} holds another sweep ({difference}), allowed: the same "
-            "arguments, or another path"
+        raise Refused(
+            "store",
+            Described(f"{str(path)!r} holds another sweep ({difference})"),
+            "the same arguments, or another path",
         )
     return group
 

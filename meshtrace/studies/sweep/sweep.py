@@ -8,9 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
-from meshtrace.scenario import DEFAULT_WIND_SPEED, Run, Sampling, Scenario, ScenarioError
+from meshtrace.scenario import DEFAULT_WIND_SPEED, Run, Sampling, Scenario
 from meshtrace.studies.sweep.cluster import compute
 from meshtrace.studies.sweep.points import Study, one_line
 from meshtrace.studies.sweep.store import dataset, open_store, waiting_tasks
@@ -80,7 +81,7 @@ def sweep(
 
     Raises
     ------
-    ScenarioError
+    Refused
         If an option is out of range, no value of a parameter is allowed, or the store holds
         another sweep.
     ModuleNotFoundError
@@ -105,7 +106,7 @@ def sweep(
     )
     study.check()
     if scheduler is not None and workers is not None:
-        raise ScenarioError(f"workers: {workers}, allowed: no workers beside a scheduler")
+        raise Refused("workers", workers, "no workers beside a scheduler")
     group = open_store(study, store)
     tasks = waiting_tasks(study, group)
     if tasks:
@@ -138,7 +139,7 @@ def sweep_file(
 
     Raises
     ------
-    ScenarioError
+    Refused
         If the file cannot be read or a value is not allowed.
 
     Examples
@@ -162,9 +163,10 @@ def sweep_file(
     options |= {key: value for key, value in table.items() if key not in ("parameters", "store")}
     for key in options:
         if key not in ("realizations", *_SHARED):
-            raise ScenarioError(
-                f"{path}: sweep.{key}: {options[key]!r}, no such key, allowed: parameters, "
-                f"realizations, {', '.join(_SHARED)}, store"
+            raise Refused(
+                str(path),
+                Described(f"sweep.{key}: {options[key]!r}, no such key"),
+                f"parameters, realizations, {', '.join(_SHARED)}, store",
             )
     if store is None and "store" in table:
         store = _stored(path, table)
@@ -184,7 +186,7 @@ def store_of(path: str | Path) -> Path:
 
     Raises
     ------
-    ScenarioError
+    Refused
         If the file cannot be read.
     """
     path = Path(path)
@@ -194,7 +196,7 @@ def store_of(path: str | Path) -> Path:
 
 def _stored(path: Path, table: Mapping[str, Any]) -> Path:
     if not isinstance(table["store"], str) or not table["store"]:
-        raise ScenarioError(f"{path}: sweep.store: {table['store']!r}, allowed: a path")
+        raise Refused(str(path), Described(f"sweep.store: {table['store']!r}"), "a path")
     return path.parent / table["store"]
 
 
@@ -203,12 +205,12 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     try:
         config = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ScenarioError(f"{path}: {error.strerror}, allowed: a TOML file") from error
+        raise Refused(str(path), error.strerror, "a TOML file") from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ScenarioError(f"{path}: {one_line(error)}, allowed: TOML in UTF-8") from error
+        raise Refused(str(path), one_line(error), "TOML in UTF-8") from error
     table = config.pop("sweep", None)
     if not isinstance(table, dict):
-        raise ScenarioError(f"{path}: sweep: {table!r}, allowed: a table")
+        raise Refused(str(path), Described(f"sweep: {table!r}"), "a table")
     return config, table
 
 
@@ -243,7 +245,7 @@ def _kept(run: Run) -> dict[str, Any]:
 def _plain(values: Sequence[Any]) -> list[Any]:
     """Return values as plain data: arrays and tuples as lists."""
     if isinstance(values, str) or not hasattr(values, "__iter__"):
-        raise ScenarioError(f"parameters: {values!r}, allowed: a list of values")
+        raise Refused("parameters", values, "a list of values")
     return list(json.loads(json.dumps(list(values), default=lambda value: value.tolist())))
 
 
