@@ -15,6 +15,9 @@ from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.optics.water import Water
 
 
+_NEAR = 64.0  # depths plus heights: links closer to the origin keep it
+
+
 class Footprint(NamedTuple):
     """The part of the surface that a link needs, as keyword arguments of `SurfaceModel.mesh`."""
 
@@ -97,6 +100,15 @@ class Link(Model, frozen=True):
         """The apertures as a tuple."""
         return self.receiver if isinstance(self.receiver, tuple) else (self.receiver,)
 
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Origin (x, y) of the local coordinates [m]: (0, 0) unless the link lies far from it."""
+        items = (*self.transmitters, *self.receivers)
+        x, y = (sum(item.position[i] for item in items) / len(items) for i in (0, 1))
+        size = max(getattr(t, "depth", 0.0) for t in items)
+        size += max(getattr(t, "height", 0.0) for t in items)
+        return (0.0, 0.0) if math.hypot(x, y) <= _NEAR * size else (x, y)
+
     def footprint(self) -> Footprint:
         """Return where the surface must be meshed, and how finely.
 
@@ -106,7 +118,12 @@ class Link(Model, frozen=True):
         receiver: a slope s moves the crossing by beta s with beta = (n-1) h d / (d + n h).
         The extent reaches to where the water leaves e^-6 of the light that goes straight up.
         """
-        lateral = [abs(v) for item in (*self.transmitters, *self.receivers) for v in item.position]
+        center = self.origin
+        lateral = [
+            abs(v - c)
+            for item in (*self.transmitters, *self.receivers)
+            for v, c in zip(item.position, center, strict=True)
+        ]
         height = max((r.height for r in self.receivers if isinstance(r, Receiver)), default=1.0)
         radius = max((r.radius for r in self.receivers), default=0.0)
         depth = max((getattr(t, "depth", 1.0) for t in self.transmitters), default=1.0)
@@ -121,4 +138,4 @@ class Link(Model, frozen=True):
             (t.half_width for t in self.transmitters if hasattr(t, "half_width")), default=0
         )
         extent = fine + max(reach, 5.0) + width
-        return Footprint((0.0, 0.0), extent, 0.1, fine, 1.0)
+        return Footprint(center, extent, 0.1, fine, 1.0)

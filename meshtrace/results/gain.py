@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 FORMAT_VERSION = 1
 
+SHIFTS = 32
+"""Independent groups of samples whose scatter gives the standard error."""
+
 Data = dict[str, tuple[tuple[str, ...], NDArray[Any]]]
 """Arrays by name, each with the names of its dimensions."""
 

@@ -27,7 +27,7 @@ from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.optics.phase import AnyPhase, FournierForand
 from meshtrace.optics.water import WATER_TYPES, Water
 from meshtrace.scenario.tables import Table, as_table, of_kind, validated, without_shared_wind
-from meshtrace.transport.forced import crossing_reach
+from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.uav.airframe import UAVS, Uav
 
 DEFAULT_WIND_SPEED = 5.0

@@ -14,6 +14,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.analog import BLOCK, new_recorder, run_analog
 from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.received import received_light
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -154,7 +155,7 @@ def received_paths(
 ) -> PhotonPaths:
     """Return paths of received light, drawn in proportion to the light they carry."""
     forced = ForcedDetection(link, chains, seed, normals, crest=float(mesh.bounds[1, 2]))
-    rows = forced.received(mesh, n, np.random.default_rng([seed, 1]))
+    rows = received_light(forced, mesh, n, np.random.default_rng([seed, 1]))
     if not rows:
         raise ValueError("received_only: no light is received, allowed a link that receives some")
     longest = max(len(points) for points, _ in rows)

@@ -25,7 +25,8 @@ from meshtrace.results.gain import (
     standard_error,
 )
 from meshtrace.transport.analog import BLOCK, MapGrid, Sums, run_analog
-from meshtrace.transport.forced import SHIFTS, ForcedDetection, crossing_reach
+from meshtrace.transport.forced import SHIFTS, ForcedDetection
+from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.paths import PhotonPaths, received_paths, record_paths
 
 LEFT_DOMAIN_WARNING = 1e-4
