@@ -28,11 +28,12 @@ from meshtrace.bvh import EmbreeIntersector
 from meshtrace.kernels import aiming
 from meshtrace.kernels import chain_gain as kernel
 from meshtrace.kernels import chains as chain_kernel
-from meshtrace.kernels import sources as source_codes
 from meshtrace.kernels import unscattered as image
 from meshtrace.kernels.chains import Chains, Nominal
 from meshtrace.kernels.facets import Surface
-from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.medium import DepthMode, Medium
+from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import GaussianBeam, Led, Link, Receiver, TopHatBeam, WaterSource
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.arrays import (
@@ -50,7 +51,6 @@ _MAX_ORDER = 40
 _NARROWEST = 0.1  # [deg], of a lamp: narrower spots are smaller than the parts of a facet
 _MOST_CROWDED = 4.0  # density of collisions near the surface over the mean: chains fill the way
 _MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
-_UP = np.array([0.0, 0.0, 1.0])
 _ROOTS = 64  # crossings of one chain at most
 _CROSSINGS = 4  # of a flat sea, kept for each chain
 _PILOT = 128  # chains of each order that set the allocation
@@ -62,7 +62,7 @@ class Stratum(NamedTuple):
 
     order: int
     chains: Chains
-    flat: list[NDArray[np.float64]]  # by receiver, (n, crossings, columns)
+    flat: list[NDArray[np.void]]  # by receiver, (n, crossings) aiming.FLAT
     audit: NDArray[np.float64]
 
 
@@ -224,12 +224,12 @@ class ForcedDetection:
         chain_kernel.make_chains(
             chains, nominal, self._medium, u, u[:, -1] < chain_kernel.FREE_PATH_SHARE
         )
-        empty, no_facets = _empty_locator(), np.zeros((0, aiming.N_FACET_COLUMNS))
+        empty, no_facets = _empty_locator(), np.zeros(0, aiming.FACET)
         still = surface_arrays(_flat_mesh(1.0), "facet")
         raised = still._replace(level=self._ceiling)
         flat = []
         for target in self._targets:
-            out = np.zeros((n, _CROSSINGS, kernel.N_FLAT_COLUMNS))
+            out = np.zeros((n, _CROSSINGS), aiming.FLAT)
             scene = aiming.Scene(
                 emitter, target, still, empty, no_facets, self._medium, self._interface
             )
@@ -339,9 +339,9 @@ class ForcedDetection:
                 for stratum in strata[s]:
                     _, found = aimed.aim(emitter, target, r, stratum, keep=True)
                     n = len(stratum.audit)
-                    shift = found[:, 0] // (n // SHIFTS)
-                    weight = self._power[s] * found[:, 1] / n
-                    rows.append(np.column_stack([weight, found[:, 2], found[:, 3], shift]))
+                    shift = found["chain"] // (n // SHIFTS)
+                    weight = self._power[s] * found["weight"] / n
+                    rows.append(np.column_stack([weight, found["water"], found["air"], shift]))
             result.append(np.concatenate(rows))
         return result
 
@@ -372,7 +372,7 @@ class ForcedDetection:
                 light += [self._power[s] * gains.sum() / max(len(direct), 1)] * len(direct)
             for stratum in strata[s]:
                 _, found = aimed.aim(emitter, target, 0, stratum, keep=True)
-                weight = self._power[s] * found[:, 1] / len(stratum.audit)
+                weight = self._power[s] * found["weight"] / len(stratum.audit)
                 if not weight.sum() > 0.0:
                     continue
                 kept = rng.choice(len(found), min(n, len(found)), p=weight / weight.sum())
@@ -387,19 +387,19 @@ class ForcedDetection:
 
 
 def _placed(
-    chains: Chains, arrival: NDArray[np.float64], emitter: aiming.Emitter, target: aiming.Target
+    chains: Chains, arrival: np.void, emitter: aiming.Emitter, target: aiming.Target
 ) -> NDArray[np.float64]:
     """Return the points of a chain turned to its emission direction, up to the aperture."""
     from scipy.spatial.transform import Rotation
 
-    i, w = int(arrival[0]), arrival[8:11]
+    i, w = int(arrival["chain"]), arrival["emission"]
     axis = np.array([-w[1], w[0], 0.0])
     sine = np.linalg.norm(axis)
     angle = math.atan2(sine, w[2])
     turn = Rotation.from_rotvec(axis * (angle / sine if sine > 0.0 else 0.0))
     vertices = turn.apply(chains.vertex[i]) + emitter.position
     return np.vstack(
-        [emitter.position, vertices, arrival[5:8], _on_disk(target, chains.disk[i : i + 1])]
+        [emitter.position, vertices, arrival["point"], _on_disk(target, chains.disk[i : i + 1])]
     )
 
 
@@ -428,13 +428,13 @@ class _Aimed:
         self.surface: Surface = surface_arrays(mesh, forced.normals, forced.link.physics.unresolved)
         rough = self.surface.roughness
         self.rough = rough.along > 0.0 or rough.across > 0.0
-        self.facets = np.empty((len(mesh.faces), aiming.N_FACET_COLUMNS))
+        self.facets = np.empty(len(mesh.faces), aiming.FACET)
         aiming.facet_summary(self.surface, self.facets)
         self.medium = forced._medium
-        if self.medium.depth_mode == 3:
+        if self.medium.depth_mode == DepthMode.LOCAL:
             self.medium = with_raster(self.medium, self.intersector)
         self.locator = _locator(self.surface, forced._targets)
-        self.counters = np.zeros(kernel.N_COUNTERS, np.int64)
+        self.counters = np.zeros(len(kernel.Counter), np.int64)
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     @cached_property
@@ -466,7 +466,7 @@ class _Aimed:
         """Largest curvature [1/m] and radius [m] of the facets that light can cross."""
         near = self.locator.facet
         listed = self.facets[near] if len(near) else self.facets
-        return float(listed[:, aiming.CURVATURE].max()), float(listed[:, aiming.RADIUS].max())
+        return float(listed["curvature"].max()), float(listed["radius"].max())
 
     def score(
         self, emitter: aiming.Emitter, target: aiming.Target, receiver: int, stratum: Stratum
@@ -481,39 +481,38 @@ class _Aimed:
         receiver: int,
         stratum: Stratum,
         keep: bool,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.void]]:
         """Return the score of each chain and, if wished, its arrivals, blocked ones left out."""
         n = len(stratum.audit)
-        score = np.zeros(n)
         most = 2 * n + 64
-        doubtful, rays = np.zeros((most, 2)), np.zeros((most * (stratum.order + 2), 8))
-        arrivals = np.zeros((most if keep else 0, kernel.N_ARRIVAL_COLUMNS))
-        counters = np.zeros(kernel.N_COUNTERS, np.int64)
+        out = kernel.Output(
+            score=np.zeros(n),
+            doubtful=np.zeros(most, kernel.DOUBT),
+            rays=np.zeros(most * (stratum.order + 2), kernel.RAY),
+            arrivals=np.zeros(most if keep else 0, kernel.ARRIVAL),
+            counters=np.zeros(len(kernel.Counter), np.int64),
+            roots=np.zeros(_ROOTS, aiming.ROOT),
+        )
         n_doubt, n_rays, n_arrivals = kernel.contributions(
             stratum.chains,
             stratum.flat[receiver],
             stratum.audit,
             self._search(target),
             self._scene(emitter, target),
-            np.zeros((_ROOTS, 5)),
-            score,
-            doubtful,
-            rays,
-            arrivals,
-            counters,
+            out,
         )
-        arrivals = arrivals[:n_arrivals]
+        arrivals = out.arrivals[:n_arrivals]
         if n_doubt:
             cut = np.zeros(n_doubt, bool)
-            paths = rays[:n_rays]
-            cut[paths[self._cut(paths[:, 1:4], paths[:, 4:7], paths[:, 7]), 0].astype(int)] = True
-            clear = doubtful[:n_doubt][~cut]
-            np.add.at(score, clear[:, 0].astype(int), clear[:, 1])
-            counters[kernel.BLOCKED] += int(cut.sum())
-            doubt = arrivals[:, 4].astype(int)
-            arrivals = arrivals[(doubt < 0) | ~cut[doubt]]
-        self.counters += counters
-        return score, arrivals
+            rays = out.rays[:n_rays]
+            blocked = self._cut(rays["origin"], rays["direction"], rays["length"])
+            cut[rays["crossing"][blocked]] = True
+            clear = out.doubtful[:n_doubt][~cut]
+            np.add.at(out.score, clear["chain"], clear["weight"])
+            out.counters[kernel.Counter.BLOCKED] += int(cut.sum())
+            arrivals = arrivals[(arrivals["doubt"] < 0) | ~cut[arrivals["doubt"]]]
+        self.counters += out.counters
+        return out.score, arrivals
 
     def _cut(
         self,
@@ -540,13 +539,12 @@ class _Aimed:
         depth = -emitter.position[2]
         stretch = 1.5 * (1.0 + n * (target.center[2] + self._waves) / max(depth - self._waves, 0.1))
         lever = 1.5 * _lever(n, target, self._waves)
-        score = np.zeros((len(self._mesh.faces), 2))
-        doubtful = image.image_gain(
-            self._scene(emitter, target), 1.5 * stretch, lever, np.zeros(3), _UP, score
-        )
-        if doubtful:
-            score[self._hidden(emitter, target, np.flatnonzero(score[:, 1])), 0] = 0.0
-        return score[:, 0]
+        gain = np.zeros(len(self._mesh.faces))
+        doubtful = np.zeros(len(gain), bool)
+        image.image_gain(self._scene(emitter, target), 1.5 * stretch, lever, gain, doubtful)
+        if doubtful.any():
+            gain[self._hidden(emitter, target, np.flatnonzero(doubtful))] = 0.0
+        return gain
 
     def direct_paths(
         self,
@@ -557,12 +555,11 @@ class _Aimed:
     ) -> NDArray[np.float64]:
         """Return (n, 3, 3): source, crossing and landing of unscattered light near facets."""
         centroid = self._mesh.vertices[self._mesh.faces[facets]].mean(axis=1)
-        out = np.zeros((len(facets), 4))
-        kernel.direct_crossings(disk, centroid, self._scene(emitter, target), np.zeros(3), _UP, out)
-        found = out[:, 0] > 0.0
+        found, crossings = np.zeros(len(facets), bool), np.zeros((len(facets), 3))
+        kernel.direct_crossings(disk, centroid, self._scene(emitter, target), found, crossings)
         paths = np.empty((len(facets), 3, 3))
         paths[:, 0] = emitter.position
-        paths[:, 1] = out[:, 1:]
+        paths[:, 1] = crossings
         paths[:, 2] = _on_disk(target, disk)
         return paths[found]
 
@@ -638,18 +635,20 @@ def _effective(link: Link) -> Medium:
 
 def _emitter(source: WaterSource) -> aiming.Emitter:
     if isinstance(source, Led):
-        kind, spread = source_codes.LAMBERTIAN, source.order
+        kind, spread = SourceKind.LED, source.order
         norm = (spread + 1.0) / (2.0 * math.pi)
     elif isinstance(source, GaussianBeam):
-        kind, spread = source_codes.GAUSSIAN, math.radians(source.divergence_deg)
+        kind, spread = SourceKind.GAUSSIAN_BEAM, math.radians(source.divergence_deg)
         norm = 2.0 / (math.pi * spread**2)
     elif isinstance(source, TopHatBeam):
-        kind, spread = source_codes.TOP_HAT, math.radians(source.divergence_deg)
+        kind, spread = SourceKind.TOP_HAT_BEAM, math.radians(source.divergence_deg)
         norm = 1.0 / (2.0 * math.pi * (1.0 - math.cos(spread)))
     else:
-        kind, spread, norm = source_codes.ISOTROPIC, 0.0, 1.0 / (4.0 * math.pi)
+        kind, spread, norm = SourceKind.ISOTROPIC, 0.0, 1.0 / (4.0 * math.pi)
     x, y = source.position
-    return aiming.Emitter((x, y, -source.depth), source.axis, kind, float(spread), norm)
+    return aiming.Emitter(
+        Vec3(x, y, -source.depth), Vec3(*source.axis), int(kind), float(spread), norm
+    )
 
 
 def _target(receiver: Receiver) -> aiming.Target:
@@ -660,10 +659,10 @@ def _target(receiver: Receiver) -> aiming.Target:
     half = math.radians(receiver.fov_deg) / 2.0
     widest = min(half + math.radians(receiver.tilt_deg), math.radians(88.0))
     return aiming.Target(
-        center=receiver.center,
-        axis=receiver.axis,
-        e1=(float(e1[0]), float(e1[1]), float(e1[2])),
-        e2=(float(e2[0]), float(e2[1]), float(e2[2])),
+        center=Vec3(*receiver.center),
+        axis=Vec3(*receiver.axis),
+        e1=Vec3(*e1.tolist()),
+        e2=Vec3(*e2.tolist()),
         radius=receiver.radius,
         cos_half_fov=0.0 if half >= math.pi / 2.0 else math.cos(half),
         tan_half_fov=math.tan(min(half, 1.55)),
@@ -774,9 +773,10 @@ def _locator(surface: Surface, targets: Sequence[aiming.Target]) -> aiming.Locat
     width = max(high[0] - low[0], high[1] - low[1])
     step = max(0.1, width / 400.0)
     nx, ny = (max(math.ceil((high[i] - low[i]) / step), 1) for i in range(2))
-    start = np.zeros(nx * ny + 1, np.int64)
-    aiming.count_bins(surface, low[0], low[1], step, nx, ny, start)
+    start, none = np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.int32)
+    grid = aiming.Locator(low[0], low[1], step, nx, ny, start, none)
+    aiming.count_bins(surface, grid)
     np.cumsum(start, out=start)
-    facet = np.empty(start[-1], np.int32)
-    aiming.fill_bins(surface, low[0], low[1], step, nx, ny, start, start[:-1].copy(), facet)
-    return aiming.Locator(low[0], low[1], step, nx, ny, start, facet)
+    grid = grid._replace(facet=np.empty(start[-1], np.int32))
+    aiming.fill_bins(surface, grid, start[:-1].copy())
+    return grid
