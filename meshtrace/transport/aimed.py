@@ -15,7 +15,7 @@ from meshtrace.kernels import aiming
 from meshtrace.kernels import chain_gain as kernel
 from meshtrace.kernels import unscattered as image
 from meshtrace.kernels.facets import Surface
-from meshtrace.kernels.medium import DEPTH_LOCAL
+from meshtrace.kernels.medium import DepthMode
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.arrays import surface_arrays, with_raster
 from meshtrace.transport.forced_link import ForcedLink
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 Search = Literal["usual", "thorough"]
 
 _ROOTS = 64  # crossings of one chain at most
-_UP = np.array([0.0, 0.0, 1.0])
 _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
 
 
@@ -67,14 +66,14 @@ class AimedChains:
         self.surface: Surface = link.frame.surface(surface_arrays(mesh, normals, unresolved))
         rough = self.surface.roughness
         self.rough = rough.along > 0.0 or rough.across > 0.0
-        self.facets = np.empty((len(mesh.faces), aiming.N_FACET_COLUMNS))
+        self.facets = np.empty(len(mesh.faces), aiming.FACET)
         aiming.facet_summary(self.surface, self.facets)
         medium = link.medium
-        if medium.depth_mode == DEPTH_LOCAL:
+        if medium.depth_mode == DepthMode.LOCAL:
             medium = with_raster(medium, self._intersector)
         self.medium = link.frame.medium(medium)
         self.locator = locator(self.surface, link.targets)
-        self.counters = np.zeros(kernel.N_COUNTERS, np.int64)
+        self.counters = np.zeros(len(kernel.Counter), np.int64)
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     @cached_property
@@ -84,8 +83,7 @@ class AimedChains:
     @property
     def centroids(self) -> NDArray[np.float64]:
         """Centroids of the facets, shape (m, 3)."""
-        columns = (aiming.CX, aiming.CY, aiming.CZ)
-        return self.facets[:, columns]
+        return self.facets["centroid"]
 
     def scene(self, emitter: aiming.Emitter, target: aiming.Target) -> aiming.Scene:
         """Return one source, the surface and one aperture as the kernels take them."""
@@ -113,7 +111,7 @@ class AimedChains:
         """Largest curvature and radius of the facets that light can cross."""
         near = self.locator.facet
         listed = self.facets[near] if len(near) else self.facets
-        return float(listed[:, aiming.CURVATURE].max()), float(listed[:, aiming.RADIUS].max())
+        return float(listed["curvature"].max()), float(listed["radius"].max())
 
     def score(self, source: int, receiver: int, chains: ChainSet) -> NDArray[np.float64]:
         """Return what each chain of a set brings from a source into a receiver."""
@@ -121,40 +119,39 @@ class AimedChains:
 
     def aim(
         self, source: int, receiver: int, chains: ChainSet, keep: bool
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.void]]:
         """Return the score of each chain and, if `keep`, its arrivals, blocked ones left out."""
         emitter, target = self._link.emitters[source], self._link.targets[receiver]
         n = len(chains.audit)
-        score = np.zeros(n)
         most = 2 * n + 64
-        doubtful, rays = np.zeros((most, 2)), np.zeros((most * (chains.order + 2), 8))
-        arrivals = np.zeros((most if keep else 0, kernel.N_ARRIVAL_COLUMNS))
-        counters = np.zeros(kernel.N_COUNTERS, np.int64)
+        out = kernel.Output(
+            score=np.zeros(n),
+            doubtful=np.zeros(most, kernel.DOUBT),
+            rays=np.zeros(most * (chains.order + 2), kernel.RAY),
+            arrivals=np.zeros(most if keep else 0, kernel.ARRIVAL),
+            counters=np.zeros(len(kernel.Counter), np.int64),
+            roots=np.zeros(_ROOTS, aiming.ROOT),
+        )
         n_doubt, n_rays, n_arrivals = kernel.contributions(
             chains.chains,
             chains.flat[receiver],
             chains.audit,
             self._search(target),
             self.scene(emitter, target),
-            np.zeros((_ROOTS, 5)),
-            score,
-            doubtful,
-            rays,
-            arrivals,
-            counters,
+            out,
         )
-        arrivals = arrivals[:n_arrivals]
+        arrivals = out.arrivals[:n_arrivals]
         if n_doubt:
             cut = np.zeros(n_doubt, bool)
-            paths = rays[:n_rays]
-            cut[paths[self._cut(paths[:, 1:4], paths[:, 4:7], paths[:, 7]), 0].astype(int)] = True
-            clear = doubtful[:n_doubt][~cut]
-            np.add.at(score, clear[:, 0].astype(int), clear[:, 1])
-            counters[kernel.BLOCKED] += int(cut.sum())
-            doubt = arrivals[:, 4].astype(int)
-            arrivals = arrivals[(doubt < 0) | ~cut[doubt]]
-        self.counters += counters
-        return score, arrivals
+            rays = out.rays[:n_rays]
+            blocked = self._cut(rays["origin"], rays["direction"], rays["length"])
+            cut[rays["crossing"][blocked]] = True
+            clear = out.doubtful[:n_doubt][~cut]
+            np.add.at(out.score, clear["chain"], clear["weight"])
+            out.counters[kernel.Counter.BLOCKED] += int(cut.sum())
+            arrivals = arrivals[(arrivals["doubt"] < 0) | ~cut[arrivals["doubt"]]]
+        self.counters += out.counters
+        return out.score, arrivals
 
     def _cut(
         self,
@@ -178,13 +175,12 @@ class AimedChains:
         depth = -emitter.position[2]
         stretch = 1.5 * (1.0 + n * (target.center[2] + self._waves) / max(depth - self._waves, 0.1))
         lever = 1.5 * _lever(n, target, self._waves)
-        score = np.zeros((len(self._mesh.faces), 2))
-        doubtful = image.image_gain(
-            self.scene(emitter, target), 1.5 * stretch, lever, np.zeros(3), _UP, score
-        )
-        if doubtful:
-            score[self._hidden(emitter, target, np.flatnonzero(score[:, 1])), 0] = 0.0
-        return score[:, 0]
+        gain = np.zeros(len(self._mesh.faces))
+        doubtful = np.zeros(len(gain), bool)
+        image.image_gain(self.scene(emitter, target), 1.5 * stretch, lever, gain, doubtful)
+        if doubtful.any():
+            gain[self._hidden(emitter, target, np.flatnonzero(doubtful))] = 0.0
+        return gain
 
     def _hidden(
         self, emitter: aiming.Emitter, target: aiming.Target, facets: NDArray[np.intp]
@@ -207,14 +203,13 @@ class AimedChains:
     ) -> NDArray[np.float64]:
         """Return (n, 3, 3): source, crossing and landing of unscattered light near facets."""
         emitter, target = self._link.emitters[source], self._link.targets[receiver]
-        out = np.zeros((len(facets), 4))
+        found, crossings = np.zeros(len(facets), bool), np.zeros((len(facets), 3))
         kernel.direct_crossings(
-            disk, self.centroids[facets], self.scene(emitter, target), np.zeros(3), _UP, out
+            disk, self.centroids[facets], self.scene(emitter, target), found, crossings
         )
-        found = out[:, 0] > 0.0
         paths = np.empty((len(facets), 3, 3))
         paths[:, 0] = emitter.position
-        paths[:, 1] = out[:, 1:]
+        paths[:, 1] = crossings
         paths[:, 2] = on_disk(target, disk)
         return paths[found]
 
@@ -248,9 +243,10 @@ def locator(surface: Surface, targets: Sequence[aiming.Target]) -> aiming.Locato
     width = max(high[0] - low[0], high[1] - low[1])
     step = max(0.1, width / 400.0)
     nx, ny = (max(math.ceil((high[i] - low[i]) / step), 1) for i in range(2))
-    start = np.zeros(nx * ny + 1, np.int64)
-    aiming.count_bins(surface, low[0], low[1], step, nx, ny, start)
+    start, none = np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.int32)
+    grid = aiming.Locator(low[0], low[1], step, nx, ny, start, none)
+    aiming.count_bins(surface, grid)
     np.cumsum(start, out=start)
-    facet = np.empty(start[-1], np.int32)
-    aiming.fill_bins(surface, low[0], low[1], step, nx, ny, start, start[:-1].copy(), facet)
-    return aiming.Locator(low[0], low[1], step, nx, ny, start, facet)
+    grid = grid._replace(facet=np.empty(start[-1], np.int32))
+    aiming.fill_bins(surface, grid, start[:-1].copy())
+    return grid

@@ -35,7 +35,7 @@ class ChainSet(NamedTuple):
 
     order: int
     chains: Chains
-    flat: list[NDArray[np.float64]]  # by receiver, (n, crossings, columns)
+    flat: list[NDArray[np.void]]  # by receiver, (n, crossings) aiming.FLAT
     audit: NDArray[np.float64]
 
 
@@ -95,7 +95,7 @@ class ChainDrawer:
         flat = [self._flat(source, receiver, chains) for receiver in range(len(self._link.targets))]
         return ChainSet(order, chains, flat, np.ascontiguousarray(u[:, -2]))
 
-    def _flat(self, source: int, receiver: int, chains: Chains) -> NDArray[np.float64]:
+    def _flat(self, source: int, receiver: int, chains: Chains) -> NDArray[np.void]:
         """Return where chains cross a flat sea on the way to a receiver."""
         emitter, target = self._link.emitters[source], self._link.targets[receiver]
         still = surface_arrays(flat_mesh(1.0), "facet")
@@ -104,12 +104,12 @@ class ChainDrawer:
             target,
             still,
             empty_locator(),
-            np.zeros((0, aiming.N_FACET_COLUMNS)),
+            np.zeros(0, aiming.FACET),
             self._medium,
             self._link.interface,
         )
         raised = scene._replace(surface=still._replace(level=self._ceiling))
-        out = np.zeros((len(chains.last), _CROSSINGS, kernel.N_FLAT_COLUMNS))
+        out = np.zeros((len(chains.last), _CROSSINGS), aiming.FLAT)
         kernel.flat_crossings(chains, _starts(emitter, target), scene, raised, out)
         return out
 

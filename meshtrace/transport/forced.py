@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.kernels.chain_gain import N_COUNTERS
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import ordered_map
@@ -208,7 +207,7 @@ class ForcedDetection:
             by_order[:, 0],
             by_order[:, 1:].sum(axis=1),
             by_order[:, 1:].mean(axis=2),
-            Counts(total, *(int(c) for c in aimed.counters[:N_COUNTERS])),
+            Counts(total, *(int(c) for c in aimed.counters)),
         )
 
     def arrivals(self, mesh: TriangleMesh) -> list[NDArray[np.float64]]:
@@ -241,10 +240,10 @@ class ForcedDetection:
                 for chains in sets[s]:
                     _, found = aimed.aim(s, r, chains, keep=True)
                     n = len(chains.audit)
-                    shift = found[:, 0] // (n // SHIFTS)
-                    weight = power * found[:, 1] / n
+                    shift = found["chain"] // (n // SHIFTS)
+                    weight = power * found["weight"] / n
                     rows.append(
-                        np.column_stack([weight, unit * found[:, 2], unit * found[:, 3], shift])
+                        np.column_stack([weight, unit * found["water"], unit * found["air"], shift])
                     )
             result.append(np.concatenate(rows))
         return result

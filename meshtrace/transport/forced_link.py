@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.errors import Refused
-from meshtrace.kernels import sources as source_codes
 from meshtrace.kernels.aiming import Emitter, Target
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import GaussianBeam, Led, Link, Receiver, TopHatBeam, WaterSource
 from meshtrace.transport.arrays import interface_arrays, medium_arrays
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
@@ -96,18 +97,18 @@ def _require_followable(link: Link) -> None:
 def emitter_of(source: WaterSource, frame: Frame = IDENTITY) -> Emitter:
     """Return a source as numbers, lengths in the unit of a frame."""
     if isinstance(source, Led):
-        kind, spread = source_codes.LAMBERTIAN, source.order
+        kind, spread = SourceKind.LED, source.order
         norm = (spread + 1.0) / (2.0 * math.pi)
     elif isinstance(source, GaussianBeam):
-        kind, spread = source_codes.GAUSSIAN, math.radians(source.divergence_deg)
+        kind, spread = SourceKind.GAUSSIAN_BEAM, math.radians(source.divergence_deg)
         norm = 2.0 / (math.pi * spread**2)
     elif isinstance(source, TopHatBeam):
-        kind, spread = source_codes.TOP_HAT, math.radians(source.divergence_deg)
+        kind, spread = SourceKind.TOP_HAT_BEAM, math.radians(source.divergence_deg)
         norm = 1.0 / (2.0 * math.pi * (1.0 - math.cos(spread)))
     else:
-        kind, spread, norm = source_codes.ISOTROPIC, 0.0, 1.0 / (4.0 * math.pi)
-    x, y, z = frame.points(np.array([*source.position, -source.depth])).tolist()
-    return Emitter((x, y, z), source.axis, kind, float(spread), norm)
+        kind, spread, norm = SourceKind.ISOTROPIC, 0.0, 1.0 / (4.0 * math.pi)
+    position = Vec3(*frame.points(np.array([*source.position, -source.depth])).tolist())
+    return Emitter(position, Vec3(*source.axis), int(kind), float(spread), norm)
 
 
 def target_of(receiver: Receiver, frame: Frame = IDENTITY) -> Target:
@@ -118,16 +119,16 @@ def target_of(receiver: Receiver, frame: Frame = IDENTITY) -> Target:
     e2 = np.cross(axis, e1)
     half = math.radians(receiver.fov_deg) / 2.0
     widest = min(half + math.radians(receiver.tilt_deg), math.radians(88.0))
-    x, y, z = frame.points(np.array(receiver.center)).tolist()
+    center = Vec3(*frame.points(np.array(receiver.center)).tolist())
     radius = receiver.radius / frame.unit
     return Target(
-        center=(x, y, z),
-        axis=receiver.axis,
-        e1=(float(e1[0]), float(e1[1]), float(e1[2])),
-        e2=(float(e2[0]), float(e2[1]), float(e2[2])),
+        center=center,
+        axis=Vec3(*receiver.axis),
+        e1=Vec3(*e1.tolist()),
+        e2=Vec3(*e2.tolist()),
         radius=radius,
         cos_half_fov=0.0 if half >= math.pi / 2.0 else math.cos(half),
         tan_half_fov=math.tan(min(half, 1.55)),
-        reach=min((z + 2.0) * math.tan(widest), 200.0) + 2.0 * radius,
+        reach=min((center.z + 2.0) * math.tan(widest), 200.0) + 2.0 * radius,
         sin_widest=math.sin(widest),
     )

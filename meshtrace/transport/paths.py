@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
+from meshtrace.kernels.photon import Vertex
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.analog import BLOCK, new_recorder, run_analog
@@ -18,20 +18,6 @@ from meshtrace.transport.received import received_light
 
 if TYPE_CHECKING:
     import xarray as xr
-
-
-class Vertex(IntEnum):
-    """What happened at a vertex of a path."""
-
-    SOURCE = 0
-    SCATTER = 1
-    SURFACE_OUT = 2
-    SURFACE_IN = 3
-    BOTTOM = 4
-    RECEIVED = 5
-    LANDED = 6
-    END = 7
-    BRANCH = 8
 
 
 @dataclass(frozen=True, eq=False)

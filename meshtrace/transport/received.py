@@ -36,7 +36,7 @@ def received_light(
             light += [power * gain / max(len(direct), 1)] * len(direct)
         for chains in sets[s]:
             _, found = aimed.aim(s, 0, chains, keep=True)
-            weight = power * found[:, 1] / len(chains.audit)
+            weight = power * found["weight"] / len(chains.audit)
             if not weight.sum() > 0.0:
                 continue
             kept = rng.choice(len(found), min(n, len(found)), p=weight / weight.sum())
@@ -66,17 +66,17 @@ def _direct(
 
 
 def _placed(
-    chains: Chains, arrival: NDArray[np.float64], emitter: aiming.Emitter, target: aiming.Target
+    chains: Chains, arrival: np.void, emitter: aiming.Emitter, target: aiming.Target
 ) -> Path:
     """Return the points of a chain turned to its emission direction, up to the aperture."""
     from scipy.spatial.transform import Rotation
 
-    i, w = int(arrival[0]), arrival[8:11]
+    i, w = int(arrival["chain"]), arrival["emission"]
     axis = np.array([-w[1], w[0], 0.0])
     sine = np.linalg.norm(axis)
     angle = math.atan2(sine, w[2])
     turn = Rotation.from_rotvec(axis * (angle / sine if sine > 0.0 else 0.0))
     vertices = turn.apply(chains.vertex[i]) + emitter.position
     return np.vstack(
-        [emitter.position, vertices, arrival[5:8], on_disk(target, chains.disk[i : i + 1])]
+        [emitter.position, vertices, arrival["point"], on_disk(target, chains.disk[i : i + 1])]
     )

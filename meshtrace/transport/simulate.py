@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from meshtrace.bvh import EmbreeIntersector
+from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link, WaterSource
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.gain import (
@@ -481,9 +482,10 @@ def _data(
         data["map_irradiance"] = (("map_axis_x", "map_axis_y"), cell / area)
         data["map_irradiance_stderr"] = (("map_axis_x", "map_axis_y"), error / area)
     if keep_arrivals:
-        rows = np.concatenate([np.zeros((0, 5)), *sums.arrivals])
-        rows[:, 2] /= sums.photons
-        data.update(_arrival_data([np.column_stack([rows[:, 1:], rows[:, 0] % SHIFTS])]))
+        rows = np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals])
+        columns = [rows[name] for name in ("receiver", "weight", "water", "air")]
+        columns[1] = columns[1] / sums.photons
+        data.update(_arrival_data([np.column_stack([*columns, rows["photon"] % SHIFTS])]))
     return data
 
 

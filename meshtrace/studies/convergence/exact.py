@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from meshtrace.kernels import wave_sum as analytic
-from meshtrace.kernels.aiming import Scene
+from meshtrace.kernels.aiming import ROOT, Scene
 from meshtrace.kernels.chains import Chains
 from meshtrace.mesh import SurfaceModel
 from meshtrace.studies.convergence.checks import Floats
@@ -67,7 +67,7 @@ class OverWaves:
         mesh = nested_mesh(forced.link, sea, time, spacing, np.zeros(2))
         aimed, waves = forced.over(mesh), waves_at(sea, time, link.frame)
         scattered, direct = np.zeros(SHIFTS), np.zeros(2)
-        counters = np.zeros(analytic.N_COUNTERS, np.int64)
+        counters = np.zeros(len(analytic.Moved), np.int64)
         for source, power in enumerate(link.power):
             scene = aimed.scene(link.emitters[source], link.targets[0])
             for chains in forced.scattered_sets[source]:
@@ -86,7 +86,7 @@ class OverWaves:
             ballistic=float(direct[0]),
             quadrature_error=float(direct[1]),
             slope_variance=float(np.mean(slope_x**2 + slope_y**2)),
-            lost=int(counters[analytic.LOST]),
+            lost=int(counters[analytic.Moved.LOST]),
         )
 
     def _finely_meshed(
@@ -110,9 +110,8 @@ class OverWaves:
 def _direct(waves: analytic.Waves, scene: Scene, crossings: Floats, rings: int) -> float:
     """Return the unscattered gain by quadrature over the aperture."""
     points = _aperture_points(rings)
-    score, room = np.zeros(len(points.weight)), np.empty((len(crossings), 2))
-    ray, forward = np.zeros(3), np.array([0.0, 0.0, 1.0])
-    analytic.direct_light(points, crossings, waves, scene, ray, forward, room, score)
+    score, room = np.zeros(len(points.weight)), np.empty(len(crossings), ROOT)
+    analytic.direct_light(points, crossings, waves, scene, room, score)
     return float(score.sum())
 
 
