@@ -17,7 +17,8 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.gain import standard_error
 from meshtrace.transport.analog import run_analog
-from meshtrace.transport.forced import ForcedDetection, crossing_reach
+from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.simulate import mesh_for
 
 Rays = list[tuple[NDArray[np.float32], NDArray[np.float32]]]

@@ -13,7 +13,7 @@ from meshtrace.bench.scaling import thread_scaling, worker_scaling
 from meshtrace.errors import Refused
 from meshtrace.results.gain import environment
 from meshtrace.scenario import Scenario
-from meshtrace.transport.forced import crossing_reach
+from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.simulate import mesh_for
 
 

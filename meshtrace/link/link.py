@@ -16,6 +16,8 @@ from meshtrace.optics.bubbles import AnyBubbles, HallNovarini
 from meshtrace.optics.water import Water
 from meshtrace.registry import Family
 
+_NEAR = 64.0  # depths plus heights: links closer to the origin keep it
+
 
 class Footprint(NamedTuple):
     """The part of the surface that a link needs, as keyword arguments of `SurfaceModel.mesh`."""
@@ -175,6 +177,15 @@ class Link(Model, frozen=True):
             raise Refused("transmitter", Described(kinds), "one source in the water")
         return self.replace("transmitter.depth", depth)
 
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Origin (x, y) of the local coordinates [m]: (0, 0) unless the link lies far from it."""
+        centers = [item.center for _, item in self.items()]
+        x, y = (sum(c[i] for c in centers) / len(centers) for i in (0, 1))
+        levels = [0.0, *(c[2] for c in centers)]
+        size = max(levels) - min(levels)
+        return (0.0, 0.0) if math.hypot(x, y) <= _NEAR * size else (x, y)
+
     def footprint(self) -> Footprint:
         """Return where the surface must be meshed, and how finely.
 
@@ -184,7 +195,12 @@ class Link(Model, frozen=True):
         receiver: a slope s moves the crossing by beta s with beta = (n-1) h d / (d + n h).
         The extent reaches to where the water leaves e^-6 of the light that goes straight up.
         """
-        lateral = [abs(v) for item in (*self.transmitters, *self.receivers) for v in item.position]
+        center = self.origin
+        lateral = [
+            abs(v - c)
+            for item in (*self.transmitters, *self.receivers)
+            for v, c in zip(item.position, center, strict=True)
+        ]
         height = max((r.height for r in self.receivers if isinstance(r, Receiver)), default=1.0)
         radius = max((r.radius for r in self.receivers), default=0.0)
         depth = max((getattr(t, "depth", 1.0) for t in self.transmitters), default=1.0)
@@ -199,4 +215,4 @@ class Link(Model, frozen=True):
             (t.half_width for t in self.transmitters if hasattr(t, "half_width")), default=0
         )
         extent = fine + max(reach, 5.0) + width
-        return Footprint((0.0, 0.0), extent, 0.1, fine, 1.0)
+        return Footprint(center, extent, 0.1, fine, 1.0)

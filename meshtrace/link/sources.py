@@ -53,6 +53,16 @@ class WaterSource(Source, frozen=True):
         return (*self.position, -self.depth)
 
     @property
+    def size(self) -> float:
+        """Radius of the emitting disk [m], 0 for a point."""
+        return 0.0
+
+    @property
+    def spread_deg(self) -> float:
+        """Half-angle of the emitted cone [deg]."""
+        return 180.0
+
+    @property
     def axis(self) -> tuple[float, float, float]:
         """Unit vector along which the source shines."""
         return unit_vector(self.zenith_deg, self.azimuth_deg)
@@ -91,6 +101,11 @@ class Led(WaterSource, frozen=True):
     half_angle_deg: float = Field(10.0, ge=1e-3, lt=90.0, allow_inf_nan=False)
 
     @property
+    def spread_deg(self) -> float:
+        """Half-angle at half power [deg]."""
+        return self.half_angle_deg
+
+    @property
     def order(self) -> float:
         """Lambertian order m."""
         return -math.log(2.0) / math.log(math.cos(math.radians(self.half_angle_deg)))
@@ -111,6 +126,16 @@ class GaussianBeam(WaterSource, frozen=True):
     divergence_deg: float = Field(1.0, ge=0.0, lt=60.0, allow_inf_nan=False)
     waist: float = Field(0.0, ge=0.0, allow_inf_nan=False)
 
+    @property
+    def size(self) -> float:
+        """Radius of the emitting disk [m]."""
+        return self.waist
+
+    @property
+    def spread_deg(self) -> float:
+        """Half-angle of the emitted cone [deg]."""
+        return self.divergence_deg
+
 
 class TopHatBeam(WaterSource, frozen=True):
     """Beam uniform over a disk and over a cone of directions.
@@ -126,6 +151,16 @@ class TopHatBeam(WaterSource, frozen=True):
     kind: Literal["top-hat-beam"] = "top-hat-beam"
     divergence_deg: float = Field(1.0, ge=0.0, le=90.0, allow_inf_nan=False)
     radius: float = Field(0.0, ge=0.0, allow_inf_nan=False)
+
+    @property
+    def size(self) -> float:
+        """Radius of the emitting disk [m]."""
+        return self.radius
+
+    @property
+    def spread_deg(self) -> float:
+        """Half-angle of the emitted cone [deg]."""
+        return self.divergence_deg
 
 
 class IsotropicSource(WaterSource, frozen=True):

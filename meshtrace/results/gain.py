@@ -8,7 +8,6 @@ import platform
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from enum import IntEnum
 from functools import cache
 from importlib.metadata import version
 from itertools import pairwise
@@ -18,33 +17,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.kernels.tally import Fate
+
 if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT_VERSION = 1
 
+SHIFTS = 32
+"""Independent groups of samples whose scatter gives the standard error."""
+
 Data = dict[str, tuple[tuple[str, ...], NDArray[Any]]]
 """Arrays by name, each with the names of its dimensions."""
-
-
-class Fate(IntEnum):
-    """What became of a photon, or of a part of its weight.
-
-    A photon is counted once: as received or landed if any of its light left the sea, else by
-    its end. Its weight is split: a reflected part goes on after the transmitted one has landed.
-    """
-
-    RECEIVED = 0
-    LANDED = 1
-    ABSORBED = 2
-    WHITECAP = 3
-    REFLECTED = 4
-    BOTTOM = 5
-    LEFT_DOMAIN = 6
-    LEAKED = 7
-    ROULETTE = 8
-    EVENT_LIMIT = 9
-    DEEP = 10
 
 
 FATE_MEANING = {

@@ -20,7 +20,7 @@ from meshtrace.scenario import parts, seas
 from meshtrace.scenario.files import KEYS, parse_toml, read_text, set_value
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.scenario.tables import Table, as_table, plain, validated
-from meshtrace.transport.forced import crossing_reach
+from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.options import Run, Sampling
 from meshtrace.transport.simulate import mesh_for, simulate
 from meshtrace.uav.airframe import Uav

@@ -17,7 +17,7 @@ from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
 from meshtrace.optics.phase import FournierForand
 from meshtrace.optics.water import Water
 from meshtrace.scenario.tables import Table, as_table, validated, without_shared_wind
-from meshtrace.transport.forced import crossing_reach
+from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.uav.airframe import UAVS, Uav
 
 DEFAULT_WIND_SPEED = 5.0

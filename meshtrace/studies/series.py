@@ -18,7 +18,8 @@ from meshtrace.link import Link, Receiver
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.gain import FORMAT_VERSION
 from meshtrace.transport.analog import MapGrid
-from meshtrace.transport.forced import SHIFTS, ForcedDetection, Parts, crossing_reach
+from meshtrace.transport.forced import SHIFTS, ForcedDetection, Parts
+from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.simulate import mesh_for, provenance, simulate
 
 if TYPE_CHECKING:

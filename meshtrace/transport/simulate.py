@@ -14,6 +14,7 @@ import numpy as np
 
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Described, Refused
+from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link, WaterSource
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.gain import (
@@ -26,7 +27,8 @@ from meshtrace.results.gain import (
     standard_error,
 )
 from meshtrace.transport.analog import BLOCK, MapGrid, Sums, run_analog
-from meshtrace.transport.forced import SHIFTS, ForcedDetection, crossing_reach
+from meshtrace.transport.forced import SHIFTS, ForcedDetection
+from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.paths import PhotonPaths, received_paths, record_paths
 
 LEFT_DOMAIN_WARNING = 1e-4
@@ -473,9 +475,10 @@ def _data(
         data["map_irradiance"] = (("map_axis_x", "map_axis_y"), cell / area)
         data["map_irradiance_stderr"] = (("map_axis_x", "map_axis_y"), error / area)
     if keep_arrivals:
-        rows = np.concatenate([np.zeros((0, 5)), *sums.arrivals])
-        rows[:, 2] /= sums.photons
-        data.update(_arrival_data([np.column_stack([rows[:, 1:], rows[:, 0] % SHIFTS])]))
+        rows = np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals])
+        columns = [rows[name] for name in ("receiver", "weight", "water", "air")]
+        columns[1] = columns[1] / sums.photons
+        data.update(_arrival_data([np.column_stack([*columns, rows["photon"] % SHIFTS])]))
     return data
 
 
