@@ -48,7 +48,11 @@ def _message(error: Exception) -> str | None:
     """Return what to tell the user, None for an error that is ours."""
     if hasattr(error, "format_message"):  # how typer says that the arguments are wrong
         return str(error.format_message())
-    return str(error) if isinstance(error, Refused) else None
+    if isinstance(error, Refused):
+        return str(error)
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return None
 
 
 def _print_version(wanted: bool) -> None:

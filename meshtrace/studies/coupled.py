@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from meshtrace.comms.matching import receiver_of
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
+from meshtrace.stored import SHIFTS
 from meshtrace.studies.series import GainSeries
-from meshtrace.transport.forced import SHIFTS, ForcedDetection, Parts
+from meshtrace.transport.forced import ForcedDetection, Parts
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.simulate import mesh_for, provenance
 from meshtrace.uav.airframe import Flight, Uav

@@ -26,7 +26,7 @@ from meshtrace.bvh import EmbreeIntersector
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import ordered_map
-from meshtrace.results.gain import SHIFTS
+from meshtrace.stored import SHIFTS
 from meshtrace.transport.aimed import AimedChains, Search
 from meshtrace.transport.chain_sets import (
     ChainDrawer,

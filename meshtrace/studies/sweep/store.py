@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused
 from meshtrace.fields import FIELDS, attrs
-from meshtrace.results.gain import FORMAT_VERSION, environment
+from meshtrace.results.provenance import environment
 from meshtrace.studies.sweep.points import BLOCK, MEASURED, Outcome, Study, Task
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def _create(study: Study, store: Any) -> zarr.Group:
         store,
         attributes={
             "title": "meshtrace sweep",
-            "format_version": FORMAT_VERSION,
+            "format_version": 1,
             "kind": "sweep",
             "identity": json.dumps(study.identity()),
             "environment": json.dumps(environment()),
