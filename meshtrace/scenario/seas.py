@@ -13,6 +13,7 @@ from typing import Any, Literal
 import pydantic
 
 from meshtrace.errors import (
+    Refused,
     ScenarioError,
     one_line,
     refuse_unknown,
@@ -22,7 +23,14 @@ from meshtrace.errors import (
 )
 from meshtrace.link import Footprint, Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.scenario.tables import Table, kinds, of_kind, validated, without_shared_wind
+from meshtrace.scenario.tables import (
+    Table,
+    imported,
+    kinds,
+    of_kind,
+    validated,
+    without_shared_wind,
+)
 from meshtrace.transport.options import Sampling
 
 MOST_VERTICES = 10_000_000
@@ -75,14 +83,14 @@ def read_surface(table: Table, wind_speed: float, sampling: Mapping[str, Any], f
     """Return the surface of [sea], of which `sampling` has been taken out."""
     if "mesh" in table:
         return _mesh_file(table, sampling, folder)
-    from meshtrace.surfaces.seas import FlatSea, Sea
-    from meshtrace.surfaces.spectra import Spectrum
-    from meshtrace.surfaces.spreading import Spreading
+    from meshtrace.surfaces import FlatSea, Spectrum, Spreading, Surface
 
-    seas, spectra = kinds(Sea), kinds(Spectrum)
+    seas, spectra = dict(kinds(Surface)), dict(kinds(Spectrum))
     word = table.pop("spectrum", table.pop("kind", "jonswap"))
     own = isinstance(word, Mapping)
-    if not own:
+    if isinstance(word, str) and ":" in word:
+        _add_own(word, seas, spectra)
+    elif not own:
         refuse_unlisted(word, _sea_words(seas, spectra), "sea.spectrum")
     kind, table = _sea_kind(word, table, seas, spectra)
     inline = spectra[word].model_fields if kind == "spectral" and not own else ()
@@ -97,6 +105,16 @@ def read_surface(table: Table, wind_speed: float, sampling: Mapping[str, Any], f
     if "spreading" in table:
         table["spreading"] = of_kind(Spreading, table["spreading"], "sea.spreading", "kind", "ittc")
     return validated(seas[kind], table, "sea", keys)
+
+
+def _add_own(word: str, seas: dict[str, Any], spectra: dict[str, Any]) -> None:
+    """Add the user's surface or spectrum at an import path to the models of its family."""
+    from meshtrace.surfaces import Spectrum, Surface
+
+    try:
+        seas[word] = imported(Surface, word, "sea.spectrum")
+    except ScenarioError:
+        spectra[word] = imported(Spectrum, word, "sea.spectrum")
 
 
 def _sea_words(seas: Iterable[str], spectra: Iterable[str]) -> tuple[str, ...]:
@@ -138,7 +156,7 @@ def surface_from_provenance(provenance: Mapping[str, Any]) -> SurfaceModel | Mes
         return MeshFile(file=provenance["mesh_file"])
     try:
         return sea_from_config(config)
-    except pydantic.ValidationError as error:
+    except Refused as error:
         kind = config.get("kind")
         raise ScenarioError(
             f"surface: {show(kind)}, allowed: a sea of meshtrace.surfaces or a mesh from a file"

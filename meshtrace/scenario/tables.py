@@ -13,6 +13,7 @@ from typing import Any, TypeVar, get_args
 import pydantic
 
 from meshtrace.errors import (
+    Refused,
     ScenarioError,
     join_path,
     one_line,
@@ -23,6 +24,7 @@ from meshtrace.errors import (
     with_colon,
 )
 from meshtrace.link import Aperture, Source
+from meshtrace.registry import Family
 from meshtrace.transport.options import Run, Sampling
 
 Model = TypeVar("Model", bound=pydantic.BaseModel)
@@ -59,14 +61,27 @@ def of_kind(union: Any, value: Any, path: str, key: str, default: str) -> Any:
     models = kinds(union)
     word = key if key in table else "kind"
     kind = table.pop(word, default)
-    refuse_unlisted(kind, tuple(models), f"{path}.{word}")
-    model = models[kind]
+    if isinstance(kind, str) and ":" in kind and isinstance(union, type):
+        model = imported(union, kind, f"{path}.{word}")
+    else:
+        refuse_unlisted(kind, tuple(models), f"{path}.{word}")
+        model = models[kind]
     keys = (key, *(name for name in _keys(model) if name != "kind"))
     return validated(model, table, path, keys)
 
 
+def imported(family: type[Family], kind: str, path: str) -> type[pydantic.BaseModel]:
+    """Return the model of a family at an import path "module:Class"."""
+    try:
+        return family.member(kind)
+    except Refused as error:
+        raise ScenarioError(f"{path}: {show(kind)}, allowed: {error.allowed}") from error
+
+
 def kinds(union: Any) -> dict[str, type[pydantic.BaseModel]]:
-    """Return the models of a union that is told apart by `kind`."""
+    """Return the models of a family, or of a union, by `kind`."""
+    if isinstance(union, type) and issubclass(union, Family):
+        return union.registered
     return {m.model_fields["kind"].default: m for m in get_args(get_args(union)[0])}
 
 

@@ -12,9 +12,7 @@ from meshtrace.optics.phase import AnyPhase
 from meshtrace.optics.water import WATER_TYPES, Water
 from meshtrace.scenario import KEYS, Run, Sampling, Scenario, ScenarioError
 from meshtrace.scenario.tables import kinds
-from meshtrace.surfaces.seas import Sea
-from meshtrace.surfaces.spectra import Spectrum
-from meshtrace.surfaces.spreading import Spreading
+from meshtrace.surfaces import Spectrum, Spreading, Surface
 
 WORDS = [
     "paper",
@@ -30,13 +28,13 @@ WORDS = [
     *WATER_TYPES,
     *(
         kind
-        for union in (Source, Aperture, AnyPhase, Sea, Spectrum, Spreading)
+        for union in (Source, Aperture, AnyPhase, Surface, Spectrum, Spreading)
         for kind in kinds(union)
     ),
 ]
 SEAS, PHASES, SOURCES, APERTURES = (
     sorted({key for model in kinds(union).values() for key in model.model_fields})
-    for union in (Sea, AnyPhase, Source, Aperture)
+    for union in (Surface, AnyPhase, Source, Aperture)
 )
 
 numbers = st.one_of(
