@@ -62,6 +62,13 @@ class Refused(ValueError):
         return type(self), (self.field, self.value, self.allowed)
 
 
+class Words(str):
+    """A value described in words, shown without quotes in a refusal."""
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
 class ScenarioError(ValueError):
     """One line that names the field, its value, and what is allowed."""
 

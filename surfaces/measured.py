@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, Words
 
-from .parameters import Floats, Words
+from .parameters import Floats
 from .random_seas import MeasuredSea
 
 if TYPE_CHECKING:

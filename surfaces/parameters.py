@@ -14,13 +14,6 @@ from meshtrace.errors import Refused
 Floats = NDArray[np.float64]
 
 
-class Words(str):
-    """A value described in words, shown without quotes in a refusal."""
-
-    def __repr__(self) -> str:
-        return str(self)
-
-
 class Range(NamedTuple):
     """An interval low < value <= high (low <= value with `closed`) with a name and a unit."""
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, Words
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 
-from .parameters import Floats, Range, Words
+from .parameters import Floats, Range
 
 if TYPE_CHECKING:
     import trimesh
