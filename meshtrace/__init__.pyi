@@ -14,6 +14,7 @@ from .link import TopHatBeam as TopHatBeam
 from .link import UniformSky as UniformSky
 from .link import WaterAperture as WaterAperture
 from .link import Whitecaps as Whitecaps
+from .link.link import in_wind as in_wind
 from .mesh import SurfaceModel as SurfaceModel
 from .mesh import TriangleMesh as TriangleMesh
 from .optics.bubbles import HallNovarini as HallNovarini
@@ -38,7 +39,6 @@ from .studies.performance.link_performance import DepthSweep as DepthSweep
 from .studies.performance.link_performance import LinkPerformance as LinkPerformance
 from .studies.performance.link_performance import coupled_series as coupled_series
 from .studies.performance.link_performance import depth_sweep as depth_sweep
-from .studies.performance.link_performance import in_wind as in_wind
 from .studies.performance.link_performance import link_performance as link_performance
 from .studies.series import CoverageMap as CoverageMap
 from .studies.series import GainSeries as GainSeries
@@ -51,5 +51,6 @@ from .transport.paths import PhotonPaths as PhotonPaths
 from .transport.simulate import DomainWarning as DomainWarning
 from .transport.simulate import simulate as simulate
 from .transport.simulate import trace_paths as trace_paths
+from .uav.airframe import Flight as Flight
 from .uav.airframe import Uav as Uav
 from .uav.wind import Dryden as Dryden

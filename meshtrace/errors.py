@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -21,6 +21,20 @@ LARGEST = 1e30
 """Magnitude of a number beyond which its square may overflow on the way to a gain."""
 
 
+class Described(str):
+    """Value described in words ("no such file"), which an error shows without quotes."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        """Return the words themselves."""
+        return str(self)
+
+
+MISSING = Described("missing")
+"""Value of a field that has none."""
+
+
 class Refused(ValueError):
     """Input that is not accepted: one line that names the field, its value and what is allowed.
 
@@ -29,9 +43,13 @@ class Refused(ValueError):
     field : str
         Dotted path of the field, such as "receiver.height".
     value : object
-        The value that was given.
+        The value that was given; `Described` for words about it.
     allowed : str
         Allowed values or range.
+    hint : str
+        Words between the value and the allowed values, such as "did you mean depth?".
+    source : str
+        File that holds the field; the line begins with it.
 
     Examples
     --------
@@ -40,26 +58,39 @@ class Refused(ValueError):
     meshtrace.errors.Refused: photons: 0, allowed: an integer >= 1
     """
 
-    def __init__(self, field: str, value: object, allowed: str) -> None:
+    def __init__(
+        self, field: str, value: object, allowed: str, hint: str = "", source: str = ""
+    ) -> None:
         self.field, self.value, self.allowed = field, value, allowed
-        text = f"{field}: {show(value)}, allowed: {allowed}"
+        self.hint, self.source = hint, source
+        head = ": ".join(part for part in (source, field, show(value)) if part)
         # keys of a file may hold line ends and control characters
+        text = one_line(f"{head}, {f'{hint} ' if hint else ''}allowed: {allowed}")
         shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
         super().__init__("".join(shown))
 
-    def inside(self, table: str) -> Refused:
-        """Return the same refusal with the field's path inside a table.
+    def inside(self, *path: int | str) -> Refused:
+        """Return the same refusal with the field's path inside a table or a list.
 
         Examples
         --------
         >>> Refused("photons", 0, ">= 1").inside("run").field
         'run.photons'
+        >>> Refused("height", 0, "> 0").inside("receiver", 1).field
+        'receiver[1].height'
         """
-        return type(self)(join_path(table, self.field), self.value, self.allowed)
+        parent = join_path("", *path)
+        dot = "." if parent and self.field and not self.field.startswith("[") else ""
+        field = f"{parent}{dot}{self.field}"
+        return Refused(field, self.value, self.allowed, self.hint, self.source)
+
+    def of(self, source: str) -> Refused:
+        """Return the same refusal with the file that holds the field."""
+        return Refused(self.field, self.value, self.allowed, self.hint, source)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by the three parts: workers of a sweep send refusals back."""
-        return type(self), (self.field, self.value, self.allowed)
+        """Pickle by the parts: workers of a sweep send refusals back."""
+        return Refused, (self.field, self.value, self.allowed, self.hint, self.source)
 
 
 class ScenarioError(ValueError):
@@ -129,6 +160,45 @@ def refuse_overflow(result: GainResult) -> None:
             raise ScenarioError(f"link: a gain of {gain}, allowed: numbers that do not overflow")
 
 
+def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:
+    """Refuse all but certain keys."""
+    for key, value in table.items():
+        if key not in keys:
+            hint = f"no such key, {did_you_mean(key, keys)}".rstrip()
+            raise Refused(join_path(path, key), value, ", ".join(keys), hint)
+
+
+def require_word(value: Any, words: Iterable[str], path: str) -> None:
+    """Refuse all but certain words."""
+    if not isinstance(value, str) or value not in words:
+        raise Refused(path, value, ", ".join(words), did_you_mean(value, words))
+
+
+def require_whole(value: Any, low: int, high: int, path: str) -> None:
+    """Refuse all but integers from `low` to `high`; numpy's count, true and false do not."""
+    whole = hasattr(value, "__index__") and not isinstance(value, bool)
+    if not whole or not low <= value <= high:
+        raise Refused(path, value, f"an integer {low} <= {path} <= {high}")
+
+
+def require_number(value: Any, path: str) -> None:
+    """Refuse words for numbers, and numbers that overflow on the way to a gain."""
+    if isinstance(value, bool):
+        raise Refused(path, value, "neither true nor false")
+    if isinstance(value, int) and abs(value) >= 2**64:
+        raise Refused(path, value, "integers of 64 bits")
+    if isinstance(value, float) and LARGEST < abs(value) < math.inf:
+        raise Refused(path, value, f"at most {LARGEST:g} in magnitude")
+    if isinstance(value, str) and _reads_as_number(value):
+        raise Refused(path, value, "numbers without quotes")
+
+
+def did_you_mean(word: Any, words: Iterable[str]) -> str:
+    """Return a hint at the words that are spelt alike, "" if none is."""
+    near = difflib.get_close_matches(str(word), list(words))
+    return f"did you mean {' or '.join(near)}?" if near else ""
+
+
 def _hint(word: Any, names: tuple[str, ...]) -> str:
     near = difflib.get_close_matches(str(word), names)
     return f" did you mean {' or '.join(near)}?" if near else ""
@@ -175,7 +245,7 @@ def show(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     text = one_line(repr(value))
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return text if len(text) <= 60 or isinstance(value, Described) else f"{text[:57]}..."
 
 
 def one_line(text: str) -> str:

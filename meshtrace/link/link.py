@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
+from meshtrace.errors import Refused
 from meshtrace.link.models import Model
 from meshtrace.link.physics import Physics, Whitecaps
 from meshtrace.link.receivers import Aperture, IrradiancePlanes, Receiver
-from meshtrace.link.sources import Led, Source
+from meshtrace.link.sources import Led, Source, WaterSource
 from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.optics.water import Water
 
@@ -97,6 +98,54 @@ class Link(Model, frozen=True):
         """The apertures as a tuple."""
         return self.receiver if isinstance(self.receiver, tuple) else (self.receiver,)
 
+    @property
+    def only_receiver(self) -> Receiver:
+        """The only receiver, which lies in the air.
+
+        Raises
+        ------
+        Refused
+            If the link has several, or one under water.
+        """
+        if not isinstance(self.receiver, Receiver):
+            raise Refused("receiver", self.receiver, "one receiver in the air")
+        return self.receiver
+
+    def in_wind(self, wind_speed: float) -> Link:
+        """Return the link with the whitecaps and bubbles of a wind.
+
+        Parameters
+        ----------
+        wind_speed : float
+            Wind at 10 m [m s-1]; 0 for neither whitecaps nor bubbles.
+
+        Examples
+        --------
+        >>> round(Link().in_wind(13.0).whitecaps.transmittance, 4)
+        0.8899
+        """
+        if wind_speed == 0.0:
+            return self.model_copy(update={"whitecaps": None, "bubbles": None})
+        wavelength = self.transmitters[0].wavelength_nm
+        bubbles = HallNovarini(
+            wind_speed=wind_speed, n_water=self.water.n, wavelength_nm=wavelength
+        )
+        caps = Whitecaps(wind_speed=wind_speed)
+        return self.model_copy(update={"whitecaps": caps, "bubbles": bubbles})
+
+    def at_depth(self, depth: float) -> Link:
+        """Return the link with its only source at a depth [m].
+
+        Raises
+        ------
+        Refused
+            If the link has several sources, or one in the air.
+        """
+        if not isinstance(self.transmitter, WaterSource):
+            raise Refused("transmitter", self.transmitter, "one source in the water")
+        source = self.transmitter.model_copy(update={"depth": depth})
+        return type(self).model_validate({**dict(self), "transmitter": source.model_dump()})
+
     def footprint(self) -> Footprint:
         """Return where the surface must be meshed, and how finely.
 
@@ -122,3 +171,8 @@ class Link(Model, frozen=True):
         )
         extent = fine + max(reach, 5.0) + width
         return Footprint((0.0, 0.0), extent, 0.1, fine, 1.0)
+
+
+def in_wind(link: Link, wind_speed: float) -> Link:
+    """Return a link with the whitecaps and bubbles of a wind, see `Link.in_wind`."""
+    return link.in_wind(wind_speed)

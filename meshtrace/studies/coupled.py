@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.comms.matching import receiver_of
+
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
 from meshtrace.studies.series import GainSeries
