@@ -25,7 +25,7 @@ from meshtrace.transport.simulate import mesh_for, simulate
 from meshtrace.uav.airframe import Uav
 
 if TYPE_CHECKING:
-    from meshtrace.studies.performance.link_performance import LinkPerformance
+    from meshtrace.studies.performance.tables import LinkPerformance
     from meshtrace.studies.series import GainSeries
 
 

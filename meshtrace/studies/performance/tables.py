@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.comms.budget import Capacity, depth_at
+from meshtrace.comms.budget import depth_at
+from meshtrace.comms.capacity import Capacity
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.pulses import Eye
+from meshtrace.errors import Refused
 from meshtrace.fading import Estimate
 from meshtrace.results.gain import FORMAT_VERSION
-from meshtrace.studies.performance.operating_point import Figures
-from meshtrace.studies.performance.samples import Fades
+from meshtrace.studies.performance.operating_point import OperatingPoint
+from meshtrace.studies.performance.samples import FadingSamples
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,9 +37,9 @@ class LinkPerformance:
         Depths of the transmitter [m].
     ooks : tuple of OokLink
         Transmission at each bit rate.
-    figures : tuple of Figures
+    figures : tuple of OperatingPoint
         Depth by depth, the bit rates of each together.
-    fades : tuple of Fades
+    fades : tuple of FadingSamples
         Gains and tilt factors at each depth.
     limit : float
         Bit error rate before decoding that counts as success.
@@ -51,8 +53,8 @@ class LinkPerformance:
 
     depths: tuple[float, ...]
     ooks: tuple[OokLink, ...]
-    figures: tuple[Figures, ...]
-    fades: tuple[Fades, ...]
+    figures: tuple[OperatingPoint, ...]
+    fades: tuple[FadingSamples, ...]
     limit: float
     confidence: float
     status: str
@@ -63,7 +65,7 @@ class LinkPerformance:
         """Bit rates [bit s-1]."""
         return tuple(ook.bit_rate for ook in self.ooks)
 
-    def at(self, depth: float | None = None, bit_rate: float | None = None) -> Figures:
+    def at(self, depth: float | None = None, bit_rate: float | None = None) -> OperatingPoint:
         """Return the figures of a depth [m] and bit rate [bit s-1], by default the first.
 
         Raises
@@ -81,7 +83,7 @@ class LinkPerformance:
         Parameters
         ----------
         name : str
-            An estimate of `Figures`, such as "ber".
+            An estimate of `OperatingPoint`, such as "ber".
 
         Returns
         -------
@@ -112,7 +114,7 @@ class LinkPerformance:
         """
         target = self.limit if ber is None else ber
         if not 0.0 < target < 0.5:
-            raise ValueError(f"ber: {ber}, allowed 0 < ber < 0.5")
+            raise Refused("ber", ber, "0 < ber < 0.5")
         curves = self.estimates("ber")
         ranges = []
         for i in range(len(self.ooks)):
@@ -216,11 +218,11 @@ def _index(name: str, values: tuple[float, ...], wanted: float | None) -> int:
     if wanted is None:
         return 0
     if wanted not in values:
-        raise ValueError(f"{name}: {wanted:g}, allowed {', '.join(f'{v:g}' for v in values)}")
+        raise Refused(name, wanted, ", ".join(f"{v:g}" for v in values))
     return values.index(wanted)
 
 
-def _figures_line(f: Figures) -> str:
+def _figures_line(f: OperatingPoint) -> str:
     power = 10.0 * math.log10(max(f.received_power.value, 1e-300) / 1e-3)
     interval = f"{f.ber.low:.2e}..{f.ber.high:.2e}"
     return (
