@@ -197,7 +197,9 @@ def test_bands_cover_the_truth(chain_error):
     for trial in range(100):
         gains = centre * np.exp(sigma * rng.standard_normal(n))
         gains *= 1.0 + chain_error * rng.standard_normal()
-        fades = FadingSamples(synthetic(gains, chain_error * gains.mean()), np.ones((n, 1)), float(n))
+        fades = FadingSamples(
+            synthetic(gains, chain_error * gains.mean()), np.ones((n, 1)), float(n)
+        )
         quantile = float(ndtri(0.975))
         ber = ber_of_samples(ook, fades, quantile, 0.95, trial)
         outage = outage_of_samples(ook, fades, 1e-3, quantile, 0.95)
