@@ -1,7 +1,7 @@
-"""How a link file is refused: one line that names the field, its value, and what is allowed.
+"""The one error for input that is not accepted: field, value, allowed values.
 
-`ScenarioError` is that line, the `refuse_` functions are the checks that need no model, and the
-rest is how paths and values are written in it.
+`Refused` is raised alike by functions, models, link files and the command line. The `require_`
+functions are the checks that need no model; the rest writes paths and values.
 """
 
 from __future__ import annotations
@@ -9,13 +9,8 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    import pydantic
-
-    from meshtrace.results.gain import GainResult
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 LARGEST = 1e30
 """Magnitude of a number beyond which its square may overflow on the way to a gain."""
@@ -93,73 +88,6 @@ class Refused(ValueError):
         return Refused, (self.field, self.value, self.allowed, self.hint, self.source)
 
 
-class ScenarioError(ValueError):
-    """One line that names the field, its value, and what is allowed."""
-
-    def __init__(self, text: str) -> None:
-        # keys of a file may hold line ends and control characters
-        shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-        super().__init__("".join(shown))
-
-
-def refuse_numbers(config: Mapping[str, Any]) -> None:
-    """Refuse numbers that no key takes: not finite, or integers of more than 64 bits."""
-    for path, value in _leaves(config):
-        if isinstance(value, float) and not math.isfinite(value):
-            raise ScenarioError(f"{path}: {value}, allowed: finite numbers")
-        if isinstance(value, float) and abs(value) > LARGEST:
-            raise ScenarioError(f"{path}: {value:g}, allowed: at most {LARGEST:g} in magnitude")
-        if isinstance(value, int) and abs(value) >= 2**64:
-            raise ScenarioError(f"{path}: {show(value)}, allowed: integers of 64 bits")
-
-
-def refuse_words(model: type[pydantic.BaseModel], table: Mapping[str, Any], path: str) -> None:
-    """Refuse true, false and quoted numbers where pydantic would take them for numbers."""
-    flags = {name for name, field in model.model_fields.items() if field.annotation is bool}
-    for where, value in _leaves(table, path):
-        name = where.removeprefix(f"{path}.")
-        if isinstance(value, bool) and name not in flags:
-            raise ScenarioError(f"{where}: {show(value)}, allowed: neither true nor false")
-        if isinstance(value, str) and _reads_as_number(value):
-            raise ScenarioError(f"{where}: {show(value)}, allowed: numbers without quotes")
-
-
-def refuse_unknown(table: Mapping[str, Any], keys: tuple[str, ...], path: str) -> None:
-    """Refuse all but certain keys."""
-    for key, value in table.items():
-        if key not in keys:
-            raise ScenarioError(
-                f"{join_path(path, key)}: {show(value)}, no such key,{_hint(key, keys)} allowed: "
-                f"{', '.join(keys)}"
-            )
-
-
-def refuse_unlisted(value: Any, names: tuple[str, ...], path: str) -> None:
-    """Refuse all but certain words."""
-    if not isinstance(value, str) or value not in names:
-        raise ScenarioError(
-            f"{path}: {show(value)},{_hint(value, names)} allowed: {', '.join(names)}"
-        )
-
-
-def refuse_ragged(rows: Any, path: str) -> None:
-    """Refuse what is not a list of triples of numbers."""
-    right = isinstance(rows, list | tuple) and len(rows) > 0
-    for row in rows if right else ():
-        right = right and isinstance(row, list | tuple) and len(row) == 3
-        right = right and all(is_number(item) for item in row)
-    if not right:
-        raise ScenarioError(f"{path}: {show(rows)}, allowed: rows of [depth, a, b]")
-
-
-def refuse_overflow(result: GainResult) -> None:
-    """Refuse a gain that is no number, which only numbers far from any link give."""
-    gains = [result.gain] if isinstance(result.gain, float) else result.gain.tolist()
-    for gain in gains:
-        if not math.isfinite(gain):
-            raise ScenarioError(f"link: a gain of {gain}, allowed: numbers that do not overflow")
-
-
 def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:
     """Refuse all but certain keys."""
     for key, value in table.items():
@@ -199,23 +127,6 @@ def did_you_mean(word: Any, words: Iterable[str]) -> str:
     return f"did you mean {' or '.join(near)}?" if near else ""
 
 
-def _hint(word: Any, names: tuple[str, ...]) -> str:
-    near = difflib.get_close_matches(str(word), names)
-    return f" did you mean {' or '.join(near)}?" if near else ""
-
-
-def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield what is no table or list, with its path."""
-    if isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from _leaves(item, join_path(path, key))
-    elif isinstance(value, list | tuple):
-        for i, item in enumerate(value):
-            yield from _leaves(item, join_path(path, i))
-    else:
-        yield path, value
-
-
 def join_path(path: str, *keys: int | str) -> str:
     """Return the path of a key in a table or of an item in a list."""
     for key in keys:
@@ -244,15 +155,17 @@ def show(value: Any) -> str:
     """Return a value as one short line."""
     if isinstance(value, bool):
         return str(value).lower()
-    text = one_line(repr(value))
+    if getattr(value, "ndim", None) == 0:  # numpy's numbers
+        value = value.item()  # type: ignore[attr-defined]
+    try:
+        text = one_line(repr(value))
+    except ValueError:  # Python writes no integer of more than 4300 digits
+        return "a huge integer"
+    except RecursionError:
+        return "tables nested too deeply"
     return text if len(text) <= 60 or isinstance(value, Described) else f"{text[:57]}..."
 
 
 def one_line(text: str) -> str:
     """Return a text without its line ends."""
     return " ".join(text.split())
-
-
-def with_colon(text: str) -> str:
-    """Return a message of a model with the colon that link files have after `allowed`."""
-    return re.sub(r", allowed:? ", ", allowed: ", text, count=1)

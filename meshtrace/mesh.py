@@ -129,6 +129,8 @@ class TriangleMesh:
             raise ValueError(
                 f"mesh.faces: indices {faces.min()}..{faces.max()}, allowed 0..{len(vertices) - 1}"
             )
+        faces = faces.view()
+        faces.flags.writeable = False  # one type for all kernels, which compile once
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
         up = self.face_normals[:, 2]

@@ -1,4 +1,4 @@
-"""The base of everything that is described: validated, frozen models whose one error is `Refused`."""
+"""Base of everything that is described: validated, frozen models that raise `Refused`."""
 
 from __future__ import annotations
 
@@ -83,10 +83,9 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid"):
         >>> from meshtrace.link import Link
         >>> Link().replace("receiver.height", 10.0).receiver.height
         10.0
-        >>> Link().replace("receiver.hieght", 10.0)
+        >>> Link().replace("receiver.hieght", 10.0)  # doctest: +ELLIPSIS
         Traceback (most recent call last):
-        meshtrace.errors.Refused: receiver.hieght: 10.0, no such key, did you mean height? allowed: \
-kind, height, radius, fov_deg, position, tilt_deg, tilt_azimuth_deg
+        meshtrace.errors.Refused: receiver.hieght: 10.0, no such key, did you mean height? ...
         """
         fields = {name: getattr(self, name) for name in self.model_fields_set}
         for key, new in ({**({} if path is None else {path: value}), **updates}).items():

@@ -47,7 +47,7 @@ class Family(Model, frozen=True):
         super().__init_subclass__(**options)
         if Family in cls.__bases__:
             cls.registered, cls._default, cls._closed = {}, default, closed
-        own = cls.__dict__.get("__annotations__", {})
+        own = inspect.get_annotations(cls)
         if Family not in cls.__bases__ and "kind" not in own and not _is_ours(cls):
             kind = f"{cls.__module__}:{cls.__qualname__}"
             cls.__annotations__ = {**own, "kind": Literal[kind]}

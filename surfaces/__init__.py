@@ -7,16 +7,20 @@ from .seas import (
     MeasuredSea,
     SinusoidalSea,
     SpectralSea,
+    Surface,
     TiltedPlane,
     sea_from_config,
+    sea_in_wind,
 )
 from .spectra import Elfouhaily, Jonswap, PiersonMoskowitz, Tma
+from .spectra import SpectrumModel as Spectrum
 from .spreading import (
     Cos2sSpreading,
     ElfouhailySpreading,
     IttcSpreading,
     MitsuyasuSpreading,
 )
+from .spreading import SpreadingModel as Spreading
 from .triangulate import from_trimesh
 from .waves import WaveComponents
 
@@ -33,10 +37,14 @@ __all__ = [
     "PiersonMoskowitz",
     "SinusoidalSea",
     "SpectralSea",
+    "Spectrum",
+    "Spreading",
+    "Surface",
     "TiltedPlane",
     "Tma",
     "WaveComponents",
     "from_trimesh",
     "from_wavespectra",
     "sea_from_config",
+    "sea_in_wind",
 ]

@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.errors import Described, Refused
+
 from .parameters import Range
 
 MAX_LINES = 20_001
@@ -140,8 +142,8 @@ def grid_axis(
     """
     if fine_extent is None:
         if coarse_spacing is not None:
-            raise ValueError(
-                f"coarse_spacing: {coarse_spacing} without fine_extent, allowed only with it"
+            raise Refused(
+                "coarse_spacing", Described(f"{coarse_spacing} without fine_extent"), "only with it"
             )
         return uniform_axis(extent, spacing, center)
     if coarse_spacing is None:
@@ -159,7 +161,7 @@ def _step_count(length: float, spacing: float) -> int:
     # The tolerance keeps 2 * 20 / 0.1 at 400 steps whatever the last bit of the quotient.
     steps = max(1, math.ceil(length / spacing * (1.0 - 1e-12)))
     if steps >= MAX_LINES:
-        raise ValueError(
-            f"spacing: {spacing} m over {length} m, allowed at most {MAX_LINES} grid lines"
+        raise Refused(
+            "spacing", Described(f"{spacing} m over {length} m"), f"at most {MAX_LINES} grid lines"
         )
     return steps

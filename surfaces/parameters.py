@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field
 
+from meshtrace.errors import Refused
+
 
 class Range(NamedTuple):
     """An interval low < value <= high (low <= value with `closed`) with a name and a unit."""
@@ -24,7 +26,7 @@ class Range(NamedTuple):
         inside = self.low < value <= self.high or (self.closed and value == self.low)
         if inside and math.isfinite(value):
             return value
-        raise ValueError(f"{self.name}: {value}, allowed {self}")
+        raise Refused(self.name, value, str(self))
 
     def __str__(self) -> str:
         """Say the interval, as in `0 < wind_speed <= 60 m/s`."""
@@ -56,5 +58,5 @@ def finite_array(name: str, value: ArrayLike, minimum: float = -math.inf) -> NDA
     wrong = array[~(np.isfinite(array) & (array >= minimum))]
     if wrong.size:
         allowed = Range(name, minimum, closed=minimum > -math.inf)
-        raise ValueError(f"{name}: {wrong[0]}, allowed {allowed}, all finite")
+        raise Refused(name, wrong[0], f"{allowed}, all finite")
     return array

@@ -10,9 +10,11 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, Field, PrivateAttr, TypeAdapter, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
+from meshtrace.errors import Described, Refused
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
+from meshtrace.registry import Family
 
 from .dispersion import angular_frequency, wavenumber
 from .gridding import grid_axis
@@ -89,7 +91,7 @@ def scaled_band(omega_p: float) -> Band:
     return Band(0.6 * omega_p, 2.1 * omega_p, 0.075 * omega_p, math.pi / 20)
 
 
-class Surface(BaseModel, ABC, frozen=True, extra="forbid"):
+class Surface(Family, ABC, frozen=True):
     """What all sea surfaces share: the mesh, and the way to and from plain data."""
 
     @abstractmethod
@@ -208,7 +210,7 @@ class Surface(BaseModel, ABC, frozen=True, extra="forbid"):
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Return a validated copy with some parameters replaced, and nothing cached."""
-        return type(self).model_validate({**self.model_dump(), **(update or {})})
+        return self.replace(**(update or {}))
 
     def __eq__(self, other: object) -> bool:
         # What has been computed so far does not tell two seas apart.
@@ -454,19 +456,22 @@ class _BandedSea(RandomSea, frozen=True):
     def _check_band(self) -> Self:
         band = self.band_limits
         if band.omega_min >= band.omega_max:
-            raise ValueError(
-                f"omega_min: {band.omega_min:g}, allowed < omega_max = {band.omega_max:g} rad/s"
+            raise Refused(
+                "omega_min",
+                Described(f"{band.omega_min:g}"),
+                f"< omega_max = {band.omega_max:g} rad/s",
             )
         if self.jitter and band.d_omega > 2.0 * band.omega_min:
-            raise ValueError(
-                f"d_omega: {band.d_omega:g}, allowed <= 2 omega_min = {2 * band.omega_min:g} rad/s "
-                "with jitter"
+            raise Refused(
+                "d_omega",
+                Described(f"{band.d_omega:g}"),
+                f"<= 2 omega_min = {2 * band.omega_min:g} rad/s with jitter",
             )
         directions = len(direction_grid(self.spreading.half_range, band.d_theta))
         count = _frequency_count(band) * directions
         if count > self.most_components:
-            raise ValueError(
-                f"d_omega, d_theta: {count} waves, allowed at most {self.most_components}"
+            raise Refused(
+                "d_omega, d_theta", Described(f"{count} waves"), f"at most {self.most_components}"
             )
         return self
 
@@ -560,7 +565,7 @@ class JonswapSea(_BandedSea, frozen=True):
 
     Raises
     ------
-    pydantic.ValidationError
+    Refused
         If a parameter is out of range, or band="paper" at another wind speed.
 
     Notes
@@ -609,9 +614,10 @@ class JonswapSea(_BandedSea, frozen=True):
     def _default_band(self) -> Band:
         tabulated = PAPER_BANDS.get(self.wind_speed)
         if self.band == "paper" and tabulated is None:
-            raise ValueError(
-                f"band: 'paper' at wind_speed {self.wind_speed:g}, allowed at 5 and 13 m/s only; "
-                "band='scaled' takes any wind"
+            raise Refused(
+                "band",
+                Described(f"'paper' at wind_speed {self.wind_speed:g}"),
+                "at 5 and 13 m/s only; band='scaled' takes any wind",
             )
         wanted = self.band == "paper" or (self.band is None and self.fetch == PAPER_FETCH)
         return tabulated if tabulated and wanted else super()._default_band()
@@ -635,7 +641,7 @@ class SpectralSea(_BandedSea, frozen=True):
 
     Raises
     ------
-    pydantic.ValidationError
+    Refused
         If a parameter is out of range, or `depth` contradicts the spectrum.
 
     Examples
@@ -654,7 +660,9 @@ class SpectralSea(_BandedSea, frozen=True):
     def _check_depth(self) -> Self:
         own = getattr(self.spectrum, "depth", None)
         if None not in (own, self.depth) and own != self.depth:
-            raise ValueError(f"depth: {self.depth:g}, allowed {own:g} m, the depth of the spectrum")
+            raise Refused(
+                "depth", Described(f"{self.depth:g}"), f"{own:g} m, the depth of the spectrum"
+            )
         return self
 
     def _sampled_spectrum(self) -> SpectrumModel:
@@ -684,7 +692,7 @@ class MeasuredSea(RandomSea, frozen=True):
 
     Raises
     ------
-    pydantic.ValidationError
+    Refused
         If a parameter is out of range or the table has not m by n values.
 
     Examples
@@ -705,9 +713,10 @@ class MeasuredSea(RandomSea, frozen=True):
     def _check_shape(self) -> Self:
         lengths = sorted({len(row) for row in self.variance})
         if len(self.variance) != len(self.omega) or lengths != [len(self.theta)]:
-            raise ValueError(
-                f"variance: {len(self.variance)} rows of {lengths} values, allowed "
-                f"{len(self.omega)} rows (omega) of {len(self.theta)} (theta)"
+            raise Refused(
+                "variance",
+                Described(f"{len(self.variance)} rows of {lengths} values"),
+                f"{len(self.omega)} rows (omega) of {len(self.theta)} (theta)",
             )
         return self
 
@@ -719,15 +728,6 @@ class MeasuredSea(RandomSea, frozen=True):
         omega = np.broadcast_to(np.array(self.omega)[:, None], amplitude.shape)
         k = wavenumber(omega, self.depth, self.capillary)
         return _flat_components(amplitude, omega, k, np.array(self.theta), phase)
-
-
-Sea = Annotated[
-    JonswapSea | SpectralSea | MeasuredSea | SinusoidalSea | FlatSea | TiltedPlane,
-    Field(discriminator="kind"),
-]
-"""Any of the seas, told apart by `kind`."""
-
-_sea_adapter: TypeAdapter[Surface] = TypeAdapter(Sea)
 
 
 def sea_from_config(config: Mapping[str, Any]) -> Surface:
@@ -745,7 +745,7 @@ def sea_from_config(config: Mapping[str, Any]) -> Surface:
 
     Raises
     ------
-    pydantic.ValidationError
+    Refused
         If the kind is unknown or a parameter is out of range.
 
     Examples
@@ -753,7 +753,25 @@ def sea_from_config(config: Mapping[str, Any]) -> Surface:
     >>> sea_from_config({"kind": "flat", "height": 0.1})
     FlatSea(height=0.1, kind='flat')
     """
-    return _sea_adapter.validate_python(dict(config))
+    return Surface.read(config)
+
+
+def sea_in_wind(wind_speed: float, seed: int = 0) -> Surface:
+    """Return the default sea of a wind: a JONSWAP sea, or a flat one without wind.
+
+    Parameters
+    ----------
+    wind_speed : float
+        Wind speed at 10 m [m s-1], 0 to 60.
+    seed : int
+        Seed of the random phases.
+
+    Raises
+    ------
+    Refused
+        If an argument is out of range.
+    """
+    return JonswapSea(wind_speed=wind_speed, seed=seed) if wind_speed else FlatSea()
 
 
 def _frequency_count(band: Band) -> int:

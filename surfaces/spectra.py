@@ -13,7 +13,10 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, Field
+from pydantic import BeforeValidator, SerializeAsAny
+
+from meshtrace.errors import Refused
+from meshtrace.registry import Family
 
 from .dispersion import (
     CAPILLARY_WAVENUMBER,
@@ -319,7 +322,7 @@ def inverse_wave_age(wind_speed: float, fetch: float | None = None) -> float:
         return 0.84
     age = 0.84 * math.tanh((_dimensionless_fetch(wind_speed, fetch) / 2.2e4) ** 0.4) ** -0.75
     if age > 5.0:
-        raise ValueError(f"fetch: {fetch}, allowed a fetch with inverse wave age <= 5, not {age:g}")
+        raise Refused("fetch", fetch, f"a fetch with inverse wave age <= 5, not {age:g}")
     return age
 
 
@@ -463,7 +466,7 @@ def elfouhaily_delta(k: ArrayLike, wind_speed: float, omega_p: float) -> NDArray
     return np.tanh(math.log(2.0) / 4.0 + 4.0 * (c / c_p) ** 2.5 + a_m * (c_m / c) ** 2.5)
 
 
-class SpectrumModel(BaseModel, ABC, frozen=True, extra="forbid"):
+class SpectrumModel(Family, ABC, frozen=True):
     """The parameters of a frequency spectrum, with the spectrum itself as the call."""
 
     wind_speed: WindSpeed = 5.0
@@ -582,7 +585,7 @@ class Elfouhaily(SpectrumModel, frozen=True):
         return elfouhaily(omega, self.wind_speed, self.fetch)
 
 
-Spectrum = Annotated[Jonswap | Tma | PiersonMoskowitz | Elfouhaily, Field(discriminator="kind")]
+Spectrum = Annotated[SerializeAsAny[SpectrumModel], BeforeValidator(SpectrumModel.read)]
 """Any of the spectra, told apart by `kind`."""
 
 

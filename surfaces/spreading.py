@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, BeforeValidator, Field
+from pydantic import BeforeValidator, SerializeAsAny
+
+from meshtrace.registry import Family
 
 from .dispersion import GRAVITY, wavenumber
 from .parameters import WIND_SPEED, Positive, Range, finite_array
@@ -116,7 +118,7 @@ def mitsuyasu_exponent(omega: ArrayLike, omega_p: float, wind_speed: float) -> N
     return s_p * np.minimum(ratio, 1.0) ** 5.0 * np.maximum(ratio, 1.0) ** -2.5
 
 
-class SpreadingModel(BaseModel, ABC, frozen=True, extra="forbid"):
+class SpreadingModel(Family, ABC, frozen=True):
     """A directional spreading: its density and the half-range where it lives."""
 
     half_range: ClassVar[float] = math.pi
@@ -197,15 +199,7 @@ class ElfouhailySpreading(SpreadingModel, frozen=True):
         return np.where(np.abs(theta) <= self.half_range, folded, 0.0)
 
 
-def _from_name(value: Any) -> Any:
-    return {"kind": value} if isinstance(value, str) else value
-
-
-Spreading = Annotated[
-    IttcSpreading | Cos2sSpreading | MitsuyasuSpreading | ElfouhailySpreading,
-    Field(discriminator="kind"),
-    BeforeValidator(_from_name),
-]
+Spreading = Annotated[SerializeAsAny[SpreadingModel], BeforeValidator(SpreadingModel.read)]
 """Any of the spreadings, told apart by `kind`; the bare kind stands for its defaults."""
 
 

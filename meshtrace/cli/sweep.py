@@ -11,10 +11,11 @@ from meshtrace.cli.app import app
 from meshtrace.cli.console import (
     COMPILING,
     kernels_are_compiled,
-    refuse_unwritable,
     warnings_as_lines,
 )
 from meshtrace.cli.options import Output
+from meshtrace.errors import Described, Refused
+from meshtrace.files import check_writable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -51,12 +52,14 @@ def sweep(
     was. The exit code is 1 if points failed; their errors are in the store.
     """
     if output is not None:
-        refuse_unwritable(output)
+        check_writable(output, [study])
     options = {"scheduler": scheduler, "workers": workers, "timeout": timeout}
     data, place = _swept(study, store, options)
-    if output is not None:
-        data.to_netcdf(output, engine="h5netcdf")
     typer.echo("\n".join(_rows(data)))
+    if output is not None:
+        from meshtrace.stored import write_dataset
+
+        write_dataset(data, output)
     for path in (place, output):
         if path is not None:
             typer.echo(f"\nwritten to {path}")
@@ -69,7 +72,6 @@ def sweep(
 
 def _swept(study: Path, store: Path | None, options: dict[str, Any]) -> tuple[xr.Dataset, Path]:
     """Return the results of a study file and the store that they are in."""
-    from meshtrace.errors import Described, Refused
     from meshtrace.studies.sweep import store_of, sweep_file
 
     place = store or store_of(study)

@@ -10,9 +10,9 @@ import numpy as np
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link, Receiver
 from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.results.coverage import CoverageMap
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.studies.inputs import resolve
-from meshtrace.studies.series import CoverageMap
 from meshtrace.transport.analog import MapGrid
 from meshtrace.transport.simulate import simulate
 
@@ -85,12 +85,13 @@ def coverage_map(
         for i, time in enumerate(times)
     ]
     area = np.pi * receiver.radius**2
-    mean = np.mean([r.data["map_irradiance"][1] for r in runs], axis=0)
-    error = np.sqrt(np.mean([r.data["map_irradiance_stderr"][1] ** 2 for r in runs], axis=0))
+    maps = [r.map for r in runs if r.map is not None]
+    mean = np.mean([m.irradiance for m in maps], axis=0)
+    error = np.sqrt(np.mean([m.irradiance_stderr**2 for m in maps], axis=0))
     return CoverageMap(
-        runs[0].data["map_x"][1],
-        runs[0].data["map_y"][1],
+        maps[0].x,
+        maps[0].y,
         area * mean,
-        area * error / np.sqrt(len(runs)),
+        area * error / np.sqrt(len(maps)),
         {**runs[0].provenance, "times": [float(t) for t in times]},
     )

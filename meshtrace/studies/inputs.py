@@ -8,10 +8,11 @@ from meshtrace.errors import Described, Refused, require_whole, require_word
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.parallel import default_threads
+from meshtrace.results.provenance import provenance
 from meshtrace.scenario import DEFAULT_WIND_SPEED, MeshFile, Scenario
 from meshtrace.scenario.seas import refuse_huge
-from meshtrace.transport.forced import crossing_reach
-from meshtrace.transport.simulate import mesh_for, provenance
+from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.simulate import mesh_for
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
 
@@ -55,7 +56,9 @@ def resolve(
     """Return link, surface, scenario and options; those that are None follow the scenario."""
     given = {name: value for name, value in options.items() if value is not None}
     if not isinstance(link, Scenario):
-        return link, default_sea(wind_over(link)) if surface is None else surface, None, given
+        if surface is None:
+            surface = default_sea(link.wind_speed or DEFAULT_WIND_SPEED)
+        return link, surface, None, given
     run = link.run.model_dump(include={"photons", "seed", "normals", "threads"}, exclude_none=True)
     sampling = link.sampling.model_dump(exclude_none=True)
     known = {name: value for name, value in {**run, **sampling}.items() if name in options}
@@ -100,9 +103,3 @@ def resolve_chains(
 def default_sea(wind_speed: float) -> SurfaceModel:
     """Return the JONSWAP sea of a wind [m s-1], flat in a calm."""
     return Scenario.from_config({"wind_speed": wind_speed}).surface
-
-
-def wind_over(link: Link) -> float:
-    """Return the wind of the link's bubbles or whitecaps, or the default one [m s-1]."""
-    parts = (part for part in (link.bubbles, link.whitecaps) if part is not None)
-    return next((part.wind_speed for part in parts), DEFAULT_WIND_SPEED)

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from meshtrace.fading import Estimate, effective_samples
 from meshtrace.link import Link
 from meshtrace.mesh import RandomSea
+from meshtrace.results.series import GainSeries
 from meshtrace.studies.inputs import Inputs
-from meshtrace.studies.series import GainSeries, over_realizations, over_times
+from meshtrace.studies.series import over_realizations, over_times
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.tilt import h_alpha
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused, show
 from meshtrace.fields import FIELDS, attrs
-from meshtrace.results.gain import FORMAT_VERSION, environment
+from meshtrace.results.provenance import environment
+from meshtrace.stored import FORMAT_VERSION
 from meshtrace.studies.sweep.points import BLOCK, MEASURED, Outcome, Study, Task, one_line
 
 if TYPE_CHECKING:

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 from meshtrace.errors import Described, Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
-from meshtrace.scenario import Run, Sampling, Scenario
-from meshtrace.studies.inputs import wind_over
+from meshtrace.scenario import DEFAULT_WIND_SPEED, Run, Sampling, Scenario
 from meshtrace.studies.sweep.cluster import DEFAULT_TIMEOUT, compute
 from meshtrace.studies.sweep.lock import locked
 from meshtrace.studies.sweep.points import Study, one_line
@@ -225,7 +224,7 @@ def _base(
     """Return the scenario that all points share, without the options that a sweep sets."""
     if isinstance(link, Link):
         wind = getattr(sea, "wind_speed", None)
-        wind = wind_over(link) if wind is None else wind
+        wind = link.wind_speed or DEFAULT_WIND_SPEED if wind is None else wind
         default = Scenario.from_config({"wind_speed": wind})
         scenario = default.model_copy(update={"link": link})
     elif isinstance(link, Scenario):
