@@ -14,6 +14,7 @@ from .link import TopHatBeam as TopHatBeam
 from .link import UniformSky as UniformSky
 from .link import WaterAperture as WaterAperture
 from .link import Whitecaps as Whitecaps
+from .link.link import in_wind as in_wind
 from .mesh import SurfaceModel as SurfaceModel
 from .mesh import TriangleMesh as TriangleMesh
 from .optics.bubbles import HallNovarini as HallNovarini
@@ -35,14 +36,14 @@ from .results.series import GainSeries as GainSeries
 from .studies.convergence import band_limit_study as band_limit_study
 from .studies.convergence import convergence_study as convergence_study
 from .studies.convergence import time_step_study as time_step_study
-from .studies.performance.link_performance import CoupledSeries as CoupledSeries
-from .studies.performance.link_performance import DepthSweep as DepthSweep
-from .studies.performance.link_performance import LinkPerformance as LinkPerformance
-from .studies.performance.link_performance import coupled_series as coupled_series
+from .studies.coverage import coverage_map as coverage_map
 from .studies.performance.link_performance import depth_sweep as depth_sweep
-from .studies.performance.link_performance import in_wind as in_wind
 from .studies.performance.link_performance import link_performance as link_performance
-from .studies.series import coverage_map as coverage_map
+from .studies.performance.samples import Realizations as Realizations
+from .studies.performance.tables import DepthSweep as DepthSweep
+from .studies.performance.tables import LinkPerformance as LinkPerformance
+from .studies.series import CoupledSeries as CoupledSeries
+from .studies.series import coupled_series as coupled_series
 from .studies.series import ensemble as ensemble
 from .studies.series import time_series as time_series
 from .studies.sweep import sweep as sweep
@@ -51,5 +52,6 @@ from .transport.outcome import DomainWarning as DomainWarning
 from .transport.paths import PhotonPaths as PhotonPaths
 from .transport.simulate import simulate as simulate
 from .transport.simulate import trace_paths as trace_paths
+from .uav.airframe import Flight as Flight
 from .uav.airframe import Uav as Uav
 from .uav.wind import Dryden as Dryden

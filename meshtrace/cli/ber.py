@@ -29,7 +29,7 @@ from meshtrace.files import check_writable
 
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
-    from meshtrace.studies.performance.link_performance import LinkPerformance
+    from meshtrace.studies.performance.tables import LinkPerformance
 
 
 @app.command()
@@ -110,14 +110,14 @@ def ber(
 
 def _seas(scenario: Scenario, realizations: int, coupled: bool) -> int:
     """Return how many surfaces a link's performance takes at one depth."""
-    from meshtrace.studies.series import RandomSea
+    from meshtrace.mesh import RandomSea
 
     return realizations if coupled or isinstance(scenario.surface, RandomSea) else 1
 
 
 def _sweep(found: list[tuple[float, LinkPerformance]]) -> Any:
     """Return what to save: one performance, or those of several winds."""
-    from meshtrace.studies.performance.link_performance import DepthSweep
+    from meshtrace.studies.performance.tables import DepthSweep
 
     if len(found) == 1:
         return found[0][1]

@@ -216,3 +216,8 @@ class Link(Model, frozen=True):
         )
         extent = fine + max(reach, 5.0) + width
         return Footprint(center, extent, 0.1, fine, 1.0)
+
+
+def in_wind(link: Link, wind_speed: float) -> Link:
+    """Return a link with the whitecaps and bubbles of a wind, see `Link.in_wind`."""
+    return link.in_wind(wind_speed)

@@ -26,8 +26,8 @@ from meshtrace.transport.simulate import mesh_for, simulate
 from meshtrace.uav.airframe import Uav
 
 if TYPE_CHECKING:
-    from meshtrace.studies.performance.link_performance import LinkPerformance
-    from meshtrace.studies.series import GainSeries
+    from meshtrace.results.series import GainSeries
+    from meshtrace.studies.performance.tables import LinkPerformance
 
 
 class Scenario(Model, frozen=True):

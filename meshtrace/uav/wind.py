@@ -9,7 +9,7 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Refused
 from meshtrace.models import Model
 
 FOOT = 0.3048  # [m]
@@ -34,7 +34,7 @@ class LogProfile(Model, frozen=True):
     roughness_length: float = pydantic.Field(default=2e-4, gt=0.0, lt=1.0, allow_inf_nan=False)
 
     def ratio(self, height: float) -> float:
-        """Wind at `height` [m] over the wind at 10 m."""
+        """Return the wind at `height` [m] over the wind at 10 m."""
         return math.log(height / self.roughness_length) / math.log(10.0 / self.roughness_length)
 
 
@@ -51,7 +51,7 @@ class PowerProfile(Model, frozen=True):
     exponent: float = pydantic.Field(default=0.11, ge=0.0, le=1.0, allow_inf_nan=False)
 
     def ratio(self, height: float) -> float:
-        """Wind at `height` [m] over the wind at 10 m."""
+        """Return the wind at `height` [m] over the wind at 10 m."""
         return (height / 10.0) ** self.exponent
 
 
@@ -113,7 +113,7 @@ class Dryden(Model, frozen=True):
 
     @classmethod
     def preset(cls, physics: Preset, **fields: Any) -> Dryden:
-        """Gusts in the right form (`"physical"`) or in the printed one (`"paper"`).
+        """Return gusts in the right form (`"physical"`) or as published (`"paper"`).
 
         Parameters
         ----------
@@ -124,7 +124,7 @@ class Dryden(Model, frozen=True):
 
         Raises
         ------
-        ValueError
+        Refused
             If `physics` is neither of the two names.
         """
         forms: dict[str, dict[str, Any]] = {
@@ -173,7 +173,7 @@ class Dryden(Model, frozen=True):
         return 0.177 + 0.000823 * self.height / unit
 
     def autocorrelation(self, lag: ArrayLike) -> FloatArray:
-        """Autocovariance of the three gust components.
+        """Return the autocovariance of the three gust components.
 
         R_u = s^2 exp(-t/tau),  R_v = R_w = s^2 exp(-t/tau) (1 - t / (2 tau))
 
@@ -228,7 +228,7 @@ class Dryden(Model, frozen=True):
 
         Raises
         ------
-        ValueError
+        Refused
             If the times are not evenly spaced and increasing.
 
         Notes
@@ -240,13 +240,9 @@ class Dryden(Model, frozen=True):
         t = np.asarray(times, dtype=float)
         steps = np.diff(t)
         if t.ndim != 1 or t.size < 2 or not np.allclose(steps, steps[:1], rtol=1e-6, atol=0.0):
-            raise Refused(
-                "times",
-                Described(f"shape {t.shape}"),
-                "a 1-D array of two or more evenly spaced times",
-            )
+            raise Refused("times", times, "two or more evenly spaced times (n,)")
         if not (np.isfinite(steps[0]) and steps[0] > 0.0):
-            raise Refused("times", Described(f"step {steps[0]} s"), "step > 0 s")
+            raise Refused("times", times, "rising times")
         noise = np.random.default_rng(seed).standard_normal((3, 2, t.size))
         q = float(steps.mean()) / self.correlation_times
         gusts = [_first_order(q[0], noise[0, 0])]
@@ -255,7 +251,7 @@ class Dryden(Model, frozen=True):
 
 
 def _first_order(q: float, noise: FloatArray) -> FloatArray:
-    """Unit-variance process with correlation exp(-t/tau), sampled every q tau; noise (n,)."""
+    """Return unit-variance samples, every q tau, of correlation exp(-t/tau); noise (n,)."""
     from scipy.signal import lfilter
 
     decay = math.exp(-q)
@@ -265,7 +261,7 @@ def _first_order(q: float, noise: FloatArray) -> FloatArray:
 
 
 def _second_order(q: float, noise: FloatArray) -> FloatArray:
-    """Unit-variance process behind (1 + sqrt(3) tau p)/(1 + tau p)^2, sampled every q tau.
+    """Return a unit-variance process behind (1 + sqrt(3) tau p)/(1 + tau p)^2, sampled every q tau.
 
     States x1' = (w - x1)/tau, x2' = (x1 - x2)/tau, in units of tau^-1/2; noise (2, n).
     """

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.comms.budget import Capacity, depth_at
+from meshtrace.comms.budget import depth_at
+from meshtrace.comms.capacity import Capacity
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.pulses import Eye
+from meshtrace.errors import Refused
 from meshtrace.fading import Estimate
 from meshtrace.stored import Stored
-from meshtrace.studies.performance.operating_point import Figures
-from meshtrace.studies.performance.samples import Fades
+from meshtrace.studies.performance.operating_point import OperatingPoint
+from meshtrace.studies.performance.samples import FadingSamples
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,9 +35,9 @@ class LinkPerformance(Stored):
         Depths of the transmitter [m].
     ooks : tuple of OokLink
         Transmission at each bit rate.
-    figures : tuple of Figures
+    figures : tuple of OperatingPoint
         Depth by depth, the bit rates of each together.
-    fades : tuple of Fades
+    fades : tuple of FadingSamples
         Gains and tilt factors at each depth; not in files, empty when loaded.
     limit : float
         Bit error rate before decoding that counts as success.
@@ -49,8 +51,8 @@ class LinkPerformance(Stored):
 
     depths: tuple[float, ...]
     ooks: tuple[OokLink, ...]
-    figures: tuple[Figures, ...]
-    fades: tuple[Fades, ...]
+    figures: tuple[OperatingPoint, ...]
+    fades: tuple[FadingSamples, ...]
     limit: float
     confidence: float
     status: str
@@ -71,7 +73,7 @@ class LinkPerformance(Stored):
         """Bit rates [bit s-1]."""
         return tuple(ook.bit_rate for ook in self.ooks)
 
-    def at(self, depth: float | None = None, bit_rate: float | None = None) -> Figures:
+    def at(self, depth: float | None = None, bit_rate: float | None = None) -> OperatingPoint:
         """Return the figures of a depth [m] and bit rate [bit s-1], by default the first.
 
         Raises
@@ -89,7 +91,7 @@ class LinkPerformance(Stored):
         Parameters
         ----------
         name : str
-            An estimate of `Figures`, such as "ber".
+            An estimate of `OperatingPoint`, such as "ber".
 
         Returns
         -------
@@ -120,7 +122,7 @@ class LinkPerformance(Stored):
         """
         target = self.limit if ber is None else ber
         if not 0.0 < target < 0.5:
-            raise ValueError(f"ber: {ber}, allowed 0 < ber < 0.5")
+            raise Refused("ber", ber, "0 < ber < 0.5")
         curves = self.estimates("ber")
         ranges = []
         for i in range(len(self.ooks)):
@@ -202,7 +204,7 @@ class LinkPerformance(Stored):
             }
             rows = (float(at[f"capacity_{name}"]) for name in Capacity._fields)
             figures.append(
-                Figures(
+                OperatingPoint(
                     depth=depths[i],
                     bit_rate=rates[j],
                     required_power=needed[j],
@@ -243,11 +245,11 @@ def _index(name: str, values: tuple[float, ...], wanted: float | None) -> int:
     if wanted is None:
         return 0
     if wanted not in values:
-        raise ValueError(f"{name}: {wanted:g}, allowed {', '.join(f'{v:g}' for v in values)}")
+        raise Refused(name, wanted, ", ".join(f"{v:g}" for v in values))
     return values.index(wanted)
 
 
-def _figures_line(f: Figures) -> str:
+def _figures_line(f: OperatingPoint) -> str:
     power = 10.0 * math.log10(max(f.received_power.value, 1e-300) / 1e-3)
     interval = f"{f.ber.low:.2e}..{f.ber.high:.2e}"
     return (
