@@ -96,7 +96,7 @@ def resolve_chains(
     threads = run.pop("threads", None)
     require_whole(run["photons"], 1, 2**53, "photons")
     require_whole(run["seed"], 0, 2**64 - 1, "seed")
-    require_word(run["normals"], ("vertex", "facet"), "normals")
+    require_word(run.get("normals", "vertex"), ("vertex", "facet"), "normals")
     if scenario is not None:
         refuse_huge(sea, link.footprint(), scenario.sampling)
     return Inputs(link, sea, run, default_threads(threads), scenario)

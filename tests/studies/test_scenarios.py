@@ -65,7 +65,7 @@ def test_depths_follow_the_scenario():
 
 def test_analog_scenario_is_refused():
     analog = Scenario.from_config({"run": {"estimator": "analog"}})
-    with pytest.raises(Refused, match="run.estimator: 'analog', allowed: forced"):
+    with pytest.raises(Refused, match=r"run\.estimator: 'analog', allowed: forced"):
         mt.ensemble(analog, 2)
 
 
