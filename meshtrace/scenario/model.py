@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from pydantic import field_validator
@@ -24,10 +24,6 @@ from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.options import Run, Sampling
 from meshtrace.transport.simulate import mesh_for, simulate
 from meshtrace.uav.airframe import Uav
-
-if TYPE_CHECKING:
-    from meshtrace.results.series import GainSeries
-    from meshtrace.studies.performance.tables import LinkPerformance
 
 
 class Scenario(Model, frozen=True):
@@ -270,78 +266,6 @@ class Scenario(Model, frozen=True):
         if isinstance(self.surface, MeshFile):
             return replace(result, provenance={**result.provenance, "mesh_file": self.surface.file})
         return result
-
-    def time_series(
-        self, times: Sequence[float], progress: Callable[[int], None] | None = None
-    ) -> GainSeries:
-        """Return the gain over the moving sea at times [s], see `meshtrace.time_series`.
-
-        Raises
-        ------
-        Refused
-            If the surface does not move, or the link needs the analog estimator.
-        """
-        from meshtrace.studies.series import time_series
-
-        options: Any = self._series_options(moving=True)
-        return time_series(self.link, self.surface, times, progress=progress, **options)
-
-    def ensemble(
-        self, n_realizations: int, progress: Callable[[int], None] | None = None
-    ) -> GainSeries:
-        """Return the gains over realizations of the sea, see `meshtrace.ensemble`.
-
-        Raises
-        ------
-        Refused
-            If the sea has no random phases, or the link needs the analog estimator.
-        """
-        from meshtrace.studies.series import ensemble
-
-        options: Any = {**self._series_options(), "time": self.sampling.time}
-        return ensemble(self.link, n_realizations, self.surface, progress=progress, **options)
-
-    def performance(
-        self, progress: Callable[[int], None] | None = None, **options: Any
-    ) -> LinkPerformance:
-        """Return error rate, outage and capacity, see `meshtrace.link_performance`.
-
-        Parameters
-        ----------
-        progress : callable, optional
-            Called with 1 after each sea.
-        **options
-            Those of `link_performance`; `ook` and `uav` are by default those of the scenario.
-
-        Raises
-        ------
-        Refused
-            If an option is out of range, or the link needs the analog estimator.
-        """
-        from meshtrace.studies.performance.link_performance import link_performance
-
-        run = self._series_options()
-        shared: Any = {key: run[key] for key in ("photons", "seed", "spacing", "threads")}
-        mine = {"ook": self.detector or "physical", "uav": self.uav}
-        return link_performance(
-            self.link,
-            self.surface,
-            wind_speed=self.wind_speed,
-            progress=progress,
-            **{**shared, **mine, **options},
-        )
-
-    def _series_options(self, moving: bool = False) -> dict[str, Any]:
-        """Return what `series` takes of the run, refusing what only single runs follow."""
-        if self.run.estimator != "forced":
-            raise Refused("run.estimator", self.run.estimator, "forced, over many seas")
-        if isinstance(self.surface, MeshFile):
-            raise Refused("sea.mesh", self.surface.file, "a sea model")
-        if moving and self.sampling.time != 0.0:
-            raise Refused("sea.time", self.sampling.time, "0 with times")
-        seas.refuse_huge(self.surface, self.link.footprint(), self.sampling)
-        run = self.run.model_dump(include={"photons", "seed", "normals", "threads"})
-        return {**run, **self.sampling.model_dump(include={"extent", "spacing"})}
 
     def _runnable(self) -> SurfaceModel | TriangleMesh:
         footprint = self.link.footprint()
