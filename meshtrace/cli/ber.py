@@ -72,6 +72,8 @@ def ber(
     settings: Settings = None,
 ) -> None:
     """Print bit error rate, outage, margin, capacity and range of a link."""
+    from meshtrace.studies.performance.link_performance import link_performance
+
     given = {"detector.preset": preset, "uav.preset": uav}
     changes = [f"{key}={value}" for key, value in given.items() if value is not None]
     options = {"photons": photons, "seed": seed, "threads": threads}
@@ -88,16 +90,16 @@ def ber(
         check_writable(output, [link])
     if realizations is None:
         realizations = 200 if depths is None else 50
-    wished: dict[str, Any] = {
+    asked: dict[str, Any] = {
         "bit_rate": numbers("--bit-rates", bit_rates),
         "depths": None if depths is None else numbers("--depths", depths),
         "limit": limit,
         "realizations": realizations,
         "coupled": coupled,
     }
-    seas = sum(_seas(s, realizations, coupled) for s in scenarios) * len(wished["depths"] or [0])
+    seas = sum(_seas(s, realizations, coupled) for s in scenarios) * len(asked["depths"] or [0])
     with warnings_as_lines(), over_seas(seas, as_json) as step:
-        found = [(s.wind_speed, s.performance(step, **wished)) for s in scenarios]
+        found = [(s.wind_speed, link_performance(s, progress=step, **asked)) for s in scenarios]
     if as_json:
         typer.echo(json.dumps(_performance_data(found), allow_nan=False))
     for speed, performance in () if as_json else found:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -130,7 +131,9 @@ def _draw(study: ConvergenceStudy, path: Path) -> None:
     """Write the plot of a study."""
     import matplotlib.pyplot as plt
 
-    study.plot()
+    from meshtrace.viz import plot_convergence
+
+    plot_convergence(study)
     with atomic(path) as temporary:
         plt.savefig(temporary)
     plt.close()
@@ -157,20 +160,29 @@ def _refuse_other_options(parameter: str, options: dict[str, Any]) -> None:
 
 
 def _study(
-    scenario: Scenario, parameter: Any, values: list[float], options: dict[str, Any]
+    scenario: Scenario, parameter: str, values: list[float], options: dict[str, Any]
 ) -> ConvergenceStudy:
     """Return the study of a scenario, with a bar while it runs."""
-    from meshtrace.studies.convergence import PLACEMENTS, REALIZATIONS, study_scenario
+    from meshtrace.mesh import WaveSum
+    from meshtrace.studies import convergence
 
-    surfaces = {
-        "spacing": len(values) * options.get("placements", PLACEMENTS),
-        "time_step": 2.0 * options.get("duration", 0.0) / min(values) + 1.0,
-        "omega_max": len(values) * options.get("realizations", REALIZATIONS),
+    studies: dict[str, Callable[..., ConvergenceStudy]] = {
+        "spacing": convergence.convergence_study,
+        "time_step": convergence.time_step_study,
+        "omega_max": convergence.band_limit_study,
     }
+    surfaces = {
+        "spacing": len(values) * options.get("placements", convergence.PLACEMENTS),
+        "time_step": 2.0 * options.get("duration", 0.0) / min(values) + 1.0,
+        "omega_max": len(values) * options.get("realizations", convergence.REALIZATIONS),
+    }
+    if parameter == "spacing":
+        exact = isinstance(scenario.surface, WaveSum) and options.get("unresolved") != "tilt"
+        options["reference"] = "analytic" if exact else None
     with (
         warnings_as_lines(),
         progress(round(surfaces[parameter]), False, "over the meshes") as (say, advance),
     ):
         if not kernels_are_compiled("forced"):
             say(COMPILING)
-        return study_scenario(scenario, values, parameter=parameter, progress=advance, **options)
+        return studies[parameter](scenario, None, values, progress=advance, **options)

@@ -35,14 +35,18 @@ def series(
     settings: Settings = None,
 ) -> None:
     """Follow the channel gain over a moving sea and print its fading."""
+    from meshtrace.studies.series import time_series
+
     seconds = numbers("--times", times)
     options = {"photons": photons, "seed": seed, "threads": threads}
     scenario = scenario_of(link, settings or [], options)
-    _print_series(link, len(seconds), output, lambda step: scenario.time_series(seconds, step))
+    _print_series(
+        link, len(seconds), output, lambda step: time_series(scenario, times=seconds, progress=step)
+    )
 
 
-@app.command()
-def ensemble(
+@app.command("ensemble")
+def ensemble_command(
     link: LinkFile = None,
     realizations: Annotated[
         int, typer.Option("--realizations", "-n", min=2, max=10**7, help="Independent seas.")
@@ -54,9 +58,15 @@ def ensemble(
     settings: Settings = None,
 ) -> None:
     """Print the distribution of the channel gain over random seas, and its fading."""
+    from meshtrace.studies.series import ensemble
+
     options = {"photons": photons, "seed": seed, "threads": threads}
     scenario = scenario_of(link, settings or [], options)
-    _print_series(link, realizations, output, lambda step: scenario.ensemble(realizations, step))
+
+    def evaluate(step: Callable[[int], None]) -> GainSeries:
+        return ensemble(scenario, realizations, progress=step)
+
+    _print_series(link, realizations, output, evaluate)
 
 
 def _print_series(

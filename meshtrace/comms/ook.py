@@ -119,7 +119,8 @@ class OokLink(Model, frozen=True):
     @classmethod
     def _known_model(cls, model: Any) -> str | ReceiverModel:
         found = ReceiverModel.read(model)
-        return found if found.model_dump(exclude_defaults=True) else found.kind
+        kind = str(found.model_dump()["kind"])
+        return found if found.model_dump(exclude_defaults=True) else kind
 
     @pydantic.model_validator(mode="after")
     def _window_within_bit(self) -> OokLink:
@@ -182,7 +183,8 @@ class OokLink(Model, frozen=True):
         """
         if len(link.receivers) != 1:
             raise Refused("receiver", f"{len(link.receivers)} apertures", "one aperture")
-        aperture, first = link.receivers[0], link.transmitters[0]
+        aperture: Any = link.receivers[0]
+        first = link.transmitters[0]
         base = base if isinstance(base, OokLink) else cls.preset(base)
         led = {
             "power": 1e-3 * sum(t.power_mw for t in link.transmitters),

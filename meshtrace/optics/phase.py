@@ -1,150 +1,35 @@
-"""Scattering phase functions of sea water: evaluated, integrated and sampled from one definition.
-
-Every class is a frozen model with the same interface (`PhaseFunction`). Angles are in radians,
-phase functions in 1/sr with 2 pi * integral of pdf(theta) sin(theta) = 1. Inside, the angle is
-carried as s = sin^2(theta / 2), in which dOmega = 4 pi ds.
-"""
+"""Scattering phase functions of sea water, in closed form and from tables."""
 
 from __future__ import annotations
 
 import itertools
-from abc import abstractmethod
-from collections.abc import Callable
 from functools import lru_cache
-from importlib import resources
-from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Literal, Self
 
 import numpy as np
 import pydantic
-from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Field, SerializeAsAny
+from pydantic import Field
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Refused
 from meshtrace.kernels import phase as kernel
-from meshtrace.kernels.phase import PhaseTables
-from meshtrace.registry import Family
+from meshtrace.optics.phase_base import AnyPhase, Array, BuiltInPhase, PhaseFunction
+from meshtrace.optics.phase_measured import HistogramPhase, Numbers, Petzold, TabulatedPhase
+from meshtrace.optics.phase_tables import Component, quantile_component
 
-Array = NDArray[np.float64]
-
-_QUANTILE_TOLERANCE = 5e-7
-_FEWEST_INTERVALS, _MOST_INTERVALS = 4096, 65536
-_GUIDE_PER_BIN = 2
-
-
-class _Component(NamedTuple):
-    """One component of a mixture on its way into `PhaseTables`."""
-
-    weight: float
-    kind: int
-    param: tuple[float, ...]
-    nodes: Array = np.empty(0)
-    guide: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+__all__ = [
+    "AnyPhase",
+    "FournierForand",
+    "HenyeyGreenstein",
+    "HistogramPhase",
+    "MixturePhase",
+    "Petzold",
+    "PhaseFunction",
+    "Rayleigh",
+    "TabulatedPhase",
+]
 
 
-class PhaseFunction(Family, frozen=True, default="fournier-forand"):
-    """What every phase function offers; subclasses define it in s = sin^2(theta / 2)."""
-
-    def pdf(self, theta: ArrayLike) -> Array:
-        """Return the phase function.
-
-        Parameters
-        ----------
-        theta : array_like
-            Scattering angle [rad], 0 ... pi.
-
-        Returns
-        -------
-        ndarray
-            Density per solid angle [1/sr].
-
-        Raises
-        ------
-        ValueError
-            If a theta lies outside 0 ... pi.
-        """
-        return self._pdf_s(_s_of(theta))
-
-    def cdf(self, theta: ArrayLike) -> Array:
-        """Return the probability of a scattering angle up to theta.
-
-        Parameters
-        ----------
-        theta : array_like
-            Scattering angle [rad], 0 ... pi.
-
-        Returns
-        -------
-        ndarray
-            Probability, 0 ... 1.
-
-        Raises
-        ------
-        ValueError
-            If a theta lies outside 0 ... pi.
-        """
-        return self._cdf_s(_s_of(theta))
-
-    def sample(self, u: ArrayLike) -> Array:
-        """Map uniforms to scattering angles by the tables that the photon kernels use.
-
-        Parameters
-        ----------
-        u : array_like
-            Uniform numbers in [0, 1).
-
-        Returns
-        -------
-        ndarray
-            Scattering angle [rad]. Without components it grows with u.
-
-        Raises
-        ------
-        ValueError
-            If a u lies outside [0, 1).
-        """
-        u = np.asarray(u, dtype=np.float64)
-        if not np.all((u >= 0.0) & (u < 1.0)):
-            bad = u[~((u >= 0.0) & (u < 1.0))].flat[0]
-            raise Refused("u", bad, "0 <= u < 1")
-        return 2.0 * np.arcsin(np.sqrt(_sample_s(self.tables(), u)))
-
-    @property
-    def mean_cosine(self) -> float:
-        """Asymmetry g, the mean of cos(theta)."""
-        return 1.0 - 2.0 * self._mean_s()
-
-    @property
-    def backscatter_fraction(self) -> float:
-        """Share B of the light that is scattered by more than 90 degrees."""
-        return float(1.0 - self._cdf_s(np.array(0.5)))
-
-    def tables(self) -> PhaseTables:
-        """Return the arrays from which `meshtrace.kernels.phase.sample_s` draws; cached."""
-        return _tables(self)
-
-    @abstractmethod
-    def _pdf_s(self, s: Array) -> Array:
-        """Return the phase function [1/sr] at s."""
-
-    @abstractmethod
-    def _cdf_s(self, s: Array) -> Array:
-        """Return the share of light that is scattered to s or less."""
-
-    @abstractmethod
-    def _mean_s(self) -> float:
-        """Return the mean of s."""
-
-    @abstractmethod
-    def _components(self) -> list[_Component]:
-        """Return the parts that tables are made of."""
-
-
-AnyPhase = Annotated[SerializeAsAny[PhaseFunction], BeforeValidator(PhaseFunction.read)]
-"""A phase function, or plain data with its `kind`."""
-
-
-class FournierForand(PhaseFunction, frozen=True):
+class FournierForand(BuiltInPhase, frozen=True):
     r"""Fournier-Forand phase function: Mie scattering by a power-law size distribution.
 
     .. math::
@@ -233,8 +118,8 @@ class FournierForand(PhaseFunction, frozen=True):
         s = y**exponent
         return float(np.sum(weight * (1.0 - self._cdf_s(s)) * exponent * s / y))
 
-    def _components(self) -> list[_Component]:
-        return [_quantile_component(self, exponent=-1.0 / self._v)]
+    def _components(self) -> list[Component]:
+        return [quantile_component(self._cdf_s, exponent=-1.0 / self._v)]
 
 
 def _ff_series(v: float, e: Array, s: Array) -> Array:
@@ -246,7 +131,7 @@ def _ff_series(v: float, e: Array, s: Array) -> Array:
     return first + second / s
 
 
-class HenyeyGreenstein(PhaseFunction, frozen=True):
+class HenyeyGreenstein(BuiltInPhase, frozen=True):
     r"""Henyey-Greenstein phase function.
 
     .. math:: \beta(\theta) = \frac{1 - g^2}{4 \pi (1 + g^2 - 2 g \cos\theta)^{3/2}}
@@ -283,11 +168,11 @@ class HenyeyGreenstein(PhaseFunction, frozen=True):
     def _mean_s(self) -> float:
         return (1.0 - self.g) / 2.0
 
-    def _components(self) -> list[_Component]:
-        return [_Component(1.0, kernel.Component.HENYEY_GREENSTEIN, (self.g,))]
+    def _components(self) -> list[Component]:
+        return [Component(1.0, kernel.Component.HENYEY_GREENSTEIN, (self.g,))]
 
 
-class Rayleigh(PhaseFunction, frozen=True):
+class Rayleigh(BuiltInPhase, frozen=True):
     r"""Molecular (Rayleigh-like) phase function.
 
     .. math:: \beta(\theta) = \frac{3}{4 \pi (3 + \gamma)} (1 + \gamma \cos^2\theta)
@@ -327,248 +212,13 @@ class Rayleigh(PhaseFunction, frozen=True):
     def _mean_s(self) -> float:
         return 0.5
 
-    def _components(self) -> list[_Component]:
+    def _components(self) -> list[Component]:
         if self.gamma < 1e-10:
             return HenyeyGreenstein(g=0.0)._components()
-        return [_Component(1.0, kernel.Component.RAYLEIGH, (self.gamma,))]
+        return [Component(1.0, kernel.Component.RAYLEIGH, (self.gamma,))]
 
 
-class _Segments(NamedTuple):
-    """Pieces s_lo < s <= s_hi with a density in s that goes as s^(p - 1), and their masses."""
-
-    s_lo: Array
-    s_hi: Array
-    p: Array
-    mass: Array
-
-    @property
-    def log_ratio(self) -> Array:
-        with np.errstate(divide="ignore"):
-            return np.log(self.s_lo / self.s_hi)
-
-
-class _PiecewisePhase(PhaseFunction, frozen=True):
-    """A phase function made of power laws (or constants) of s, all in closed form."""
-
-    @abstractmethod
-    def _segments(self) -> _Segments:
-        """Return the pieces in the order of s."""
-
-    def _pdf_s(self, s: Array) -> Array:
-        seg = self._segments()
-        i = self._index(seg, s)
-        with np.errstate(divide="ignore"):
-            shape = (s / seg.s_hi[i]) ** (seg.p[i] - 1.0)
-        scale = seg.mass / (4.0 * np.pi * seg.s_hi * _power_integral(seg.p, seg.log_ratio))
-        return scale[i] * shape
-
-    def _cdf_s(self, s: Array) -> Array:
-        seg = self._segments()
-        i = self._index(seg, s)
-        with np.errstate(divide="ignore"):
-            above = _power_integral(seg.p[i], np.log(s / seg.s_hi[i]))
-        share = above / _power_integral(seg.p, seg.log_ratio)[i]
-        return np.cumsum(seg.mass)[i] - share * seg.mass[i]
-
-    def _mean_s(self) -> float:
-        seg = self._segments()
-        first = _power_integral(seg.p + 1.0, seg.log_ratio)
-        return float(np.sum(seg.mass * seg.s_hi * first / _power_integral(seg.p, seg.log_ratio)))
-
-    def _components(self) -> list[_Component]:
-        return [_bin_component(self._segments())]
-
-    @staticmethod
-    def _index(seg: _Segments, s: Array) -> NDArray[np.intp]:
-        return np.minimum(np.searchsorted(seg.s_hi, s, side="left"), len(seg.s_hi) - 1)
-
-
-def _power_integral(p: Array, log_ratio: Array) -> Array:
-    """Integrate x^(p - 1) from exp(log_ratio) to 1."""
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        return np.where(p == 0.0, -log_ratio, -np.expm1(p * log_ratio) / p)
-
-
-def _power_law_segments(s: Array, value: Array) -> _Segments:
-    """Join (s, value) by power laws, carried on to s = 0 and s = 1, and normalise."""
-    slope = np.diff(np.log(value)) / np.diff(np.log(s))
-    p = 1.0 + np.concatenate([slope[:1], slope, slope[-1:]])
-    p[np.abs(p) < 1e-7] = 0.0
-    if p[0] <= 0.0:
-        raise Refused(
-            "value",
-            Described(
-                f"{value[0]:g}, {value[1]:g}, ... rise towards 0 as theta^{2.0 * p[0] - 2.0:.3g}"
-            ),
-            "less steeply than theta^-2, else it has no integral",
-        )
-    s_lo, s_hi = np.concatenate([[0.0], s]), np.concatenate([s, [1.0]])
-    at_hi = np.concatenate([value, value[-1:] * s[-1] ** -slope[-1]])
-    keep = s_lo < s_hi
-    seg = _Segments(s_lo[keep], s_hi[keep], p[keep], np.ones(keep.sum()))
-    mass = at_hi[keep] * seg.s_hi * _power_integral(seg.p, seg.log_ratio)
-    return seg._replace(mass=mass / mass.sum())
-
-
-def _as_list(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else value
-
-
-Numbers = Annotated[tuple[pydantic.FiniteFloat, ...], pydantic.BeforeValidator(_as_list)]
-
-
-class TabulatedPhase(_PiecewisePhase, frozen=True):
-    """Phase function given by a table of angles and values, of any normalisation.
-
-    Parameters
-    ----------
-    theta_deg : sequence of float
-        Scattering angles [degree], increasing, 0 ... 180; at least two above 0.
-    value : sequence of float
-        Phase function or volume scattering function at these angles, > 0, in any unit.
-
-    Notes
-    -----
-    Between the angles the function is a power of s = sin^2(theta / 2), that is, linear in log-log
-    axes; at small angles this is a power of theta. The laws of the first and the last pair of
-    angles are carried on to 0 (as Petzold did) and to 180 degrees; a row at exactly 0 is replaced
-    by that law. The pieces have closed integrals and inverses, so that normalisation, CDF, moments
-    and samples agree with `pdf` to rounding.
-    """
-
-    kind: Literal["tabulated"] = "tabulated"
-    theta_deg: Numbers
-    value: Numbers
-
-    @pydantic.model_validator(mode="after")
-    def _check(self) -> Self:
-        theta, value = np.array(self.theta_deg), np.array(self.value)
-        if theta.size != value.size or np.count_nonzero(theta > 0.0) < 2:
-            raise Refused(
-                "theta_deg, value",
-                Described(f"{theta.size} and {value.size} numbers"),
-                "as many of each, at least two with theta_deg > 0",
-            )
-        if np.any(np.diff(theta) <= 0.0) or theta[0] < 0.0 or theta[-1] > 180.0:
-            raise Refused(
-                "theta_deg", Described(f"{theta[0]} ... {theta[-1]}"), "increasing within 0 ... 180"
-            )
-        if np.any(value <= 0.0):
-            raise Refused("value", value.min(), "value > 0")
-        self._segments()
-        return self
-
-    @classmethod
-    def from_file(cls, path: str | Path, *, delimiter: str | None = None) -> Self:
-        """Read a text file of two columns, angle [degree] and value; ``#`` begins a comment."""
-        theta_deg, value = np.loadtxt(path, delimiter=delimiter, usecols=(0, 1), unpack=True)
-        return cls(theta_deg=theta_deg, value=value)
-
-    def _segments(self) -> _Segments:
-        return _table_segments(self.theta_deg, self.value)
-
-
-@lru_cache(maxsize=32)
-def _table_segments(theta_deg: tuple[float, ...], value: tuple[float, ...]) -> _Segments:
-    theta = np.radians(theta_deg)
-    return _power_law_segments(_s_of(theta)[theta > 0.0], np.array(value)[theta > 0.0])
-
-
-class Petzold(_PiecewisePhase, frozen=True):
-    """Phase functions that Petzold measured in 1971, at 514 nm.
-
-    Parameters
-    ----------
-    water : {"average", "clear", "coastal", "harbour"}
-        Average particle (three harbour stations less pure sea water), or the total phase function
-        of clear (Tongue of the Ocean), coastal (San Pedro Channel) or harbour (San Diego) water.
-
-    Notes
-    -----
-    55 angles from 0.1 to 180 degrees, joined and normalised as in `TabulatedPhase`. The printed
-    table 3.10 of Mobley (1994) has 2.188e2 for the average particle at 0.501 degrees, 9 % above
-    its neighbours' trend; the file of the Ocean Optics Web Book has 2.018e2 (on its scale), which
-    is used here.
-
-    References
-    ----------
-    Petzold 1972, SIO Ref. 72-78, Scripps Institution of Oceanography; Mobley 1994, Light and Water,
-    table 3.10; Ocean Optics Web Book, "Petzold's measurements".
-
-    Examples
-    --------
-    >>> round(Petzold().backscatter_fraction, 4)
-    0.0183
-    """
-
-    kind: Literal["petzold"] = "petzold"
-    water: Literal["average", "clear", "coastal", "harbour"] = "average"
-
-    def _segments(self) -> _Segments:
-        return _petzold_segments(self.water)
-
-
-@lru_cache(maxsize=4)
-def _petzold_segments(water: str) -> _Segments:
-    column = ("clear", "coastal", "harbour", "average").index(water) + 1
-    file = resources.files("meshtrace.optics") / "data" / "petzold_vsf.csv"
-    theta_deg, value = np.loadtxt(
-        file.read_text().splitlines(), delimiter=",", usecols=(0, column), unpack=True
-    )
-    return _power_law_segments(_s_of(np.radians(theta_deg)), value)
-
-
-class HistogramPhase(_PiecewisePhase, frozen=True, populate_by_name=True):
-    """Phase function that is constant per solid angle inside each bin of a histogram.
-
-    Parameters
-    ----------
-    theta_edges : sequence of float
-        Edges of the bins [rad], increasing from 0 to pi, shape (n + 1,).
-    cdf : sequence of float
-        Probability of an angle up to each edge, from 0 to 1 and not decreasing, shape (n + 1,).
-
-    Examples
-    --------
-    >>> isotropic = HistogramPhase(theta_edges=(0.0, np.pi / 2, np.pi), cdf=(0.0, 0.5, 1.0))
-    >>> round(float(isotropic.pdf(1.0) * 4.0 * np.pi), 12)
-    1.0
-    """
-
-    kind: Literal["histogram"] = "histogram"
-    theta_edges: Numbers
-    cdf_edges: Numbers = Field(alias="cdf")
-
-    @pydantic.model_validator(mode="after")
-    def _check(self) -> Self:
-        theta, cdf = np.array(self.theta_edges), np.array(self.cdf_edges)
-        if theta.size != cdf.size or theta.size < 2:
-            raise Refused(
-                "theta_edges, cdf",
-                Described(f"{theta.size} and {cdf.size} numbers"),
-                "as many of each, at least two",
-            )
-        if np.any(np.diff(theta) <= 0.0) or theta[0] != 0.0 or abs(theta[-1] - np.pi) > 1e-12:
-            raise Refused(
-                "theta_edges", Described(f"{theta[0]} ... {theta[-1]}"), "increasing from 0 to pi"
-            )
-        if np.any(np.diff(cdf) < 0.0) or cdf[0] != 0.0 or abs(cdf[-1] - 1.0) > 1e-12:
-            raise Refused("cdf", Described(f"{cdf[0]} ... {cdf[-1]}"), "not decreasing from 0 to 1")
-        return self
-
-    def _segments(self) -> _Segments:
-        return _histogram_segments(self.theta_edges, self.cdf_edges)
-
-
-@lru_cache(maxsize=32)
-def _histogram_segments(theta_edges: tuple[float, ...], cdf: tuple[float, ...]) -> _Segments:
-    s = np.sin(0.5 * np.array(theta_edges)) ** 2
-    s[-1] = 1.0
-    mass = np.diff(cdf)
-    return _Segments(s[:-1], s[1:], np.ones_like(mass), mass / mass.sum())
-
-
-class MixturePhase(PhaseFunction, frozen=True):
+class MixturePhase(BuiltInPhase, frozen=True):
     """Weighted mean of phase functions, as of water molecules and particles.
 
     Parameters
@@ -620,21 +270,12 @@ class MixturePhase(PhaseFunction, frozen=True):
     def _mean_s(self) -> float:
         return sum(w * c._mean_s() for w, c in self._shares)
 
-    def _components(self) -> list[_Component]:
+    def _components(self) -> list[Component]:
         return [
             part._replace(weight=w * part.weight)
             for w, c in self._shares
             for part in c._components()
         ]
-
-
-def _s_of(theta: ArrayLike) -> Array:
-    """Return sin^2(theta / 2) of checked angles."""
-    theta = np.asarray(theta, dtype=np.float64)
-    if not np.all((theta >= 0.0) & (theta <= np.pi)):
-        bad = theta[~((theta >= 0.0) & (theta <= np.pi))].flat[0]
-        raise Refused("theta", bad, "0 <= theta <= pi rad")
-    return np.sin(0.5 * theta) ** 2
 
 
 @lru_cache(maxsize=1)
@@ -644,116 +285,3 @@ def _gauss_panels() -> tuple[Array, Array]:
     edges = np.linspace(0.0, 1.0, 41) ** 2
     width = np.diff(edges)[:, None]
     return (edges[:-1, None] + width * (x + 1.0) / 2.0).ravel(), (width * weight / 2.0).ravel()
-
-
-def _quantile_component(phase: PhaseFunction, exponent: float) -> _Component:
-    """Tabulate s at equal steps of u, and s^(1/exponent) where s is a power of u.
-
-    Linear interpolation of s in u errs in proportion to s''/s', which grows towards the forward
-    peak; there y = s^(1/exponent) is nearly linear in u. The number of steps is doubled until the
-    CDF is met within the tolerance at the middle of every step.
-    """
-    intervals = _FEWEST_INTERVALS
-    while True:
-        u = np.linspace(0.0, 1.0, intervals + 1)
-        y = _invert(lambda y: phase._cdf_s(y**exponent), u)
-        s, middle = y**exponent, 0.5 * (u[:-1] + u[1:])
-        error_s = np.abs(phase._cdf_s(0.5 * (s[:-1] + s[1:])) - middle)
-        error_y = np.abs(phase._cdf_s((0.5 * (y[:-1] + y[1:])) ** exponent) - middle)
-        forward = slice(0, intervals // 2)
-        better = np.flatnonzero(
-            (error_s > _QUANTILE_TOLERANCE)[forward] & (error_y < error_s)[forward]
-        )
-        k0 = int(better[-1]) + 1 if better.size else 0
-        worst = max(error_y[:k0].max(initial=0.0), error_s[k0:].max(initial=0.0))
-        if worst <= _QUANTILE_TOLERANCE or intervals == _MOST_INTERVALS:
-            param = (float(intervals), float(k0), exponent)
-            return _Component(
-                1.0, kernel.Component.QUANTILES, param, np.append(y[: k0 + 1], s[k0:])
-            )
-        intervals *= 2
-
-
-def _invert(function: Callable[[Array], Array], u: Array) -> Array:
-    """Solve function(y) = u on [0, 1] by bisection, for a function that grows from 0 to 1."""
-    low, high = np.zeros_like(u), np.ones_like(u)
-    for _ in range(60):
-        y = 0.5 * (low + high)
-        below = function(y) < u
-        low, high = np.where(below, y, low), np.where(below, high, y)
-    y = 0.5 * (low + high)
-    y[0], y[-1] = 0.0, 1.0
-    return y
-
-
-def _bin_component(seg: _Segments) -> _Component:
-    """Write pieces of non-zero mass as the rows and the guide table of `kernel.Component.BINS`."""
-    seg = _Segments(*(column[seg.mass > 0.0] for column in seg))
-    with np.errstate(divide="ignore"):
-        exponent = np.where(seg.p == 0.0, 0.0, 1.0 / seg.p)
-    ratio = np.where(seg.p == 0.0, -seg.log_ratio, np.exp(seg.p * seg.log_ratio))
-    top = np.cumsum(seg.mass)
-    low = np.append(0.0, top[:-1] / top[-1])
-    rows = np.column_stack([low, seg.s_hi, ratio, exponent])
-    end = np.array([[1.0, 1.0, 0.0, 1.0]])
-    steps = np.arange(_GUIDE_PER_BIN * len(low)) / (_GUIDE_PER_BIN * len(low))
-    guide = np.searchsorted(low, steps, side="right") - 1
-    return _Component(
-        1.0, kernel.Component.BINS, (float(len(low)),), np.vstack([rows, end]).ravel(), guide
-    )
-
-
-@lru_cache(maxsize=64)
-def _tables(phase: PhaseFunction) -> PhaseTables:
-    """Join the components of a phase function into arrays."""
-    parts = phase._components()
-    param = np.zeros((len(parts), 4))
-    for row, part in zip(param, parts, strict=True):
-        row[: len(part.param)] = part.param
-    cum_weight = np.cumsum([part.weight for part in parts])
-    return PhaseTables(
-        kind=np.array([part.kind for part in parts], dtype=np.int64),
-        param=param,
-        cum_weight=cum_weight / cum_weight[-1],
-        start=np.cumsum([0, *(part.nodes.size for part in parts)], dtype=np.int64),
-        nodes=np.concatenate([part.nodes for part in parts]),
-        guide_start=np.cumsum([0, *(part.guide.size for part in parts)], dtype=np.int64),
-        guide=np.concatenate([part.guide for part in parts]),
-    )
-
-
-def _sample_s(tables: PhaseTables, u: Array) -> Array:
-    """Array twin of `meshtrace.kernels.phase.sample_s`."""
-    j = np.minimum(np.searchsorted(tables.cum_weight, u, side="right"), len(tables.kind) - 1)
-    low = np.append(0.0, tables.cum_weight)[j]
-    inner = np.minimum((u - low) / (tables.cum_weight[j] - low), 1.0)
-    s = np.empty_like(u)
-    for component in range(len(tables.kind)):
-        chosen = j == component
-        s[chosen] = _component_s(tables, component, inner[chosen])
-    return np.minimum(s, 1.0)
-
-
-def _component_s(tables: PhaseTables, j: int, u: Array) -> Array:
-    """Sample component j."""
-    kind, param = tables.kind[j], tables.param[j]
-    nodes = tables.nodes[tables.start[j] : tables.start[j + 1]]
-    if kind == kernel.Component.HENYEY_GREENSTEIN:
-        g = param[0]
-        return (1.0 - g) ** 2 * u * (1.0 + g - g * u) / (1.0 + g - 2.0 * g * u) ** 2
-    if kind == kernel.Component.RAYLEIGH:
-        root = np.sqrt(param[0])
-        x = np.arcsinh(1.5 * root * (1.0 + param[0] / 3.0) * (1.0 - 2.0 * u))
-        return np.clip(0.5 - np.sinh(x / 3.0) / root, 0.0, 1.0)
-    if kind == kernel.Component.QUANTILES:
-        k0 = int(param[1])
-        grid = np.linspace(0.0, 1.0, int(param[0]) + 1)
-        power = np.interp(u, grid[: k0 + 1], nodes[: k0 + 1]) ** param[2]
-        return np.where(u < grid[k0], power, np.interp(u, grid[k0:], nodes[k0 + 1 :]))
-    rows = nodes.reshape(-1, kernel.ROW)
-    i = np.searchsorted(rows[:-1, 0], u, side="right") - 1
-    low, s_hi, ratio, exponent = rows[i].T
-    r = (u - low) / (rows[i + 1, 0] - low)
-    with np.errstate(over="ignore"):
-        law = s_hi * (ratio + r * (1.0 - ratio)) ** exponent
-        return np.where(exponent == 0.0, s_hi * np.exp((r - 1.0) * ratio), law)

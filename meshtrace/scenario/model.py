@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from pydantic import field_validator
 
@@ -24,9 +24,6 @@ from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import Analog, Estimator, Meshing, Run, run_keys
 from meshtrace.transport.simulate import simulate
 from meshtrace.uav.airframe import Uav
-
-if TYPE_CHECKING:
-    pass
 
 
 class Scenario(Model, frozen=True):

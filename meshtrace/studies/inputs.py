@@ -52,7 +52,7 @@ class Inputs(NamedTuple):
 
 
 def resolve(
-    link: Link | Scenario, surface: SurfaceModel | None = None, **options: Any
+    link: Link | Scenario, surface: Any = None, **options: Any
 ) -> tuple[Link, Any, Scenario | None, dict[str, Any]]:
     """Return link, surface, scenario and options; those that are None follow the scenario."""
     given = {name: value for name, value in options.items() if value is not None}
@@ -88,14 +88,16 @@ def resolve_chains(
     link, sea, scenario, given = resolve(link, surface, **options)
     if scenario is not None and not isinstance(scenario.run.estimator, Forced):
         raise Refused("run.estimator", scenario.run.estimator.kind, "forced, over many seas")
-    if isinstance(sea, MeshFile) or not isinstance(sea, SurfaceModel):
+    if isinstance(sea, MeshFile):
+        raise Refused("sea.mesh", sea.file, "a sea model")
+    if not isinstance(sea, SurfaceModel):
         raise Refused("surface", Described(type(sea).__name__), "a sea (SurfaceModel)")
     defaults = {"photons": DEFAULT_CHAINS, "seed": 1, "normals": "vertex", "time": 0.0}
     run = {**{name: defaults.get(name) for name in options}, **given}
     threads = run.pop("threads", None)
     require_whole(run["photons"], 1, 2**53, "photons")
     require_whole(run["seed"], 0, 2**64 - 1, "seed")
-    require_word(run["normals"], ("vertex", "facet"), "normals")
+    require_word(run.get("normals", "vertex"), ("vertex", "facet"), "normals")
     if scenario is not None:
         require_modest(sea, link.footprint(), scenario.meshing)
     return Inputs(link, sea, run, default_threads(threads), scenario)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from meshtrace.errors import Described, Refused, require_keys
@@ -20,7 +22,7 @@ class Case(NamedTuple):
     surface: SurfaceModel | TriangleMesh
     run: Run = Run()
     meshing: Meshing = Meshing()
-    origin: dict[str, Any] = {}
+    origin: Mapping[str, Any] = MappingProxyType({})
 
     def with_options(self, mesh: Meshing | None = None, **options: Any) -> Case:
         """Return the case with fields of `Run`, of its estimator and of `Meshing` replaced."""

@@ -1,4 +1,4 @@
-"""The mesh of a surface for a link: resolution, coverage and the configuration that identifies it."""
+"""The mesh of a surface for a link, its coverage, and the configuration that identifies it."""
 
 from __future__ import annotations
 

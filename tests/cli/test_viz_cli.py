@@ -132,7 +132,7 @@ def test_an_ensemble_and_a_performance_are_shown_by_their_link(tmp_path, asked):
     link = mt.Link(receiver=mt.Receiver(height=4.0))
     mt.ensemble(link, 2, SEA, photons=64).save(tmp_path / "ensemble.nc")
     scenario = mt.scenario.Scenario.from_config({"receiver": {"height": 4.0}})
-    performance = scenario.performance(bit_rate=1e6, realizations=8)
+    performance = mt.link_performance(scenario, bit_rate=1e6, realizations=8)
     performance.save(tmp_path / "ber.nc")
     for name in ("ensemble.nc", "ber.nc"):
         asked.clear()

@@ -10,8 +10,9 @@ from meshtrace.link import Aperture, Physics, Source
 from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.optics.phase import PhaseFunction
 from meshtrace.optics.water import WATER_TYPES, Water
-from meshtrace.scenario import KEYS, Run, Sampling, Scenario, ScenarioError
+from meshtrace.scenario import KEYS, Scenario, ScenarioError
 from meshtrace.surfaces import Spectrum, Spreading, Surface
+from meshtrace.transport.options import Meshing, run_keys
 
 WORDS = [
     "paper",
@@ -74,13 +75,13 @@ documents = st.fixed_dictionaries(
         ),
         "whitecaps": st.one_of(st.sampled_from(WORDS), values),
         "n_air": st.one_of(st.just(1.0), values),
-        "sea": table(["spectrum", "mesh", *Sampling.model_fields, *SEAS]),
+        "sea": table(["spectrum", "mesh", *Meshing.model_fields, *SEAS]),
         "water": table(["type", *Water.model_fields], st.one_of(values, table(["model", *PHASES]))),
         "bubbles": table(["model", *HallNovarini.model_fields]),
         "transmitter": one_or_more(table(SOURCES)),
         "receiver": one_or_more(table(APERTURES)),
         "planes": table(["depths", "n_cosines", "n_azimuths"]),
-        "run": table([*Run.model_fields]),
+        "run": table(run_keys()),
     },
 )
 

@@ -158,5 +158,5 @@ def test_what_is_wrong_is_refused(forced):
         impulse_response(forced, bin_width=0.0)
     with pytest.raises(ValueError, match="receiver"):
         impulse_response(forced, receiver=2)
-    with pytest.raises(ValueError, match="keep_arrivals"):
+    with pytest.raises(ValueError, match="Arrivals"):
         impulse_response(mt.simulate(LINK, MESH, photons=64))

@@ -136,8 +136,7 @@ def test_other_formats_are_refused(rich):
 def test_provenance_loads_back_and_repeats_the_run(rich):
     origin = json.loads(json.dumps(rich.provenance))
     link = mt.Link.model_validate(origin["link"])
-    options = {**origin["run"], "grid": mt.MapGrid(5.0, 2.0, 0.5), "keep_arrivals": True}
-    again = mt.simulate(link, FLAT, **options)
+    again = mt.simulate(link, FLAT, **origin["run"])
     np.testing.assert_array_equal(again.gain, rich.gain)
     assert again.fates == rich.fates
     for name in ("meshtrace", "git_commit", "numpy", "numba", "embreex"):

@@ -14,13 +14,12 @@ import meshtrace as mt
 from meshtrace import cli
 from meshtrace.kernels.wave_sum import shape_at
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
-from meshtrace.scenario import Scenario, ScenarioError
+from meshtrace.scenario import Scenario
 from meshtrace.studies.convergence import (
     ConvergenceStudy,
     Costs,
     band_limit_study,
     convergence_study,
-    study_scenario,
     time_step_study,
 )
 from meshtrace.studies.convergence.exact import waves_at
@@ -307,17 +306,17 @@ def test_wider_bands_add_to_the_same_waves():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"spacings": (1.0, 0.5, 0.25)}, "spacings: .*allowed at least four"),
+        ({"spacings": (1.0, 0.5, 0.25)}, "spacings: .*allowed: at least four"),
         ({"spacings": (1.0, 0.5, 0.25, -1.0)}, "spacings: -1.0, allowed"),
         ({"spacings": (1.0, 0.5, 0.25, math.nan)}, "spacings: nan, allowed"),
-        ({"normals": ("smooth",)}, "normals: .*allowed vertex and facet"),
+        ({"normals": ("smooth",)}, "normals: .*allowed: vertex and facet"),
         ({"tolerance": 0.0}, "tolerance: 0.0, allowed"),
         ({"placements": 0}, "placements: 0, allowed"),
         ({"reference": "exact"}, "reference: 'exact', allowed"),
         ({"receiver": 1}, "receiver: 1, allowed"),
         ({"photons": 0}, "photons: 0, allowed"),
-        ({"unresolved": "some"}, "unresolved: 'some', allowed tilt or none"),
-        ({"unresolved": "tilt"}, "reference: 'analytic', allowed None"),
+        ({"unresolved": "some"}, "unresolved: 'some', allowed: tilt, none"),
+        ({"unresolved": "tilt"}, "reference: 'analytic', allowed: None"),
     ],
 )
 def test_wrong_options_are_named(options, message):
@@ -326,14 +325,14 @@ def test_wrong_options_are_named(options, message):
 
 
 def test_only_waves_have_an_exact_surface():
-    with pytest.raises(ValueError, match="reference: 'analytic' for FlatSea, allowed None"):
+    with pytest.raises(ValueError, match="reference: 'analytic for FlatSea', allowed: None"):
         convergence_study(LINK, FlatSea())
 
 
 def test_steps_must_nest():
-    with pytest.raises(ValueError, match=r"duration: 5.0, allowed multiples"):
+    with pytest.raises(ValueError, match=r"duration: 5.0, allowed: multiples"):
         time_step_study(LINK, WAVE, (4.0, 2.0, 1.0, 0.5), duration=5.0)
-    with pytest.raises(ValueError, match=r"steps: .*allowed multiples"):
+    with pytest.raises(ValueError, match=r"steps: .*allowed: multiples"):
         time_step_study(LINK, WAVE, (4.0, 2.0, 1.3, 0.5), duration=4.0)
 
 
@@ -347,12 +346,12 @@ def test_scenario_sets_seed_and_time():
     )
     options = {"normals": ("vertex",), "photons": 64, "placements": 1, "threads": 1}
     spacings = (2.0, 1.5, 1.0, 0.5)
-    study = study_scenario(scenario, spacings, **options)
+    study = convergence_study(scenario, None, spacings, **options)
     run = study.provenance["run"]
     assert (run["seed"], run["time"]) == (9, 1.0)
     assert math.isnan(study.scatter[0, 0])
-    with pytest.raises(ScenarioError, match="placements: 0, allowed"):
-        study_scenario(scenario, spacings, placements=0)
+    with pytest.raises(ValueError, match="placements: 0, allowed"):
+        convergence_study(scenario, None, spacings, placements=0)
 
 
 def converge_command(*arguments):
@@ -393,7 +392,10 @@ def test_command_studies_bands_and_time_steps():
         (["--realizations", "3"], "--realizations: 3, allowed: only with --omega-max"),
         (["--plot", "study.xyz"], "--plot: 'study.xyz', allowed: a file ."),
         (["--normals", "smooth"], "normals: ['smooth'], allowed: vertex and facet"),
-        (["--set", "sea.spectrum=flat", "--omega-max", "1,2,3,4"], "sea: FlatSea, allowed: a rand"),
+        (
+            ["--set", "sea.spectrum=flat", "--omega-max", "1,2,3,4"],
+            "surface: FlatSea, allowed: a rand",
+        ),
     ],
 )
 def test_command_refuses_in_one_line(arguments, message):

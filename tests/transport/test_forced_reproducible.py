@@ -35,7 +35,9 @@ def banded():
 
 def run(link, mesh, **options):
     return mt.simulate(
-        link, mesh, **{"photons": 2000, "seed": 77, "threads": 1, "keep_arrivals": True, **options}
+        link,
+        mesh,
+        **{"photons": 2000, "seed": 77, "threads": 1, "record": [mt.Arrivals()], **options},
     )
 
 
@@ -55,7 +57,7 @@ def test_threads_do_not_matter(mesh, name, normals):
 
 
 def test_kept_arrivals_change_nothing(mesh):
-    kept, plain = (run(mt.Link(), mesh, keep_arrivals=k) for k in (True, False))
+    kept, plain = (run(mt.Link(), mesh, record=r) for r in ([mt.Arrivals()], []))
     assert kept.gain == plain.gain
     assert kept.gain_stderr == plain.gain_stderr
     assert kept.chains == plain.chains

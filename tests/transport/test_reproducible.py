@@ -43,8 +43,7 @@ def simulate(link, mesh, **options):
         link,
         mesh,
         estimator="analog",
-        record=[mt.MapGrid(5.0, 3.0, 0.5)],
-        record=[mt.Arrivals()],
+        record=[mt.IrradianceMap(height=5.0, extent=3.0, step=0.5), mt.Arrivals()],
         **options,
     )
 
@@ -137,7 +136,7 @@ def test_recorded_paths_do_not_depend_on_batches(intersector, name):
             photons=9000,
             seed=6,
             threads=2,
-            batch_size=batch,
+            options=mt.Analog(batch_size=batch),
             recorder=recorder,
         )
     for a, b in zip(*recorders, strict=True):
@@ -151,19 +150,21 @@ def test_a_photon_alone_is_the_photon_in_the_run(intersector, name):
     ledger = FixedPointSum((N_FATES,))
     score = np.zeros(0)
     for photon in range(first, first + n):
-        one = run_analog(link, intersector, photons=1, first_photon=photon, seed=8)
+        one = run_analog(
+            link, intersector, options=mt.Analog(first_photon=photon), photons=1, seed=8
+        )
         score = np.vstack([score, one.score]) if score.size else one.score[None]
         assert one.count.sum() == 1
         ledger.add(np.round(one.ledger.value() * 2.0**44).astype(np.int64))
-    whole = run_analog(link, intersector, photons=n, first_photon=first, seed=8)
+    whole = run_analog(link, intersector, options=mt.Analog(first_photon=first), photons=n, seed=8)
     np.testing.assert_array_equal(score.sum(axis=0), whole.score)
     np.testing.assert_array_equal(ledger.value(), whole.ledger.value())
     # and in the middle of a long run: the arrivals carry the ids
     long = run_analog(link, intersector, photons=30_000, seed=8, record=[mt.Arrivals()])
     rows = np.concatenate(long.arrivals)
-    here = rows[(rows[:, 0] >= first) & (rows[:, 0] < first + n)]
+    here = rows[(rows["photon"] >= first) & (rows["photon"] < first + n)]
     inside = np.zeros(score.shape)
-    np.add.at(inside, (here[:, 0].astype(int) - first, here[:, 1].astype(int)), here[:, 2])
+    np.add.at(inside, (here["photon"] - first, here["receiver"]), here["weight"])
     receivers = len(link.receivers)
     np.testing.assert_array_equal(inside[:, :receivers], score[:, :receivers])
 

@@ -12,9 +12,8 @@ over the exact sum of waves, with the same chains.
 
 from meshtrace.studies.convergence.band_limit import REALIZATIONS, band_limit_study
 from meshtrace.studies.convergence.checks import Normals
-from meshtrace.studies.convergence.exact import Reference, WaveSum
-from meshtrace.studies.convergence.fit import Fit, Interval
-from meshtrace.studies.convergence.from_scenario import study_scenario
+from meshtrace.studies.convergence.exact import Reference
+from meshtrace.studies.convergence.fit import Fit
 from meshtrace.studies.convergence.spacing import DEFAULT_SPACINGS, PLACEMENTS, convergence_study
 from meshtrace.studies.convergence.study import ConvergenceStudy, Costs
 from meshtrace.studies.convergence.time_step import time_step_study
@@ -26,12 +25,9 @@ __all__ = [
     "ConvergenceStudy",
     "Costs",
     "Fit",
-    "Interval",
     "Normals",
     "Reference",
-    "WaveSum",
     "band_limit_study",
     "convergence_study",
-    "study_scenario",
     "time_step_study",
 ]

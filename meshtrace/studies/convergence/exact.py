@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import numpy as np
 
+from meshtrace.errors import Refused
 from meshtrace.kernels import wave_sum as analytic
 from meshtrace.kernels.aiming import ROOT, Scene
 from meshtrace.kernels.chains import Chains
-from meshtrace.mesh import SurfaceModel
+from meshtrace.mesh import SurfaceModel, WaveSum
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.convergence.checks import Floats
 from meshtrace.studies.convergence.meshes import nested_mesh, probes
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.frame import IDENTITY, Frame
-
-if TYPE_CHECKING:
-    pass
 
 _QUADRATURE_ERROR = 1e-5  # relative, of the unscattered light through the exact surface
 
@@ -37,16 +35,6 @@ class Reference(NamedTuple):
     def gain(self) -> float:
         """Gain over the exact surface."""
         return float(self.samples.mean())
-
-
-@runtime_checkable
-class WaveSum(SurfaceModel, Protocol):
-    """A sea that is a sum of plane waves."""
-
-    @property
-    def components(self) -> Any:
-        """Amplitudes, frequencies, wave vectors and phases as arrays."""
-        ...
 
 
 class OverWaves:
@@ -151,7 +139,5 @@ def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> analytic.Wav
 def wave_sum(sea: SurfaceModel) -> WaveSum:
     """Return a sea that is a sum of waves; refuse others."""
     if not isinstance(sea, WaveSum):
-        raise ValueError(
-            f"reference: 'analytic' for {type(sea).__name__}, allowed None: not a sum of waves"
-        )
+        raise Refused("reference", f"analytic for {type(sea).__name__}", "None: not a sum of waves")
     return sea

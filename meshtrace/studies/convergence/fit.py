@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
+from meshtrace.fading import Estimate
 from meshtrace.studies.convergence.checks import Floats
 
 _REPLICATES = 2000  # of the bootstrap
@@ -16,19 +17,11 @@ _REWEIGHTINGS = 4  # of the fit by its own misfit
 _ORDERS = np.linspace(0.5, 6.0, 1101)  # of the fit
 
 
-class Interval(NamedTuple):
-    """Estimate and its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-
 class Fit(NamedTuple):
     """The law g_0 + C h^p fitted to a study."""
 
-    order: Interval
-    gain: Interval
+    order: Estimate
+    gain: Estimate
     coefficient: float
 
 
@@ -71,8 +64,8 @@ def fit_law(step: Floats, differences: Floats, anchor: float, spread: Floats | N
     tail = 0.5 * (1.0 - _LEVEL)
     limits = np.quantile([orders, offsets], (tail, 1.0 - tail), axis=1)
     return Fit(
-        Interval(float(order[0]), *map(float, limits[:, 0])),
-        Interval(anchor + float(offset[0]), *(anchor + float(v) for v in limits[:, 1])),
+        Estimate(float(order[0]), *map(float, limits[:, 0])),
+        Estimate(anchor + float(offset[0]), *(anchor + float(v) for v in limits[:, 1])),
         float(slope[0] * step[0] ** -order[0]),
     )
 

@@ -1,20 +1,20 @@
-"""One set of chains for every surface of a study, and what it measures."""
+"""One set of chains for every surface of a study, and its measurements."""
 
 from __future__ import annotations
 
 import math
-import os
 import time as clock
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from meshtrace.bvh import EmbreeIntersector
+from meshtrace.errors import Refused
+from meshtrace.parallel import ordered_map
 from meshtrace.results.gain import Fate
 from meshtrace.studies.convergence.checks import Floats, Normals, Progress, Unresolved
-from meshtrace.studies.convergence.exact import OverWaves, Reference, WaveSum
+from meshtrace.studies.convergence.exact import OverWaves, Reference
 from meshtrace.studies.convergence.meshes import probes
 from meshtrace.studies.convergence.study import Costs
 from meshtrace.transport.analog import run_analog
@@ -23,19 +23,29 @@ from meshtrace.transport.forced_link import crossing_reach
 
 if TYPE_CHECKING:
     from meshtrace.link import Link
-    from meshtrace.mesh import TriangleMesh
+    from meshtrace.mesh import TriangleMesh, WaveSum
 
 ANALOG_PHOTONS = 16_384  # of the share of total reflection
 
 
 class Measured(NamedTuple):
-    """What one surface gave, each by kind of normals."""
+    """Numbers of one surface, each by kind of normals."""
 
     samples: Floats  # (kinds, shifts)
     ballistic: Floats
     slope_variance: Floats
     total_reflection: Floats
     seconds: Floats  # (3, kinds) mesh, BVH, gain
+
+
+class Stacked(NamedTuple):
+    """Gains over all meshes of a study, by kind of normals, step and repeat."""
+
+    samples: Floats  # (kinds, steps, repeats, shifts)
+    ballistic: Floats  # (kinds, steps, repeats)
+    slope_variance: Floats  # (kinds, steps)
+    total_reflection: Floats  # (kinds, steps)
+    costs: Costs
 
 
 class CommonChains:
@@ -52,9 +62,7 @@ class CommonChains:
         unresolved: Unresolved = "none",
     ) -> None:
         if not 0 <= receiver < len(link.receivers):
-            raise ValueError(f"receiver: {receiver!r}, allowed 0..{len(link.receivers) - 1}")
-        if not photons >= 1:
-            raise ValueError(f"photons: {photons!r}, allowed photons >= 1")
+            raise Refused("receiver", receiver, f"0..{len(link.receivers) - 1}")
         physics = link.physics.model_copy(update={"unresolved": unresolved})
         self.link = link.model_copy(
             update={"receiver": link.receivers[receiver], "physics": physics}
@@ -68,7 +76,7 @@ class CommonChains:
         }
 
     def measure(self, mesh: TriangleMesh, mesh_seconds: float, photons: int = 0) -> Measured:
-        """Return what a mesh gives; `photons` are for the share of total reflection."""
+        """Return the numbers of a mesh; `photons` are for the share of total reflection."""
         start = clock.perf_counter()
         intersector = EmbreeIntersector(mesh, 1)
         bvh_seconds = clock.perf_counter() - start
@@ -148,38 +156,40 @@ def spread(gain: Floats) -> Floats:
     return gain.std(axis=-1, ddof=1)
 
 
-Job = TypeVar("Job")
-
-
-def mapped(
-    measure: Callable[[Job], Measured],
-    jobs: Iterable[Job],
-    threads: int | None,
+def over_cases(
+    chains: CommonChains,
+    cases: Iterable[Callable[[], TriangleMesh]],
+    steps: int,
+    threads: int,
     progress: Progress | None,
-) -> list[Measured]:
-    """Return the result of every job, in their order."""
+    photons: int = ANALOG_PHOTONS,
+) -> Stacked:
+    """Return the gains over the meshes of a study: equally many repeats of each step, in order.
+
+    `photons` are those of the share of total reflection, 0 for none.
+    """
+
+    def measure(make: Callable[[], TriangleMesh]) -> Measured:
+        began = clock.perf_counter()
+        mesh = make()
+        return chains.measure(mesh, clock.perf_counter() - began, photons)
+
     rows = []
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        for row in pool.map(measure, jobs):
-            rows.append(row)
-            if progress is not None:
-                progress(1)
-    return rows
-
-
-def stacked(rows: list[Measured], steps: int) -> tuple[Floats, Floats, Floats, Floats, Costs]:
-    """Return samples (kinds, steps, repeats, shifts), three more of its kind, and mean costs."""
+    for row in ordered_map(measure, cases, threads):
+        rows.append(row)
+        if progress is not None:
+            progress(1)
 
     def by_step(name: str) -> Floats:
         values = np.stack([getattr(row, name) for row in rows])
         return np.moveaxis(values.reshape(steps, -1, *values.shape[1:]), 2, 0)
 
-    seconds = np.stack([row.seconds for row in rows])  # (jobs, 3, kinds)
+    seconds = np.stack([row.seconds for row in rows])  # (cases, 3, kinds)
     means = seconds.reshape(steps, -1, *seconds.shape[1:]).mean(axis=1)
-    return (
+    return Stacked(
         by_step("samples"),
         by_step("ballistic"),
-        by_step("slope_variance"),
-        by_step("total_reflection"),
+        by_step("slope_variance").mean(axis=2),
+        by_step("total_reflection").mean(axis=2),
         Costs(*(means[:, i].T for i in range(3))),
     )

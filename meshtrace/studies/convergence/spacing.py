@@ -1,41 +1,34 @@
-"""How a gain depends on the spacing of the mesh."""
+"""Dependence of a gain on the spacing of the mesh."""
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Sequence
+from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from meshtrace.results.provenance import provenance
+from meshtrace.errors import Refused, require_whole
 from meshtrace.studies.convergence.checks import (
-    Floats,
     Normals,
     Progress,
     Unresolved,
-    falling,
-    kinds_of,
+    descending,
+    known_unresolved,
+    normal_kinds,
     positive,
-    unresolved_in,
 )
 from meshtrace.studies.convergence.exact import wave_sum
-from meshtrace.studies.convergence.measure import (
-    ANALOG_PHOTONS,
-    CommonChains,
-    Measured,
-    mapped,
-    spread,
-    stacked,
-)
+from meshtrace.studies.convergence.measure import CommonChains, over_cases, spread
 from meshtrace.studies.convergence.meshes import crest_of, nested_mesh, placement_shifts
 from meshtrace.studies.convergence.study import ConvergenceStudy
+from meshtrace.studies.inputs import resolve_chains
 
 if TYPE_CHECKING:
     from meshtrace.link import Link
     from meshtrace.mesh import SurfaceModel
-
+    from meshtrace.scenario import Scenario
 
 DEFAULT_SPACINGS = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
 """Mesh spacings [m] of a study: each halves the one before, so that the grid lines nest."""
@@ -45,14 +38,14 @@ PLACEMENTS = 34
 
 
 def convergence_study(
-    link: Link,
-    sea: SurfaceModel,
+    link: Link | Scenario,
+    surface: SurfaceModel | None = None,
     spacings: Sequence[float] = DEFAULT_SPACINGS,
     normals: Sequence[Normals] = ("vertex", "facet"),
     *,
     photons: int = 2048,
-    seed: int = 1,
-    time: float = 0.0,
+    seed: int | None = None,
+    time: float | None = None,
     placements: int = PLACEMENTS,
     reference: Literal["analytic"] | None = "analytic",
     tolerance: float = 1e-3,
@@ -65,9 +58,9 @@ def convergence_study(
 
     Parameters
     ----------
-    link : Link
-        The link.
-    sea : SurfaceModel
+    link : Link or Scenario
+        The link, or a scenario that also gives sea, seed, time and threads.
+    surface : SurfaceModel, optional
         The sea, triangulated uniformly over all that light can cross to the receiver.
     spacings : sequence of float
         At least four mesh spacings [m].
@@ -75,9 +68,9 @@ def convergence_study(
         Normals of the mesh.
     photons : int
         Scattering chains, common to all meshes.
-    seed : int
-        Key of the random numbers.
-    time : float
+    seed : int, optional
+        Key of the random numbers, 1 by default.
+    time : float, optional
         Time of the sea [s].
     placements : int
         Meshes of each spacing, moved against the sea by parts of a cell; 1 keeps one mesh, whose
@@ -85,7 +78,7 @@ def convergence_study(
     reference : "analytic" or None
         Whether to find the gain over the exact sum of waves too.
     tolerance : float
-        Relative error that the recommended spacing is about.
+        Relative error of one surface that the recommended spacing meets.
     receiver : int
         Index of the receiver.
     unresolved : {"none", "tilt"}
@@ -125,45 +118,33 @@ def convergence_study(
     >>> 1.6 < study.fits["vertex"].order.value < 2.2
     True
     """
-    values = falling("spacings", spacings)
-    kinds = kinds_of(normals)
+    values, kinds = descending("spacings", spacings), normal_kinds(normals)
     positive("tolerance", tolerance)
-    if placements < 1:
-        raise ValueError(f"placements: {placements!r}, allowed placements >= 1")
+    require_whole(placements, 1, 100_000, "placements")
     if reference not in ("analytic", None):
-        raise ValueError(f"reference: {reference!r}, allowed 'analytic' or None")
-    if unresolved_in(unresolved) == "tilt" and reference:
-        raise ValueError("reference: 'analytic', allowed None beside random slopes")
+        raise Refused("reference", reference, "'analytic' or None")
+    if known_unresolved(unresolved) == "tilt" and reference:
+        raise Refused("reference", reference, "None beside random slopes")
+    inputs = resolve_chains(link, surface, photons=photons, seed=seed, time=time, threads=threads)
+    link, sea, run = inputs.link, inputs.surface, inputs.run
     exact = wave_sum(sea) if reference else None
-    crest = crest_of(link, sea, time)
-    chains = CommonChains(link, photons, seed, kinds, receiver, crest, unresolved)
-    shifts = placement_shifts(placements)
-
-    def measure(job: tuple[float, Floats]) -> Measured:
-        spacing, shift = job
-        start = clock.perf_counter()
-        mesh = nested_mesh(link, sea, time, spacing, shift)
-        return chains.measure(mesh, clock.perf_counter() - start, photons=ANALOG_PHOTONS)
-
-    jobs = list(product(values, shifts))
-    rows = mapped(measure, jobs, threads, progress)
-    samples, ballistic, slopes, reflected, costs = stacked(rows, len(values))
-    run = {
-        "estimator": "forced", "photons": photons, "seed": seed, "time": time,
-        "spacings": list(values), "normals": list(kinds), "placements": placements,
-        "receiver": receiver, "unresolved": unresolved,
-    }  # fmt: skip
+    crest = crest_of(link, sea, run["time"])
+    chains = CommonChains(link, photons, run["seed"], kinds, receiver, crest, unresolved)
+    cases = [
+        partial(nested_mesh, link, sea, run["time"], spacing, shift)
+        for spacing, shift in product(values, placement_shifts(placements))
+    ]
+    found = over_cases(chains, cases, len(values), inputs.threads, progress)
     return ConvergenceStudy(
         parameter="spacing",
         values=np.array(values),
         normals=kinds,
-        samples=samples,
-        ballistic=ballistic,
-        scatter=spread(samples.mean(axis=3)),
-        slope_variance=slopes.mean(axis=2),
-        total_reflection=reflected.mean(axis=2),
-        costs=costs,
-        reference=chains.exact(exact, time, values[-1]) if exact else None,
+        **found._asdict(),
+        scatter=spread(found.samples.mean(axis=3)),
+        reference=chains.exact(exact, run["time"], values[-1]) if exact else None,
         tolerance=tolerance,
-        provenance=provenance(link, sea.to_config(), run),
-    )
+        provenance=inputs.provenance(
+            spacings=list(values), normals=list(kinds), placements=placements,
+            receiver=receiver, unresolved=unresolved,
+        ),
+    )  # fmt: skip

@@ -15,7 +15,6 @@ from meshtrace.studies.convergence.fit import Fit, fit_law, largest_step, stderr
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.axes import Axes
 
 Parameter = Literal["spacing", "time_step", "omega_max"]
 
@@ -81,7 +80,7 @@ class ConvergenceStudy(Stored):
 
     @property
     def step(self) -> Floats:
-        """What goes to zero: the values, or one over the band limit."""
+        """Quantity that goes to zero: the values, or one over the band limit."""
         return 1.0 / self.values if self.parameter == "omega_max" else self.values
 
     @property
@@ -196,19 +195,3 @@ class ConvergenceStudy(Stored):
         from meshtrace.studies.convergence.tables import table
 
         return "\n\n".join(table(self, kind) for kind in self.normals)
-
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Plot errors and their fitted law over the step.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Where to draw.
-
-        Returns
-        -------
-        Axes
-        """
-        from meshtrace.studies.convergence.plot import plot_study
-
-        return plot_study(self, ax)

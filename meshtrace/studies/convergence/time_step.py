@@ -1,44 +1,46 @@
-"""How the mean gain over a moving sea depends on the time step."""
+"""Dependence of the mean gain over a moving sea on the time step."""
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from meshtrace.results.provenance import provenance
+from meshtrace.errors import Refused
 from meshtrace.studies.convergence.checks import (
     Floats,
     Normals,
     Progress,
-    falling,
-    kinds_of,
+    descending,
+    multiple_of,
+    normal_kinds,
     positive,
-    whole,
 )
-from meshtrace.studies.convergence.measure import CommonChains, Measured, mapped, stacked
+from meshtrace.studies.convergence.measure import CommonChains, over_cases
 from meshtrace.studies.convergence.meshes import crest_of
 from meshtrace.studies.convergence.study import ConvergenceStudy, Costs
+from meshtrace.studies.inputs import resolve_chains
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import Meshing
 
 if TYPE_CHECKING:
     from meshtrace.link import Link
-    from meshtrace.mesh import SurfaceModel
+    from meshtrace.mesh import SurfaceModel, TriangleMesh
+    from meshtrace.scenario import Scenario
 
 
 def time_step_study(
-    link: Link,
-    sea: SurfaceModel,
-    steps: Sequence[float],
+    link: Link | Scenario,
+    surface: SurfaceModel | None = None,
+    steps: Sequence[float] = (),
     *,
     duration: float,
-    start: float = 0.0,
+    start: float | None = None,
     normals: Sequence[Normals] = ("vertex",),
     photons: int = 2048,
-    seed: int = 1,
+    seed: int | None = None,
     spacing: float | None = None,
     tolerance: float = 1e-2,
     receiver: int = 0,
@@ -49,16 +51,16 @@ def time_step_study(
 
     Parameters
     ----------
-    link : Link
-        The link.
-    sea : SurfaceModel
+    link : Link or Scenario
+        The link, or a scenario that also gives sea, seed, start, spacing and threads.
+    surface : SurfaceModel, optional
         The sea.
     steps : sequence of float
         At least four time steps [s], all multiples of the shortest.
     duration : float
         Length of the series [s], a multiple of every step.
-    start : float
-        Its beginning [s].
+    start : float, optional
+        Its beginning [s], by default 0 or the time of the scenario.
     spacing : float, optional
         Spacing of the mesh [m], by default that of `Link.footprint`.
     normals, photons, seed, tolerance, receiver, threads, progress
@@ -70,33 +72,30 @@ def time_step_study(
         `gain` is the mean over the series (trapezoidal rule), `scatter` the rms error of
         linear interpolation between its times.
     """
-    values, kinds = falling("steps", steps), kinds_of(normals)
+    values, kinds = descending("steps", steps), normal_kinds(normals)
     finest = 0.5 * values[-1]
-    strides = [whole("steps", value / finest) for value in values]
-    n = whole("duration", positive("duration", duration) / finest)
+    strides = [multiple_of("steps", value / finest) for value in values]
+    n = multiple_of("duration", positive("duration", duration) / finest)
     for value, stride in zip(values, strides, strict=True):
         if n % stride:
-            raise ValueError(f"duration: {duration!r}, allowed multiples of the step {value:g} s")
-    chains = CommonChains(link, photons, seed, kinds, receiver, crest_of(link, sea, start))
-
-    def measure(i: int) -> Measured:
-        began = clock.perf_counter()
-        mesh = mesh_for(
-            chains.link, sea, Meshing(time=start + i * finest, spacing=spacing), chains.reach
-        )[0]
-        return chains.measure(mesh, clock.perf_counter() - began)
-
-    frames, ballistic, slopes, reflected, costs = stacked(
-        mapped(measure, range(n + 1), threads, progress), 1
+            raise Refused("duration", duration, f"multiples of the step {value:g} s")
+    inputs = resolve_chains(
+        link, surface, photons=photons, seed=seed, time=start, spacing=spacing, threads=threads
     )
+    link, sea, run = inputs.link, inputs.surface, inputs.run
+    begin, step = run["time"], run["spacing"]
+    chains = CommonChains(link, photons, run["seed"], kinds, receiver, crest_of(link, sea, begin))
+
+    def mesh(i: int) -> TriangleMesh:
+        meshing = Meshing(time=begin + i * finest, spacing=step)
+        return mesh_for(chains.link, sea, meshing, chains.reach)[0]
+
+    cases = [partial(mesh, i) for i in range(n + 1)]
+    found = over_cases(chains, cases, 1, inputs.threads, progress, photons=0)
+    frames, ballistic = found.samples, found.ballistic
     by_shift = frames[:, 0]  # (kinds, frames, shifts)
     each = by_shift.mean(axis=2)
     shape = len(kinds), len(values)
-    run = {
-        "estimator": "forced", "photons": photons, "seed": seed, "start": start,
-        "duration": duration, "steps": list(values), "spacing": spacing, "normals": list(kinds),
-        "receiver": receiver,
-    }  # fmt: skip
     return ConvergenceStudy(
         parameter="time_step",
         values=np.array(values),
@@ -104,12 +103,15 @@ def time_step_study(
         samples=np.stack([_time_mean(by_shift, s) for s in strides], axis=1)[:, :, None],
         ballistic=np.stack([_time_mean(ballistic[:, 0], s) for s in strides], axis=1)[:, :, None],
         scatter=np.stack([_interpolation_error(each, s) for s in strides], axis=1),
-        slope_variance=np.broadcast_to(slopes.mean(axis=2), shape),
-        total_reflection=np.broadcast_to(reflected.mean(axis=2), shape),
-        costs=Costs(*(np.broadcast_to(seconds, shape) for seconds in costs)),
+        slope_variance=np.broadcast_to(found.slope_variance, shape),
+        total_reflection=np.broadcast_to(found.total_reflection, shape),
+        costs=Costs(*(np.broadcast_to(seconds, shape) for seconds in found.costs)),
         tolerance=positive("tolerance", tolerance),
-        provenance=provenance(link, sea.to_config(), run),
-    )
+        provenance=inputs.provenance(
+            start=begin, duration=duration, steps=list(values), normals=list(kinds),
+            receiver=receiver,
+        ),
+    )  # fmt: skip
 
 
 def _time_mean(frames: Floats, stride: int) -> Floats:

@@ -101,7 +101,7 @@ class Ensemble(NamedTuple):
         """Return gains and tilt factors of a link."""
         inputs, flight = self.inputs._replace(link=link), self.flight
         if flight is not None and flight.coupled:
-            times = flight.time_step * np.arange(self.n)
+            times = flight.time_step * np.arange(self.n, dtype=np.float64)
             series = over_times(inputs, times, flight, self.progress)
             n = effective_samples(series.gain) if np.ptp(series.gain) > 0.0 else float(self.n)
             return FadingSamples(series, np.ones((self.n, 1)), n)

@@ -152,7 +152,7 @@ def _create(study: Study, store: Any) -> zarr.Group:
     n = study.realizations
     _write_coordinate(group, "realization", np.arange(n))
     chunks = (*(1 for _ in shape), min(BLOCK, n))
-    checked = [zarr.codecs.ZstdCodec(), zarr.codecs.Crc32cCodec()]
+    checked = _checked_codecs()
     for name, dtype in (("seconds", "f8"), ("error", "string"), ("done", "i1")):
         group.create_array(
             name, shape=(*shape, n), chunks=chunks, dtype=dtype, compressors=checked,
@@ -170,6 +170,12 @@ def _create(study: Study, store: Any) -> zarr.Group:
     return group
 
 
+def _checked_codecs() -> list[Any]:
+    from zarr.codecs import Crc32cCodec, ZstdCodec
+
+    return [ZstdCodec(), Crc32cCodec()]
+
+
 def _labels(values: list[Any]) -> NDArray[Any]:
     """Return values as coordinates: numbers, or else text."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
@@ -178,20 +184,18 @@ def _labels(values: list[Any]) -> NDArray[Any]:
 
 
 def _write_coordinate(group: zarr.Group, name: str, values: NDArray[Any]) -> None:
-    import zarr
-
     short = name.rpartition(".")[2]
-    about = dict(attrs(short)) if short in FIELDS else {}
+    about: dict[str, Any] = dict(attrs(short)) if short in FIELDS else {}
     text = values.dtype == object
     array = group.create_array(
         name, shape=values.shape, chunks=values.shape, dtype="string" if text else values.dtype,
-        compressors=[zarr.codecs.ZstdCodec(), zarr.codecs.Crc32cCodec()], dimension_names=(name,),
+        compressors=_checked_codecs(), dimension_names=(name,),
         attributes=about,
     )  # fmt: skip
     array[...] = values
 
 
-def _array(group: zarr.Group, name: str) -> zarr.Array:
+def _array(group: zarr.Group, name: str) -> Any:
     return group[name]
 
 
@@ -215,7 +219,7 @@ def waiting_tasks(study: Study, group: zarr.Group) -> list[Task]:
     return waiting
 
 
-def _discard_damaged(array: zarr.Array, folder: Path, tasks: list[Task]) -> None:
+def _discard_damaged(array: Any, folder: Path, tasks: list[Task]) -> None:
     """Remove the chunks of an array that cannot be read, with a warning for each."""
     try:
         array[...]
@@ -232,7 +236,7 @@ def _discard_damaged(array: zarr.Array, folder: Path, tasks: list[Task]) -> None
                 warnings.warn(f"{file}: {reason}", stacklevel=3)
 
 
-def _chunk(array: zarr.Array, folder: Path, task: Task) -> Path:
+def _chunk(array: Any, folder: Path, task: Task) -> Path:
     """Return the file of the chunk of a task."""
     place = (*task.point, task.first // BLOCK)
     return folder / array.metadata.encode_chunk_key(place + (0,) * (array.ndim - len(place)))
