@@ -42,7 +42,7 @@ class Refused(ValueError):
     allowed : str
         Allowed values or range.
     hint : str
-        Words between the value and the allowed values, such as "did you mean depth?".
+        Described between the value and the allowed values, such as "did you mean depth?".
     source : str
         File that holds the field; the line begins with it.
 

@@ -62,9 +62,10 @@ class Family(Model, frozen=True):
             return
         kind = cls.model_fields["kind"].default
         known = cls.registered.get(kind)
-        if not _is_ours(cls) and (cls._closed or (known and _is_ours(known))):
-            reason = cls._closed or "a kind that is not built in"
-            raise Refused(f"{cls.__qualname__}.kind", kind, reason)
+        if cls._closed and not _is_ours(cls):
+            raise Refused(f"{cls.__qualname__}.kind", kind, cls._closed)
+        if known is not None and known.__qualname__ != cls.__qualname__:
+            raise Refused(f"{cls.__qualname__}.kind", kind, f"a kind other than {known.__name__}'s")
         cls.registered[kind] = cls
 
     @classmethod
@@ -77,12 +78,15 @@ class Family(Model, frozen=True):
             If there is none, or it is not of this family.
         """
         found: Any = cls.registered.get(kind) if isinstance(kind, str) else None
+        allowed = ", ".join(cls.registered)
+        allowed += f" ({cls._closed})" if cls._closed else f" or module:{cls.__name__}"
         if found is None and isinstance(kind, str) and not cls._closed:
-            found = _imported(kind)
+            try:
+                found = _imported(kind)
+            except Exception as error:  # whatever a module does when it is imported
+                raise Refused(key, kind, f"{allowed} ({error})") from error
         if inspect.isclass(found) and issubclass(found, cls):
             return found
-        others = f" ({cls._closed})" if cls._closed else " or module:Class"
-        allowed = ", ".join(cls.registered) + others
         raise Refused(key, kind, allowed, did_you_mean(kind, cls.registered))
 
     @classmethod
@@ -120,10 +124,7 @@ def _imported(kind: str) -> Any:
         return next((e.load() for e in entry_points(group=GROUP) if e.name == kind), None)
     if not all(word.isidentifier() for word in (*module.split("."), *name.split("."))):
         return None
-    try:
-        found = sys.modules.get(module) or _module(module)
-    except Exception as error:  # whatever the module does when it is imported
-        raise Refused("kind", kind, f"a module that can be imported ({error})") from error
+    found = sys.modules.get(module) or _module(module)
     for word in name.split("."):
         found = getattr(found, word, None)
     return found

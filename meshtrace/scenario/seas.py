@@ -16,7 +16,7 @@ from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Model
 from meshtrace.registry import Family
 from meshtrace.scenario.tables import Table, validated, without_shared_wind
-from meshtrace.transport.options import Sampling
+from meshtrace.transport.options import Meshing
 
 MOST_VERTICES = 10_000_000
 """Vertices of a mesh, at some 0.5 kB each, beyond which a run is refused."""
@@ -25,7 +25,7 @@ MOST_FACTORS = 50_000_000
 """Waves times grid lines, at some 50 B each, beyond which a run is refused."""
 
 _SEA_ALIASES = {"sinusoidal": "sinusoid", "tilted-plane": "plane"}
-_SEA_KEYS = ("spectrum", "mesh", *Sampling.model_fields)
+_SEA_KEYS = ("spectrum", "mesh", "time", "extent", "spacing")
 
 
 class MeshFile(Model, frozen=True):
@@ -72,15 +72,31 @@ def read_surface(table: Table, wind_speed: float, sampling: Mapping[str, Any], f
     from meshtrace.surfaces import FlatSea, Surface
 
     word = table.pop("spectrum", table.pop("kind", "jonswap"))
-    model = _member(Surface, _SEA_ALIASES.get(word, word)) if isinstance(word, str) else None
+    model = Surface.member("spectral") if isinstance(word, Mapping) else _named(word)
     keys, calm = _SEA_KEYS, False
-    if model is None:
+    if not issubclass(model, Surface) or isinstance(word, Mapping):
         table, keys, calm = _with_spectrum(word, table, wind_speed)
         model = Surface.member("spectral")
     elif "wind_speed" in model.model_fields:
         table, calm = _driven(table, wind_speed)
     surface = validated(model, table, "sea", keys)
     return FlatSea() if calm else surface
+
+
+def _named(word: Any) -> type[Family]:
+    """Return the class of a sea, or else of a spectrum, that a word names."""
+    from meshtrace.surfaces import Spectrum, Surface
+
+    for family in (Surface, Spectrum):
+        try:
+            return family.member(_SEA_ALIASES.get(word, word) if isinstance(word, str) else word)
+        except Refused as error:
+            refused = error
+    if isinstance(word, str) and ":" in word:
+        raise Refused("sea.spectrum", word, refused.allowed)
+    seas = (kind for kind in Surface.registered if kind != "spectral")
+    words = list(dict.fromkeys([*seas, *_SEA_ALIASES, *Spectrum.registered]))
+    raise Refused("sea.spectrum", word, ", ".join(words), did_you_mean(word, words))
 
 
 def _with_spectrum(
@@ -90,18 +106,14 @@ def _with_spectrum(
 
     The spectrum is a table of its own, or a word with its parameters beside the sea's.
     """
-    from meshtrace.surfaces import Spectrum, Surface
+    from meshtrace.surfaces import Spectrum
 
     if isinstance(word, Mapping):
         path, keys, own = ("sea", "spectrum"), _SEA_KEYS, {"kind": "jonswap", **word}
     else:
-        model = _member(Spectrum, word)
-        if model is None:
-            seas = (kind for kind in Surface.registered if kind != "spectral")
-            words = list(dict.fromkeys([*seas, *_SEA_ALIASES, *Spectrum.registered]))
-            raise Refused("sea.spectrum", word, ", ".join(words), did_you_mean(word, words))
-        path, keys = ("sea",), (*_SEA_KEYS, *model.model_fields)
-        own = {"kind": word, **{k: table.pop(k) for k in model.model_fields if k in table}}
+        fields = Spectrum.member(word).model_fields
+        path, keys = ("sea",), (*_SEA_KEYS, *fields)
+        own = {"kind": word, **{key: table.pop(key) for key in fields if key in table}}
     own, calm = _driven(own, wind_speed)
     try:
         return {**table, "spectrum": Spectrum.read(own)}, keys, calm
@@ -114,16 +126,6 @@ def _driven(table: Table, wind_speed: float) -> tuple[Table, bool]:
     speed = table.get("wind_speed", wind_speed)
     calm = speed == 0.0 and not isinstance(speed, bool)
     return {**table, "wind_speed": 5.0 if calm else speed}, calm
-
-
-def _member(family: type[Family], word: Any) -> type[Family] | None:
-    """Return the class of a kind, None if it is of another family."""
-    try:
-        return family.member(word)
-    except Refused as error:
-        if error.value == word and error.allowed.startswith("a module"):
-            raise error.inside("sea") from None
-        return None
 
 
 def _mesh_file(table: Table, sampling: Mapping[str, Any], folder: Path) -> MeshFile:
@@ -168,17 +170,17 @@ def surface_config(surface: SurfaceModel | MeshFile, wind_speed: float) -> Table
     return {"spectrum": kind, **without_shared_wind(config, wind_speed)}
 
 
-def refuse_huge(surface: SurfaceModel, footprint: Footprint, sampling: Sampling) -> None:
+def require_modest(surface: SurfaceModel, footprint: Footprint, meshing: Meshing) -> None:
     """Refuse meshes and wave sums that would fill the memory."""
     from meshtrace.surfaces.gridding import grid_axis
 
-    spacing = sampling.spacing or footprint.spacing
+    spacing = meshing.spacing or footprint.spacing
     try:
-        if sampling.extent is None:
+        if meshing.extent is None:
             coarse = max(footprint.coarse_spacing, spacing)
             lines = len(grid_axis(0.0, footprint.extent, spacing, footprint.fine_extent, coarse))
         else:
-            lines = len(grid_axis(0.0, sampling.extent, spacing))
+            lines = len(grid_axis(0.0, meshing.extent, spacing))
     except Refused as error:
         raise error.inside("sea") from None
     if lines**2 > MOST_VERTICES:

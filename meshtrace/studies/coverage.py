@@ -11,9 +11,9 @@ from meshtrace.errors import Described, Refused
 from meshtrace.link import Link, Receiver
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
-from meshtrace.scenario import MeshFile, Scenario
-from meshtrace.studies.inputs import resolve
-from meshtrace.transport.analog import MapGrid
+from meshtrace.scenario import Scenario
+from meshtrace.transport.case import resolve
+from meshtrace.transport.options import IrradianceMap
 from meshtrace.transport.simulate import simulate
 
 
@@ -57,11 +57,10 @@ def coverage_map(
     -------
     CoverageMap
     """
-    link, surface, _, options = resolve(
-        link, surface, seed=seed, normals=normals, threads=threads, extent=None, spacing=None
-    )
-    if isinstance(surface, MeshFile):
-        surface = surface.load(options.pop("extent", link.footprint().fine_extent))
+    given = {"seed": seed, "normals": normals, "threads": threads}
+    options = {name: value for name, value in given.items() if value is not None}
+    case = resolve(link, surface).with_options(**options)
+    link = case.link
     receiver = next((r for r in link.receivers if isinstance(r, Receiver)), None)
     if receiver is None:
         raise Refused("receiver", Described("none in the air"), "a link with one")
@@ -69,18 +68,25 @@ def coverage_map(
         raise Refused("times", times, "one or more times [s]")
     if not 0.0 < step <= extent:
         raise Refused("step", step, f"0 < step <= extent = {extent:g} m")
-    grid = MapGrid(receiver.height, extent, step, receiver.axis, receiver.fov_deg)
+    grid = IrradianceMap(
+        height=receiver.height,
+        extent=extent,
+        step=step,
+        axis=receiver.axis,
+        fov_deg=receiver.fov_deg,
+    )
     runs = [
         simulate(
             link,
-            surface,
-            estimator="analog",
+            case.surface,
+            "analog",
             photons=photons,
-            time=time,
+            seed=case.run.seed,
+            threads=case.run.threads,
+            mesh=case.meshing.replace(time=time),
             first_photon=i * photons,
-            grid=grid,
+            record=[grid],
             progress=progress,
-            **options,
         )
         for i, time in enumerate(times)
     ]

@@ -22,7 +22,8 @@ from meshtrace.studies.convergence.measure import CommonChains, over_cases
 from meshtrace.studies.convergence.meshes import crest_of
 from meshtrace.studies.convergence.study import ConvergenceStudy, Costs
 from meshtrace.studies.inputs import resolve_chains
-from meshtrace.transport.simulate import mesh_for
+from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.options import Meshing
 
 if TYPE_CHECKING:
     from meshtrace.link import Link
@@ -81,12 +82,14 @@ def time_step_study(
     inputs = resolve_chains(
         link, surface, photons=photons, seed=seed, time=start, spacing=spacing, threads=threads
     )
-    link, sea, run = inputs.link, inputs.surface, inputs.run
-    begin, step = run["time"], run["spacing"]
-    chains = CommonChains(link, photons, run["seed"], kinds, receiver, crest_of(link, sea, begin))
+    link, sea, seed = inputs.link, inputs.surface, inputs.run.seed
+    begin, step = inputs.meshing.time, inputs.meshing.spacing
+    chains = CommonChains(link, photons, seed, kinds, receiver, crest_of(link, sea, begin))
 
     def mesh(i: int) -> TriangleMesh:
-        return mesh_for(chains.link, sea, begin + i * finest, None, step, chains.reach)[0]
+        return mesh_for(
+            chains.link, sea, Meshing(time=begin + i * finest, spacing=step), chains.reach
+        )[0]
 
     cases = [partial(mesh, i) for i in range(n + 1)]
     found = over_cases(chains, cases, 1, inputs.threads, progress, photons=0)
