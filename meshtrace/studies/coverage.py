@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -58,7 +58,7 @@ def coverage_map(
     CoverageMap
     """
     given = {"seed": seed, "normals": normals, "threads": threads}
-    options = {name: value for name, value in given.items() if value is not None}
+    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     case = resolve(link, surface).with_options(**options)
     link = case.link
     receiver = next((r for r in link.receivers if isinstance(r, Receiver)), None)

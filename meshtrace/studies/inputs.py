@@ -82,7 +82,7 @@ def resolve_chains(
         raise Refused("sea.mesh", scenario.surface.file, "a sea model")
     case = resolve(link, surface).with_options(**given)
     if not isinstance(case.run.estimator, Forced):
-        raise Refused("run.estimator", case.run.estimator.kind, "forced, over many seas")
+        raise Refused("run.estimator", "analog", "forced, over many seas")
     if not isinstance(case.surface, SurfaceModel):
         raise Refused("surface", Described(type(case.surface).__name__), "a sea (SurfaceModel)")
     return Inputs(case.link, case.surface, case.run, case.meshing, scenario)
