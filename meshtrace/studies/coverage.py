@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -11,8 +11,8 @@ from meshtrace.errors import Described, Refused
 from meshtrace.link import Link, Receiver
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
-from meshtrace.scenario import MeshFile, Scenario
-from meshtrace.studies.inputs import resolve
+from meshtrace.scenario import Scenario
+from meshtrace.transport.case import resolve
 from meshtrace.transport.options import IrradianceMap
 from meshtrace.transport.simulate import simulate
 
@@ -57,11 +57,10 @@ def coverage_map(
     -------
     CoverageMap
     """
-    link, surface, _, options = resolve(
-        link, surface, seed=seed, normals=normals, threads=threads, extent=None, spacing=None
-    )
-    if isinstance(surface, MeshFile):
-        surface = surface.load(options.pop("extent", link.footprint().fine_extent))
+    given = {"seed": seed, "normals": normals, "threads": threads}
+    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    case = resolve(link, surface).with_options(**options)
+    link = case.link
     receiver = next((r for r in link.receivers if isinstance(r, Receiver)), None)
     if receiver is None:
         raise Refused("receiver", Described("none in the air"), "a link with one")
@@ -79,14 +78,15 @@ def coverage_map(
     runs = [
         simulate(
             link,
-            surface,
-            estimator="analog",
+            case.surface,
+            "analog",
             photons=photons,
-            time=time,
+            seed=case.run.seed,
+            threads=case.run.threads,
+            mesh=case.meshing.replace(time=time),
             first_photon=i * photons,
             record=[grid],
             progress=progress,
-            **options,
         )
         for i, time in enumerate(times)
     ]

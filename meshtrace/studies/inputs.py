@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from meshtrace.errors import Described, Refused, require_whole, require_word
+from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.parallel import default_threads
 from meshtrace.results.provenance import provenance
-from meshtrace.scenario import DEFAULT_WIND_SPEED, MeshFile, Scenario
-from meshtrace.scenario.seas import require_modest
+from meshtrace.scenario import MeshFile, Scenario
+from meshtrace.transport.case import resolve
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
-from meshtrace.transport.options import Forced, Meshing
+from meshtrace.transport.options import Forced, Meshing, Run
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
 
@@ -26,20 +26,24 @@ class Inputs(NamedTuple):
 
     link: Link
     surface: SurfaceModel
-    run: dict[str, Any]  # options of the chains and of the mesh
-    threads: int
+    run: Run
+    meshing: Meshing
     scenario: Scenario | None
+
+    @property
+    def threads(self) -> int:
+        """Number of threads, all cores by default."""
+        return default_threads(self.run.threads)
 
     def mesh(self, link: Link, surface: SurfaceModel, time: float) -> TriangleMesh:
         """Return the mesh of a surface at a time, as far as light can cross to a receiver."""
-        meshing = Meshing(time=time, extent=self.run["extent"], spacing=self.run["spacing"])
-        return mesh_for(link, surface, meshing, crossing_reach(link))[0]
+        return mesh_for(link, surface, self.meshing.replace(time=time), crossing_reach(link))[0]
 
-    def provenance(self, **run: Any) -> dict[str, Any]:
+    def provenance(self, **more: Any) -> dict[str, Any]:
         """Return the provenance of the study."""
-        return provenance(
-            self.link, self.surface.to_config(), {"estimator": "forced", **self.run, **run}
-        )
+        run = {"estimator": "forced", "photons": self.run.photons, "seed": self.run.seed}
+        run |= self.meshing.model_dump()
+        return provenance(self.link, self.surface.to_config(), run | more)
 
     def wind_of(self, flight: Flight) -> Dryden:
         """Return the wind at an aircraft, by default that over the sea."""
@@ -49,21 +53,6 @@ class Inputs(NamedTuple):
         if speed is None:
             raise Refused("flight.wind", None, "a wind, over a sea without wind speed")
         return Dryden(wind_speed=speed, height=self.link.only_receiver.height)
-
-
-def resolve(
-    link: Link | Scenario, surface: Any = None, **options: Any
-) -> tuple[Link, Any, Scenario | None, dict[str, Any]]:
-    """Return link, surface, scenario and options; those that are None follow the scenario."""
-    given = {name: value for name, value in options.items() if value is not None}
-    if not isinstance(link, Scenario):
-        if surface is None:
-            surface = default_sea(link.wind_speed or DEFAULT_WIND_SPEED)
-        return link, surface, None, given
-    run = link.run.model_dump(include={"photons", "seed", "threads"}, exclude_none=True)
-    sampling = link.meshing.model_dump(exclude_none=True)
-    known = {name: value for name, value in {**run, **sampling}.items() if name in options}
-    return link.link, link.surface if surface is None else surface, link, {**known, **given}
 
 
 def resolve_chains(
@@ -78,13 +67,14 @@ def resolve_chains(
     surface : SurfaceModel, optional
         The sea; by default that of the scenario, or a JONSWAP sea of the link's wind.
     **options
-        photons, seed, normals, extent, spacing, threads; time of an ensemble.
+        Fields of `Run` and `Meshing`.
 
     Raises
     ------
     Refused
         If an option is out of range, or the surface is no sea.
     """
+<<<<<<< HEAD
     link, sea, scenario, given = resolve(link, surface, **options)
     if scenario is not None and not isinstance(scenario.run.estimator, Forced):
         raise Refused("run.estimator", scenario.run.estimator.kind, "forced, over many seas")
@@ -106,3 +96,17 @@ def resolve_chains(
 def default_sea(wind_speed: float) -> SurfaceModel:
     """Return the JONSWAP sea of a wind [m s-1], flat in a calm."""
     return Scenario.from_config({"wind_speed": wind_speed}).surface
+=======
+    given = {name: value for name, value in options.items() if value is not None}
+    scenario = link if isinstance(link, Scenario) else None
+    if scenario is None:
+        given = {"photons": DEFAULT_CHAINS, **given}
+    elif surface is None and isinstance(scenario.surface, MeshFile):
+        raise Refused("sea.mesh", scenario.surface.file, "a sea model")
+    case = resolve(link, surface).with_options(**given)
+    if not isinstance(case.run.estimator, Forced):
+        raise Refused("run.estimator", "analog", "forced, over many seas")
+    if not isinstance(case.surface, SurfaceModel):
+        raise Refused("surface", Described(type(case.surface).__name__), "a sea (SurfaceModel)")
+    return Inputs(case.link, case.surface, case.run, case.meshing, scenario)
+>>>>>>> studies

@@ -17,7 +17,7 @@ from meshtrace.mesh import RandomSea, SurfaceModel, TriangleMesh
 from meshtrace.parallel import ordered_map
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.inputs import Inputs, default_sea, resolve_chains
+from meshtrace.studies.inputs import Inputs, resolve_chains
 from meshtrace.transport.forced import ForcedDetection, Parts
 from meshtrace.uav.airframe import Flight, FlightRecord, Uav
 from meshtrace.uav.wind import Dryden
@@ -170,7 +170,9 @@ def ensemble(
     """
     require_whole(n_realizations, 1, 10_000_000, "n_realizations")
     if surface is None and wind_speed is not None:
-        surface = default_sea(wind_speed)
+        from meshtrace.surfaces import sea_in_wind
+
+        surface = sea_in_wind(wind_speed)
     inputs = resolve_chains(
         link, surface, photons=photons, seed=seed, normals=normals, time=time, extent=extent,
         spacing=spacing, threads=threads,
@@ -182,11 +184,13 @@ def over_realizations(
     inputs: Inputs, n_realizations: int, progress: Callable[[int], None] | None = None
 ) -> GainSeries:
     """Return the gains over random phases of resolved inputs, see `ensemble`."""
-    sea, run = inputs.surface, inputs.run
+    sea, time = inputs.surface, inputs.meshing.time
     if not isinstance(sea, RandomSea):
         raise Refused("surface", Described(type(sea).__name__), "a sea with random phases")
-    seeds = np.array([realization_seed(run["seed"], i) for i in range(n_realizations)], np.int64)
-    meshes = (inputs.mesh(inputs.link, sea.with_seed(int(s)), run["time"]) for s in seeds)
+    seeds = np.array(
+        [realization_seed(inputs.run.seed, i) for i in range(n_realizations)], np.int64
+    )
+    meshes = (inputs.mesh(inputs.link, sea.with_seed(int(s)), time) for s in seeds)
     parts = _common_chains(inputs, meshes)
     return _series(inputs.link, "realization", seeds, parts, inputs.provenance(), progress)
 
@@ -195,8 +199,8 @@ def _common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[P
     """Yield the parts of the gain over each mesh, with one set of chains."""
     first = list(islice(meshes, 4))
     crest = _CREST_MARGIN * max(float(mesh.bounds[1, 2]) for mesh in first)
-    run = inputs.run
-    forced = ForcedDetection(inputs.link, run["photons"], run["seed"], run["normals"], crest=crest)
+    run, normals = inputs.run, inputs.meshing.normals
+    forced = ForcedDetection(inputs.link, run.photons, run.seed, normals, crest=crest)
     return ordered_map(forced.evaluate, chain(first, meshes), inputs.threads)
 
 
@@ -204,18 +208,18 @@ def _tilted_frames(
     inputs: Inputs, times: NDArray[np.float64], uav: Uav, wind: Dryden
 ) -> Iterator[Parts]:
     """Yield the parts of the gain at each time of a flight, with chains of the same numbers."""
-    link, sea, run = inputs.link, inputs.surface, inputs.run
+    link, sea, run, normals = inputs.link, inputs.surface, inputs.run, inputs.meshing.normals
     receiver = link.only_receiver
     if receiver.tilt_deg != 0.0:
         raise Refused("receiver.tilt_deg", receiver.tilt_deg, "0: the flight tilts it")
-    tilt_deg, azimuth_deg = np.degrees(uav.simulate_flight(wind, times, run["seed"]).tilt)
+    tilt_deg, azimuth_deg = np.degrees(uav.simulate_flight(wind, times, run.seed).tilt)
     crest = _CREST_MARGIN * float(inputs.mesh(link, sea, float(times[0])).bounds[1, 2])
 
     def frame(i: int) -> Parts:
         tilt = {"tilt_deg": float(tilt_deg[i]), "tilt_azimuth_deg": float(azimuth_deg[i])}
         tilted = link.model_copy(update={"receiver": receiver.model_copy(update=tilt)})
         mesh = inputs.mesh(tilted, sea, float(times[i]))
-        forced = ForcedDetection(tilted, run["photons"], run["seed"], run["normals"], crest=crest)
+        forced = ForcedDetection(tilted, run.photons, run.seed, normals, crest=crest)
         return forced.evaluate(mesh)
 
     return ordered_map(frame, range(len(times)), inputs.threads)

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import hashlib
+import math
+import math
+import math
 from typing import Any
 
 from meshtrace.errors import Described, Refused
-from meshtrace.link import Link
+from meshtrace.link import Footprint, Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.transport.options import Meshing
+
+_MOST_FACETS = 8e6
+
+_MOST_FACETS = 8e6
+
+_MOST_FACETS = 8e6
 
 
 def mesh_for(
@@ -60,11 +69,13 @@ def _triangulated(
 ) -> TriangleMesh:
     f = link.footprint()
     if reach is not None:
-        wide = max(min(reach + 2.0, f.extent), f.fine_extent + 1.0)
+        far = math.dist(f.center, link.origin)
+        wide = max(min(reach + far + 20.0 * f.spacing, f.extent), f.fine_extent + 10.0 * f.spacing)
         f = f._replace(extent=wide, coarse_spacing=4.0 * f.spacing)
+    _require_size(f, meshing)
     spacing = meshing.spacing or f.spacing
     if meshing.extent is not None:
-        return surface.mesh(meshing.time, meshing.extent, spacing)
+        return surface.mesh(meshing.time, meshing.extent, spacing, center=link.origin)
     return surface.mesh(
         meshing.time,
         f.extent,
@@ -73,6 +84,20 @@ def _triangulated(
         fine_extent=f.fine_extent,
         coarse_spacing=max(f.coarse_spacing, meshing.spacing or 0.0),
     )
+
+
+def _require_size(f: Footprint, meshing: Meshing) -> None:
+    """Refuse a mesh of more facets than memory and time allow, before it is made."""
+    fine = meshing.spacing or f.spacing
+    if meshing.extent is not None:
+        facets = 2.0 * (2.0 * meshing.extent / fine) ** 2
+    else:
+        coarse = max(f.coarse_spacing, fine)
+        facets = 8.0 * ((f.fine_extent / fine) ** 2 + (f.extent / coarse) ** 2)
+    if facets > _MOST_FACETS:
+        size = Described(f"{facets / 1e6:.3g} million facets, some {facets * 250e-9:.2g} GB")
+        allowed = f"at most {_MOST_FACETS / 1e6:g} million facets; larger spacing or smaller extent"
+        raise Refused("mesh", size, allowed)
 
 
 def _require_cover(link: Link, mesh: TriangleMesh) -> None:

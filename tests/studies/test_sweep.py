@@ -97,7 +97,7 @@ def test_failing_point_is_told_in_one_line(address):
     data = run({"transmitter.depth": [10.0, -1.0, 0.001]}, address, surface={"spectrum": "jonswap"})
     errors = data["error"].values[:, 0]
     assert errors[0] == ""
-    assert errors[1] == "transmitter.depth: -1.0, allowed: greater than 0"
+    assert errors[1] == "transmitter.depth: -1.0, allowed: 0 < depth <= 12000"
     assert "depth: 0.001 m, allowed" in errors[2]
     assert np.isfinite(data["gain"].values[:, 0]).tolist() == [True, False, False]
 

@@ -63,7 +63,7 @@ def test_bits_are_those_of_one_process(expected):
     one, two = (sweep(LINK, parameters, workers=n, **OPTIONS) for n in (1, 2))
     np.testing.assert_array_equal(one["gain"].values[:-1], expected)
     assert one.drop_vars("seconds").identical(two.drop_vars("seconds"))
-    assert (one["error"][-1] == "transmitter.depth: -1.0, allowed: greater than 0").all()
+    assert (one["error"][-1] == "transmitter.depth: -1.0, allowed: 0 < depth <= 12000").all()
 
 
 def test_killed_client_loses_nothing(expected, tmp_path):

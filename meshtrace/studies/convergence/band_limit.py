@@ -84,21 +84,21 @@ def band_limit_study(
     inputs = resolve_chains(
         link, surface, photons=photons, seed=seed, time=time, spacing=spacing, threads=threads
     )
-    link, sea, run = inputs.link, inputs.surface, inputs.run
+    link, sea, seed = inputs.link, inputs.surface, inputs.run.seed
     copy, fields = getattr(sea, "model_copy", None), getattr(type(sea), "model_fields", {})
     if copy is None or not {"omega_max", "seed"} <= set(fields):
         raise Refused("surface", Described(type(sea).__name__), "a random sea with omega_max")
-    at, step = run["time"], positive("spacing", run["spacing"] or 0.1)
+    at, step = inputs.meshing.time, positive("spacing", inputs.meshing.spacing or 0.1)
     crest = crest_of(link, copy(update={"omega_max": values[-1]}), at)
     word = known_unresolved(unresolved)
-    chains = CommonChains(link, photons, run["seed"], kinds, receiver, crest, word)
-    phases = [realization_seed(run["seed"], i) for i in range(realizations)]
+    chains = CommonChains(link, photons, seed, kinds, receiver, crest, word)
+    seeds = [realization_seed(seed, i) for i in range(realizations)]
 
-    def mesh(limit: float, seed: int) -> TriangleMesh:
-        wide = copy(update={"omega_max": limit, "seed": seed})
+    def mesh(limit: float, phases: int) -> TriangleMesh:
+        wide = copy(update={"omega_max": limit, "seed": phases})
         return nested_mesh(link, wide, at, step, np.zeros(2))
 
-    cases = [partial(mesh, limit, seed) for limit, seed in product(values, phases)]
+    cases = [partial(mesh, limit, phases) for limit, phases in product(values, seeds)]
     found = over_cases(chains, cases, len(values), inputs.threads, progress)
     gain = found.samples.mean(axis=3)
     return ConvergenceStudy(

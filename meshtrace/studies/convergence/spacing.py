@@ -126,12 +126,12 @@ def convergence_study(
     if known_unresolved(unresolved) == "tilt" and reference:
         raise Refused("reference", reference, "None beside random slopes")
     inputs = resolve_chains(link, surface, photons=photons, seed=seed, time=time, threads=threads)
-    link, sea, run = inputs.link, inputs.surface, inputs.run
+    link, sea, seed = inputs.link, inputs.surface, inputs.run.seed
     exact = wave_sum(sea) if reference else None
-    crest = crest_of(link, sea, run["time"])
-    chains = CommonChains(link, photons, run["seed"], kinds, receiver, crest, unresolved)
+    crest = crest_of(link, sea, inputs.meshing.time)
+    chains = CommonChains(link, photons, seed, kinds, receiver, crest, unresolved)
     cases = [
-        partial(nested_mesh, link, sea, run["time"], spacing, shift)
+        partial(nested_mesh, link, sea, inputs.meshing.time, spacing, shift)
         for spacing, shift in product(values, placement_shifts(placements))
     ]
     found = over_cases(chains, cases, len(values), inputs.threads, progress)
@@ -141,7 +141,7 @@ def convergence_study(
         normals=kinds,
         **found._asdict(),
         scatter=spread(found.samples.mean(axis=3)),
-        reference=chains.exact(exact, run["time"], values[-1]) if exact else None,
+        reference=chains.exact(exact, inputs.meshing.time, values[-1]) if exact else None,
         tolerance=tolerance,
         provenance=inputs.provenance(
             spacings=list(values), normals=list(kinds), placements=placements,

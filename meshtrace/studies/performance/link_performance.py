@@ -19,10 +19,11 @@ from meshtrace.errors import Refused, require_keys, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
 from meshtrace.scenario import Scenario
-from meshtrace.studies.inputs import default_sea, resolve_chains
+from meshtrace.studies.inputs import resolve_chains
 from meshtrace.studies.performance.operating_point import operating_point
 from meshtrace.studies.performance.samples import Ensemble, Realizations
 from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
+from meshtrace.surfaces import sea_in_wind
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
 
@@ -117,7 +118,7 @@ def link_performance(
     over = _realizations(over or Realizations(), shortcuts)
     speed = shortcuts.get("wind_speed")
     if surface is None and speed is not None:
-        surface = default_sea(speed)
+        surface = sea_in_wind(speed)
     inputs = resolve_chains(
         link, surface, photons=over.photons, seed=over.seed, normals=None, time=None, extent=None,
         spacing=over.spacing, threads=threads,
@@ -133,7 +134,7 @@ def link_performance(
     ensemble = Ensemble(inputs, over.n, flight, progress)
     links = _links(ooks[0].channel(link), depths)
     fades = {depth: ensemble.samples(at) for depth, at in links.items()}
-    seed = inputs.run["seed"]
+    seed = inputs.run.seed
     points = [
         operating_point(one, depth, samples, limit, confidence, seed)
         for depth, samples in fades.items()
@@ -244,7 +245,7 @@ def depth_sweep(
         else:
             at = link.in_wind(speed)
         found = link_performance(
-            at, default_sea(speed), wind_speed=speed, bit_rate=bit_rate, depths=depths,
+            at, sea_in_wind(speed), wind_speed=speed, bit_rate=bit_rate, depths=depths,
             over=over or Realizations(50), **options,
         )  # fmt: skip
         performances.append(found)

@@ -108,12 +108,12 @@ class Ensemble(NamedTuple):
         if isinstance(inputs.surface, RandomSea):
             series = over_realizations(inputs, self.n, self.progress)
         else:
-            series = over_times(inputs, np.array([inputs.run["time"]]), None, self.progress)
+            series = over_times(inputs, np.array([inputs.meshing.time]), None, self.progress)
         seas = len(series.gain)
         if flight is None:
             return FadingSamples(series, np.ones((seas, 1)), float(seas))
         tilts = _TILTS if seas > 1 else _TILTS * self.n
-        winds = inputs.wind_of(flight).sample_wind(seas * tilts, inputs.run["seed"])
+        winds = inputs.wind_of(flight).sample_wind(seas * tilts, inputs.run.seed)
         fov = math.radians(link.only_receiver.fov_deg)
         factors = h_alpha(flight.uav.tilt(winds).angle, fov).reshape(seas, tilts)
         return FadingSamples(series, factors, float(seas if seas > 1 else tilts))
