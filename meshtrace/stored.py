@@ -117,7 +117,7 @@ class Stored:
         found = (dataset.attrs.get("kind"), dataset.attrs.get("format_version"))
         if found[0] != cls.kind or found[1] not in range(1, FORMAT_VERSION + 1):
             allowed = f"{cls.kind} of format_version 1 to {FORMAT_VERSION}"
-            raise Refused(name, f"kind and format_version {found}", allowed)
+            raise Refused(name, "kind and format_version {}, {}".format(*found), allowed)
         try:
             return cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
         except (KeyError, ValueError, TypeError, IndexError) as error:
@@ -223,7 +223,8 @@ def read_dataset(path: str | PathLike[str]) -> xr.Dataset:
         with open(path, "rb") as file:
             engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
         if engine == "h5netcdf":
-            h5py.File(path, "r").close()  # h5netcdf leaves a traceback where this fails
+            with h5py.File(path, "r") as found:  # h5netcdf leaves a traceback where this fails
+                found.attrs.get("_nc3_strict")
         with xr.open_dataset(path, engine=engine, decode_timedelta=False) as opened:
             return opened.load()
     except Exception as error:  # the readers raise whatever they stumble over

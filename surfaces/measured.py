@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.errors import Refused
 from meshtrace.stored import read_dataset
 
 from .seas import MeasuredSea
@@ -63,6 +64,10 @@ def from_wavespectra(
     efth = efth.transpose("freq", "dir").sortby("freq").sortby("dir")
     freq, direction = (np.asarray(efth[name], dtype=np.float64) for name in ("freq", "dir"))
     variance = efth.values * np.gradient(freq)[:, None] * _direction_width(direction)
+    if not (np.isfinite(freq) & (freq > 0.0)).all():
+        raise Refused("freq", "not positive", "finite numbers > 0 [Hz]")
+    if not (np.isfinite(variance) & (variance >= 0.0)).all():
+        raise Refused("efth", "negative or not finite", "finite variance densities >= 0")
     return MeasuredSea(
         omega=tuple(2.0 * np.pi * freq),
         theta=tuple(np.radians(270.0 - direction)),

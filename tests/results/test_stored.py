@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -295,3 +296,33 @@ def test_no_light_is_a_bound_and_not_zero(tmp_path):
     assert bound_where_dark(np.array([0.1, 0.2]), 10) is None
     assert both.gains.shape == both.stderrs.shape == (2,)
     assert dark.gains.shape == dark.stderrs.shape == (1,)
+
+
+# ---- kills ---------------------------------------------------------------------------------
+
+ENDLESS_SAVES = """
+import itertools, sys
+from meshtrace.results import load
+result = load(sys.argv[1])
+print("ready", flush=True)
+for _ in itertools.count():
+    result.save(sys.argv[2])
+"""
+
+
+@pytest.mark.parametrize("kills", [4, pytest.param(30, marks=pytest.mark.slow)])
+def test_kills_while_saving_leave_a_whole_file(tmp_path, kills):
+    good, rng = tmp_path / "good.nc", np.random.default_rng(5)
+    expected = load(OLD / "gain_analog.nc").to_dataset()
+    load(OLD / "gain_analog.nc").save(good)
+    for _ in range(kills):
+        process = subprocess.Popen(
+            [sys.executable, "-c", ENDLESS_SAVES, OLD / "gain_analog.nc", good],
+            stdout=subprocess.PIPE,
+        )
+        assert process.stdout.readline() == b"ready\n"
+        time.sleep(rng.uniform(0.0, 0.3))
+        process.kill()
+        process.wait()
+        process.stdout.close()
+        assert load(good).to_dataset().identical(expected)
