@@ -144,6 +144,7 @@ FIELDS: Mapping[str, Field] = MappingProxyType(
         "autocorrelation": Field("1", "autocorrelation of the channel gain", r"\rho(\tau)"),
         "coherence_time": Field("s", "coherence time at 1/e", r"\tau_c"),
         "gain_bin": Field("1", "channel gain at the centre of a bin", "h"),
+        "gain_bin_edge": Field("1", "channel gain at the edges of the bins", "h"),
         "gain_bin_width": Field("1", "width of a channel gain bin", r"\Delta h"),
         "gain_pdf": Field("1", "probability density of the channel gain", "f(h)"),
         "gain_pdf_stderr": Field(

@@ -11,6 +11,7 @@ import html
 import io
 import json
 from importlib import import_module
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -116,7 +117,7 @@ class Stored:
         found = (dataset.attrs.get("kind"), dataset.attrs.get("format_version"))
         if found[0] != cls.kind or found[1] not in range(1, FORMAT_VERSION + 1):
             allowed = f"{cls.kind} of format_version 1 to {FORMAT_VERSION}"
-            raise Refused(name, f"kind and format_version {found}", allowed)
+            raise Refused(name, "kind and format_version {}, {}".format(*found), allowed)
         try:
             return cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
         except (KeyError, ValueError, TypeError, IndexError) as error:
@@ -198,37 +199,40 @@ def write_dataset(data: xr.Dataset, path: str | Path) -> None:
         file.write(_MARK + hashlib.sha256(content).digest())
 
 
-def read_dataset(path: str | Path, engine: str | None = "h5netcdf") -> xr.Dataset:
+def read_dataset(path: str | PathLike[str]) -> xr.Dataset:
     """Read a netCDF file into memory.
 
     Parameters
     ----------
     path : path
-        Regular file.
-    engine : str, optional
-        Engine of xarray; None chooses by the file.
+        Regular file, netCDF-4 or classic netCDF.
 
     Raises
     ------
     Refused
         If there is no such file, or it is damaged or no netCDF file.
     """
+    import h5py
     import xarray as xr
 
     if not Path(path).is_file():
         raise Refused(str(path), "no such file", _ALLOWED)
     try:
-        damaged = _is_damaged(path)
-        if not damaged:
-            with xr.open_dataset(path, engine=engine, decode_timedelta=False) as opened:
-                return opened.load()
+        if _is_damaged(path):
+            raise OSError("damaged: its checksum differs")
+        with open(path, "rb") as file:
+            engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
+        if engine == "h5netcdf":
+            with h5py.File(path, "r") as found:  # h5netcdf leaves a traceback where this fails
+                found.attrs.get("_nc3_strict")
+        with xr.open_dataset(path, engine=engine, decode_timedelta=False) as opened:
+            return opened.load()
     except Exception as error:  # the readers raise whatever they stumble over
         reason = one_line(str(error)) or type(error).__name__
         raise Refused(str(path), reason, _ALLOWED) from error
-    raise Refused(str(path), "damaged: its checksum differs", _ALLOWED)
 
 
-def _is_damaged(path: str | Path) -> bool:
+def _is_damaged(path: str | PathLike[str]) -> bool:
     """Whether a file ends in the digest of other bytes than it has."""
     size = Path(path).stat().st_size - _TRAILER
     with open(path, "rb") as file:

@@ -7,10 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+<<<<<<< HEAD
 from meshtrace.errors import Described, Refused
+from meshtrace.stored import read_dataset
 
 from .parameters import Floats
 from .random_seas import MeasuredSea
+=======
+from meshtrace.errors import Refused
+from meshtrace.stored import read_dataset
+
+from .seas import MeasuredSea
+>>>>>>> results
 
 if TYPE_CHECKING:
     import xarray
@@ -51,18 +59,27 @@ def from_wavespectra(
     The width of a frequency bin is half the distance of its neighbours, at the ends the distance
     of the only neighbour, as wavespectra counts it, so that Hs agrees with its `hs()`.
     """
-    dataset = _loaded(source)
+    dataset = read_dataset(source) if isinstance(source, str | PathLike) else source
     missing = [name for name in ("efth", "freq", "dir") if name not in dataset.variables]
     if missing:
         raise Refused(
             "source", Described(f"without {missing}"), "efth over freq [Hz] and dir [deg]"
         )
     efth = dataset["efth"].squeeze(drop=True)
+<<<<<<< HEAD
     if set(efth.dims) != {"freq", "dir"}:
         raise Refused("efth", efth.dims, "dimensions (freq, dir); select one time and site first")
+=======
+    if set(efth.dims) != {"freq", "dir"} or not efth.size:
+        raise Refused("efth", efth.dims, "dimensions (freq, dir); select one time and site first")
+>>>>>>> results
     efth = efth.transpose("freq", "dir").sortby("freq").sortby("dir")
     freq, direction = (np.asarray(efth[name], dtype=np.float64) for name in ("freq", "dir"))
     variance = efth.values * np.gradient(freq)[:, None] * _direction_width(direction)
+    if not (np.isfinite(freq) & (freq > 0.0)).all():
+        raise Refused("freq", "not positive", "finite numbers > 0 [Hz]")
+    if not (np.isfinite(variance) & (variance >= 0.0)).all():
+        raise Refused("efth", "negative or not finite", "finite variance densities >= 0")
     return MeasuredSea(
         omega=tuple(2.0 * np.pi * freq),
         theta=tuple(np.radians(270.0 - direction)),
@@ -72,6 +89,7 @@ def from_wavespectra(
     )
 
 
+<<<<<<< HEAD
 def _loaded(source: str | PathLike[str] | xarray.Dataset) -> xarray.Dataset:
     if not isinstance(source, str | PathLike):
         return source
@@ -82,6 +100,9 @@ def _loaded(source: str | PathLike[str] | xarray.Dataset) -> xarray.Dataset:
 
 
 def _direction_width(direction: Floats) -> float:
+=======
+def _direction_width(direction: Floats) -> float:
+>>>>>>> results
     width = 360.0 / len(direction)
     turn = np.diff(direction, append=direction[0] + 360.0)
     if not np.allclose(turn, width, atol=1e-3 * width):

@@ -175,8 +175,7 @@ class FadingStatistics(Stored):
             return rows if data[name].dims else rows[0]
 
         series = "lag" in data.variables
-        width, centre = data["gain_bin_width"].to_numpy(), data["gain_bin"].to_numpy()
-        edges = np.append(centre - 0.5 * width, centre[-1] + 0.5 * width[-1])
+        pdf = [data[f"gain_{part}"].to_numpy() for part in ("bin_edge", "pdf", "pdf_stderr")]
         cdf = [data[f"gain{part}"].to_numpy() for part in ("", "_cdf", "_cdf_low", "_cdf_high")]
         return cls(
             n=int(data.attrs["n"]),
@@ -189,7 +188,7 @@ class FadingStatistics(Stored):
             noise_share=float(data["noise_share"]),
             thresholds=tuple(data["threshold"].values.tolist()),
             relative_to=data.attrs["threshold_relative_to"],
-            pdf=Histogram(edges, data["gain_pdf"].values, data["gain_pdf_stderr"].values),
+            pdf=Histogram(*pdf),
             cdf=Distribution(*cdf),
             fits=tuple(DistributionFit(**fit) for fit in json.loads(data.attrs["fits"])),
             goodness=tuple(GoodnessOfFit(*test) for test in json.loads(data.attrs["goodness"])),
@@ -207,6 +206,7 @@ class FadingStatistics(Stored):
         yield "noise_share", (), self.noise_share
         yield "threshold", ("threshold",), list(self.thresholds)
         yield "gain_bin", ("gain_bin",), 0.5 * (self.pdf.edges[1:] + self.pdf.edges[:-1])
+        yield "gain_bin_edge", ("gain_bin_edge",), self.pdf.edges
         yield "gain_bin_width", ("gain_bin",), np.diff(self.pdf.edges)
         yield "gain_pdf", ("gain_bin",), self.pdf.density
         yield "gain_pdf_stderr", ("gain_bin",), self.pdf.density_stderr

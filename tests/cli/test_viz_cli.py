@@ -163,17 +163,20 @@ def test_a_missing_extra_is_a_hint(monkeypatch, missing):
         (["gone.toml"], "gone.toml: No such file or directory, allowed: a TOML file"),
         (["gone.nc"], "gone.nc: no such file, allowed: a link file, result or mesh"),
         (["text.txt"], "text.txt: '.txt', allowed: a file name in .toml, .nc, .stl, .ply, .obj"),
-        (["text.nc"], "allowed: a result in netCDF"),
-        (["other.nc"], "other.nc: kind and format_version None, None, allowed: gain, series"),
+        (["text.nc"], "allowed: an undamaged netCDF file"),
+        (["other.nc"], "other.nc: 'kind None', allowed: results of kind gain, "),
         (["text.stl"], "sea.mesh: 'text.stl': source: empty, allowed: a surface of one or more"),
         (["--set", "receiver.radius=-1"], "receiver.radius: -1"),
         (["sea.ply", "--set", "wind_speed=3"], "--set: 'wind_speed=3', allowed: with a link file"),
         (["sea.ply", "--map", "9"], "coverage: of a mesh alone, allowed with a link"),
         (["sea.ply", "--movie", "a.gif"], "movie: of a mesh, which does not move, allowed a link"),
         (["--screenshot", "a.jpg"], "screenshot: 'a.jpg', allowed a file name in .png"),
-        (["--html", "gone/a.html"], "html: 'gone/a.html', allowed a file in a folder to write to"),
+        (
+            ["--html", "gone/a.html"],
+            "html: 'gone/a.html', allowed: a file in an existing folder, both writable",
+        ),
         (["--movie", "a.avi"], "movie: 'a.avi', allowed a file name in .mp4 or .gif"),
-        (["--export", "text.txt"], "export: 'text.txt', allowed a folder to write to"),
+        (["--export", "text.txt"], "export: 'text.txt', allowed: a folder to write to"),
         (["--color", "depth"], "color: 'depth', allowed elevation, slope"),
         (["--path-color", "age"], "color: 'age', allowed fate or weight"),
         (["--extent", "nan"], "--extent: nan, allowed: numbers > 0"),
@@ -207,5 +210,5 @@ def test_results_of_later_formats_are_refused(tmp_path):
     data = mt.simulate(mt.Link(), SEA, photons=64).to_dataset()
     data.attrs["format_version"] = 99
     data.to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
-    assert "'gain', 99, allowed: " in refusal(tmp_path / "run.nc")
+    assert "kind and format_version gain, 99', allowed: " in refusal(tmp_path / "run.nc")
     assert json.loads(data.attrs["provenance"])["surface"]["seed"] == 7

@@ -1,0 +1,95 @@
+"""Outputs of the commands: refused before the work, printed before they are written."""
+
+import json
+import os
+import re
+import resource
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from meshtrace import cli
+from meshtrace.results import load
+
+
+def meshtrace(*arguments):
+    return CliRunner().invoke(cli.app, [str(word) for word in arguments])
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["run"],
+        ["series", "--times", "0,1"],
+        ["ensemble", "-n", "2"],
+        ["ber"],
+        ["converge"],
+        ["bench"],
+    ],
+    ids=lambda command: command[0],
+)
+def test_outputs_are_refused_before_the_work(tmp_path, monkeypatch, command):
+    (tmp_path / "link.toml").write_text("")
+    os.mkfifo(tmp_path / "fifo")
+    # any work would build a sea
+    monkeypatch.setattr("meshtrace.scenario.Scenario.mesh", None)
+    monkeypatch.setattr("meshtrace.scenario.Scenario.simulate", None)
+    for name in ("link.toml", "fifo", ".", "none/a.nc", "x" * 300, "/dev/null"):
+        done = meshtrace(*command, tmp_path / "link.toml", "--output", tmp_path / name)
+        assert done.exit_code == 2
+        assert done.stdout == ""
+        assert done.stderr.startswith("error: --output: ")
+        assert done.stderr.count("\n") == 1
+    assert (tmp_path / "link.toml").read_text() == ""
+
+
+def test_a_full_disk_keeps_the_old_file_and_prints_the_result(tmp_path):
+    good = tmp_path / "good.nc"
+    good.write_bytes(b"good")
+    words = ["run", "--photons", "64", "--threads", "1", "-o", good]
+    done = subprocess.run(
+        [sys.executable, "-m", "meshtrace", *words],
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192)),
+    )
+    assert done.returncode == 2
+    assert "channel gain" in done.stdout
+    assert done.stderr.splitlines()[-1] == f"error: {good}: File too large"
+    assert "Traceback" not in done.stderr
+    assert good.read_bytes() == b"good"
+    assert os.listdir(tmp_path) == ["good.nc"]
+
+
+def test_the_written_result_says_what_was_printed(tmp_path):
+    done = meshtrace("run", "--photons", 64, "-o", tmp_path / "a.nc")
+    assert done.exit_code == 0
+    text, _, last = done.stdout.rstrip("\n").rpartition("\n\n")
+    assert last == f"written to {tmp_path / 'a.nc'}"
+    # but for the time that the run took
+    text = re.sub(r" in [\d.]+ s, [\d,]+ per second", "", text)
+    assert load(tmp_path / "a.nc").summary() == text
+
+
+def test_no_light_is_a_bound_in_json_and_in_the_file(tmp_path):
+    words = ["--set", "receiver.radius=1e-5", "--estimator", "analog", "--photons", 1000]
+    data = json.loads(meshtrace("run", *words, "--json").stdout)
+    assert data["gain"] == 0.0
+    assert data["gain_bound"] == pytest.approx(3e-3)
+    meshtrace("run", *words, "-o", tmp_path / "a.nc")
+    assert float(load(tmp_path / "a.nc").gain_bound) == pytest.approx(3e-3)
+    lit = json.loads(meshtrace("run", "--photons", 64, "--json").stdout)
+    assert lit["gain_bound"] is None
+
+
+def test_the_scatter_of_a_single_sea_is_a_dash():
+    import xarray as xr
+
+    from meshtrace.cli.sweep import _rows
+
+    gain = xr.DataArray(np.array([[1.0], [2.0]]), dims=("depth", "realization"))
+    data = xr.Dataset({"gain": gain, "gain_stderr": 0.1 * gain}, {"depth": [1.0, 2.0]})
+    assert [row.split()[-1] for row in _rows(data)] == ["scatter", "-", "-"]
