@@ -7,18 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-<<<<<<< HEAD
 from meshtrace.errors import Described, Refused
 from meshtrace.stored import read_dataset
 
 from .parameters import Floats
 from .random_seas import MeasuredSea
-=======
-from meshtrace.errors import Refused
-from meshtrace.stored import read_dataset
-
-from .seas import MeasuredSea
->>>>>>> results
 
 if TYPE_CHECKING:
     import xarray
@@ -66,13 +59,8 @@ def from_wavespectra(
             "source", Described(f"without {missing}"), "efth over freq [Hz] and dir [deg]"
         )
     efth = dataset["efth"].squeeze(drop=True)
-<<<<<<< HEAD
-    if set(efth.dims) != {"freq", "dir"}:
-        raise Refused("efth", efth.dims, "dimensions (freq, dir); select one time and site first")
-=======
     if set(efth.dims) != {"freq", "dir"} or not efth.size:
         raise Refused("efth", efth.dims, "dimensions (freq, dir); select one time and site first")
->>>>>>> results
     efth = efth.transpose("freq", "dir").sortby("freq").sortby("dir")
     freq, direction = (np.asarray(efth[name], dtype=np.float64) for name in ("freq", "dir"))
     variance = efth.values * np.gradient(freq)[:, None] * _direction_width(direction)
@@ -89,20 +77,7 @@ def from_wavespectra(
     )
 
 
-<<<<<<< HEAD
-def _loaded(source: str | PathLike[str] | xarray.Dataset) -> xarray.Dataset:
-    if not isinstance(source, str | PathLike):
-        return source
-    import xarray
-
-    with xarray.open_dataset(source) as dataset:
-        return dataset.load()
-
-
 def _direction_width(direction: Floats) -> float:
-=======
-def _direction_width(direction: Floats) -> float:
->>>>>>> results
     width = 360.0 / len(direction)
     turn = np.diff(direction, append=direction[0] + 360.0)
     if not np.allclose(turn, width, atol=1e-3 * width):

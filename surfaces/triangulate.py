@@ -10,11 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-<<<<<<< HEAD
-from meshtrace.errors import Described, Refused
-=======
-from meshtrace.errors import Refused, one_line
->>>>>>> results
+from meshtrace.errors import Described, Refused, one_line
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 
 from .parameters import Floats, Range

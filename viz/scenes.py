@@ -5,11 +5,7 @@ from __future__ import annotations
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
-<<<<<<< HEAD
 from meshtrace.studies.coverage import coverage_map
-=======
-from meshtrace.studies.series import coverage_map
->>>>>>> results
 from meshtrace.transport.paths import PhotonPaths
 from meshtrace.transport.simulate import trace_paths
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from pydantic import field_validator
 
@@ -25,12 +25,6 @@ from meshtrace.transport.options import Analog, Estimator, Meshing, Run, run_key
 from meshtrace.transport.simulate import simulate
 from meshtrace.uav.airframe import Uav
 
-<<<<<<< HEAD
-=======
-if TYPE_CHECKING:
-    pass
-
->>>>>>> studies
 
 class Scenario(Model, frozen=True):
     """Everything that one run depends on; what a link file says.

@@ -74,29 +74,6 @@ def resolve_chains(
     Refused
         If an option is out of range, or the surface is no sea.
     """
-<<<<<<< HEAD
-    link, sea, scenario, given = resolve(link, surface, **options)
-    if scenario is not None and not isinstance(scenario.run.estimator, Forced):
-        raise Refused("run.estimator", scenario.run.estimator.kind, "forced, over many seas")
-    if isinstance(sea, MeshFile):
-        raise Refused("sea.mesh", sea.file, "a sea model")
-    if not isinstance(sea, SurfaceModel):
-        raise Refused("surface", Described(type(sea).__name__), "a sea (SurfaceModel)")
-    defaults = {"photons": DEFAULT_CHAINS, "seed": 1, "normals": "vertex", "time": 0.0}
-    run = {**{name: defaults.get(name) for name in options}, **given}
-    threads = run.pop("threads", None)
-    require_whole(run["photons"], 1, 2**53, "photons")
-    require_whole(run["seed"], 0, 2**64 - 1, "seed")
-    require_word(run.get("normals", "vertex"), ("vertex", "facet"), "normals")
-    if scenario is not None:
-        require_modest(sea, link.footprint(), scenario.meshing)
-    return Inputs(link, sea, run, default_threads(threads), scenario)
-
-
-def default_sea(wind_speed: float) -> SurfaceModel:
-    """Return the JONSWAP sea of a wind [m s-1], flat in a calm."""
-    return Scenario.from_config({"wind_speed": wind_speed}).surface
-=======
     given = {name: value for name, value in options.items() if value is not None}
     scenario = link if isinstance(link, Scenario) else None
     if scenario is None:
@@ -109,4 +86,3 @@ def default_sea(wind_speed: float) -> SurfaceModel:
     if not isinstance(case.surface, SurfaceModel):
         raise Refused("surface", Described(type(case.surface).__name__), "a sea (SurfaceModel)")
     return Inputs(case.link, case.surface, case.run, case.meshing, scenario)
->>>>>>> studies

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import math
-import math
-import math
-import math
-import math
-import math
-import math
-import math
 from typing import Any
 
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Footprint, Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.transport.options import Meshing
+
+_MOST_FACETS = 8e6
 
 _MOST_FACETS = 8e6
 

@@ -87,14 +87,9 @@ def time_step_study(
     chains = CommonChains(link, photons, seed, kinds, receiver, crest_of(link, sea, begin))
 
     def mesh(i: int) -> TriangleMesh:
-<<<<<<< HEAD
-        meshing = Meshing(time=begin + i * finest, spacing=step)
-        return mesh_for(chains.link, sea, meshing, chains.reach)[0]
-=======
         return mesh_for(
             chains.link, sea, Meshing(time=begin + i * finest, spacing=step), chains.reach
         )[0]
->>>>>>> studies
 
     cases = [partial(mesh, i) for i in range(n + 1)]
     found = over_cases(chains, cases, 1, inputs.threads, progress, photons=0)
