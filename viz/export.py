@@ -11,6 +11,7 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Refused, Words
 from meshtrace.mesh import TriangleMesh
 from meshtrace.studies.series import CoverageMap
 from meshtrace.transport.paths import PhotonPaths, Vertex
@@ -38,7 +39,7 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
 
     Raises
     ------
-    ValueError
+    Refused
         If it is something else.
 
     Examples
@@ -48,7 +49,7 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
     32
     """
     allowed = "TriangleMesh, PhotonPaths, CoverageMap"
-    raise ValueError(f"source: {type(source).__name__}, allowed {allowed}")
+    raise Refused("source", Words(type(source).__name__), allowed)
 
 
 @to_pyvista.register
@@ -119,7 +120,7 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
 
     Raises
     ------
-    ValueError
+    Refused
         If the suffix does not suit.
     """
     path, data = Path(path), to_pyvista(source)
@@ -127,7 +128,7 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
     if isinstance(source, PhotonPaths):
         allowed = allowed[:2]
     if path.suffix not in allowed:
-        raise ValueError(f"path: {str(path)!r}, allowed a file name in {', '.join(allowed)}")
+        raise Refused("path", str(path), f"a file name in {', '.join(allowed)}")
     if path.suffix == ".vtu":
         data = data.cast_to_unstructured_grid()
     data.save(path)
