@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.kernels.facets import facet_hits
+from meshtrace.kernels.facets import Triangles, facet_hits
 from meshtrace.mesh import TriangleMesh
 
 
@@ -74,7 +74,8 @@ def _hits(intersector: Intersector, origins: ArrayLike, directions: ArrayLike) -
         raise ValueError(f"directions: shape {d.shape}, allowed that of origins {o.shape}")
     facet = intersector.facets(o.astype(np.float32), d.astype(np.float32))
     mesh = intersector.mesh
-    distance, u, v = facet_hits(facet, o, d, mesh.vertices, mesh.faces, mesh.face_normals)
+    triangles = Triangles(mesh.vertices, mesh.faces, mesh.face_normals)
+    distance, u, v = facet_hits(facet, o, d, triangles)
     return Hits(facet, distance, u, v)
 
 

@@ -48,6 +48,25 @@ class SurfaceModel(Protocol):
         ...
 
 
+@runtime_checkable
+class RandomSea(SurfaceModel, Protocol):
+    """A sea whose phases come from a seed."""
+
+    def with_seed(self, seed: int) -> RandomSea:
+        """Return the same sea with other phases."""
+        ...
+
+
+@runtime_checkable
+class WaveSum(SurfaceModel, Protocol):
+    """A sea that is a sum of plane waves."""
+
+    @property
+    def components(self) -> Any:
+        """Amplitudes, frequencies, wave vectors and phases as arrays."""
+        ...
+
+
 class UnresolvedSlopes(NamedTuple):
     """Slope variances (along, across the wind) of the waves that a mesh is too coarse to show.
 
@@ -110,6 +129,8 @@ class TriangleMesh:
             raise ValueError(
                 f"mesh.faces: indices {faces.min()}..{faces.max()}, allowed 0..{len(vertices) - 1}"
             )
+        faces = faces.view()
+        faces.flags.writeable = False  # one type for all kernels, which compile once
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
         up = self.face_normals[:, 2]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from meshtrace.errors import Refused, Words
+from meshtrace.errors import Described, Refused
 
 from .parameters import Floats
 from .random_seas import MeasuredSea
@@ -54,7 +54,9 @@ def from_wavespectra(
     dataset = _loaded(source)
     missing = [name for name in ("efth", "freq", "dir") if name not in dataset.variables]
     if missing:
-        raise Refused("source", Words(f"without {missing}"), "efth over freq [Hz] and dir [deg]")
+        raise Refused(
+            "source", Described(f"without {missing}"), "efth over freq [Hz] and dir [deg]"
+        )
     efth = dataset["efth"].squeeze(drop=True)
     if set(efth.dims) != {"freq", "dir"}:
         raise Refused("efth", efth.dims, "dimensions (freq, dir); select one time and site first")
@@ -83,6 +85,6 @@ def _direction_width(direction: Floats) -> float:
     width = 360.0 / len(direction)
     turn = np.diff(direction, append=direction[0] + 360.0)
     if not np.allclose(turn, width, atol=1e-3 * width):
-        found = Words(f"steps of {turn.min():g} to {turn.max():g} deg")
+        found = Described(f"steps of {turn.min():g} to {turn.max():g} deg")
         raise Refused("dir", found, "equal steps round the circle")
     return width

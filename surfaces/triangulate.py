@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Refused, Words
+from meshtrace.errors import Described, Refused
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 
 from .parameters import Floats, Range
@@ -157,7 +157,7 @@ def from_trimesh(
 def _increasing(name: str, axis: ArrayLike) -> Floats:
     axis = np.asarray(axis, dtype=np.float64)
     if axis.ndim != 1 or len(axis) < 2 or not (np.diff(axis) > 0.0).all():
-        raise Refused(name, Words(f"shape {axis.shape}"), "two or more increasing numbers [m]")
+        raise Refused(name, Described(f"shape {axis.shape}"), "two or more increasing numbers [m]")
     return axis
 
 
@@ -180,18 +180,18 @@ def _read(source: Any) -> tuple[Floats, NDArray[np.int64]]:
     pair = (source.vertices, source.faces) if hasattr(source, "faces") else source
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         allowed = "trimesh.Trimesh, a path, (vertices, faces) or (x, y, z)"
-        raise Refused("source", Words(type(source).__name__), allowed)
+        raise Refused("source", Described(type(source).__name__), allowed)
     vertices = np.array(pair[0], dtype=np.float64)
     faces = np.array(pair[1])
     if vertices.size == 0 or faces.size == 0:
-        raise Refused("source", Words("empty"), "a surface of one or more facets")
+        raise Refused("source", Described("empty"), "a surface of one or more facets")
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
-        found = Words(f"shapes {vertices.shape} and {faces.shape}")
+        found = Described(f"shapes {vertices.shape} and {faces.shape}")
         raise Refused("source", found, "(n, 3) and (m, 3)")
     if not np.issubdtype(faces.dtype, np.integer):
-        raise Refused("source", Words(f"faces of type {faces.dtype}"), "integers")
+        raise Refused("source", Described(f"faces of type {faces.dtype}"), "integers")
     if faces.min() < 0 or faces.max() >= len(vertices):
-        found = Words(f"faces {faces.min()}..{faces.max()}")
+        found = Described(f"faces {faces.min()}..{faces.max()}")
         raise Refused("source", found, f"0..{len(vertices) - 1}")
     return vertices, faces.astype(np.int64)
 
@@ -200,11 +200,13 @@ def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArra
     x, y, z = (np.asarray(a, dtype=np.float64) for a in (x, y, z))
     if x.ndim == 2:
         if x.shape != z.shape or y.shape != z.shape or z.size == 0:
-            raise Refused("source", Words(f"shapes {x.shape}, {y.shape}, {z.shape}"), "equal ones")
+            raise Refused(
+                "source", Described(f"shapes {x.shape}, {y.shape}, {z.shape}"), "equal ones"
+            )
         if np.ptp(x[0]) > 0.0:
             x, y, z = x.T, y.T, z.T
         if (x != x[:, :1]).any() or (y != y[:1]).any():
-            raise Refused("source", Words("x, y are no grid"), "the arrays of numpy.meshgrid")
+            raise Refused("source", Described("x, y are no grid"), "the arrays of numpy.meshgrid")
         x, y = x[:, 0], y[0]
     x, y = _increasing("x", x), _increasing("y", y)
     if z.shape != (len(x), len(y)):
@@ -217,7 +219,7 @@ def _merged(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray
     used, corner = np.unique(faces, return_inverse=True)
     vertices = vertices[used]
     if not np.isfinite(vertices).all():
-        raise Refused("source", Words("vertices not all finite"), "finite coordinates [m]")
+        raise Refused("source", Described("vertices not all finite"), "finite coordinates [m]")
     order = np.lexsort(vertices.T)
     new = np.ones(len(order), dtype=bool)
     new[1:] = (np.diff(vertices[order], axis=0) != 0.0).any(axis=1)
@@ -233,7 +235,7 @@ def _refuse_degenerate(vertices: Floats, faces: NDArray[np.int64]) -> None:
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     count = np.count_nonzero(area <= _SMALLEST_AREA * edge)
     if count:
-        raise Refused("source", Words(f"{count} of {len(faces)} facets without area"), "none")
+        raise Refused("source", Described(f"{count} of {len(faces)} facets without area"), "none")
 
 
 def _outline(vertices: Floats, faces: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -243,7 +245,7 @@ def _outline(vertices: Floats, faces: NDArray[np.int64]) -> NDArray[np.int64]:
     backward = edges[:, 1] * len(vertices) + edges[:, 0]
     undirected, uses = np.unique(np.minimum(forward, backward), return_counts=True)
     if (uses > 1).all():
-        raise Refused("source", Words("closed solid"), "an open surface")
+        raise Refused("source", Described("closed solid"), "an open surface")
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     cross = np.cross(b - a, c - a)
     up = cross[:, 2] / np.linalg.norm(cross, axis=1)
@@ -258,18 +260,20 @@ def _outline(vertices: Floats, faces: NDArray[np.int64]) -> NDArray[np.int64]:
 def _refuse_count(what: str, wrong: NDArray[np.bool_], total: int) -> None:
     count = np.count_nonzero(wrong)
     if count:
-        raise Refused("source", Words(f"{count} of {total} {what}"), "a height field that faces up")
+        raise Refused(
+            "source", Described(f"{count} of {total} {what}"), "a height field that faces up"
+        )
 
 
 def _refuse_many_pieces(n: int, edges: NDArray[np.int64], outline: NDArray[np.int64]) -> None:
     pieces = _component_count(n, edges)
     if pieces > 1:
-        raise Refused("source", Words(f"{pieces} separate pieces or sheets"), "one")
+        raise Refused("source", Described(f"{pieces} separate pieces or sheets"), "one")
     if len(np.unique(outline[:, 0])) < len(outline):
-        raise Refused("source", Words("pieces joined at a single vertex only"), "one surface")
+        raise Refused("source", Described("pieces joined at a single vertex only"), "one surface")
     holes = _component_count(n, outline) - (n - len(outline)) - 1
     if holes:
-        raise Refused("source", Words(f"{holes} holes inside the outline"), "none")
+        raise Refused("source", Described(f"{holes} holes inside the outline"), "none")
 
 
 def _component_count(n: int, edges: NDArray[np.int64]) -> int:
@@ -296,7 +300,7 @@ def _refuse_folds(vertices: Floats, outline: NDArray[np.int64]) -> None:
     if touching:
         raise Refused(
             "source",
-            Words(f"outline meets itself {touching} times seen from above"),
+            Described(f"outline meets itself {touching} times seen from above"),
             "one sheet, without several sheets over one point or seams of unequal vertices",
         )
 
@@ -329,7 +333,7 @@ def _refuse_uncovered(segments: Floats, extent: float) -> None:
         low, high = start.min(axis=0), start.max(axis=0)
         raise Refused(
             "extent",
-            Words(f"{extent} m"),
+            Described(f"{extent} m"),
             "a square |x|, |y| <= extent [m] that the surface covers; it lies in "
             f"x {low[0]:g}..{high[0]:g} m, y {low[1]:g}..{high[1]:g} m",
         )

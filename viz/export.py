@@ -11,9 +11,9 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Refused, Words
+from meshtrace.errors import Described, Refused
 from meshtrace.mesh import TriangleMesh
-from meshtrace.studies.series import CoverageMap
+from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths, Vertex
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
     32
     """
     allowed = "TriangleMesh, PhotonPaths, CoverageMap"
-    raise Refused("source", Words(type(source).__name__), allowed)
+    raise Refused("source", Described(type(source).__name__), allowed)
 
 
 @to_pyvista.register

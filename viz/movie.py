@@ -14,10 +14,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Refused, Words
+from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
-from meshtrace.studies.series import CoverageMap, GainSeries, time_series
+from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.series import GainSeries
+from meshtrace.studies.series import time_series
 from meshtrace.transport.paths import PhotonPaths
 
 from .plots_gain import plot_gain_series
@@ -83,10 +85,10 @@ def save_movie(
     path, times = Path(path), np.asarray(times, dtype=float)
     options = _writer_options(path, frame_rate)
     if times.ndim != 1 or len(times) < 2:
-        raise Refused("times", Words(f"shape {times.shape}"), "(n,) with n >= 2")
+        raise Refused("times", Described(f"shape {times.shape}"), "(n,) with n >= 2")
     gain = gain or time_series(link, sea, times, photons=photons, seed=seed)
     if not np.array_equal(gain.coordinate, times):
-        raise Refused("gain", Words("at other times"), "a series at the times of the frames")
+        raise Refused("gain", Described("at other times"), "a series at the times of the frames")
     heights = sea.elevation(*np.meshgrid(np.linspace(-20, 20, 41), np.linspace(-20, 20, 41)))
     limit = style.color_limit or 1.2 * float(np.abs(heights).max()) or None
     frame, plotter = _Frame(gain), None

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from meshtrace import fading
-from meshtrace.errors import Refused, Words
+from meshtrace.errors import Described, Refused
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
 
 from .style import INK, PALETTE, axes, axis_label, label_of
@@ -18,7 +18,8 @@ from .style import INK, PALETTE, axes, axis_label, label_of
 if TYPE_CHECKING:
     import xarray as xr
 
-    from meshtrace.studies.series import CoverageMap, GainSeries
+    from meshtrace.results.coverage import CoverageMap
+    from meshtrace.results.series import GainSeries
 
 Floats = NDArray[np.float64]
 
@@ -45,7 +46,7 @@ def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
         If the result has no fates.
     """
     if not result.fates:
-        raise Refused("result", Words("no fates"), 'a result of estimator="analog"')
+        raise Refused("result", Described("no fates"), 'a result of estimator="analog"')
     ax = axes(ax)
     shares = {name: tally.weight for name, tally in result.fates.items() if tally.weight > 0.0}
     meanings = [FATE_MEANING[Fate[name.upper()]] for name in shares]
@@ -210,7 +211,7 @@ def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None
         If the statistics are those of an ensemble.
     """
     if statistics.lag is None or statistics.autocorrelation is None:
-        raise Refused("statistics", Words("of an ensemble"), "those of a time series")
+        raise Refused("statistics", Described("of an ensemble"), "those of a time series")
     ax = axes(ax)
     ax.plot(statistics.lag, statistics.autocorrelation)
     ax.axhline(np.exp(-1.0), color=INK, lw=0.8, ls="--")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from meshtrace.errors import Refused, Words
+from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.studies.series import CoverageMap, coverage_map
+from meshtrace.results.coverage import CoverageMap
+from meshtrace.studies.coverage import coverage_map
 from meshtrace.transport.paths import PhotonPaths
 from meshtrace.transport.simulate import trace_paths
 
@@ -197,7 +198,7 @@ def coverage_of(
 ) -> CoverageMap:
     """Return a coverage map over half the width of the stage, in 40 by 40 cells."""
     if link is None:
-        raise Refused("coverage", Words("of a mesh alone"), "with a link")
+        raise Refused("coverage", Described("of a mesh alone"), "with a link")
     half = 0.5 * stage.half
     return coverage_map(link, surface, half, half / 20.0, times=(time,), photons=photons, seed=seed)
 

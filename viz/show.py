@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 
-from meshtrace.errors import Refused, Words
+from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.studies.series import CoverageMap, GainSeries
+from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.series import GainSeries
 from meshtrace.transport.paths import PhotonPaths
 
 from .export import export_scene
@@ -93,9 +94,9 @@ def view(
     _refuse_unwritable({"screenshot": screenshot, "html": html, "movie": movie, "export": export})
     window = not (screenshot or html or movie or export)
     if window and not has_display():
-        raise Refused("view", Words("no display"), "screenshot, html, movie or export")
+        raise Refused("view", Described("no display"), "screenshot, html, movie or export")
     if movie and (link is None or isinstance(surface, TriangleMesh)):
-        raise Refused("movie", Words("of a mesh, which does not move"), "a link over a sea")
+        raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
     files: list[Path] = []
     if window or screenshot or html or export:
         paths = paths if link is not None else None

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Refused, Words
+from meshtrace.errors import Described, Refused
 from meshtrace.fading.gains import (
     FloatArray,
     check_bootstrap,
@@ -67,7 +67,7 @@ def autocorrelation(
     share = float(noise.mean()) / float(g.mean()) ** 2
     variance = float(x.var()) - share
     if np.ptp(g) == 0.0 or not variance > 0.0:
-        found = Words(f"variance {x.var():.3g} of gain / mean")
+        found = Described(f"variance {x.var():.3g} of gain / mean")
         raise Refused("gain", found, f"more than that of the Monte Carlo noise, {share:.3g}")
     rho = _autocovariance(x)[: max_lag + 1] / variance
     rho[0] = 1.0

@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Refused, Words
+from meshtrace.errors import Described, Refused
 from meshtrace.fading.gains import FloatArray, remove_noise
 
 Model = Literal["lognormal", "gamma-gamma"]
@@ -247,9 +247,9 @@ def _fit_sample(gain: ArrayLike, gain_stderr: ArrayLike | None) -> FloatArray:
     g = remove_noise(gain, gain_stderr)
     if not g.all():
         zeros = g.size - np.count_nonzero(g)
-        raise Refused("gain", Words(f"{zeros} of {g.size} are 0"), "gains > 0 for a fit")
+        raise Refused("gain", Described(f"{zeros} of {g.size} are 0"), "gains > 0 for a fit")
     if np.ptp(g) <= 1e-12 * g.max():
-        found = Words("no variance beside the Monte Carlo noise")
+        found = Described("no variance beside the Monte Carlo noise")
         raise Refused("gain", found, "gains that vary")
     return g
 

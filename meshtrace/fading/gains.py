@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Refused, Words
+from meshtrace.errors import Described, Refused
 
 FloatArray = NDArray[np.float64]
 Reference = Literal["mean", "median", "absolute"]
@@ -21,10 +21,10 @@ def checked_gain(gain: ArrayLike) -> FloatArray:
     """Return the gains as an array of two or more, not all 0."""
     g = np.asarray(gain, dtype=np.float64)
     if g.ndim != 1 or g.size < 2:
-        raise Refused("gain", Words(f"shape {g.shape}"), "(n,) with n >= 2")
+        raise Refused("gain", Described(f"shape {g.shape}"), "(n,) with n >= 2")
     _check_values("gain", g)
     if not g.any():
-        raise Refused("gain", Words("all 0"), "at least one gain > 0")
+        raise Refused("gain", Described("all 0"), "at least one gain > 0")
     return g
 
 
@@ -35,7 +35,7 @@ def checked(gain: ArrayLike, gain_stderr: ArrayLike | None) -> tuple[FloatArray,
         return g, np.zeros_like(g)
     stderr = np.asarray(gain_stderr, dtype=np.float64)
     if stderr.shape not in ((), g.shape):
-        raise Refused("gain_stderr", Words(f"shape {stderr.shape}"), f"() or {g.shape}")
+        raise Refused("gain_stderr", Described(f"shape {stderr.shape}"), f"() or {g.shape}")
     stderr = np.broadcast_to(stderr, g.shape)
     _check_values("gain_stderr", stderr)
     return g, stderr**2
@@ -51,12 +51,14 @@ def checked_step(time: ArrayLike, n: int) -> float:
     """Return the time step [s] of equally spaced times."""
     t = np.asarray(time, dtype=np.float64)
     if t.shape != (n,):
-        raise Refused("time", Words(f"shape {t.shape}"), f"({n},), one time [s] per gain")
+        raise Refused("time", Described(f"shape {t.shape}"), f"({n},), one time [s] per gain")
     if not np.isfinite(t).all():
-        raise Refused("time", Words("not all finite"), "finite times [s]")
+        raise Refused("time", Described("not all finite"), "finite times [s]")
     step = (t[-1] - t[0]) / (n - 1)
     if not step > 0.0 or np.abs(np.diff(t) - step).max() > 1e-6 * step + 1e-12 * np.abs(t).max():
-        raise Refused("time", Words("not equally spaced and increasing"), "a constant step > 0 s")
+        raise Refused(
+            "time", Described("not equally spaced and increasing"), "a constant step > 0 s"
+        )
     return float(step)
 
 

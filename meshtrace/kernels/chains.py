@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from meshtrace.kernels.jit import entry, inlined
 from meshtrace.kernels.medium import lookup
 from meshtrace.kernels.phase import sample_s
-from meshtrace.kernels.vectors import turn
+from meshtrace.kernels.vectors import ORIGIN, TWO_PI, UP, along, turn, write
 
 FREE_PATH_SHARE = 0.2
 """Share of chains whose distances are free paths; the others fill the way to the surface."""
@@ -39,7 +39,7 @@ class Chains(NamedTuple):
 
 
 class Nominal(NamedTuple):
-    """Where collisions are expected along the straight way to the surface."""
+    """Expected collisions along the straight way to the surface."""
 
     distance: float  # [m]
     c: float  # attenuation of the free-path part [m-1]
@@ -52,7 +52,7 @@ class Nominal(NamedTuple):
 
 @inlined
 def _distance(nominal, u):
-    """Return the distance at which a share u of the collisions lies before.
+    """Invert the cumulative collision profile: the distance before which a share u occurs.
 
     Array twin: numpy.interp of the inverse; `density` is exactly its derivative.
     Inside a cell the density is linear, so that the inverse is a quadratic.
@@ -76,7 +76,7 @@ def _distance(nominal, u):
 def make_chains(chains, nominal, medium, uniforms, free_path):
     """Fill chains of order K from uniforms of shape (n, 3 K + 4).
 
-    Array twin: `tests/unit/test_chains.py`.
+    Array twin: `tests/kernels/test_chains.py`.
     Distances are sorted draws from the nominal profile, or free paths (`free_path` rows); the
     weight divides by the mixture of both densities (one-sample balance heuristic).
     """
@@ -109,10 +109,10 @@ def make_chains(chains, nominal, medium, uniforms, free_path):
         chains.path[i] = total
         chains.weight[i] = _place(chains, i, nominal, medium, u) / density
         r = math.sqrt(u[3 * order])
-        phi = 2.0 * math.pi * u[3 * order + 1]
+        phi = TWO_PI * u[3 * order + 1]
         chains.disk[i, 0], chains.disk[i, 1] = r * math.cos(phi), r * math.sin(phi)
         r = math.sqrt(-2.0 * math.log(u[3 * order + 2]))
-        phi = 2.0 * math.pi * u[3 * order + 3]
+        phi = TWO_PI * u[3 * order + 3]
         chains.tilt[i, 0], chains.tilt[i, 1] = r * math.cos(phi), r * math.sin(phi)
 
 
@@ -120,16 +120,15 @@ def make_chains(chains, nominal, medium, uniforms, free_path):
 def _place(chains, i, nominal, medium, u):
     """Turn path lengths into positions; return 1 / probability of the chosen scatterers."""
     at = chains.vertex[i]
-    x, y, z = 0.0, 0.0, 0.0
-    dx, dy, dz = 0.0, 0.0, 1.0
+    p, d = ORIGIN, UP
     before = 0.0
     weight = 1.0
     for k in range(at.shape[0]):
         length = at[k, 0] - before
         before = at[k, 0]
-        x, y, z = x + length * dx, y + length * dy, z + length * dz
+        p = along(p, d, length)
         # the height decides which scatterer is likely: a chain turned aside stays deeper
-        share = lookup(nominal.bubble, max(z, 0.0) / nominal.step)
+        share = lookup(nominal.bubble, max(p.z, 0.0) / nominal.step)
         u_theta = u[3 * k + 1]
         if u_theta < share:
             chains.kind[i, k] = 1
@@ -139,8 +138,8 @@ def _place(chains, i, nominal, medium, u):
             chains.kind[i, k] = 0
             weight /= 1.0 - share
             s = sample_s(medium.phase_water, (u_theta - share) / (1.0 - share))
-        dx, dy, dz = turn(dx, dy, dz, s, u[3 * k + 2])
-        at[k, 0], at[k, 1], at[k, 2] = x, y, z
-    chains.last[i, 0], chains.last[i, 1], chains.last[i, 2] = dx, dy, dz
-    chains.tail[i, 0], chains.tail[i, 1], chains.tail[i, 2] = x, y, z
+        d = turn(d, s, u[3 * k + 2])
+        write(at[k], p)
+    write(chains.last[i], d)
+    write(chains.tail[i], p)
     return weight

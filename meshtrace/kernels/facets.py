@@ -10,6 +10,18 @@ from numba import njit
 from numpy.typing import NDArray
 
 from meshtrace.kernels.jit import inlined
+from meshtrace.kernels.vectors import (
+    Vec2,
+    Vec3,
+    along,
+    blend,
+    cross2,
+    dot,
+    minus,
+    minus2,
+    row,
+    unit,
+)
 
 
 class Roughness(NamedTuple):
@@ -22,6 +34,14 @@ class Roughness(NamedTuple):
 
 
 SMOOTH = Roughness(0.0, 0.0, 1.0, 0.0)
+
+
+class Triangles(NamedTuple):
+    """Corners and normals of facets; a `Surface` may stand in its place."""
+
+    vertices: NDArray[np.float64]  # (n, 3)
+    faces: NDArray[np.int32]  # (m, 3)
+    face_normals: NDArray[np.float64]  # (m, 3)
 
 
 class Surface(NamedTuple):
@@ -40,51 +60,60 @@ class Surface(NamedTuple):
 
 
 @inlined
-def plane_distance(x, y, z, dx, dy, dz, facet, vertices, faces, face_normals):
+def corners(array, facet, faces):
+    """Return the rows of an (n, 3) array that belong to the corners of a facet.
+
+    Array twin: `array[faces[facet]]`.
+    """
+    return row(array, faces[facet, 0]), row(array, faces[facet, 1]), row(array, faces[facet, 2])
+
+
+@inlined
+def plane_distance(p, d, facet, mesh):
     """Return the distance along a ray to the plane of a facet.
 
     Array twin: `facet_hits`.
     The plane equation in double precision removes the single precision of Embree.
     """
-    a = faces[facet, 0]
-    nx, ny, nz = face_normals[facet, 0], face_normals[facet, 1], face_normals[facet, 2]
-    along = dx * nx + dy * ny + dz * nz
-    if along == 0.0:
+    n = row(mesh.face_normals, facet)
+    facing = dot(d, n)
+    if facing == 0.0:
         return math.inf
-    return (
-        (vertices[a, 0] - x) * nx + (vertices[a, 1] - y) * ny + (vertices[a, 2] - z) * nz
-    ) / along
+    return dot(minus(row(mesh.vertices, mesh.faces[facet, 0]), p), n) / facing
 
 
 @inlined
-def barycentrics(x, y, facet, vertices, faces):
+def barycentrics(x, y, facet, mesh):
     """Return (u, v) of the point of a facet over (x, y).
 
     Array twin: `facet_hits`.
     Facets face up, so their projections to the plane keep the barycentrics.
     """
-    a, b, c = faces[facet, 0], faces[facet, 1], faces[facet, 2]
-    bx, by = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1]
-    cx, cy = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1]
-    px, py = x - vertices[a, 0], y - vertices[a, 1]
-    area = bx * cy - by * cx
-    return (px * cy - py * cx) / area, (bx * py - by * px) / area
+    a, b, c = corners(mesh.vertices, facet, mesh.faces)
+    ab, ac, ap = minus2(b, a), minus2(c, a), minus2(Vec2(x, y), a)
+    area = cross2(ab, ac)
+    return cross2(ap, ac) / area, cross2(ab, ap) / area
 
 
 @inlined
-def interpolated_normal(u, v, facet, faces, vertex_normals):
+def inside_facet(x, y, facet, mesh):
+    """Return whether (x, y) lies on a facet, edges included.
+
+    Array twin: `barycentrics`.
+    """
+    u, v = barycentrics(x, y, facet, mesh)
+    return u >= 0.0 and v >= 0.0 and u + v <= 1.0
+
+
+@inlined
+def interpolated_normal(u, v, facet, surface):
     """Return the unit normal interpolated from the corners of a facet.
 
     Array twin: `TriangleMesh.vertex_normals` averaged with (1 - u - v, u, v).
     Interpolated exact slopes make refraction converge as the square of the spacing.
     """
-    a, b, c = faces[facet, 0], faces[facet, 1], faces[facet, 2]
-    w = 1.0 - u - v
-    nx = w * vertex_normals[a, 0] + u * vertex_normals[b, 0] + v * vertex_normals[c, 0]
-    ny = w * vertex_normals[a, 1] + u * vertex_normals[b, 1] + v * vertex_normals[c, 1]
-    nz = w * vertex_normals[a, 2] + u * vertex_normals[b, 2] + v * vertex_normals[c, 2]
-    scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
-    return nx * scale, ny * scale, nz * scale
+    a, b, c = corners(surface.vertex_normals, facet, surface.faces)
+    return unit(blend(u, v, a, b, c))
 
 
 @inlined
@@ -94,10 +123,9 @@ def normal_at(x, y, facet, surface):
     Array twin: `interpolated_normal`.
     """
     if surface.interpolate:
-        u, v = barycentrics(x, y, facet, surface.vertices, surface.faces)
-        return interpolated_normal(u, v, facet, surface.faces, surface.vertex_normals)
-    g = surface.face_normals
-    return g[facet, 0], g[facet, 1], g[facet, 2]
+        u, v = barycentrics(x, y, facet, surface)
+        return interpolated_normal(u, v, facet, surface)
+    return row(surface.face_normals, facet)
 
 
 @inlined
@@ -110,40 +138,38 @@ def is_rough(roughness):
 def slope_tilt(roughness, along, across):
     """Return the slopes along x and y of two standard normal numbers.
 
-    Array twin: their covariance in `tests/unit/test_kernels_facets.py`.
+    Array twin: their covariance in `tests/kernels/test_kernels_facets.py`.
     """
     a, c = roughness.along * along, roughness.across * across
-    return roughness.cos * a - roughness.sin * c, roughness.sin * a + roughness.cos * c
+    return Vec2(roughness.cos * a - roughness.sin * c, roughness.sin * a + roughness.cos * c)
 
 
 @inlined
-def tilted(nx, ny, nz, tilt_x, tilt_y):
-    """Return an upward normal whose slopes are larger by (tilt_x, tilt_y).
+def tilted(n, tilt):
+    """Return an upward normal with a tilt added to its slopes.
 
     Array twin: (-sx, -sy, 1) / norm.
     """
-    nx, ny = nx - tilt_x * nz, ny - tilt_y * nz
-    scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
-    return nx * scale, ny * scale, nz * scale
+    return unit(Vec3(n.x - tilt.x * n.z, n.y - tilt.y * n.z, n.z))
 
 
 @inlined
-def exposure(dx, dy, dz, nx, ny, nz, tilt_x, tilt_y):
-    """Return how often light meets a tilted piece of the surface, over how common it is.
+def exposure(d, n, tilt):
+    """Return the frequency at which light meets a tilted piece of the surface, over its abundance.
 
     Array twin: areas of facets seen along a ray.
     Pieces that lean towards the light show it more of their area: with slopes s + t,
     d.(-s - t, 1) / d.(-s, 1), whose mean is 1. Tilts that would show their back are taken for
     those that lean as far towards the light, so that the mean stays.
     """
-    facing = dx * nx + dy * ny + dz * nz
+    facing = dot(d, n)
     if facing == 0.0:
         return 1.0
-    return min(max(1.0 - nz * (dx * tilt_x + dy * tilt_y) / facing, 0.0), 2.0)
+    return min(max(1.0 - n.z * (d.x * tilt.x + d.y * tilt.y) / facing, 0.0), 2.0)
 
 
 @njit(cache=True, nogil=True)
-def facet_hits(facet, origins, directions, vertices, faces, face_normals):
+def facet_hits(facet, origins, directions, mesh):
     """Return distances and barycentrics of rays on their facets; inf and nan for misses.
 
     Array twin: Moller-Trumbore in `meshtrace.bvh.BruteForceIntersector`.
@@ -153,11 +179,10 @@ def facet_hits(facet, origins, directions, vertices, faces, face_normals):
     us = np.full(n, np.nan)
     vs = np.full(n, np.nan)
     for i in range(n):
-        f = facet[i]
+        f = np.int64(facet[i])
         if f >= 0:
-            x, y, z = origins[i, 0], origins[i, 1], origins[i, 2]
-            dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
-            t = plane_distance(x, y, z, dx, dy, dz, f, vertices, faces, face_normals)
-            distance[i] = t
-            us[i], vs[i] = barycentrics(x + t * dx, y + t * dy, f, vertices, faces)
+            p, d = row(origins, i), row(directions, i)
+            distance[i] = plane_distance(p, d, f, mesh)
+            hit = along(p, d, distance[i])
+            us[i], vs[i] = barycentrics(hit.x, hit.y, f, mesh)
     return distance, us, vs

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -10,11 +11,25 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels.jit import inlined
 from meshtrace.kernels.phase import PhaseTables, sample_s
+from meshtrace.kernels.vectors import along, minus
 
-# how a bubble's depth is measured (HallNovarini.depth)
-DEPTH_NONE, DEPTH_MEAN_LEVEL, DEPTH_CLAMPED, DEPTH_LOCAL = 0, 1, 2, 3
-# what an interaction does to the weight (Physics.absorption)
-CONTINUOUS, IMPLICIT, ANALOG, PAPER = 0, 1, 2, 3
+
+class DepthMode(IntEnum):
+    """Level from which the depth of a bubble is measured, `HallNovarini.depth`."""
+
+    NONE = 0
+    MEAN_LEVEL = 1
+    CLAMPED = 2
+    LOCAL = 3
+
+
+class Absorption(IntEnum):
+    """Effect of an interaction on the weight, `Physics.absorption`."""
+
+    CONTINUOUS = 0
+    IMPLICIT = 1
+    ANALOG = 2
+    PAPER = 3
 
 
 _PIECES = 4  # of a path below a wavy surface
@@ -37,7 +52,7 @@ class Medium(NamedTuple):
     layer_b: NDArray[np.float64]
     layer_a_path: NDArray[np.float64]  # integral of a from z = 0 [1]
     layer_b_path: NDArray[np.float64]  # integral of b from z = 0 [1]
-    depth_mode: int
+    depth_mode: int  # DepthMode
     bubble_start: float  # depth of the first node [m]
     bubble_step: float
     bubble_b: NDArray[np.float64]  # [m-1]
@@ -46,7 +61,7 @@ class Medium(NamedTuple):
     c_max: float  # majorant of attenuation [m-1]
     bottom_z: float  # -inf: none
     bottom_albedo: float
-    absorption: int
+    absorption: int  # Absorption
     local_c: bool  # free paths with the coefficient at their start (paper, E6)
     raster_x: float
     raster_y: float
@@ -71,14 +86,14 @@ def lookup(table, position):
 
 
 @inlined
-def local_elevation(medium, x, y):
-    """Return the elevation at (x, y) from the raster of the mesh, bilinear, clamped.
+def local_elevation(medium, p):
+    """Return the elevation above or below a point from the raster of the mesh, bilinear, clamped.
 
     Array twin: scipy.interpolate.RegularGridInterpolator.
     """
     nx, ny = medium.raster.shape
-    px = min(max((x - medium.raster_x) / medium.raster_step, 0.0), nx - 1.000001)
-    py = min(max((y - medium.raster_y) / medium.raster_step, 0.0), ny - 1.000001)
+    px = min(max((p.x - medium.raster_x) / medium.raster_step, 0.0), nx - 1.000001)
+    py = min(max((p.y - medium.raster_y) / medium.raster_step, 0.0), ny - 1.000001)
     i, j = int(px), int(py)
     fx, fy = px - i, py - j
     r = medium.raster
@@ -88,17 +103,17 @@ def local_elevation(medium, x, y):
 
 
 @inlined
-def bubble_scattering(medium, x, y, z):
+def bubble_scattering(medium, p):
     """Return b_bub [m-1] at a point.
 
     Array twin: `HallNovarini.b` of the depth below the chosen level.
     """
-    if medium.depth_mode == DEPTH_NONE:
+    if medium.depth_mode == DepthMode.NONE:
         return 0.0
-    depth = -z
-    if medium.depth_mode == DEPTH_LOCAL:
-        depth = local_elevation(medium, x, y) - z
-    if medium.depth_mode != DEPTH_MEAN_LEVEL:
+    depth = -p.z
+    if medium.depth_mode == DepthMode.LOCAL:
+        depth = local_elevation(medium, p) - p.z
+    if medium.depth_mode != DepthMode.MEAN_LEVEL:
         depth = max(depth, 0.0)
     position = (depth - medium.bubble_start) / medium.bubble_step
     if position >= len(medium.bubble_b) - 1:
@@ -131,33 +146,26 @@ def absorption_path(medium, z0, z1, length):
 
 
 @inlined
-def scattering_path(medium, x0, y0, z0, x1, y1, z1, length):
-    """Return the integral of b + b_bub along a straight path.
+def scattering_path(medium, p, q, length):
+    """Return the integral of b + b_bub along a straight path from p to q.
 
     Array twin: quadrature of `Water` and `HallNovarini.b` in the tests.
     Depths below a wavy surface are taken as linear over `_PIECES` parts of the path.
     """
     tau = medium.b * length
     if medium.layered:
-        tau = length * _mean(medium.layer_b, medium.layer_b_path, medium.layer_step, -z0, -z1)
-    if medium.depth_mode == DEPTH_NONE:
+        tau = length * _mean(medium.layer_b, medium.layer_b_path, medium.layer_step, -p.z, -q.z)
+    if medium.depth_mode == DepthMode.NONE:
         return tau
-    if medium.depth_mode != DEPTH_LOCAL:
+    table, path, step = medium.bubble_b, medium.bubble_path, medium.bubble_step
+    if medium.depth_mode != DepthMode.LOCAL:
         shift = medium.bubble_start
-        return tau + length * _mean(
-            medium.bubble_b, medium.bubble_path, medium.bubble_step, -z0 - shift, -z1 - shift
-        )
-    before = local_elevation(medium, x0, y0) - z0
+        return tau + length * _mean(table, path, step, -p.z - shift, -q.z - shift)
+    before = local_elevation(medium, p) - p.z
     for i in range(1, _PIECES + 1):
-        f = i / _PIECES
-        depth = local_elevation(medium, x0 + f * (x1 - x0), y0 + f * (y1 - y0)) - (
-            z0 + f * (z1 - z0)
-        )
-        tau += (
-            length
-            / _PIECES
-            * _mean(medium.bubble_b, medium.bubble_path, medium.bubble_step, before, depth)
-        )
+        at = along(p, minus(q, p), i / _PIECES)
+        depth = local_elevation(medium, at) - at.z
+        tau += length / _PIECES * _mean(table, path, step, before, depth)
         before = depth
     return tau
 
@@ -185,18 +193,18 @@ def _cumulative(table, path, step, depth):
 
 
 @inlined
-def sample_free_path(medium, x, y, z, u):
+def sample_free_path(medium, p, u):
     """Return a tentative free path [m]: exponential with the majorant.
 
     Array twin: -log(1 - u) / c.
     Delta tracking: a tentative collision is real with probability c(z) / c_max, which is exact
     for any profile; a homogeneous medium has no null collisions.
     """
-    rate = medium.b_max if medium.absorption == CONTINUOUS else medium.c_max
+    rate = medium.b_max if medium.absorption == Absorption.CONTINUOUS else medium.c_max
     if medium.local_c:
-        a, b = water_coefficients(medium, z)
-        rate = b + bubble_scattering(medium, x, y, z)
-        if medium.absorption != CONTINUOUS:
+        a, b = water_coefficients(medium, p.z)
+        rate = b + bubble_scattering(medium, p)
+        if medium.absorption != Absorption.CONTINUOUS:
             rate += a
     if rate <= 0.0:
         return math.inf
@@ -204,17 +212,17 @@ def sample_free_path(medium, x, y, z, u):
 
 
 @inlined
-def collide(medium, x, y, z, weight, u_kind, u_theta):
+def collide(medium, p, weight, u_kind, u_theta):
     """Return (s, weight) after a tentative collision; s < 0: the direction stays.
 
     Array twin: `tests/statistical`, chi-square of the mixture.
     One uniform chooses null, water or bubble; weight 0 means absorbed (analog absorption).
     """
-    a, b = water_coefficients(medium, z)
-    b_bub = bubble_scattering(medium, x, y, z)
+    a, b = water_coefficients(medium, p.z)
+    b_bub = bubble_scattering(medium, p)
     scatter = b + b_bub
     mode = medium.absorption
-    if mode == CONTINUOUS:
+    if mode == Absorption.CONTINUOUS:
         total, majorant = scatter, medium.b_max
     else:
         total, majorant = a + scatter, medium.c_max
@@ -223,15 +231,15 @@ def collide(medium, x, y, z, weight, u_kind, u_theta):
     pick = u_kind * majorant
     if pick >= total:
         return -1.0, weight
-    if mode == CONTINUOUS:
+    if mode == Absorption.CONTINUOUS:
         pick_b = pick
     else:
         albedo = scatter / total
-        if mode == ANALOG:
+        if mode == Absorption.ANALOG:
             if pick >= scatter:
                 return -1.0, 0.0
             pick_b = pick
-        elif mode == IMPLICIT:
+        elif mode == Absorption.IMPLICIT:
             weight *= albedo
             pick_b = pick * albedo
         else:  # as printed in Algorithm 1: weighted at every interaction, turned in a few

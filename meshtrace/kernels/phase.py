@@ -7,6 +7,7 @@ light of sea water goes.
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -14,10 +15,15 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels.jit import inlined
 
-HENYEY_GREENSTEIN = 0
-RAYLEIGH = 1
-QUANTILES = 2
-BINS = 3
+
+class Component(IntEnum):
+    """Kinds of components of a phase function."""
+
+    HENYEY_GREENSTEIN = 0
+    RAYLEIGH = 1
+    QUANTILES = 2
+    BINS = 3
+
 
 ROW = 4
 """Number of values in one row of a `BINS` component."""
@@ -29,7 +35,7 @@ class PhaseTables(NamedTuple):
     Parameters
     ----------
     kind : ndarray of int64, shape (n,)
-        Code of each component.
+        `Component` code of each component.
     param : ndarray of float64, shape (n, 4)
         `HENYEY_GREENSTEIN`: g. `RAYLEIGH`: gamma. `QUANTILES`: number of intervals N, number of
         intervals k0 that are stored as a power of s, exponent e of these. `BINS`: number of bins.
@@ -134,11 +140,11 @@ def _component_s(tables: PhaseTables, j: int, u: float) -> float:
     The most used kind is asked for first.
     """
     kind = tables.kind[j]
-    if kind == QUANTILES:
+    if kind == Component.QUANTILES:
         return _quantile_s(tables, j, u)
-    if kind == HENYEY_GREENSTEIN:
+    if kind == Component.HENYEY_GREENSTEIN:
         return _henyey_greenstein_s(tables.param[j, 0], u)
-    if kind == BINS:
+    if kind == Component.BINS:
         return _bin_s(tables, j, u)
     return _rayleigh_s(tables.param[j, 0], u)
 

@@ -8,6 +8,7 @@ new photon into each free slot: the rays of one pool are one batch for Embree.
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -22,105 +23,114 @@ from meshtrace.kernels.facets import (
     slope_tilt,
     tilted,
 )
-from meshtrace.kernels.interface import (
-    DIRECTION_VECTOR,
-    FRESNEL_PAPER_BOTH,
-    FRESNEL_WEIGHT,
-    SNELL_PHYSICAL,
-    Interface,
-    reflectance,
-    refract,
-    refract_as_printed,
-)
+from meshtrace.kernels.interface import FresnelMode, Interface, branches
 from meshtrace.kernels.jit import entry, inlined, outlined
-from meshtrace.kernels.medium import CONTINUOUS, Medium, absorption_path, collide, sample_free_path
+from meshtrace.kernels.medium import Absorption, Medium, absorption_path, collide, sample_free_path
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.sources import Sources, lambert_reflection, launch
 from meshtrace.kernels.tally import (
-    ABSORBED,
-    BOTTOM,
-    DEEP,
-    EVENT_LIMIT,
-    LANDED,
-    LEAKED,
-    LEFT_DOMAIN,
-    RECEIVED,
-    REFLECTED,
-    ROULETTE,
-    WHITECAP,
     Apertures,
+    Fate,
+    Flight,
     Tallies,
     deposit,
     score_apertures,
     score_map,
     score_planes,
 )
-from meshtrace.kernels.vectors import on_circle, turn
+from meshtrace.kernels.vectors import Vec2, Vec3, along, dot, on_circle, row, scaled, turn
 
-_COLLISION = int(Purpose.COLLISION)
-_INTERFACE = int(Purpose.INTERFACE)
-_ROULETTE = int(Purpose.ROULETTE)
-_BOTTOM = int(Purpose.BOTTOM)
-_SLOPE = int(Purpose.SLOPE)
+PHOTON = np.dtype(
+    [
+        ("x", float),  # position [m]
+        ("y", float),
+        ("z", float),
+        ("dx", float),  # direction
+        ("dy", float),
+        ("dz", float),
+        ("weight", float),
+        ("free", float),  # way to the next collision [m]
+        ("water", float),  # path in the water [m]
+        ("air", float),
+        ("id", np.int64),
+        ("event", np.int64),
+        ("crossings", np.int64),
+        ("facet", np.int64),
+        ("in_water", np.int64),
+        ("status", np.int64),  # Status
+        ("retry", np.int64),
+        ("outcome", np.int64),  # RECEIVED or LANDED once light left the sea, else -1
+    ]
+)
+"""A photon under way."""
 
-# columns of Pool.state
-X, Y, Z, DX, DY, DZ, W, S, WATER_PATH, AIR_PATH = range(10)
-# columns of Pool.flag
-PHOTON, EVENT, N_SURFACE, FACET, IN_WATER, STATUS, RETRY, OUTCOME = range(8)
-# Pool.flag[:, STATUS]
-EMPTY, MOVING, WAITING = 0, 1, 2
+
+class Status(IntEnum):
+    """Status of a slot of the pool."""
+
+    EMPTY = 0
+    MOVING = 1
+    WAITING = 2
+
+
+class Vertex(IntEnum):
+    """Event at a vertex of a recorded path."""
+
+    SOURCE = 0
+    SCATTER = 1
+    SURFACE_OUT = 2
+    SURFACE_IN = 3
+    BOTTOM = 4
+    RECEIVED = 5
+    LANDED = 6
+    END = 7
+    BRANCH = 8
+
+
+class Miss(IntEnum):
+    """Rays that missed the surface inside the mesh, `Tallies.misses`."""
+
+    CAST_AGAIN = 0
+    GIVEN_UP = 1
+
 
 GOES_ON = -1  # else a function returns the fate that ends the photon
 
-_NUDGE = 1e-4  # [m], how far a missed ray is displaced when it is cast again
-_OFFSET = 1e-5  # [m], how far a ray starts off the facet that it leaves
+_NUDGE = 1e-4  # [m], displacement of a missed ray that is cast again
+_OFFSET = 1e-5  # [m], distance of a ray's start from the facet that it leaves
 _RETRIES = 3
-
-# what a recorded vertex is
-(
-    V_SOURCE,
-    V_SCATTER,
-    V_SURFACE_OUT,
-    V_SURFACE_IN,
-    V_BOTTOM,
-    V_RECEIVED,
-    V_LANDED,
-    V_END,
-    V_BRANCH,
-) = range(9)
 
 
 class Pool(NamedTuple):
     """The photons under way."""
 
-    state: NDArray[np.float64]  # (slots, 10)
-    flag: NDArray[np.int64]  # (slots, 8)
+    photon: NDArray[np.void]  # (slots,) PHOTON
     origin: NDArray[np.float32]  # (slots, 3) rays to cast
     direction: NDArray[np.float32]
     ray_slot: NDArray[np.int64]  # slot that each ray belongs to
 
 
 class Limits(NamedTuple):
-    """When a photon ends."""
+    """Conditions that end a photon."""
 
     weight: float  # Russian roulette below
     survival: float  # 0: survive with weight / limit; else with this probability
     events: int
     surface_events: int
-    first_scored: int  # crossing from which on light is scored; 2 scores what was sent back
+    first_scored: int  # crossing from which on light is scored; 2 scores light sent back once
 
 
 class Recorder(NamedTuple):
-    """Paths of the first photons, for the eye; tallies do not look at it."""
+    """Paths of the first photons, for visualisation; tallies are unaffected."""
 
     vertex: NDArray[np.float64]  # (photons, vertices, 3)
     weight: NDArray[np.float64]  # (photons, vertices)
-    what: NDArray[np.int8]
+    what: NDArray[np.int8]  # Vertex
     length: NDArray[np.int64]  # (photons,)
 
 
 class World(NamedTuple):
-    """All that the photons of a chunk share."""
+    """Everything that the photons of a chunk share."""
 
     first: int  # id of the first photon
     seed: np.uint64
@@ -135,69 +145,92 @@ class World(NamedTuple):
 
 
 @inlined
-def _record(recorder, photon, x, y, z, weight, what):
-    if photon < len(recorder.length):
-        _write(recorder, photon, x, y, z, weight, what)
+def _place(q):
+    return Vec3(q.x, q.y, q.z)
+
+
+@inlined
+def _heading(q):
+    return Vec3(q.dx, q.dy, q.dz)
+
+
+@inlined
+def _put(q, p):
+    q.x, q.y, q.z = p.x, p.y, p.z
+
+
+@inlined
+def _head(q, d):
+    q.dx, q.dy, q.dz = d.x, d.y, d.z
+
+
+@inlined
+def _record(recorder, q, what):
+    if q.id < len(recorder.length):
+        _write(recorder, q.id, _place(q), q.weight, what)
 
 
 @outlined
-def _write(recorder, photon, x, y, z, weight, what):
+def _write(recorder, photon, p, weight, what):
     n = recorder.length[photon]
     if n < recorder.vertex.shape[1]:
-        recorder.vertex[photon, n, 0] = x
-        recorder.vertex[photon, n, 1] = y
-        recorder.vertex[photon, n, 2] = z
+        recorder.vertex[photon, n, 0] = p.x
+        recorder.vertex[photon, n, 1] = p.y
+        recorder.vertex[photon, n, 2] = p.z
         recorder.weight[photon, n] = weight
         recorder.what[photon, n] = what
         recorder.length[photon] = n + 1
 
 
 @inlined
-def _start(q, f, photon, world):
+def _start(q, photon, world):
     """Put a new photon into a slot."""
-    x, y, z, dx, dy, dz, in_water, u_path = launch(world.sources, world.seed, photon)
-    q[X], q[Y], q[Z], q[DX], q[DY], q[DZ] = x, y, z, dx, dy, dz
-    q[W], q[WATER_PATH], q[AIR_PATH] = 1.0, 0.0, 0.0
-    q[S] = sample_free_path(world.medium, x, y, z, u_path) if in_water else math.inf
-    f[PHOTON], f[EVENT], f[N_SURFACE], f[FACET] = photon, 0, 0, -1
-    f[IN_WATER], f[STATUS], f[RETRY], f[OUTCOME] = int(in_water), MOVING, 0, -1
-    _record(world.recorder, photon, x, y, z, 1.0, V_SOURCE)
+    p, d, in_water, u_path = launch(world.sources, world.seed, photon)
+    _put(q, p)
+    _head(q, d)
+    q.weight, q.water, q.air = 1.0, 0.0, 0.0
+    q.free = sample_free_path(world.medium, p, u_path) if in_water else math.inf
+    q.id, q.event, q.crossings, q.facet = photon, 0, 0, -1
+    q.in_water, q.status, q.retry, q.outcome = int(in_water), Status.MOVING, 0, -1
+    _record(world.recorder, q, Vertex.SOURCE)
 
 
 @inlined
-def _end(q, f, fate, world):
-    """Deposit what is left of the weight, count the photon and free its slot."""
-    deposit(world.tallies, fate, q[W])
-    world.tallies.n_photons[f[OUTCOME] if f[OUTCOME] >= 0 else fate] += 1
-    _record(world.recorder, f[PHOTON], q[X], q[Y], q[Z], q[W], V_END)
-    f[STATUS] = EMPTY
+def _end(q, fate, world):
+    """Deposit the rest of the weight, count the photon and free its slot."""
+    deposit(world.tallies, fate, q.weight)
+    world.tallies.n_photons[q.outcome if q.outcome >= 0 else fate] += 1
+    _record(world.recorder, q, Vertex.END)
+    q.status = Status.EMPTY
 
 
 @inlined
-def _inside(x, y, world):
-    return (
-        world.surface.low[0] <= x <= world.surface.high[0]
-        and world.surface.low[1] <= y <= world.surface.high[1]
-    )
+def _inside(q, t, surface):
+    """Return whether a photon is over the mesh after a distance t."""
+    x, y = q.x + t * q.dx, q.y + t * q.dy
+    return surface.low[0] <= x <= surface.high[0] and surface.low[1] <= y <= surface.high[1]
 
 
 @inlined
-def _fly_water(q, f, length, world):
+def _fly_water(q, length, world):
     """Move a photon in water: absorption along the way, planes and apertures on the way."""
-    z1 = q[Z] + length * q[DZ]
+    p = along(_place(q), _heading(q), length)
     a_path = 0.0
-    if world.medium.absorption == CONTINUOUS:
-        a_path = absorption_path(world.medium, q[Z], z1, length)
+    if world.medium.absorption == Absorption.CONTINUOUS:
+        a_path = absorption_path(world.medium, q.z, p.z, length)
     if len(world.tallies.planes) > 0 or world.apertures.any_in_water:
-        _score_water(q, f, length, world)
-    q[X] += length * q[DX]
-    q[Y] += length * q[DY]
-    q[Z] = z1
-    q[WATER_PATH] += length
+        _score_water(q, length, world)
+    _put(q, p)
+    q.water += length
     if a_path > 0.0:
-        weight = q[W] * math.exp(-a_path)
-        deposit(world.tallies, ABSORBED, q[W] - weight)
-        q[W] = weight
+        _set_weight(q, q.weight * math.exp(-a_path), Fate.ABSORBED, world)
+
+
+@inlined
+def _set_weight(q, weight, fate, world):
+    """Change the weight of a photon and deposit the difference."""
+    deposit(world.tallies, fate, q.weight - weight)
+    q.weight = weight
 
 
 @inlined
@@ -212,474 +245,352 @@ def _lowest(world):
 
 
 @outlined
-def _score_water(q, f, length, world):
+def _score_water(q, length, world):
     """Score a path in water on planes and apertures; not inlined, most links have none."""
-    score_planes(
-        world.tallies,
-        len(world.apertures.radius),
-        f[PHOTON] - world.first,
-        q[Z],
-        q[Z] + length * q[DZ],
-        q[DX],
-        q[DY],
-        q[DZ],
-        length,
-        q[W],
-        world.medium,
-    )
-    score_apertures(
+    flight = Flight(_place(q), _heading(q), length, q.weight, q.water, q.air)
+    column = len(world.apertures.radius)
+    score_planes(world.tallies, column, q.id - world.first, flight, world.medium)
+    _score_apertures(q, True, flight, world)
+
+
+@inlined
+def _score_apertures(q, in_water, flight, world):
+    return score_apertures(
         world.tallies,
         world.apertures,
-        f[PHOTON] - world.first,
-        f[PHOTON],
-        True,
-        q[X],
-        q[Y],
-        q[Z],
-        q[DX],
-        q[DY],
-        q[DZ],
-        length,
-        q[W],
-        q[WATER_PATH],
-        q[AIR_PATH],
+        world.first,
+        q.id,
+        in_water,
+        flight,
         world.interface.fov,
         world.medium,
     )
 
 
 @inlined
-def _roulette(q, f, lot, world):
-    """Play Russian roulette with a light photon, by a lot in (0, 1) or, if negative, a new one."""
-    if q[W] >= world.limits.weight:
+def _roulette(q, lot, world):
+    """Play Russian roulette with a low-weight photon; draw a new uniform if `lot` is negative."""
+    if q.weight >= world.limits.weight:
         return GOES_ON
-    p = world.limits.survival if world.limits.survival > 0.0 else q[W] / world.limits.weight
+    p = world.limits.survival if world.limits.survival > 0.0 else q.weight / world.limits.weight
     if lot < 0.0:
-        lot, _, _, _ = uniforms(world.seed, f[PHOTON], f[EVENT], _ROULETTE)
+        lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE)
     if lot >= p:
-        return ROULETTE
-    heavier = q[W] / p
-    deposit(world.tallies, ROULETTE, q[W] - heavier)
-    q[W] = heavier
+        return Fate.ROULETTE
+    _set_weight(q, q.weight / p, Fate.ROULETTE, world)
     return GOES_ON
 
 
 @inlined
-def _scatter(q, f, world):
+def _continue(q, u_path, world):
+    """Draw the next free path after a collision; end a photon by its limits."""
+    q.free = sample_free_path(world.medium, _place(q), u_path)
+    if q.event >= world.limits.events:
+        return Fate.EVENT_LIMIT
+    return _roulette(q, -1.0, world)
+
+
+@inlined
+def _scatter(q, world):
     """Let a photon collide where it is."""
-    f[EVENT] += 1
-    u_kind, u_theta, u_phi, u_path = uniforms(world.seed, f[PHOTON], f[EVENT], _COLLISION)
-    s, weight = collide(world.medium, q[X], q[Y], q[Z], q[W], u_kind, u_theta)
-    if weight != q[W]:
-        deposit(world.tallies, ABSORBED, q[W] - weight)
-        q[W] = weight
+    q.event += 1
+    u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION)
+    s, weight = collide(world.medium, _place(q), q.weight, u_kind, u_theta)
+    if weight != q.weight:
+        _set_weight(q, weight, Fate.ABSORBED, world)
         if weight == 0.0:
-            return ABSORBED
+            return Fate.ABSORBED
     if s >= 0.0:
-        q[DX], q[DY], q[DZ] = turn(q[DX], q[DY], q[DZ], s, u_phi)
-        _record(world.recorder, f[PHOTON], q[X], q[Y], q[Z], q[W], V_SCATTER)
-    q[S] = sample_free_path(world.medium, q[X], q[Y], q[Z], u_path)
-    if f[EVENT] >= world.limits.events:
-        return EVENT_LIMIT
-    return _roulette(q, f, -1.0, world)
+        _head(q, turn(_heading(q), s, u_phi))
+        _record(world.recorder, q, Vertex.SCATTER)
+    return _continue(q, u_path, world)
 
 
 @outlined
-def _bounce(q, f, world):
+def _bounce(q, world):
     """Let a photon meet the bottom; not inlined, most links have none."""
-    length = (world.medium.bottom_z - q[Z]) / q[DZ]
-    _fly_water(q, f, length, world)
-    q[Z] = world.medium.bottom_z
-    kept = q[W] * world.medium.bottom_albedo
+    _fly_water(q, (world.medium.bottom_z - q.z) / q.dz, world)
+    q.z = world.medium.bottom_z
+    kept = q.weight * world.medium.bottom_albedo
     if kept == 0.0:
-        return BOTTOM
-    deposit(world.tallies, BOTTOM, q[W] - kept)
-    q[W] = kept
-    f[EVENT] += 1
-    u_cos, u_phi, u_path, _ = uniforms(world.seed, f[PHOTON], f[EVENT], _BOTTOM)
-    q[DX], q[DY], q[DZ] = lambert_reflection(u_cos, u_phi)
-    q[S] = sample_free_path(world.medium, q[X], q[Y], q[Z], u_path)
-    _record(world.recorder, f[PHOTON], q[X], q[Y], q[Z], q[W], V_BOTTOM)
-    if f[EVENT] >= world.limits.events:
-        return EVENT_LIMIT
-    return _roulette(q, f, -1.0, world)
+        return Fate.BOTTOM
+    _set_weight(q, kept, Fate.BOTTOM, world)
+    q.event += 1
+    u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM)
+    _head(q, lambert_reflection(u_cos, u_phi))
+    _record(world.recorder, q, Vertex.BOTTOM)
+    return _continue(q, u_path, world)
 
 
 @inlined
-def _steeper_than_waves(dx, dy, dz, world):
+def _steeper_than_waves(d, surface):
     """Return whether a direction is steeper than every facet: away from the surface it stays so."""
-    slope = world.surface.max_slope
-    return dz * dz > slope * slope * (dx * dx + dy * dy)
+    slope = surface.max_slope
+    return d.z * d.z > slope * slope * (d.x * d.x + d.y * d.y)
 
 
 @inlined
-def _free_of_surface(z, dx, dy, dz, world):
+def _free_of_surface(z, d, world):
     """Return whether a path in air cannot meet the surface again."""
-    if not world.interface.follow_second_hit or (dz > 0.0 and z >= world.surface.high[2]):
+    if not world.interface.follow_second_hit or (d.z > 0.0 and z >= world.surface.high[2]):
         return True
-    return dz > 0.0 and _steeper_than_waves(dx, dy, dz, world)
+    return d.z > 0.0 and _steeper_than_waves(d, world.surface)
 
 
 @inlined
-def _to_sky(q, f, dx, dy, dz, weight, world):
+def _to_sky(q, d, weight, world):
     """Score light that leaves the surface for good and deposit its weight."""
-    received = f[N_SURFACE] >= world.limits.first_scored and score_apertures(
-        world.tallies,
-        world.apertures,
-        f[PHOTON] - world.first,
-        f[PHOTON],
-        False,
-        q[X],
-        q[Y],
-        q[Z],
-        dx,
-        dy,
-        dz,
-        math.inf,
-        weight,
-        q[WATER_PATH],
-        q[AIR_PATH],
-        world.interface.fov,
-        world.medium,
+    flight = Flight(_place(q), d, math.inf, weight, q.water, q.air)
+    received = q.crossings >= world.limits.first_scored and _score_apertures(
+        q, False, flight, world
     )
-    score_map(world.tallies, q[X], q[Y], q[Z], dx, dy, dz, weight)
-    deposit(world.tallies, RECEIVED if received else LANDED, weight)
+    score_map(world.tallies, flight)
+    deposit(world.tallies, Fate.RECEIVED if received else Fate.LANDED, weight)
     if received:
-        f[OUTCOME] = RECEIVED
-    elif f[OUTCOME] < 0:
-        f[OUTCOME] = LANDED
-    if f[PHOTON] < len(world.recorder.length):
-        _record_flight(q, f, dx, dy, dz, weight, received, world)
+        q.outcome = Fate.RECEIVED
+    elif q.outcome < 0:
+        q.outcome = Fate.LANDED
+    if q.id < len(world.recorder.length):
+        _record_flight(q, flight, received, world)
 
 
 @outlined
-def _record_flight(q, f, dx, dy, dz, weight, received, world):
+def _record_flight(q, flight, received, world):
     """Record where a path in air meets the height of the first aperture."""
-    t = 1.0
-    if len(world.apertures.radius) > 0 and dz > 0.0:
-        t = max((world.apertures.center[0, 2] - q[Z]) / dz, 0.0)
-    _write(
-        world.recorder,
-        f[PHOTON],
-        q[X] + t * dx,
-        q[Y] + t * dy,
-        q[Z] + t * dz,
-        weight,
-        V_RECEIVED if received else V_LANDED,
-    )
+    p, d, t = flight.origin, flight.direction, 1.0
+    if len(world.apertures.radius) > 0 and d.z > 0.0:
+        t = max((world.apertures.center[0, 2] - p.z) / d.z, 0.0)
+    what = Vertex.RECEIVED if received else Vertex.LANDED
+    _write(world.recorder, q.id, along(p, d, t), flight.weight, what)
 
 
 @outlined
-def _roughened(seed, photon, event, dx, dy, dz, nx, ny, nz, roughness):
-    """Return a normal tilted by the slopes that the mesh leaves out, and a number not needed.
+def _roughened(q, n, world):
+    """Return a normal tilted by the slopes that the mesh leaves out, and a spare uniform.
 
     A tilt t and its opposite are equally common; the light picks one of the two by their
     exposures, which add up to 2.
     """
-    u, v, w, lot = uniforms(seed, photon, event, _SLOPE)
+    u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE)
     r = math.sqrt(-2.0 * math.log(u))
     cos_phi, sin_phi = on_circle(v)
-    tx, ty = slope_tilt(roughness, r * cos_phi, r * sin_phi)
-    if 2.0 * w >= exposure(dx, dy, dz, nx, ny, nz, tx, ty):
-        tx, ty = -tx, -ty
-    nx, ny, nz = tilted(nx, ny, nz, tx, ty)
-    return nx, ny, nz, lot
+    tilt = slope_tilt(world.surface.roughness, r * cos_phi, r * sin_phi)
+    if 2.0 * w >= exposure(_heading(q), n, tilt):
+        tilt = Vec2(-tilt.x, -tilt.y)
+    return tilted(n, tilt), lot
 
 
 @inlined
-def _cross(q, f, world):
-    """Let a photon on facet f[FACET] refract and reflect.
+def _cross(q, world):
+    """Let a photon on facet `q.facet` refract and reflect.
 
     The part that flies free through the air is scored at once; the part in the water goes on
     with its weight. Where the air part may meet the surface again one of the two is chosen.
     """
-    in_water = f[IN_WATER] == 1
-    g = f[FACET]
-    f[N_SURFACE] += 1
+    in_water = q.in_water == 1
+    q.crossings += 1
     foam = world.interface.foam_transmittance
     if foam < 1.0:
-        deposit(world.tallies, WHITECAP, q[W] * (1.0 - foam))
-        q[W] *= foam
+        deposit(world.tallies, Fate.WHITECAP, q.weight * (1.0 - foam))
+        q.weight *= foam
         if foam == 0.0:
-            return WHITECAP
-    _record(
-        world.recorder,
-        f[PHOTON],
-        q[X],
-        q[Y],
-        q[Z],
-        q[W],
-        V_SURFACE_OUT if in_water else V_SURFACE_IN,
-    )
-    gx, gy, gz = (
-        world.surface.face_normals[g, 0],
-        world.surface.face_normals[g, 1],
-        world.surface.face_normals[g, 2],
-    )
-    nx, ny, nz = normal_at(q[X], q[Y], g, world.surface)
-    lot = -1.0
-    if is_rough(world.surface.roughness):
-        nx, ny, nz, lot = _roughened(
-            world.seed,
-            f[PHOTON],
-            f[EVENT],
-            q[DX],
-            q[DY],
-            q[DZ],
-            nx,
-            ny,
-            nz,
-            world.surface.roughness,
-        )
-    n1, n2 = (
-        (world.medium.n_water, world.medium.n_air)
-        if in_water
-        else (world.medium.n_air, world.medium.n_water)
-    )
-    side = 1.0 if in_water else -1.0
-    rho, tx, ty, tz, rx, ry, rz = _branches(
-        q[DX],
-        q[DY],
-        q[DZ],
-        side * nx,
-        side * ny,
-        side * nz,
-        side * gx,
-        side * gy,
-        side * gz,
-        n1,
-        n2,
-        world.interface.snell,
-        world.interface.direction,
-    )
+            return Fate.WHITECAP
+    _record(world.recorder, q, Vertex.SURFACE_OUT if in_water else Vertex.SURFACE_IN)
+    rho, g, transmitted, reflected, lot = _split(q, in_water, world)
     if in_water:
-        w_air, w_water = q[W] * (1.0 - rho), q[W] * rho
-        ax, ay, az, bx, by, bz = tx, ty, tz, rx, ry, rz
+        w_air, w_water = q.weight * (1.0 - rho), q.weight * rho
+        air, water = transmitted, reflected
     else:
-        w_air, w_water = q[W] * rho, q[W] * (1.0 - rho)
-        ax, ay, az, bx, by, bz = rx, ry, rz, tx, ty, tz
+        w_air, w_water = q.weight * rho, q.weight * (1.0 - rho)
+        air, water = reflected, transmitted
 
-    free = _free_of_surface(q[Z], ax, ay, az, world)
-    if world.interface.fresnel != FRESNEL_WEIGHT or not free:
-        u, _, _, _ = uniforms(world.seed, f[PHOTON], f[EVENT], _INTERFACE)
+    free = _free_of_surface(q.z, air, world)
+    if world.interface.fresnel != FresnelMode.WEIGHT or not free:
+        u, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE)
         if u * (w_air + w_water) < w_air:
-            if (
-                world.interface.fresnel == FRESNEL_PAPER_BOTH
-            ):  # E4: roulette and weight, twice the loss
-                deposit(world.tallies, REFLECTED, q[W] - w_air)
-                q[W] = w_air
-            w_air, w_water = q[W], 0.0
+            if world.interface.fresnel == FresnelMode.PAPER_BOTH:
+                # E4: roulette and weight, twice the loss
+                _set_weight(q, w_air, Fate.REFLECTED, world)
+            w_air, w_water = q.weight, 0.0
         else:
-            w_air, w_water = 0.0, q[W]
-    f[EVENT] += 1
-    f[IN_WATER] = int(w_water > 0.0)
-    q[W] = w_water
+            w_air, w_water = 0.0, q.weight
+    q.event += 1
+    q.in_water = int(w_water > 0.0)
+    q.weight = w_water
     if w_air > 0.0:
         if not free:
-            q[W] = w_air
-            return _leave(q, f, ax, ay, az, gx, gy, gz, world)
-        _to_sky(q, f, ax, ay, az, w_air, world)
+            q.weight = w_air
+            return _leave(q, air, g, world)
+        _to_sky(q, air, w_air, world)
     if w_water == 0.0:
-        return LANDED
+        return Fate.LANDED
     if in_water and not world.interface.follow_reflected:
-        return REFLECTED
-    fate = _roulette(q, f, lot, world)
+        return Fate.REFLECTED
+    fate = _roulette(q, lot, world)
     if fate != GOES_ON:
         return fate
-    _record(world.recorder, f[PHOTON], q[X], q[Y], q[Z], q[W], V_BRANCH)
-    _, u_path, _, _ = uniforms(world.seed, f[PHOTON], f[EVENT], _INTERFACE)
-    q[S] = sample_free_path(world.medium, q[X], q[Y], q[Z], u_path)
-    return _leave(q, f, bx, by, bz, -gx, -gy, -gz, world)
+    _record(world.recorder, q, Vertex.BRANCH)
+    _, u_path, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE)
+    q.free = sample_free_path(world.medium, _place(q), u_path)
+    return _leave(q, water, scaled(-1.0, g), world)
+
+
+@inlined
+def _split(q, in_water, world):
+    """Return reflectance, facet normal, both directions and a spare uniform of a crossing."""
+    g = row(world.surface.face_normals, q.facet)
+    n = normal_at(q.x, q.y, q.facet, world.surface)
+    lot = -1.0
+    if is_rough(world.surface.roughness):
+        n, lot = _roughened(q, n, world)
+    side, n1, n2 = 1.0, world.medium.n_water, world.medium.n_air
+    if not in_water:
+        side, n1, n2 = -1.0, n2, n1
+    rho, transmitted, reflected = branches(
+        _heading(q), scaled(side, n), scaled(side, g), n1, n2, world.interface
+    )
+    return rho, g, transmitted, reflected, lot
 
 
 @outlined
-def _leave(q, f, dx, dy, dz, gx, gy, gz, world):
-    """Send a photon off a facet, along (dx, dy, dz), on the side that (gx, gy, gz) points to."""
-    q[DX], q[DY], q[DZ] = dx, dy, dz
-    q[X] += _OFFSET * gx
-    q[Y] += _OFFSET * gy
-    q[Z] += _OFFSET * gz
-    if f[IN_WATER] == 0:
-        q[S] = math.inf
-    if f[N_SURFACE] >= world.limits.surface_events or f[EVENT] >= world.limits.events:
-        return EVENT_LIMIT
+def _leave(q, d, g, world):
+    """Send a photon off a facet, along d, on the side that g points to."""
+    _head(q, d)
+    _put(q, along(_place(q), g, _OFFSET))
+    if q.in_water == 0:
+        q.free = math.inf
+    if q.crossings >= world.limits.surface_events or q.event >= world.limits.events:
+        return Fate.EVENT_LIMIT
     return GOES_ON
 
 
 @inlined
-def _branches(dx, dy, dz, nx, ny, nz, gx, gy, gz, n1, n2, snell, direction):
-    """Return reflectance, transmitted and reflected direction at a normal along the light.
-
-    An interpolated normal may contradict its facet (g): the light would leave on the wrong
-    side. Then the facet's own normal is taken, which cannot.
-    """
-    rho, tx, ty, tz, rx, ry, rz = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for _ in range(2):
-        cos_i = min(dx * nx + dy * ny + dz * nz, 1.0)
-        sound = cos_i > 0.0
-        if snell == SNELL_PHYSICAL and direction == DIRECTION_VECTOR:
-            cos_t, tx, ty, tz = refract(dx, dy, dz, nx, ny, nz, cos_i, n1, n2)
-            rho = reflectance(cos_i, cos_t, n1, n2) if cos_t >= 0.0 else 1.0
-        else:
-            cos_t, rho, tx, ty, tz = refract_as_printed(
-                dx, dy, dz, nx, ny, nz, cos_i, n1, n2, snell, direction
-            )
-        rx, ry, rz = dx - 2.0 * cos_i * nx, dy - 2.0 * cos_i * ny, dz - 2.0 * cos_i * nz
-        if rho < 1.0 and tx * gx + ty * gy + tz * gz <= 0.0:
-            sound = False
-        if sound and rx * gx + ry * gy + rz * gz < 0.0:
-            break
-        nx, ny, nz = gx, gy, gz
-    return rho, tx, ty, tz, rx, ry, rz
-
-
-@inlined
-def _needs_ray(q, f, world):
+def _needs_ray(q, world):
     """Return whether the next flight of a photon may meet the surface."""
-    if f[IN_WATER] == 0:
+    if q.in_water == 0:
         return True
     low = world.surface.low[2]
-    z1 = q[Z] + q[S] * q[DZ] if q[DZ] != 0.0 else q[Z]
+    z1 = q.z + q.free * q.dz if q.dz != 0.0 else q.z
     if z1 < low:
-        return q[Z] >= low and not _steeper_than_waves(q[DX], q[DY], q[DZ], world)
+        return q.z >= low and not _steeper_than_waves(_heading(q), world.surface)
     return True
 
 
 @inlined
-def _cast(q, f, slot, n_rays, pool, world):
+def _cast(q, slot, n_rays, pool, world):
     """Write the ray of a waiting photon, started where it enters the slab of the surface."""
     t = 0.0
-    if f[IN_WATER] == 1 and q[DZ] > 0.0:
-        t = (world.surface.low[2] - q[Z]) / q[DZ]
-    elif f[IN_WATER] == 0 and q[DZ] < 0.0:
-        t = (world.surface.high[2] - q[Z]) / q[DZ]
+    if q.in_water == 1 and q.dz > 0.0:
+        t = (world.surface.low[2] - q.z) / q.dz
+    elif q.in_water == 0 and q.dz < 0.0:
+        t = (world.surface.high[2] - q.z) / q.dz
     t = max(t - 1e-3 * (1.0 + t), 0.0)
-    nudge = _NUDGE * f[RETRY]
-    pool.origin[n_rays, 0] = q[X] + t * q[DX] + nudge
-    pool.origin[n_rays, 1] = q[Y] + t * q[DY] + 0.7 * nudge
-    pool.origin[n_rays, 2] = q[Z] + t * q[DZ] + (-nudge if f[IN_WATER] == 1 else nudge)
-    pool.direction[n_rays, 0] = q[DX]
-    pool.direction[n_rays, 1] = q[DY]
-    pool.direction[n_rays, 2] = q[DZ]
+    nudge = _NUDGE * q.retry
+    pool.origin[n_rays, 0] = q.x + t * q.dx + nudge
+    pool.origin[n_rays, 1] = q.y + t * q.dy + 0.7 * nudge
+    pool.origin[n_rays, 2] = q.z + t * q.dz + (-nudge if q.in_water == 1 else nudge)
+    pool.direction[n_rays, 0] = q.dx
+    pool.direction[n_rays, 1] = q.dy
+    pool.direction[n_rays, 2] = q.dz
     pool.ray_slot[n_rays] = slot
-    f[STATUS] = WAITING
+    q.status = Status.WAITING
     return n_rays + 1
 
 
 @outlined
-def _settle_miss(q, f, seen, world):
+def _settle_miss(q, seen, world):
     """Return (fate, distance) for a ray that met no facet of its own side.
 
     The photon goes on by the distance, and a photon that is cast again by none; LANDED means
     that it left for the sky. A miss is right where the path ends inside the slab, leaves it
-    downwards or lies outside the mesh. `seen` tells that a facet was met from behind: the ray
+    downwards or lies outside the mesh. `seen`: a facet was met from behind, since the ray
     started on the wrong side.
     """
     t = math.inf
-    if not seen and f[IN_WATER] == 0 and q[DZ] > 0.0:
-        return LANDED, 0.0
-    if f[IN_WATER] == 0:
-        if q[DZ] < 0.0:
-            t = (world.surface.low[2] - q[Z]) / q[DZ]
-    elif not seen and q[DZ] < 0.0 and q[Z] + q[S] * q[DZ] < world.surface.low[2]:
-        return GOES_ON, (world.surface.low[2] - q[Z]) / q[DZ] + 1e-9
-    elif not seen and q[S] < math.inf and q[Z] + q[S] * q[DZ] <= world.surface.high[2]:
-        if _inside(q[X] + q[S] * q[DX], q[Y] + q[S] * q[DY], world):
-            return GOES_ON, q[S]
-    elif q[DZ] > 0.0:
-        t = (world.surface.high[2] - q[Z]) / q[DZ]
-    if not seen and not (t < math.inf and _inside(q[X] + t * q[DX], q[Y] + t * q[DY], world)):
-        return LEFT_DOMAIN, 0.0
-    if f[RETRY] < _RETRIES:
-        world.tallies.misses[0] += 1
-        f[RETRY] += 1
+    low, high = world.surface.low[2], world.surface.high[2]
+    if not seen and q.in_water == 0 and q.dz > 0.0:
+        return Fate.LANDED, 0.0
+    if q.in_water == 0:
+        if q.dz < 0.0:
+            t = (low - q.z) / q.dz
+    elif not seen and q.dz < 0.0 and q.z + q.free * q.dz < low:
+        return GOES_ON, (low - q.z) / q.dz + 1e-9
+    elif not seen and q.free < math.inf and q.z + q.free * q.dz <= high:
+        if _inside(q, q.free, world.surface):
+            return GOES_ON, q.free
+    elif q.dz > 0.0:
+        t = (high - q.z) / q.dz
+    if not seen and not (t < math.inf and _inside(q, t, world.surface)):
+        return Fate.LEFT_DOMAIN, 0.0
+    if q.retry < _RETRIES:
+        world.tallies.misses[Miss.CAST_AGAIN] += 1
+        q.retry += 1
         return GOES_ON, 0.0
-    world.tallies.misses[1] += 1
-    return LEAKED, 0.0
+    world.tallies.misses[Miss.GIVEN_UP] += 1
+    return Fate.LEAKED, 0.0
 
 
 @inlined
-def _settle(q, f, facet, world):
+def _settle(q, facet, world):
     """Settle the ray of a waiting photon: it crosses, collides before, or was missed."""
-    f[STATUS] = MOVING
+    q.status = Status.MOVING
     t = math.inf
     if facet >= 0:
-        nx, ny, nz = (
-            world.surface.face_normals[facet, 0],
-            world.surface.face_normals[facet, 1],
-            world.surface.face_normals[facet, 2],
-        )
+        n = row(world.surface.face_normals, facet)
         # single precision may find the facet that the ray leaves, or its neighbour, from behind
-        if (q[DX] * nx + q[DY] * ny + q[DZ] * nz > 0.0) == (f[IN_WATER] == 1):
-            t = max(
-                plane_distance(
-                    q[X],
-                    q[Y],
-                    q[Z],
-                    q[DX],
-                    q[DY],
-                    q[DZ],
-                    facet,
-                    world.surface.vertices,
-                    world.surface.faces,
-                    world.surface.face_normals,
-                ),
-                0.0,
-            )
+        if (dot(_heading(q), n) > 0.0) == (q.in_water == 1):
+            t = max(plane_distance(_place(q), _heading(q), facet, world.surface), 0.0)
     if math.isinf(t):
-        fate, length = _settle_miss(q, f, facet >= 0, world)
-        if fate == LANDED:
-            _to_sky(q, f, q[DX], q[DY], q[DZ], q[W], world)
-            q[W] = 0.0
+        fate, length = _settle_miss(q, facet >= 0, world)
+        if fate == Fate.LANDED:
+            _to_sky(q, _heading(q), q.weight, world)
+            q.weight = 0.0
         if fate != GOES_ON or length == 0.0:
             return fate
-        f[RETRY] = 0
-        if length < q[S]:
-            _fly_water(q, f, length, world)
-            q[S] -= length
+        q.retry = 0
+        if length < q.free:
+            _fly_water(q, length, world)
+            q.free -= length
             return GOES_ON
-    f[RETRY] = 0
-    length = min(t, q[S])
-    if f[IN_WATER] == 1:
-        _fly_water(q, f, length, world)
-        if q[S] < t:
-            return _scatter(q, f, world)
+    q.retry = 0
+    if q.in_water == 1:
+        _fly_water(q, min(t, q.free), world)
+        if q.free < t:
+            return _scatter(q, world)
     else:
-        q[X] += t * q[DX]
-        q[Y] += t * q[DY]
-        q[Z] += t * q[DZ]
-        q[AIR_PATH] += t
-    f[FACET] = facet
-    return _cross(q, f, world)
+        _put(q, along(_place(q), _heading(q), t))
+        q.air += t
+    q.facet = facet
+    return _cross(q, world)
 
 
 @inlined
-def _enter_slab(q, f, world):
+def _enter_slab(q, world):
     """End a photon that comes up beside the mesh: there is no surface to meet."""
-    if f[IN_WATER] == 1 and q[DZ] > 0.0 and q[Z] < world.surface.low[2]:
-        t = (world.surface.low[2] - q[Z]) / q[DZ]
-        if not _inside(q[X] + t * q[DX], q[Y] + t * q[DY], world):
-            _fly_water(q, f, t, world)
-            return LEFT_DOMAIN
+    if q.in_water == 1 and q.dz > 0.0 and q.z < world.surface.low[2]:
+        t = (world.surface.low[2] - q.z) / q.dz
+        if not _inside(q, t, world.surface):
+            _fly_water(q, t, world)
+            return Fate.LEFT_DOMAIN
     return GOES_ON
 
 
 @inlined
-def _move(q, f, world):
+def _move(q, world):
     """Move a photon until it needs a ray (GOES_ON) or has ended."""
     while True:
-        if f[RETRY] > 0 or _needs_ray(q, f, world):
-            return _enter_slab(q, f, world)
-        if q[DZ] < 0.0 and q[Z] + q[S] * q[DZ] < world.medium.bottom_z:
-            fate = _bounce(q, f, world)
-        elif math.isinf(q[S]):  # downwards for ever: without a bottom only absorption is left
+        if q.retry > 0 or _needs_ray(q, world):
+            return _enter_slab(q, world)
+        if q.dz < 0.0 and q.z + q.free * q.dz < world.medium.bottom_z:
+            fate = _bounce(q, world)
+        elif math.isinf(q.free):  # downwards for ever: without a bottom only absorption is left
             low = _lowest(world)
-            if q[Z] > low and q[DZ] < 0.0:
-                _fly_water(q, f, (low - q[Z]) / q[DZ], world)
-            fate = ABSORBED if world.medium.a > 0.0 else DEEP
+            if q.z > low and q.dz < 0.0:
+                _fly_water(q, (low - q.z) / q.dz, world)
+            return Fate.ABSORBED if world.medium.a > 0.0 else Fate.DEEP
         else:
-            _fly_water(q, f, q[S], world)
-            fate = _scatter(q, f, world)
+            _fly_water(q, q.free, world)
+            fate = _scatter(q, world)
         if fate != GOES_ON:
             return fate
 
@@ -694,21 +605,21 @@ def advance(pool, n_waiting, facets, next_photon, last, world):
     n_rays = 0
     for k in range(n_waiting):
         slot = pool.ray_slot[k]
-        q, f = pool.state[slot], pool.flag[slot]
+        q = pool.photon[slot]
         fate = GOES_ON
-        if f[STATUS] == WAITING:
-            fate = _settle(q, f, facets[k], world)
+        if q.status == Status.WAITING:
+            fate = _settle(q, np.int64(facets[k]), world)
         while True:
-            if f[STATUS] == MOVING:
+            if q.status == Status.MOVING:
                 if fate == GOES_ON:
-                    fate = _move(q, f, world)
+                    fate = _move(q, world)
                 if fate == GOES_ON:
-                    n_rays = _cast(q, f, slot, n_rays, pool, world)
+                    n_rays = _cast(q, slot, n_rays, pool, world)
                     break
-                _end(q, f, fate, world)
+                _end(q, fate, world)
             if next_photon >= last:
                 break
-            _start(q, f, next_photon, world)
+            _start(q, next_photon, world)
             next_photon += 1
             fate = GOES_ON
     return n_rays, next_photon

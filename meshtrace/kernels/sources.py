@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -10,9 +11,20 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.random import Purpose, uniforms
-from meshtrace.kernels.vectors import TWO_PI, turn
+from meshtrace.kernels.vectors import TWO_PI, Vec3, along, row, turn
 
-LAMBERTIAN, GAUSSIAN, TOP_HAT, ISOTROPIC, SUN, SKY_UNIFORM, SKY_CARDIOIDAL = range(7)
+
+class SourceKind(IntEnum):
+    """Kinds of sources, as `kind` of the sources of `meshtrace.link`; from `SUN` on in the air."""
+
+    LED = 0
+    GAUSSIAN_BEAM = 1
+    TOP_HAT_BEAM = 2
+    ISOTROPIC = 3
+    SUN = 4
+    UNIFORM_SKY = 5
+    CARDIOIDAL_SKY = 6
+
 
 _LAUNCH = int(Purpose.LAUNCH)
 _SOURCE = int(Purpose.SOURCE)
@@ -21,7 +33,7 @@ _SOURCE = int(Purpose.SOURCE)
 class Sources(NamedTuple):
     """Sources as arrays, one row each, see `meshtrace.link`."""
 
-    kind: NDArray[np.int64]
+    kind: NDArray[np.int64]  # SourceKind
     position: NDArray[np.float64]  # (n, 3)
     axis: NDArray[np.float64]  # (n, 3) unit
     spread: NDArray[np.float64]  # Lambertian order, or divergence half-angle [rad]
@@ -43,37 +55,37 @@ def launch(sources, seed, photon):
         while i < len(sources.kind) - 1 and u3 >= sources.cum_power[i]:
             i += 1
     kind = sources.kind[i]
-    x, y, z = sources.position[i, 0], sources.position[i, 1], sources.position[i, 2]
-    ax, ay, az = sources.axis[i, 0], sources.axis[i, 1], sources.axis[i, 2]
+    p, axis = row(sources.position, i), row(sources.axis, i)
     spread, size = sources.spread[i], sources.size[i]
-    if kind == LAMBERTIAN:
+    if kind == SourceKind.LED:
         s = 0.5 - 0.5 * math.exp(math.log(u0) / (spread + 1.0))
-        dx, dy, dz = turn(ax, ay, az, s, u1)
-    elif kind == ISOTROPIC:
-        dx, dy, dz = turn(ax, ay, az, u0, u1)
-    elif kind == TOP_HAT:
-        dx, dy, dz = turn(ax, ay, az, u0 * math.sin(0.5 * spread) ** 2, u1)
-    elif kind == GAUSSIAN:
+        d = turn(axis, s, u1)
+    elif kind == SourceKind.ISOTROPIC:
+        d = turn(axis, u0, u1)
+    elif kind == SourceKind.TOP_HAT_BEAM:
+        d = turn(axis, u0 * math.sin(0.5 * spread) ** 2, u1)
+    elif kind == SourceKind.GAUSSIAN_BEAM:
         theta = spread * math.sqrt(-0.5 * math.log(u0))
-        dx, dy, dz = turn(ax, ay, az, math.sin(0.5 * min(theta, math.pi)) ** 2, u1)
-    elif kind == SUN:
-        dx, dy, dz = ax, ay, az
+        d = turn(axis, math.sin(0.5 * min(theta, math.pi)) ** 2, u1)
+    elif kind == SourceKind.SUN:
+        d = axis
     else:
-        cos_theta = math.sqrt(u0) if kind == SKY_UNIFORM else cardioidal_cosine(u0)
-        dx, dy, dz = turn(ax, ay, az, 0.5 * (1.0 - cos_theta), u1)
+        cos_theta = math.sqrt(u0) if kind == SourceKind.UNIFORM_SKY else cardioidal_cosine(u0)
+        d = turn(axis, 0.5 * (1.0 - cos_theta), u1)
     if size > 0.0:
-        x, y, z = _spread_out(kind, x, y, z, ax, ay, az, size, seed, photon)
-    return x, y, z, dx, dy, dz, sources.in_water[i], u2
+        p = _spread_out(kind, p, axis, size, seed, photon)
+    return p, d, sources.in_water[i], u2
 
 
 @outlined
-def _spread_out(kind, x, y, z, ax, ay, az, size, seed, photon):
+def _spread_out(kind, p, axis, size, seed, photon):
     u0, u1, _, _ = uniforms(seed, photon, 0, _SOURCE)
-    if kind >= SUN:
-        return x + size * (2.0 * u0 - 1.0), y + size * (2.0 * u1 - 1.0), z
-    r = size * (math.sqrt(u0) if kind == TOP_HAT else math.sqrt(-0.5 * math.log(u0)))
-    ox, oy, oz = turn(ax, ay, az, 0.5, u1)
-    return x + r * ox, y + r * oy, z + r * oz
+    if kind >= SourceKind.SUN:
+        return Vec3(p.x + size * (2.0 * u0 - 1.0), p.y + size * (2.0 * u1 - 1.0), p.z)
+    r = size * (
+        math.sqrt(u0) if kind == SourceKind.TOP_HAT_BEAM else math.sqrt(-0.5 * math.log(u0))
+    )
+    return along(p, turn(axis, 0.5, u1), r)
 
 
 @outlined
@@ -101,4 +113,4 @@ def lambert_reflection(u_cos, u_phi):
     cos_theta = math.sqrt(u_cos)
     sin_theta = math.sqrt(1.0 - u_cos)
     phi = TWO_PI * u_phi
-    return sin_theta * math.cos(phi), sin_theta * math.sin(phi), cos_theta
+    return Vec3(sin_theta * math.cos(phi), sin_theta * math.sin(phi), cos_theta)

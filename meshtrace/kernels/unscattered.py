@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import math
 
-from meshtrace.kernels.aiming import (
-    CURVATURE,
-    CX,
-    CY,
-    RADIUS,
-    Shot,
-    aim_at,
-    corner_shines,
-    height_on,
-)
-from meshtrace.kernels.chain_gain import accepted, intensity, is_steep, transmittance
+from meshtrace.kernels.aiming import aim_at, corner_shines, height_on
+from meshtrace.kernels.chain_gain import accepted, intensity, is_steep, straight_shot, transmittance
+from meshtrace.kernels.facets import corners
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import absorption_path, scattering_path
+from meshtrace.kernels.vectors import (
+    Vec2,
+    Vec3,
+    along,
+    blend,
+    cross,
+    cross2,
+    dot,
+    dot2,
+    minus,
+    minus2,
+    norm,
+)
 
 _EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the depth
 
@@ -24,125 +29,115 @@ _ROUNDING = 1e-13  # of the disk's radius squared
 
 
 @inlined
-def solid_angle(ax, ay, az, bx, by, bz, cx, cy, cz):
+def solid_angle(a, b, c):
     """Return the solid angle of a triangle seen from the origin.
 
     Array twin: van Oosterom and Strackee (1983), eq. 8, in numpy.
     """
-    a = math.sqrt(ax * ax + ay * ay + az * az)
-    b = math.sqrt(bx * bx + by * by + bz * bz)
-    c = math.sqrt(cx * cx + cy * cy + cz * cz)
-    triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
-    ab = ax * bx + ay * by + az * bz
-    bc = bx * cx + by * cy + bz * cz
-    ca = cx * ax + cy * ay + cz * az
-    return 2.0 * math.atan2(abs(triple), a * b * c + ab * c + bc * a + ca * b)
+    la, lb, lc = norm(a), norm(b), norm(c)
+    triple = dot(a, cross(b, c))
+    return 2.0 * math.atan2(
+        abs(triple), la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
+    )
 
 
 @inlined
-def _triangle(px, py, qx, qy):
+def _triangle(p, q):
     """Return signed area and first moments of the triangle (origin, p, q)."""
-    area = 0.5 * (px * qy - py * qx)
-    return area, area * (px + qx) / 3.0, area * (py + qy) / 3.0
+    area = 0.5 * cross2(p, q)
+    return area, area * (p.x + q.x) / 3.0, area * (p.y + q.y) / 3.0
 
 
 @inlined
-def _sector(px, py, qx, qy, r):
+def _sector(p, q, r):
     """Return signed area and first moments of the sector of the disk r between two rays."""
-    angle = math.atan2(px * qy - py * qx, px * qx + py * qy)
-    p, q = r / math.hypot(px, py), r / math.hypot(qx, qy)
+    angle = math.atan2(cross2(p, q), dot2(p, q))
+    s, t = r / math.hypot(p.x, p.y), r / math.hypot(q.x, q.y)
     k = r * r / 3.0
-    return 0.5 * r * r * angle, k * (q * qy - p * py), k * (p * px - q * qx)
+    return 0.5 * r * r * angle, k * (t * q.y - s * p.y), k * (s * p.x - t * q.x)
 
 
 @inlined
-def _edge_part(ax, ay, bx, by, r):
+def _edge_part(a, b, r):
     """Return signed area and moments common to the disk r and the triangle (origin, a, b)."""
-    dx, dy = bx - ax, by - ay
-    d2 = dx * dx + dy * dy
-    if d2 == 0.0 or ax * by == ay * bx:
+    d = minus2(b, a)
+    d2 = dot2(d, d)
+    if d2 == 0.0 or a.x * b.y == a.y * b.x:
         return 0.0, 0.0, 0.0
-    along = ax * dx + ay * dy
-    disc = along * along - d2 * (ax * ax + ay * ay - r * r)
+    shift = dot2(a, d)
+    disc = shift * shift - d2 * (a.x * a.x + a.y * a.y - r * r)
     if disc <= 0.0:
-        return _sector(ax, ay, bx, by, r)
+        return _sector(a, b, r)
     root = math.sqrt(disc)
-    t0, t1 = max((-along - root) / d2, 0.0), min((-along + root) / d2, 1.0)
+    t0, t1 = max((-shift - root) / d2, 0.0), min((-shift + root) / d2, 1.0)
     if t0 >= t1:
-        return _sector(ax, ay, bx, by, r)
-    px, py = ax + t0 * dx, ay + t0 * dy
-    qx, qy = ax + t1 * dx, ay + t1 * dy
-    area, mx, my = _triangle(px, py, qx, qy)
+        return _sector(a, b, r)
+    p, q = Vec2(a.x + t0 * d.x, a.y + t0 * d.y), Vec2(a.x + t1 * d.x, a.y + t1 * d.y)
+    area, mx, my = _triangle(p, q)
     if t0 > 0.0:
-        s, sx, sy = _sector(ax, ay, px, py, r)
+        s, sx, sy = _sector(a, p, r)
         area, mx, my = area + s, mx + sx, my + sy
     if t1 < 1.0:
-        s, sx, sy = _sector(qx, qy, bx, by, r)
+        s, sx, sy = _sector(q, b, r)
         area, mx, my = area + s, mx + sx, my + sy
     return area, mx, my
 
 
 @inlined
-def disk_overlap(ax, ay, bx, by, cx, cy, r):
-    """Return area and centroid of what a triangle and the disk r about the origin share.
+def disk_overlap(a, b, c, r):
+    """Return area and centroid of the overlap of a triangle and the disk r about the origin.
 
     Array twin: Monte Carlo areas in the tests.
     Green's theorem: the sum over the edges of the signed parts seen from the origin.
     """
-    a0, x0, y0 = _edge_part(ax, ay, bx, by, r)
-    a1, x1, y1 = _edge_part(bx, by, cx, cy, r)
-    a2, x2, y2 = _edge_part(cx, cy, ax, ay, r)
+    a0, x0, y0 = _edge_part(a, b, r)
+    a1, x1, y1 = _edge_part(b, c, r)
+    a2, x2, y2 = _edge_part(c, a, r)
     area = a0 + a1 + a2
     if abs(area) < _ROUNDING * r * r:  # nothing but rounding, whose centroid may lie anywhere
-        return 0.0, 0.0, 0.0
-    return abs(area), (x0 + x1 + x2) / area, (y0 + y1 + y2) / area
+        return 0.0, Vec2(0.0, 0.0)
+    return abs(area), Vec2((x0 + x1 + x2) / area, (y0 + y1 + y2) / area)
 
 
 @outlined
 def _light(x, y, f, shot, scene):
-    """Return (ok, x1, x2, light per solid angle, steep) of a crossing on facet f."""
+    """Return (light per solid angle, steep) of a crossing on facet f."""
     m = aim_at(x, y, f, shot, scene)
     if not m.ok:
-        return False, 0.0, 0.0, 0.0, True
-    z = height_on(x, y, f, scene.surface)
+        return 0.0, True
+    p, source = Vec3(x, y, height_on(x, y, f, scene.surface)), scene.emitter.position
     light = 0.0
-    if accepted(m, x, y, z, scene):
-        sx, sy, sz = scene.emitter.position
-        tau = absorption_path(scene.medium, sz, z, m.length)
-        tau += scattering_path(scene.medium, sx, sy, sz, x, y, z, m.length)
-        light = intensity(scene.emitter, m.wx, m.wy, m.wz) * math.exp(-tau)
-        light *= transmittance(m, scene)
-    return True, m.x1, m.x2, light, is_steep(m, scene)
+    if accepted(m, p, scene.target, scene.interface.fov):
+        tau = absorption_path(scene.medium, source.z, p.z, m.length)
+        tau += scattering_path(scene.medium, source, p, m.length)
+        light = intensity(scene.emitter, m.w) * math.exp(-tau)
+        light *= transmittance(m, scene.interface)
+    return light, is_steep(m, scene)
 
 
 @entry
-def image_gain(scene, stretch, lever, ray, forward, score):
-    """Write the unscattered gain through each facet; return the number of doubtful facets.
+def image_gain(scene, stretch, lever, gain, doubtful):
+    """Write the unscattered gain through each facet, and whether a wave may cut that light.
 
     Array twin: quadrature over the aperture with the analytic sinusoid.
     The image of a part of a facet is taken for a triangle: its gain is the light in its solid
     angle times the share of the image that lies on the disk. Folds and caustics count
     themselves, since images overlap. `stretch` and `lever` bound |dX/dP| of a flat sea and
-    |dX/dslope|. `score[f, 1]` marks facets whose light a wave may cut.
+    |dX/dslope|.
     """
-    doubtful = 0
-    shot = Shot(ray, forward, 0.0, 0.0, 1.0, 0.0, 0.0)
-    edge = min(max(-_EDGE * scene.emitter.position[2], 0.005), 0.1)
+    shot = straight_shot(0.0, 0.0)
+    edge = min(max(-_EDGE * scene.emitter.position.z, 0.005), 0.1)
     for f in range(len(scene.surface.faces)):
-        size = scene.facets[f, RADIUS]
-        m = aim_at(scene.facets[f, CX], scene.facets[f, CY], f, shot, scene)
+        facet = scene.facets[f]
+        m = aim_at(facet.centroid[0], facet.centroid[1], f, shot, scene)
         if m.ok:
-            reach = size * (stretch + lever * scene.facets[f, CURVATURE])
-            if math.hypot(m.x1, m.x2) > scene.target.radius + reach:
+            reach = facet.radius * (stretch + lever * facet.curvature)
+            if math.hypot(m.at.x, m.at.y) > scene.target.radius + reach:
                 continue
         elif not corner_shines(f, shot, scene):
             continue
-        gain, steep = _facet_gain(f, math.ceil(2.0 * size / edge), shot, scene)
-        score[f, 0] = gain
-        if gain > 0.0 and not steep:
-            score[f, 1] = 1.0
-            doubtful += 1
-    return doubtful
+        gain[f], steep = _facet_gain(f, math.ceil(2.0 * facet.radius / edge), shot, scene)
+        doubtful[f] = gain[f] > 0.0 and not steep
 
 
 @outlined
@@ -151,56 +146,47 @@ def _facet_gain(f, n, shot, scene):
     gain, steep = 0.0, True
     for i in range(n):
         for j in range(n - i):
-            g, s = _triangle_gain(f, n, i, j, i + 1, j, i, j + 1, shot, scene)
+            g, s = _triangle_gain(f, n, i, j, 1, shot, scene)
             gain, steep = gain + g, steep and s
             if i + j <= n - 2:
-                g, s = _triangle_gain(f, n, i + 1, j + 1, i, j + 1, i + 1, j, shot, scene)
+                g, s = _triangle_gain(f, n, i + 1, j + 1, -1, shot, scene)
                 gain, steep = gain + g, steep and s
     return gain, steep
 
 
 @inlined
-def _corner(f, n, i, j, surface):
-    a, b, c = surface.faces[f, 0], surface.faces[f, 1], surface.faces[f, 2]
-    p = surface.vertices
-    u, v = i / n, j / n
-    w = 1.0 - u - v
-    return (
-        w * p[a, 0] + u * p[b, 0] + v * p[c, 0],
-        w * p[a, 1] + u * p[b, 1] + v * p[c, 1],
-        w * p[a, 2] + u * p[b, 2] + v * p[c, 2],
-    )
+def _node(f, n, i, j, surface):
+    a, b, c = corners(surface.vertices, f, surface.faces)
+    return blend(i / n, j / n, a, b, c)
 
 
 @outlined
-def _triangle_gain(f, n, ia, ja, ib, jb, ic, jc, shot, scene):
-    """Return (gain, steep) of one part of a facet."""
-    ax, ay, az = _corner(f, n, ia, ja, scene.surface)
-    bx, by, bz = _corner(f, n, ib, jb, scene.surface)
-    cx, cy, cz = _corner(f, n, ic, jc, scene.surface)
-    a = aim_at(ax, ay, f, shot, scene)
-    b = aim_at(bx, by, f, shot, scene)
-    c = aim_at(cx, cy, f, shot, scene)
+def _triangle_gain(f, n, i, j, side, shot, scene):
+    """Return (gain, steep) of the part of a facet with the nodes (i, j), (i + side, j), (i, j + side)."""
+    p = _node(f, n, i, j, scene.surface)
+    q = _node(f, n, i + side, j, scene.surface)
+    r = _node(f, n, i, j + side, scene.surface)
+    a = aim_at(p.x, p.y, f, shot, scene)
+    b = aim_at(q.x, q.y, f, shot, scene)
+    c = aim_at(r.x, r.y, f, shot, scene)
     if not (a.ok and b.ok and c.ok):
         return 0.0, True
-    det = (b.x1 - a.x1) * (c.x2 - a.x2) - (b.x2 - a.x2) * (c.x1 - a.x1)
+    ab, ac = minus2(b.at, a.at), minus2(c.at, a.at)
+    det = cross2(ab, ac)
     radius = scene.target.radius
     u = v = 1.0 / 3.0
     if abs(det) < 1e-14:  # a caustic: the image is a point or a line
-        share = 1.0 if a.x1 * a.x1 + a.x2 * a.x2 <= radius * radius else 0.0
+        share = 1.0 if dot2(a.at, a.at) <= radius * radius else 0.0
     else:
-        area, x1, x2 = disk_overlap(a.x1, a.x2, b.x1, b.x2, c.x1, c.x2, radius)
+        area, center = disk_overlap(a.at, b.at, c.at, radius)
         share = 2.0 * area / abs(det)
-        u = ((x1 - a.x1) * (c.x2 - a.x2) - (x2 - a.x2) * (c.x1 - a.x1)) / det
-        v = ((b.x1 - a.x1) * (x2 - a.x2) - (b.x2 - a.x2) * (x1 - a.x1)) / det
+        middle = minus2(center, a.at)
+        u, v = cross2(middle, ac) / det, cross2(ab, middle) / det
     if share == 0.0:
         return 0.0, True
     # light that is linear in the image has its mean over the overlap at the centroid
-    _, _, _, light, steep = _light(
-        ax + u * (bx - ax) + v * (cx - ax), ay + u * (by - ay) + v * (cy - ay), f, shot, scene
-    )
-    sx, sy, sz = scene.emitter.position
-    omega = solid_angle(
-        ax - sx, ay - sy, az - sz, bx - sx, by - sy, bz - sz, cx - sx, cy - sy, cz - sz
-    )
+    middle3 = along(along(p, minus(q, p), u), minus(r, p), v)
+    light, steep = _light(middle3.x, middle3.y, f, shot, scene)
+    source = scene.emitter.position
+    omega = solid_angle(minus(p, source), minus(q, source), minus(r, source))
     return omega * share * light, steep

@@ -1,4 +1,4 @@
-"""Vectors of three numbers, and rotations by a scattering angle."""
+"""Vectors of two and three numbers, and rotations by a scattering angle."""
 
 from __future__ import annotations
 
@@ -10,12 +10,23 @@ from meshtrace.kernels.jit import inlined
 TWO_PI = 2.0 * math.pi
 
 
+class Vec2(NamedTuple):
+    """Point [m] or slope in a plane."""
+
+    x: float
+    y: float
+
+
 class Vec3(NamedTuple):
     """Point [m] or direction."""
 
     x: float
     y: float
     z: float
+
+
+ORIGIN = Vec3(0.0, 0.0, 0.0)
+UP = Vec3(0.0, 0.0, 1.0)
 
 
 @inlined
@@ -28,6 +39,15 @@ def row(array, i):
 
 
 @inlined
+def write(out, a):
+    """Write a vector into an array of three numbers.
+
+    Array twin: `out[:] = a`.
+    """
+    out[0], out[1], out[2] = a.x, a.y, a.z
+
+
+@inlined
 def dot(a, b):
     """Return the scalar product.
 
@@ -37,12 +57,39 @@ def dot(a, b):
 
 
 @inlined
+def cross(a, b):
+    """Return the vector product.
+
+    Array twin: numpy.cross.
+    """
+    return Vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
+
+
+@inlined
+def plus(a, b):
+    """Return a + b.
+
+    Array twin: numpy.add.
+    """
+    return Vec3(a.x + b.x, a.y + b.y, a.z + b.z)
+
+
+@inlined
 def minus(a, b):
     """Return a - b.
 
     Array twin: numpy.subtract.
     """
     return Vec3(a.x - b.x, a.y - b.y, a.z - b.z)
+
+
+@inlined
+def scaled(s, a):
+    """Return s a.
+
+    Array twin: `s * a`.
+    """
+    return Vec3(s * a.x, s * a.y, s * a.z)
 
 
 @inlined
@@ -64,12 +111,57 @@ def combine(s, a, t, b):
 
 
 @inlined
+def blend(u, v, a, b, c):
+    """Return the point of a triangle with the barycentrics (1 - u - v, u, v).
+
+    Array twin: `(1 - u - v) * a + u * b + v * c`.
+    """
+    return along(combine(1.0 - u - v, a, u, b), c, v)
+
+
+@inlined
 def norm(a):
     """Return the length of a vector.
 
     Array twin: numpy.linalg.norm.
     """
     return math.sqrt(a.x * a.x + a.y * a.y + a.z * a.z)
+
+
+@inlined
+def unit(a):
+    """Return the unit vector along a vector.
+
+    Array twin: `a / numpy.linalg.norm(a)`.
+    """
+    return scaled(1.0 / norm(a), a)
+
+
+@inlined
+def minus2(a, b):
+    """Return a - b in the plane.
+
+    Array twin: numpy.subtract.
+    """
+    return Vec2(a.x - b.x, a.y - b.y)
+
+
+@inlined
+def dot2(a, b):
+    """Return the scalar product in the plane.
+
+    Array twin: numpy.dot.
+    """
+    return a.x * b.x + a.y * b.y
+
+
+@inlined
+def cross2(a, b):
+    """Return the signed area of the parallelogram of two vectors in the plane.
+
+    Array twin: numpy.linalg.det.
+    """
+    return a.x * b.y - a.y * b.x
 
 
 @inlined
@@ -84,7 +176,7 @@ def on_circle(u):
 
 
 @inlined
-def turn(dx, dy, dz, s, u_phi):
+def turn(d, s, u_phi):
     """Turn a unit direction by the polar angle of s = sin^2(theta/2) and azimuth 2 pi u_phi.
 
     Array twin: rotation of (sin theta cos phi, sin theta sin phi, cos theta) in the tests.
@@ -95,12 +187,13 @@ def turn(dx, dy, dz, s, u_phi):
     cos_theta = 1.0 - 2.0 * s
     cos_phi, sin_phi = on_circle(u_phi)
     p, q = sin_theta * cos_phi, sin_theta * sin_phi
-    sign = math.copysign(1.0, dz)
-    f = -1.0 / (sign + dz)
-    g = dx * dy * f
-    x = p * (1.0 + sign * dx * dx * f) + q * g + cos_theta * dx
-    y = p * sign * g + q * (sign + dy * dy * f) + cos_theta * dy
-    z = -p * sign * dx - q * dy + cos_theta * dz
+    sign = math.copysign(1.0, d.z)
+    f = -1.0 / (sign + d.z)
+    g = d.x * d.y * f
+    out = Vec3(
+        p * (1.0 + sign * d.x * d.x * f) + q * g + cos_theta * d.x,
+        p * sign * g + q * (sign + d.y * d.y * f) + cos_theta * d.y,
+        -p * sign * d.x - q * d.y + cos_theta * d.z,
+    )
     # rounding drifts by 1e-16 a turn; thousands of turns must stay on the unit sphere
-    scale = 1.5 - 0.5 * (x * x + y * y + z * z)
-    return x * scale, y * scale, z * scale
+    return scaled(1.5 - 0.5 * dot(out, out), out)

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from meshtrace.errors import Refused
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -203,8 +205,6 @@ def load(name: str) -> Figure:
     Refused
         If there is no such figure.
     """
-    from meshtrace.errors import Refused
-
     if name not in FIGURES:
         raise Refused("--only", name, ", ".join(FIGURES))
     return Figure(name, **_TABLE["figures"][name])

@@ -23,8 +23,10 @@ from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.sources import Sources
-from meshtrace.kernels.tally import N_FATES, UNIT, Apertures, Tallies
+from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Apertures, Fate, Tallies
+from meshtrace.kernels.vectors import UP, Vec3
 from meshtrace.link import Link
+from meshtrace.stored import SHIFTS
 from meshtrace.transport.arrays import (
     aperture_arrays,
     interface_arrays,
@@ -119,7 +121,8 @@ class Sums:
         n = min(int(tallies.n_arrivals[0]), len(tallies.arrivals))
         if n:
             rows = tallies.arrivals[:n]
-            self.arrivals.append(rows[np.lexsort((rows[:, 3], rows[:, 1], rows[:, 0]))].copy())
+            order = np.lexsort((rows["water"], rows["receiver"], rows["photon"]))
+            self.arrivals.append(rows[order])
 
 
 class Setup(NamedTuple):
@@ -242,8 +245,7 @@ def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
     """Follow photons in a pool of slots: kernel, Embree, kernel, until all have ended."""
     slots = min(_SLOTS, last - first)
     pool = kernel.Pool(
-        state=np.zeros((slots, 10)),
-        flag=np.zeros((slots, 8), np.int64),
+        photon=np.zeros(slots, kernel.PHOTON),
         origin=np.zeros((slots, 3), np.float32),
         direction=np.zeros((slots, 3), np.float32),
         ray_slot=np.arange(slots),
@@ -314,25 +316,25 @@ def new_recorder(photons: int, vertices: int) -> kernel.Recorder:
 
 def _tallies(setup: Setup, photons: int, room: int = 0) -> Tallies:
     apertures = setup.arrays[3]
-    n_scores = len(apertures.radius) + 4 * len(setup.planes)
+    n_scores = len(apertures.radius) + N_PLANE_SCORES * len(setup.planes)
     grid = setup.grid
     n_cells = grid.n if grid else 0
     return Tallies(
         score=np.zeros((photons, n_scores)),
-        ledger=np.zeros(N_FATES, np.int64),
-        n_photons=np.zeros(N_FATES, np.int64),
-        misses=np.zeros(2, np.int64),
+        ledger=np.zeros(len(Fate), np.int64),
+        n_photons=np.zeros(len(Fate), np.int64),
+        misses=np.zeros(len(kernel.Miss), np.int64),
         planes=setup.planes,
-        radiance=np.zeros((len(setup.planes), *setup.bins), np.int64),
+        radiance=np.zeros((SHIFTS, len(setup.planes), *setup.bins), np.int64),
         map_z=grid.height if grid else 0.0,
         map_x=-grid.extent if grid else 0.0,
         map_y=-grid.extent if grid else 0.0,
         map_step=grid.step if grid else 1.0,
-        map_axis=grid.axis if grid else (0.0, 0.0, 1.0),
+        map_axis=Vec3(*grid.axis) if grid else UP,
         map_cos=max(math.cos(math.radians(grid.fov_deg) / 2.0), 1e-12) if grid else 0.0,
         map=np.zeros((n_cells, n_cells), np.int64),
         map_squared=np.zeros((n_cells, n_cells), np.int64),
-        arrivals=np.zeros((room, 5)),
+        arrivals=np.zeros(room, ARRIVAL),
         n_arrivals=np.zeros(1, np.int64),
     )
 
@@ -344,9 +346,9 @@ def _zero(setup: Setup) -> Sums:
         0,
         np.zeros(n_scores),
         np.zeros(n_scores),
-        FixedPointSum((N_FATES,)),
-        np.zeros(N_FATES, np.int64),
-        np.zeros(2, np.int64),
+        FixedPointSum((len(Fate),)),
+        np.zeros(len(Fate), np.int64),
+        np.zeros(len(kernel.Miss), np.int64),
         FixedPointSum(tallies.map.shape),
         FixedPointSum(tallies.map.shape),
         FixedPointSum(tallies.radiance.shape),

@@ -3,34 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
+from meshtrace.errors import Described, Refused
+from meshtrace.kernels.photon import Vertex
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.analog import BLOCK, new_recorder, run_analog
 from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.received import received_light
 
 if TYPE_CHECKING:
     import xarray as xr
-
-
-class Vertex(IntEnum):
-    """What happened at a vertex of a path."""
-
-    SOURCE = 0
-    SCATTER = 1
-    SURFACE_OUT = 2
-    SURFACE_IN = 3
-    BOTTOM = 4
-    RECEIVED = 5
-    LANDED = 6
-    END = 7
-    BRANCH = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +142,11 @@ def received_paths(
 ) -> PhotonPaths:
     """Return paths of received light, drawn in proportion to the light they carry."""
     forced = ForcedDetection(link, chains, seed, normals, crest=float(mesh.bounds[1, 2]))
-    rows = forced.received(mesh, n, np.random.default_rng([seed, 1]))
+    rows = received_light(forced, mesh, n, np.random.default_rng([seed, 1]))
     if not rows:
-        raise ValueError("received_only: no light is received, allowed a link that receives some")
+        raise Refused(
+            "received_only", Described("no light is received"), "a link that receives some"
+        )
     longest = max(len(points) for points, _ in rows)
     out = PhotonPaths(
         np.full((len(rows), longest, 3), np.nan),

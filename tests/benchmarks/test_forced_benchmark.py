@@ -14,7 +14,7 @@ import pytest
 import meshtrace as mt
 from meshtrace.bench import figure_of_merit, new_sea
 from meshtrace.surfaces import JonswapSea
-from meshtrace.transport.forced import crossing_reach
+from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.simulate import mesh_for
 
 SEA = JonswapSea(wind_speed=13.0, seed=7)

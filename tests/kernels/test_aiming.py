@@ -12,8 +12,9 @@ from meshtrace.kernels import aiming
 from meshtrace.kernels.jit import entry
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
+from meshtrace.transport.aimed import locator
 from meshtrace.transport.arrays import interface_arrays, medium_arrays, surface_arrays
-from meshtrace.transport.forced import _emitter, _locator, _target
+from meshtrace.transport.forced_link import emitter_of, target_of
 
 N_WATER = 1.33
 
@@ -124,12 +125,12 @@ def scene_of(link, mesh, normals="vertex"):
     surface = surface_arrays(mesh, normals)
     facets = np.empty((len(mesh.faces), aiming.N_FACET_COLUMNS))
     aiming.facet_summary(surface, facets)
-    target = _target(link.receiver)
+    target = target_of(link.receiver)
     return aiming.Scene(
-        _emitter(link.transmitter),
+        emitter_of(link.transmitter),
         target,
         surface,
-        _locator(surface, [target]),
+        locator(surface, [target]),
         facets,
         medium_arrays(link),
         interface_arrays(link),

@@ -15,7 +15,8 @@ from meshtrace.kernels.jit import entry
 from meshtrace.kernels.medium import absorption_path, scattering_path
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport.arrays import medium_arrays, with_raster
-from meshtrace.transport.forced import _emitter, _nominal, _target
+from meshtrace.transport.chain_sets import nominal as nominal_of
+from meshtrace.transport.forced_link import emitter_of, target_of
 
 N = 200_000
 
@@ -23,7 +24,7 @@ N = 200_000
 def make(link, order, n=N, seed=1, crest=0.0, free=None):
     """Return nominal, chains and which of them have free paths."""
     medium = medium_arrays(link, crest=5.0)
-    nominal = _nominal(medium, _emitter(link.transmitter), _target(link.receiver), crest)
+    nominal = nominal_of(medium, emitter_of(link.transmitter), [target_of(link.receiver)], crest)
     rng = np.random.default_rng([seed, order])
     u = rng.random((n, 3 * order + 4))
     free = rng.random(n) < kernel.FREE_PATH_SHARE if free is None else np.full(n, free)

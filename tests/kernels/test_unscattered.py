@@ -12,7 +12,8 @@ from meshtrace.kernels import chain_gain as kernel
 from meshtrace.kernels import unscattered as image
 from meshtrace.kernels.jit import entry
 from meshtrace.surfaces import FlatSea, TiltedPlane
-from meshtrace.transport.forced import ForcedDetection, _emitter
+from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced_link import emitter_of
 
 
 @entry
@@ -172,7 +173,7 @@ SOURCES = [
 
 def intensity_at(source, theta, phi=0.4):
     """Return the intensity at an angle from the axis of the source."""
-    emitter = _emitter(source)
+    emitter = emitter_of(source)
     axis = np.array(emitter.axis)
     e1 = np.cross(axis, (0.3, 0.9, 0.1))
     e1 /= np.linalg.norm(e1)

@@ -8,9 +8,11 @@ from typer.testing import CliRunner
 
 import meshtrace as mt
 from meshtrace.cli import app
-from meshtrace.studies.series import CoverageMap, GainSeries
+from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.series import GainSeries
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
-from meshtrace.transport.forced import ForcedDetection, crossing_reach
+from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.simulate import mesh_for
 
 SEA = JonswapSea(wind_speed=13.0, seed=3, mss="band")

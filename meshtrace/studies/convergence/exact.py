@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from meshtrace.kernels import wave_sum as analytic
-from meshtrace.kernels.aiming import Emitter, Scene
+from meshtrace.kernels.aiming import ROOT, Scene
 from meshtrace.kernels.chains import Chains
 from meshtrace.mesh import SurfaceModel
+from meshtrace.stored import SHIFTS
 from meshtrace.studies.convergence.checks import Floats
-from meshtrace.studies.convergence.exhaustive import ExhaustiveDetection
 from meshtrace.studies.convergence.meshes import nested_mesh, probes
-from meshtrace.transport.forced import SHIFTS, crossing_reach
+from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.frame import IDENTITY, Frame
 
 if TYPE_CHECKING:
     pass
@@ -47,60 +49,69 @@ class WaveSum(SurfaceModel, Protocol):
         ...
 
 
-class OverWaves(ExhaustiveDetection):
-    """The same chains over the sum of waves itself."""
+class OverWaves:
+    """Chains over the sum of waves itself; their search is thorough.
 
-    def over(self, sea: WaveSum, time: float, spacing: float) -> Reference:
+    Parameters
+    ----------
+    forced : ForcedDetection
+        The chains.
+    """
+
+    def __init__(self, forced: ForcedDetection) -> None:
+        self._forced = forced
+
+    def evaluate(self, sea: WaveSum, time: float, spacing: float) -> Reference:
         """Return the gain over the sum of waves; a mesh of some spacing names the crossings."""
-        mesh = nested_mesh(self.link, sea, time, spacing, np.zeros(2))
-        aimed, waves = self._over(mesh), waves_at(sea, time)
+        forced, link = self._forced, self._forced.arrays
+        mesh = nested_mesh(forced.link, sea, time, spacing, np.zeros(2))
+        aimed, waves = forced.over(mesh), waves_at(sea, time, link.frame)
         scattered, direct = np.zeros(SHIFTS), np.zeros(2)
-        counters = np.zeros(analytic.N_COUNTERS, np.int64)
-        for power, emitter, strata in zip(self._power, self._emitters, self._strata, strict=True):
-            scene = aimed._scene(emitter, self._targets[0])
-            for stratum in strata:
-                _, arrivals = aimed.aim(emitter, self._targets[0], 0, stratum, keep=True)
-                score = np.zeros(len(stratum.audit))
-                analytic.move_crossings(stratum.chains, arrivals, waves, scene, score, counters)
+        counters = np.zeros(len(analytic.Moved), np.int64)
+        for source, power in enumerate(link.power):
+            scene = aimed.scene(link.emitters[source], link.targets[0])
+            for chains in forced.scattered_sets[source]:
+                _, arrivals = aimed.aim(source, 0, chains, keep=True)
+                score = np.zeros(len(chains.audit))
+                analytic.move_crossings(chains.chains, arrivals, waves, scene, score, counters)
                 scattered += power * score.reshape(SHIFTS, -1).mean(axis=1)
-            lit = mesh.faces[np.flatnonzero(aimed.facet_gains(emitter, self._targets[0]))]
-            crossings = mesh.vertices[lit].mean(axis=1)
+            crossings = aimed.centroids[np.flatnonzero(aimed.facet_gains(source, 0))]
             coarse, fine = (_direct(waves, scene, crossings, n) for n in (4, 8))
             if abs(fine - coarse) > _QUADRATURE_ERROR * fine:  # a caustic lies on the aperture
-                coarse, fine = self._finely_meshed(sea, time, emitter, crossings, spacing)
+                coarse, fine = self._finely_meshed(sea, time, source, crossings, spacing)
             direct += power * np.array([fine, abs(fine - coarse)])
-        slope_x, slope_y = sea.slopes(*probes(crossing_reach(self.link)), time)
+        slope_x, slope_y = sea.slopes(*probes(crossing_reach(forced.link)), time)
         return Reference(
             samples=direct[0] + scattered,
             ballistic=float(direct[0]),
             quadrature_error=float(direct[1]),
             slope_variance=float(np.mean(slope_x**2 + slope_y**2)),
-            lost=int(counters[analytic.LOST]),
+            lost=int(counters[analytic.Moved.LOST]),
         )
 
     def _finely_meshed(
-        self, sea: WaveSum, time: float, emitter: Emitter, crossings: Floats, spacing: float
+        self, sea: WaveSum, time: float, source: int, crossings: Floats, spacing: float
     ) -> tuple[float, float]:
         """Return the unscattered gain of two meshes where light crosses, the finer extrapolated.
 
         The image of a mesh adds up at a caustic, where the light on a point has no bound.
         """
-        low, high = crossings[:, :2].min(axis=0), crossings[:, :2].max(axis=0)
+        metres = self._forced.arrays.frame.metres(crossings)
+        low, high = metres[:, :2].min(axis=0), metres[:, :2].max(axis=0)
         extent = 0.5 * float((high - low).max()) + 2.0 * spacing
         center = tuple(0.5 * (low + high))
         gains = []
         for parts in (8, 16):
             mesh = sea.mesh(time, extent, max(spacing / parts, extent / 500.0), center=center)
-            gains.append(self._over(mesh).ballistic(emitter, self._targets[0]))
+            gains.append(float(self._forced.over(mesh).facet_gains(source, 0).sum()))
         return gains[1], gains[1] + (gains[1] - gains[0]) / 3.0
 
 
 def _direct(waves: analytic.Waves, scene: Scene, crossings: Floats, rings: int) -> float:
     """Return the unscattered gain by quadrature over the aperture."""
     points = _aperture_points(rings)
-    score, room = np.zeros(len(points.weight)), np.empty((len(crossings), 2))
-    ray, forward = np.zeros(3), np.array([0.0, 0.0, 1.0])
-    analytic.direct_light(points, crossings, waves, scene, ray, forward, room, score)
+    score, room = np.zeros(len(points.weight)), np.empty(len(crossings), ROOT)
+    analytic.direct_light(points, crossings, waves, scene, room, score)
     return float(score.sum())
 
 
@@ -126,14 +137,14 @@ def _aperture_points(rings: int) -> Chains:
     )
 
 
-def waves_at(sea: WaveSum, time: float) -> analytic.Waves:
-    """Return the waves of a sea at one instant as the kernels take them."""
+def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> analytic.Waves:
+    """Return the waves of a sea at one instant as the kernels take them, in a local frame."""
     waves = sea.components
     return analytic.Waves(
-        np.ascontiguousarray(waves.amplitude),
-        np.ascontiguousarray(waves.kx),
-        np.ascontiguousarray(waves.ky),
-        waves.omega * time + waves.phase,
+        np.ascontiguousarray(waves.amplitude) / frame.unit,
+        np.ascontiguousarray(waves.kx) * frame.unit,
+        np.ascontiguousarray(waves.ky) * frame.unit,
+        waves.omega * time + waves.phase - waves.kx * frame.x - waves.ky * frame.y,
     )
 
 

@@ -15,11 +15,11 @@ from meshtrace.bvh import EmbreeIntersector
 from meshtrace.results.gain import Fate
 from meshtrace.studies.convergence.checks import Floats, Normals, Progress, Unresolved
 from meshtrace.studies.convergence.exact import OverWaves, Reference, WaveSum
-from meshtrace.studies.convergence.exhaustive import ExhaustiveDetection
 from meshtrace.studies.convergence.meshes import probes
 from meshtrace.studies.convergence.study import Costs
 from meshtrace.transport.analog import run_analog
-from meshtrace.transport.forced import crossing_reach
+from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced_link import crossing_reach
 
 if TYPE_CHECKING:
     from meshtrace.link import Link
@@ -63,7 +63,8 @@ class CommonChains:
         self._seed = seed
         self._made = (photons, seed), crest
         self._forced = {
-            kind: ExhaustiveDetection(self.link, photons, seed, kind, 1, crest) for kind in kinds
+            kind: ForcedDetection(self.link, photons, seed, kind, 1, crest, "thorough")
+            for kind in kinds
         }
 
     def measure(self, mesh: TriangleMesh, mesh_seconds: float, photons: int = 0) -> Measured:
@@ -97,7 +98,8 @@ class CommonChains:
     def exact(self, sea: WaveSum, time: float, spacing: float) -> Reference:
         """Return the gain over the sum of waves; a mesh of some spacing names the crossings."""
         (photons, seed), crest = self._made
-        return OverWaves(self.link, photons, seed, "vertex", 1, crest).over(sea, time, spacing)
+        forced = ForcedDetection(self.link, photons, seed, "vertex", 1, crest, "thorough")
+        return OverWaves(forced).evaluate(sea, time, spacing)
 
 
 def _slope_variance(intersector: EmbreeIntersector, kind: Normals, reach: float) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from meshtrace.studies.convergence.checks import Floats
-from meshtrace.transport.forced import crossing_reach
+from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.simulate import mesh_for
 
 if TYPE_CHECKING:

@@ -1,0 +1,252 @@
+"""Chains aimed over one surface: crossings, weights, and what waves cut off."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.bvh import EmbreeIntersector
+from meshtrace.kernels import aiming
+from meshtrace.kernels import chain_gain as kernel
+from meshtrace.kernels import unscattered as image
+from meshtrace.kernels.facets import Surface
+from meshtrace.kernels.medium import DepthMode
+from meshtrace.mesh import TriangleMesh
+from meshtrace.transport.arrays import surface_arrays, with_raster
+from meshtrace.transport.forced_link import ForcedLink
+
+if TYPE_CHECKING:
+    from meshtrace.transport.chain_sets import ChainSet
+
+Search = Literal["usual", "thorough"]
+
+_ROOTS = 64  # crossings of one chain at most
+_AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
+
+
+class AimedChains:
+    """Chains over one surface, in the local frame of the link.
+
+    Parameters
+    ----------
+    link : ForcedLink
+        The link.
+    mesh : TriangleMesh
+        The surface [m].
+    intersector : EmbreeIntersector, optional
+        Its Embree scene, made when a path has to be checked.
+    normals : {"vertex", "facet"}
+        Normals interpolated from the corners, or those of the facets.
+    unresolved : str
+        `Physics.unresolved`.
+    search : {"usual", "thorough"}
+        "thorough" asks every facet for crossings of every chain; "usual" does so for a share of
+        the chains, which count by its inverse: unbiased, with noise of its own.
+    """
+
+    def __init__(
+        self,
+        link: ForcedLink,
+        mesh: TriangleMesh,
+        intersector: EmbreeIntersector | None = None,
+        normals: str = "vertex",
+        unresolved: str = "none",
+        search: Search = "usual",
+    ) -> None:
+        self._link = link
+        self._mesh = mesh
+        self._given = intersector
+        self._normals = normals
+        self._search_mode = search
+        self.surface: Surface = link.frame.surface(surface_arrays(mesh, normals, unresolved))
+        rough = self.surface.roughness
+        self.rough = rough.along > 0.0 or rough.across > 0.0
+        self.facets = np.empty(len(mesh.faces), aiming.FACET)
+        aiming.facet_summary(self.surface, self.facets)
+        medium = link.medium
+        if medium.depth_mode == DepthMode.LOCAL:
+            medium = with_raster(medium, self._intersector)
+        self.medium = link.frame.medium(medium)
+        self.locator = locator(self.surface, link.targets)
+        self.counters = np.zeros(len(kernel.Counter), np.int64)
+        self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
+
+    @cached_property
+    def _intersector(self) -> EmbreeIntersector:
+        return self._given or EmbreeIntersector(self._mesh, 1)
+
+    @property
+    def centroids(self) -> NDArray[np.float64]:
+        """Centroids of the facets, shape (m, 3)."""
+        return self.facets["centroid"]
+
+    def scene(self, emitter: aiming.Emitter, target: aiming.Target) -> aiming.Scene:
+        """Return one source, the surface and one aperture as the kernels take them."""
+        return aiming.Scene(
+            emitter,
+            target,
+            self.surface,
+            self.locator,
+            self.facets,
+            self.medium,
+            self._link.interface,
+        )
+
+    def _search(self, target: aiming.Target) -> kernel.Search:
+        """Return how far and how thoroughly roots are looked for."""
+        n = self.medium.n_water / self.medium.n_air
+        curvature, radius = self._largest
+        focusing = curvature * _lever(n, target, self._waves)
+        all_asked = self._search_mode == "thorough" or self._normals == "facet" or focusing > 1.0
+        audit = 1.0 if all_asked else _AUDITED
+        return kernel.Search(audit, self.surface.max_slope, 2.0 * radius, target.reach + 1.0)
+
+    @cached_property
+    def _largest(self) -> tuple[float, float]:
+        """Largest curvature and radius of the facets that light can cross."""
+        near = self.locator.facet
+        listed = self.facets[near] if len(near) else self.facets
+        return float(listed["curvature"].max()), float(listed["radius"].max())
+
+    def score(self, source: int, receiver: int, chains: ChainSet) -> NDArray[np.float64]:
+        """Return what each chain of a set brings from a source into a receiver."""
+        return self.aim(source, receiver, chains, keep=False)[0]
+
+    def aim(
+        self, source: int, receiver: int, chains: ChainSet, keep: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.void]]:
+        """Return the score of each chain and, if `keep`, its arrivals, blocked ones left out."""
+        emitter, target = self._link.emitters[source], self._link.targets[receiver]
+        n = len(chains.audit)
+        most = 2 * n + 64
+        out = kernel.Output(
+            score=np.zeros(n),
+            doubtful=np.zeros(most, kernel.DOUBT),
+            rays=np.zeros(most * (chains.order + 2), kernel.RAY),
+            arrivals=np.zeros(most if keep else 0, kernel.ARRIVAL),
+            counters=np.zeros(len(kernel.Counter), np.int64),
+            roots=np.zeros(_ROOTS, aiming.ROOT),
+        )
+        n_doubt, n_rays, n_arrivals = kernel.contributions(
+            chains.chains,
+            chains.flat[receiver],
+            chains.audit,
+            self._search(target),
+            self.scene(emitter, target),
+            out,
+        )
+        arrivals = out.arrivals[:n_arrivals]
+        if n_doubt:
+            cut = np.zeros(n_doubt, bool)
+            rays = out.rays[:n_rays]
+            blocked = self._cut(rays["origin"], rays["direction"], rays["length"])
+            cut[rays["crossing"][blocked]] = True
+            clear = out.doubtful[:n_doubt][~cut]
+            np.add.at(out.score, clear["chain"], clear["weight"])
+            out.counters[kernel.Counter.BLOCKED] += int(cut.sum())
+            arrivals = arrivals[(arrivals["doubt"] < 0) | ~cut[arrivals["doubt"]]]
+        self.counters += out.counters
+        return out.score, arrivals
+
+    def _cut(
+        self,
+        origins: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        lengths: NDArray[np.float64],
+    ) -> NDArray[np.bool_]:
+        """Return which straight paths meet the surface before their ends.
+
+        A path that starts or ends on the surface is shortened by a hair at both ends.
+        """
+        hair = 1e-4 * (1.0 + lengths)
+        start = self._link.frame.metres(origins + hair[:, None] * directions)
+        hits = self._intersector.intersect(start, directions)
+        return hits.distance / self._link.frame.unit < lengths - 3.0 * hair
+
+    def facet_gains(self, source: int, receiver: int) -> NDArray[np.float64]:
+        """Return the unscattered gain through each facet."""
+        emitter, target = self._link.emitters[source], self._link.targets[receiver]
+        n = self.medium.n_water / self.medium.n_air
+        depth = -emitter.position[2]
+        stretch = 1.5 * (1.0 + n * (target.center[2] + self._waves) / max(depth - self._waves, 0.1))
+        lever = 1.5 * _lever(n, target, self._waves)
+        gain = np.zeros(len(self._mesh.faces))
+        doubtful = np.zeros(len(gain), bool)
+        image.image_gain(self.scene(emitter, target), 1.5 * stretch, lever, gain, doubtful)
+        if doubtful.any():
+            gain[self._hidden(emitter, target, np.flatnonzero(doubtful))] = 0.0
+        return gain
+
+    def _hidden(
+        self, emitter: aiming.Emitter, target: aiming.Target, facets: NDArray[np.intp]
+    ) -> NDArray[np.intp]:
+        """Return the facets whose centroid the source or the aperture's centre cannot see."""
+        centroid = self.centroids[facets]
+        cut = np.zeros(len(facets), bool)
+        for end in (emitter.position, target.center):
+            way = centroid - np.asarray(end)
+            length = np.linalg.norm(way, axis=1)
+            cut |= self._cut(np.broadcast_to(end, way.shape), way / length[:, None], length)
+        return facets[cut]
+
+    def direct_paths(
+        self,
+        source: int,
+        receiver: int,
+        facets: NDArray[np.intp],
+        disk: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Return (n, 3, 3): source, crossing and landing of unscattered light near facets."""
+        emitter, target = self._link.emitters[source], self._link.targets[receiver]
+        found, crossings = np.zeros(len(facets), bool), np.zeros((len(facets), 3))
+        kernel.direct_crossings(
+            disk, self.centroids[facets], self.scene(emitter, target), found, crossings
+        )
+        paths = np.empty((len(facets), 3, 3))
+        paths[:, 0] = emitter.position
+        paths[:, 1] = crossings
+        paths[:, 2] = on_disk(target, disk)
+        return paths[found]
+
+
+def on_disk(target: aiming.Target, disk: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the points of an aperture that belong to points of the unit disk."""
+    plane = np.array([target.e1, target.e2])
+    return np.asarray(target.center) + target.radius * disk @ plane
+
+
+def _lever(n: float, target: aiming.Target, waves: float) -> float:
+    """Return a bound on how far a unit of slope moves the landing point."""
+    sin_t = min(target.sin_widest, 0.98)
+    cos_t = math.sqrt(1.0 - sin_t**2)
+    cos_i = math.sqrt(1.0 - (sin_t / n) ** 2)
+    return (target.center[2] + waves) * abs(n * cos_i / cos_t - 1.0) / cos_t**2
+
+
+def empty_locator() -> aiming.Locator:
+    """Return the bins of no facets, for a flat sea."""
+    return aiming.Locator(0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64), np.zeros(0, np.int32))
+
+
+def locator(surface: Surface, targets: Sequence[aiming.Target]) -> aiming.Locator:
+    """Return bins over the part of the surface that the receivers can see."""
+    pad = 2.0
+    low = [min(t.center[i] - t.reach - pad for t in targets) for i in range(2)]
+    high = [max(t.center[i] + t.reach + pad for t in targets) for i in range(2)]
+    low = [max(low[i], float(surface.low[i])) for i in range(2)]
+    high = [min(high[i], float(surface.high[i])) for i in range(2)]
+    width = max(high[0] - low[0], high[1] - low[1])
+    step = max(0.1, width / 400.0)
+    nx, ny = (max(math.ceil((high[i] - low[i]) / step), 1) for i in range(2))
+    start, none = np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.int32)
+    grid = aiming.Locator(low[0], low[1], step, nx, ny, start, none)
+    aiming.count_bins(surface, grid)
+    np.cumsum(start, out=start)
+    grid = grid._replace(facet=np.empty(start[-1], np.int32))
+    aiming.fill_bins(surface, grid, start[:-1].copy())
+    return grid

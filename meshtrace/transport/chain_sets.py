@@ -1,0 +1,272 @@
+"""Sets of chains: how many of each order, where they collide, where they cross a flat sea."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.errors import Refused
+from meshtrace.kernels import aiming
+from meshtrace.kernels import chain_gain as kernel
+from meshtrace.kernels import chains as chain_kernel
+from meshtrace.kernels.chains import Chains, Nominal
+from meshtrace.kernels.medium import Medium
+from meshtrace.mesh import TriangleMesh
+from meshtrace.stored import SHIFTS
+from meshtrace.transport.aimed import AimedChains, empty_locator
+from meshtrace.transport.arrays import surface_arrays
+from meshtrace.transport.forced_link import ForcedLink
+
+_TAIL = 1e-7  # orders whose share of a Poisson law is smaller together are left out
+_MAX_ORDER = 40
+_MOST_CROWDED = 4.0  # density of collisions near the surface over the mean: chains fill the way
+_MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
+_CROSSINGS = 4  # of a flat sea, kept for each chain
+_PILOT = 128  # chains of each order in the first pilot
+_PILOT_GROWTH, _PILOT_STEPS = 4, 3  # further pilots of an order without a hit
+_FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
+
+
+class ChainSet(NamedTuple):
+    """Chains of one order from one source, and where they cross a flat sea."""
+
+    order: int
+    chains: Chains
+    flat: list[NDArray[np.void]]  # by receiver, (n, crossings) aiming.FLAT
+    audit: NDArray[np.float64]
+
+
+class ChainDrawer:
+    """Draws chains of a link.
+
+    Parameters
+    ----------
+    link : ForcedLink
+        The link.
+    crest, ceiling : float
+        Height up to which collisions are expected, and above which chains do not end; in the
+        unit of the link's frame.
+    """
+
+    def __init__(self, link: ForcedLink, crest: float, ceiling: float) -> None:
+        self._link = link
+        self._medium = link.frame.medium(link.medium)
+        self._ceiling = ceiling
+        self.nominals = [nominal(self._medium, e, link.targets, crest) for e in link.emitters]
+
+    def last_order(self, source: int) -> int:
+        """Return the highest order of the chains from a source; refuse water of too many."""
+        return last_order(self._medium, self.nominals[source])
+
+    def draw(self, source: int, order: int, per_shift: int, key: tuple[int, ...]) -> ChainSet:
+        """Return chains of one order, `per_shift` for each shift of the points."""
+        from scipy.stats import qmc
+
+        width = chain_kernel.DIMENSIONS * order + 6
+        rng = np.random.default_rng(key)
+        points = qmc.Sobol(width, scramble=True, rng=rng).random_base2(
+            math.ceil(math.log2(max(per_shift, 2)))
+        )[:per_shift]
+        u = (points[None] + rng.random((SHIFTS, 1, width))) % 1.0
+        u = np.clip(u.reshape(-1, width), 1e-12, 1.0 - 1e-12)
+        n = len(u)
+        chains = Chains(
+            vertex=np.empty((n, order, 3)),
+            kind=np.zeros((n, order), np.int8),
+            last=np.empty((n, 3)),
+            path=np.empty(n),
+            weight=np.empty(n),
+            disk=np.empty((n, 2)),
+            tail=np.empty((n, 3)),
+            tilt=np.empty((n, 2)),
+        )
+        chain_kernel.make_chains(
+            chains,
+            self.nominals[source],
+            self._medium,
+            u,
+            u[:, -1] < chain_kernel.FREE_PATH_SHARE,
+        )
+        flat = [self._flat(source, receiver, chains) for receiver in range(len(self._link.targets))]
+        return ChainSet(order, chains, flat, np.ascontiguousarray(u[:, -2]))
+
+    def _flat(self, source: int, receiver: int, chains: Chains) -> NDArray[np.void]:
+        """Return where chains cross a flat sea on the way to a receiver."""
+        emitter, target = self._link.emitters[source], self._link.targets[receiver]
+        still = surface_arrays(flat_mesh(1.0), "facet")
+        scene = aiming.Scene(
+            emitter,
+            target,
+            still,
+            empty_locator(),
+            np.zeros(0, aiming.FACET),
+            self._medium,
+            self._link.interface,
+        )
+        raised = scene._replace(surface=still._replace(level=self._ceiling))
+        out = np.zeros((len(chains.last), _CROSSINGS), aiming.FLAT)
+        kernel.flat_crossings(chains, _starts(emitter, target), scene, raised, out)
+        return out
+
+
+class Pilot(NamedTuple):
+    """What a few chains of each order bring over a flat sea, by receiver and order from 1 on."""
+
+    chains: NDArray[np.int64]  # (orders,)
+    mean: NDArray[np.float64]  # (receivers, orders)
+    spread: NDArray[np.float64]  # (receivers, orders) standard deviation of one chain
+    scored: NDArray[np.int64]  # (receivers, orders) chains that brought light
+
+
+def pilot(drawer: ChainDrawer, aimed: AimedChains, source: int, seed: int, receivers: int) -> Pilot:
+    """Return the scores of a few chains of each order, more where none brings light."""
+    orders = drawer.last_order(source)
+    chains = np.zeros(orders, np.int64)
+    mean, spread = np.zeros((receivers, orders)), np.zeros((receivers, orders))
+    scored = np.zeros((receivers, orders), np.int64)
+    for k in range(orders):
+        n = _PILOT // SHIFTS
+        for step in range(_PILOT_STEPS):
+            chosen = drawer.draw(source, k + 1, n, (seed, source, k + 1, 2 + step))
+            scores = np.array([aimed.score(source, r, chosen) for r in range(receivers)])
+            hits = np.count_nonzero(scores, axis=1)
+            if hits.min() >= 4:
+                break
+            n *= _PILOT_GROWTH
+        chains[k], scored[:, k] = scores.shape[1], hits
+        mean[:, k], spread[:, k] = scores.mean(axis=1), scores.std(axis=1)
+    return Pilot(chains, mean, spread, scored)
+
+
+def allotment(
+    photons: int, expected: float, found: Pilot, gain: NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """Return the number of chains of each order and shift.
+
+    Parameters
+    ----------
+    photons : int
+        Chains in all.
+    expected : float
+        Scatterings expected on the way.
+    found : Pilot
+        Pilot of the receivers that rest on the chains.
+    gain : ndarray, shape (receivers,)
+        Gain of each receiver, which its errors are compared with.
+
+    Notes
+    -----
+    The sum over the receivers of the squared relative errors is smallest for
+    n_K ~ sqrt(sum_r (sigma_rK / h_r)^2 / cost_K). A share of the chains follows the Poisson law
+    of the number of scatterings instead: no order starves because its pilot was unlucky.
+    """
+    from scipy.stats import poisson
+
+    order = np.arange(1, len(found.chains) + 1)
+    cost = 1.0 + 0.3 * order
+    light = np.maximum(gain, 1e-300)[:, None]
+    share = np.sqrt((np.square(found.spread / light) / cost).sum(axis=0))
+    law = poisson.pmf(order, max(expected, 1e-6))
+    law = law / max(law.sum(), 1e-300)
+    total = share.sum()
+    mixed = law if total == 0.0 else (1.0 - _FLOOR) * share / total + _FLOOR * law
+    return np.maximum(np.ceil(mixed * photons / SHIFTS), 2).astype(np.int64)
+
+
+def nominal(
+    medium: Medium, emitter: aiming.Emitter, targets: list[aiming.Target], crest: float
+) -> Nominal:
+    """Return where collisions are expected along the straight way to the highest crest.
+
+    The way is the shortest one to any of the targets.
+    """
+    depth = crest - emitter.position[2]
+    n = medium.n_water / medium.n_air
+    x, y, _ = emitter.position
+    offset = min(
+        depth / (depth + n * t.center[2]) * math.hypot(t.center[0] - x, t.center[1] - y)
+        for t in targets
+    )
+    distance = math.hypot(depth, offset)
+    nodes = 513
+    height = np.linspace(0.0, 1.0, nodes) * depth
+    below = depth - height
+    b = np.interp(below / medium.layer_step, np.arange(len(medium.layer_b)), medium.layer_b)
+    if not medium.layered:
+        b = np.full(nodes, medium.b)
+    # chains are turned and waves rise: what lies a little higher must be likely enough
+    at = (np.maximum(below - 0.3, 0.0) - medium.bubble_start) / medium.bubble_step
+    b_bub = np.interp(at, np.arange(len(medium.bubble_b)), medium.bubble_b, right=0.0)
+    total = np.maximum(b + b_bub, 1e-12)
+    step = distance / (nodes - 1)
+    cumulative = np.concatenate([[0.0], np.cumsum(0.5 * step * (total[1:] + total[:-1]))])
+    c = max(medium.a + float(b.mean()), 1e-3 / distance)
+    return Nominal(
+        distance,
+        c,
+        step,
+        cumulative / cumulative[-1],
+        total / cumulative[-1],
+        np.where(total > 0.0, b_bub / total, 0.0),
+        float(cumulative[-1]),
+    )
+
+
+def last_order(medium: Medium, expected: Nominal) -> int:
+    """Return the order behind which a Poisson law of the scatterings holds less than 1e-7."""
+    from scipy.stats import poisson
+
+    b = medium.layer_b.mean() if medium.layered else medium.b
+    most = 1.2 * max(expected.expected, b * expected.distance + float(medium.bubble_path[-1]))
+    if b == 0.0 and medium.bubble_path[-1] == 0.0:
+        return 0
+    if poisson.sf(_MAX_ORDER, 1.2 * expected.expected) > _MOST_LEFT_OUT:
+        raise Refused(
+            "water",
+            f"{expected.expected:.3g} scatterings expected on the way to the surface",
+            f'nearly all light within {_MAX_ORDER}; else estimator="analog"',
+        )
+    upper = float(expected.density[len(expected.density) // 2 :].max()) * expected.distance
+    if medium.layered and upper > _MOST_CROWDED and expected.expected > 2.0:
+        raise Refused(
+            "water.layers",
+            f"{expected.expected:.3g} scatterings expected, {upper:.3g} times as dense near the "
+            "surface as on average",
+            f"up to {_MOST_CROWDED:g}; light that wanders in a thin turbid layer needs "
+            'estimator="analog"',
+        )
+    return int(min(max(poisson.isf(_TAIL, most), 1), _MAX_ORDER))
+
+
+def flat_mesh(extent: float) -> TriangleMesh:
+    """Return a flat sea of two facets."""
+    corners = [
+        (-extent, -extent, 0.0),
+        (extent, -extent, 0.0),
+        (extent, extent, 0.0),
+        (-extent, extent, 0.0),
+    ]
+    return TriangleMesh(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+def _starts(emitter: aiming.Emitter, target: aiming.Target) -> NDArray[np.float64]:
+    """Return points (x, y) from which flat crossings are looked for: the likely one first.
+
+    Light that arrives flatter than 60 degrees crosses far out, where Newton comes from anywhere.
+    """
+    rx, ry = target.center[:2]
+    sx, sy = emitter.position[:2]
+    rows = [(rx, ry), (0.5 * (rx + sx), 0.5 * (ry + sy)), (sx, sy)]
+    reach = min(target.reach, 2.0 * (target.center[2] + 2.0))
+    for radius in (0.3, 0.8):
+        for azimuth in np.arange(6) * math.pi / 3.0 + radius:
+            rows.append(
+                (
+                    rx + radius * reach * math.cos(azimuth),
+                    ry + radius * reach * math.sin(azimuth),
+                )
+            )
+    return np.array(rows)

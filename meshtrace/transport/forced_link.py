@@ -1,0 +1,134 @@
+"""Sources, receivers and water of a link as forced detection takes them, and what it refuses."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.errors import Described, Refused
+from meshtrace.kernels.aiming import Emitter, Target
+from meshtrace.kernels.interface import Interface
+from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.vectors import Vec3
+from meshtrace.link import GaussianBeam, Led, Link, Receiver, Source, TopHatBeam, WaterSource
+from meshtrace.transport.arrays import interface_arrays, medium_arrays
+from meshtrace.transport.frame import IDENTITY, Frame, frame_of
+
+_ANALOG = 'else estimator="analog"'
+_NARROWEST = 0.1  # [deg], of a lamp: narrower spots are smaller than the parts of a facet
+
+
+class ForcedLink(NamedTuple):
+    """A link as arrays and numbers, in its local frame but for the water."""
+
+    frame: Frame
+    emitters: list[Emitter]
+    power: NDArray[np.float64]  # (emitters,) shares of the power
+    targets: list[Target]
+    medium: Medium  # [m]
+    interface: Interface
+
+
+def forced_link(link: Link) -> ForcedLink:
+    """Return what the chains need of a link.
+
+    Raises
+    ------
+    Refused
+        If the link has a feature that only the analog estimator follows.
+    """
+    _require_followable(link)
+    power = np.array([t.power_mw for t in link.transmitters])
+    medium = medium_arrays(link, crest=5.0)
+    if link.physics.absorption == "paper":  # the printed Algorithm 1 acts as b -> albedo b (E5)
+        medium = medium._replace(b=medium.b * link.water.albedo)
+    frame = frame_of(link)
+    return ForcedLink(
+        frame,
+        [emitter_of(t, frame) for t in link.transmitters if isinstance(t, WaterSource)],
+        power / power.sum(),
+        [target_of(r, frame) for r in link.receivers if isinstance(r, Receiver)],
+        medium,
+        interface_arrays(link),
+    )
+
+
+def crossing_reach(link: Link) -> float:
+    """Return the largest distance from the origin at which light crosses to a receiver [m]."""
+    _require_followable(link)
+    frame = frame_of(link)
+    targets = [target_of(r, frame) for r in link.receivers if isinstance(r, Receiver)]
+    farthest = max(t.reach + math.hypot(t.center[0], t.center[1]) for t in targets)
+    return frame.unit * farthest
+
+
+def _require_followable(link: Link) -> None:
+    for path, item in link.items():
+        if isinstance(item, WaterSource):
+            if item.size > 0.0:
+                size = Described(f"a radius of {item.size:g} m")
+                raise Refused(path, size, f"a point source; {_ANALOG}")
+            if item.spread_deg < _NARROWEST:
+                angle = Described(f"a half-angle of {item.spread_deg:g} deg")
+                raise Refused(path, angle, f">= {_NARROWEST:g} deg; {_ANALOG}")
+        elif isinstance(item, Source):
+            raise Refused(path, Described(item.kind), f"a source in the water; {_ANALOG}")
+        elif not isinstance(item, Receiver):
+            raise Refused(path, Described(item.kind), f"a receiver in the air; {_ANALOG}")
+    if not link.receivers:
+        raise Refused("receiver", (), "at least one")
+    if link.water.bottom_depth is not None:
+        raise Refused("water.bottom_depth", link.water.bottom_depth, f"None; {_ANALOG}")
+    if link.planes is not None:
+        raise Refused("planes", Described("given"), f"None; {_ANALOG}")
+    stratified = link.bubbles is not None or link.water.layers is not None
+    if stratified and (link.physics.absorption == "paper" or link.physics.free_path == "local_c"):
+        raise Refused(
+            "physics",
+            'absorption="paper" or free_path="local_c" in stratified water',
+            f"the physical forms; {_ANALOG}",
+        )
+
+
+def emitter_of(source: WaterSource, frame: Frame = IDENTITY) -> Emitter:
+    """Return a source as numbers, lengths in the unit of a frame."""
+    if isinstance(source, Led):
+        kind, spread = SourceKind.LED, source.order
+        norm = (spread + 1.0) / (2.0 * math.pi)
+    elif isinstance(source, GaussianBeam):
+        kind, spread = SourceKind.GAUSSIAN_BEAM, math.radians(source.divergence_deg)
+        norm = 2.0 / (math.pi * spread**2)
+    elif isinstance(source, TopHatBeam):
+        kind, spread = SourceKind.TOP_HAT_BEAM, math.radians(source.divergence_deg)
+        norm = 1.0 / (2.0 * math.pi * (1.0 - math.cos(spread)))
+    else:
+        kind, spread, norm = SourceKind.ISOTROPIC, 0.0, 1.0 / (4.0 * math.pi)
+    position = Vec3(*frame.points(np.array([*source.position, -source.depth])).tolist())
+    return Emitter(position, Vec3(*source.axis), int(kind), float(spread), norm)
+
+
+def target_of(receiver: Receiver, frame: Frame = IDENTITY) -> Target:
+    """Return a receiver as numbers, lengths in the unit of a frame."""
+    axis = np.array(receiver.axis)
+    e1 = np.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.9 else (1.0, 0.0, 0.0))
+    e1 /= np.linalg.norm(e1)
+    e2 = np.cross(axis, e1)
+    half = math.radians(receiver.fov_deg) / 2.0
+    widest = min(half + math.radians(receiver.tilt_deg), math.radians(88.0))
+    center = Vec3(*frame.points(np.array(receiver.center)).tolist())
+    radius = receiver.radius / frame.unit
+    return Target(
+        center=center,
+        axis=Vec3(*receiver.axis),
+        e1=Vec3(*e1.tolist()),
+        e2=Vec3(*e2.tolist()),
+        radius=radius,
+        cos_half_fov=0.0 if half >= math.pi / 2.0 else math.cos(half),
+        tan_half_fov=math.tan(min(half, 1.55)),
+        reach=min((center.z + 2.0) * math.tan(widest), 200.0) + 2.0 * radius,
+        sin_widest=math.sin(widest),
+    )

@@ -1,0 +1,78 @@
+"""Local coordinates of a link: its own origin and unit of length.
+
+Tolerances of the kernels and single precision of Embree suit lengths of some metres near the
+origin. A tank of 10 cm and a link far from the origin are brought there.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.kernels.facets import Surface
+from meshtrace.kernels.medium import Medium
+from meshtrace.link import Link
+
+_TYPICAL = 16.0  # [m], depth plus height of links that keep the metre
+
+
+class Frame(NamedTuple):
+    """Origin (x, y) [m] and unit of length [m], a power of two: scaling rounds nothing."""
+
+    x: float
+    y: float
+    unit: float
+
+    def points(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return local coordinates of points [m]."""
+        return (points - np.array([self.x, self.y, 0.0])) / self.unit
+
+    def metres(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the coordinates [m] of local points."""
+        return points * self.unit + np.array([self.x, self.y, 0.0])
+
+    def surface(self, surface: Surface) -> Surface:
+        """Return a surface in local coordinates; normals and slopes stay."""
+        if self == IDENTITY:
+            return surface
+        vertices, low, high = (
+            self.points(p) for p in (surface.vertices, surface.low, surface.high)
+        )
+        return surface._replace(vertices=vertices, low=low, high=high)
+
+    def medium(self, medium: Medium) -> Medium:
+        """Return water with coefficients per unit of length; optical paths stay."""
+        if self == IDENTITY:
+            return medium
+        u = self.unit
+        return medium._replace(
+            a=medium.a * u,
+            b=medium.b * u,
+            layer_step=medium.layer_step / u,
+            layer_a=medium.layer_a * u,
+            layer_b=medium.layer_b * u,
+            bubble_start=medium.bubble_start / u,
+            bubble_step=medium.bubble_step / u,
+            bubble_b=medium.bubble_b * u,
+            b_max=medium.b_max * u,
+            c_max=medium.c_max * u,
+            bottom_z=medium.bottom_z / u,
+            raster_x=(medium.raster_x - self.x) / u,
+            raster_y=(medium.raster_y - self.y) / u,
+            raster_step=medium.raster_step / u,
+            raster=medium.raster / u,
+        )
+
+
+IDENTITY = Frame(0.0, 0.0, 1.0)
+
+
+def frame_of(link: Link) -> Frame:
+    """Return the local frame of a link: the metre and the origin where they suit."""
+    levels = [0.0, *(item.center[2] for _, item in link.items())]
+    size = max(levels) - min(levels)
+    unit = 2.0 ** round(math.log2(size / _TYPICAL)) if size > 0.0 else 1.0
+    return Frame(*link.origin, unit)

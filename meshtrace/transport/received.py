@@ -1,0 +1,82 @@
+"""Paths of received light, drawn from the chains in proportion to the light they carry."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.kernels import aiming
+from meshtrace.kernels.chains import Chains
+from meshtrace.mesh import TriangleMesh
+from meshtrace.transport.aimed import AimedChains, on_disk
+from meshtrace.transport.forced import ForcedDetection
+
+Path = NDArray[np.float64]
+
+
+def received_light(
+    forced: ForcedDetection, mesh: TriangleMesh, n: int, rng: np.random.Generator
+) -> list[tuple[Path, float]]:
+    """Return n paths of light into the first receiver, drawn by the light they carry.
+
+    Each is (points, weight) from the source over its scatterings and the crossing to the
+    aperture; all carry the same share of the gain.
+    """
+    aimed = forced.over(mesh)
+    sets = forced.sets(aimed)
+    link = forced.arrays
+    light: list[float] = []
+    paths: list[Path] = []
+    for s, power in enumerate(link.power):
+        if not aimed.rough:
+            direct, gain = _direct(aimed, s, n, rng)
+            paths += list(direct)
+            light += [power * gain / max(len(direct), 1)] * len(direct)
+        for chains in sets[s]:
+            _, found = aimed.aim(s, 0, chains, keep=True)
+            weight = power * found["weight"] / len(chains.audit)
+            if not weight.sum() > 0.0:
+                continue
+            kept = rng.choice(len(found), min(n, len(found)), p=weight / weight.sum())
+            for k in kept:
+                paths.append(_placed(chains.chains, found[k], link.emitters[s], link.targets[0]))
+            light += [float(weight.sum()) / max(len(kept), 1)] * len(kept)
+    if not paths:
+        return []
+    total = float(sum(light))
+    chosen = rng.choice(len(paths), n, p=np.array(light) / total)
+    return [(link.frame.metres(paths[k]), total / n) for k in chosen]
+
+
+def _direct(
+    aimed: AimedChains, source: int, n: int, rng: np.random.Generator
+) -> tuple[NDArray[np.float64], float]:
+    """Return about n unscattered paths into the first receiver and their gain."""
+    gains = aimed.facet_gains(source, 0)
+    lit = np.flatnonzero(gains)
+    if not len(lit):
+        return np.zeros((0, 3, 3)), 0.0
+    facets = rng.choice(lit, n, p=gains[lit] / gains[lit].sum())
+    u = rng.random((n, 2))
+    angle = 2.0 * np.pi * u[:, 1]
+    disk = np.sqrt(u[:, :1]) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return aimed.direct_paths(source, 0, facets, disk), float(gains.sum())
+
+
+def _placed(
+    chains: Chains, arrival: np.void, emitter: aiming.Emitter, target: aiming.Target
+) -> Path:
+    """Return the points of a chain turned to its emission direction, up to the aperture."""
+    from scipy.spatial.transform import Rotation
+
+    i, w = int(arrival["chain"]), arrival["emission"]
+    axis = np.array([-w[1], w[0], 0.0])
+    sine = np.linalg.norm(axis)
+    angle = math.atan2(sine, w[2])
+    turn = Rotation.from_rotvec(axis * (angle / sine if sine > 0.0 else 0.0))
+    vertices = turn.apply(chains.vertex[i]) + emitter.position
+    return np.vstack(
+        [emitter.position, vertices, arrival["point"], on_disk(target, chains.disk[i : i + 1])]
+    )
