@@ -140,9 +140,9 @@ class Figure:
     Attributes
     ----------
     name : str
-        Name, which files carry; its function has underscores in place of hyphens.
-    module : str
-        Module of its function.
+        Name, which files carry.
+    make : callable
+        Figure function: takes the `Setting`, and the effort as keywords.
     number, title, caption : str
         Number in the paper, one line, and text with words in braces.
     rows : dict
@@ -156,7 +156,7 @@ class Figure:
     """
 
     name: str
-    module: str
+    make: Callable[..., FigureOutput]
     number: str
     title: str
     caption: str
@@ -169,13 +169,6 @@ class Figure:
     def effort(self, quick: bool) -> dict[str, Any]:
         """Return the keywords of `make` in a mode."""
         return dict(self.quick if quick else self.full)
-
-    @property
-    def make(self) -> Callable[..., FigureOutput]:
-        """The figure function: takes the `Setting`, and the effort as keywords."""
-        module = importlib.import_module(f"{__package__}.{self.module}")
-        function: Callable[..., FigureOutput] = getattr(module, self.name.replace("-", "_"))
-        return function
 
     def table(self, output: FigureOutput) -> list[Row]:
         """Return the rows of the table, with the numbers filled in."""
@@ -198,13 +191,17 @@ class Figure:
 
 
 def load(name: str) -> Figure:
-    """Return a figure.
+    """Return a figure; its function has underscores in place of hyphens.
 
     Raises
     ------
     Refused
         If there is no such figure.
+    ImportError
+        If the viz extra is missing.
     """
     if name not in FIGURES:
         raise Refused("--only", name, ", ".join(FIGURES))
-    return Figure(name, **_TABLE["figures"][name])
+    entry = dict(_TABLE["figures"][name])
+    module = importlib.import_module(f"{__package__}.{entry.pop('module')}")
+    return Figure(name, getattr(module, name.replace("-", "_")), **entry)
