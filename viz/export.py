@@ -11,6 +11,7 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.coverage import CoverageMap
@@ -39,7 +40,7 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
 
     Raises
     ------
-    ValueError
+    Refused
         If it is something else.
 
     Examples
@@ -49,7 +50,7 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
     32
     """
     allowed = "TriangleMesh, PhotonPaths, CoverageMap"
-    raise ValueError(f"source: {type(source).__name__}, allowed {allowed}")
+    raise Refused("source", Described(type(source).__name__), allowed)
 
 
 @to_pyvista.register
@@ -120,7 +121,7 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
 
     Raises
     ------
-    ValueError
+    Refused
         If the suffix does not suit.
     """
     path, data = Path(path), to_pyvista(source)
@@ -128,7 +129,7 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
     if isinstance(source, PhotonPaths):
         allowed = allowed[:2]
     if path.suffix not in allowed:
-        raise ValueError(f"path: {str(path)!r}, allowed a file name in {', '.join(allowed)}")
+        raise Refused("path", str(path), f"a file name in {', '.join(allowed)}")
     if path.suffix == ".vtu":
         data = data.cast_to_unstructured_grid()
     with atomic(path) as temporary:

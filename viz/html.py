@@ -22,6 +22,7 @@ from trame_vtk.modules.vtk.serializers import (  # type: ignore[import-untyped]
 )
 from trame_vtk.tools.vtksz2html import write_html  # type: ignore[import-untyped]
 
+from meshtrace.errors import Refused
 from meshtrace.files import atomic
 
 from .stage import Scene
@@ -83,12 +84,12 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
 
     Raises
     ------
-    ValueError
+    Refused
         If the suffix is another.
     """
     path = Path(path)
     if path.suffix not in (".html", ".htm"):
-        raise ValueError(f"path: {str(path)!r}, allowed a file name in .html")
+        raise Refused("path", str(path), "a file name in .html")
     page = _exported(plotter)
     head = (
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}" />\n'

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 import pyvista as pv
 
+from meshtrace.errors import Refused
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths, Vertex
@@ -47,11 +48,11 @@ def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") ->
 
     Raises
     ------
-    ValueError
+    Refused
         If the colour is unknown.
     """
     if color not in ("fate", "weight"):
-        raise ValueError(f"color: {color!r}, allowed fate or weight")
+        raise Refused("color", color, "fate or weight")
     scene.shown["received" if paths.received.all() else "paths"] = paths
     names, size = fate_names(paths), scene.stage.size
     for name, shade in reversed(FATE_COLORS.items()):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +14,21 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
+from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.series import time_series
+from meshtrace.transport.paths import PhotonPaths
 
-from .plots import plot_gain_series
-from .scenes import scene
+from .plots_gain import plot_gain_series
+from .scenes import SceneStyle, scene
 from .style import PALETTE, RC, SKY
 
 SIZE = (1280, 640)
-"""Pixels of a movie; multiples of 16, as its encoders want them."""
+"""Pixels of a movie; multiples of 16, as encoders need them."""
 
 _SCENE_SHARE = 0.64
 
@@ -38,9 +42,11 @@ def save_movie(
     gain: GainSeries | None = None,
     frame_rate: float = 10.0,
     photons: int = 1024,
+    received: PhotonPaths | int | None = None,
+    coverage: CoverageMap | int | None = None,
     seed: int = 1,
+    style: SceneStyle = SceneStyle(),  # noqa: B008
     progress: Callable[[int], None] | None = None,
-    **look: Any,
 ) -> Path:
     """Write a movie of a moving sea, with gain(t) drawn beside it.
 
@@ -60,10 +66,10 @@ def save_movie(
         Frames per second of the movie.
     photons, seed : int
         Chains and seed of a gain that is computed here, and seed of the paths.
+    received, coverage, style
+        As in `scene`; a `color_limit` common to all frames by default.
     progress : callable, optional
         Called with 1 after each frame.
-    **look
-        Further options of `scene`, such as `received=40`.
 
     Returns
     -------
@@ -72,7 +78,7 @@ def save_movie(
 
     Raises
     ------
-    ValueError
+    Refused
         If the suffix is another, there are fewer than two times, or the gain is of others.
     """
     from imageio import v2 as imageio
@@ -80,26 +86,18 @@ def save_movie(
     path, times = Path(path), np.asarray(times, dtype=float)
     options = _writer_options(path, frame_rate)
     if times.ndim != 1 or len(times) < 2:
-        raise ValueError(f"times: shape {times.shape}, allowed (n,) with n >= 2")
+        raise Refused("times", Described(f"shape {times.shape}"), "(n,) with n >= 2")
     gain = gain or time_series(link, sea, times, photons=photons, seed=seed)
     if not np.array_equal(gain.coordinate, times):
-        raise ValueError("gain: at other times, allowed a series at the times of the frames")
+        raise Refused("gain", Described("at other times"), "a series at the times of the frames")
     heights = sea.elevation(*np.meshgrid(np.linspace(-20, 20, 41), np.linspace(-20, 20, 41)))
-    look = {"color_limit": 1.2 * float(np.abs(heights).max()) or None, **look}
-    frame = _Frame(gain)
-    plotter = None
+    limit = style.color_limit or 1.2 * float(np.abs(heights).max()) or None
+    frame, plotter = _Frame(gain), None
+    style = replace(style, color_limit=limit, off_screen=True, window_size=frame.scene_size)
+    light: Any = {"received": received, "coverage": coverage, "seed": seed}
     with atomic(path) as temporary, imageio.get_writer(temporary, **options) as writer:
         for time in times:
-            plotter = scene(
-                link,
-                sea,
-                time=float(time),
-                seed=seed,
-                off_screen=True,
-                window_size=frame.scene_size,
-                plotter=plotter,
-                **look,
-            )
+            plotter = scene(link, sea, time=float(time), **light, style=style, plotter=plotter)
             picture = np.asarray(plotter.screenshot(return_img=True))
             writer.append_data(frame.draw(picture, float(time)))  # type: ignore[attr-defined]
             if progress is not None:
@@ -111,16 +109,16 @@ def save_movie(
 
 def _writer_options(path: Path, frame_rate: float) -> dict[str, Any]:
     if not frame_rate > 0.0:
-        raise ValueError(f"frame_rate: {frame_rate!r}, allowed > 0 frames per second")
+        raise Refused("frame_rate", frame_rate, "> 0 frames per second")
     if path.suffix == ".gif":
         return {"duration": 1000.0 / frame_rate, "loop": 0}
     if path.suffix == ".mp4":
         return {"fps": frame_rate, "quality": 8}
-    raise ValueError(f"path: {str(path)!r}, allowed a file name in .mp4 or .gif")
+    raise Refused("path", str(path), "a file name in .mp4 or .gif")
 
 
 class _Frame:
-    """A figure with the scene on its left and the gain, with the present marked, on its right."""
+    """A figure with the scene on its left and the gain, with the current time, on its right."""
 
     def __init__(self, gain: GainSeries) -> None:
         width, height = SIZE

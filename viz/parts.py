@@ -9,6 +9,7 @@ import numpy as np
 import pyvista as pv
 from matplotlib.colors import to_rgb
 
+from meshtrace.errors import Refused
 from meshtrace.link import CardioidalSky, Link, Sun, UniformSky
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.bubbles import HallNovarini
@@ -70,11 +71,11 @@ def add_surface(
 
     Raises
     ------
-    ValueError
+    Refused
         If the colour is unknown.
     """
     if color not in SURFACE_COLORS:
-        raise ValueError(f"color: {color!r}, allowed {', '.join(SURFACE_COLORS)}")
+        raise Refused("color", color, ", ".join(SURFACE_COLORS))
     scene.shown["surface"] = mesh
     data = to_pyvista(mesh)
     look: dict[str, Any] = {"color": PALETTE["blue"]}

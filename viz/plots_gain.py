@@ -1,49 +1,40 @@
-"""Plots of gains: over time, over many seas, over a plane, and what became of the light."""
+"""Plots of gains: over time, over many seas, over a plane, and the fates of the light."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
-from meshtrace.fading import (
-    DistributionFit,
-    fit_gamma_gamma,
-    fit_lognormal,
-    gain_cdf,
-    gain_pdf,
-    remove_noise,
-)
+from meshtrace import fading
+from meshtrace.errors import Described, Refused
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
 
-from .curves import Floats, label_of
-from .style import INK, PALETTE, axes, axis_label
+from .style import INK, PALETTE, axes, axis_label, label_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from meshtrace.fading import FadingStatistics
     from meshtrace.results.coverage import CoverageMap
     from meshtrace.results.series import GainSeries
 
-_FITS: dict[str, Callable[[Floats], DistributionFit]] = {
-    "lognormal": fit_lognormal,
-    "gamma-gamma": fit_gamma_gamma,
-}
+Floats = NDArray[np.float64]
+
+_FITS = {"lognormal": fading.fit_lognormal, "gamma-gamma": fading.fit_gamma_gamma}
 
 
 def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
-    """Plot what became of the light: share of the launched weight by fate, logarithmic.
+    """Plot the fates of the light: share of the launched weight, logarithmic.
 
     Parameters
     ----------
     result : GainResult
         Result of the analog estimator.
     ax : matplotlib Axes, optional
-        Where to draw.
+        Axes to draw on.
 
     Returns
     -------
@@ -51,11 +42,11 @@ def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
 
     Raises
     ------
-    ValueError
+    Refused
         If the result has no fates.
     """
     if not result.fates:
-        raise ValueError('result: no fates, allowed a result of estimator="analog"')
+        raise Refused("result", Described("no fates"), 'a result of estimator="analog"')
     ax = axes(ax)
     shares = {name: tally.weight for name, tally in result.fates.items() if tally.weight > 0.0}
     meanings = [FATE_MEANING[Fate[name.upper()]] for name in shares]
@@ -63,40 +54,31 @@ def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
     ax.bar_label(bars, [f"{v:.2g}" for v in shares.values()], padding=3, fontsize=9)
     decades = 10.0 ** np.arange(np.floor(np.log10(min(shares.values()))), 1.0)
     ax.set(xscale="log", xlabel="share of the emitted light", xticks=decades)
-    ax.set_xlim(decades[0], 10.0)  # what is written beside the bars needs room
+    ax.set_xlim(decades[0], 10.0)  # room for the numbers beside the bars
     ax.invert_yaxis()
     ax.grid(axis="y", visible=False)
     return ax
 
 
-def plot_gain_series(
-    series: GainSeries | xr.Dataset | ArrayLike,
-    gain: ArrayLike | None = None,
-    gain_stderr: ArrayLike | None = None,
-    *,
-    ax: Axes | None = None,
-) -> Axes:
+def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the gain over time, or over realizations, with a band of two standard errors.
 
     Parameters
     ----------
-    series : GainSeries, xarray.Dataset or array_like, shape (n,)
-        A series, or its times [s].
-    gain, gain_stderr : array_like, shape (n,) or (n, receivers), optional
-        Gains and their standard errors, with times as arrays.
+    series : GainSeries or xarray.Dataset
+        A series, or a dataset with `gain` and `gain_stderr` over "time" or "realization" and,
+        in the second place, receivers.
     ax : matplotlib Axes, optional
-        Where to draw.
+        Axes to draw on.
 
     Returns
     -------
     Axes
-
-    Raises
-    ------
-    ValueError
-        If times come without gains.
     """
-    x, values, errors, along = _series(series, gain, gain_stderr)
+    data = _dataset(series)
+    along = str(data["gain"].dims[0])
+    x = data[along].to_numpy() if along == "time" else np.arange(data.sizes[along])
+    values, errors = (data[n].to_numpy().reshape(len(x), -1) for n in ("gain", "gain_stderr"))
     ax = axes(ax)
     for i, (g, e) in enumerate(zip(values.T, errors.T, strict=True)):
         name = f"receiver {i}" if values.shape[1] > 1 else None
@@ -108,28 +90,8 @@ def plot_gain_series(
     return ax
 
 
-def _series(
-    series: Any, gain: ArrayLike | None, stderr: ArrayLike | None
-) -> tuple[Floats, Floats, Floats, str]:
-    """Return abscissa (n,), gains and errors (n, receivers), and what the abscissa is."""
-    if hasattr(series, "to_dataset") and not hasattr(series, "dims"):
-        series = series.to_dataset()
-    if hasattr(series, "data_vars"):
-        along = str(series["gain"].dims[0])
-        gain, stderr = series["gain"].to_numpy(), series["gain_stderr"].to_numpy()
-        x = series[along].to_numpy() if along == "time" else np.arange(series.sizes[along])
-    elif gain is None:
-        raise ValueError("gain: None, allowed an array with times as arrays")
-    else:
-        along, x = "time", np.asarray(series, dtype=float)
-    values = np.asarray(gain, dtype=float).reshape(len(x), -1)
-    errors = np.zeros_like(values) if stderr is None else np.reshape(stderr, values.shape)
-    return np.asarray(x, dtype=float), values, np.asarray(errors, dtype=float), along
-
-
 def plot_gain_pdf(
-    gain: ArrayLike,
-    gain_stderr: ArrayLike | None = None,
+    series: GainSeries | xr.Dataset,
     *,
     fits: Sequence[str] = ("lognormal", "gamma-gamma"),
     bins: int | str = "auto",
@@ -139,14 +101,14 @@ def plot_gain_pdf(
 
     Parameters
     ----------
-    gain, gain_stderr : array_like, shape (n,)
-        Gains and their standard errors, whose share of the variance is removed.
+    series : GainSeries or xarray.Dataset
+        With `gain` and `gain_stderr` of one receiver; the noise is removed from the variance.
     fits : sequence of str
         Laws to fit: "lognormal", "gamma-gamma".
     bins : int or str
         Number of bins or a rule of `numpy.histogram_bin_edges`.
     ax : matplotlib Axes, optional
-        Where to draw.
+        Axes to draw on.
 
     Returns
     -------
@@ -154,19 +116,19 @@ def plot_gain_pdf(
 
     Raises
     ------
-    ValueError
+    Refused
         If a law is unknown or the gains cannot be fitted.
     """
-    laws = _fitted(gain, gain_stderr, fits)
-    histogram = gain_pdf(gain, gain_stderr, bins=bins)
+    gain, laws = _fitted(series, fits)
+    histogram = fading.gain_pdf(*gain, bins=bins)
     ax = axes(ax)
     middle = 0.5 * (histogram.edges[1:] + histogram.edges[:-1])
     ax.stairs(histogram.density, histogram.edges, fill=True, color=PALETTE["sky"], alpha=0.45)
     ax.errorbar(middle, histogram.density, histogram.density_stderr, fmt="none", ecolor=INK, lw=0.9)
     x = np.linspace(histogram.edges[0], histogram.edges[-1], 400)
     x = x[x > 0.0]
-    for name, law in laws.items():
-        ax.plot(x, law.pdf(x), label=f"{name}, index {law.scintillation_index:.3g}")
+    for name, fit in laws.items():
+        ax.plot(x, fit.law.pdf(x), label=f"{name}, index {fit.scintillation_index:.3g}")
     if laws:
         ax.legend()
     ax.set(xlabel=axis_label("gain"), ylabel=axis_label("gain_pdf"))
@@ -174,8 +136,7 @@ def plot_gain_pdf(
 
 
 def plot_gain_cdf(
-    gain: ArrayLike,
-    gain_stderr: ArrayLike | None = None,
+    series: GainSeries | xr.Dataset,
     *,
     fits: Sequence[str] = ("lognormal", "gamma-gamma"),
     n_effective: float | None = None,
@@ -185,14 +146,10 @@ def plot_gain_cdf(
 
     Parameters
     ----------
-    gain, gain_stderr : array_like, shape (n,)
-        Gains and their standard errors, whose share of the variance is removed.
-    fits : sequence of str
-        Laws to fit: "lognormal", "gamma-gamma".
+    series, fits, ax
+        As in `plot_gain_pdf`.
     n_effective : float, optional
         Independent samples, for the band; see `fading.effective_samples`.
-    ax : matplotlib Axes, optional
-        Where to draw.
 
     Returns
     -------
@@ -200,36 +157,41 @@ def plot_gain_cdf(
 
     Raises
     ------
-    ValueError
+    Refused
         If a law is unknown or the gains cannot be fitted.
     """
-    laws = _fitted(gain, gain_stderr, fits)
-    empirical = gain_cdf(gain, gain_stderr, n_effective=n_effective)
+    gain, laws = _fitted(series, fits)
+    found = fading.gain_cdf(*gain, n_effective=n_effective)
     ax = axes(ax)
-    ax.step(empirical.gain, empirical.probability, where="post", color=INK, label="simulated")
-    ax.fill_between(
-        empirical.gain, empirical.low, empirical.high, step="post", color=INK, alpha=0.15, lw=0
-    )
-    x = np.linspace(empirical.gain[0], empirical.gain[-1], 400)
-    for name, law in laws.items():
-        ax.plot(x, law.cdf(x), label=name)
+    ax.step(found.gain, found.probability, where="post", color=INK, label="simulated")
+    ax.fill_between(found.gain, found.low, found.high, step="post", color=INK, alpha=0.15, lw=0)
+    x = np.linspace(found.gain[0], found.gain[-1], 400)
+    for name, fit in laws.items():
+        ax.plot(x, fit.law.cdf(x), label=name)
     ax.legend()
     ax.set(yscale="log", xlabel=axis_label("gain"), ylabel=axis_label("gain_cdf"))
-    ax.set_ylim(0.5 / len(empirical.gain), 1.3)
+    ax.set_ylim(0.5 / len(found.gain), 1.3)
     return ax
 
 
 def _fitted(
-    gain: ArrayLike, stderr: ArrayLike | None, names: Sequence[str]
-) -> dict[str, DistributionFit]:
+    series: GainSeries | xr.Dataset, names: Sequence[str]
+) -> tuple[tuple[Floats, Floats], dict[str, fading.DistributionFit]]:
+    """Return gains with their standard errors, and the laws fitted to them."""
     for name in names:
         if name not in _FITS:
-            raise ValueError(f"fits: {name!r}, allowed {', '.join(_FITS)}")
-    clean = remove_noise(gain, stderr)
-    return {name: _FITS[name](clean) for name in names}
+            raise Refused("fits", name, ", ".join(_FITS))
+    data = _dataset(series)
+    gain = data["gain"].to_numpy(), data["gain_stderr"].to_numpy()
+    clean = fading.remove_noise(*gain)
+    return gain, {name: _FITS[name](clean) for name in names}
 
 
-def plot_autocorrelation(statistics: FadingStatistics, *, ax: Axes | None = None) -> Axes:
+def _dataset(result: Any) -> xr.Dataset:
+    return result.to_dataset() if hasattr(result, "to_dataset") else result
+
+
+def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None = None) -> Axes:
     """Plot the autocorrelation of the gain with the coherence time at 1/e.
 
     Parameters
@@ -237,7 +199,7 @@ def plot_autocorrelation(statistics: FadingStatistics, *, ax: Axes | None = None
     statistics : FadingStatistics
         Of a time series.
     ax : matplotlib Axes, optional
-        Where to draw.
+        Axes to draw on.
 
     Returns
     -------
@@ -245,11 +207,11 @@ def plot_autocorrelation(statistics: FadingStatistics, *, ax: Axes | None = None
 
     Raises
     ------
-    ValueError
+    Refused
         If the statistics are those of an ensemble.
     """
     if statistics.lag is None or statistics.autocorrelation is None:
-        raise ValueError("statistics: of an ensemble, allowed those of a time series")
+        raise Refused("statistics", Described("of an ensemble"), "those of a time series")
     ax = axes(ax)
     ax.plot(statistics.lag, statistics.autocorrelation)
     ax.axhline(np.exp(-1.0), color=INK, lw=0.8, ls="--")
@@ -266,7 +228,7 @@ def plot_autocorrelation(statistics: FadingStatistics, *, ax: Axes | None = None
 def plot_coverage(
     coverage: CoverageMap | xr.Dataset, *, decibel: bool = False, ax: Axes | None = None
 ) -> Axes:
-    """Plot a coverage map, with its axes alike.
+    """Plot a coverage map with equal axes.
 
     Parameters
     ----------
@@ -275,7 +237,7 @@ def plot_coverage(
     decibel : bool
         Show 10 log10 of the gain.
     ax : matplotlib Axes, optional
-        Where to draw.
+        Axes to draw on.
 
     Returns
     -------

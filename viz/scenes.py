@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
@@ -24,6 +27,51 @@ FOOTPRINT_PATHS = 2000
 """Paths of received light that make the footprint."""
 
 
+@dataclass(frozen=True)
+class SceneStyle:
+    """Appearance of a scene.
+
+    Parameters
+    ----------
+    color : str
+        Colour of the surface: "elevation", "slope", "slope_x", "slope_y", "plain".
+    color_limit : float, optional
+        End of the colours of the surface, which begin at its negative (slope: 0); the range of
+        the values by default.
+    path_color : {"fate", "weight"}
+        Colour of the paths.
+    edges : bool
+        Draw the edges of the facets.
+    opacity : float
+        Opacity of the surface.
+    footprint : bool
+        With received light, draw where it crosses the surface.
+    bubbles, uav, labels : bool
+        Draw the bubbles, the aircraft, scale and texts.
+    extent, spacing : float, optional
+        Half-width of the sea shown and its mesh spacing [m]; by default in proportion to the
+        link. A small extent gives a close-up of the surface.
+    off_screen : bool, optional
+        Render without a window.
+    window_size : tuple of int
+        Pixels.
+    """
+
+    color: str = "elevation"
+    color_limit: float | None = None
+    path_color: PathColor = "fate"
+    edges: bool = False
+    opacity: float = 0.88
+    footprint: bool = True
+    bubbles: bool = True
+    uav: bool = True
+    labels: bool = True
+    extent: float | None = None
+    spacing: float | None = None
+    off_screen: bool | None = None
+    window_size: tuple[int, int] = SLIDE
+
+
 def scene(
     link: Link | None,
     surface: SurfaceModel | TriangleMesh,
@@ -32,20 +80,8 @@ def scene(
     paths: PhotonPaths | int | None = None,
     received: PhotonPaths | int | None = None,
     coverage: CoverageMap | int | None = None,
-    color: str = "elevation",
-    color_limit: float | None = None,
-    path_color: PathColor = "fate",
-    edges: bool = False,
-    opacity: float = 0.88,
-    footprint: bool = True,
-    bubbles: bool = True,
-    uav: bool = True,
-    labels: bool = True,
-    extent: float | None = None,
-    spacing: float | None = None,
     seed: int = 1,
-    off_screen: bool | None = None,
-    window_size: tuple[int, int] = SLIDE,
+    style: SceneStyle = SceneStyle(),
     plotter: Scene | None = None,
 ) -> Scene:
     """Show a link over a sea.
@@ -55,42 +91,22 @@ def scene(
     link : Link or None
         The link; None shows the surface alone.
     surface : SurfaceModel or TriangleMesh
-        The sea, or a mesh of its own.
+        The sea, or a mesh.
     time : float
         Time of the sea [s].
     paths : PhotonPaths or int, optional
-        Analog photon paths, or how many to trace.
+        Analog photon paths, or the number to trace.
     received : PhotonPaths or int, optional
-        Paths of received light, or how many to draw, in proportion to the light they carry;
+        Paths of received light, or the number to draw, in proportion to the light they carry;
         40 when `paths` are shown, so that received ones are always among them.
     coverage : CoverageMap or int, optional
-        Map in the plane of the receiver, or of how many photons to make one over half the sea.
-    color : str
-        What the surface is coloured by: "elevation", "slope", "slope_x", "slope_y", "plain".
-    color_limit : float, optional
-        End of the colours of the surface, which begin at its negative (slope: 0); the range of
-        the values by default.
-    path_color : {"fate", "weight"}
-        What the paths are coloured by.
-    edges : bool
-        Draw the edges of the facets.
-    opacity : float
-        Opacity of the surface.
-    footprint : bool
-        Where received light is shown, draw also where it crosses the surface.
-    bubbles, uav, labels : bool
-        Draw the bubbles, the aircraft, scale and texts.
-    extent, spacing : float, optional
-        Half-width of the sea shown and its mesh spacing [m]; by default in proportion to the
-        link. A small extent gives a close-up of the surface.
+        Map in the plane of the receiver, or the number of photons for one over half the sea.
     seed : int
         Seed of the paths that are traced.
-    off_screen : bool, optional
-        Render without a window.
-    window_size : tuple of int
-        Pixels.
+    style : SceneStyle
+        Colours, parts, extent and window.
     plotter : Scene, optional
-        Draw anew on this one, from where it looks.
+        Scene to draw again on, with its camera.
 
     Returns
     -------
@@ -100,52 +116,56 @@ def scene(
 
     Raises
     ------
-    ValueError
+    Refused
         If an option is not allowed.
 
     Examples
     --------
     >>> import meshtrace as mt
     >>> from meshtrace.surfaces import FlatSea
-    >>> plotter = scene(mt.Link(), FlatSea(), off_screen=True)
+    >>> plotter = scene(mt.Link(), FlatSea(), style=SceneStyle(off_screen=True))
     >>> sorted(plotter.key)
     []
     """
     mesh = surface if isinstance(surface, TriangleMesh) else None
-    stage = stage_of(link, mesh, extent)
+    stage = stage_of(link, mesh, style.extent)
     if plotter is None:
-        plotter = Scene(stage, off_screen=off_screen, window_size=window_size)
+        plotter = Scene(stage, off_screen=style.off_screen, window_size=style.window_size)
     plotter.wipe()
     plotter.suppress_rendering = True  # once shown, it would be rendered after every part
-    shown = shown_mesh(surface, stage, time, spacing)
+    shown = shown_mesh(surface, stage, time, style.spacing)
+    bubbles = link.bubbles if link is not None and style.bubbles else None
     # from back to front: what is translucent is blended in this order
     if link is not None:
-        add_bubbles(plotter, shown, link.bubbles if bubbles else None)
+        add_bubbles(plotter, shown, bubbles)
         add_transmitter(plotter, link, shown)
-    add_surface(plotter, shown, color=color, color_limit=color_limit, edges=edges, opacity=opacity)
+    add_surface(
+        plotter,
+        shown,
+        color=style.color,
+        color_limit=style.color_limit,
+        edges=style.edges,
+        opacity=style.opacity,
+    )
     if link is not None:
-        add_light(
-            plotter,
-            link,
-            surface,
-            shown,
-            time=time,
-            paths=paths,
-            received=received,
-            path_color=path_color,
-            footprint=footprint,
-            seed=seed,
-        )
+        if isinstance(paths, int):
+            paths = trace_paths(link, surface, paths, time=time, seed=seed)
+        light, brightest = received_light(link, surface, paths, received, time=time, seed=seed)
+        for drawn in (paths, brightest):
+            if drawn is not None:
+                add_paths(plotter, drawn, color=style.path_color)
+        if light is not None and style.footprint:
+            add_footprint(plotter, shown, light)
         add_receiver(plotter, link, shown)
-        if uav:
+        if style.uav:
             add_uav(plotter, link)
-        add_bubbles(plotter, shown, link.bubbles if bubbles else None, near=True)
+        add_bubbles(plotter, shown, bubbles, near=True)
     if coverage is not None:
         if isinstance(coverage, int):
             coverage = coverage_of(link, surface, stage, coverage, time=time, seed=seed)
         add_coverage(plotter, coverage)
-        look(plotter, elevation_deg=24.0)  # else the map is seen from its edge
-    if labels:
+        look(plotter, elevation_deg=24.0)  # by default the map is seen from its edge
+    if style.labels:
         add_scale(plotter)
         add_compass(plotter, *wind_of(surface))
         add_key(plotter)
@@ -157,15 +177,13 @@ def scene(
 def shown_mesh(
     surface: SurfaceModel | TriangleMesh, stage: Stage, time: float, spacing: float | None
 ) -> TriangleMesh:
-    """Return the surface within the stage: a sea triangulated anew, a mesh as it is."""
+    """Return the surface within the stage: a sea triangulated, a mesh as it is."""
     if isinstance(surface, TriangleMesh):
         return surface
     step = spacing or stage.half / 100.0
     if stage.half / step > MOST_CELLS:
-        raise ValueError(
-            f"spacing: {step:g} m, allowed >= {stage.half / MOST_CELLS:g} m for a sea of "
-            f"half-width {stage.half:g} m"
-        )
+        allowed = f">= {stage.half / MOST_CELLS:g} m for a half-width of {stage.half:g} m"
+        raise Refused("spacing", step, allowed)
     return surface.mesh(time, stage.half, step, center=stage.center)
 
 
@@ -180,50 +198,37 @@ def coverage_of(
 ) -> CoverageMap:
     """Return a coverage map over half the width of the stage, in 40 by 40 cells."""
     if link is None:
-        raise ValueError("coverage: of a mesh alone, allowed with a link")
+        raise Refused("coverage", Described("of a mesh alone"), "with a link")
     half = 0.5 * stage.half
     return coverage_map(link, surface, half, half / 20.0, times=(time,), photons=photons, seed=seed)
 
 
 def wind_of(surface: SurfaceModel | TriangleMesh) -> tuple[float | None, float]:
-    """Return wind speed [m s-1], if the surface knows one, and where it blows to [deg]."""
+    """Return the wind speed [m s-1] of a surface, if it has one, and the wind direction [deg]."""
     spectrum = getattr(surface, "spectrum", None)
     speed = getattr(surface, "wind_speed", getattr(spectrum, "wind_speed", None))
     return speed, getattr(surface, "wind_direction_deg", 0.0)
 
 
-def add_light(
-    plotter: Scene,
+def received_light(
     link: Link,
     surface: SurfaceModel | TriangleMesh,
-    mesh: TriangleMesh,
+    paths: PhotonPaths | None,
+    received: PhotonPaths | int | None,
     *,
-    time: float = 0.0,
-    paths: PhotonPaths | int | None = None,
-    received: PhotonPaths | int | None = None,
-    path_color: PathColor = "fate",
-    footprint: bool = True,
-    seed: int = 1,
-) -> Scene:
-    """Trace and draw photon paths, received light and its footprint; arguments as for `scene`."""
-    if paths is None and received is None:
-        return plotter
-    if isinstance(paths, int):
-        paths = trace_paths(link, surface, paths, time=time, seed=seed)
-    if paths is not None:
-        add_paths(plotter, paths, color=path_color)
+    time: float,
+    seed: int,
+) -> tuple[PhotonPaths | None, PhotonPaths | None]:
+    """Return the received light that makes the footprint, and its paths to draw."""
     if isinstance(received, PhotonPaths):
-        light, shown = received, received
-    else:
-        try:
-            n = max(received or 0, FOOTPRINT_PATHS)
-            light = trace_paths(link, surface, n, received_only=True, time=time, seed=seed)
-        except ValueError:
-            if received is not None:
-                raise
-            return plotter  # only analog photons follow this link: theirs are shown
-        shown = select_paths(light, slice(received or RECEIVED_SHOWN))
-    add_paths(plotter, shown, color=path_color)
-    if footprint:
-        add_footprint(plotter, mesh, light)
-    return plotter
+        return received, received
+    if paths is None and received is None:
+        return None, None
+    try:
+        n = max(received or 0, FOOTPRINT_PATHS)
+        light = trace_paths(link, surface, n, received_only=True, time=time, seed=seed)
+    except ValueError:
+        if received is not None:
+            raise
+        return None, None  # only analog photons follow this link: theirs are shown
+    return light, select_paths(light, slice(received or RECEIVED_SHOWN))

@@ -1,33 +1,35 @@
-"""One door for the command line: a window, a picture, a web page, a movie or files."""
+"""Output of a scene: a window, a picture, a web page, a movie or files."""
 
 from __future__ import annotations
 
 import os
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyvista as pv
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic, check_writable
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
 from meshtrace.transport.paths import PhotonPaths
 
 from .export import export_scene
 from .html import save_html
 from .movie import save_movie
-from .scenes import scene
+from .scenes import RECEIVED_SHOWN, SceneStyle, scene
 
 SUFFIXES = {"screenshot": (".png",), "html": (".html",), "movie": (".mp4", ".gif")}
-"""File names that each kind of output takes."""
+"""File name suffixes of each kind of output."""
 
 FRAME_RATE = 10.0
-"""Frames per second, where no gain says at which times they are."""
+"""Frames per second of a movie without a given gain."""
 
 
 def view(
@@ -36,6 +38,10 @@ def view(
     *,
     time: float = 0.0,
     paths: PhotonPaths | int | None = 100,
+    received: PhotonPaths | int | None = None,
+    coverage: CoverageMap | int | None = None,
+    seed: int = 1,
+    style: SceneStyle = SceneStyle(),  # noqa: B008
     screenshot: str | Path | None = None,
     html: str | Path | None = None,
     movie: str | Path | None = None,
@@ -45,36 +51,35 @@ def view(
     frame_rate: float | None = None,
     title: str = "meshtrace",
     progress: Callable[[int], None] | None = None,
-    **look: Any,
 ) -> list[Path]:
-    """Show a link over a sea in a window, or write what it looks like to files.
+    """Show a link over a sea in a window, or write pictures and data to files.
 
     Parameters
     ----------
     link : Link or None
         The link; None shows the surface alone.
     surface : SurfaceModel or TriangleMesh
-        The sea, or a mesh of its own.
+        The sea, or a mesh.
     time : float
         Time of the sea [s], at which the movie begins.
     paths : PhotonPaths or int, optional
-        Photon paths, or how many to trace; not in movies, where the received light is shown.
+        Photon paths, or the number to trace; not in movies, which show the received light.
+    received, coverage, seed, style
+        As in `scene`.
     screenshot, html, movie : path, optional
         Files to write: .png, .html, .mp4 or .gif. Without any file or folder a window opens.
     export : path, optional
         Folder for the surface, paths and map as VTK files.
     gain : GainSeries, optional
-        Gain over the times of the movie, which is computed otherwise.
+        Gain over the times of the movie; computed if not given.
     frames : int
-        Frames of the movie, where no gain says their times.
+        Frames of the movie, unless a gain is given.
     frame_rate : float, optional
         Frames per second; by default the sea moves as in nature.
     title : str
         Heading of the web page.
     progress : callable, optional
         Called with 1 after each frame of the movie.
-    **look
-        Further options of `scene`.
 
     Returns
     -------
@@ -83,22 +88,22 @@ def view(
 
     Raises
     ------
-    ValueError
+    Refused
         If a file could not be written, there is no display to open a window on, or a movie of a
         mesh is asked for.
     """
     _refuse_unwritable({"screenshot": screenshot, "html": html, "movie": movie, "export": export})
     window = not (screenshot or html or movie or export)
     if window and not has_display():
-        raise ValueError(
-            "view: no display to open a window on, allowed screenshot, html, movie or export"
-        )
+        raise Refused("view", Described("no display"), "screenshot, html, movie or export")
     if movie and (link is None or isinstance(surface, TriangleMesh)):
-        raise ValueError("movie: of a mesh, which does not move, allowed a link over a sea")
+        raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
     files: list[Path] = []
     if window or screenshot or html or export:
         paths = paths if link is not None else None
-        plotter = scene(link, surface, time=time, paths=paths, off_screen=not window, **look)
+        light: Any = {"paths": paths, "received": received, "coverage": coverage, "seed": seed}
+        shown = replace(style, off_screen=not window)
+        plotter = scene(link, surface, time=time, **light, style=shown)
         if screenshot:
             with atomic(screenshot) as temporary:
                 plotter.screenshot(temporary)
@@ -112,15 +117,16 @@ def view(
         plotter.close()
     if movie and isinstance(link, Link) and isinstance(surface, SurfaceModel):
         times, rate = _frames(gain, time, frames, frame_rate)
-        options = {"received": 40, "gain": gain, "frame_rate": rate, "progress": progress, **look}
-        files.append(save_movie(link, surface, times, movie, **options))
+        frames_of: Any = {"gain": gain, "frame_rate": rate, "progress": progress}
+        light = {"received": received or RECEIVED_SHOWN, "coverage": coverage, "seed": seed}
+        files.append(save_movie(link, surface, times, movie, **frames_of, **light, style=style))
     return files
 
 
 def _frames(
     gain: GainSeries | None, start: float, frames: int, rate: float | None
 ) -> tuple[np.ndarray, float]:
-    """Return the times of the frames [s] and how many there are per second."""
+    """Return the times of the frames [s] and the frame rate [s-1]."""
     if gain is None:
         rate = rate or FRAME_RATE
         return start + np.arange(frames) / rate, rate
@@ -134,9 +140,7 @@ def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
             continue
         path, suffixes = Path(name), SUFFIXES.get(kind)
         if suffixes and path.suffix not in suffixes:
-            raise ValueError(
-                f"{kind}: {str(name)!r}, allowed a file name in {' or '.join(suffixes)}"
-            )
+            raise Refused(kind, str(name), f"a file name in {' or '.join(suffixes)}")
         if suffixes:
             check_writable(path, field=kind)
             continue
@@ -146,7 +150,7 @@ def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
 
 
 def has_display() -> bool:
-    """Whether a window can be opened: without a display that answers VTK draws in memory."""
+    """Return whether a window can be opened; without a display VTK draws in memory."""
     if not sys.platform.startswith("linux"):
         return True
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):

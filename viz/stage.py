@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyvista as pv
 
+from meshtrace.errors import Refused
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.coverage import CoverageMap
@@ -61,7 +62,7 @@ def stage_of(link: Link | None, mesh: TriangleMesh | None, extent: float | None)
     """
     if link is None:
         if mesh is None:
-            raise ValueError("link: None, allowed a link, or a mesh of its own")
+            raise Refused("link", None, "a link, or a mesh")
         low, high = mesh.bounds
         middle = 0.5 * (low + high)
         half = 0.5 * float((high - low)[:2].max())

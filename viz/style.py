@@ -1,4 +1,4 @@
-"""How pictures look: colours, fonts, sizes, and the labels of axes."""
+"""Style of the pictures: colours, fonts, sizes, and the labels of axes."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ PALETTE = {
     "sky": "#56B4E9",
     "black": "#000000",
 }
-"""Okabe and Ito's colours, told apart with every kind of colour vision."""
+"""Okabe and Ito's colours, distinguishable with every kind of colour vision."""
 
 FATE_COLORS = {
     "received": PALETTE["vermilion"],
     "landed elsewhere": PALETTE["blue"],
     "ended in the water": "#5B6B78",
 }
-"""Colours of photon paths by what became of the photon."""
+"""Colours of photon paths by the fate of the photon."""
 
 INK = "#1F2933"
 LED_COLOR = "#F0C419"
@@ -112,6 +112,11 @@ def axis_label(name: str) -> str:
     field = FIELDS[name]
     label = f"{field.long_name} ${field.symbol}$"
     return label if field.units == "1" else f"{label} [{_typeset(field.units)}]"
+
+
+def label_of(name: str) -> str:
+    """Return the label of a registered variable, or the text itself."""
+    return axis_label(name) if name in FIELDS else name
 
 
 def plain_label(name: str) -> str:

@@ -1,8 +1,9 @@
-"""The bubble layer at three winds: how it scatters over depth, and what it looks like."""
+"""The bubble layer at three winds: scattering over depth, and a picture."""
 
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 
 import meshtrace as mt
 from meshtrace import viz
@@ -13,14 +14,22 @@ def main(folder: Path) -> None:
     viz.use_style()
     layers = {f"{u:g} m/s": mt.HallNovarini(wind_speed=u) for u in (5.0, 9.0, 13.0)}
     depth = np.linspace(0.0, 10.0, 201)
-    for quantity, method in (("b_bub", "b"), ("n_bubbles", "number_density")):
-        curves = {name: getattr(layer, method) for name, layer in layers.items()}
-        ax = viz.plot_bubble_profile(curves, depth, quantity=quantity)
+    dims = ("wind", "depth")
+    data = xr.Dataset(
+        {
+            "b_bub": (dims, [layer.b(depth) for layer in layers.values()]),
+            "n_bubbles": (dims, [layer.number_density(depth) for layer in layers.values()]),
+        },
+        {"wind": list(layers), "depth": depth},
+    )
+    for quantity in ("b_bub", "n_bubbles"):
+        ax = viz.plot_bubble_profile(data, quantity=quantity)
         ax.figure.savefig(folder / f"bubbles_{quantity}.png")
 
     link = mt.Link(bubbles=layers["13 m/s"], transmitter=mt.Led(depth=4.0))
     sea = JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)
-    plotter = viz.scene(link, sea, extent=6.0, uav=False, off_screen=True, window_size=(1200, 750))
+    style = viz.SceneStyle(extent=6.0, uav=False, off_screen=True, window_size=(1200, 750))
+    plotter = viz.scene(link, sea, style=style)
     viz.save_picture(plotter, folder / "bubbles.png")
     plotter.close()
 

@@ -1,4 +1,4 @@
-"""Where in its plane a receiver would get how much light: as a map, and in the scene."""
+"""Gain over the plane of the receiver: as a map, and in the scene."""
 
 from pathlib import Path
 
@@ -18,9 +18,8 @@ def main(folder: Path) -> None:
     ax = viz.plot_coverage(coverage, decibel=True)
     ax.figure.savefig(folder / "coverage.png")
 
-    plotter = viz.scene(
-        link, sea, coverage=coverage, uav=False, off_screen=True, window_size=(1200, 750)
-    )
+    style = viz.SceneStyle(uav=False, off_screen=True, window_size=(1200, 750))
+    plotter = viz.scene(link, sea, coverage=coverage, style=style)
     viz.save_picture(plotter, folder / "coverage_scene.png")
     plotter.close()
 

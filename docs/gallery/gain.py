@@ -1,4 +1,4 @@
-"""Gain over a moving sea and over many seas, its statistics, and what became of the light."""
+"""Gain over a moving sea and over many seas, its statistics, and the fates of the light."""
 
 from pathlib import Path
 
@@ -19,9 +19,9 @@ def main(folder: Path) -> None:
     ax.figure.savefig(folder / "gain_autocorrelation.png")
 
     many = mt.ensemble(link, 150, sea, photons=256)
-    ax = viz.plot_gain_pdf(many.gain, many.gain_stderr)
+    ax = viz.plot_gain_pdf(many)
     ax.figure.savefig(folder / "gain_pdf.png")
-    ax = viz.plot_gain_cdf(many.gain, many.gain_stderr)
+    ax = viz.plot_gain_cdf(many)
     ax.figure.savefig(folder / "gain_cdf.png")
 
     result = mt.simulate(link, sea, estimator="analog", photons=100_000)

@@ -13,7 +13,8 @@ def main(folder: Path) -> None:
         receiver=mt.Receiver(tilt_deg=14.0),
     )
     sea = JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)
-    plotter = viz.scene(link, sea, off_screen=True, window_size=(1200, 750))
+    style = viz.SceneStyle(off_screen=True, window_size=(1200, 750))
+    plotter = viz.scene(link, sea, style=style)
     viz.save_picture(plotter, folder / "link_scene.png")
     plotter.close()
 

@@ -2,6 +2,9 @@
 
 from pathlib import Path
 
+import numpy as np
+import xarray as xr
+
 import meshtrace as mt
 from meshtrace import viz
 
@@ -14,9 +17,17 @@ def main(folder: Path) -> None:
         "Henyey-Greenstein, g = 0.924": mt.HenyeyGreenstein(g=0.924),
         "bubbles (Mie)": mt.HallNovarini(wind_speed=13.0).phase_function(),
     }
-    ax = viz.plot_phase_function({name: phase.pdf for name, phase in phases.items()})
+    theta, dims = np.radians(np.geomspace(0.1, 180.0, 400)), ("medium", "theta")
+    data = xr.Dataset(
+        {
+            "phase_function": (dims, [phase.pdf(theta) for phase in phases.values()]),
+            "phase_cdf": (dims, [phase.cdf(theta) for phase in phases.values()]),
+        },
+        {"medium": list(phases), "theta": theta},
+    )
+    ax = viz.plot_phase_function(data)
     ax.figure.savefig(folder / "phase_functions.png")
-    ax = viz.plot_phase_cdf({name: phase.cdf for name, phase in phases.items()})
+    ax = viz.plot_phase_cdf(data)
     ax.figure.savefig(folder / "phase_cdf.png")
 
 

@@ -1,5 +1,6 @@
-"""Photon paths by fate, and how received light bends at the surface, close up."""
+"""Photon paths by fate, and refraction of received light at the surface, close up."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import meshtrace as mt
@@ -15,7 +16,8 @@ def main(folder: Path) -> None:
     )
     sea = JonswapSea(wind_speed=8.0, omega_max=8.0, seed=3)
 
-    plotter = viz.scene(link, sea, paths=80, received=30, off_screen=True, window_size=(1200, 750))
+    style = viz.SceneStyle(off_screen=True, window_size=(1200, 750))
+    plotter = viz.scene(link, sea, paths=80, received=30, style=style)
     viz.save_picture(plotter, folder / "photon_paths.png")
     plotter.close()
 
@@ -25,12 +27,7 @@ def main(folder: Path) -> None:
         sea,
         paths=150,
         received=20,
-        edges=True,
-        extent=2.0,
-        spacing=0.1,
-        opacity=0.5,
-        off_screen=True,
-        window_size=(1200, 750),
+        style=replace(style, edges=True, extent=2.0, spacing=0.1, opacity=0.5),
     )
     viz.save_picture(plotter, folder / "photon_paths_surface.png")
     plotter.close()

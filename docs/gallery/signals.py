@@ -1,8 +1,9 @@
-"""When the light arrives, and what the receiver makes of it."""
+"""Arrival of the light, eye diagram, and bit error ratios."""
 
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 
 import meshtrace as mt
 from meshtrace import viz
@@ -26,8 +27,13 @@ def main(folder: Path) -> None:
     ax.figure.savefig(folder / "eye.png")
 
     power = 1e-3 * 10.0 ** (np.linspace(-82.0, -50.0, 60) / 10.0)
-    rates = {f"{rate / 1e6:g} Mbit/s": OokLink(bit_rate=rate).ber for rate in (1e6, 5e6, 1e7)}
-    ax = viz.plot_ber(power, rates)
+    rates = (1e6, 5e6, 1e7)
+    ber = [OokLink(bit_rate=rate).ber(power) for rate in rates]
+    names = [f"{rate / 1e6:g} Mbit/s" for rate in rates]
+    data = xr.Dataset(
+        {"ber": (("rate", "received_power"), ber)}, {"rate": names, "received_power": power}
+    )
+    ax = viz.plot_ber(data)
     ax.figure.savefig(folder / "ber.png")
 
     depths = [24.0, 28.0, 32.0, 36.0, 40.0, 44.0]

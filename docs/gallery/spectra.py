@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 
 from meshtrace import viz
 from meshtrace.surfaces import (
@@ -22,7 +23,13 @@ def main(folder: Path) -> None:
         "Elfouhaily, fetch 30 km": Elfouhaily(wind_speed=13.0, fetch=30e3),
         "TMA, 10 m deep": Tma(wind_speed=13.0, fetch=30e3, depth=10.0),
     }
-    ax = viz.plot_spectrum(spectra, np.linspace(0.2, 4.0, 500))
+    omega = np.linspace(0.2, 4.0, 500)
+    values = [spectrum(omega) for spectrum in spectra.values()]
+    ax = viz.plot_spectrum(
+        xr.Dataset(
+            {"spectrum": (("name", "omega"), values)}, {"name": list(spectra), "omega": omega}
+        )
+    )
     ax.set_title("wind 13 m/s")
     ax.figure.savefig(folder / "spectra.png")
 
@@ -34,11 +41,12 @@ def main(folder: Path) -> None:
         "cos-2s, s = 10": Cos2sSpreading(s=10.0),
         "Mitsuyasu": MitsuyasuSpreading(),
     }
-    density = {
-        name: spreading.density(jonswap.omega_p, theta, **state)
-        for name, spreading in spreadings.items()
-    }
-    ax = viz.plot_spreading(density, theta)
+    values = [s.density(jonswap.omega_p, theta, **state) for s in spreadings.values()]
+    ax = viz.plot_spreading(
+        xr.Dataset(
+            {"spreading": (("name", "theta"), values)}, {"name": list(spreadings), "theta": theta}
+        )
+    )
     ax.set_title("at the peak, wind 13 m/s")
     ax.figure.savefig(folder / "spreading.png")
 

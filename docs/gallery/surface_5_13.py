@@ -14,12 +14,14 @@ def main(folder: Path) -> None:
             plotter = viz.scene(
                 None,
                 mesh,
-                color=color,
-                color_limit=limit,
-                opacity=1.0,
-                labels=False,
-                off_screen=True,
-                window_size=(1200, 750),
+                style=viz.SceneStyle(
+                    color=color,
+                    color_limit=limit,
+                    opacity=1.0,
+                    labels=False,
+                    off_screen=True,
+                    window_size=(1200, 750),
+                ),
             )
             viz.look(plotter, elevation_deg=24.0)
             viz.add_scale(plotter)

@@ -1,4 +1,4 @@
-"""How fast the engine is, as ratios within one run.
+"""Speed of the engine, as ratios within one run.
 
 Machines are noisy: engine and yardstick take turns, and the best of several rounds counts for
 both, so that a busy machine slows both alike.

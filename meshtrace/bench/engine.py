@@ -25,7 +25,7 @@ Rays = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 
 
 class RayRecorder:
-    """An intersector that keeps the rays it is asked for."""
+    """An intersector that records the rays cast on it."""
 
     def __init__(self, intersector: EmbreeIntersector) -> None:
         self.mesh = intersector.mesh
@@ -35,12 +35,12 @@ class RayRecorder:
     def facets(
         self, origins: NDArray[np.float32], directions: NDArray[np.float32]
     ) -> NDArray[np.int32]:
-        """Return the facets and keep the rays."""
+        """Return the facets and record the rays."""
         self.rays.append((origins.copy(), directions.copy()))
         return self._intersector.facets(origins, directions)
 
     def intersect(self, origins: Any, directions: Any) -> Hits:
-        """Pass on what is not asked for photons."""
+        """Return the hits without recording."""
         return self._intersector.intersect(origins, directions)
 
 
@@ -184,7 +184,7 @@ def figure_of_merit(
 def new_sea(
     link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5, threads: int | None = None
 ) -> dict[str, Any]:
-    """Return the time of one gain at a relative tolerance over a sea never seen before.
+    """Return the time of one gain at a relative tolerance over a new sea.
 
     Triangulation, chains, aiming and, where paths must be checked, the BVH are included.
 

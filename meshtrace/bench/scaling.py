@@ -1,4 +1,4 @@
-"""How rates grow with threads, and with the processes of a sweep."""
+"""Scaling of the rates with threads, and with the processes of a sweep."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def worker_scaling(
     rounds: int = 1,
     most: int | None = None,
 ) -> dict[str, Any]:
-    """Return how fast one, two, four, ... processes compute the realizations of a sweep.
+    """Return the rates at which one, two, four, ... processes compute a sweep.
 
     The start of the processes counts: a sweep pays for it once.
 

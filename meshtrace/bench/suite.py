@@ -1,4 +1,4 @@
-"""All measurements on one link, and how they read."""
+"""All measurements on one link, and their report."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from typing import Any
 
 from meshtrace.bench.engine import analog_rate, figure_of_merit, new_sea
 from meshtrace.bench.scaling import thread_scaling, worker_scaling
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
+from meshtrace.tables import text_table
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 
@@ -42,7 +43,7 @@ def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
     """
     link, sea = scenario.link, scenario.surface
     if not hasattr(sea, "with_seed"):
-        raise Refused("sea", type(sea).__name__, "a random sea, made anew by seeds")
+        raise Refused("sea", Described(type(sea).__name__), "a random sea")
     mesh, _ = mesh_for(link, sea)
     near, _ = mesh_for(link, sea, reach=crossing_reach(link))
     scale = 4 if quick else 1
@@ -64,48 +65,48 @@ def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
 
 
 def report(result: dict[str, Any]) -> str:
-    """Return the measurements of `bench` as lines for the eye."""
+    """Return the measurements of `bench` as a table of text."""
     analog, merit, sea = result["analog"], result["merit"], result["new_sea"]
-    return "\n".join(
-        [
-            f"analog photons      {analog['photons_per_s']:.3g} per s, {analog['threads']} threads",
-            f"raw Embree rays     {analog['rays_per_s']:.3g} per s, same rays and mesh "
-            f"({analog['facets']} facets)",
-            f"photons per ray     {analog['ratio']:.3f}; "
-            f"{result['analog_tilted']['ratio']:.3f} with tilts for the slopes that the mesh lacks",
-            f"figure of merit     {merit['ratio']:.3g} +- {merit['ratio_stderr']:.1g}, "
-            "1 / (variance x time) of forced over analog",
-            f"  forced            {merit['forced_variance'] ** 0.5:.2e} relative in "
-            f"{merit['forced_seconds']:.3f} s ({merit['chains']} chains; made in "
-            f"{merit['setup_seconds']:.3f} s)",
-            f"  analog            {merit['analog_variance'] ** 0.5:.2e} relative in "
-            f"{merit['analog_seconds']:.3f} s ({merit['photons']} photons)",
-            f"new sea to {sea['rtol']:.2%}    {sea['seconds']:.3f} s with mesh "
-            f"({sea['mesh_seconds']:.3f} s) and chains; BVH {sea['bvh_seconds']:.3f} s",
-            f"peak memory         {result['peak_memory_mib']:.0f} MiB",
-            *_scaling(result["thread_scaling"], result["worker_scaling"]),
-        ]
-    )
+    tilted = result["analog_tilted"]["ratio"]
+    rows = {
+        "analog photons": f"{analog['photons_per_s']:.3g} per s, {analog['threads']} threads",
+        "raw Embree rays": f"{analog['rays_per_s']:.3g} per s, same rays and mesh "
+        f"({analog['facets']} facets)",
+        "photons per ray": f"{analog['ratio']:.3f}; {tilted:.3f} with tilts for unresolved slopes",
+        "figure of merit": f"{merit['ratio']:.3g} +- {merit['ratio_stderr']:.1g}, "
+        "1 / (variance x time) of forced over analog",
+        "  forced": f"{merit['forced_variance'] ** 0.5:.2e} relative in "
+        f"{merit['forced_seconds']:.3f} s ({merit['chains']} chains; made in "
+        f"{merit['setup_seconds']:.3f} s)",
+        "  analog": f"{merit['analog_variance'] ** 0.5:.2e} relative in "
+        f"{merit['analog_seconds']:.3f} s ({merit['photons']} photons)",
+        f"new sea to {sea['rtol']:.2%}": f"{sea['seconds']:.3f} s with mesh "
+        f"({sea['mesh_seconds']:.3f} s) and chains; BVH {sea['bvh_seconds']:.3f} s",
+        "peak memory": f"{result['peak_memory_mib']:.0f} MiB",
+        **_scaling(result["thread_scaling"], result["worker_scaling"]),
+    }
+    return text_table(rows.items())
 
 
-def _scaling(threads: dict[str, Any], workers: dict[str, Any] | None) -> list[str]:
-    """Return speeds relative to one thread or worker, a line each."""
-    lines = [
-        f"threads             {_times(threads['threads'], threads['analog_speedup'])} (analog), "
-        f"{_times(threads['threads'], threads['forced_speedup'])} (forced)"
-    ]
-    if workers is None:
-        return [*lines, 'workers             not measured: pip install "meshtrace[batch]"']
-    speeds = _times(workers["workers"], workers["speedup"])
-    return [
-        *lines,
-        f"workers             {speeds} ({workers['realizations']} seas, start included; "
-        f"{workers['realizations_per_s'][0]:.3g} per s on one)",
-    ]
+def _scaling(threads: dict[str, Any], workers: dict[str, Any] | None) -> dict[str, str]:
+    """Return speeds relative to one thread or worker."""
+    counts = threads["threads"]
+    rows = {
+        "threads": f"{_times(counts, threads['analog_speedup'])} (analog), "
+        f"{_times(counts, threads['forced_speedup'])} (forced)",
+        "workers": 'not measured: pip install "meshtrace[batch]"',
+    }
+    if workers is not None:
+        speeds = _times(workers["workers"], workers["speedup"])
+        rows["workers"] = (
+            f"{speeds} ({workers['realizations']} seas, start included; "
+            f"{workers['realizations_per_s'][0]:.3g} per s on one)"
+        )
+    return rows
 
 
 def _times(counts: list[int], speedups: list[float]) -> str:
-    """Return how often one all of them are, as in "2: 1.95x"."""
+    """Return the speedups as text, as in "2: 1.95x"."""
     rows = list(zip(counts, speedups, strict=True))
     return ", ".join(f"{n}: {speed:.2f}x" for n, speed in (rows[1:] or rows))
 

@@ -49,7 +49,7 @@ def figures(
     setting = Setting(seed=seed, threads=threads, profiles=tuple(profiles or ()))
     try:
         with warnings_as_lines():
-            made = make_figures(output, only, quick=quick, setting=setting, tell=_tell)
+            made = make_figures(output, only, quick=quick, setting=setting, on_figure=_tell)
     except ImportError as error:  # the viz extra is not there
         raise Refused("", Described(f"{error}"), "the extra packages") from error
     except OSError as error:

@@ -105,6 +105,7 @@ def view(
     positive = {"--extent": extent, "--spacing": spacing, "--frame-rate": frame_rate}
     _refuse_numbers(positive, time)
     with _refusals():
+        from meshtrace.viz import SceneStyle
         from meshtrace.viz import view as show
     subject = _subject(file, settings or [])
     if time is not None:
@@ -128,12 +129,10 @@ def view(
                 frame_rate=frame_rate,
                 title="meshtrace" if file is None else file.name,
                 progress=advance,
-                color=color,
-                path_color=path_color,
-                edges=edges,
-                extent=extent,
-                spacing=spacing,
                 seed=seed,
+                style=SceneStyle(
+                    color=color, path_color=path_color, edges=edges, extent=extent, spacing=spacing
+                ),
             )
     for path in written:
         typer.echo(f"written to {path}")

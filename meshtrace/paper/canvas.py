@@ -1,4 +1,4 @@
-"""Canvases for the pictures of this package, in the style of `meshtrace.viz`."""
+"""Canvases and datasets of the figures, in the style of `meshtrace.viz`."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import xarray as xr
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from meshtrace.fields import FIELDS, attrs
 from meshtrace.viz.style import INK, PALETTE, RC
 
 WIND_COLORS = {0.0: PALETTE["black"], 5.0: PALETTE["blue"], 13.0: PALETTE["vermilion"]}
@@ -18,7 +20,7 @@ WIND_COLORS = {0.0: PALETTE["black"], 5.0: PALETTE["blue"], 13.0: PALETTE["vermi
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Draw in the style of the gallery, whatever the user has set."""
+    """Draw in the style of the gallery, independent of the user's settings."""
     with mpl.rc_context(RC):
         yield
 
@@ -33,7 +35,7 @@ def panels(
 
 
 def mark_printed(ax: Any, x: Sequence[float], y: Sequence[float]) -> None:
-    """Mark what the paper prints."""
+    """Mark printed numbers by stars."""
     ax.plot(
         np.asarray(x),
         np.asarray(y),
@@ -46,6 +48,18 @@ def mark_printed(ax: Any, x: Sequence[float], y: Sequence[float]) -> None:
     )
 
 
+def dataset(dims: tuple[str, ...], variables: dict[str, Any], **coords: Any) -> xr.Dataset:
+    """Return variables of the same dimensions; registered names get their attributes."""
+
+    def attributes(name: str) -> dict[str, str]:
+        return attrs(name) if name in FIELDS else {}
+
+    return xr.Dataset(
+        {name: (dims, values, attributes(name)) for name, values in variables.items()},
+        {name: (name, list(values), attributes(name)) for name, values in coords.items()},
+    )
+
+
 def wind_name(speed: float) -> str:
-    """Return how a wind is called in legends."""
+    """Return the name of a wind in legends."""
     return "flat sea" if speed == 0.0 else f"{speed:g} m/s"

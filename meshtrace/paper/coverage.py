@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 import meshtrace as mt
-from meshtrace.fields import attrs
-from meshtrace.paper.canvas import panels, wind_name
+from meshtrace.paper.canvas import dataset, panels, wind_name
 from meshtrace.paper.links import FORM_NAMES, FORMS, Form, decibel, ratio, scenario
-from meshtrace.paper.registry import Drawing, Number, Setting, compared, figure
+from meshtrace.paper.registry import FigureOutput, Number, Setting, row
 from meshtrace.viz import axis_label
 
 WINDS = (5.0, 13.0)
@@ -29,26 +27,12 @@ RING = (3.0, 4.0)
 """Distances from the axis between which the fall of the gain is taken [m]."""
 
 
-@figure(
-    "coverage-half-angle",
-    "13",
-    "gain over the plane of the receiver, by half angle",
-    quick={"photons": 150_000, "times": 2, "step": 0.5},
-    full={"photons": 1_000_000, "times": 10, "step": 0.25},
-)
-def coverage_half_angle(setting: Setting, **effort: Any) -> Drawing:
+def coverage_half_angle(setting: Setting, **effort: Any) -> FigureOutput:
     """Draw coverage maps for three half angles."""
     return _maps("half_angle_deg", (10.0, 20.0, 30.0), "half angle {:g}°", setting, **effort)
 
 
-@figure(
-    "coverage-depth",
-    "15",
-    "gain over the plane of the receiver, by depth",
-    quick={"photons": 300_000, "times": 2, "step": 0.5},
-    full={"photons": 2_000_000, "times": 10, "step": 0.5},
-)
-def coverage_depth(setting: Setting, **effort: Any) -> Drawing:
+def coverage_depth(setting: Setting, **effort: Any) -> FigureOutput:
     """Draw coverage maps for three depths."""
     return _maps("depth", (15.0, 30.0, 40.0), "depth {:g} m", setting, **effort)
 
@@ -61,7 +45,7 @@ def _maps(
     photons: int,
     times: int,
     step: float,
-) -> Drawing:
+) -> FigureOutput:
     cases = [(form, wind) for form in FORMS for wind in WINDS]
     made = {
         (form, wind, value): _map(form, wind, name, value, setting, photons, times, step)
@@ -73,44 +57,33 @@ def _maps(
         for j, value in enumerate(values):
             what = f"{FORM_NAMES[form]}, {wind_name(wind)}, {title.format(value)}"
             _draw(axes[i, j], made[form, wind, value], what)
-    rows = [
-        compared(
-            f"gain {RING[0]:g} to {RING[1]:g} m off the axis over that within {CENTRE:g} m, "
-            f"{wind_name(wind)}, {title.format(value)}",
-            (_fall(made[form, wind, value]) for form in FORMS),
-            "The paper shows maps and prints no number; refraction as printed draws light to the "
-            "axis and narrows the spot.",
-            unit="dB",
+    words = {"inner": RING[0], "outer": RING[1], "centre": CENTRE}
+    numbers = [
+        row(
+            "fall",
+            [_fall(made[form, wind, value]) for form in FORMS],
+            wind=wind_name(wind),
+            case=title.format(value),
+            **words,
         )
         for wind in WINDS
         for value in values
     ]
     first = next(iter(made.values()))
     shape = (len(FORMS), len(WINDS), len(values), len(first.x), len(first.y))
-    dims = ("form", "wind_speed", name, "x", "y")
-    data = xr.Dataset(
+    data = dataset(
+        ("form", "wind_speed", name, "x", "y"),
         {
-            key: (
-                dims,
-                np.reshape([getattr(m, key) for m in made.values()], shape),
-                attrs(key),
-            )
-            for key in ("gain", "gain_stderr")
+            k: np.reshape([getattr(m, k) for m in made.values()], shape)
+            for k in ("gain", "gain_stderr")
         },
-        {
-            "form": list(FORMS),
-            "wind_speed": ("wind_speed", list(WINDS), attrs("wind_speed")),
-            name: (name, list(values), attrs(name)),
-            "x": ("x", first.x, attrs("x")),
-            "y": ("y", first.y, attrs("y")),
-        },
+        form=FORMS,
+        wind_speed=WINDS,
+        **{name: values},
+        x=first.x,
+        y=first.y,
     )
-    caption = (
-        "Gain that the receiver would have at each place of its plane, averaged over cells and "
-        "times, relative to the mean within 1 m of the axis; photons one by one, bubbles in, tilt "
-        "left out. The ring at the centre is the aperture."
-    )
-    return Drawing(picture, data, rows, caption)
+    return FigureOutput(picture, data, numbers)
 
 
 def _map(

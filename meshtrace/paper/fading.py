@@ -10,12 +10,11 @@ import xarray as xr
 import meshtrace as mt
 from meshtrace.fading import gain_pdf
 from meshtrace.fields import attrs
-from meshtrace.paper.canvas import WIND_COLORS, panels, wind_name
+from meshtrace.paper.canvas import WIND_COLORS, dataset, panels, wind_name
 from meshtrace.paper.fates import RADIUS
 from meshtrace.paper.links import (
     FORM_NAMES,
     FORMS,
-    PAPER_NOTE,
     Form,
     Scenario,
     forced,
@@ -23,7 +22,7 @@ from meshtrace.paper.links import (
     ratio,
     scenario,
 )
-from meshtrace.paper.registry import Drawing, Number, Row, Setting, compared, figure
+from meshtrace.paper.registry import Entry, FigureOutput, Number, Setting, row
 from meshtrace.uav.airframe import UAVS
 from meshtrace.uav.tilt import h_alpha
 from meshtrace.viz import axis_label
@@ -34,24 +33,13 @@ COMMON_CUT_OFF = 4.0
 """Highest frequency of waves in a common band [rad s-1], that of the paper at 5 m/s."""
 
 _UAV = UAVS["dji-m300-rtk"]
-_TOO_BRIGHT = (
-    "The stated parameters give more: unscattered light alone exceeds the print. No single form "
-    "of the printed algorithm explains it."
-)
 
 
 def _factor(angle: Any) -> Any:
     return h_alpha(angle, float(np.radians(mt.Receiver().fov_deg)))
 
 
-@figure(
-    "gain-series",
-    "11a",
-    "gain over 10 s",
-    quick={"times": 41, "photons": 1024},
-    full={"times": 401, "photons": 4096},
-)
-def gain_series(setting: Setting, times: int, photons: int) -> Drawing:
+def gain_series(setting: Setting, times: int, photons: int) -> FigureOutput:
     """Draw the gain over a moving sea with the tilt of a flying UAV."""
     at = np.linspace(0.0, DURATION, times)
     picture, axes = panels(2, 1, width=8.0, height=2.9, sharex=True)
@@ -65,7 +53,7 @@ def gain_series(setting: Setting, times: int, photons: int) -> Drawing:
             factor = _factor(flight.tilt.angle)
             gains[form, wind] = series.gain * factor
             errors[form, wind] = series.gain_stderr * factor
-            spreads[form, wind] = Number(float(series.gain.std(ddof=1) / series.gain.mean()))
+            spreads[form, wind] = float(series.gain.std(ddof=1) / series.gain.mean())
             color, band = WIND_COLORS[wind], 2.0 * errors[form, wind]
             ax.plot(at, gains[form, wind], color=color, label=wind_name(wind))
             low, high = gains[form, wind] - band, gains[form, wind] + band
@@ -74,53 +62,21 @@ def gain_series(setting: Setting, times: int, photons: int) -> Drawing:
         ax.set_ylim(bottom=0.0)
         ax.legend(ncols=2)
     axes[1, 0].set(xlabel=axis_label("time"))
-    why = "The paper shows its curve and prints no number; so short a record holds few waves."
-    rows = [
-        compared(
-            f"standard deviation over mean of the gain in the record, {wind_name(u)}, waves alone",
-            (spreads["physical", u], spreads["paper", u]),
-            why,
-        )
-        for u in WINDS
-    ]
-    dims = ("form", "wind_speed", "time")
-    data = xr.Dataset(
-        {
-            "gain": (dims, [[gains[f, u] for u in WINDS] for f in FORMS], attrs("gain")),
-            "gain_stderr": (
-                dims,
-                [[errors[f, u] for u in WINDS] for f in FORMS],
-                attrs("gain_stderr"),
-            ),
-        },
-        {
-            "form": list(FORMS),
-            "wind_speed": ("wind_speed", list(WINDS), attrs("wind_speed")),
-            "time": ("time", at, attrs("time")),
-        },
+    numbers = [row("spread", [spreads[f, u] for f in FORMS], wind=wind_name(u)) for u in WINDS]
+    columns = {"gain": gains, "gain_stderr": errors}
+    data = dataset(
+        ("form", "wind_speed", "time"),
+        {name: [[found[f, u] for u in WINDS] for f in FORMS] for name, found in columns.items()},
+        form=FORMS,
+        wind_speed=WINDS,
+        time=at,
     )
-    caption = (
-        "Gain over a moving sea, times the factor of the tilt of a UAV that flies in gusts; bands "
-        f"are two standard errors, common to all times. {PAPER_NOTE}"
-    )
-    return Drawing(picture, data, rows, caption)
+    return FigureOutput(picture, data, numbers)
 
 
-@figure(
-    "gain-distribution",
-    "11b",
-    "distribution of the gain",
-    quick={"realizations": 120, "paper_realizations": 120, "photons": 1024, "analog": 1_000_000},
-    full={
-        "realizations": 10_000,
-        "paper_realizations": 2_000,
-        "photons": 1024,
-        "analog": 40_000_000,
-    },
-)
 def gain_distribution(
     setting: Setting, realizations: int, paper_realizations: int, photons: int, analog: int
-) -> Drawing:
+) -> FigureOutput:
     """Draw densities of the gain over independent seas, with tilts."""
     counts = {"physical": realizations, "paper": paper_realizations}
     picture, axes = panels(1, 2)
@@ -147,13 +103,9 @@ def gain_distribution(
         ax.set(xlabel=axis_label("gain"), ylabel=axis_label("gain_pdf"), title=FORM_NAMES[form])
         ax.set_xlim(left=0.0)
         ax.legend()
-    rows = _mean_rows(means) + _index_rows(indices, setting, counts, photons)
-    rows.append(_bubble_row(setting, analog))
-    caption = (
-        "Density of the gain over independent seas, times the factor of a tilt drawn for each; "
-        f"dashed: means. A tilt beyond half of the field of view gives 0. {PAPER_NOTE}"
-    )
-    return Drawing(picture, xr.Dataset(variables), rows, caption)
+    numbers = _mean_numbers(means) + _index_numbers(indices, setting, counts, photons)
+    numbers.append(_bubble_numbers(setting, analog))
+    return FigureOutput(picture, xr.Dataset(variables), numbers)
 
 
 def _ensemble(made: Scenario, realizations: int, photons: int, setting: Setting) -> mt.GainSeries:
@@ -163,67 +115,34 @@ def _ensemble(made: Scenario, realizations: int, photons: int, setting: Setting)
 
 def _index(series: mt.GainSeries) -> Number:
     """Return the scintillation index; its 95 % interval as a standard error."""
-    found = series.fading(test_resamples=0).scintillation_index
+    found = series.fading(test_resamples=0, seed=0).scintillation_index
     return Number(found.value, (found.high - found.low) / (2.0 * 1.96))
 
 
-def _mean_rows(means: dict[tuple[Form, float], Number]) -> list[Row]:
-    rows = [
-        compared(
-            f"mean gain, {wind_name(u)}",
-            (means["physical", u], means["paper", u]),
-            _TOO_BRIGHT,
-            printed=f"gain-{u:g}",
-        )
-        for u in WINDS
-    ]
+def _mean_numbers(means: dict[tuple[Form, float], Number]) -> list[Entry]:
+    numbers = [row("mean", [means[f, u] for f in FORMS], wind=wind_name(u), u=u) for u in WINDS]
     ratios = [ratio(means[form, WINDS[1]], means[form, WINDS[0]]) for form in FORMS]
-    return [
-        *rows,
-        compared(
-            "mean gain at 13 m/s over that at 5 m/s",
-            ratios,
-            "Foam, bubbles and tilt take more at 13 m/s; here print and run are close.",
-            printed="gain-ratio",
-        ),
-    ]
+    return [*numbers, row("ratio", ratios)]
 
 
-def _index_rows(
+def _index_numbers(
     indices: dict[tuple[Form, float], Number],
     setting: Setting,
     counts: dict[str, int],
     photons: int,
-) -> list[Row]:
-    rows = []
-    for u in WINDS:
-        rows.append(
-            compared(
-                f"scintillation index, {wind_name(u)}, waves of the paper's bands",
-                (indices["physical", u], indices["paper", u]),
-                "The paper sees more variation at 5 m/s: so does right physics with its bands, "
-                "which end at a higher frequency there.",
-            )
-        )
+) -> list[Entry]:
+    numbers = [row("index", [indices[f, u] for f in FORMS], wind=wind_name(u)) for u in WINDS]
     for u in WINDS:
         pair = []
         for form in FORMS:
-            sea = {"omega_max": COMMON_CUT_OFF}
-            made = forced(u, form, sea=sea)
+            made = forced(u, form, sea={"omega_max": COMMON_CUT_OFF})
             pair.append(_index(_ensemble(made, max(counts[form] // 10, 40), photons, setting)))
-        rows.append(
-            compared(
-                f"scintillation index, {wind_name(u)}, both bands up to the same frequency",
-                pair,
-                "With one end for both bands the variation is no longer larger at lower wind: the "
-                "order in the paper comes from its bands.",
-            )
-        )
-    return rows
+        numbers.append(row("common", pair, wind=wind_name(u)))
+    return numbers
 
 
-def _bubble_row(setting: Setting, photons: int) -> Row:
-    """Return what bubbles change in the paper preset, by photons followed one by one."""
+def _bubble_numbers(setting: Setting, photons: int) -> Entry:
+    """Return the effect of bubbles in the paper preset, by photons followed one by one."""
     wide: Any = {"receiver": {"radius": RADIUS}, "run": {"estimator": "analog"}}
     found = []
     for form in FORMS:
@@ -234,9 +153,4 @@ def _bubble_row(setting: Setting, photons: int) -> Row:
             r = mt.simulate(made.link, made.surface, estimator="analog", **options)
             numbers.append(Number(float(r.gain), float(r.gain_stderr)))
         found.append(ratio(*numbers))
-    return compared(
-        f"gain with bubbles over that without, 13 m/s, photons one by one, {RADIUS:g} m aperture",
-        found,
-        "What the paper preset of this page leaves out. With c as at the start of each path "
-        "photons pass the bubbles unseen.",
-    )
+    return row("bubbles", found, radius=RADIUS)

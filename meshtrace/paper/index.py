@@ -7,6 +7,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from meshtrace.files import atomic
 from meshtrace.paper.registry import FIGURES
 from meshtrace.paper.runner import INDEX, read_record
@@ -22,7 +24,7 @@ figcaption { max-width: 48rem; }
 table { border-collapse: collapse; font-size: 0.9rem; }
 th, td { border-bottom: 1px solid #d5dbe1; padding: 0.3rem 0.7rem; text-align: left;
          vertical-align: top; }
-td.number { white-space: nowrap; font-variant-numeric: tabular-nums; }
+td:nth-child(4), td:nth-child(5) { white-space: nowrap; font-variant-numeric: tabular-nums; }
 .note { color: #56616b; font-size: 0.9rem; }
 """
 
@@ -45,10 +47,10 @@ def write_index(folder: Path) -> None:
 </head>
 <body>
 <h1>Figures of the water-to-air channel</h1>
-<p>Each figure of the paper, redrawn by meshtrace. The tables set what the paper prints beside what
-the right physics gives (default) and what the printed forms give (paper preset); numbers after
-&plusmn; are standard errors. Numbers come from the run that drew the picture; only the column of
-printed values is taken from the paper.</p>
+<p>Each figure of the paper, redrawn by meshtrace. The tables set the printed numbers beside those
+of the right physics (default) and of the forms as published (paper preset); numbers after &plusmn;
+are standard errors. They come from the run that drew the picture; only the column of printed
+values is taken from the paper.</p>
 <nav>
 {links}
 </nav>
@@ -67,36 +69,35 @@ def _heading(record: dict[str, Any]) -> str:
 
 def _section(record: dict[str, Any]) -> str:
     name, title = record["name"], html.escape(_heading(record))
-    rows = "\n".join(_row(row) for row in record["rows"])
-    table = f"""<div class="wide"><table>
-<thead><tr><th>quantity</th><th>unit</th><th>the paper prints</th><th>default</th>
-<th>paper preset</th><th>difference</th></tr></thead>
-<tbody>
-{rows}
-</tbody></table></div>"""
+    table = pd.DataFrame([_cells(row) for row in record["rows"]]).to_html(
+        index=False, escape=False, border=0, justify="unset"
+    )
     mode = "quick" if record["quick"] else "full"
     effort = ", ".join(f"{k.replace('_', ' ')} {v}" for k, v in record["effort"].items())
     return f"""<section id="{name}">
 <h2>{title}</h2>
 <figure><img src="{name}.png" alt="{title}">
 <figcaption>{html.escape(record["caption"])}</figcaption></figure>
-{table}
+<div class="wide">{table}</div>
 <p class="note"><a href="{name}.nc">data</a> &middot; <a href="{name}.csv">table</a> &middot;
 {html.escape(f"{mode} setting{': ' + effort if effort else ''}; seed {record['seed']}")} &middot;
 {record["wall_s"]:.1f} s, {record["cpu_s"]:.1f} s of CPU</p>
 </section>"""
 
 
-def _row(row: dict[str, Any]) -> str:
+def _cells(row: dict[str, Any]) -> dict[str, str]:
+    """Return the cells of a row by the heading of their column."""
     printed = "&ndash;" if row["printed"] is None else f"{row['printed']:.4g}"
-    place = f'<br><span class="note">{html.escape(row["place"])}</span>' if row["place"] else ""
-    return (
-        f"<tr><td>{html.escape(row['quantity'])}</td><td>{html.escape(row['unit'])}</td>"
-        f"<td>{printed}{place}</td>"
-        f'<td class="number">{number_text(row["default"])}</td>'
-        f'<td class="number">{number_text(row["paper"])}</td>'
-        f"<td>{html.escape(row['difference'])}</td></tr>"
-    )
+    if row["place"]:
+        printed += f'<br><span class="note">{html.escape(row["place"])}</span>'
+    return {
+        "quantity": html.escape(row["quantity"]),
+        "unit": html.escape(row["unit"]),
+        "the paper prints": printed,
+        "default": number_text(row["default"]),
+        "paper preset": number_text(row["paper"]),
+        "difference": html.escape(row["difference"]),
+    }
 
 
 def number_text(number: list[float] | tuple[float, float] | None) -> str:

@@ -1,4 +1,4 @@
-"""Links of the paper in a wind, with right physics or with the printed forms, and their means."""
+"""Links of the paper in a wind, with right physics or the forms as published, and their means."""
 
 from __future__ import annotations
 
@@ -18,12 +18,6 @@ Floats = NDArray[np.float64]
 WINDS = (0.0, 5.0, 13.0)
 FORMS: tuple[Form, Form] = ("physical", "paper")
 FORM_NAMES = {"physical": "default", "paper": "paper preset"}
-
-PAPER_NOTE = (
-    "The paper preset leaves out the bubbles: the printed free paths through them are left to "
-    "photons followed one by one, which cannot reach this precision."
-)
-"""What captions say of gains of the paper preset."""
 
 
 class Mean(NamedTuple):
@@ -58,7 +52,7 @@ def scenario(wind: float, form: Form, **tables: Any) -> Scenario:
     wind : float
         Wind at 10 m [m s-1]; 0 is a flat sea without foam and bubbles.
     form : {"physical", "paper"}
-        Right physics, or every printed form.
+        Right physics, or every form as published.
     **tables
         Keys of a link file that replace those of the paper's link.
     """
@@ -69,7 +63,7 @@ def scenario(wind: float, form: Form, **tables: Any) -> Scenario:
 
 
 def forced(wind: float, form: Form, **tables: Any) -> Scenario:
-    """Return the link as forced detection follows it: printed forms have no bubbles."""
+    """Return the link for forced detection: the forms as published have no bubbles."""
     if form == "paper":
         tables["bubbles"] = {"model": "none"}
     return scenario(wind, form, **tables)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 import meshtrace as mt
 from meshtrace.fields import attrs
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
-from meshtrace.paper.canvas import WIND_COLORS, panels, wind_name
-from meshtrace.paper.registry import Drawing, Number, Row, Setting, compared, figure
+from meshtrace.paper.canvas import WIND_COLORS, dataset, panels, wind_name
+from meshtrace.paper.registry import FigureOutput, Setting, row
 from meshtrace.viz import plot_bubble_profile, plot_phase_cdf
 from meshtrace.viz.style import INK, PALETTE
 
@@ -41,8 +41,7 @@ def integrated_cdf(phase: mt.FournierForand, theta: Floats) -> Floats:
     return np.concatenate([[0.0], cumulative[len(u) :]])
 
 
-@figure("ff-cdf", "2", "distribution of the scattering angle, exact and approximate")
-def ff_cdf(setting: Setting) -> Drawing:
+def ff_cdf(setting: Setting) -> FigureOutput:
     """Draw the Fournier-Forand CDF: quadrature, exact closed form, printed closed form."""
     theta = np.linspace(0.0, np.pi, NODES)
     exact, printed = mt.FournierForand(), mt.FournierForand(cdf_coef="paper")
@@ -53,8 +52,9 @@ def ff_cdf(setting: Setting) -> Drawing:
     }
     picture, axes = panels(1, 2)
     left, right = axes[0]
-    shown = {name: values[1:] for name, values in curves.items()}
-    plot_phase_cdf(shown, theta[1:], ax=left)
+    shown = np.array(list(curves.values()))[:, 1:]
+    coords = {"form": list(curves), "theta": theta[1:]}
+    plot_phase_cdf(xr.Dataset({"phase_cdf": (("form", "theta"), shown)}, coords), ax=left)
     for line, (width, dashes) in zip(left.lines, ((5.0, "-"), (1.7, "-"), (1.7, ":")), strict=True):
         line.set(linewidth=width, linestyle=dashes)
     left.lines[0].set_alpha(0.35)
@@ -65,20 +65,10 @@ def ff_cdf(setting: Setting) -> Drawing:
     right.set(xlabel=r"scattering angle $\theta$ [°]", ylabel="difference from the quadrature")
     right.legend()
     distances = [_distances(curves[name] - curves["quadrature"]) for name in list(curves)[1:]]
-    rows = [
-        compared(
-            quantity,
-            (Number(default), Number(paper)),
-            "The printed coefficient of the last term is 1/(16 pi) where the integral has 1/8; "
-            "the printed distances are those of that slip, the exact form has none.",
-            printed=key,
-        )
-        for quantity, key, default, paper in zip(
-            ("RMSE of the CDF", "MAE of the CDF", "Kolmogorov-Smirnov distance"),
-            ("ff-rmse", "ff-mae", "ff-ks"),
-            *distances,
-            strict=True,
-        )
+    names = ("RMSE of the CDF", "MAE of the CDF", "Kolmogorov-Smirnov distance")
+    numbers = [
+        row("distance", pair, name=name, key=key)
+        for name, key, *pair in zip(names, ("rmse", "mae", "ks"), *distances, strict=True)
     ]
     data = xr.Dataset(
         {
@@ -89,11 +79,7 @@ def ff_cdf(setting: Setting) -> Drawing:
         },
         {"theta": ("theta", theta, attrs("theta"))},
     )
-    caption = (
-        "Fournier-Forand phase function of the paper's water. Left: the three distribution "
-        "functions; right: distance of the closed forms from a quadrature of the phase function."
-    )
-    return Drawing(picture, data, rows, caption)
+    return FigureOutput(picture, data, numbers)
 
 
 def _distances(difference: Floats) -> tuple[float, float, float]:
@@ -102,8 +88,7 @@ def _distances(difference: Floats) -> tuple[float, float, float]:
     return float(np.sqrt(np.mean(size**2))), float(np.mean(size)), float(size.max())
 
 
-@figure("snell", "4", "refraction at the surface, right and as printed")
-def snell(setting: Setting) -> Drawing:
+def snell(setting: Setting) -> FigureOutput:
     """Draw rays from the water through a flat surface, and angle and transmittance over theta."""
     n = mt.Link().water.n
     angle = np.radians(np.linspace(0.0, 60.0, 241))
@@ -134,28 +119,11 @@ def snell(setting: Setting) -> Drawing:
     axes[0, 2].plot(degrees, share)
     axes[0, 2].set(xlabel=r"angle of incidence $\theta_i$ [°]", ylabel="transmittance $T$")
     at = np.radians(20.0)
-    critical = float(np.degrees(np.arcsin(1.0 / n)))
-    rows = [
-        compared(
-            "angle of refraction at 20 degrees of incidence",
-            (
-                Number(float(np.degrees(_refracted(np.array([at]), n)[0]))),
-                Number(float(np.degrees(np.arcsin(np.sin(at) / n)))),
-            ),
-            "With the indices exchanged light bends towards the axis, as if it went into water.",
-            unit="degree",
-        ),
-        compared(
-            "critical angle",
-            (Number(critical), None),
-            "The printed form has no total reflection.",
-            unit="degree",
-        ),
-        compared(
-            "transmittance at normal incidence",
-            (Number(float(share[0])), Number(float(share[0] ** 2))),
-            "The printed algorithm draws the transmission by chance and weights by it as well.",
-        ),
+    angles = np.degrees([_refracted(np.array([at]), n)[0], np.arcsin(np.sin(at) / n)])
+    numbers = [
+        row("angle", angles.tolist()),
+        row("critical", (float(np.degrees(np.arcsin(1.0 / n))), None)),
+        row("transmittance", (float(share[0]), float(share[0] ** 2))),
     ]
     data = xr.Dataset(
         {
@@ -165,12 +133,7 @@ def snell(setting: Setting) -> Drawing:
         },
         {"theta_i": ("theta_i", angle, {"units": "rad", "long_name": "angle of incidence"})},
     )
-    caption = (
-        "Left: rays that leave the water, refracted rightly (full) and by Snell's law as "
-        "printed (dashed); light beyond the critical angle is reflected. Middle: the angles. "
-        "Right: the share of unpolarised light that passes."
-    )
-    return Drawing(picture, data, rows, caption)
+    return FigureOutput(picture, data, numbers)
 
 
 def _refracted(angle: Floats, n: float) -> Floats:
@@ -202,34 +165,17 @@ def _draw_rays(ax: Any, n: float) -> None:
     ax.grid(visible=False)
 
 
-@figure("bubble-density", "9", "number density of bubbles over depth")
-def bubble_density(setting: Setting) -> Drawing:
+def bubble_density(setting: Setting) -> FigureOutput:
     """Draw the number density of the Hall-Novarini population."""
-    return _bubbles(
-        "n_bubbles",
-        lambda bubbles, z: bubbles.number_density(z),
-        "The printed integral stops at the reference radius for an infinite range of sizes; it is "
-        "a little above the exact one.",
-        "Number density of bubbles after Hall and Novarini, all sizes from 10 um to 1 mm.",
-    )
+    return _bubbles("n_bubbles", lambda bubbles, z: bubbles.number_density(z))
 
 
-@figure("bubble-scattering", "10", "scattering coefficient of bubbles over depth")
-def bubble_scattering(setting: Setting) -> Drawing:
+def bubble_scattering(setting: Setting) -> FigureOutput:
     """Draw the scattering coefficient of the Hall-Novarini population."""
-    return _bubbles(
-        "b_bub",
-        lambda bubbles, z: bubbles.b(z),
-        "The printed cross-section is that at r_min alone, too large and the same at all depths; "
-        "the printed efficiency of 2.0 is a little below the mean of Mie theory.",
-        "Scattering coefficient of bubbles: number density times efficiency times cross-section. "
-        "The dotted line is the scattering coefficient of the paper's water.",
-    )
+    return _bubbles("b_bub", lambda bubbles, z: bubbles.b(z))
 
 
-def _bubbles(
-    name: str, quantity: Callable[[mt.HallNovarini, Floats], Floats], why: str, caption: str
-) -> Drawing:
+def _bubbles(name: str, quantity: Callable[[mt.HallNovarini, Floats], Floats]) -> FigureOutput:
     depth = np.linspace(0.0, 10.0, 201)
     forms = {"default": {}, "paper": {"psi": "paper", "q": 2.0}}
     values = np.array(
@@ -239,31 +185,22 @@ def _bubbles(
         ]
     )
     picture, axes = panels()
-    curves = {
-        f"{wind_name(u)}, {form}": values[i, j]
-        for i, form in enumerate(forms)
-        for j, u in enumerate(WINDS)
-    }
-    ax = plot_bubble_profile(curves, depth, quantity=name, ax=axes[0, 0])
+    names = [f"{wind_name(u)}, {form}" for form in forms for u in WINDS]
+    coords = {"curve": names, "depth": depth}
+    curves = xr.Dataset({name: (("curve", "depth"), values.reshape(4, -1))}, coords)
+    ax = plot_bubble_profile(curves, quantity=name, ax=axes[0, 0])
     for i, line in enumerate(ax.lines):
         line.set(color=WIND_COLORS[WINDS[i % 2]], linestyle="-" if i < 2 else "--")
     ax.set_xlim(values.max() * 1e-8, values.max() * 3.0)
     if name == "b_bub":
         ax.axvline(mt.Water().b, color=INK, ls=":", lw=1.0)
     ax.legend()
-    rows: list[Row] = []
+    numbers = []
     for z in (0.0, 1.0):
         k = int(np.argmin(np.abs(depth - z)))
         for j, u in enumerate(WINDS):
-            text = f"{attrs(name)['long_name']} at {z:g} m, {wind_name(u)}"
-            default, paper = (Number(float(values[i, j, k])) for i in range(2))
-            rows.append(compared(text, (default, paper), why, unit=attrs(name)["units"]))
-    data = xr.Dataset(
-        {name: (("form", "wind_speed", "depth"), values, attrs(name))},
-        {
-            "form": list(forms),
-            "wind_speed": ("wind_speed", list(WINDS), attrs("wind_speed")),
-            "depth": ("depth", depth, attrs("depth")),
-        },
-    )
-    return Drawing(picture, data, rows, caption)
+            words = {"name": attrs(name)["long_name"], "z": z, "wind": wind_name(u)}
+            numbers.append(row("value", [float(v) for v in values[:, j, k]], **words))
+    dims = ("form", "wind_speed", "depth")
+    data = dataset(dims, {name: values}, form=forms, wind_speed=WINDS, depth=depth)
+    return FigureOutput(picture, data, numbers)

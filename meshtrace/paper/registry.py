@@ -1,18 +1,38 @@
-"""What a figure is, and the list of all of them in the order of the paper."""
+"""The figures of the paper, as rows.toml describes them, and the tables filled with numbers."""
 
 from __future__ import annotations
 
 import importlib
+import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from meshtrace.errors import Refused
-from meshtrace.paper.printed import PRINTED
 
 if TYPE_CHECKING:
     import xarray as xr
+
+_TABLE = tomllib.loads((Path(__file__).parent / "rows.toml").read_text(encoding="utf-8"))
+
+FIGURES = tuple(_TABLE["figures"])
+"""Names of all figures, in the order of the paper."""
+
+
+class Printed(NamedTuple):
+    """A printed number, its unit, and the place where the paper prints it."""
+
+    value: float
+    unit: str
+    place: str
+
+
+PRINTED = {
+    key: Printed(entry["value"], entry["unit"], _TABLE["places"][entry["place"]])
+    for key, entry in _TABLE["printed"].items()
+}
+"""The numbers of the paper, by key."""
 
 
 class Number(NamedTuple):
@@ -28,13 +48,13 @@ class Row(NamedTuple):
     Attributes
     ----------
     quantity, unit : str
-        What is compared, and its unit.
+        Name and unit of the quantity.
     printed : float or None
-        What the paper prints, None where it prints no number.
+        Printed number, None where the paper prints none.
     place : str
-        Where the paper prints it.
+        Place where the paper prints it.
     default, paper : Number or None
-        What right physics and the printed forms give.
+        Numbers of right physics and of the forms as published.
     difference : str
         A sentence on the difference.
     """
@@ -48,38 +68,33 @@ class Row(NamedTuple):
     difference: str
 
 
-def compared(
-    quantity: str,
-    numbers: Iterable[Number | None],
-    why: str,
-    *,
-    unit: str = "1",
-    printed: str | None = None,
-) -> Row:
-    """Return a line of a table.
+class Entry(NamedTuple):
+    """Numbers of a row of rows.toml, and the values of the words in braces."""
+
+    key: str
+    default: Number | None
+    paper: Number | None
+    words: dict[str, Any]
+
+
+def row(key: str, numbers: Iterable[Number | float | None], /, **words: Any) -> Entry:
+    """Return the numbers of a row of rows.toml.
 
     Parameters
     ----------
-    quantity : str
-        What is compared.
-    numbers : iterable of two Number or None
-        What right physics and the printed forms give.
-    why : str
-        A sentence on the difference.
-    unit : str
-        Unit.
-    printed : str, optional
-        Key of what the paper prints, in `printed.PRINTED`.
+    key : str
+        Name of the row in the figure's table `rows`.
+    numbers : iterable of two Number, float or None
+        Numbers of right physics and of the forms as published; a bare float has no error.
+    **words
+        Values of the words in braces.
     """
-    default, paper = numbers
-    if printed is None:
-        return Row(quantity, unit, None, "", default, paper, why)
-    found = PRINTED[printed]
-    return Row(quantity, found.unit, found.value, found.place, default, paper, why)
+    default, paper = (Number(float(n)) if isinstance(n, float | int) else n for n in numbers)
+    return Entry(key, default, paper, words)
 
 
-class Drawing(NamedTuple):
-    """What a figure function returns.
+class FigureOutput(NamedTuple):
+    """Output of a figure function.
 
     Attributes
     ----------
@@ -87,21 +102,21 @@ class Drawing(NamedTuple):
         The picture.
     data : xarray.Dataset
         All that is drawn.
-    rows : list of Row
-        The table.
-    caption : str
-        What is shown, how it was made, and what it does not show.
+    numbers : list of Entry
+        Numbers of the table.
+    words : dict
+        Values of the words in braces of the caption.
     """
 
     picture: Any
     data: xr.Dataset
-    rows: list[Row]
-    caption: str
+    numbers: list[Entry]
+    words: Mapping[str, Any] = {}
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What all figures of a run share.
+    """Options that all figures of a run share.
 
     Parameters
     ----------
@@ -118,110 +133,75 @@ class Setting:
     profiles: tuple[Path, ...] = ()
 
 
-Make = Callable[..., Drawing]
-
-
 @dataclass(frozen=True)
 class Figure:
-    """A figure of the paper and how it is made.
+    """A figure of the paper.
 
     Attributes
     ----------
     name : str
-        Its name, which files carry.
-    number : str
-        Its number in the paper.
-    title : str
-        One line.
+        Name, which files carry.
     make : callable
-        Takes the `Setting` and the effort as keywords, returns the `Drawing`.
+        Figure function: takes the `Setting`, and the effort as keywords.
+    number, title, caption : str
+        Number in the paper, one line, and text with words in braces.
+    rows : dict
+        Unit or printed number, wording and reason of each row of the table.
     quick, full : mapping of str to value
         Effort of both modes, such as numbers of photons and of seas.
     reads_profiles : bool
         Whether it depends on the files of temperature and salinity.
+    revision : int
+        Raised whenever a change of the code changes the figure: it is then drawn again.
     """
 
     name: str
+    make: Callable[..., FigureOutput]
     number: str
     title: str
-    make: Make
+    caption: str
+    rows: Mapping[str, Mapping[str, str]]
     quick: Mapping[str, Any] = field(default_factory=dict)
     full: Mapping[str, Any] = field(default_factory=dict)
     reads_profiles: bool = False
+    revision: int = 1
 
     def effort(self, quick: bool) -> dict[str, Any]:
         """Return the keywords of `make` in a mode."""
         return dict(self.quick if quick else self.full)
 
+    def table(self, output: FigureOutput) -> list[Row]:
+        """Return the rows of the table, with the numbers filled in."""
+        return [self._row(entry) for entry in output.numbers]
 
-class _Entry(NamedTuple):
-    """A figure before its module is loaded: modules need the viz extra."""
+    def _row(self, entry: Entry) -> Row:
+        described = self.rows[entry.key]
+        printed: tuple[float | None, str, str] = None, described.get("unit", "1"), ""
+        if "printed" in described:
+            printed = PRINTED[described["printed"].format(**entry.words)]
+        value, unit, place = printed
+        quantity = described["quantity"].format(**entry.words)
+        why = _TABLE["whys"].get(described["why"], described["why"])
+        return Row(quantity, unit, value, place, entry.default, entry.paper, why)
 
-    name: str
-    module: str
-
-
-_ORDER = (
-    _Entry("link", "sketches"),
-    _Entry("ff-cdf", "optics"),
-    _Entry("uav-axes", "sketches"),
-    _Entry("snell", "optics"),
-    _Entry("fates", "fates"),
-    _Entry("tilt", "uav"),
-    _Entry("h-alpha", "uav"),
-    _Entry("surfaces", "sea"),
-    _Entry("bubble-density", "optics"),
-    _Entry("bubble-scattering", "optics"),
-    _Entry("gain-series", "fading"),
-    _Entry("gain-distribution", "fading"),
-    _Entry("gain-half-angle", "sweeps"),
-    _Entry("coverage-half-angle", "coverage"),
-    _Entry("gain-depth", "sweeps"),
-    _Entry("coverage-depth", "coverage"),
-    _Entry("gain-height", "sweeps"),
-    _Entry("gain-radius", "sweeps"),
-    _Entry("offset", "sketches"),
-    _Entry("gain-offset", "sweeps"),
-    _Entry("ber-depth", "ber"),
-    _Entry("stations", "water"),
-    _Entry("temperature-salinity", "water"),
-    _Entry("wind", "uav"),
-)
-
-FIGURES = tuple(entry.name for entry in _ORDER)
-"""Names of all figures, in the order of the paper."""
-
-_FOUND: dict[str, Figure] = {}
-
-
-def figure(
-    name: str,
-    number: str,
-    title: str,
-    *,
-    quick: Mapping[str, Any] | None = None,
-    full: Mapping[str, Any] | None = None,
-    reads_profiles: bool = False,
-) -> Callable[[Make], Make]:
-    """Register a function as a figure of the paper; arguments as `Figure`."""
-
-    def register(make: Make) -> Make:
-        _FOUND[name] = Figure(name, number, title, make, quick or {}, full or {}, reads_profiles)
-        return make
-
-    return register
+    def text(self, output: FigureOutput) -> str:
+        """Return the caption."""
+        bubble_loss = _TABLE["whys"]["bubble-loss"]
+        return self.caption.format(**{"bubble_loss": bubble_loss, **output.words})
 
 
 def load(name: str) -> Figure:
-    """Return a figure, loading its module.
+    """Return a figure; its function has underscores in place of hyphens.
 
     Raises
     ------
     Refused
         If there is no such figure.
+    ImportError
+        If the viz extra is missing.
     """
-    modules = dict(_ORDER)
-    if name not in modules:
+    if name not in FIGURES:
         raise Refused("--only", name, ", ".join(FIGURES))
-    importlib.import_module(f"{__package__}.{modules[name]}")
-    return _FOUND[name]
+    entry = dict(_TABLE["figures"][name])
+    module = importlib.import_module(f"{__package__}.{entry.pop('module')}")
+    return Figure(name, getattr(module, name.replace("-", "_")), **entry)

@@ -10,8 +10,7 @@ import xarray as xr
 import meshtrace as mt
 from meshtrace.paper.canvas import panels, wind_name
 from meshtrace.paper.links import FORM_NAMES, FORMS, Form, gusts
-from meshtrace.paper.printed import MODERATE_W20
-from meshtrace.paper.registry import Drawing, Number, Row, Setting, compared, figure
+from meshtrace.paper.registry import Entry, FigureOutput, Number, Setting, row
 from meshtrace.uav.airframe import UAVS
 from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, TiltLaw, compare_laws
 from meshtrace.viz.style import INK, PALETTE
@@ -19,6 +18,9 @@ from meshtrace.viz.style import INK, PALETTE
 WINDS = (5.0, 13.0)
 KNOT = 1852.0 / 3600.0
 """One knot [m s-1]."""
+
+MODERATE_W20 = 30.0
+"""Wind at 20 feet for moderate turbulence [kt], Appendix B."""
 
 _UAV = UAVS["dji-m300-rtk"]
 
@@ -31,13 +33,9 @@ def _laws(wind: float, form: Form) -> tuple[ExactTiltLaw, GammaTiltLaw]:
     return exact, gamma
 
 
-@figure(
-    "tilt", "6", "distribution of the tilt", quick={"samples": 20_000}, full={"samples": 100_000}
-)
-def tilt(setting: Setting, samples: int) -> Drawing:
+def tilt(setting: Setting, samples: int) -> FigureOutput:
     """Draw sampled tilts, their exact law and the paper's Gamma law."""
     picture, axes = panels(2, 2)
-    rows: list[Row] = []
     variables: dict[str, Any] = {}
     for i, form in enumerate(FORMS):
         for j, wind in enumerate(WINDS):
@@ -53,14 +51,8 @@ def tilt(setting: Setting, samples: int) -> Drawing:
             variables[dims] = (dims, grid, {"units": "rad"})
             variables[f"pdf_sampled_{key}"] = (f"bin_{key}", density, {"units": "rad-1"})
             variables[f"edges_{key}"] = (f"edge_{key}", edges, {"units": "rad"})
-    for wind in WINDS:
-        rows += _tilt_rows(wind)
-    caption = (
-        "Tilt of the airframe in gusts of the Dryden model: sampled (bars), exact law, and Gamma "
-        "law of the same mean and variance. Top: gusts of the military specification; bottom: as "
-        "the paper prints them."
-    )
-    return Drawing(picture, xr.Dataset(variables), rows, caption)
+    numbers = [entry for wind in WINDS for entry in _tilt_numbers(wind)]
+    return FigureOutput(picture, xr.Dataset(variables), numbers)
 
 
 def _draw_tilt(
@@ -75,40 +67,24 @@ def _draw_tilt(
     ax.legend()
 
 
-def _tilt_rows(wind: float) -> list[Any]:
+def _tilt_numbers(wind: float) -> list[Entry]:
     pairs = [_laws(wind, form) for form in FORMS]
     distances = [compare_laws(exact, gamma) for exact, gamma in pairs]
-    stds = [Number(float(np.degrees(exact.std()))) for exact, _ in pairs]
-    name = wind_name(wind)
-    rows = [
-        compared(
-            f"standard deviation of the tilt, {name}",
-            stds,
-            "The paper divides the variance of gusts by pi and takes metres for feet; a record of "
-            "finite length explains the rest.",
-            printed=f"tilt-std-{wind:g}",
-        )
-    ]
-    whys = {
-        "rmse": "Distance of the two laws themselves; the paper's holds the noise of its sample.",
-        "mae": "Distance of the two laws themselves; the paper's holds the noise of its sample.",
-        "ks": "It cannot depend on the wind, since V^2/U^2 has one law; a coarse histogram does.",
-        "kl": "Distance of the two laws themselves; the paper's holds the noise of its sample.",
-    }
-    for field, why in whys.items():
-        default, paper = (Number(getattr(d, field)) for d in distances)
-        text = f"{field.upper()} of the Gamma law, {name}"
-        rows.append(compared(text, (default, paper), why, printed=f"tilt-{field}-{wind:g}"))
-    return rows
+    words = {"wind": wind_name(wind), "u": wind}
+    numbers = [row("std", [float(np.degrees(exact.std())) for exact, _ in pairs], **words)]
+    for name in ("rmse", "mae", "ks", "kl"):
+        key = "ks" if name == "ks" else "distance"
+        found = [float(getattr(d, name)) for d in distances]
+        numbers.append(row(key, found, name=name.upper(), key=name, **words))
+    return numbers
 
 
-@figure("h-alpha", "7", "distribution of the factor that the tilt takes of the gain")
-def h_alpha(setting: Setting) -> Drawing:
+def h_alpha(setting: Setting) -> FigureOutput:
     """Draw the density of h_alpha with the field of view's mass at 0."""
     fov = float(np.radians(mt.Receiver().fov_deg))
     picture, axes = panels(1, 2)
     variables: dict[str, Any] = {}
-    rows = []
+    numbers = []
     for ax, wind in zip(axes[0], WINDS, strict=True):
         laws: dict[str, TiltLaw] = {"default, exact law": _laws(wind, "physical")[0]}
         laws["paper preset, Gamma law"] = _laws(wind, "paper")[1]
@@ -122,41 +98,21 @@ def h_alpha(setting: Setting) -> Drawing:
         ax.set(xlabel=r"factor $h_\alpha$", ylabel=r"probability density $f(h_\alpha)$")
         ax.set_title(wind_name(wind))
         ax.legend()
-        rows += _h_rows(wind, fov, list(laws.values()))
-    caption = (
-        "Density of the factor cos(alpha) by which the tilt reduces the gain. Beyond half of the "
-        "field of view the factor is 0: that probability is in the table, not in the curves."
-    )
-    return Drawing(picture, xr.Dataset(variables), rows, caption)
+        numbers += _h_numbers(wind, fov, list(laws.values()))
+    return FigureOutput(picture, xr.Dataset(variables), numbers)
 
 
-def _h_rows(wind: float, fov: float, laws: list[Any]) -> list[Any]:
+def _h_numbers(wind: float, fov: float, laws: list[Any]) -> list[Entry]:
     name = wind_name(wind)
-    default, paper = laws
-    printed = paper.tilt_coefficient ** (paper.shape - 1.0)
+    printed = float(laws[1].tilt_coefficient ** (laws[1].shape - 1.0))
     return [
-        compared(
-            f"mean factor, {name}",
-            (Number(default.h_moment(1, fov)), Number(paper.h_moment(1, fov))),
-            "Both are close to 1: the loss on average is small, as the paper says.",
-        ),
-        compared(
-            f"probability that the tilt leaves the field of view, {name}",
-            (Number(default.outage(fov)), Number(paper.outage(fov))),
-            "Gusts of the specification's variance leave it far more often than printed ones; no "
-            "power mends that.",
-        ),
-        compared(
-            f"integral of the density, {name}",
-            (Number(1.0), Number(float(printed))),
-            "The printed constant 1/K must be 1/K^a with the shape a of the Gamma law; the curve "
-            "of the paper preset has the right constant.",
-        ),
+        row("mean", [float(law.h_moment(1, fov)) for law in laws], wind=name),
+        row("outside", [float(law.outage(fov)) for law in laws], wind=name),
+        row("integral", (1.0, printed), wind=name),
     ]
 
 
-@figure("wind", "23", "wind in time", quick={"duration": 120.0}, full={"duration": 600.0})
-def wind(setting: Setting, duration: float) -> Drawing:
+def wind(setting: Setting, duration: float) -> FigureOutput:
     """Draw Dryden records with a mean of 5 m/s along both axes."""
     mean = np.array([5.0, 5.0])
     speed = float(np.hypot(*mean))
@@ -167,7 +123,7 @@ def wind(setting: Setting, duration: float) -> Drawing:
     for form in FORMS:
         dryden = mt.Dryden.preset(form, wind_speed=speed, height=5.0, w20=MODERATE_W20 * KNOT)
         records[form] = dryden.simulate_wind(times, setting.seed)[:, :2] @ turn.T
-        stds.append(Number(float(dryden.std[0])))
+        stds.append(float(dryden.std[0]))
         errors.append(float(dryden.std[0] * np.sqrt(2.0 * dryden.correlation_times[0] / duration)))
         for i in range(2):
             axes[i, 0].plot(times, records[form][:, i], lw=1.0, label=FORM_NAMES[form])
@@ -176,26 +132,11 @@ def wind(setting: Setting, duration: float) -> Drawing:
         axes[i, 0].set(ylabel=f"wind $V_{name}$ [m s$^{{-1}}$]")
     axes[0, 0].legend(ncols=2)
     axes[1, 0].set(xlabel="time $t$ [s]", xlim=(0.0, min(duration, 120.0)))
-    rows = [
-        compared(
-            f"mean of the record along {name}",
-            (
-                Number(float(records[form][:, i].mean()), error)
-                for form, error in zip(FORMS, errors, strict=True)
-            ),
-            "A record of finite length scatters about the given mean.",
-            printed=f"mean-wind-{name}",
-        )
-        for i, name in enumerate("xy")
-    ]
-    rows.append(
-        compared(
-            "standard deviation of the gusts along x and y",
-            stds,
-            "The printed filters carry a factor of 1/sqrt(pi) that the specification does not.",
-            unit="m/s",
-        )
-    )
+    numbers = []
+    for i, axis in enumerate("xy"):
+        means = [float(records[form][:, i].mean()) for form in FORMS]
+        numbers.append(row("mean", map(Number, means, errors), axis=axis))
+    numbers.append(row("std", stds))
     data = xr.Dataset(
         {
             f"wind_{form}": (("time", "component"), record, {"units": "m s-1"})
@@ -203,9 +144,4 @@ def wind(setting: Setting, duration: float) -> Drawing:
         },
         {"time": ("time", times, {"units": "s"}), "component": ["x", "y"]},
     )
-    caption = (
-        "Dryden gusts about a mean of 5 m/s along both axes (dashed), with the wind at 20 feet of "
-        "moderate turbulence; the same noise drives both. Gusts along and across the mean wind are "
-        "turned onto the axes."
-    )
-    return Drawing(picture, data, rows, caption)
+    return FigureOutput(picture, data, numbers)

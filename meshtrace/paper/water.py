@@ -9,11 +9,13 @@ import xarray as xr
 
 from meshtrace.fields import attrs
 from meshtrace.paper.canvas import panels
-from meshtrace.paper.printed import STATIONS
 from meshtrace.paper.profile_files import profiles_of
 from meshtrace.paper.profiles import WaterProfile, ray_deflection
-from meshtrace.paper.registry import Drawing, Number, Setting, compared, figure
+from meshtrace.paper.registry import Entry, FigureOutput, Setting, row
 from meshtrace.viz.style import PALETTE
+
+STATIONS = ((165.91, -21.17), (167.33, -22.11), (165.45, -20.51))
+"""Longitude and latitude [degrees east, north] of the stations, Appendix A."""
 
 EARTH_RADIUS = 6371.0
 """Mean radius [km]."""
@@ -21,11 +23,16 @@ EARTH_RADIUS = 6371.0
 DEEPEST = 50.0
 """The depths of interest end here [m]."""
 
+STAND_INS = (
+    "NOT the paper's data, which cannot be shipped: made-up profiles, from a mixed layer "
+    "to a thermocline far sharper than the paper reports. Give files of the AODN portal or of "
+    "Argo with --profiles."
+)
+
 ZENITHS = np.radians(np.linspace(0.0, 40.0, 41))
 
 
-@figure("stations", "21", "where temperature and salinity were measured", reads_profiles=True)
-def stations(setting: Setting) -> Drawing:
+def stations(setting: Setting) -> FigureOutput:
     """Draw the stations on a map without coast lines."""
     given = [p for p in profiles_of(setting) if np.isfinite([p.longitude, p.latitude]).all()]
     lon, lat = np.array(STATIONS).T
@@ -42,13 +49,8 @@ def stations(setting: Setting) -> Drawing:
     ax.set_aspect(1.0 / np.cos(np.radians(lat.mean())))
     ax.margins(0.25)
     pairs = ((0, 1), (0, 2), (1, 2))
-    rows = [
-        compared(
-            f"distance of stations {i + 1} and {j + 1}",
-            (None, Number(_distance(STATIONS[i], STATIONS[j]))),
-            "The paper prints the coordinates alone; the distance along the sphere follows.",
-            unit="km",
-        )
+    numbers = [
+        row("distance", (None, _distance(STATIONS[i], STATIONS[j])), i=i + 1, j=j + 1)
         for i, j in pairs
     ]
     data = xr.Dataset(
@@ -57,12 +59,8 @@ def stations(setting: Setting) -> Drawing:
             "latitude": ("station", lat, {"units": "degrees_north"}),
         }
     )
-    caption = (
-        "The three stations east of New Caledonia, from the printed coordinates. "
-        + ("Circles: where the given files were measured. " if given else "")
-        + "Coast lines are left out."
-    )
-    return Drawing(picture, data, rows, caption)
+    circles = "Circles: where the given files were measured. " if given else ""
+    return FigureOutput(picture, data, numbers, {"circles": circles})
 
 
 def _distance(p: tuple[float, float], q: tuple[float, float]) -> float:
@@ -73,13 +71,7 @@ def _distance(p: tuple[float, float], q: tuple[float, float]) -> float:
     return float(2.0 * EARTH_RADIUS * np.arcsin(np.sqrt(a)))
 
 
-@figure(
-    "temperature-salinity",
-    "22",
-    "temperature and salinity over depth, and how they bend light",
-    reads_profiles=True,
-)
-def temperature_salinity(setting: Setting) -> Drawing:
+def temperature_salinity(setting: Setting) -> FigureOutput:
     """Draw profiles, the refractive index that follows, and the deflection of rays."""
     profiles = profiles_of(setting)
     picture, axes = panels(1, 4, width=4.0)
@@ -96,10 +88,12 @@ def temperature_salinity(setting: Setting) -> Drawing:
         axes[0, 2].plot(profile.n(z), z)
         axes[0, 3].plot(np.degrees(ZENITHS), 1e3 * offset)
     _name_axes(axes[0])
-    rows = []
+    numbers = []
     for profile, depth, offset in zip(profiles, depths, offsets, strict=True):
-        rows += _rows(profile, depth, offset)
-    return Drawing(picture, _dataset(profiles, depths, offsets), rows, _caption(setting))
+        numbers += _numbers(profile, depth, offset)
+    source = "Profiles of the given files." if setting.profiles else STAND_INS
+    data = _dataset(profiles, depths, offsets)
+    return FigureOutput(picture, data, numbers, {"source": source})
 
 
 def _name_axes(axes: Any) -> None:
@@ -114,27 +108,15 @@ def _name_axes(axes: Any) -> None:
     axes[0].legend()
 
 
-def _rows(profile: WaterProfile, depth: float, offset: Any) -> list[Any]:
+def _numbers(profile: WaterProfile, depth: float, offset: Any) -> list[Entry]:
     shown = profile.depth <= depth
     at = int(np.argmin(np.abs(ZENITHS - np.radians(10.0))))
-    spans = (
-        ("temperature range", np.ptp(profile.temperature[shown]), "degree Celsius"),
-        ("salinity range", np.ptp(profile.salinity[shown]), "psu"),
-    )
-    weak = "The paper calls the gradients extremely weak and prints no number."
-    bent = (
-        "Layers shift a ray sideways by far less than the aperture's radius; a vertical ray not "
-        "at all. The printed forms have no layers."
-    )
-    rows = [
-        compared(
-            f"{what} down to {depth:g} m, {profile.name}", (Number(float(v)), None), weak, unit=u
-        )
-        for what, v, u in spans
+    words = {"depth": depth, "name": profile.name, "angle": np.degrees(ZENITHS[at])}
+    return [
+        row("temperature", (float(np.ptp(profile.temperature[shown])), None), **words),
+        row("salinity", (float(np.ptp(profile.salinity[shown])), None), **words),
+        row("offset", (1e3 * float(offset[at]), 0.0), **words),
     ]
-    name = f"offset of a ray at {np.degrees(ZENITHS[at]):.0f} degrees, {depth:g} m, {profile.name}"
-    rows.append(compared(name, (Number(1e3 * float(offset[at])), Number(0.0)), bent, unit="mm"))
-    return rows
 
 
 def _dataset(profiles: list[WaterProfile], depths: list[float], offsets: list[Any]) -> xr.Dataset:
@@ -157,18 +139,4 @@ def _dataset(profiles: list[WaterProfile], depths: list[float], offsets: list[An
             "depth": ("depth", grid, attrs("depth")),
             "zenith": ("zenith", ZENITHS, {"units": "rad"}),
         },
-    )
-
-
-def _caption(setting: Setting) -> str:
-    source = (
-        "Profiles of the given files."
-        if setting.profiles
-        else "NOT the paper's data, which cannot be shipped: made-up profiles, from a mixed layer "
-        "to a thermocline far sharper than the paper reports. Give files of the AODN portal or of "
-        "Argo with --profiles."
-    )
-    return (
-        f"{source} Third: refractive index after Quan and Fry. Fourth: how much farther out a ray "
-        "from below meets the surface than a straight one."
     )

@@ -1,4 +1,4 @@
-"""One line of a validation: what was expected, what came out, and how far apart they are."""
+"""One line of a validation: a quantity, its reference, and their difference."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
+
+from meshtrace.tables import text_table
 
 LIMIT = 4.0
 """Largest |z| with which a check passes: 6e-5 of right estimates are beyond."""
@@ -18,16 +20,16 @@ class Check:
     Parameters
     ----------
     quantity : str
-        What is compared.
+        Quantity that is compared.
     source : str
-        Where the reference comes from.
+        Source of the reference.
     expected, got : float
         Reference, and the value found.
     stderr : float
-        Monte Carlo standard error of the difference, 0 for what is computed without chance.
+        Monte Carlo standard error of the difference, 0 for deterministic quantities.
     tolerance : float
         Uncertainty of the reference: its last printed digit, its own standard error, or, for
-        what is computed without chance, the accuracy that is claimed.
+        deterministic quantities, the claimed accuracy.
     """
 
     quantity: str
@@ -39,7 +41,7 @@ class Check:
 
     @property
     def z(self) -> float:
-        """(got - expected) / hypot(stderr, tolerance); infinite where nothing finite came out."""
+        """(got - expected) / hypot(stderr, tolerance); infinite where either is not finite."""
         error = math.hypot(self.stderr, self.tolerance)
         difference = self.got - self.expected
         return difference / error if math.isfinite(difference) and error > 0.0 else math.inf
@@ -87,18 +89,14 @@ def format_table(checks: Iterable[Check]) -> str:
     Parameters
     ----------
     checks : iterable of Check
-        What to show.
+        Rows of the table.
 
     Returns
     -------
     str
     """
     head = ("quantity", "source", "expected", "got", "std. error", "tolerance", "z")
-    rows = [head, *(_row(check) for check in checks)]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
-    lines = ["  ".join(f"{cell:<{w}}" for cell, w in zip(row, widths, strict=True)) for row in rows]
-    lines.insert(1, "  ".join("-" * width for width in widths))
-    return "\n".join(line.rstrip() for line in lines)
+    return text_table(map(_row, checks), head)
 
 
 def _row(check: Check) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""All checks, and how many photons each family takes."""
+"""All checks, and the photons of each family."""
 
 from __future__ import annotations
 

@@ -86,8 +86,9 @@ def test_a_link_file_with_changes_at_a_time(tmp_path, asked):
     assert asked["link"].receiver.height == 8.0
     assert asked["surface"].wind_speed == 9.0
     assert asked["title"] == "link.toml"
-    looks = ("time", "edges", "color", "path_color", "paths")
-    assert [asked[key] for key in looks] == [2.5, True, "slope", "weight", 7]
+    style = asked["style"]
+    assert (asked["time"], asked["paths"]) == (2.5, 7)
+    assert (style.edges, style.color, style.path_color) == (True, "slope", "weight")
 
 
 @pytest.mark.parametrize("suffix", ["stl", "ply", "obj"])

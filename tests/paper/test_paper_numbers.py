@@ -19,8 +19,9 @@ FLAT_GAIN = 5.9731e-5
 
 
 def rows(name, **effort):
-    drawing = load(name).make(Setting(threads=1), **effort)
-    return {row.quantity: row for row in drawing.rows}
+    figure = load(name)
+    output = figure.make(Setting(threads=1), **effort)
+    return {row.quantity: row for row in figure.table(output)}
 
 
 def test_distances_of_the_printed_cdf_follow_from_its_slip():

@@ -98,9 +98,9 @@ def test_map_reads_back(tmp_path, coverage):
 
 def test_unsuitable_files_are_refused(tmp_path, mesh, paths, coverage):
     for source, name in ((mesh, "a.vti"), (paths, "a.stl"), (coverage, "a.vtp")):
-        with pytest.raises(ValueError, match=r"path: .*allowed a file name in"):
+        with pytest.raises(ValueError, match=r"path: .*allowed: a file name in"):
             viz.save_vtk(source, tmp_path / name)
-    with pytest.raises(ValueError, match="source: int, allowed TriangleMesh"):
+    with pytest.raises(ValueError, match="source: int, allowed: TriangleMesh"):
         viz.to_pyvista(3)
 
 

@@ -35,7 +35,13 @@ def frames_of(path):
 def test_movies(tmp_path, suffix):
     seen = []
     path = viz.save_movie(
-        LINK, SEA, TIMES, tmp_path / f"sea{suffix}", gain=GAIN, spacing=0.5, progress=seen.append
+        LINK,
+        SEA,
+        TIMES,
+        tmp_path / f"sea{suffix}",
+        gain=GAIN,
+        progress=seen.append,
+        style=viz.SceneStyle(spacing=0.5),
     )
     frames = frames_of(path)
     assert len(frames) == 3
@@ -46,7 +52,7 @@ def test_movies(tmp_path, suffix):
 
 
 def test_wrong_movies_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"path: .*allowed a file name in \.mp4 or \.gif"):
+    with pytest.raises(ValueError, match=r"path: .*allowed: a file name in \.mp4 or \.gif"):
         viz.save_movie(LINK, SEA, TIMES, tmp_path / "a.avi", gain=GAIN)
     with pytest.raises(ValueError, match=r"times: shape \(1,\)"):
         viz.save_movie(LINK, SEA, [0.0], tmp_path / "a.gif", gain=GAIN)

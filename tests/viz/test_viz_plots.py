@@ -1,15 +1,18 @@
 """Plots show the numbers they are given, under names and units."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import matplotlib as mpl
 import numpy as np
 import pytest
+import xarray as xr
 
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.comms.ook import OokLink
-from meshtrace.fading import fading_statistics
+from meshtrace.errors import Refused
+from meshtrace.fading import Estimate, fading_statistics
 from meshtrace.results.gain import FateTally, GainResult
 from meshtrace.results.impulse import ImpulseResponse
 from meshtrace.surfaces import JonswapSea
@@ -29,36 +32,57 @@ def legend(ax):
     return [text.get_text() for text in ax.get_legend().get_texts()]
 
 
+def one(quantity, along, x, values):
+    """Return a dataset of one curve."""
+    return xr.Dataset({quantity: (along, values)}, {along: x})
+
+
+def several(quantity, along, x, curves):
+    """Return a dataset of curves by name."""
+    data = {quantity: (("case", along), list(curves.values()))}
+    return xr.Dataset(data, {"case": list(curves), along: x})
+
+
 def test_phase_functions():
     theta, phase = np.radians([1.0, 10.0, 100.0]), mt.HenyeyGreenstein(g=0.9)
-    ax = viz.plot_phase_function({"HG": phase.pdf, "table": phase.pdf(theta)}, theta)
-    for i in (0, 1):
-        np.testing.assert_allclose(line(ax, i), ([1.0, 10.0, 100.0], phase.pdf(theta)))
-    assert legend(ax) == ["HG", "table"]
+    values = {"HG": phase.pdf(theta), "half": 0.5 * phase.pdf(theta)}
+    ax = viz.plot_phase_function(several("phase_function", "theta", theta, values))
+    for i, factor in enumerate((1.0, 0.5)):
+        np.testing.assert_allclose(line(ax, i), ([1.0, 10.0, 100.0], factor * phase.pdf(theta)))
+    assert legend(ax) == ["HG", "half"]
     assert ax.get_ylabel() == viz.axis_label("phase_function")
     assert "[°]" in ax.get_xlabel()
-    ax = viz.plot_phase_cdf(phase.cdf)
+    ax = viz.plot_phase_cdf(one("phase_cdf", "theta", theta, phase.cdf(theta)))
     assert ax.get_legend() is None
-    assert line(ax)[1][-1] == pytest.approx(1.0)
+    np.testing.assert_array_equal(line(ax)[1], phase.cdf(theta))
 
 
 def test_bubbles_over_depth_downwards():
     layer = mt.HallNovarini(wind_speed=13.0)
     depth = np.array([0.0, 1.0, 4.0])
-    ax = viz.plot_bubble_profile(layer.b, depth)
+    ax = viz.plot_bubble_profile(one("b_bub", "depth", depth, layer.b(depth)))
     np.testing.assert_allclose(line(ax), (layer.b(depth), depth))
     assert ax.get_ylim() == (4.0, 0.0)
-    ax = viz.plot_bubble_profile({"13 m/s": layer.number_density}, quantity="n_bubbles")
+    curves = several("n_bubbles", "depth", depth, {"13 m/s": layer.number_density(depth)})
+    ax = viz.plot_bubble_profile(curves, quantity="n_bubbles")
     assert ax.get_xlabel() == viz.axis_label("n_bubbles")
+    assert legend(ax) == ["13 m/s"]
 
 
 def test_spectra_and_spreadings():
     omega = np.linspace(0.5, 2.0, 4)
-    ax = viz.plot_spectrum({"twice": 2.0 * omega}, omega)
+    ax = viz.plot_spectrum(several("spectrum", "omega", omega, {"twice": 2.0 * omega}))
     np.testing.assert_array_equal(line(ax), (omega, 2.0 * omega))
     assert "[m$^{2}$ s rad$^{-1}$]" in ax.get_ylabel()
-    ax = viz.plot_spreading(np.cos, np.radians([-90.0, 0.0, 60.0]))
+    theta = np.radians([-90.0, 0.0, 60.0])
+    ax = viz.plot_spreading(one("spreading", "theta", theta, np.cos(theta)))
     np.testing.assert_allclose(line(ax), ([-90.0, 0.0, 60.0], [0.0, 1.0, 0.5]), atol=1e-12)
+
+
+@pytest.mark.parametrize("data", [xr.Dataset(), xr.Dataset({"gain": ((), 1.0)})])
+def test_datasets_without_a_curve_are_refused(data):
+    with pytest.raises(Refused, match=r"gain: .*, allowed: a variable of one or two dimensions"):
+        viz.plot_sweep(data)
 
 
 def test_fates():
@@ -90,28 +114,26 @@ def test_gain_series(convert):
     assert band.max() == pytest.approx((series.gain + 2 * series.gain_stderr).max())
 
 
-def test_gain_series_of_arrays_ensembles_and_many_receivers():
-    ax = viz.plot_gain_series([0.0, 1.0], [2e-5, 3e-5])
-    np.testing.assert_array_equal(line(ax), ([0.0, 1.0], [2e-5, 3e-5]))
+def test_gain_series_of_ensembles_and_many_receivers():
     ax = viz.plot_gain_series(make_series("realization", receivers=2))
     assert legend(ax) == ["receiver 0", "receiver 1"]
     assert ax.get_xlabel() == "realization"
-    with pytest.raises(ValueError, match="gain: None"):
-        viz.plot_gain_series([0.0, 1.0])
 
 
 def test_gain_distributions_with_fits():
     gain = 1e-5 * np.random.default_rng(6).lognormal(0.0, 0.3, 600)
-    ax = viz.plot_gain_pdf(gain, fits=["lognormal"])
+    seas = one("gain", "realization", np.arange(600), gain)
+    seas = seas.assign(gain_stderr=("realization", np.zeros(600)))
+    ax = viz.plot_gain_pdf(seas, fits=["lognormal"])
     x, density = next(c.get_data() for c in ax.get_lines() if c.get_label().startswith("log"))
     assert np.trapezoid(density, x) == pytest.approx(1.0, abs=0.02)
     index = float(legend(ax)[0].removeprefix("lognormal, index "))
     assert index == pytest.approx(np.expm1(np.var(np.log(gain))), rel=0.02)
-    ax = viz.plot_gain_cdf(gain)
+    ax = viz.plot_gain_cdf(seas)
     assert legend(ax) == ["simulated", "lognormal", "gamma-gamma"]
     np.testing.assert_array_equal(line(ax)[0], np.sort(gain))
-    with pytest.raises(ValueError, match=r"fits: 'weibull', allowed lognormal, gamma-gamma"):
-        viz.plot_gain_pdf(gain, fits=["weibull"])
+    with pytest.raises(ValueError, match=r"fits: 'weibull', allowed: lognormal, gamma-gamma"):
+        viz.plot_gain_pdf(seas, fits=["weibull"])
 
 
 def test_autocorrelation():
@@ -142,28 +164,33 @@ def test_coverage_is_not_transposed(convert):
 
 
 def test_sweeps():
-    import xarray as xr
-
     x, gain = np.array([5.0, 10.0]), np.array([1e-4, 1e-5])
-    ax = viz.plot_sweep(x, {"a": gain}, {"a": 0.1 * gain}, along="depth")
+    data = one("gain", "depth", x, gain).assign(gain_stderr=("depth", 0.1 * gain))
+    ax = viz.plot_sweep(data)
     np.testing.assert_array_equal(line(ax), (x, gain))
     assert ax.get_yscale() == "log"
     assert ax.get_xlabel() == viz.axis_label("depth")
-    assert len(ax.collections) == 1
-    data = xr.Dataset({"gain": ("depth", gain), "gain_stderr": ("depth", 0.1 * gain)}, {"depth": x})
-    ax = viz.plot_sweep(data, log=False)
-    np.testing.assert_array_equal(line(ax), (x, gain))
-    assert ax.get_xlabel() == viz.axis_label("depth")
-    with pytest.raises(ValueError, match="curves: None"):
-        viz.plot_sweep(x)
+    band = ax.collections[0].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == pytest.approx((0.8e-5, 1.2e-4))
+    assert ax.get_legend() is None
+    assert viz.plot_sweep(data, log=False).get_yscale() == "linear"
 
 
-def test_convergence_finds_the_order():
-    spacing = np.array([0.1, 0.2, 0.4])
-    ax = viz.plot_convergence(spacing, {"a": 3.0 * spacing**2}, {"a": 0.1 * spacing**2})
-    assert legend(ax) == ["a, order 2.00"]
-    with pytest.raises(ValueError, match="allowed at least two errors > 0"):
-        viz.plot_convergence(spacing, np.array([1.0, 0.0, 2.0]))
+def test_convergence_shows_the_errors_and_the_law_of_a_study():
+    spacing = np.array([0.4, 0.2, 0.1, 0.05])
+    law = SimpleNamespace(order=Estimate(2.0, 1.9, 2.1), coefficient=5e-5)
+    study = SimpleNamespace(
+        parameter="spacing", values=spacing, step=spacing, normals=("vertex",),
+        gain=1e-4 + 5e-5 * spacing[None] ** 2, anchor=np.array([1e-4]), reference="analytic",
+        difference_stderr=np.full((1, 4), 1e-9), scatter=np.full((1, 4), np.nan),
+        fits={"vertex": law}, tolerance=1e-3,
+    )  # fmt: skip
+    ax = viz.plot_convergence(study)
+    assert legend(ax) == ["tolerance", "vertex normals, mean: order 2.00"]
+    law = next(curve for curve in ax.get_lines() if curve.get_linestyle() == "-")
+    percent = 100.0 / study.gain[0, -1]
+    np.testing.assert_allclose(law.get_ydata(), percent * 5e-5 * spacing**2)
+    assert ax.get_xlabel() == "mesh spacing [m]"
 
 
 def test_impulse_response():
@@ -199,16 +226,16 @@ def test_eye():
 
 def test_ber_over_power_and_depth():
     power, receiver = np.array([1e-11, 2e-11]), OokLink()
-    ax = viz.plot_ber(power, {"1 Mbit/s": receiver.ber})
+    curves = {"1 Mbit/s": receiver.ber(power)}
+    ax = viz.plot_ber(several("ber", "received_power", power, curves))
     np.testing.assert_allclose(line(ax), (10.0 * np.log10(power / 1e-3), receiver.ber(power)))
     assert ax.get_xlabel().endswith("[dBm]")
-    ax = viz.plot_ber([5.0, 10.0, 15.0], np.array([1e-20, 1e-5, 0.0]), along="depth")
+    ax = viz.plot_ber(one("ber", "depth", [5.0, 10.0, 15.0], [1e-20, 1e-5, 0.0]))
     np.testing.assert_array_equal(line(ax)[1], (1e-20, 1e-5, np.nan))
-    ax = viz.plot_ber(
-        [5.0, 10.0], {"a": [1e-5, 1e-2]}, bands={"a": ([1e-6, 3e-3], [1e-4, 4e-2])}, along="depth"
-    )
+    limits = {"ber_low": ("depth", [0.0, 3e-3]), "ber_high": ("depth", [1e-4, 4e-2])}
+    ax = viz.plot_ber(one("ber", "depth", [5.0, 10.0], [1e-5, 1e-2]).assign(limits))
     band = ax.collections[0].get_paths()[0].vertices[:, 1]
-    assert (band.min(), band.max()) == (1e-6, 4e-2)
+    assert (band.min(), band.max()) == (1e-300, 4e-2)
 
 
 def test_performance_over_depth():
@@ -224,14 +251,15 @@ def test_performance_over_depth():
     assert (band.min(), band.max()) == (low.min(), high.max())
     assert performance.status in [text.get_text() for text in ax.texts]
     shallow = replace(performance, depths=(24.0,))
-    with pytest.raises(ValueError, match="performance: at "):
+    with pytest.raises(ValueError, match=r"performance\.depths: "):
         viz.plot_performance(shallow)
 
 
 def test_plots_draw_on_given_axes_and_leave_defaults_alone():
     before = mpl.rcParams["axes.grid"]
+    data = one("ber", "received_power", [1e-10], OokLink().ber([1e-10]))
     figure = mpl.figure.Figure()
     ax = figure.subplots()
-    assert viz.plot_ber([1e-10], OokLink().ber, ax=ax) is ax
-    assert viz.plot_ber([1e-10], OokLink().ber) is not ax
+    assert viz.plot_ber(data, ax=ax) is ax
+    assert viz.plot_ber(data) is not ax
     assert mpl.rcParams["axes.grid"] == before

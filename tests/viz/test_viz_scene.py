@@ -23,7 +23,9 @@ def shoot():
     made = []
 
     def picture(link=LINK, sea=SEA, **options):
-        plotter = viz.scene(link, sea, **{**SMALL, "spacing": 0.4, **options})
+        light = {k: options.pop(k) for k in ("paths", "received", "coverage") if k in options}
+        style = viz.SceneStyle(**{**SMALL, "spacing": 0.4, **options})
+        plotter = viz.scene(link, sea, **light, style=style)
         made.append(plotter)
         return plotter, np.asarray(plotter.screenshot(return_img=True)).astype(int)
 
@@ -254,7 +256,7 @@ def test_links_that_only_analog_photons_follow(shoot):
     link = mt.Link(transmitter=mt.TopHatBeam(radius=0.2, divergence_deg=5.0))
     plotter, _ = shoot(link, paths=20)
     assert "photons landed elsewhere" in plotter.key
-    with pytest.raises(ValueError, match="an extended source"):
+    with pytest.raises(ValueError, match=r"transmitter: .*allowed: a point source"):
         shoot(link, received=10)
 
 
@@ -270,16 +272,16 @@ def test_scenes_chain(shoot):
     plotter, _ = shoot(labels=False)
     assert viz.look(viz.add_scale(viz.add_compass(plotter, 5.0))) is plotter
     before = np.asarray(plotter.screenshot(return_img=True)).astype(int)
-    again = viz.scene(LINK, SEA, time=1.0, plotter=plotter, spacing=0.4)
+    again = viz.scene(LINK, SEA, time=1.0, plotter=plotter, style=viz.SceneStyle(spacing=0.4))
     assert again is plotter
     after = np.asarray(plotter.screenshot(return_img=True)).astype(int)
     assert (np.abs(before - after).sum(axis=2) > 30).mean() > 1e-3
 
 
 def test_unknown_choices_are_refused(shoot):
-    with pytest.raises(ValueError, match=r"color: 'depth', allowed elevation, slope"):
+    with pytest.raises(ValueError, match=r"color: 'depth', allowed: elevation, slope"):
         shoot(color="depth")
-    with pytest.raises(ValueError, match=r"color: 'photon', allowed fate or weight"):
+    with pytest.raises(ValueError, match=r"color: 'photon', allowed: fate or weight"):
         shoot(received=straight(), path_color="photon")
 
 
@@ -297,7 +299,7 @@ def test_colour_bars_end_at_round_numbers(values, limits):
 
 
 def test_seas_too_fine_to_draw_are_refused(shoot):
-    with pytest.raises(ValueError, match=r"spacing: 0.001 m, allowed >= 0\.00"):
+    with pytest.raises(ValueError, match=r"spacing: 0.001, allowed: >= 0\.00"):
         shoot(spacing=1e-3)
 
 

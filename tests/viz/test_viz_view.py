@@ -14,7 +14,13 @@ def test_view_writes_every_kind_of_file(tmp_path):
     names = {"screenshot": "a.png", "html": "a.html", "movie": "a.gif"}
     asked = {kind: tmp_path / name for kind, name in names.items()}
     written = viz.view(
-        mt.Link(), SEA, paths=None, frames=2, spacing=0.5, received=None, title="sea", **asked
+        mt.Link(),
+        SEA,
+        paths=None,
+        frames=2,
+        style=viz.SceneStyle(spacing=0.5),
+        title="sea",
+        **asked,
     )
     assert sorted(written) == sorted(asked.values())
     with Image.open(asked["screenshot"]) as image:

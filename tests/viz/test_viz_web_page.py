@@ -37,7 +37,9 @@ FLAGS = (
 def page(tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "scene.html"
     link = mt.Link(receiver=mt.Receiver(tilt_deg=10.0), bubbles=mt.HallNovarini(wind_speed=5.0))
-    plotter = viz.scene(link, JonswapSea(seed=7), spacing=0.5, off_screen=True)
+    plotter = viz.scene(
+        link, JonswapSea(seed=7), style=viz.SceneStyle(spacing=0.5, off_screen=True)
+    )
     viz.save_html(plotter, path, title="a <link>")
     plotter.close()
     return path
@@ -122,7 +124,9 @@ def test_it_needs_no_network_and_logs_no_error(browser, page):
 
 
 def test_only_pages_are_written(tmp_path):
-    plotter = viz.scene(mt.Link(), JonswapSea(seed=7), spacing=1.0, off_screen=True)
-    with pytest.raises(ValueError, match=r"path: .*allowed a file name in \.html"):
+    plotter = viz.scene(
+        mt.Link(), JonswapSea(seed=7), style=viz.SceneStyle(spacing=1.0, off_screen=True)
+    )
+    with pytest.raises(ValueError, match=r"path: .*allowed: a file name in \.html"):
         viz.save_html(plotter, tmp_path / "scene.png")
     plotter.close()

@@ -1,0 +1,181 @@
+"""Plots of variables of datasets over one dimension: media, wave spectra, sweeps, error rates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import ArrayLike, NDArray
+
+from meshtrace.errors import Refused
+from meshtrace.fields import FIELDS
+
+from .style import INK, axes, label_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+Floats = NDArray[np.float64]
+
+BER_SHOWN = (1e-9, 1.0)
+"""Error ratios of the axis; curves run on to their last value that is not 0."""
+
+
+def plot_curves(
+    data: xr.Dataset, quantity: str, *, style: str = "-", ax: Axes | None = None
+) -> Axes:
+    """Plot a variable over its last dimension, one curve for each value of the other one.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        With `quantity` of one or two dimensions; the coordinate of the first of two names the
+        curves. Limits `quantity` + "_low" and "_high", or two standard errors "_stderr" where
+        there are any, are drawn as bands.
+    quantity : str
+        Name of the variable; registered names (`meshtrace.fields`) set the labels of the axes.
+    style : str
+        Line and marker, as matplotlib writes them.
+    ax : matplotlib Axes, optional
+        Axes to draw on; a new figure by default.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    Refused
+        If the variable is missing or has other dimensions.
+
+    Examples
+    --------
+    >>> import numpy as np, xarray as xr
+    >>> depth = np.array([5.0, 10.0])
+    >>> gain = xr.Dataset({"gain": ("depth", [1e-4, 1e-5])}, {"depth": depth})
+    >>> plot_curves(gain, "gain").get_xlabel()
+    'depth below still water $d$ [m]'
+    """
+    ax = axes(ax)
+    x, label = _abscissa(data, quantity)
+    for name, values, low, high in _curves(data, quantity):
+        (line,) = ax.plot(x, values, style, markersize=4, label=name)
+        if low is not None and high is not None:
+            ax.fill_between(x, low, high, color=line.get_color(), alpha=0.25, lw=0)
+    _legend(ax)
+    ax.set(xlabel=label, ylabel=label_of(quantity))
+    return ax
+
+
+def plot_phase_function(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
+    """Plot `phase_function` [sr-1] over `theta` [rad], both logarithmic; see `plot_curves`."""
+    ax = plot_curves(data, "phase_function", ax=ax)
+    ax.set(xscale="log", yscale="log")
+    ax.xaxis.set_major_formatter("{x:g}")
+    return ax
+
+
+def plot_phase_cdf(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
+    """Plot `phase_cdf`, the probability of a scattering angle up to `theta` [rad]."""
+    ax = plot_curves(data, "phase_cdf", ax=ax)
+    ax.set(xscale="log", ylim=(0.0, 1.02), ylabel=r"distribution function $P(\theta)$")
+    ax.xaxis.set_major_formatter("{x:g}")
+    return ax
+
+
+def plot_bubble_profile(
+    data: xr.Dataset, *, quantity: str = "b_bub", ax: Axes | None = None
+) -> Axes:
+    """Plot `b_bub` or `n_bubbles` over `depth` [m], which points down; see `plot_curves`."""
+    ax = axes(ax)
+    z, label = _abscissa(data, quantity)
+    for name, values, _, _ in _curves(data, quantity):
+        ax.plot(values, z, label=name)
+    _legend(ax)
+    ax.set(xscale="log", xlabel=label_of(quantity), ylabel=label, ylim=(z.max(), z.min()))
+    return ax
+
+
+def plot_spectrum(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
+    """Plot wave frequency spectra `spectrum` over `omega` [rad s-1]; see `plot_curves`."""
+    ax = plot_curves(data, "spectrum", ax=ax)
+    ax.set_ylim(bottom=0.0)
+    return ax
+
+
+def plot_spreading(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
+    """Plot directional spreadings `spreading` over `theta` [rad] off the wind."""
+    ax = plot_curves(data, "spreading", ax=ax)
+    ax.set(xlabel=r"direction off the wind $\theta$ [°]")
+    ax.set(ylabel=r"directional spreading $D(\theta)$ [rad$^{-1}$]")
+    ax.set_ylim(bottom=0.0)
+    return ax
+
+
+def plot_sweep(
+    data: xr.Dataset, *, quantity: str = "gain", log: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Plot a quantity over a parameter of the link, with bands; see `plot_curves`.
+
+    `log` sets a logarithmic ordinate.
+    """
+    ax = plot_curves(data, quantity, style="o-", ax=ax)
+    ax.set_yscale("log" if log else "linear")
+    return ax
+
+
+def plot_ber(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
+    """Plot bit error ratios `ber`, logarithmic, over any dimension; see `plot_curves`.
+
+    A `received_power` [W] is shown in dBm; the dashed line is 1e-3.
+    """
+    shown = data.assign(ber=data["ber"].where(data["ber"] > 0.0))
+    if "ber_low" in data:  # a limit of 0 reaches below the axis
+        shown["ber_low"] = data["ber_low"].clip(min=1e-300)
+    ax = plot_curves(shown, "ber", ax=ax)
+    ax.axhline(1e-3, color=INK, lw=0.8, ls="--")
+    ax.set(yscale="log", ylim=BER_SHOWN)
+    return ax
+
+
+def positive(values: ArrayLike) -> Floats:
+    """Return the values for a logarithmic axis, nan where they are not positive."""
+    found = np.asarray(values, dtype=float)
+    return np.where(found > 0.0, found, np.nan)
+
+
+def _curves(data: xr.Dataset, quantity: str) -> Iterator[tuple[Any, ...]]:
+    """Yield name, values, lower and upper limit of each curve."""
+    values = data[quantity]
+    low, high = data.get(f"{quantity}_low"), data.get(f"{quantity}_high")
+    if f"{quantity}_stderr" in data:
+        low, high = (values + s * data[f"{quantity}_stderr"] for s in (-2.0, 2.0))
+    if values.ndim == 1:
+        yield None, values, low, high
+        return
+    by = values.dims[0]
+    for i, name in enumerate(data[by].to_numpy()):
+        yield (str(name), *(None if a is None else a.isel({by: i}) for a in (values, low, high)))
+
+
+def _abscissa(data: xr.Dataset, quantity: str) -> tuple[Floats, str]:
+    """Return the last dimension as shown, angles in degrees and powers in dBm, and its label."""
+    if quantity not in data or data[quantity].ndim not in (1, 2):
+        dims = data[quantity].dims if quantity in data else None
+        raise Refused(quantity, dims, "a variable of one or two dimensions")
+    along = str(data[quantity].dims[-1])
+    x = np.asarray(data[along], dtype=float)
+    field = FIELDS.get(along)
+    if field is not None and field.units == "rad":
+        return np.degrees(x), f"{field.long_name} ${field.symbol}$ [°]"
+    if field is not None and along == "received_power":
+        return 10.0 * np.log10(x / 1e-3), f"{field.long_name} [dBm]"
+    return x, label_of(along)
+
+
+def _legend(ax: Axes) -> None:
+    if ax.get_legend_handles_labels()[1]:
+        ax.legend()

@@ -1,0 +1,102 @@
+"""Plots of studies: convergence with the mesh, and the performance of a link."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from meshtrace.errors import Refused
+
+from .plots_curves import BER_SHOWN, positive
+from .style import INK, axes, axis_label, label_of
+
+if TYPE_CHECKING:
+    from meshtrace.studies.convergence.study import ConvergenceStudy
+    from meshtrace.studies.performance.tables import LinkPerformance
+
+_STEPS = {
+    "spacing": "mesh spacing [m]",
+    "time_step": "time step [s]",
+    "omega_max": "band limit [rad s$^{-1}$]",
+}
+
+
+def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes:
+    """Plot errors of the gain over the step of a study, with the fitted law.
+
+    Parameters
+    ----------
+    study : ConvergenceStudy
+        Of `convergence_study`, `time_step_study` or `band_limit_study`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = axes(ax)
+    for k, kind in enumerate(study.normals):
+        fit, percent = study.fits[kind], 100.0 / study.gain[k, -1]
+        target = fit.gain.value if study.reference is None else study.anchor[k]
+        mean = percent * np.abs(study.gain[k] - target)
+        errors = percent * study.difference_stderr[k]
+        name = f"{kind} normals, mean: order {fit.order.value:.2f}"
+        marks = ax.errorbar(study.values, mean, errors, fmt="o", capsize=2, label=name)
+        color = marks[0].get_color()
+        law = percent * np.abs(fit.coefficient * study.step**fit.order.value)
+        ax.plot(study.values, law, color=color, lw=1.0)
+        if np.isfinite(study.scatter[k]).any():
+            one = percent * study.scatter[k]
+            ax.plot(study.values, one, "^--", color=color, lw=0.8, label=f"{kind} normals, scatter")
+    ax.axhline(100.0 * study.tolerance, color="0.5", lw=0.8, ls=":", label="tolerance")
+    ax.set(xscale="log", yscale="log", xlabel=_STEPS[study.parameter])
+    ax.set_ylabel("error of the gain [%]")
+    ax.legend()
+    return ax
+
+
+def plot_performance(
+    performance: LinkPerformance, *, quantity: str = "ber", ax: Axes | None = None
+) -> Axes:
+    """Plot a quantity of a link over depth with its confidence band, one curve for each bit rate.
+
+    Parameters
+    ----------
+    performance : LinkPerformance
+        Of `link_performance`.
+    quantity : str
+        "ber", "outage", "received_power", "gain" or another estimate of it.
+    ax : matplotlib Axes, optional
+        Axes to draw on. The status of the calibration is written below.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    Refused
+        If it was computed at one depth only.
+    """
+    if len(performance.depths) < 2:
+        raise Refused("performance.depths", performance.depths, "two depths or more")
+    ax, depth = axes(ax), np.array(performance.depths)
+    curves = performance.estimates(quantity).transpose(1, 2, 0)
+    for rate, (value, low, high) in zip(performance.bit_rates, curves, strict=True):
+        (line,) = ax.plot(depth, positive(value), "o-", markersize=4)
+        line.set_label(f"{rate / 1e6:g} Mbit/s")
+        low = np.nan_to_num(positive(low), nan=1e-300)  # a limit of 0 reaches below the axis
+        ax.fill_between(depth, low, positive(high), color=line.get_color(), alpha=0.2, lw=0)
+    if quantity == "ber":
+        ax.axhline(performance.limit, color=INK, lw=0.8, ls="--")
+        ax.set_ylim(*BER_SHOWN)
+    ax.set(yscale="log", xlabel=axis_label("depth"), ylabel=label_of(quantity))
+    pad = 0.03 * np.ptp(depth)
+    ax.set_xlim(depth.min() - pad, depth.max() + pad)
+    ax.legend()
+    place = {"xy": (0.0, -0.17), "xycoords": "axes fraction"}
+    ax.annotate(performance.status, **place, fontsize=7.5, va="top", wrap=True)
+    return ax
