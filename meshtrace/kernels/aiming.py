@@ -459,9 +459,15 @@ def _first_bin(surface, f, grid):
     """Return the lowest bin that a facet reaches into, which may lie outside of the grid."""
     a, b, c = corners(surface.vertices, f, surface.faces)
     return (
-        math.floor((min(a.x, b.x, c.x) - grid.x) / grid.step),
-        math.floor((min(a.y, b.y, c.y) - grid.y) / grid.step),
+        _bin_of(min(a.x, b.x, c.x), grid.x, grid.step, grid.nx),
+        _bin_of(min(a.y, b.y, c.y), grid.y, grid.step, grid.ny),
     )
+
+
+@inlined
+def _bin_of(x, start, step, n):
+    """Return the bin of a coordinate, clipped before the conversion: it may not fit an integer."""
+    return math.floor(max(min((x - start) / step, float(n)), -1.0))
 
 
 @outlined
@@ -565,6 +571,6 @@ def fill_bins(surface, grid, cursor):
 def _bin_range(surface, f, grid):
     a, b, c = corners(surface.vertices, f, surface.faces)
     i0, j0 = _first_bin(surface, f, grid)
-    i1 = math.floor((max(a.x, b.x, c.x) - grid.x) / grid.step)
-    j1 = math.floor((max(a.y, b.y, c.y) - grid.y) / grid.step)
+    i1 = _bin_of(max(a.x, b.x, c.x), grid.x, grid.step, grid.nx)
+    j1 = _bin_of(max(a.y, b.y, c.y), grid.y, grid.step, grid.ny)
     return max(i0, 0), min(i1, grid.nx - 1), max(j0, 0), min(j1, grid.ny - 1)

@@ -14,7 +14,6 @@ from meshtrace.link.sources import Led, Source
 from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.optics.water import Water
 
-
 _NEAR = 64.0  # depths plus heights: links closer to the origin keep it
 
 

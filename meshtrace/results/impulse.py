@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.results.gain import GainResult
-from meshtrace.results.gain import SHIFTS
+from meshtrace.results.gain import SHIFTS, GainResult
 
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum [m s-1] (exact)."""

@@ -27,6 +27,9 @@ _MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
 _CROSSINGS = 4  # of a flat sea, kept for each chain
 _PILOT = 128  # chains of each order in the first pilot
 _PILOT_GROWTH, _PILOT_STEPS = 4, 3  # further pilots of an order without a hit
+_MIXTURE = np.array([0.1, 0.4, 0.15, 0.12, 0.1, 0.08, 0.05])  # free paths, stretched ways
+_STRETCH = np.array([0.0, 0.015, 0.05, 0.15, 0.4, 1.0])  # from the shortest way to the longest
+_LONGEST_WAY = 1.3, 6.0  # smallest and largest of the longest way, over the shortest
 _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
 
 
@@ -55,9 +58,7 @@ class ChainDrawer:
         self._link = link
         self._medium = link.frame.medium(link.medium)
         self._ceiling = ceiling
-        self.nominals = [
-            nominal(self._medium, e, link.targets, crest) for e in link.emitters
-        ]
+        self.nominals = [nominal(self._medium, e, link.targets, crest) for e in link.emitters]
 
     def last_order(self, source: int) -> int:
         """Return the highest order of the chains from a source; refuse water of too many."""
@@ -90,7 +91,7 @@ class ChainDrawer:
             self.nominals[source],
             self._medium,
             u,
-            u[:, -1] < chain_kernel.FREE_PATH_SHARE,
+            np.searchsorted(np.cumsum(_MIXTURE)[:-1], u[:, -1]),
         )
         flat = [self._flat(source, receiver, chains) for receiver in range(len(self._link.targets))]
         return ChainSet(order, chains, flat, np.ascontiguousarray(u[:, -2]))
@@ -193,6 +194,10 @@ def nominal(
         for t in targets
     )
     distance = math.hypot(depth, offset)
+    slant = max(
+        math.hypot(depth, math.hypot(t.center[0] - x, t.center[1] - y) + t.reach) for t in targets
+    )
+    longest = min(max(slant / distance, _LONGEST_WAY[0]), _LONGEST_WAY[1])
     nodes = 513
     height = np.linspace(0.0, 1.0, nodes) * depth
     below = depth - height
@@ -214,6 +219,8 @@ def nominal(
         total / cumulative[-1],
         np.where(total > 0.0, b_bub / total, 0.0),
         float(cumulative[-1]),
+        1.0 + (longest - 1.0) * _STRETCH,
+        _MIXTURE,
     )
 
 
@@ -237,7 +244,7 @@ def last_order(medium: Medium, expected: Nominal) -> int:
             "water.layers",
             f"{expected.expected:.3g} scatterings expected, {upper:.3g} times as dense near the "
             "surface as on average",
-            f'up to {_MOST_CROWDED:g}; light that wanders in a thin turbid layer needs '
+            f"up to {_MOST_CROWDED:g}; light that wanders in a thin turbid layer needs "
             'estimator="analog"',
         )
     return int(min(max(poisson.isf(_TAIL, most), 1), _MAX_ORDER))

@@ -159,9 +159,7 @@ class ForcedDetection:
             )
         return sets
 
-    def over(
-        self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None
-    ) -> AimedChains:
+    def over(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> AimedChains:
         """Return the chains' view of a mesh."""
         normals, unresolved = self._options[0], self.link.physics.unresolved
         return AimedChains(self.arrays, mesh, intersector, normals, unresolved, self._search)
@@ -170,7 +168,9 @@ class ForcedDetection:
         """Return the chains by source, with unscattered ones where slopes are random."""
         if not aimed.rough:
             return self.scattered_sets
-        return [[first, *row] for first, row in zip(self._unscattered, self.scattered_sets, strict=True)]
+        return [
+            [first, *row] for first, row in zip(self._unscattered, self.scattered_sets, strict=True)
+        ]
 
     @cached_property
     def _unscattered(self) -> list[ChainSet]:

@@ -58,7 +58,7 @@ def forced_link(link: Link) -> ForcedLink:
 
 
 def crossing_reach(link: Link) -> float:
-    """Return the largest horizontal distance from the origin of light that crosses to a receiver [m]."""
+    """Return the largest distance from `Link.origin` of light that crosses to a receiver [m]."""
     _require_followable(link)
     frame = frame_of(link)
     targets = [target_of(r, frame) for r in link.receivers if isinstance(r, Receiver)]

@@ -12,8 +12,8 @@ from meshtrace.kernels import aiming
 from meshtrace.kernels.jit import entry
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
-from meshtrace.transport.arrays import interface_arrays, medium_arrays, surface_arrays
 from meshtrace.transport.aimed import locator
+from meshtrace.transport.arrays import interface_arrays, medium_arrays, surface_arrays
 from meshtrace.transport.forced_link import emitter_of, target_of
 
 N_WATER = 1.33
