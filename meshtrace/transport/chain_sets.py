@@ -123,6 +123,11 @@ class Pilot(NamedTuple):
     spread: NDArray[np.float64]  # (receivers, orders) standard deviation of one chain
     scored: NDArray[np.int64]  # (receivers, orders) chains that brought light
 
+    def of(self, receivers: NDArray[np.bool_]) -> Pilot:
+        """Return the pilot of some receivers."""
+        rows = (self.mean[receivers], self.spread[receivers], self.scored[receivers])
+        return Pilot(self.chains, *rows)
+
 
 def pilot(drawer: ChainDrawer, aimed: AimedChains, source: int, seed: int, receivers: int) -> Pilot:
     """Return the scores of a few chains of each order, more where none brings light."""
