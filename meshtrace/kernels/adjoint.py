@@ -18,10 +18,17 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels.aiming import Target, height_on
 from meshtrace.kernels.chain_gain import intensity
-from meshtrace.kernels.facets import Surface, exposure, normal_at, plane_distance, slope_tilt, tilted
+from meshtrace.kernels.facets import (
+    Surface,
+    exposure,
+    normal_at,
+    plane_distance,
+    slope_tilt,
+    tilted,
+)
 from meshtrace.kernels.interface import (
-    FOV_ANGLE,
-    FRESNEL_PAPER_BOTH,
+    FieldOfView,
+    FresnelMode,
     Interface,
     reflectance,
     refract,
@@ -40,8 +47,21 @@ from meshtrace.kernels.line_estimate import (
 from meshtrace.kernels.medium import absorption_path
 from meshtrace.kernels.phase import sample_s
 from meshtrace.kernels.random import uniforms
-from meshtrace.kernels.sources import TOP_HAT, lambert_reflection
-from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm, on_circle, row, turn
+from meshtrace.kernels.sources import SourceKind, lambert_reflection
+from meshtrace.kernels.vectors import (
+    UP,
+    Vec2,
+    Vec3,
+    along,
+    dot,
+    minus,
+    norm,
+    on_circle,
+    row,
+    scaled,
+    turn,
+    unit,
+)
 
 # what a draw is for; the key of the stream belongs to one source and one receiver
 _START, _TILT, _LOOK, _LINE, _COLLISION, _TURN = range(6)
@@ -85,7 +105,7 @@ class World(NamedTuple):
     interface: Interface
     size: float  # radius of the source [m]
     lobe_bubble: float  # share of lobes drawn by the phase function of the bubbles
-    axis: tuple[float, float, float]  # of the cone of directions, away from the aperture
+    axis: Vec3  # of the cone of directions, away from the aperture
     cos_cone: float
     even: float  # share of free paths drawn evenly over the distance to the source
     aimed: float  # share of scatterings that go on about the direction to the source
@@ -103,19 +123,6 @@ class Checks(NamedTuple):
 @inlined
 def _put(array, i, v):
     array[i, 0], array[i, 1], array[i, 2] = v.x, v.y, v.z
-
-
-@inlined
-def _turned(d, s, u):
-    """Return a direction turned by the polar angle of s and the azimuth 2 pi u."""
-    x, y, z = turn(d.x, d.y, d.z, s, u)
-    return Vec3(x, y, z)
-
-
-@inlined
-def _unit(v):
-    r = norm(v)
-    return Vec3(v.x / r, v.y / r, v.z / r)
 
 
 @inlined
@@ -141,20 +148,17 @@ def begin(paths, starts, world):
             paths.point[i, k] = target.center[k] + p * target.e1[k] + q * target.e2[k]
             paths.lamp[i, k] = emitter.position[k]
         if world.size > 0.0:
-            if emitter.kind == TOP_HAT:
+            if emitter.kind == SourceKind.TOP_HAT_BEAM:
                 r = world.size * math.sqrt(u_lamp)
             else:
                 r = world.size * math.sqrt(-0.5 * math.log(u_lamp))
-            x, y, z = turn(emitter.axis[0], emitter.axis[1], emitter.axis[2], 0.5, v_lamp)
-            paths.lamp[i, 0] += r * x
-            paths.lamp[i, 1] += r * y
-            paths.lamp[i, 2] += r * z
+            across = turn(emitter.axis, 0.5, v_lamp)
+            _put(paths.lamp, i, along(emitter.position, across, r))
         u, v, _, _ = uniforms(world.key, world.first + i, 0, _TILT)
         r = math.sqrt(-2.0 * math.log(u))
         cos_phi, sin_phi = on_circle(v)
-        paths.tilt[i, 0], paths.tilt[i, 1] = slope_tilt(
-            world.surface.roughness, r * cos_phi, r * sin_phi
-        )
+        tilt = slope_tilt(world.surface.roughness, r * cos_phi, r * sin_phi)
+        paths.tilt[i, 0], paths.tilt[i, 1] = tilt.x, tilt.y
         height, depth = target.center[2], max(-emitter.position[2], 0.0)
         share = n * height / (n * height + depth)
         for k in range(len(starts)):
@@ -169,12 +173,12 @@ def begin(paths, starts, world):
 
 @inlined
 def _normal(x, y, facet, surface, tilt_x, tilt_y):
-    nx, ny, nz = 0.0, 0.0, 1.0
+    n = UP
     if facet >= 0:
-        nx, ny, nz = normal_at(x, y, facet, surface)
+        n = normal_at(x, y, facet, surface)
     if tilt_x != 0.0 or tilt_y != 0.0:
-        nx, ny, nz = tilted(nx, ny, nz, tilt_x, tilt_y)
-    return Vec3(nx, ny, nz)
+        n = tilted(n, Vec2(tilt_x, tilt_y))
+    return n
 
 
 @inlined
@@ -185,7 +189,7 @@ def _imbalance(x, y, facet, a, b, tilt_x, tilt_y, n, surface):
     """
     p = Vec3(x, y, height_on(x, y, facet, surface))
     m = _normal(x, y, facet, surface, tilt_x, tilt_y)
-    up, down = _unit(minus(a, p)), _unit(minus(b, p))
+    up, down = unit(minus(a, p)), unit(minus(b, p))
     hx, hy, hz = up.x + n * down.x, up.y + n * down.y, up.z + n * down.z
     return hx - m.x / m.z * hz, hy - m.y / m.z * hz
 
@@ -235,7 +239,7 @@ def improve(paths, facets, kept, world):
             paths.root[i, k, 0], paths.root[i, k, 1] = x, y
             if kept >= 0:
                 p = Vec3(x, y, height_on(x, y, facets[i, k], world.surface))
-                w = _unit(minus(p, a))
+                w = unit(minus(p, a))
                 j = kept * roots + k
                 paths.lobe[i, j, 0], paths.lobe[i, j, 1], paths.lobe[i, j, 2] = w.x, w.y, w.z
 
@@ -250,7 +254,7 @@ def _lobe_density(theta, world):
 
 @inlined
 def _in_cone(w, world):
-    return w.x * world.axis[0] + w.y * world.axis[1] + w.z * world.axis[2] >= world.cos_cone
+    return dot(w, world.axis) >= world.cos_cone
 
 
 @entry
@@ -262,7 +266,7 @@ def look(paths, origins, directions, world):
     direction of unscattered light. Rays start above the highest crest.
     """
     target, high = world.target, world.surface.high[2]
-    axis = Vec3(world.axis[0], world.axis[1], world.axis[2])
+    axis = world.axis
     sin2 = 1.0 - world.cos_cone * world.cos_cone
     lobes = paths.lobe.shape[1]
     for i in range(len(paths.weight)):
@@ -274,7 +278,7 @@ def look(paths, origins, directions, world):
             share = _LOBES if inside > 0 else _LOBES_OUTSIDE
         u_kind, u, v, u_lobe = uniforms(world.key, world.first + i, 0, _LOOK)
         if u_kind >= share:
-            w = _turned(axis, 0.5 * u * sin2 / (1.0 + math.sqrt(1.0 - u * sin2)), v)
+            w = turn(axis, 0.5 * u * sin2 / (1.0 + math.sqrt(1.0 - u * sin2)), v)
         else:
             pick, j = int(u_kind / share * (inside if inside > 0 else lobes)), 0
             for j in range(lobes):
@@ -286,7 +290,7 @@ def look(paths, origins, directions, world):
                 s = sample_s(world.optics.medium.phase_bubble, u)
             else:
                 s = sample_s(world.optics.medium.phase_water, u)
-            w = _turned(row(paths.lobe[i], j), s, v)
+            w = turn(row(paths.lobe[i], j), s, v)
         p = row(paths.point, i)
         a = target.axis
         facing = -(w.x * a[0] + w.y * a[1] + w.z * a[2])
@@ -326,14 +330,12 @@ def enter(paths, facets, world):
             beside += 1
             continue
         p, d = row(paths.point, i), row(paths.direction, i)
-        t = plane_distance(
-            p.x, p.y, p.z, d.x, d.y, d.z, f, surface.vertices, surface.faces, surface.face_normals
-        )
+        t = plane_distance(p, d, f, surface)
         g = row(surface.face_normals, f)
         if not t > 0.0 or dot(d, g) >= 0.0:
             continue
         p = along(p, d, t)
-        if world.interface.fov != FOV_ANGLE:
+        if world.interface.fov != FieldOfView.ANGLE:
             reach = target.radius + (target.center[2] - p.z) * target.tan_half_fov
             if (p.x - target.center[0]) ** 2 + (p.y - target.center[1]) ** 2 >= reach * reach:
                 continue
@@ -357,22 +359,21 @@ def _crossed(p, d, f, g, tilt_x, tilt_y, world):
     cos_air = -dot(d, m)
     if cos_air <= 0.0:
         return 0.0, d
-    cos_water, x, y, z = refract(
-        d.x, d.y, d.z, -m.x, -m.y, -m.z, min(cos_air, 1.0), medium.n_air, medium.n_water
+    cos_water, inwards = refract(
+        d, scaled(-1.0, m), min(cos_air, 1.0), medium.n_air, medium.n_water
     )
-    inwards = Vec3(x, y, z)
     # the light comes along -inwards: it must meet the facet from below, and its reflection stay
     from_below = -dot(inwards, g)
     if from_below <= 0.0 or from_below - 2.0 * cos_water * dot(m, g) >= 0.0:
         return 0.0, d
     through = 1.0 - reflectance(cos_water, cos_air, medium.n_water, medium.n_air)
-    if world.interface.fresnel == FRESNEL_PAPER_BOTH:
+    if world.interface.fresnel == FresnelMode.PAPER_BOTH:
         through *= through
     through *= world.interface.foam_transmittance
     through *= (medium.n_air / medium.n_water) ** 2
     through *= from_below * cos_air / (cos_water * -dot(d, g))
     if tilt_x != 0.0 or tilt_y != 0.0:
-        through *= exposure(-inwards.x, -inwards.y, -inwards.z, n.x, n.y, n.z, tilt_x, tilt_y)
+        through *= exposure(scaled(-1.0, inwards), n, Vec2(tilt_x, tilt_y))
     return through, inwards
 
 
@@ -419,7 +420,7 @@ def _gather(paths, i, p, d, weight, u_kind, u, checks, n, rays, world):
 @inlined
 def _score(paths, i, order, value, p, q, d, t, lamp, checks, n, rays, world):
     """Score light that goes from the source to q and on to p, or list it; return (n, rays)."""
-    way = _unit(minus(lamp, q))
+    way = unit(minus(lamp, q))
     here, there = _is_clear(p, q, d, world.surface), _is_clear(q, lamp, way, world.surface)
     if here and there:
         paths.score[i, order] += value
@@ -521,15 +522,14 @@ def _arrive(paths, i, checks, n, rays, world):
     share = bubbles / (b + bubbles) if bubbles > 0.0 and not on_bottom else 0.0
     if on_bottom:
         n, rays = _gather_bottom(paths, i, p, at, d, t, weight, checks, n, rays, world)
-        x, y, z = lambert_reflection(u, v)
-        plain = Vec3(x, y, z)
+        plain = lambert_reflection(u, v)
     else:
         s = sample_s(medium.phase_bubble if u_kind < share else medium.phase_water, u)
-        plain = _turned(d, s, v)
-    to_lamp = _unit(minus(lamp, at))
+        plain = turn(d, s, v)
+    to_lamp = unit(minus(lamp, at))
     u_kind, u, v, u_pick = uniforms(world.key, world.first + i, paths.order[i], _START)
     s = sample_s(medium.phase_bubble if u_kind < share else medium.phase_water, u)
-    aimed = _turned(to_lamp, s, v)
+    aimed = turn(to_lamp, s, v)
     u_a, v_a, u_b, v_b = uniforms(world.key, world.first + i, paths.order[i], _LINE)
     onwards, kept = plain, 0.0
     for k in range(2):
@@ -589,10 +589,10 @@ def _gather_bottom(paths, i, p, at, d, t, weight, checks, n, rays, world):
     lamp = row(paths.lamp, i)
     away = minus(at, lamp)
     r = norm(away)
-    w = _unit(away)
+    w = unit(away)
     if w.z >= 0.0:
         return n, rays
-    light = intensity(world.optics.emitter, w.x, w.y, w.z)
+    light = intensity(world.optics.emitter, w)
     if light == 0.0:
         return n, rays
     tau = optical_depth(world.optics.medium, lamp, w, r)

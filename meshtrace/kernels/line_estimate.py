@@ -27,14 +27,14 @@ from meshtrace.kernels.aiming import Emitter
 from meshtrace.kernels.chain_gain import intensity
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import (
-    DEPTH_NONE,
+    DepthMode,
     Medium,
     absorption_path,
     bubble_scattering,
     scattering_path,
     water_coefficients,
 )
-from meshtrace.kernels.sources import GAUSSIAN, ISOTROPIC, LAMBERTIAN, TOP_HAT
+from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm
 
 _DISTANCE_SHARE = 0.25  # of the samples drawn by the distance along the line
@@ -153,7 +153,7 @@ def coefficients(medium, p):
 
     Array twin: `Water.b`, `HallNovarini.b`.
     """
-    return water_coefficients(medium, p.z)[1], bubble_scattering(medium, p.x, p.y, p.z)
+    return water_coefficients(medium, p.z)[1], bubble_scattering(medium, p)
 
 
 @inlined
@@ -163,7 +163,7 @@ def scattering_depth(medium, p, d, t):
     Array twin: see `scattering_path`.
     """
     q = along(p, d, t)
-    return scattering_path(medium, p.x, p.y, p.z, q.x, q.y, q.z, t)
+    return scattering_path(medium, p, q, t)
 
 
 @inlined
@@ -181,7 +181,7 @@ def is_uniform(medium):
 
     Array twin: none.
     """
-    return not medium.layered and medium.depth_mode == DEPTH_NONE
+    return not medium.layered and medium.depth_mode == DepthMode.NONE
 
 
 @outlined
@@ -231,13 +231,13 @@ def _beam(emitter, cos_along, cos_foot):
     center = math.atan2(cos_foot, -cos_along)
     if center < -0.5 * math.pi:
         center += 2.0 * math.pi
-    if emitter.kind == ISOTROPIC:
+    if emitter.kind == SourceKind.ISOTROPIC:
         return center, 2.0 * math.pi, 0.0
-    if emitter.kind == LAMBERTIAN:
+    if emitter.kind == SourceKind.LED:
         width = 0.6 / math.sqrt(emitter.spread) if emitter.spread > 4.0 else 0.0
         return center, 0.5 * math.pi, width
     widest, width = emitter.spread, 0.0
-    if emitter.kind == GAUSSIAN:
+    if emitter.kind == SourceKind.GAUSSIAN_BEAM:
         width = 0.3 * emitter.spread
         widest *= _GAUSSIAN_END
     if widest > 0.5 * math.pi:
@@ -324,8 +324,9 @@ def scattered_into(p, d, longest, lamp, u_kind, u, optics):
     side = 1.0 if low + high < 2.0 * center else -1.0
     share_beam, f_low, f_high = 0.0, 0.0, 0.0
     if width > 0.0:
-        f_low, f_high = _logistic(side * (low - center) / width), _logistic(
-            side * (high - center) / width
+        f_low, f_high = (
+            _logistic(side * (low - center) / width),
+            _logistic(side * (high - center) / width),
         )
         if abs(f_high - f_low) > 1e-250:
             share_beam = _BEAM_SHARE
@@ -351,9 +352,7 @@ def scattered_into(p, d, longest, lamp, u_kind, u, optics):
             f = f_low + u * (f_high - f_low)
             theta = center + side * width * math.log(f / (1.0 - f))
         elif u_kind < 1.0 - share_bubble * share_angle:
-            theta = angle_of_tail(
-                optics.water, low, high, tail_at(optics.water, high) + u * mass
-            )
+            theta = angle_of_tail(optics.water, low, high, tail_at(optics.water, high) + u * mass)
         else:
             theta = angle_of_tail(
                 optics.bubble, low, high, tail_at(optics.bubble, high) + u * mass_bubble
@@ -366,7 +365,7 @@ def scattered_into(p, d, longest, lamp, u_kind, u, optics):
     if not 0.0 < r < math.inf:
         return nothing
     w = Vec3(from_lamp.x / r, from_lamp.y / r, from_lamp.z / r)
-    light = intensity(optics.emitter, w.x, w.y, w.z)
+    light = intensity(optics.emitter, w)
     if light == 0.0:
         return nothing
 

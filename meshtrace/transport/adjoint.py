@@ -24,22 +24,22 @@ from numpy.typing import NDArray
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Refused
 from meshtrace.kernels import adjoint as kernel
-from meshtrace.kernels import medium as medium_codes
-from meshtrace.kernels.interface import FOV_ANGLE
+from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.line_estimate import SMALLEST_ANGLE, AngleTable, Optics
-from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.medium import DepthMode, Medium
+from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link, Receiver, WaterSource
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.phase import PhaseFunction
+from meshtrace.results.gain import SHIFTS
 from meshtrace.transport.arrays import interface_arrays, medium_arrays, surface_arrays, with_raster
-
-SHIFTS = 32
-"""Independent groups of paths."""
+from meshtrace.transport.forced_link import emitter_of, target_of
+from meshtrace.transport.frame import IDENTITY, frame_of
 
 _BLOCK = 4096  # paths of one block; sums of blocks do not depend on threads
 _ORDERS = 40  # numbers of scatterings told apart; the last holds all beyond
 _CELLS_PER_LOG = 200.0
-EVEN=.5
+EVEN = 0.5
 _ROUNDS = 3  # of looking for the facets below the crossings
 _NARROWEST = 0.1  # [deg], of a source
 
@@ -152,13 +152,14 @@ class AdjointPaths:
             for first in range(0, n, _BLOCK)
         ]
         with ThreadPoolExecutor(self.threads) as pool:
-            blocks = list(
-                pool.map(lambda job: over.block(*job, min(_BLOCK, n - job[2])), jobs)
-            )
+            blocks = list(pool.map(lambda job: over.block(*job, min(_BLOCK, n - job[2])), jobs))
         per_group = np.bincount(np.arange(n) % SHIFTS, minlength=SHIFTS)
         groups, orders = np.zeros((len(receivers), SHIFTS)), np.zeros((len(receivers), _ORDERS))
         scored, beside = np.zeros(len(receivers), np.int64), np.zeros(len(receivers))
-        square, total = np.zeros((len(receivers), len(share))), np.zeros_like(groups[:, : len(share)])
+        square, total = (
+            np.zeros((len(receivers), len(share))),
+            np.zeros_like(groups[:, : len(share)]),
+        )
         for (r, s, _), sums in zip(jobs, blocks, strict=True):
             groups[r] += share[s] * sums.groups / per_group
             orders[r] += share[s] * sums.orders / n
@@ -176,37 +177,41 @@ class _Over:
     def __init__(
         self, paths: AdjointPaths, mesh: TriangleMesh, intersector: EmbreeIntersector
     ) -> None:
-        from meshtrace.transport.forced import _emitter, _target
-
-        link = paths.link
+        link, frame = paths.link, frame_of(paths.link)
+        if frame != IDENTITY:
+            mesh = frame.mesh(mesh)
+            intersector = EmbreeIntersector(mesh, 1)
         self._seed, self._smooth = paths.seed, paths.normals == "vertex"
         self._intersector = intersector
         surface = surface_arrays(mesh, paths.normals, link.physics.unresolved)
         self._surface = surface._replace(level=float(surface.high[2]))
         self._flat = mesh.max_slope == 0.0 and surface.low[2] == surface.high[2]
         self._rough = surface.roughness.along > 0.0 or surface.roughness.across > 0.0
-        medium = _water(link, float(surface.high[2]))
+        medium = frame.medium(_water(link, frame.unit * float(surface.high[2])))
         sampled = medium
-        if medium.depth_mode == medium_codes.DEPTH_LOCAL:
+        if medium.depth_mode == DepthMode.LOCAL:
             medium = with_raster(medium, intersector)
-            sampled = medium._replace(depth_mode=medium_codes.DEPTH_CLAMPED)
+            sampled = medium._replace(depth_mode=DepthMode.CLAMPED)
         self._medium = medium
         self._interface = interface_arrays(link)
         water = angle_table(link.water.phase)
         bubble = angle_table(link.bubbles.phase_function()) if link.bubbles else water
         self._sources = []
         for t in link.transmitters:
-            size = float(getattr(t, "waist", 0.0) or getattr(t, "radius", 0.0))
-            optics = Optics(_emitter(t), medium, sampled, water, bubble, link.bubbles is not None)
+            size = float(getattr(t, "waist", 0.0) or getattr(t, "radius", 0.0)) / frame.unit
+            optics = Optics(
+                emitter_of(t, frame), medium, sampled, water, bubble, link.bubbles is not None
+            )
             self._sources.append((optics, size))
-        self._targets = [_target(r) for r in link.receivers]
+        self._targets = [target_of(r, frame) for r in link.receivers]
 
     def _world(self, receiver: int, source: int, first: int) -> kernel.World:
         optics, size = self._sources[source]
         target = self._targets[receiver]
-        axis, cos_cone = (-target.axis[0], -target.axis[1], -target.axis[2]), target.cos_half_fov
-        if self._interface.fov != FOV_ANGLE:  # a disk about the point below the receiver
-            axis = (0.0, 0.0, -1.0)
+        axis = Vec3(-target.axis.x, -target.axis.y, -target.axis.z)
+        cos_cone = target.cos_half_fov
+        if self._interface.fov != FieldOfView.ANGLE:  # a disk about the point below the receiver
+            axis = Vec3(0.0, 0.0, -1.0)
             fall = target.center[2] - float(self._surface.high[2])
             nearest = fall - target.radius * math.hypot(target.axis[0], target.axis[1])
             widest = 2.0 * target.radius + (target.center[2] - float(self._surface.low[2])) * (
@@ -362,7 +367,7 @@ def _vertical_depths(medium: Medium, depth: float) -> tuple[float, float]:
     if medium.layered:
         z = np.linspace(0.0, depth, 257) / medium.layer_step
         b = depth * float(np.interp(z, np.arange(len(medium.layer_b)), medium.layer_b).mean())
-    if medium.depth_mode == medium_codes.DEPTH_NONE:
+    if medium.depth_mode == DepthMode.NONE:
         return b, 0.0
     return b, float(medium.bubble_path[-1])
 

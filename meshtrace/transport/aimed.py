@@ -59,19 +59,18 @@ class AimedChains:
         search: Search = "usual",
     ) -> None:
         self._link = link
-        self._mesh = mesh
-        self._given = intersector
+        self._mesh = link.frame.mesh(mesh)
+        self._given = intersector if self._mesh is mesh else None
         self._normals = normals
         self._search_mode = search
-        self.surface: Surface = link.frame.surface(surface_arrays(mesh, normals, unresolved))
+        self.surface: Surface = surface_arrays(self._mesh, normals, unresolved)
         rough = self.surface.roughness
         self.rough = rough.along > 0.0 or rough.across > 0.0
         self.facets = np.empty(len(mesh.faces), aiming.FACET)
         aiming.facet_summary(self.surface, self.facets)
-        medium = link.medium
-        if medium.depth_mode == DepthMode.LOCAL:
-            medium = with_raster(medium, self._intersector)
-        self.medium = link.frame.medium(medium)
+        self.medium = link.medium
+        if self.medium.depth_mode == DepthMode.LOCAL:
+            self.medium = with_raster(self.medium, self._intersector)
         self.locator = locator(self.surface, link.targets)
         self.counters = np.zeros(len(kernel.Counter), np.int64)
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
@@ -164,9 +163,9 @@ class AimedChains:
         A path that starts or ends on the surface is shortened by a hair at both ends.
         """
         hair = 1e-4 * (1.0 + lengths)
-        start = self._link.frame.metres(origins + hair[:, None] * directions)
+        start = origins + hair[:, None] * directions
         hits = self._intersector.intersect(start, directions)
-        return hits.distance / self._link.frame.unit < lengths - 3.0 * hair
+        return hits.distance < lengths - 3.0 * hair
 
     def facet_gains(self, source: int, receiver: int) -> NDArray[np.float64]:
         """Return the unscattered gain through each facet."""

@@ -56,7 +56,7 @@ class ChainDrawer:
 
     def __init__(self, link: ForcedLink, crest: float, ceiling: float) -> None:
         self._link = link
-        self._medium = link.frame.medium(link.medium)
+        self._medium = link.medium
         self._ceiling = ceiling
         self.nominals = [nominal(self._medium, e, link.targets, crest) for e in link.emitters]
 

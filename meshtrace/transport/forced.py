@@ -292,10 +292,10 @@ class ForcedDetection:
         is one row a facet, with shift -1: it has no Monte Carlo error.
         """
         if "adjoint" in self.method:  # paths do not keep their arrivals
-            chains = ForcedDetection(
+            aimable = ForcedDetection(
                 self.link, *self._key, *self._options, self._crest, self._search, "chains"
             )
-            return chains.arrivals(mesh)
+            return aimable.arrivals(mesh)
         aimed = self.over(mesh)
         sets, unit = self.sets(aimed), self.arrays.frame.unit
         result = []
@@ -332,9 +332,7 @@ class ForcedDetection:
 class _Sums:
     """Sums over chains and paths, by receiver."""
 
-    def __init__(
-        self, link: ForcedLink, method: list[Method], sets: list[list[ChainSet]]
-    ) -> None:
+    def __init__(self, link: ForcedLink, method: list[Method], sets: list[list[ChainSet]]) -> None:
         self._link, self._method = link, method
         receivers = len(method)
         self.pairs = [(s, r) for s in range(len(link.emitters)) for r in range(receivers)]

@@ -23,13 +23,13 @@ _NARROWEST = 0.1  # [deg], of a lamp: narrower spots are smaller than the parts 
 
 
 class ForcedLink(NamedTuple):
-    """A link as arrays and numbers, in its local frame but for the water."""
+    """A link as arrays and numbers in its local frame."""
 
     frame: Frame
     emitters: list[Emitter]
     power: NDArray[np.float64]  # (emitters,) shares of the power
     targets: list[Target]
-    medium: Medium  # [m]
+    medium: Medium
     interface: Interface
 
 
@@ -52,7 +52,7 @@ def forced_link(link: Link) -> ForcedLink:
         [emitter_of(t, frame) for t in link.transmitters if isinstance(t, WaterSource)],
         power / power.sum(),
         [target_of(r, frame) for r in link.receivers if isinstance(r, Receiver)],
-        medium,
+        frame.medium(medium),
         interface_arrays(link),
     )
 
