@@ -44,7 +44,7 @@ from meshtrace.kernels.sources import TOP_HAT, lambert_reflection
 from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm, on_circle, row, turn
 
 # what a draw is for; the key of the stream belongs to one source and one receiver
-_START, _TILT, _LOOK, _LINE, _COLLISION, _TURN = range(6)
+_START, _TILT, _LOOK, _LINE, _COLLISION, _TURN, _SIDE = range(7)
 
 # Paths.state
 STARTED, WALKING, WAITING, ENDED = range(4)
@@ -71,8 +71,12 @@ class Paths(NamedTuple):
     weight: NDArray[np.float64]  # (n,)
     length: NDArray[np.float64]  # (n,) of the segment, where a wave may cut it
     importance: NDArray[np.float64]  # (n,) of the crossing
+    heaviest: NDArray[np.float64]  # (n,) weight behind the crossing
     state: NDArray[np.int64]  # (n,)
     order: NDArray[np.int64]  # (n,) scatterings so far
+    event: NDArray[np.int64]  # (n,) draws so far
+    branch: NDArray[np.float64]  # (n, branches, 8) point, direction, weight, order of side paths
+    branches: NDArray[np.int64]  # (n,) side paths that are left
     score: NDArray[np.float64]  # (n, orders)
 
 
@@ -88,7 +92,7 @@ class World(NamedTuple):
     axis: tuple[float, float, float]  # of the cone of directions, away from the aperture
     cos_cone: float
     even: float  # share of free paths drawn evenly over the distance to the source
-    aimed: float  # share of scatterings that go on about the direction to the source
+    aimed: float  # chance of a side path about the direction to the source
     key: np.uint64
     first: int  # index of the first path of the block
 
@@ -164,7 +168,8 @@ def begin(paths, starts, world):
                     + (1.0 - share) * (paths.point[i, j] - target.center[j])
                     + share * (paths.lamp[i, j] - emitter.position[j])
                 )
-        paths.weight[i], paths.state[i], paths.order[i] = 0.0, STARTED, 0
+        paths.weight[i], paths.state[i] = 0.0, STARTED
+        paths.order[i], paths.event[i], paths.branches[i] = 0, 0, 0
 
 
 @inlined
@@ -344,6 +349,7 @@ def enter(paths, facets, world):
         _put(paths.direction, i, d)
         paths.weight[i] *= weight
         paths.importance[i] = paths.weight[i] * _importance(p, row(paths.lamp, i), medium)
+        paths.heaviest[i] = paths.weight[i]
         paths.state[i] = WALKING
     return beside
 
@@ -455,15 +461,19 @@ def follow(paths, clear, checks, world):
         if paths.state[i] == WAITING:
             paths.state[i] = ENDED
             if clear[i]:
-                paths.state[i] = WALKING
                 n, rays = _arrive(paths, i, checks, n, rays, world)
-        while paths.state[i] == WALKING and n < room:
+        while n < room:
+            if paths.state[i] == ENDED:
+                if paths.branches[i] == 0:
+                    break
+                _resume(paths, i)
             p, d = row(paths.point, i), row(paths.direction, i)
-            if paths.order[i] == 0:
+            if paths.event[i] == 0:
                 u_kind, u, _, _ = uniforms(world.key, world.first + i, 0, _LINE)
                 n, rays = _gather(
                     paths, i, p, d, paths.weight[i], u_kind, u, checks, n, rays, world
                 )
+            paths.event[i] += 1
             longest = _longest(p, d, world)
             t = _draw_length(paths, i, p, d, longest, world)
             paths.length[i] = t
@@ -474,7 +484,28 @@ def follow(paths, clear, checks, world):
             else:
                 rays = _list_ray(checks, rays, -1 - i, p, d, t)
                 paths.state[i] = WAITING
+                break
     return n, rays
+
+
+@inlined
+def _resume(paths, i):
+    """Go on with the last side path."""
+    paths.branches[i] -= 1
+    b = paths.branch[i, paths.branches[i]]
+    _put(paths.point, i, Vec3(b[0], b[1], b[2]))
+    _put(paths.direction, i, Vec3(b[3], b[4], b[5]))
+    paths.weight[i], paths.order[i] = b[6], int(b[7])
+    paths.state[i] = WALKING
+
+
+@inlined
+def _branch_off(paths, i, p, d, weight):
+    """Keep a side path for later."""
+    b = paths.branch[i, paths.branches[i]]
+    b[0], b[1], b[2], b[3], b[4], b[5] = p.x, p.y, p.z, d.x, d.y, d.z
+    b[6], b[7] = weight, paths.order[i]
+    paths.branches[i] += 1
 
 
 @inlined
@@ -486,10 +517,12 @@ def _even_range(p, lamp, longest):
 @inlined
 def _draw_length(paths, i, p, d, longest, world):
     """Return a free path: by the scattering depth, or even up to a little beyond the source."""
-    u, u_kind, _, _ = uniforms(world.key, world.first + i, paths.order[i], _COLLISION)
+    u, u_kind, _, _ = uniforms(world.key, world.first + i, paths.event[i], _COLLISION)
+    lamp = row(paths.lamp, i)
     if u_kind < world.even:
-        return u * _even_range(p, row(paths.lamp, i), longest)
-    return distance_at(world.optics.sampled, p, d, -math.log(u), longest)
+        return u * _even_range(p, lamp, longest)
+    scale = norm(minus(lamp, p))
+    return distance_at(world.optics.sampled, p, d, -math.log(u), longest, scale)
 
 
 @outlined
@@ -505,7 +538,7 @@ def _arrive(paths, i, checks, n, rays, world):
     b, bubbles = coefficients(medium, at)
     near_b, near_bubbles = coefficients(optics.sampled, at)
     passed = (1.0 - world.even) * math.exp(-scattering_depth(optics.sampled, p, d, t))
-    u_kind, u, v, u_roulette = uniforms(world.key, world.first + i, paths.order[i], _TURN)
+    u_kind, u, v, lot = uniforms(world.key, world.first + i, paths.event[i], _TURN)
     if on_bottom:
         weight *= medium.bottom_albedo / passed
     else:
@@ -527,32 +560,37 @@ def _arrive(paths, i, checks, n, rays, world):
         s = sample_s(medium.phase_bubble if u_kind < share else medium.phase_water, u)
         plain = _turned(d, s, v)
     to_lamp = _unit(minus(lamp, at))
-    u_kind, u, v, u_pick = uniforms(world.key, world.first + i, paths.order[i], _START)
+    u_kind, u, v, u_side = uniforms(world.key, world.first + i, paths.event[i], _SIDE)
     s = sample_s(medium.phase_bubble if u_kind < share else medium.phase_water, u)
     aimed = _turned(to_lamp, s, v)
-    u_a, v_a, u_b, v_b = uniforms(world.key, world.first + i, paths.order[i], _LINE)
-    onwards, kept = plain, 0.0
+    u_a, v_a, u_b, v_b = uniforms(world.key, world.first + i, paths.event[i], _LINE)
+    paths.state[i] = ENDED
+    aside = world.aimed if paths.branches[i] < paths.branch.shape[1] else 0.0
     for k in range(2):
         w = plain if k == 0 else aimed
         if on_bottom:
             forward = max(w.z, 0.0) / math.pi
         else:
             forward = _mixed_phase(angle_between(d, w), share, optics)
-        if forward > 0.0:
-            theta = angle_between(to_lamp, w)
-            towards = _mixed_phase(theta, share, optics)
-            f = weight * forward / (forward + towards)
-            u_line, v_line = (u_a, v_a) if k == 0 else (u_b, v_b)
-            n, rays = _gather(paths, i, at, w, f, u_line, v_line, checks, n, rays, world)
-            if (u_pick < world.aimed) == (k == 1):
-                onwards = w
-                kept = weight * forward / ((1.0 - world.aimed) * forward + world.aimed * towards)
-                kept = _roulette(kept, at, lamp, theta, u_roulette, paths, i, optics)
-    _put(paths.point, i, at)
-    _put(paths.direction, i, onwards)
-    paths.weight[i] = kept
-    if kept == 0.0:
-        paths.state[i] = ENDED
+        if forward <= 0.0:
+            continue
+        theta = angle_between(to_lamp, w)
+        towards = _mixed_phase(theta, share, optics)
+        f = weight * forward / (forward + towards)
+        u_line, v_line = (u_a, v_a) if k == 0 else (u_b, v_b)
+        n, rays = _gather(paths, i, at, w, f, u_line, v_line, checks, n, rays, world)
+        kept = weight * forward / (forward + aside * towards)
+        if k == 0:
+            kept = _roulette(kept, at, lamp, theta, lot, paths, i, optics)
+            _put(paths.point, i, at)
+            _put(paths.direction, i, w)
+            paths.weight[i] = kept
+            if kept > 0.0:
+                paths.state[i] = WALKING
+        elif u_side < aside:
+            kept = _roulette(kept, at, lamp, theta, u_side / aside, paths, i, optics)
+            if kept > 0.0:
+                _branch_off(paths, i, at, w, kept)
     return n, rays
 
 
@@ -575,7 +613,7 @@ def _roulette(weight, at, lamp, theta, u, paths, i, optics):
     ratio = weight * _importance(at, lamp, optics.medium) / paths.importance[i]
     ratio *= max(phase_at(optics.water, theta) / phase_at(optics.water, _ASIDE), 1.0)
     if ratio < _LIGHT:
-        survival = ratio / _LIGHT
+        survival = min(max(ratio / _LIGHT, weight / paths.heaviest[i]), 1.0)
     if paths.order[i] > _MANY:
         survival = min(survival, 0.9)
     if not u < survival:

@@ -185,17 +185,18 @@ def is_uniform(medium):
 
 
 @outlined
-def distance_at(medium, p, d, tau, most):
+def distance_at(medium, p, d, tau, most, scale):
     """Return the distance along a path behind which the scattering depth is tau, or `most`.
 
     Array twin: `scattering_depth`, of which it is the inverse.
-    Regula falsi in halves: depths grow with distance and are exact in closed form.
+    Newton's method in halves: depths grow with distance and are exact in closed form. `scale` is
+    any length of the size of the link, from which a path without end is searched.
     """
     if is_uniform(medium):
         return min(tau / medium.b, most) if medium.b > 0.0 else most
     low, high = 0.0, most
     if math.isinf(most):
-        high = max(abs(p.z), 1e-300)
+        high = scale
         for _ in range(_STEPS):
             if scattering_depth(medium, p, d, high) >= tau:
                 break
@@ -272,7 +273,7 @@ def _distance_density(optics, p, d, first, last, t):
 
 
 @inlined
-def _draw_distance(optics, p, d, first, last, u):
+def _draw_distance(optics, p, d, first, last, u, scale):
     medium = optics.sampled
     if is_uniform(medium):
         c = medium.a + medium.b
@@ -282,7 +283,7 @@ def _draw_distance(optics, p, d, first, last, u):
     low = scattering_depth(medium, p, d, first)
     high = scattering_depth(medium, p, d, last) if last < math.inf else math.inf
     tau = low - math.log1p(u * math.expm1(low - high))
-    return min(max(distance_at(medium, p, d, tau, last), first), last)
+    return min(max(distance_at(medium, p, d, tau, last, scale), first), last)
 
 
 @outlined
@@ -344,7 +345,7 @@ def scattered_into(p, d, longest, lamp, u_kind, u, optics):
         return nothing
 
     if u_kind < share_far:
-        t = _draw_distance(optics, p, d, first, last, u)
+        t = _draw_distance(optics, p, d, first, last, u, norm(to_lamp))
         theta = min(max(math.atan2(distance, t0 - t), low), high)
     else:
         if u_kind < share_far + share_beam:

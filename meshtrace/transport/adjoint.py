@@ -39,7 +39,8 @@ SHIFTS = 32
 _BLOCK = 4096  # paths of one block; sums of blocks do not depend on threads
 _ORDERS = 40  # numbers of scatterings told apart; the last holds all beyond
 _CELLS_PER_LOG = 200.0
-EVEN=.5
+_EVEN, _AIMED = 0.5, 0.3  # shares of free paths and of directions, see `World`
+_BRANCHES = 8  # side paths of one path that wait at a time
 _ROUNDS = 3  # of looking for the facets below the crossings
 _NARROWEST = 0.1  # [deg], of a source
 
@@ -227,8 +228,8 @@ class _Over:
             lobe_bubble,
             axis,
             float(cos_cone),
-            EVEN / (1.0 + b + bubbles),
-            1.0 / (2.0 + b + bubbles),
+            _EVEN / (1.0 + b + bubbles) ** 1.5,
+            _AIMED,
             key,
             first,
         )
@@ -249,7 +250,11 @@ class _Over:
             length=np.empty(n),
             importance=np.empty(n),
             state=np.empty(n, np.int64),
+            heaviest=np.empty(n),
             order=np.empty(n, np.int64),
+            event=np.empty(n, np.int64),
+            branch=np.empty((n, _BRANCHES, 8)),
+            branches=np.empty(n, np.int64),
             score=np.zeros((n, _ORDERS)),
         )
         kernel.begin(paths, starts, world)
