@@ -34,6 +34,8 @@ from meshtrace.kernels.line_estimate import (
     distance_at,
     optical_depth,
     phase_at,
+    point_of_beam,
+    scattered_at,
     scattered_into,
     scattering_depth,
 )
@@ -44,7 +46,7 @@ from meshtrace.kernels.sources import TOP_HAT, lambert_reflection
 from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm, on_circle, row, turn
 
 # what a draw is for; the key of the stream belongs to one source and one receiver
-_START, _TILT, _LOOK, _LINE, _COLLISION, _TURN, _SIDE = range(7)
+_START, _TILT, _LOOK, _LINE, _COLLISION, _TURN, _SIDE, _BEAM = range(8)
 
 # Paths.state
 STARTED, WALKING, WAITING, ENDED = range(4)
@@ -56,7 +58,7 @@ _LIGHT = 0.25  # importance over that of the crossing, below which roulette is p
 _ASIDE = 0.3  # [rad], beyond which a path does not head for the source
 _BEYOND = 1.5  # distances to the source, up to which free paths are drawn evenly
 _MANY = 64  # scatterings behind which paths end with a chance of 0.1 each
-_ROOM = 6  # deferred scores and rays that one event may write
+_ROOM = 8  # deferred scores and rays that one event may write
 
 
 class Paths(NamedTuple):
@@ -408,18 +410,14 @@ def _list_ray(checks, n, what, p, d, length):
     return n + 1
 
 
-@outlined
-def _gather(paths, i, p, d, weight, u_kind, u, checks, n, rays, world):
-    """Score what a segment receives, or list it if a wave may cut it; return (n, rays)."""
-    longest = _longest(p, d, world)
-    lamp = row(paths.lamp, i)
-    at = scattered_into(p, d, longest, lamp, u_kind, u, world.optics)
-    value = weight * at.value
+@inlined
+def _gather(paths, i, p, d, value, at, checks, n, rays, world):
+    """Score a value that a segment receives at a point; return (n, rays)."""
     if not value > 0.0:
         return n, rays
     order = min(paths.order[i], paths.score.shape[1] - 1)
-    q = Vec3(at.x, at.y, at.z)
-    return _score(paths, i, order, value, p, q, d, at.t, lamp, checks, n, rays, world)
+    lamp = row(paths.lamp, i)
+    return _score(paths, i, order, value, p, at.at, d, at.t, lamp, checks, n, rays, world)
 
 
 @inlined
@@ -470,9 +468,10 @@ def follow(paths, clear, checks, world):
             p, d = row(paths.point, i), row(paths.direction, i)
             if paths.event[i] == 0:
                 u_kind, u, _, _ = uniforms(world.key, world.first + i, 0, _LINE)
-                n, rays = _gather(
-                    paths, i, p, d, paths.weight[i], u_kind, u, checks, n, rays, world
-                )
+                lamp, longest = row(paths.lamp, i), _longest(p, d, world)
+                at = scattered_into(p, d, longest, lamp, u_kind, u, world.optics)
+                value = paths.weight[i] * at.light / at.density
+                n, rays = _gather(paths, i, p, d, value, at, checks, n, rays, world)
             paths.event[i] += 1
             longest = _longest(p, d, world)
             t = _draw_length(paths, i, p, d, longest, world)
@@ -559,39 +558,64 @@ def _arrive(paths, i, checks, n, rays, world):
     else:
         s = sample_s(medium.phase_bubble if u_kind < share else medium.phase_water, u)
         plain = _turned(d, s, v)
+    n, rays = _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, rays, world)
+    return n, rays
+
+
+@outlined
+def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, rays, world):
+    """Score the segments that leave a scattering, and choose those that go on; return (n, rays).
+
+    Three points are joined by the balance heuristic: on a segment drawn by the phase function, on
+    one drawn about the direction to the source, and in the beam of the source.
+    """
+    optics, lamp = world.optics, row(paths.lamp, i)
+    medium = optics.medium
     to_lamp = _unit(minus(lamp, at))
     u_kind, u, v, u_side = uniforms(world.key, world.first + i, paths.event[i], _SIDE)
     s = sample_s(medium.phase_bubble if u_kind < share else medium.phase_water, u)
     aimed = _turned(to_lamp, s, v)
     u_a, v_a, u_b, v_b = uniforms(world.key, world.first + i, paths.event[i], _LINE)
+    u, v, u_length, _ = uniforms(world.key, world.first + i, paths.event[i], _BEAM)
+    lit = minus(point_of_beam(lamp, u, v, u_length, optics), at)
     paths.state[i] = ENDED
     aside = world.aimed if paths.branches[i] < paths.branch.shape[1] else 0.0
-    for k in range(2):
-        w = plain if k == 0 else aimed
-        if on_bottom:
-            forward = max(w.z, 0.0) / math.pi
-        else:
-            forward = _mixed_phase(angle_between(d, w), share, optics)
-        if forward <= 0.0:
+    _put(paths.point, i, at)
+    for k in range(3):
+        w = plain if k == 0 else (aimed if k == 1 else _unit(lit))
+        forward = _forward(d, w, share, on_bottom, optics)
+        if not forward > 0.0:
             continue
         theta = angle_between(to_lamp, w)
         towards = _mixed_phase(theta, share, optics)
-        f = weight * forward / (forward + towards)
-        u_line, v_line = (u_a, v_a) if k == 0 else (u_b, v_b)
-        n, rays = _gather(paths, i, at, w, f, u_line, v_line, checks, n, rays, world)
+        longest = _longest(at, w, world)
+        if k == 2:
+            q = scattered_at(at, w, norm(lit), longest, lamp, optics)
+        else:
+            u_line, v_line = (u_a, v_a) if k == 0 else (u_b, v_b)
+            q = scattered_into(at, w, longest, lamp, u_line, v_line, optics)
+        density = (forward + towards) * q.density + q.beam_density
+        value = weight * forward * q.light / density
+        n, rays = _gather(paths, i, at, w, value, q, checks, n, rays, world)
         kept = weight * forward / (forward + aside * towards)
         if k == 0:
-            kept = _roulette(kept, at, lamp, theta, lot, paths, i, optics)
-            _put(paths.point, i, at)
             _put(paths.direction, i, w)
-            paths.weight[i] = kept
-            if kept > 0.0:
+            paths.weight[i] = _roulette(kept, at, lamp, theta, lot, paths, i, optics)
+            if paths.weight[i] > 0.0:
                 paths.state[i] = WALKING
-        elif u_side < aside:
+        elif k == 1 and u_side < aside:
             kept = _roulette(kept, at, lamp, theta, u_side / aside, paths, i, optics)
             if kept > 0.0:
                 _branch_off(paths, i, at, w, kept)
     return n, rays
+
+
+@inlined
+def _forward(d, w, share, on_bottom, optics):
+    """Return the density [sr-1] of directions that a scattering or the bottom gives."""
+    if on_bottom:
+        return max(w.z, 0.0) / math.pi
+    return _mixed_phase(angle_between(d, w), share, optics)
 
 
 @inlined

@@ -198,7 +198,9 @@ class _Over:
         self._sources = []
         for t in link.transmitters:
             size = float(getattr(t, "waist", 0.0) or getattr(t, "radius", 0.0))
-            optics = Optics(_emitter(t), medium, sampled, water, bubble, link.bubbles is not None)
+            rate = 1.0 / t.depth + medium.a + medium.b
+            bubbly = link.bubbles is not None
+            optics = Optics(_emitter(t), medium, sampled, water, bubble, bubbly, rate)
             self._sources.append((optics, size))
         self._targets = [_target(r) for r in link.receivers]
 
@@ -279,7 +281,7 @@ class _Over:
     def _follow(self, paths: kernel.Paths, world: kernel.World) -> None:
         """Follow paths to their ends; Embree is asked where a wave may cut a segment."""
         n = len(paths.weight)
-        most = 4 * n + 64
+        most = 6 * n + 64
         checks = kernel.Checks(np.empty((most, 3)), np.empty((2 * most + n, 8)))
         clear = np.zeros(n, bool)
         while True:
