@@ -41,6 +41,8 @@ from meshtrace.kernels.line_estimate import (
     distance_at,
     optical_depth,
     phase_at,
+    point_of_beam,
+    scattered_at,
     scattered_into,
     scattering_depth,
 )
@@ -64,7 +66,7 @@ from meshtrace.kernels.vectors import (
 )
 
 # what a draw is for; the key of the stream belongs to one source and one receiver
-_START, _TILT, _LOOK, _LINE, _COLLISION, _TURN = range(6)
+_START, _TILT, _LOOK, _LINE, _COLLISION, _TURN, _SIDE, _BEAM = range(8)
 
 # Paths.state
 STARTED, WALKING, WAITING, ENDED = range(4)
@@ -76,7 +78,7 @@ _LIGHT = 0.25  # importance over that of the crossing, below which roulette is p
 _ASIDE = 0.3  # [rad], beyond which a path does not head for the source
 _BEYOND = 1.5  # distances to the source, up to which free paths are drawn evenly
 _MANY = 64  # scatterings behind which paths end with a chance of 0.1 each
-_ROOM = 6  # deferred scores and rays that one event may write
+_ROOM = 8  # deferred scores and rays that one event may write
 
 
 class Paths(NamedTuple):
@@ -91,8 +93,12 @@ class Paths(NamedTuple):
     weight: NDArray[np.float64]  # (n,)
     length: NDArray[np.float64]  # (n,) of the segment, where a wave may cut it
     importance: NDArray[np.float64]  # (n,) of the crossing
+    heaviest: NDArray[np.float64]  # (n,) weight behind the crossing
     state: NDArray[np.int64]  # (n,)
     order: NDArray[np.int64]  # (n,) scatterings so far
+    event: NDArray[np.int64]  # (n,) draws so far
+    branch: NDArray[np.float64]  # (n, branches, 8) point, direction, weight, order of side paths
+    branches: NDArray[np.int64]  # (n,) side paths that are left
     score: NDArray[np.float64]  # (n, orders)
 
 
@@ -108,7 +114,7 @@ class World(NamedTuple):
     axis: Vec3  # of the cone of directions, away from the aperture
     cos_cone: float
     even: float  # share of free paths drawn evenly over the distance to the source
-    aimed: float  # share of scatterings that go on about the direction to the source
+    aimed: float  # chance of a side path about the direction to the source
     key: np.uint64
     first: int  # index of the first path of the block
 
@@ -168,7 +174,8 @@ def begin(paths, starts, world):
                     + (1.0 - share) * (paths.point[i, j] - target.center[j])
                     + share * (paths.lamp[i, j] - emitter.position[j])
                 )
-        paths.weight[i], paths.state[i], paths.order[i] = 0.0, STARTED, 0
+        paths.weight[i], paths.state[i] = 0.0, STARTED
+        paths.order[i], paths.event[i], paths.branches[i] = 0, 0, 0
 
 
 @inlined
@@ -346,6 +353,7 @@ def enter(paths, facets, world):
         _put(paths.direction, i, d)
         paths.weight[i] *= weight
         paths.importance[i] = paths.weight[i] * _importance(p, row(paths.lamp, i), medium)
+        paths.heaviest[i] = paths.weight[i]
         paths.state[i] = WALKING
     return beside
 
@@ -403,18 +411,14 @@ def _list_ray(checks, n, what, p, d, length):
     return n + 1
 
 
-@outlined
-def _gather(paths, i, p, d, weight, u_kind, u, checks, n, rays, world):
-    """Score what a segment receives, or list it if a wave may cut it; return (n, rays)."""
-    longest = _longest(p, d, world)
-    lamp = row(paths.lamp, i)
-    at = scattered_into(p, d, longest, lamp, u_kind, u, world.optics)
-    value = weight * at.value
+@inlined
+def _gather(paths, i, p, d, value, at, checks, n, rays, world):
+    """Score a value that a segment receives at a point; return (n, rays)."""
     if not value > 0.0:
         return n, rays
     order = min(paths.order[i], paths.score.shape[1] - 1)
-    q = Vec3(at.x, at.y, at.z)
-    return _score(paths, i, order, value, p, q, d, at.t, lamp, checks, n, rays, world)
+    lamp = row(paths.lamp, i)
+    return _score(paths, i, order, value, p, at.at, d, at.t, lamp, checks, n, rays, world)
 
 
 @inlined
@@ -456,15 +460,20 @@ def follow(paths, clear, checks, world):
         if paths.state[i] == WAITING:
             paths.state[i] = ENDED
             if clear[i]:
-                paths.state[i] = WALKING
                 n, rays = _arrive(paths, i, checks, n, rays, world)
-        while paths.state[i] == WALKING and n < room:
+        while n < room:
+            if paths.state[i] == ENDED:
+                if paths.branches[i] == 0:
+                    break
+                _resume(paths, i)
             p, d = row(paths.point, i), row(paths.direction, i)
-            if paths.order[i] == 0:
+            if paths.event[i] == 0:
                 u_kind, u, _, _ = uniforms(world.key, world.first + i, 0, _LINE)
-                n, rays = _gather(
-                    paths, i, p, d, paths.weight[i], u_kind, u, checks, n, rays, world
-                )
+                lamp, longest = row(paths.lamp, i), _longest(p, d, world)
+                at = scattered_into(p, d, longest, lamp, u_kind, u, world.optics)
+                value = paths.weight[i] * at.light / at.density
+                n, rays = _gather(paths, i, p, d, value, at, checks, n, rays, world)
+            paths.event[i] += 1
             longest = _longest(p, d, world)
             t = _draw_length(paths, i, p, d, longest, world)
             paths.length[i] = t
@@ -475,7 +484,28 @@ def follow(paths, clear, checks, world):
             else:
                 rays = _list_ray(checks, rays, -1 - i, p, d, t)
                 paths.state[i] = WAITING
+                break
     return n, rays
+
+
+@inlined
+def _resume(paths, i):
+    """Go on with the last side path."""
+    paths.branches[i] -= 1
+    b = paths.branch[i, paths.branches[i]]
+    _put(paths.point, i, Vec3(b[0], b[1], b[2]))
+    _put(paths.direction, i, Vec3(b[3], b[4], b[5]))
+    paths.weight[i], paths.order[i] = b[6], int(b[7])
+    paths.state[i] = WALKING
+
+
+@inlined
+def _branch_off(paths, i, p, d, weight):
+    """Keep a side path for later."""
+    b = paths.branch[i, paths.branches[i]]
+    b[0], b[1], b[2], b[3], b[4], b[5] = p.x, p.y, p.z, d.x, d.y, d.z
+    b[6], b[7] = weight, paths.order[i]
+    paths.branches[i] += 1
 
 
 @inlined
@@ -487,10 +517,12 @@ def _even_range(p, lamp, longest):
 @inlined
 def _draw_length(paths, i, p, d, longest, world):
     """Return a free path: by the scattering depth, or even up to a little beyond the source."""
-    u, u_kind, _, _ = uniforms(world.key, world.first + i, paths.order[i], _COLLISION)
+    u, u_kind, _, _ = uniforms(world.key, world.first + i, paths.event[i], _COLLISION)
+    lamp = row(paths.lamp, i)
     if u_kind < world.even:
-        return u * _even_range(p, row(paths.lamp, i), longest)
-    return distance_at(world.optics.sampled, p, d, -math.log(u), longest)
+        return u * _even_range(p, lamp, longest)
+    scale = norm(minus(lamp, p))
+    return distance_at(world.optics.sampled, p, d, -math.log(u), longest, scale)
 
 
 @outlined
@@ -506,7 +538,7 @@ def _arrive(paths, i, checks, n, rays, world):
     b, bubbles = coefficients(medium, at)
     near_b, near_bubbles = coefficients(optics.sampled, at)
     passed = (1.0 - world.even) * math.exp(-scattering_depth(optics.sampled, p, d, t))
-    u_kind, u, v, u_roulette = uniforms(world.key, world.first + i, paths.order[i], _TURN)
+    u_kind, u, v, lot = uniforms(world.key, world.first + i, paths.event[i], _TURN)
     if on_bottom:
         weight *= medium.bottom_albedo / passed
     else:
@@ -526,34 +558,66 @@ def _arrive(paths, i, checks, n, rays, world):
     else:
         s = sample_s(medium.phase_bubble if u_kind < share else medium.phase_water, u)
         plain = turn(d, s, v)
+    n, rays = _connect(
+        paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, rays, world
+    )
+    return n, rays
+
+
+@outlined
+def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, rays, world):
+    """Score the segments that leave a scattering, and choose those that go on; return (n, rays).
+
+    Three points are joined by the balance heuristic: on a segment drawn by the phase function, on
+    one drawn about the direction to the source, and in the beam of the source.
+    """
+    optics, lamp = world.optics, row(paths.lamp, i)
+    medium = optics.medium
     to_lamp = unit(minus(lamp, at))
-    u_kind, u, v, u_pick = uniforms(world.key, world.first + i, paths.order[i], _START)
+    u_kind, u, v, u_side = uniforms(world.key, world.first + i, paths.event[i], _SIDE)
     s = sample_s(medium.phase_bubble if u_kind < share else medium.phase_water, u)
     aimed = turn(to_lamp, s, v)
-    u_a, v_a, u_b, v_b = uniforms(world.key, world.first + i, paths.order[i], _LINE)
-    onwards, kept = plain, 0.0
-    for k in range(2):
-        w = plain if k == 0 else aimed
-        if on_bottom:
-            forward = max(w.z, 0.0) / math.pi
-        else:
-            forward = _mixed_phase(angle_between(d, w), share, optics)
-        if forward > 0.0:
-            theta = angle_between(to_lamp, w)
-            towards = _mixed_phase(theta, share, optics)
-            f = weight * forward / (forward + towards)
-            u_line, v_line = (u_a, v_a) if k == 0 else (u_b, v_b)
-            n, rays = _gather(paths, i, at, w, f, u_line, v_line, checks, n, rays, world)
-            if (u_pick < world.aimed) == (k == 1):
-                onwards = w
-                kept = weight * forward / ((1.0 - world.aimed) * forward + world.aimed * towards)
-                kept = _roulette(kept, at, lamp, theta, u_roulette, paths, i, optics)
+    u_a, v_a, u_b, v_b = uniforms(world.key, world.first + i, paths.event[i], _LINE)
+    u, v, u_length, _ = uniforms(world.key, world.first + i, paths.event[i], _BEAM)
+    lit = minus(point_of_beam(lamp, u, v, u_length, optics), at)
+    paths.state[i] = ENDED
+    aside = world.aimed if paths.branches[i] < paths.branch.shape[1] else 0.0
     _put(paths.point, i, at)
-    _put(paths.direction, i, onwards)
-    paths.weight[i] = kept
-    if kept == 0.0:
-        paths.state[i] = ENDED
+    for k in range(3):
+        w = plain if k == 0 else (aimed if k == 1 else unit(lit))
+        forward = _forward(d, w, share, on_bottom, optics)
+        if not forward > 0.0:
+            continue
+        theta = angle_between(to_lamp, w)
+        towards = _mixed_phase(theta, share, optics)
+        longest = _longest(at, w, world)
+        if k == 2:
+            q = scattered_at(at, w, norm(lit), longest, lamp, optics)
+        else:
+            u_line, v_line = (u_a, v_a) if k == 0 else (u_b, v_b)
+            q = scattered_into(at, w, longest, lamp, u_line, v_line, optics)
+        density = (forward + towards) * q.density + q.beam_density
+        value = weight * forward * q.light / density
+        n, rays = _gather(paths, i, at, w, value, q, checks, n, rays, world)
+        kept = weight * forward / (forward + aside * towards)
+        if k == 0:
+            _put(paths.direction, i, w)
+            paths.weight[i] = _roulette(kept, at, lamp, theta, lot, paths, i, optics)
+            if paths.weight[i] > 0.0:
+                paths.state[i] = WALKING
+        elif k == 1 and u_side < aside:
+            kept = _roulette(kept, at, lamp, theta, u_side / aside, paths, i, optics)
+            if kept > 0.0:
+                _branch_off(paths, i, at, w, kept)
     return n, rays
+
+
+@inlined
+def _forward(d, w, share, on_bottom, optics):
+    """Return the density [sr-1] of directions that a scattering or the bottom gives."""
+    if on_bottom:
+        return max(w.z, 0.0) / math.pi
+    return _mixed_phase(angle_between(d, w), share, optics)
 
 
 @inlined
@@ -575,7 +639,7 @@ def _roulette(weight, at, lamp, theta, u, paths, i, optics):
     ratio = weight * _importance(at, lamp, optics.medium) / paths.importance[i]
     ratio *= max(phase_at(optics.water, theta) / phase_at(optics.water, _ASIDE), 1.0)
     if ratio < _LIGHT:
-        survival = ratio / _LIGHT
+        survival = min(max(ratio / _LIGHT, weight / paths.heaviest[i]), 1.0)
     if paths.order[i] > _MANY:
         survival = min(survival, 0.9)
     if not u < survival:

@@ -35,7 +35,7 @@ from meshtrace.kernels.medium import (
     water_coefficients,
 )
 from meshtrace.kernels.sources import SourceKind
-from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm
+from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm, turn
 
 _DISTANCE_SHARE = 0.25  # of the samples drawn by the distance along the line
 _BEAM_SHARE = 0.35  # of those drawn by the angle to the axis of a beam
@@ -80,16 +80,7 @@ class Optics(NamedTuple):
     water: AngleTable
     bubble: AngleTable
     bubbly: bool
-
-
-class LinePoint(NamedTuple):
-    """A point of a line and the light that it scatters into it."""
-
-    value: float
-    t: float
-    x: float
-    y: float
-    z: float
+    beam_rate: float  # inverse of the mean distance of points drawn in the beam [m-1]
 
 
 @inlined
@@ -185,17 +176,18 @@ def is_uniform(medium):
 
 
 @outlined
-def distance_at(medium, p, d, tau, most):
+def distance_at(medium, p, d, tau, most, scale):
     """Return the distance along a path behind which the scattering depth is tau, or `most`.
 
     Array twin: `scattering_depth`, of which it is the inverse.
-    Regula falsi in halves: depths grow with distance and are exact in closed form.
+    Newton's method in halves: depths grow with distance and are exact in closed form. `scale` is
+    any length of the size of the link, from which a path without end is searched.
     """
     if is_uniform(medium):
         return min(tau / medium.b, most) if medium.b > 0.0 else most
     low, high = 0.0, most
     if math.isinf(most):
-        high = max(abs(p.z), 1e-300)
+        high = scale
         for _ in range(_STEPS):
             if scattering_depth(medium, p, d, high) >= tau:
                 break
@@ -272,7 +264,7 @@ def _distance_density(optics, p, d, first, last, t):
 
 
 @inlined
-def _draw_distance(optics, p, d, first, last, u):
+def _draw_distance(optics, p, d, first, last, u, scale):
     medium = optics.sampled
     if is_uniform(medium):
         c = medium.a + medium.b
@@ -282,105 +274,215 @@ def _draw_distance(optics, p, d, first, last, u):
     low = scattering_depth(medium, p, d, first)
     high = scattering_depth(medium, p, d, last) if last < math.inf else math.inf
     tau = low - math.log1p(u * math.expm1(low - high))
-    return min(max(distance_at(medium, p, d, tau, last), first), last)
+    return min(max(distance_at(medium, p, d, tau, last, scale), first), last)
 
 
-@outlined
-def scattered_into(p, d, longest, lamp, u_kind, u, optics):
-    """Return one sample (`LinePoint`) of the light that a line receives by one scattering.
+class Line(NamedTuple):
+    """A line, the part of it that the source lights, and how points of it are drawn."""
 
-    Array twin: quadrature of the integral in the tests.
-    Angles are drawn by the phase functions, by the distance along the line or by the angle to the
-    axis of a beam; the balance heuristic joins them.
+    lit: bool
+    foot: float  # t0 [m]
+    distance: float  # D [m]
+    low: float  # scattering angles of the lit part [rad]
+    high: float
+    first: float  # distances of its ends [m]
+    last: float
+    center: float  # theta_c
+    width: float
+    side: float  # +1 or -1: from where the logistic law keeps its digits
+    f_low: float  # of the logistic law at the ends
+    f_high: float
+    share_beam: float
+    share_bubble: float
+    mass: float  # integrals of the phase functions over the lit part
+    mass_bubble: float
+
+
+class LinePoint(NamedTuple):
+    """A point of a line, the light scattered into it there, and the densities of its draw."""
+
+    light: float  # per theta [sr-1 rad-1 m-2]; 0: none
+    density: float  # of theta along the line [rad-1]
+    beam_density: float  # of the same point, per theta and solid angle, by `point_of_beam`
+    t: float
+    at: Vec3
+
+
+@inlined
+def line_of(p, d, longest, lamp, optics):
+    """Return the `Line` from p along d.
+
+    Array twin: none, geometry.
     """
-    nothing = LinePoint(0.0, 0.0, p.x, p.y, p.z)
     to_lamp = minus(lamp, p)
     t0 = dot(to_lamp, d)
     off = Vec3(t0 * d.x - to_lamp.x, t0 * d.y - to_lamp.y, t0 * d.z - to_lamp.z)
     # lines that pass closer are beyond double precision, and beyond the table
     distance = max(norm(off), SMALLEST_ANGLE * norm(to_lamp))
-    if distance == 0.0:
-        return nothing
-    foot = Vec3(off.x / distance, off.y / distance, off.z / distance)
-    low = math.atan2(distance, t0)
-    high = math.pi if math.isinf(longest) else math.atan2(distance, t0 - longest)
-    axis = optics.emitter.axis
-    center, half, width = _beam(
-        optics.emitter,
-        axis[0] * d.x + axis[1] * d.y + axis[2] * d.z,
-        axis[0] * foot.x + axis[1] * foot.y + axis[2] * foot.z,
-    )
-    first, last = 0.0, longest
-    if center - half > low:
-        low = center - half
-        first = min(max(t0 - distance / math.tan(low), 0.0), longest)
-    if center + half < high:
-        high = center + half
-        last = min(max(t0 - distance / math.tan(high), first), longest)
-    if half < 0.0 or low >= high or first >= last:
-        return nothing
-
-    # logistic law about theta_c; its tails are taken from the side that keeps the digits
-    side = 1.0 if low + high < 2.0 * center else -1.0
-    share_beam, f_low, f_high = 0.0, 0.0, 0.0
-    if width > 0.0:
-        f_low, f_high = (
-            _logistic(side * (low - center) / width),
-            _logistic(side * (high - center) / width),
+    low, high, first, last = 0.0, 0.0, 0.0, longest
+    center, half, width = 0.0, -1.0, 0.0
+    if distance > 0.0:
+        low = math.atan2(distance, t0)
+        high = math.pi if math.isinf(longest) else math.atan2(distance, t0 - longest)
+        axis = optics.emitter.axis
+        center, half, width = _beam(
+            optics.emitter,
+            axis[0] * d.x + axis[1] * d.y + axis[2] * d.z,
+            (axis[0] * off.x + axis[1] * off.y + axis[2] * off.z) / distance,
         )
-        if abs(f_high - f_low) > 1e-250:
-            share_beam = _BEAM_SHARE
-    b, bubbles = coefficients(optics.medium, p)
-    share_bubble = 0.0
-    if optics.bubbly:
-        share_bubble = bubbles / (b + bubbles) if b + bubbles > 0.0 else 0.5
-        share_bubble = min(max(share_bubble, _FEWEST), 1.0 - _FEWEST)
-    share_far = _DISTANCE_SHARE
-    share_angle = 1.0 - share_far - share_beam
-    mass = tail_at(optics.water, low) - tail_at(optics.water, high)
-    mass_bubble = 0.0
-    if optics.bubbly:
-        mass_bubble = tail_at(optics.bubble, low) - tail_at(optics.bubble, high)
-    if not mass > 0.0 or (optics.bubbly and not mass_bubble > 0.0):
-        return nothing
+        if center - half > low:
+            low = center - half
+            first = min(max(t0 - distance / math.tan(low), 0.0), longest)
+        if center + half < high:
+            high = center + half
+            last = min(max(t0 - distance / math.tan(high), first), longest)
+    lit = half >= 0.0 and low < high and first < last
+    mass, mass_bubble, share_bubble = 0.0, 0.0, 0.0
+    side, share_beam, f_low, f_high = 1.0, 0.0, 0.0, 0.0
+    if lit:
+        mass = tail_at(optics.water, low) - tail_at(optics.water, high)
+        lit = mass > 0.0
+        if optics.bubbly:
+            mass_bubble = tail_at(optics.bubble, low) - tail_at(optics.bubble, high)
+            lit = lit and mass_bubble > 0.0
+            b, bubbles = coefficients(optics.medium, p)
+            share_bubble = bubbles / (b + bubbles) if b + bubbles > 0.0 else 0.5
+            share_bubble = min(max(share_bubble, _FEWEST), 1.0 - _FEWEST)
+        if width > 0.0:
+            side = 1.0 if low + high < 2.0 * center else -1.0
+            f_low = _logistic(side * (low - center) / width)
+            f_high = _logistic(side * (high - center) / width)
+            if abs(f_high - f_low) > 1e-250:
+                share_beam = _BEAM_SHARE
+    return Line(
+        lit,
+        t0,
+        distance,
+        low,
+        high,
+        first,
+        last,
+        center,
+        width,
+        side,
+        f_low,
+        f_high,
+        share_beam,
+        share_bubble,
+        mass,
+        mass_bubble,
+    )
 
-    if u_kind < share_far:
-        t = _draw_distance(optics, p, d, first, last, u)
-        theta = min(max(math.atan2(distance, t0 - t), low), high)
+
+@inlined
+def _draw(line, p, d, scale, u_kind, u, optics):
+    """Return (theta, t) of a point drawn on a line."""
+    share_angle = 1.0 - _DISTANCE_SHARE - line.share_beam
+    if u_kind < _DISTANCE_SHARE:
+        t = _draw_distance(optics, p, d, line.first, line.last, u, scale)
+        theta = math.atan2(line.distance, line.foot - t)
+        return min(max(theta, line.low), line.high), t
+    if u_kind < _DISTANCE_SHARE + line.share_beam:
+        f = line.f_low + u * (line.f_high - line.f_low)
+        theta = line.center + line.side * line.width * math.log(f / (1.0 - f))
+    elif u_kind < 1.0 - line.share_bubble * share_angle:
+        tail = tail_at(optics.water, line.high) + u * line.mass
+        theta = angle_of_tail(optics.water, line.low, line.high, tail)
     else:
-        if u_kind < share_far + share_beam:
-            f = f_low + u * (f_high - f_low)
-            theta = center + side * width * math.log(f / (1.0 - f))
-        elif u_kind < 1.0 - share_bubble * share_angle:
-            theta = angle_of_tail(optics.water, low, high, tail_at(optics.water, high) + u * mass)
-        else:
-            theta = angle_of_tail(
-                optics.bubble, low, high, tail_at(optics.bubble, high) + u * mass_bubble
-            )
-        theta = min(max(theta, low), high)
-        t = min(max(t0 - distance / math.tan(theta), first), last)
+        tail = tail_at(optics.bubble, line.high) + u * line.mass_bubble
+        theta = angle_of_tail(optics.bubble, line.low, line.high, tail)
+    theta = min(max(theta, line.low), line.high)
+    t = line.foot - line.distance / math.tan(theta)
+    return theta, min(max(t, line.first), line.last)
+
+
+@inlined
+def _density(line, p, d, theta, t, r, optics):
+    """Return the density of theta at which `_draw` draws a point."""
+    share_angle = 1.0 - _DISTANCE_SHARE - line.share_beam
+    density = (1.0 - line.share_bubble) * phase_at(optics.water, theta) / line.mass
+    if line.share_bubble > 0.0:
+        density += line.share_bubble * phase_at(optics.bubble, theta) / line.mass_bubble
+    by_distance = _distance_density(optics, p, d, line.first, line.last, t)
+    density = share_angle * density + _DISTANCE_SHARE * by_distance * r * r / line.distance
+    if line.share_beam > 0.0:
+        f = _logistic(line.side * (theta - line.center) / line.width)
+        span = line.width * abs(line.f_high - line.f_low)
+        density += line.share_beam * f * (1.0 - f) / span
+    return density
+
+
+@outlined
+def _evaluated(line, p, d, theta, t, lamp, optics):
+    """Return the `LinePoint` at t, where the scattering angle is theta."""
     at = along(p, d, t)
     from_lamp = minus(at, lamp)
     r = norm(from_lamp)
+    nothing = LinePoint(0.0, 1.0, 0.0, t, at)
     if not 0.0 < r < math.inf:
         return nothing
     w = Vec3(from_lamp.x / r, from_lamp.y / r, from_lamp.z / r)
-    light = intensity(optics.emitter, w)
-    if light == 0.0:
+    emitted = intensity(optics.emitter, w)
+    if emitted == 0.0:
         return nothing
-
-    beta = phase_at(optics.water, theta)
-    density = share_angle * (1.0 - share_bubble) * beta / mass
-    density += share_far * _distance_density(optics, p, d, first, last, t) * r * r / distance
     b, bubbles = coefficients(optics.medium, at)
-    scattered = b * beta
-    if optics.bubbly:
-        beta_bubble = phase_at(optics.bubble, theta)
-        density += share_angle * share_bubble * beta_bubble / mass_bubble
-        scattered += bubbles * beta_bubble
-    if share_beam > 0.0:
-        f = _logistic(side * (theta - center) / width)
-        density += share_beam * f * (1.0 - f) / (width * abs(f_high - f_low))
+    scattered = b * phase_at(optics.water, theta)
+    if bubbles > 0.0:
+        scattered += bubbles * phase_at(optics.bubble, theta)
     tau = optical_depth(optics.medium, p, d, t) + optical_depth(optics.medium, lamp, w, r)
-    value = scattered * light * math.exp(-tau) / (distance * density)
-    return LinePoint(value, t, at.x, at.y, at.z)
+    light = scattered * emitted * math.exp(-tau) / line.distance
+    density = _density(line, p, d, theta, t, r, optics)
+    rate = optics.beam_rate
+    beam_density = emitted * rate * math.exp(-rate * r) * t * t / line.distance
+    return LinePoint(light, density, beam_density, t, at)
+
+
+@outlined
+def scattered_into(p, d, longest, lamp, u_kind, u, optics):
+    """Return a point of a line, drawn about as the light that it scatters into the line.
+
+    Array twin: quadrature of the integral in the tests.
+    Angles are drawn by the phase functions, by the distance along the line or by the angle to the
+    axis of a beam; light / density is one sample of the integral.
+    """
+    line = line_of(p, d, longest, lamp, optics)
+    if not line.lit:
+        return LinePoint(0.0, 1.0, 0.0, 0.0, p)
+    theta, t = _draw(line, p, d, norm(minus(lamp, p)), u_kind, u, optics)
+    return _evaluated(line, p, d, theta, t, lamp, optics)
+
+
+@inlined
+def point_of_beam(lamp, u, v, u_length, optics):
+    """Return a point drawn in the beam of the source: emission times exponential distance.
+
+    Array twin: `kernels.sources.launch`.
+    """
+    emitter = optics.emitter
+    if emitter.kind == SourceKind.LED:
+        s = 0.5 - 0.5 * math.exp(math.log(u) / (emitter.spread + 1.0))
+    elif emitter.kind == SourceKind.ISOTROPIC:
+        s = u
+    elif emitter.kind == SourceKind.TOP_HAT_BEAM:
+        s = u * math.sin(0.5 * emitter.spread) ** 2
+    else:
+        theta = min(emitter.spread * math.sqrt(-0.5 * math.log(u)), math.pi)
+        s = math.sin(0.5 * theta) ** 2
+    w = turn(emitter.axis, s, v)
+    return along(lamp, w, -math.log(u_length) / optics.beam_rate)
+
+
+@outlined
+def scattered_at(p, d, t, longest, lamp, optics):
+    """Return the light that a given point of a line scatters into it, and its densities.
+
+    Array twin: `scattered_into`.
+    """
+    line = line_of(p, d, longest, lamp, optics)
+    nothing = LinePoint(0.0, 1.0, 0.0, t, p)
+    if not (line.lit and line.first < t < line.last):
+        return nothing
+    theta = math.atan2(line.distance, line.foot - t)
+    if not line.low < theta < line.high:
+        return nothing
+    return _evaluated(line, p, d, theta, t, lamp, optics)

@@ -39,7 +39,8 @@ from meshtrace.transport.frame import IDENTITY, frame_of
 _BLOCK = 4096  # paths of one block; sums of blocks do not depend on threads
 _ORDERS = 40  # numbers of scatterings told apart; the last holds all beyond
 _CELLS_PER_LOG = 200.0
-EVEN = 0.5
+_EVEN, _AIMED = 0.5, 0.3  # shares of free paths and of directions, see `World`
+_BRANCHES = 8  # side paths of one path that wait at a time
 _ROUNDS = 3  # of looking for the facets below the crossings
 _NARROWEST = 0.1  # [deg], of a source
 
@@ -199,9 +200,9 @@ class _Over:
         self._sources = []
         for t in link.transmitters:
             size = float(getattr(t, "waist", 0.0) or getattr(t, "radius", 0.0)) / frame.unit
-            optics = Optics(
-                emitter_of(t, frame), medium, sampled, water, bubble, link.bubbles is not None
-            )
+            rate = 1.0 / t.depth + medium.a + medium.b
+            bubbly = link.bubbles is not None
+            optics = Optics(emitter_of(t, frame), medium, sampled, water, bubble, bubbly, rate)
             self._sources.append((optics, size))
         self._targets = [target_of(r, frame) for r in link.receivers]
 
@@ -232,8 +233,8 @@ class _Over:
             lobe_bubble,
             axis,
             float(cos_cone),
-            EVEN / (1.0 + b + bubbles),
-            1.0 / (2.0 + b + bubbles),
+            _EVEN / (1.0 + b + bubbles) ** 1.5,
+            _AIMED,
             key,
             first,
         )
@@ -254,7 +255,11 @@ class _Over:
             length=np.empty(n),
             importance=np.empty(n),
             state=np.empty(n, np.int64),
+            heaviest=np.empty(n),
             order=np.empty(n, np.int64),
+            event=np.empty(n, np.int64),
+            branch=np.empty((n, _BRANCHES, 8)),
+            branches=np.empty(n, np.int64),
             score=np.zeros((n, _ORDERS)),
         )
         kernel.begin(paths, starts, world)
@@ -279,7 +284,7 @@ class _Over:
     def _follow(self, paths: kernel.Paths, world: kernel.World) -> None:
         """Follow paths to their ends; Embree is asked where a wave may cut a segment."""
         n = len(paths.weight)
-        most = 4 * n + 64
+        most = 6 * n + 64
         checks = kernel.Checks(np.empty((most, 3)), np.empty((2 * most + n, 8)))
         clear = np.zeros(n, bool)
         while True:
