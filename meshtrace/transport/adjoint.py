@@ -200,7 +200,7 @@ class _Over:
         self._sources = []
         for t in link.transmitters:
             size = float(getattr(t, "waist", 0.0) or getattr(t, "radius", 0.0)) / frame.unit
-            rate = 1.0 / t.depth + medium.a + medium.b
+            rate = frame.unit / t.depth + medium.a + medium.b
             bubbly = link.bubbles is not None
             optics = Optics(emitter_of(t, frame), medium, sampled, water, bubble, bubbly, rate)
             self._sources.append((optics, size))
