@@ -1,7 +1,7 @@
-"""How a link file is refused: one line that names the field, its value, and what is allowed.
+"""The one error for input that is not accepted: field, value, allowed values.
 
-`ScenarioError` is that line, the `refuse_` functions are the checks that need no model, and the
-rest is how paths and values are written in it.
+`Refused` is raised alike by functions, models, link files and the command line. The `require_`
+functions are the checks that need no model; the rest writes paths and values.
 """
 
 from __future__ import annotations
@@ -9,16 +9,25 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    import pydantic
-
-    from meshtrace.results.gain import GainResult
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 LARGEST = 1e30
 """Magnitude of a number beyond which its square may overflow on the way to a gain."""
+
+
+class Described(str):
+    """Value described in words ("no such file"), which an error shows without quotes."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        """Return the words themselves."""
+        return str(self)
+
+
+MISSING = Described("missing")
+"""Value of a field that has none."""
 
 
 class Refused(ValueError):
@@ -29,9 +38,13 @@ class Refused(ValueError):
     field : str
         Dotted path of the field, such as "receiver.height".
     value : object
-        The value that was given.
+        The value that was given; `Described` for words about it.
     allowed : str
         Allowed values or range.
+    hint : str
+        Described between the value and the allowed values, such as "did you mean depth?".
+    source : str
+        File that holds the field; the line begins with it.
 
     Examples
     --------
@@ -40,110 +53,78 @@ class Refused(ValueError):
     meshtrace.errors.Refused: photons: 0, allowed: an integer >= 1
     """
 
-    def __init__(self, field: str, value: object, allowed: str) -> None:
+    def __init__(
+        self, field: str, value: object, allowed: str, hint: str = "", source: str = ""
+    ) -> None:
         self.field, self.value, self.allowed = field, value, allowed
-        text = f"{field}: {show(value)}, allowed: {allowed}"
+        self.hint, self.source = hint, source
+        head = ": ".join(part for part in (source, field, show(value)) if part)
         # keys of a file may hold line ends and control characters
+        text = one_line(f"{head}, {f'{hint} ' if hint else ''}allowed: {allowed}")
         shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
         super().__init__("".join(shown))
 
-    def inside(self, table: str) -> Refused:
-        """Return the same refusal with the field's path inside a table.
+    def inside(self, *path: int | str) -> Refused:
+        """Return the same refusal with the field's path inside a table or a list.
 
         Examples
         --------
         >>> Refused("photons", 0, ">= 1").inside("run").field
         'run.photons'
+        >>> Refused("height", 0, "> 0").inside("receiver", 1).field
+        'receiver[1].height'
         """
-        return type(self)(join_path(table, self.field), self.value, self.allowed)
+        parent = join_path("", *path)
+        dot = "." if parent and self.field and not self.field.startswith("[") else ""
+        field = f"{parent}{dot}{self.field}"
+        return Refused(field, self.value, self.allowed, self.hint, self.source)
+
+    def of(self, source: str) -> Refused:
+        """Return the same refusal with the file that holds the field."""
+        return Refused(self.field, self.value, self.allowed, self.hint, source)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by the three parts: workers of a sweep send refusals back."""
-        return type(self), (self.field, self.value, self.allowed)
+        """Pickle by the parts: workers of a sweep send refusals back."""
+        return Refused, (self.field, self.value, self.allowed, self.hint, self.source)
 
 
-class ScenarioError(ValueError):
-    """One line that names the field, its value, and what is allowed."""
-
-    def __init__(self, text: str) -> None:
-        # keys of a file may hold line ends and control characters
-        shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-        super().__init__("".join(shown))
-
-
-def refuse_numbers(config: Mapping[str, Any]) -> None:
-    """Refuse numbers that no key takes: not finite, or integers of more than 64 bits."""
-    for path, value in _leaves(config):
-        if isinstance(value, float) and not math.isfinite(value):
-            raise ScenarioError(f"{path}: {value}, allowed: finite numbers")
-        if isinstance(value, float) and abs(value) > LARGEST:
-            raise ScenarioError(f"{path}: {value:g}, allowed: at most {LARGEST:g} in magnitude")
-        if isinstance(value, int) and abs(value) >= 2**64:
-            raise ScenarioError(f"{path}: {show(value)}, allowed: integers of 64 bits")
-
-
-def refuse_words(model: type[pydantic.BaseModel], table: Mapping[str, Any], path: str) -> None:
-    """Refuse true, false and quoted numbers where pydantic would take them for numbers."""
-    flags = {name for name, field in model.model_fields.items() if field.annotation is bool}
-    for where, value in _leaves(table, path):
-        name = where.removeprefix(f"{path}.")
-        if isinstance(value, bool) and name not in flags:
-            raise ScenarioError(f"{where}: {show(value)}, allowed: neither true nor false")
-        if isinstance(value, str) and _reads_as_number(value):
-            raise ScenarioError(f"{where}: {show(value)}, allowed: numbers without quotes")
-
-
-def refuse_unknown(table: Mapping[str, Any], keys: tuple[str, ...], path: str) -> None:
+def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:
     """Refuse all but certain keys."""
     for key, value in table.items():
         if key not in keys:
-            raise ScenarioError(
-                f"{join_path(path, key)}: {show(value)}, no such key,{_hint(key, keys)} allowed: "
-                f"{', '.join(keys)}"
-            )
+            hint = f"no such key, {did_you_mean(key, keys)}".rstrip()
+            raise Refused(join_path(path, key), value, ", ".join(keys), hint)
 
 
-def refuse_unlisted(value: Any, names: tuple[str, ...], path: str) -> None:
+def require_word(value: Any, words: Iterable[str], path: str) -> None:
     """Refuse all but certain words."""
-    if not isinstance(value, str) or value not in names:
-        raise ScenarioError(
-            f"{path}: {show(value)},{_hint(value, names)} allowed: {', '.join(names)}"
-        )
+    if not isinstance(value, str) or value not in words:
+        raise Refused(path, value, ", ".join(words), did_you_mean(value, words))
 
 
-def refuse_ragged(rows: Any, path: str) -> None:
-    """Refuse what is not a list of triples of numbers."""
-    right = isinstance(rows, list | tuple) and len(rows) > 0
-    for row in rows if right else ():
-        right = right and isinstance(row, list | tuple) and len(row) == 3
-        right = right and all(is_number(item) for item in row)
-    if not right:
-        raise ScenarioError(f"{path}: {show(rows)}, allowed: rows of [depth, a, b]")
+def require_whole(value: Any, low: int, high: int, path: str) -> None:
+    """Refuse all but integers from `low` to `high`; numpy's count, true and false do not."""
+    whole = hasattr(value, "__index__") and not isinstance(value, bool)
+    if not whole or not low <= value <= high:
+        raise Refused(path, value, f"an integer {low} <= {path} <= {high}")
 
 
-def refuse_overflow(result: GainResult) -> None:
-    """Refuse a gain that is no number, which only numbers far from any link give."""
-    gains = [result.gain] if isinstance(result.gain, float) else result.gain.tolist()
-    for gain in gains:
-        if not math.isfinite(gain):
-            raise ScenarioError(f"link: a gain of {gain}, allowed: numbers that do not overflow")
+def require_number(value: Any, path: str) -> None:
+    """Refuse words for numbers, and numbers that overflow on the way to a gain."""
+    if isinstance(value, bool):
+        raise Refused(path, value, "neither true nor false")
+    if isinstance(value, int) and abs(value) >= 2**64:
+        raise Refused(path, value, "integers of 64 bits")
+    if isinstance(value, float) and LARGEST < abs(value) < math.inf:
+        raise Refused(path, value, f"at most {LARGEST:g} in magnitude")
+    if isinstance(value, str) and _reads_as_number(value):
+        raise Refused(path, value, "numbers without quotes")
 
 
-def _hint(word: Any, names: tuple[str, ...]) -> str:
-    near = difflib.get_close_matches(str(word), names)
-    return f" did you mean {' or '.join(near)}?" if near else ""
-
-
-def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield what is no table or list, with its path."""
-    if isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from _leaves(item, join_path(path, key))
-    elif isinstance(value, list | tuple):
-        for i, item in enumerate(value):
-            yield from _leaves(item, join_path(path, i))
-    else:
-        yield path, value
+def did_you_mean(word: Any, words: Iterable[str]) -> str:
+    """Return a hint at the words that are spelt alike, "" if none is."""
+    near = difflib.get_close_matches(str(word), list(words))
+    return f"did you mean {' or '.join(near)}?" if near else ""
 
 
 def join_path(path: str, *keys: int | str) -> str:
@@ -174,15 +155,17 @@ def show(value: Any) -> str:
     """Return a value as one short line."""
     if isinstance(value, bool):
         return str(value).lower()
-    text = one_line(repr(value))
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    if getattr(value, "ndim", None) == 0:  # numpy's numbers
+        value = value.item()  # type: ignore[attr-defined]
+    try:
+        text = one_line(repr(value))
+    except ValueError:  # Python writes no integer of more than 4300 digits
+        return "a huge integer"
+    except RecursionError:
+        return "tables nested too deeply"
+    return text if len(text) <= 60 or isinstance(value, Described) else f"{text[:57]}..."
 
 
 def one_line(text: str) -> str:
     """Return a text without its line ends."""
     return " ".join(text.split())
-
-
-def with_colon(text: str) -> str:
-    """Return a message of a model with the colon that link files have after `allowed`."""
-    return re.sub(r", allowed:? ", ", allowed: ", text, count=1)

@@ -53,6 +53,25 @@ class SurfaceModel(Protocol):
         ...
 
 
+@runtime_checkable
+class RandomSea(SurfaceModel, Protocol):
+    """A sea whose phases come from a seed."""
+
+    def with_seed(self, seed: int) -> RandomSea:
+        """Return the same sea with other phases."""
+        ...
+
+
+@runtime_checkable
+class WaveSum(SurfaceModel, Protocol):
+    """A sea that is a sum of plane waves."""
+
+    @property
+    def components(self) -> Any:
+        """Amplitudes, frequencies, wave vectors and phases as arrays."""
+        ...
+
+
 class UnresolvedSlopes(NamedTuple):
     """Slope variances (along, across the wind) of the waves that a mesh is too coarse to show.
 

@@ -1,23 +1,19 @@
 """Sea surfaces: wave spectra, random seas, and the triangle meshes made of them."""
 
 from .measured import from_wavespectra
-from .seas import (
-    FlatSea,
-    JonswapSea,
-    MeasuredSea,
-    SinusoidalSea,
-    SpectralSea,
-    TiltedPlane,
-    sea_from_config,
-)
-from .spectra import Elfouhaily, Jonswap, PiersonMoskowitz, Tma
+from .random_seas import JonswapSea, MeasuredSea, RandomSea, SpectralSea
+from .seas import sea_from_config, sea_in_wind
+from .spectra import Elfouhaily, Jonswap, PiersonMoskowitz, Spectrum, Tma
 from .spreading import (
     Cos2sSpreading,
     ElfouhailySpreading,
     IttcSpreading,
     MitsuyasuSpreading,
+    Spreading,
 )
+from .surface import FlatSea, Surface, TiltedPlane
 from .triangulate import from_trimesh
+from .wave_surface import SinusoidalSea, WaveSurface
 from .waves import WaveComponents
 
 __all__ = [
@@ -31,12 +27,18 @@ __all__ = [
     "MeasuredSea",
     "MitsuyasuSpreading",
     "PiersonMoskowitz",
+    "RandomSea",
     "SinusoidalSea",
     "SpectralSea",
+    "Spectrum",
+    "Spreading",
+    "Surface",
     "TiltedPlane",
     "Tma",
     "WaveComponents",
+    "WaveSurface",
     "from_trimesh",
     "from_wavespectra",
     "sea_from_config",
+    "sea_in_wind",
 ]

@@ -7,9 +7,9 @@ omega^2 = (g k + T k^3) tanh(k depth).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from .parameters import DEPTH, finite_array
+from .parameters import DEPTH, Floats, finite_array
 
 GRAVITY = 9.81
 """Gravity g [m s-2]."""
@@ -24,10 +24,8 @@ KINEMATIC_TENSION = GRAVITY / CAPILLARY_WAVENUMBER**2
 _NEWTON_STEPS = 60
 
 
-def angular_frequency(
-    k: ArrayLike, depth: float | None = None, capillary: bool = False
-) -> NDArray[np.float64]:
-    """Angular frequency of a wave.
+def angular_frequency(k: ArrayLike, depth: float | None = None, capillary: bool = False) -> Floats:
+    """Return the angular frequency of a wave.
 
     omega = sqrt((g k + T k^3) tanh(k depth))
 
@@ -47,7 +45,7 @@ def angular_frequency(
 
     Raises
     ------
-    ValueError
+    Refused
         If a wavenumber is negative or not finite, or the depth is not positive.
 
     Notes
@@ -63,10 +61,8 @@ def angular_frequency(
     return np.sqrt(squared)
 
 
-def wavenumber(
-    omega: ArrayLike, depth: float | None = None, capillary: bool = False
-) -> NDArray[np.float64]:
-    """Wavenumber of a wave, the inverse of `angular_frequency`.
+def wavenumber(omega: ArrayLike, depth: float | None = None, capillary: bool = False) -> Floats:
+    """Return the wavenumber of a wave, the inverse of `angular_frequency`.
 
     Parameters
     ----------
@@ -84,7 +80,7 @@ def wavenumber(
 
     Raises
     ------
-    ValueError
+    Refused
         If a frequency is negative or not finite, or the depth is not positive.
 
     Notes
@@ -113,10 +109,8 @@ def wavenumber(
     return result
 
 
-def phase_speed(
-    k: ArrayLike, depth: float | None = None, capillary: bool = False
-) -> NDArray[np.float64]:
-    """Phase speed c = omega / k [m s-1] of waves of wavenumber `k` > 0 [rad m-1].
+def phase_speed(k: ArrayLike, depth: float | None = None, capillary: bool = False) -> Floats:
+    """Return the phase speed c = omega / k [m s-1] of waves of wavenumber `k` > 0 [rad m-1].
 
     Examples
     --------
@@ -127,10 +121,8 @@ def phase_speed(
     return angular_frequency(k, depth, capillary) / k
 
 
-def group_speed(
-    k: ArrayLike, depth: float | None = None, capillary: bool = False
-) -> NDArray[np.float64]:
-    """Group speed c_g = d omega / d k [m s-1] of waves of wavenumber `k` > 0 [rad m-1].
+def group_speed(k: ArrayLike, depth: float | None = None, capillary: bool = False) -> Floats:
+    """Return the group speed c_g = d omega / d k [m s-1] of waves of wavenumber `k` > 0 [rad m-1].
 
     Examples
     --------
@@ -146,9 +138,7 @@ def _checked(depth: float | None) -> float | None:
     return None if depth is None else DEPTH.check(depth)
 
 
-def _squared_frequency(
-    k: NDArray[np.float64], depth: float | None, capillary: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _squared_frequency(k: Floats, depth: float | None, capillary: bool) -> tuple[Floats, Floats]:
     """Return omega^2 and its derivative by k."""
     tension = KINEMATIC_TENSION if capillary else 0.0
     deep = (GRAVITY + tension * k**2) * k
@@ -159,9 +149,7 @@ def _squared_frequency(
     return deep * tanh, deep_slope * tanh + deep * depth * (1.0 - tanh**2)
 
 
-def _newton(
-    k: NDArray[np.float64], target: NDArray[np.float64], depth: float | None, capillary: bool
-) -> NDArray[np.float64]:
+def _newton(k: Floats, target: Floats, depth: float | None, capillary: bool) -> Floats:
     for _ in range(_NEWTON_STEPS):
         squared, slope = _squared_frequency(k, depth, capillary)
         step = (squared - target) / slope

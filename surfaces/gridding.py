@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .parameters import Range
+from meshtrace.errors import Refused
+
+from .parameters import Floats, Range
 
 MAX_LINES = 20_001
-"""Most lines of one axis; finer grids are almost surely a slip of the pen."""
+"""Most lines of one axis; a finer grid is most likely a typing error."""
 
 DEFAULT_GROWTH = 1.1
 """Ratio of neighbouring steps where a graded grid grows coarser."""
@@ -19,8 +20,8 @@ DEFAULT_COARSENING = 10.0
 """Largest step of a graded grid over its finest, unless given."""
 
 
-def uniform_axis(extent: float, spacing: float, center: float = 0.0) -> NDArray[np.float64]:
-    """Equally spaced grid lines that cover |x - center| <= extent exactly.
+def uniform_axis(extent: float, spacing: float, center: float = 0.0) -> Floats:
+    """Return equally spaced grid lines that cover |x - center| <= extent exactly.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ def uniform_axis(extent: float, spacing: float, center: float = 0.0) -> NDArray[
 
     Raises
     ------
-    ValueError
+    Refused
         If an argument is out of range, or the axis would have more than `MAX_LINES` lines.
 
     Notes
@@ -63,8 +64,8 @@ def graded_axis(
     spacing: float,
     coarse_spacing: float,
     growth: float = DEFAULT_GROWTH,
-) -> NDArray[np.float64]:
-    """Grid lines that are fine around the centre and grow coarser outwards.
+) -> Floats:
+    """Return grid lines that are fine around the centre and grow coarser outwards.
 
     Parameters
     ----------
@@ -89,7 +90,7 @@ def graded_axis(
 
     Raises
     ------
-    ValueError
+    Refused
         If an argument is out of range, or the axis would have more than `MAX_LINES` lines.
 
     Notes
@@ -128,21 +129,19 @@ def grid_axis(
     spacing: float,
     fine_extent: float | None = None,
     coarse_spacing: float | None = None,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return the uniform axis, or with `fine_extent` the graded one, of a sea's mesh.
 
     `coarse_spacing` defaults to `DEFAULT_COARSENING` times `spacing`.
 
     Raises
     ------
-    ValueError
+    Refused
         If an argument is out of range, or `coarse_spacing` comes without `fine_extent`.
     """
     if fine_extent is None:
         if coarse_spacing is not None:
-            raise ValueError(
-                f"coarse_spacing: {coarse_spacing} without fine_extent, allowed only with it"
-            )
+            raise Refused("coarse_spacing", coarse_spacing, "only with fine_extent")
         return uniform_axis(extent, spacing, center)
     if coarse_spacing is None:
         coarse_spacing = DEFAULT_COARSENING * spacing
@@ -159,7 +158,6 @@ def _step_count(length: float, spacing: float) -> int:
     # The tolerance keeps 2 * 20 / 0.1 at 400 steps whatever the last bit of the quotient.
     steps = max(1, math.ceil(length / spacing * (1.0 - 1e-12)))
     if steps >= MAX_LINES:
-        raise ValueError(
-            f"spacing: {spacing} m over {length} m, allowed at most {MAX_LINES} grid lines"
-        )
+        allowed = f"at most {MAX_LINES} grid lines over {length:g} m"
+        raise Refused("spacing", spacing, allowed)
     return steps

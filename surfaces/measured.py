@@ -6,9 +6,11 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .seas import MeasuredSea
+from meshtrace.errors import Described, Refused
+
+from .parameters import Floats
+from .random_seas import MeasuredSea
 
 if TYPE_CHECKING:
     import xarray
@@ -19,7 +21,7 @@ def from_wavespectra(
     seed: int = 0,
     depth: float | None = None,
 ) -> MeasuredSea:
-    """Make a random sea of a directional spectrum in the conventions of wavespectra.
+    """Return a random sea of a directional spectrum in the conventions of wavespectra.
 
     variance_ij = efth_ij df_i ddir, omega = 2 pi freq, theta = 270 deg - dir
 
@@ -40,7 +42,7 @@ def from_wavespectra(
 
     Raises
     ------
-    ValueError
+    Refused
         If a variable is missing, has further dimensions longer than one (select a time and a
         site first), or the directions are not equally spaced round the circle.
 
@@ -52,12 +54,12 @@ def from_wavespectra(
     dataset = _loaded(source)
     missing = [name for name in ("efth", "freq", "dir") if name not in dataset.variables]
     if missing:
-        raise ValueError(f"source: without {missing}, allowed efth over freq [Hz] and dir [deg]")
+        raise Refused(
+            "source", Described(f"without {missing}"), "efth over freq [Hz] and dir [deg]"
+        )
     efth = dataset["efth"].squeeze(drop=True)
     if set(efth.dims) != {"freq", "dir"}:
-        raise ValueError(
-            f"efth: dimensions {efth.dims}, allowed (freq, dir); select one time and site first"
-        )
+        raise Refused("efth", efth.dims, "dimensions (freq, dir); select one time and site first")
     efth = efth.transpose("freq", "dir").sortby("freq").sortby("dir")
     freq, direction = (np.asarray(efth[name], dtype=np.float64) for name in ("freq", "dir"))
     variance = efth.values * np.gradient(freq)[:, None] * _direction_width(direction)
@@ -79,11 +81,10 @@ def _loaded(source: str | PathLike[str] | xarray.Dataset) -> xarray.Dataset:
         return dataset.load()
 
 
-def _direction_width(direction: NDArray[np.float64]) -> float:
+def _direction_width(direction: Floats) -> float:
     width = 360.0 / len(direction)
     turn = np.diff(direction, append=direction[0] + 360.0)
     if not np.allclose(turn, width, atol=1e-3 * width):
-        raise ValueError(
-            f"dir: steps of {turn.min():g} to {turn.max():g} deg, allowed equal steps in a circle"
-        )
+        found = Described(f"steps of {turn.min():g} to {turn.max():g} deg")
+        raise Refused("dir", found, "equal steps round the circle")
     return width

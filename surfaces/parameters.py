@@ -1,4 +1,4 @@
-"""Ranges of the physical parameters: one place that functions and models check against."""
+"""Ranges of the physical parameters, shared by functions and models."""
 
 from __future__ import annotations
 
@@ -8,6 +8,10 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field
+
+from meshtrace.errors import Refused
+
+Floats = NDArray[np.float64]
 
 
 class Range(NamedTuple):
@@ -20,14 +24,14 @@ class Range(NamedTuple):
     closed: bool = False
 
     def check(self, value: float) -> float:
-        """Return `value` unchanged, or raise ValueError with what is allowed."""
+        """Return `value` unchanged; raise `Refused` outside of the interval."""
         inside = self.low < value <= self.high or (self.closed and value == self.low)
         if inside and math.isfinite(value):
             return value
-        raise ValueError(f"{self.name}: {value}, allowed {self}")
+        raise Refused(self.name, value, str(self))
 
     def __str__(self) -> str:
-        """Say the interval, as in `0 < wind_speed <= 60 m/s`."""
+        """Return the interval as text, such as `0 < wind_speed <= 60 m/s`."""
         below = "<=" if self.closed else "<"
         above = "<=" if math.isfinite(self.high) else "<"
         return f"{self.low:g} {below} {self.name} {above} {self.high:g} {self.unit}".rstrip()
@@ -50,11 +54,11 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
-def finite_array(name: str, value: ArrayLike, minimum: float = -math.inf) -> NDArray[np.float64]:
-    """Return `value` as float64, refusing what is not finite or lies below `minimum`."""
+def finite_array(name: str, value: ArrayLike, minimum: float = -math.inf) -> Floats:
+    """Return `value` as float64; raise `Refused` if not finite or below `minimum`."""
     array = np.asarray(value, dtype=np.float64)
     wrong = array[~(np.isfinite(array) & (array >= minimum))]
     if wrong.size:
         allowed = Range(name, minimum, closed=minimum > -math.inf)
-        raise ValueError(f"{name}: {wrong[0]}, allowed {allowed}, all finite")
+        raise Refused(name, float(wrong[0]), f"{allowed}, all finite")
     return array

@@ -1,6 +1,6 @@
-"""Directional spreading D(theta) [rad-1]: how wave energy is shared among directions.
+"""Directional spreading D(theta) [rad-1]: the distribution of wave energy over directions.
 
-theta is counted from the down-wind direction. Every function integrates to one over the circle;
+theta is counted from the down-wind direction. Every density integrates to one over the circle;
 `direction_weights` makes the shares on a chosen grid sum to one as well.
 """
 
@@ -8,146 +8,95 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, BeforeValidator, Field
+from numpy.typing import ArrayLike
+from pydantic import BeforeValidator, SerializeAsAny
+
+from meshtrace.registry import Family
 
 from .dispersion import GRAVITY, wavenumber
-from .parameters import WIND_SPEED, Positive, Range, finite_array
+from .parameters import WIND_SPEED, Floats, Positive, Range, finite_array
 from .spectra import elfouhaily_delta
 
 _log_gamma = np.vectorize(math.lgamma, otypes=[np.float64])
 
 
-def ittc(theta: ArrayLike) -> NDArray[np.float64]:
-    """Cosine-squared spreading of the ITTC.
+class Spreading(Family, ABC, frozen=True):
+    """Base of the directional spreadings: a subclass defines the density.
 
-    D = (2 / pi) cos^2(theta), |theta| <= pi / 2
-
-    Parameters
-    ----------
-    theta : array_like
-        Angle from the down-wind direction [rad], |theta| <= pi.
-
-    Returns
-    -------
-    ndarray
-        D [rad-1], shape of `theta`.
-
-    Examples
-    --------
-    >>> ittc([0.0, 2.0]).round(4)
-    array([0.6366, 0.    ])
+    `half_range` is the largest |theta| with energy, pi / 2 or pi [rad].
     """
-    theta = finite_array("theta", theta)
-    return np.where(np.abs(theta) <= 0.5 * math.pi, 2.0 / math.pi * np.cos(theta) ** 2, 0.0)
-
-
-def cos_2s(theta: ArrayLike, s: ArrayLike) -> NDArray[np.float64]:
-    """Cosine-2s spreading of Longuet-Higgins.
-
-    D = 2^(2s-1) Gamma(s+1)^2 / (pi Gamma(2s+1)) cos^2s(theta / 2)
-
-    Parameters
-    ----------
-    theta : array_like
-        Angle from the down-wind direction [rad], |theta| <= pi.
-    s : array_like
-        Exponent, s >= 0; broadcasts with `theta`.
-
-    Returns
-    -------
-    ndarray
-        D [rad-1], broadcast shape.
-
-    Raises
-    ------
-    ValueError
-        If an exponent is negative or an argument not finite.
-
-    References
-    ----------
-    Longuet-Higgins, Cartwright and Smith (1963), in Ocean Wave Spectra, Prentice-Hall.
-
-    Examples
-    --------
-    >>> float(cos_2s(0.0, 0.0)) == 1.0 / (2.0 * math.pi)
-    True
-    """
-    s = finite_array("s", s, 0.0)
-    log_scale = (2.0 * s - 1.0) * math.log(2.0) + 2.0 * _log_gamma(s + 1.0)
-    scale = np.exp(log_scale - _log_gamma(2.0 * s + 1.0)) / math.pi
-    return scale * np.abs(np.cos(0.5 * finite_array("theta", theta))) ** (2.0 * s)
-
-
-def mitsuyasu_exponent(omega: ArrayLike, omega_p: float, wind_speed: float) -> NDArray[np.float64]:
-    """Exponent s of the cosine-2s spreading by Mitsuyasu et al.
-
-    s = s_p (omega / omega_p)^5 below the peak, s_p (omega / omega_p)^-2.5 above,
-    s_p = 11.5 (omega_p U / g)^-2.5
-
-    Parameters
-    ----------
-    omega : array_like
-        Angular frequency [rad s-1], omega > 0.
-    omega_p : float
-        Peak frequency [rad s-1].
-    wind_speed : float
-        Wind speed U at 10 m [m s-1].
-
-    Returns
-    -------
-    ndarray
-        s, shape of `omega`.
-
-    Raises
-    ------
-    ValueError
-        If a parameter is out of range.
-
-    References
-    ----------
-    Mitsuyasu et al. (1975), doi:10.1175/1520-0485(1975)005<0750:OOTDSO>2.0.CO;2.
-    """
-    ratio = finite_array("omega", omega, 0.0) / Range("omega_p", 0.0, unit="rad/s").check(omega_p)
-    s_p = 11.5 * (omega_p * WIND_SPEED.check(wind_speed) / GRAVITY) ** -2.5
-    return s_p * np.minimum(ratio, 1.0) ** 5.0 * np.maximum(ratio, 1.0) ** -2.5
-
-
-class SpreadingModel(BaseModel, ABC, frozen=True, extra="forbid"):
-    """A directional spreading: its density and the half-range where it lives."""
 
     half_range: ClassVar[float] = math.pi
 
     @abstractmethod
     def density(
         self, omega: ArrayLike, theta: ArrayLike, *, omega_p: float, wind_speed: float
-    ) -> NDArray[np.float64]:
-        """Return D [rad-1] at omega [rad s-1] and theta [rad], broadcast together."""
+    ) -> Floats:
+        """Return D [rad-1].
+
+        Parameters
+        ----------
+        omega : array_like
+            Angular frequency [rad s-1].
+        theta : array_like
+            Angle from the down-wind direction [rad], |theta| <= pi; broadcasts with `omega`.
+        omega_p : float
+            Peak frequency of the sea [rad s-1].
+        wind_speed : float
+            Wind speed at 10 m [m s-1].
+
+        Returns
+        -------
+        ndarray
+            Density, broadcast shape.
+
+        Raises
+        ------
+        Refused
+            If an argument is not finite or out of range.
+        """
 
 
-class IttcSpreading(SpreadingModel, frozen=True):
-    """Cosine-squared spreading of the ITTC (the paper's), see `ittc`."""
+class IttcSpreading(Spreading, frozen=True):
+    """Cosine-squared spreading of the ITTC (the paper's), the same at every frequency.
+
+    D = (2 / pi) cos^2(theta), |theta| <= pi / 2
+
+    Examples
+    --------
+    >>> IttcSpreading().density(1.0, [0.0, 2.0], omega_p=1.0, wind_speed=5.0).round(4)
+    array([0.6366, 0.    ])
+    """
 
     half_range: ClassVar[float] = 0.5 * math.pi
     kind: Literal["ittc"] = "ittc"
 
     def density(
         self, omega: ArrayLike, theta: ArrayLike, *, omega_p: float, wind_speed: float
-    ) -> NDArray[np.float64]:
-        """Return D [rad-1]; the same at every frequency."""
-        return ittc(theta) * np.ones_like(finite_array("omega", omega))
+    ) -> Floats:
+        """Return D [rad-1]."""
+        theta = finite_array("theta", theta)
+        inside = np.abs(theta) <= self.half_range
+        cosine = np.where(inside, 2.0 / math.pi * np.cos(theta) ** 2, 0.0)
+        return cosine * np.ones_like(finite_array("omega", omega))
 
 
-class Cos2sSpreading(SpreadingModel, frozen=True):
-    """Cosine-2s spreading with one exponent, see `cos_2s`.
+class Cos2sSpreading(Spreading, frozen=True):
+    """Cosine-2s spreading of Longuet-Higgins with one exponent for all frequencies.
+
+    D = 2^(2s-1) Gamma(s+1)^2 / (pi Gamma(2s+1)) cos^2s(theta / 2)
 
     Parameters
     ----------
     s : float
         Exponent; 10 is a typical wind sea, larger is narrower.
+
+    References
+    ----------
+    Longuet-Higgins, Cartwright and Smith (1963), in Ocean Wave Spectra, Prentice-Hall.
     """
 
     kind: Literal["cos2s"] = "cos2s"
@@ -155,24 +104,40 @@ class Cos2sSpreading(SpreadingModel, frozen=True):
 
     def density(
         self, omega: ArrayLike, theta: ArrayLike, *, omega_p: float, wind_speed: float
-    ) -> NDArray[np.float64]:
-        """Return D [rad-1]; the same at every frequency."""
-        return cos_2s(theta, self.s) * np.ones_like(finite_array("omega", omega))
+    ) -> Floats:
+        """Return D [rad-1]."""
+        return _cos_2s(theta, self.s) * np.ones_like(finite_array("omega", omega))
 
 
-class MitsuyasuSpreading(SpreadingModel, frozen=True):
-    """Cosine-2s spreading that is narrowest at the peak, see `mitsuyasu_exponent`."""
+class MitsuyasuSpreading(Spreading, frozen=True):
+    """Cosine-2s spreading that is narrowest at the peak, with the exponent of Mitsuyasu et al.
+
+    s = s_p (omega / omega_p)^5 below the peak, s_p (omega / omega_p)^-2.5 above,
+    s_p = 11.5 (omega_p U / g)^-2.5
+
+    References
+    ----------
+    Mitsuyasu et al. (1975), doi:10.1175/1520-0485(1975)005<0750:OOTDSO>2.0.CO;2.
+    """
 
     kind: Literal["mitsuyasu"] = "mitsuyasu"
 
     def density(
         self, omega: ArrayLike, theta: ArrayLike, *, omega_p: float, wind_speed: float
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Return D [rad-1]."""
-        return cos_2s(theta, mitsuyasu_exponent(omega, omega_p, wind_speed))
+        return _cos_2s(theta, self.exponent(omega, omega_p, wind_speed))
+
+    @staticmethod
+    def exponent(omega: ArrayLike, omega_p: float, wind_speed: float) -> Floats:
+        """Return s, shape of `omega`; arguments as for `density`."""
+        Range("omega_p", 0.0, unit="rad/s").check(omega_p)
+        ratio = finite_array("omega", omega, 0.0) / omega_p
+        s_p = 11.5 * (omega_p * WIND_SPEED.check(wind_speed) / GRAVITY) ** -2.5
+        return s_p * np.minimum(ratio, 1.0) ** 5.0 * np.maximum(ratio, 1.0) ** -2.5
 
 
-class ElfouhailySpreading(SpreadingModel, frozen=True):
+class ElfouhailySpreading(Spreading, frozen=True):
     """Spreading of the Elfouhaily spectrum, waves travelling down-wind only.
 
     D = (1 / pi) (1 + Delta(k) cos(2 theta)), |theta| <= pi / 2
@@ -189,7 +154,7 @@ class ElfouhailySpreading(SpreadingModel, frozen=True):
 
     def density(
         self, omega: ArrayLike, theta: ArrayLike, *, omega_p: float, wind_speed: float
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Return D [rad-1]."""
         theta = finite_array("theta", theta)
         delta = elfouhaily_delta(wavenumber(omega, capillary=True), wind_speed, omega_p)
@@ -197,20 +162,20 @@ class ElfouhailySpreading(SpreadingModel, frozen=True):
         return np.where(np.abs(theta) <= self.half_range, folded, 0.0)
 
 
-def _from_name(value: Any) -> Any:
-    return {"kind": value} if isinstance(value, str) else value
+AnySpreading = Annotated[SerializeAsAny[Spreading], BeforeValidator(Spreading.read)]
+"""Field type of any spreading: an instance, a kind such as "cos2s", or a table with `kind`."""
 
 
-Spreading = Annotated[
-    IttcSpreading | Cos2sSpreading | MitsuyasuSpreading | ElfouhailySpreading,
-    Field(discriminator="kind"),
-    BeforeValidator(_from_name),
-]
-"""Any of the spreadings, told apart by `kind`; the bare kind stands for its defaults."""
+def _cos_2s(theta: ArrayLike, s: ArrayLike) -> Floats:
+    """Return the cosine-2s density for exponents s >= 0 that broadcast with `theta`."""
+    s = np.asarray(s, dtype=np.float64)
+    log_scale = (2.0 * s - 1.0) * math.log(2.0) + 2.0 * _log_gamma(s + 1.0)
+    scale = np.exp(log_scale - _log_gamma(2.0 * s + 1.0)) / math.pi
+    return scale * np.abs(np.cos(0.5 * finite_array("theta", theta))) ** (2.0 * s)
 
 
-def direction_grid(half_range: float, d_theta: float) -> NDArray[np.float64]:
-    """Directions spaced by `d_theta` and symmetric about the wind.
+def direction_grid(half_range: float, d_theta: float) -> Floats:
+    """Return directions spaced by `d_theta` and symmetric about the wind.
 
     Parameters
     ----------
@@ -226,7 +191,7 @@ def direction_grid(half_range: float, d_theta: float) -> NDArray[np.float64]:
 
     Raises
     ------
-    ValueError
+    Refused
         If `d_theta` is not in (0, half_range].
 
     Examples
@@ -241,19 +206,19 @@ def direction_grid(half_range: float, d_theta: float) -> NDArray[np.float64]:
 
 
 def direction_weights(
-    spreading: SpreadingModel,
+    spreading: Spreading,
     omega: ArrayLike,
-    theta: NDArray[np.float64],
+    theta: Floats,
     d_theta: float,
     *,
     omega_p: float,
     wind_speed: float,
-) -> NDArray[np.float64]:
-    """Shares D(theta_j) d_theta of the energy, made to sum to one at each frequency.
+) -> Floats:
+    """Return the shares D(theta_j) d_theta of the energy, normalised at each frequency.
 
     Parameters
     ----------
-    spreading : SpreadingModel
+    spreading : Spreading
         The spreading.
     omega : array_like, shape (m,)
         Angular frequencies [rad s-1].

@@ -6,13 +6,13 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshtrace.errors import Refused
 from meshtrace.mesh import TriangleMesh
 
 from .dispersion import angular_frequency, wavenumber
-from .parameters import WIND_SPEED, Range
-from .spectra import Elfouhaily, SpectrumModel, elfouhaily_delta
+from .parameters import WIND_SPEED, Floats, Range
+from .spectra import Elfouhaily, Spectrum, elfouhaily_delta
 from .waves import WaveComponents
 
 _LOWEST = 0.05
@@ -23,18 +23,18 @@ _SHORTEST = 5000.0
 
 
 def spectral_moment(
-    spectrum: SpectrumModel,
+    spectrum: Spectrum,
     order: float,
     omega_min: float = 0.0,
     omega_max: float | None = None,
 ) -> float:
-    """Moment of a frequency spectrum.
+    """Return the moment of a frequency spectrum.
 
     m_n = int omega^n S(omega) d omega
 
     Parameters
     ----------
-    spectrum : SpectrumModel
+    spectrum : Spectrum
         The spectrum.
     order : float
         Order n.
@@ -51,7 +51,7 @@ def spectral_moment(
 
     Raises
     ------
-    ValueError
+    Refused
         If the limits are out of order, or missing where the moment diverges.
 
     Examples
@@ -65,8 +65,8 @@ def spectral_moment(
     return float(np.sum(weights * omega**order * spectrum(omega)))
 
 
-def hs(spectrum: SpectrumModel, omega_min: float = 0.0, omega_max: float | None = None) -> float:
-    """Significant wave height Hs = 4 sqrt(m_0) [m] of a spectrum, or of a band of it.
+def hs(spectrum: Spectrum, omega_min: float = 0.0, omega_max: float | None = None) -> float:
+    """Return the significant wave height Hs = 4 sqrt(m_0) [m] of a spectrum, or of a band of it.
 
     Examples
     --------
@@ -78,8 +78,8 @@ def hs(spectrum: SpectrumModel, omega_min: float = 0.0, omega_max: float | None 
     return 4.0 * math.sqrt(spectral_moment(spectrum, 0, omega_min, omega_max))
 
 
-def tp(spectrum: SpectrumModel) -> float:
-    """Peak period Tp = 2 pi / omega_p [s] of a spectrum.
+def tp(spectrum: Spectrum) -> float:
+    """Return the peak period Tp = 2 pi / omega_p [s] of a spectrum.
 
     Examples
     --------
@@ -91,19 +91,19 @@ def tp(spectrum: SpectrumModel) -> float:
 
 
 def mean_square_slope(
-    spectrum: SpectrumModel,
+    spectrum: Spectrum,
     omega_max: float,
     omega_min: float = 0.0,
     depth: float | None = None,
     capillary: bool = False,
 ) -> float:
-    """Mean square slope of the waves in a band.
+    """Return the mean square slope of the waves in a band.
 
     mss = int k(omega)^2 S(omega) d omega
 
     Parameters
     ----------
-    spectrum : SpectrumModel
+    spectrum : Spectrum
         The spectrum.
     omega_max : float
         Upper limit [rad s-1]; the integral grows with it.
@@ -121,7 +121,7 @@ def mean_square_slope(
 
     Raises
     ------
-    ValueError
+    Refused
         If the limits are out of order.
 
     Examples
@@ -136,7 +136,7 @@ def mean_square_slope(
 
 
 def components_hs(waves: WaveComponents) -> float:
-    """Significant wave height 4 sqrt(sum a^2 / 2) [m] of a sum of waves, over all phases.
+    """Return the significant wave height 4 sqrt(sum a^2 / 2) [m] of a wave sum, over all phases.
 
     Examples
     --------
@@ -150,7 +150,7 @@ def components_hs(waves: WaveComponents) -> float:
 def components_slope_variance(
     waves: WaveComponents, wind_direction_deg: float = 0.0
 ) -> tuple[float, float]:
-    """Slope variances along and across the wind of a sum of waves, over all phases.
+    """Return the slope variances along and across the wind of a sum of waves, over all phases.
 
     sigma^2 = sum (a k_along)^2 / 2, and k_across alike
 
@@ -179,7 +179,7 @@ def components_slope_variance(
 
 
 def sampled_hs(mesh: TriangleMesh) -> float:
-    """Significant wave height [m] of one mesh, 4 standard deviations of its elevation.
+    """Return the significant wave height [m] of one mesh, 4 standard deviations of its elevation.
 
     Vertices count by the area around them, so that graded meshes are not biased.
     """
@@ -191,7 +191,7 @@ def sampled_hs(mesh: TriangleMesh) -> float:
 def sampled_slope_variance(
     mesh: TriangleMesh, wind_direction_deg: float = 0.0
 ) -> tuple[float, float]:
-    """Mean square slopes along and across the wind of one mesh, from its vertex normals.
+    """Return the mean square slopes along and across the wind of one mesh, from its vertex normals.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def sampled_slope_variance(
 
 
 def cox_munk(wind_speed: float) -> tuple[float, float]:
-    """Slope variances along and across the wind of a clean sea.
+    """Return the slope variances along and across the wind of a clean sea.
 
     sigma_along^2 = 3.16e-3 U, sigma_across^2 = 0.003 + 1.92e-3 U
 
@@ -229,7 +229,7 @@ def cox_munk(wind_speed: float) -> tuple[float, float]:
 
     Raises
     ------
-    ValueError
+    Refused
         If the wind speed is out of range.
 
     Notes
@@ -254,7 +254,7 @@ def cox_munk(wind_speed: float) -> tuple[float, float]:
 def unresolved_slope_variance(
     target: tuple[float, float], resolved: tuple[float, float]
 ) -> tuple[float, float]:
-    """Slope variances that a surface lacks.
+    """Return the slope variances missing from a surface.
 
     Parameters
     ----------
@@ -270,7 +270,7 @@ def unresolved_slope_variance(
 
     Raises
     ------
-    ValueError
+    Refused
         If a variance is out of range.
 
     Examples
@@ -289,7 +289,7 @@ def unresolved_slope_variance(
 
 
 def elfouhaily_slope_variance(wind_speed: float, fetch: float | None = None) -> tuple[float, float]:
-    """Slope variances along and across the wind of the Elfouhaily spectrum, capillaries included.
+    """Return the slope variances of the Elfouhaily spectrum, capillaries included.
 
     sigma_along^2, sigma_across^2 = int k^2 S(omega) (1 +- Delta(k) / 2) / 2 d omega
 
@@ -307,7 +307,7 @@ def elfouhaily_slope_variance(wind_speed: float, fetch: float | None = None) -> 
 
     Raises
     ------
-    ValueError
+    Refused
         If an argument is out of range.
 
     Notes
@@ -337,7 +337,7 @@ def elfouhaily_slope_variance(wind_speed: float, fetch: float | None = None) -> 
 def meshed_slope_variance(
     waves: WaveComponents, spacing: float, wind_direction_deg: float = 0.0
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Slope variances that a triangle mesh shows of a sum of waves, over all phases and places.
+    """Return the slope variances of a wave sum that a triangle mesh keeps.
 
     Normals interpolated between corners with exact slopes keep, of the variance of a wave k,
 
@@ -363,7 +363,7 @@ def meshed_slope_variance(
 
     Raises
     ------
-    ValueError
+    Refused
         If the spacing or the direction is out of range.
 
     Examples
@@ -391,11 +391,11 @@ def meshed_slope_variance(
 
 
 def _quadrature(
-    spectrum: SpectrumModel, order: float, omega_min: float, omega_max: float | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    spectrum: Spectrum, order: float, omega_min: float, omega_max: float | None
+) -> tuple[Floats, Floats]:
     """Return Gauss-Legendre nodes and weights in log(omega), with a joint at the peak."""
     if omega_max is None and order >= 3:
-        raise ValueError(f"omega_max: None with order {order:g}, allowed a finite limit [rad/s]")
+        raise Refused("omega_max", None, f"a finite limit [rad/s] for order {order:g}")
     peak = spectrum.omega_p
     Range("omega_min", 0.0, unit="rad/s", closed=True).check(omega_min)
     top = _HIGHEST * peak if omega_max is None else omega_max
@@ -413,9 +413,7 @@ def _quadrature(
     return omega, (half * weights).ravel() * omega
 
 
-def _turned(
-    x: NDArray[np.float64], y: NDArray[np.float64], wind_direction_deg: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _turned(x: Floats, y: Floats, wind_direction_deg: float) -> tuple[Floats, Floats]:
     """Return the parts of vectors along and across the wind."""
     Range("wind_direction_deg", unit="deg").check(wind_direction_deg)
     turn = math.radians(wind_direction_deg)
@@ -423,7 +421,7 @@ def _turned(
     return cos * x + sin * y, cos * y - sin * x
 
 
-def _vertex_share(mesh: TriangleMesh) -> NDArray[np.float64]:
+def _vertex_share(mesh: TriangleMesh) -> Floats:
     """Return each vertex's share of the area seen from above, summing to one."""
     a, b, c = (mesh.vertices[mesh.faces[:, i], :2] for i in range(3))
     u, v = b - a, c - a

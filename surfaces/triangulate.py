@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Described, Refused
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 
-from .parameters import Range
+from .parameters import Floats, Range
 
 if TYPE_CHECKING:
     import trimesh
 
-Floats = NDArray[np.float64]
 
 # float32 files (binary STL, PLY) carry positions to 6e-8 of their size.
 _COVERAGE_TOLERANCE = 1e-6
@@ -55,7 +55,7 @@ def triangulate(
 
     Raises
     ------
-    ValueError
+    Refused
         If an axis is not strictly increasing or has fewer than two lines, or a shape is wrong.
 
     Notes
@@ -75,7 +75,7 @@ def triangulate(
     z, sx, sy = (np.asarray(a, dtype=np.float64) for a in (z, sx, sy))
     for name, array in (("z", z), ("sx", sx), ("sy", sy)):
         if array.shape != shape:
-            raise ValueError(f"{name}: shape {array.shape}, allowed {shape} for these axes")
+            raise Refused(name, array.shape, f"the shape {shape} of these axes")
     vertices = _grid_vertices(x_axis, y_axis, z)
     normals = np.empty_like(vertices)
     upward = 1.0 / np.sqrt(1.0 + sx**2 + sy**2)
@@ -86,7 +86,7 @@ def triangulate(
 
 @lru_cache(maxsize=8)
 def grid_faces(nx: int, ny: int) -> NDArray[np.int32]:
-    """Facets of an nx by ny grid, shape (2 (nx - 1)(ny - 1), 3), see `triangulate`.
+    """Return the facets of an nx by ny grid, shape (2 (nx - 1)(ny - 1), 3), see `triangulate`.
 
     The array is shared between meshes of one shape and therefore read-only.
     """
@@ -104,7 +104,7 @@ def from_trimesh(
     source: trimesh.Trimesh | str | PathLike[str] | tuple[ArrayLike, ...],
     extent: float | None = None,
 ) -> TriangleMesh:
-    """Make a mesh of a surface that was built elsewhere.
+    """Return the mesh of a surface from another source.
 
     Parameters
     ----------
@@ -123,21 +123,21 @@ def from_trimesh(
 
     Raises
     ------
-    ValueError
+    Refused
         If the surface is empty, not finite, has facets without area, is closed, has facets that
         do not face up, is not one piece without holes, folds over itself, or does not cover
         the square.
 
     Notes
     -----
-    What is wrong is refused, never mended: a surface that is turned over could as well be
-    one with the wrong axis up. Vertices are merged only if equal in all digits, which joins the
+    Faults are refused, never repaired: a surface that is turned over could as well be one with
+    the wrong axis up. Vertices are merged only if equal in all digits, which joins the
     facets of an STL file and nothing else. The square may stick out by 1e-6 of its size, for
     the sake of files with single precision.
 
     A connected surface of facets that all face up has no fold exactly if its outline, seen from
-    above, does not touch itself. (Comparing the sum of the facets' areas with the area inside
-    the outline cannot tell: by Green's theorem the two agree with folds as well.)
+    above, does not touch itself. (The sum of the facets' areas is no test: by Green's theorem
+    it equals the area inside the outline with folds as well.)
 
     Examples
     --------
@@ -157,7 +157,7 @@ def from_trimesh(
 def _increasing(name: str, axis: ArrayLike) -> Floats:
     axis = np.asarray(axis, dtype=np.float64)
     if axis.ndim != 1 or len(axis) < 2 or not (np.diff(axis) > 0.0).all():
-        raise ValueError(f"{name}: shape {axis.shape}, allowed two or more increasing numbers [m]")
+        raise Refused(name, Described(f"shape {axis.shape}"), "two or more increasing numbers [m]")
     return axis
 
 
@@ -179,24 +179,20 @@ def _read(source: Any) -> tuple[Floats, NDArray[np.int64]]:
         return _read_grid(*source)
     pair = (source.vertices, source.faces) if hasattr(source, "faces") else source
     if not isinstance(pair, tuple | list) or len(pair) != 2:
-        raise ValueError(
-            f"source: {type(source).__name__}, allowed trimesh.Trimesh, a path, "
-            "(vertices, faces) or (x, y, z)"
-        )
+        allowed = "trimesh.Trimesh, a path, (vertices, faces) or (x, y, z)"
+        raise Refused("source", Described(type(source).__name__), allowed)
     vertices = np.array(pair[0], dtype=np.float64)
     faces = np.array(pair[1])
     if vertices.size == 0 or faces.size == 0:
-        raise ValueError("source: empty, allowed a surface of one or more facets")
+        raise Refused("source", Described("empty"), "a surface of one or more facets")
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
-        raise ValueError(
-            f"source: shapes {vertices.shape} and {faces.shape}, allowed (n, 3) and (m, 3)"
-        )
+        found = Described(f"shapes {vertices.shape} and {faces.shape}")
+        raise Refused("source", found, "(n, 3) and (m, 3)")
     if not np.issubdtype(faces.dtype, np.integer):
-        raise ValueError(f"source: faces of type {faces.dtype}, allowed integers")
+        raise Refused("source", Described(f"faces of type {faces.dtype}"), "integers")
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise ValueError(
-            f"source: faces {faces.min()}..{faces.max()}, allowed 0..{len(vertices) - 1}"
-        )
+        found = Described(f"faces {faces.min()}..{faces.max()}")
+        raise Refused("source", found, f"0..{len(vertices) - 1}")
     return vertices, faces.astype(np.int64)
 
 
@@ -204,15 +200,17 @@ def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArra
     x, y, z = (np.asarray(a, dtype=np.float64) for a in (x, y, z))
     if x.ndim == 2:
         if x.shape != z.shape or y.shape != z.shape or z.size == 0:
-            raise ValueError(f"source: shapes {x.shape}, {y.shape}, {z.shape}, allowed equal ones")
+            raise Refused(
+                "source", Described(f"shapes {x.shape}, {y.shape}, {z.shape}"), "equal ones"
+            )
         if np.ptp(x[0]) > 0.0:
             x, y, z = x.T, y.T, z.T
         if (x != x[:, :1]).any() or (y != y[:1]).any():
-            raise ValueError("source: x, y are no grid, allowed the arrays of numpy.meshgrid")
+            raise Refused("source", Described("x, y are no grid"), "the arrays of numpy.meshgrid")
         x, y = x[:, 0], y[0]
     x, y = _increasing("x", x), _increasing("y", y)
     if z.shape != (len(x), len(y)):
-        raise ValueError(f"z: shape {z.shape}, allowed {(len(x), len(y))}")
+        raise Refused("z", z.shape, f"the shape {(len(x), len(y))} of x and y")
     return _grid_vertices(x, y, z), grid_faces(len(x), len(y)).astype(np.int64)
 
 
@@ -221,7 +219,7 @@ def _merged(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray
     used, corner = np.unique(faces, return_inverse=True)
     vertices = vertices[used]
     if not np.isfinite(vertices).all():
-        raise ValueError("source: vertices not all finite, allowed finite coordinates [m]")
+        raise Refused("source", Described("vertices not all finite"), "finite coordinates [m]")
     order = np.lexsort(vertices.T)
     new = np.ones(len(order), dtype=bool)
     new[1:] = (np.diff(vertices[order], axis=0) != 0.0).any(axis=1)
@@ -237,7 +235,7 @@ def _refuse_degenerate(vertices: Floats, faces: NDArray[np.int64]) -> None:
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     count = np.count_nonzero(area <= _SMALLEST_AREA * edge)
     if count:
-        raise ValueError(f"source: {count} of {len(faces)} facets without area, allowed none")
+        raise Refused("source", Described(f"{count} of {len(faces)} facets without area"), "none")
 
 
 def _outline(vertices: Floats, faces: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -247,7 +245,7 @@ def _outline(vertices: Floats, faces: NDArray[np.int64]) -> NDArray[np.int64]:
     backward = edges[:, 1] * len(vertices) + edges[:, 0]
     undirected, uses = np.unique(np.minimum(forward, backward), return_counts=True)
     if (uses > 1).all():
-        raise ValueError("source: closed solid, allowed an open surface")
+        raise Refused("source", Described("closed solid"), "an open surface")
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     cross = np.cross(b - a, c - a)
     up = cross[:, 2] / np.linalg.norm(cross, axis=1)
@@ -262,18 +260,20 @@ def _outline(vertices: Floats, faces: NDArray[np.int64]) -> NDArray[np.int64]:
 def _refuse_count(what: str, wrong: NDArray[np.bool_], total: int) -> None:
     count = np.count_nonzero(wrong)
     if count:
-        raise ValueError(f"source: {count} of {total} {what}, allowed a height field that faces up")
+        raise Refused(
+            "source", Described(f"{count} of {total} {what}"), "a height field that faces up"
+        )
 
 
 def _refuse_many_pieces(n: int, edges: NDArray[np.int64], outline: NDArray[np.int64]) -> None:
     pieces = _component_count(n, edges)
     if pieces > 1:
-        raise ValueError(f"source: {pieces} separate pieces or sheets, allowed one")
+        raise Refused("source", Described(f"{pieces} separate pieces or sheets"), "one")
     if len(np.unique(outline[:, 0])) < len(outline):
-        raise ValueError("source: pieces joined at a single vertex only, allowed one surface")
+        raise Refused("source", Described("pieces joined at a single vertex only"), "one surface")
     holes = _component_count(n, outline) - (n - len(outline)) - 1
     if holes:
-        raise ValueError(f"source: {holes} holes inside the outline, allowed none")
+        raise Refused("source", Described(f"{holes} holes inside the outline"), "none")
 
 
 def _component_count(n: int, edges: NDArray[np.int64]) -> int:
@@ -298,9 +298,10 @@ def _refuse_folds(vertices: Floats, outline: NDArray[np.int64]) -> None:
     i, j = i[apart], j[apart]
     touching = np.count_nonzero(_segments_meet(start[i], end[i], start[j], end[j]))
     if touching:
-        raise ValueError(
-            f"source: outline meets itself {touching} times seen from above (several sheets over "
-            "one point, or a seam of unequal vertices), allowed one sheet"
+        raise Refused(
+            "source",
+            Described(f"outline meets itself {touching} times seen from above"),
+            "one sheet, without several sheets over one point or seams of unequal vertices",
         )
 
 
@@ -330,9 +331,11 @@ def _refuse_uncovered(segments: Floats, extent: float) -> None:
     crosses = np.maximum(enter.max(axis=1), 0.0) < np.minimum(leave.min(axis=1), 1.0)
     if crosses.any() or not _around_origin(start, step):
         low, high = start.min(axis=0), start.max(axis=0)
-        raise ValueError(
-            f"extent: {extent} m, allowed a square |x|, |y| <= extent that the surface covers; it "
-            f"lies in x {low[0]:g}..{high[0]:g} m, y {low[1]:g}..{high[1]:g} m"
+        raise Refused(
+            "extent",
+            Described(f"{extent} m"),
+            "a square |x|, |y| <= extent [m] that the surface covers; it lies in "
+            f"x {low[0]:g}..{high[0]:g} m, y {low[1]:g}..{high[1]:g} m",
         )
 
 

@@ -11,9 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from .parameters import finite_array
-
-Floats = NDArray[np.float64]
+from .parameters import Floats, finite_array
 
 _BLOCK = 2**20
 _GRIDS_KEPT = 4

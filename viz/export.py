@@ -12,7 +12,7 @@ import pyvista as pv
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.mesh import TriangleMesh
-from meshtrace.studies.series import CoverageMap
+from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths, Vertex
 
 if TYPE_CHECKING:

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
-from meshtrace.studies.series import GainSeries, time_series
+from meshtrace.results.series import GainSeries
+from meshtrace.studies.series import time_series
 
 from .plots import plot_gain_series
 from .scenes import scene

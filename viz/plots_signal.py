@@ -19,7 +19,7 @@ from .curves import Curves, Floats, by_name, evaluated, label_of
 from .style import INK, PALETTE, axes, axis_label
 
 if TYPE_CHECKING:
-    from meshtrace.studies.performance.link_performance import LinkPerformance
+    from meshtrace.studies.performance.tables import LinkPerformance
 
 BER_SHOWN = (1e-9, 1.0)
 """Error ratios of the axis; curves run on to their last value that is not 0."""

@@ -13,7 +13,7 @@ import pyvista as pv
 
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.studies.series import GainSeries
+from meshtrace.results.series import GainSeries
 from meshtrace.transport.paths import PhotonPaths
 
 from .export import export_scene

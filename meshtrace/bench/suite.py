@@ -10,8 +10,9 @@ from typing import Any
 
 from meshtrace.bench.engine import analog_rate, figure_of_merit, new_sea
 from meshtrace.bench.scaling import thread_scaling, worker_scaling
-from meshtrace.results.gain import environment
-from meshtrace.scenario import Scenario, ScenarioError
+from meshtrace.errors import Refused
+from meshtrace.results.provenance import environment
+from meshtrace.scenario import Scenario
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.simulate import mesh_for
 
@@ -36,12 +37,12 @@ def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
 
     Raises
     ------
-    ScenarioError
+    Refused
         If the sea is not a random one, or forced detection refuses the link.
     """
     link, sea = scenario.link, scenario.surface
     if not hasattr(sea, "with_seed"):
-        raise ScenarioError(f"sea: {type(sea).__name__}, allowed: a random sea, made anew by seeds")
+        raise Refused("sea", type(sea).__name__, "a random sea, made anew by seeds")
     mesh, _ = mesh_for(link, sea)
     near, _ = mesh_for(link, sea, reach=crossing_reach(link))
     scale = 4 if quick else 1

@@ -8,6 +8,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from meshtrace.errors import Refused
+
 INTERRUPTED = 130
 
 
@@ -46,9 +48,10 @@ def _message(error: Exception) -> str | None:
     """Return what to tell the user, None for an error that is ours."""
     if hasattr(error, "format_message"):  # how typer says that the arguments are wrong
         return str(error.format_message())
-    scenario = sys.modules.get("meshtrace.scenario")
-    if scenario is not None and isinstance(error, scenario.ScenarioError):
+    if isinstance(error, Refused):
         return str(error)
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
     return None
 
 

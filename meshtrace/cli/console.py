@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+
+from meshtrace.errors import Refused
 
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
@@ -29,9 +30,7 @@ def over_seas(seas: int, quiet: bool) -> Iterator[Callable[[int], None]]:
 
 def numbers(option: str, text: str) -> list[float]:
     """Return the numbers of a list "1,2,3" or a range "start:stop:step", its end included."""
-    from meshtrace.scenario import ScenarioError
-
-    wrong = f"{option}: {text!r}, allowed: numbers as in 1,2,3, or start:stop:step"
+    wrong = Refused(option, text, "numbers as in 1,2,3, or start:stop:step")
     try:
         if ":" not in text:
             found = [float(word) for word in text.split(",")]
@@ -39,12 +38,12 @@ def numbers(option: str, text: str) -> list[float]:
             start, stop, step = (float(word) for word in text.split(":"))
             count = math.floor((stop - start) / step + 1e-9) + 1
             if not (step > 0.0 and 1 <= count <= 10**7):
-                raise ScenarioError(wrong)
+                raise wrong
             found = [start + step * i for i in range(count)]
     except (ValueError, ZeroDivisionError, OverflowError) as error:
-        raise ScenarioError(wrong) from error
+        raise wrong from error
     if not all(math.isfinite(value) for value in found):
-        raise ScenarioError(wrong)
+        raise wrong
     return found
 
 
@@ -57,14 +56,6 @@ def scenario_of(link: Path | None, settings: list[str], options: dict[str, str |
     if link is None:
         return Scenario.from_toml("", changes=changes)
     return Scenario.load(link, changes)
-
-
-def refuse_unwritable(output: Path) -> None:
-    """Refuse an output that could not be written, before anything is computed."""
-    from meshtrace.scenario import ScenarioError
-
-    if output.is_dir() or not os.access(output.parent, os.W_OK):
-        raise ScenarioError(f"--output: {str(output)!r}, allowed: a file in a folder to write to")
 
 
 @contextmanager

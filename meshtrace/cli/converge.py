@@ -13,11 +13,12 @@ from meshtrace.cli.console import (
     kernels_are_compiled,
     numbers,
     progress,
-    refuse_unwritable,
     scenario_of,
     warnings_as_lines,
 )
 from meshtrace.cli.options import LinkFile, Output, Seed, Settings, Threads
+from meshtrace.errors import Described, Refused
+from meshtrace.files import atomic, check_writable
 
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
@@ -99,15 +100,15 @@ def converge(
     _refuse_other_options(parameter, options)
     for path in (output, plot):
         if path is not None:
-            refuse_unwritable(path)
+            check_writable(path, [link], "--output" if path is output else "--plot")
     if plot is not None:
         _refuse_undrawable(plot)
     study = _study(scenario, parameter, values, {**options, "photons": photons})
+    typer.echo(study.summary())
     if output is not None:
         study.save(output)
     if plot is not None:
         _draw(study, plot)
-    typer.echo(study.summary())
     for path in (output, plot):
         if path is not None:
             typer.echo(f"\nwritten to {path}")
@@ -115,17 +116,14 @@ def converge(
 
 def _refuse_undrawable(path: Path) -> None:
     """Refuse a picture that could not be drawn, before anything is computed."""
-    from meshtrace.scenario import ScenarioError
-
     try:
         from matplotlib.figure import Figure
     except ModuleNotFoundError as error:
-        raise ScenarioError(
-            f'--plot: {error.name} is missing, pip install "meshtrace[viz]"'
-        ) from error
+        missing = Described(f"{error.name} is missing")
+        raise Refused("--plot", missing, 'pip install "meshtrace[viz]"') from error
     kinds = Figure().canvas.get_supported_filetypes()
     if path.suffix[1:].lower() not in kinds:
-        raise ScenarioError(f"--plot: {str(path)!r}, allowed: a file .{', .'.join(sorted(kinds))}")
+        raise Refused("--plot", str(path), f"a file .{', .'.join(sorted(kinds))}")
 
 
 def _draw(study: ConvergenceStudy, path: Path) -> None:
@@ -133,18 +131,18 @@ def _draw(study: ConvergenceStudy, path: Path) -> None:
     import matplotlib.pyplot as plt
 
     study.plot()
-    plt.savefig(path)
+    with atomic(path) as temporary:
+        plt.savefig(temporary)
     plt.close()
 
 
 def _values(given: dict[str, str]) -> tuple[str, list[float]]:
     """Return what is refined, and its values."""
-    from meshtrace.scenario import ScenarioError
     from meshtrace.studies.convergence import DEFAULT_SPACINGS
 
     if len(given) > 1:
         first, second, *_ = (_LISTS[key] for key in given)
-        raise ScenarioError(f"{second}: {given[list(given)[1]]!r}, allowed: not beside {first}")
+        raise Refused(second, given[list(given)[1]], f"not beside {first}")
     for key, text in given.items():
         return key, numbers(_LISTS[key], text)
     return "spacing", list(DEFAULT_SPACINGS)
@@ -152,12 +150,10 @@ def _values(given: dict[str, str]) -> tuple[str, list[float]]:
 
 def _refuse_other_options(parameter: str, options: dict[str, Any]) -> None:
     """Refuse options of another study than that of a parameter."""
-    from meshtrace.scenario import ScenarioError
-
     belongs = {"placements": "spacing", "realizations": "omega_max", "duration": "time_step"}
     for name, other in belongs.items():
         if name in options and other != parameter:
-            raise ScenarioError(f"--{name}: {options[name]}, allowed: only with {_LISTS[other]}")
+            raise Refused(f"--{name}", options[name], f"only with {_LISTS[other]}")
 
 
 def _study(

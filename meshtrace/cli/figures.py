@@ -9,6 +9,7 @@ import typer
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import warnings_as_lines
+from meshtrace.errors import Described, Refused
 
 
 @app.command()
@@ -39,21 +40,20 @@ def figures(
     """
     from meshtrace.paper.registry import FIGURES, Setting
     from meshtrace.paper.runner import INDEX, make_figures
-    from meshtrace.scenario import ScenarioError
 
     if names:
         typer.echo("\n".join(FIGURES))
         return
     if output.exists() and not output.is_dir():
-        raise ScenarioError(f"--output: {str(output)!r}, allowed: a folder")
+        raise Refused("--output", str(output), "a folder")
     setting = Setting(seed=seed, threads=threads, profiles=tuple(profiles or ()))
     try:
         with warnings_as_lines():
             made = make_figures(output, only, quick=quick, setting=setting, tell=_tell)
     except ImportError as error:  # the viz extra is not there
-        raise ScenarioError(" ".join(str(error).split())) from error
+        raise Refused("", Described(f"{error}"), "the extra packages") from error
     except OSError as error:
-        raise ScenarioError(f"--output: {error}, allowed: a folder to write to") from error
+        raise Refused("--output", error, "a folder to write to") from error
     kept = sum(record["kept"] for record in made)
     typer.echo(f"{len(made) - kept} drawn, {kept} kept; read {output / INDEX}")
 

@@ -8,8 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import COMPILING, kernels_are_compiled, refuse_unwritable
+from meshtrace.cli.console import (
+    COMPILING,
+    kernels_are_compiled,
+    warnings_as_lines,
+)
 from meshtrace.cli.options import Output
+from meshtrace.errors import Described, Refused
+from meshtrace.files import check_writable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,45 +34,55 @@ def sweep(
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="TCP://...", help="Address of a running dask scheduler."),
+        typer.Option(metavar="TCP://...", help="Address or file of a running dask scheduler."),
     ] = None,
     workers: Annotated[
         int | None,
         typer.Option(metavar="N", min=1, max=1024, help="Processes; all cores by default."),
     ] = None,
+    timeout: Annotated[
+        float,
+        typer.Option(metavar="S", min=0.0, help="Seconds to wait for a scheduler and a worker."),
+    ] = 60.0,
     output: Output = None,
 ) -> None:
     """Compute the gain at every combination of some parameters.
 
     Finished points are kept in the store: stopped in any way, the same command goes on where it
-    was. Points that fail are told at the end, with their errors in the store.
+    was. The exit code is 1 if points failed; their errors are in the store.
     """
     if output is not None:
-        refuse_unwritable(output)
-    data, place = _swept(study, store, scheduler, workers)
-    if output is not None:
-        data.to_netcdf(output, engine="h5netcdf")
+        check_writable(output, [study])
+    options = {"scheduler": scheduler, "workers": workers, "timeout": timeout}
+    data, place = _swept(study, store, options)
     typer.echo("\n".join(_rows(data)))
-    _tell_failures(data)
+    if output is not None:
+        from meshtrace.stored import write_dataset
+
+        write_dataset(data, output)
     for path in (place, output):
         if path is not None:
             typer.echo(f"\nwritten to {path}")
+    errors = [text for text in data["error"].values.ravel().tolist() if text]
+    if errors:
+        share = f"{len(errors)} of {data['error'].size} runs failed"
+        typer.echo(f"warning: {share}, the first: {errors[0]}", err=True)
+        raise typer.Exit(1)
 
 
-def _swept(
-    study: Path, store: Path | None, scheduler: str | None, workers: int | None
-) -> tuple[xr.Dataset, Path]:
+def _swept(study: Path, store: Path | None, options: dict[str, Any]) -> tuple[xr.Dataset, Path]:
     """Return the results of a study file and the store that they are in."""
-    from meshtrace.scenario import ScenarioError
     from meshtrace.studies.sweep import store_of, sweep_file
 
     place = store or store_of(study)
     if not kernels_are_compiled("forced"):
         typer.echo(COMPILING, err=True)
     try:
-        return sweep_file(study, store=place, scheduler=scheduler, workers=workers), place
+        with warnings_as_lines():
+            return sweep_file(study, store=place, **options), place
     except ModuleNotFoundError as error:
-        raise ScenarioError(str(error)) from error
+        missing = Described(f"{error.name} is missing")
+        raise Refused("sweep", missing, 'after pip install "meshtrace[batch]"') from error
     except KeyboardInterrupt:
         typer.echo(f"finished points are in {place}: the same command goes on", err=True)
         raise
@@ -99,13 +115,3 @@ def _label(data: xr.Dataset, name: str, i: int) -> str:
     """Return a coordinate as text."""
     value: Any = data[name].values[i] if name in data.coords else i
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _tell_failures(data: xr.Dataset) -> None:
-    """Tell on stderr how many realizations failed, and why the first did."""
-    errors = [text for text in data["error"].values.ravel().tolist() if text]
-    if errors:
-        total = data["error"].size
-        typer.echo(
-            f"warning: {len(errors)} of {total} runs failed, the first: {errors[0]}", err=True
-        )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,14 +19,14 @@ from meshtrace.cli.console import (
     warnings_as_lines,
 )
 from meshtrace.cli.options import Settings
+from meshtrace.errors import Described, Refused
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from meshtrace.link import Link
     from meshtrace.mesh import SurfaceModel, TriangleMesh
+    from meshtrace.results.coverage import CoverageMap
+    from meshtrace.results.series import GainSeries
     from meshtrace.scenario import Scenario
-    from meshtrace.studies.series import CoverageMap, GainSeries
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 
@@ -142,49 +141,40 @@ def view(
 
 def _refuse_numbers(positive: dict[str, float | None], time: float | None) -> None:
     """Refuse what typer takes for a number and no picture can use."""
-    from meshtrace.scenario import ScenarioError
-
     for option, value in positive.items():
         if value is not None and not 0.0 < value < math.inf:
-            raise ScenarioError(f"{option}: {value:g}, allowed: numbers > 0")
+            raise Refused(option, Described(f"{value:g}"), "numbers > 0")
     if time is not None and not math.isfinite(time):
-        raise ScenarioError(f"--time: {time:g}, allowed: finite numbers [s]")
+        raise Refused("--time", Described(f"{time:g}"), "finite numbers [s]")
 
 
 @contextmanager
 def _refusals() -> Iterator[None]:
     """Turn what viz refuses, and what it lacks, into one line for the user."""
-    from meshtrace.scenario import ScenarioError
-
     try:
         yield
     except ImportError as error:
-        raise ScenarioError(" ".join(str(error).split())) from error
-    except ValueError as error:
-        text = " ".join(str(error).split())
-        if ", allowed" not in text:
-            raise
-        raise ScenarioError(text) from error
+        raise Refused("", Described(f"{error}"), "the extra packages") from error
 
 
 def _subject(file: Path | None, settings: list[str]) -> Subject:
     """Return what a file holds."""
-    from meshtrace.scenario import MeshFile, ScenarioError
+    from meshtrace.scenario import MeshFile
 
     suffix = ".toml" if file is None else file.suffix.lower()
     if suffix == ".toml":
         return _of_scenario(scenario_of(file, settings, {}))
     assert file is not None
     if settings:
-        raise ScenarioError(f"--set: {settings[0]!r}, allowed: with a link file")
+        raise Refused("--set", settings[0], "with a link file")
     if not file.is_file():
-        raise ScenarioError(f"{file}: no such file, allowed: a link file, result or mesh")
+        raise Refused(str(file), Described("no such file"), "a link file, result or mesh")
     if suffix == ".nc":
         return _of_result(file)
     if suffix in MESH_SUFFIXES:
         return Subject(MeshFile(file=str(file)).load())
     kinds = ", ".join((".toml", ".nc", *MESH_SUFFIXES))
-    raise ScenarioError(f"{file}: {file.suffix!r}, allowed: a file name in {kinds}")
+    raise Refused(str(file), file.suffix, f"a file name in {kinds}")
 
 
 def _of_scenario(scenario: Scenario) -> Subject:
@@ -197,41 +187,20 @@ def _of_scenario(scenario: Scenario) -> Subject:
 
 def _of_result(file: Path) -> Subject:
     """Return what a result file was made of, with its map or its gain over time."""
-    from meshtrace.results.gain import FORMAT_VERSION
-    from meshtrace.scenario import Scenario, ScenarioError
-    from meshtrace.studies.series import CoverageMap, GainSeries
+    from meshtrace.results import load
+    from meshtrace.results.coverage import CoverageMap
+    from meshtrace.results.series import GainSeries
+    from meshtrace.scenario import Scenario
 
-    data = _dataset(file)
-    kinds = ("gain", "series", "coverage", "performance", "depth-sweep")
-    kind, version = data.attrs.get("kind"), data.attrs.get("format_version")
-    if kind not in kinds or version != FORMAT_VERSION:
-        raise ScenarioError(
-            f"{file}: kind and format_version {kind!r}, {version}, allowed: "
-            f"{', '.join(kinds)} of version {FORMAT_VERSION}"
-        )
-    origin: Any = json.loads(data.attrs["provenance"])
+    result = load(file)
+    origin: Any = result.provenance
     if isinstance(origin, list):  # of several winds: the first
         origin = origin[0]
+    if "link" not in origin:
+        raise Refused(str(file), result.kind, "a result of a link over a sea")
     subject = _of_scenario(Scenario.from_provenance(origin))
-    if kind == "coverage":
-        x, y, mean, stderr = (data[n].to_numpy() for n in ("x", "y", "gain", "gain_stderr"))
-        coverage = CoverageMap(x, y, mean, stderr, origin)
-        return subject._replace(coverage=coverage, time=float(origin["times"][0]))
-    if kind == "series":
-        gain = GainSeries.load(file)
-        if gain.along == "time":
-            return subject._replace(gain=gain, time=float(gain.time[0]))
+    if isinstance(result, CoverageMap):
+        return subject._replace(coverage=result, time=float(origin["times"][0]))
+    if isinstance(result, GainSeries) and result.along == "time":
+        return subject._replace(gain=result, time=float(result.time[0]))
     return subject
-
-
-def _dataset(file: Path) -> xr.Dataset:
-    import xarray as xr
-
-    from meshtrace.scenario import ScenarioError
-
-    try:
-        with xr.open_dataset(file, engine="h5netcdf", decode_timedelta=False) as opened:
-            return opened.load()
-    except (OSError, ValueError) as error:
-        text = " ".join(str(error).split())
-        raise ScenarioError(f"{file}: {text}, allowed: a result in netCDF") from error

@@ -1,4 +1,4 @@
-"""From channel gains to link performance: budget, average error rate, outage, capacity, range.
+"""From channel gains to link performance: budget, average error rate, outage, range.
 
 Gains come as a number, an array over depth or time, or an ensemble of realizations; the tilt factor
 h_alpha joins as an array of the same shape (or 1 where the gains already contain the tilt).
@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace import fading
-from meshtrace.comms.decisions import non_negative, soft_information
+from meshtrace.comms.decisions import non_negative
 from meshtrace.comms.ook import OokLink
+from meshtrace.errors import Refused, require_whole
 from meshtrace.fading import Estimate
 
 FloatArray = NDArray[np.float64]
@@ -44,20 +45,6 @@ class LinkBudget(NamedTuple):
     required_dbm: float
     margin_optical_db: FloatArray
     margin_electrical_db: FloatArray
-
-
-class Capacity(NamedTuple):
-    """Rates over a fading channel [bit s-1].
-
-    `hard` and `soft` are averages over the ensemble (ergodic: a code must span the fades), after
-    hard decisions and from full counts without intersymbol interference; `hard_outage` is the rate
-    that all but the stated share of the realizations carry, the figure for codes shorter than a
-    wave's fade.
-    """
-
-    hard: float
-    soft: float
-    hard_outage: float
 
 
 def _db(ratio: ArrayLike) -> FloatArray:
@@ -110,7 +97,7 @@ def link_budget(link: OokLink, gain: ArrayLike, ber: float, h_alpha: ArrayLike =
 
 
 def required_gain(link: OokLink, ber: float) -> float:
-    """Channel gain that a link needs for a bit error rate; infinite if none suffices.
+    """Return the channel gain that a link needs for a bit error rate; infinite if none suffices.
 
     Parameters
     ----------
@@ -123,7 +110,7 @@ def required_gain(link: OokLink, ber: float) -> float:
 
 
 def ber_of_gains(link: OokLink, gain: FloatArray) -> FloatArray:
-    """Bit error rate of many gains, interpolated where that is worth it.
+    """Return the bit error rate of many gains, interpolated where that is worth it.
 
     Parameters
     ----------
@@ -169,7 +156,7 @@ def average_ber(
     n_effective: float | None = None,
     confidence: float = 0.95,
     resamples: int = 1000,
-    seed: int = 0,
+    seed: int = 1,
 ) -> Estimate:
     """Average the bit error rate over fading, BER = E[BER(P h)].
 
@@ -197,7 +184,7 @@ def average_ber(
 
     Raises
     ------
-    ValueError
+    Refused
         If a value is out of range.
 
     Notes
@@ -208,16 +195,17 @@ def average_ber(
     g = np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
     n = float(g.size) if n_effective is None else n_effective
     if not 1.0 <= n <= g.size:
-        raise ValueError(f"n_effective: {n_effective}, allowed 1 <= n_effective <= {g.size}")
-    if not 0.0 < confidence < 1.0 or resamples < 1:
-        raise ValueError("confidence, resamples: allowed 0 < confidence < 1 and resamples >= 1")
+        raise Refused("n_effective", n_effective, f"1 <= n_effective <= {g.size}")
+    if not 0.0 < confidence < 1.0:
+        raise Refused("confidence", confidence, "0 < confidence < 1")
+    require_whole(resamples, 1, 10**7, "resamples")
     return bootstrapped_mean(ber_of_gains(link, g), n, confidence, resamples, seed)
 
 
 def bootstrapped_mean(
     ber: FloatArray, n_effective: float, confidence: float, resamples: int, seed: int
 ) -> Estimate:
-    """Mean of bit error rates with a percentile bootstrap of its logarithm.
+    """Return the mean of bit error rates with a percentile bootstrap of its logarithm.
 
     Parameters
     ----------
@@ -234,6 +222,7 @@ def bootstrapped_mean(
     if mean == 0.0:
         return Estimate(mean, 0.0, 0.0)
     rng = np.random.default_rng(seed)
+    # scipy.stats.bootstrap refuses a single value and a single replicate
     means = [ber[rng.integers(0, ber.size, ber.size)].mean() for _ in range(resamples)]
     limits = np.quantile(means, [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence])
     low, high = mean * (limits / mean) ** math.sqrt(ber.size / n_effective)
@@ -249,7 +238,7 @@ def outage(
     n_effective: float | None = None,
     confidence: float = 0.95,
 ) -> Estimate:
-    """Probability that the link misses a bit error rate, P(g h_alpha < g_req).
+    """Return the probability that the link misses a bit error rate, P(g h_alpha < g_req).
 
     Parameters
     ----------
@@ -278,112 +267,8 @@ def outage(
     )
 
 
-def hard_information(ber: ArrayLike) -> FloatArray:
-    """Capacity of a binary symmetric channel, 1 - H2(BER) [bit per use].
-
-    Parameters
-    ----------
-    ber : array_like
-        Bit error rate, 0 <= ber <= 1, any shape.
-
-    Examples
-    --------
-    >>> round(float(hard_information(1e-3)), 6)
-    0.988592
-    """
-    from scipy.special import entr
-
-    p = non_negative("ber", ber)
-    return 1.0 - (entr(p) + entr(1.0 - p)) / math.log(2.0)
-
-
-def capacity(
-    link: OokLink, gain: ArrayLike, h_alpha: ArrayLike = 1.0, outage: float = 0.01
-) -> Capacity:
-    """Rates that on-off keying at the link's bit rate carries over an ensemble of gains.
-
-    Parameters
-    ----------
-    link : OokLink
-        Transmitter and receiver.
-    gain : array_like
-        Gains (n,) [1].
-    h_alpha : array_like
-        Tilt factor [1], broadcast against `gain`.
-    outage : float
-        Share of the realizations that `hard_outage` gives up, 0 <= outage < 1.
-
-    Returns
-    -------
-    Capacity
-        Hard-decision and soft ergodic rates, hard-decision outage rate [bit s-1].
-
-    Raises
-    ------
-    ValueError
-        If a value is out of range.
-    """
-    if not 0.0 <= outage < 1.0:
-        raise ValueError(f"outage: {outage}, allowed 0 <= outage < 1")
-    g = np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
-    counts = (level * link.bit_time for level in link.levels(link.received_power(g)))
-    pairs = zip(*counts, strict=True)
-    soft = np.array([soft_information(float(a), float(b), link.sipm.branching) for a, b in pairs])
-    # full counts bound every decision; Gaussian models break that below a count or so in a one
-    hard = np.minimum(hard_information(ber_of_gains(link, g)), soft)
-    carried = float(np.quantile(hard, outage, method="lower"))
-    rate = link.bit_rate
-    return Capacity(rate * float(hard.mean()), rate * float(soft.mean()), rate * carried)
-
-
-def wyner_capacity(peak_rate: float, dark_rate: float, mean_share: float = 1.0) -> float:
-    """Capacity of the photon channel under peak and mean power, any modulation [bit s-1].
-
-    C = A [q (1+s) ln(1+s) + (1-q) s ln s - (q+s) ln(q+s)] / ln 2,  s = dark / A,
-    q = min(mean share, (1+s)^(1+s) / (s^s e) - s)
-
-    Parameters
-    ----------
-    peak_rate : float
-        Signal counts at peak power A [s-1], > 0.
-    dark_rate : float
-        Dark and background counts [s-1], >= 0.
-    mean_share : float
-        Largest mean power over peak power, 0 < mean_share <= 1.
-
-    Returns
-    -------
-    float
-        Capacity [bit s-1].
-
-    Raises
-    ------
-    ValueError
-        If a value is out of range.
-
-    References
-    ----------
-    Wyner (1988), IEEE Trans. Inf. Theory 34, 1449, doi:10.1109/18.21284.
-
-    Examples
-    --------
-    >>> round(wyner_capacity(1.0, 0.1) * math.log(2.0), 6)
-    0.250556
-    """
-    if not (0.0 < peak_rate < math.inf and 0.0 <= dark_rate < math.inf):
-        raise ValueError("peak_rate, dark_rate: allowed 0 < peak_rate and 0 <= dark_rate, finite")
-    if not 0.0 < mean_share <= 1.0:
-        raise ValueError(f"mean_share: {mean_share}, allowed 0 < mean_share <= 1")
-    s = dark_rate / peak_rate
-    s_log_s = s * math.log(s) if s > 0.0 else 0.0
-    best = math.exp((1.0 + s) * math.log1p(s) - s_log_s - 1.0) - s
-    q = min(mean_share, best)
-    nats = q * (1.0 + s) * math.log1p(s) + (1.0 - q) * s_log_s - (q + s) * math.log(q + s)
-    return peak_rate * nats / math.log(2.0)
-
-
 def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
-    """Largest depth at which a curve over depth crosses a limit.
+    """Return the largest depth at which a curve over depth crosses a limit.
 
     Monotone cubic (PCHIP) interpolation of ln(value) over depth.
 
@@ -403,7 +288,7 @@ def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
 
     Raises
     ------
-    ValueError
+    Refused
         If the arrays do not fit, a value is not positive, or the curve does not cross the limit.
 
     Examples
@@ -414,23 +299,23 @@ def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
     from scipy.interpolate import PchipInterpolator
 
     d, v = np.asarray(depth, dtype=float), np.asarray(value, dtype=float)
-    if d.ndim != 1 or d.size < 2 or v.shape != d.shape or not np.all(np.diff(d) > 0.0):
-        raise ValueError("depth, value: allowed two arrays (n,), n >= 2, depth strictly rising")
-    if not (np.all(np.isfinite(d) & np.isfinite(v) & (v > 0.0)) and 0.0 < limit < math.inf):
-        raise ValueError("depth, value, limit: allowed finite depths, values and limit > 0")
+    if d.ndim != 1 or d.size < 2 or not np.all(np.isfinite(d)) or not np.all(np.diff(d) > 0.0):
+        raise Refused("depth", depth, "two or more depths (n,), strictly rising")
+    if v.shape != d.shape or not np.all(np.isfinite(v) & (v > 0.0)):
+        raise Refused("value", value, "a finite value > 0 for each depth")
+    if not 0.0 < limit < math.inf:
+        raise Refused("limit", limit, "finite, > 0")
     curve = PchipInterpolator(d, np.log(v) - math.log(limit))
     crossings = curve.roots(discontinuity=False, extrapolate=False)
     crossings = crossings[np.isfinite(crossings)]
     if crossings.size == 0:
-        raise ValueError(
-            f"limit: {limit:g}, allowed {v.min():g} <= limit <= {v.max():g} as found between "
-            f"{d[0]:g} m and {d[-1]:g} m"
-        )
+        between = f"as found between {d[0]:g} m and {d[-1]:g} m"
+        raise Refused("limit", limit, f"{v.min():g} <= limit <= {v.max():g} {between}")
     return float(crossings.max())
 
 
 def range_at_ber(link: OokLink, depth: ArrayLike, gain: ArrayLike, ber: float) -> float:
-    """Depth down to which a link without fading reaches a bit error rate.
+    """Return the depth down to which a link without fading reaches a bit error rate.
 
     Parameters
     ----------
@@ -450,7 +335,7 @@ def range_at_ber(link: OokLink, depth: ArrayLike, gain: ArrayLike, ber: float) -
 
     Raises
     ------
-    ValueError
+    Refused
         If the table of depths does not contain the range.
 
     Notes

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Refused
+
 FloatArray = NDArray[np.float64]
 
 
@@ -19,10 +21,10 @@ class Decision(NamedTuple):
 
 
 def non_negative(name: str, value: ArrayLike) -> FloatArray:
-    """Return `value` as an array of finite numbers >= 0, or raise a ValueError that names it."""
+    """Return `value` as an array of finite numbers >= 0, or refuse it by name."""
     array = np.asarray(value, dtype=float)
     if not np.all(np.isfinite(array) & (array >= 0.0)):
-        raise ValueError(f"{name}: {value!r}, allowed finite numbers >= 0")
+        raise Refused(name, value, "finite numbers >= 0")
     return array
 
 
@@ -173,7 +175,7 @@ def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float)
     """
     n0, n1 = np.broadcast_arrays(non_negative("n0", n0), non_negative("n1", n1))
     if np.any(n0 > n1) or not 0.0 <= branching < 1.0:
-        raise ValueError("n0, n1, branching: allowed n0 <= n1 and 0 <= branching < 1")
+        raise Refused("n0, n1, branching", (n0, n1, branching), "n0 <= n1, 0 <= branching < 1")
 
     flat = [
         _count_decision(float(a), float(b), branching)

@@ -7,17 +7,16 @@ import math
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
+from scipy import constants
 
-PLANCK = 6.62607015e-34  # [J s]
-LIGHT_SPEED = 299792458.0  # [m s-1], in vacuum
-BOLTZMANN = 1.380649e-23  # [J K-1]
-ELEMENTARY_CHARGE = 1.602176634e-19  # [C]
+from meshtrace.errors import Refused
+from meshtrace.models import Model
 
 FloatArray = NDArray[np.float64]
 
 
 def photon_energy(wavelength: float) -> float:
-    """Energy of a photon, E = h c / lambda.
+    """Return the energy of a photon, E = h c / lambda.
 
     Parameters
     ----------
@@ -31,7 +30,7 @@ def photon_energy(wavelength: float) -> float:
 
     Raises
     ------
-    ValueError
+    Refused
         If the wavelength is not between 100 nm and 10 um.
 
     Examples
@@ -40,11 +39,11 @@ def photon_energy(wavelength: float) -> float:
     4.226480547e-19
     """
     if not 1e-7 <= wavelength <= 1e-5:
-        raise ValueError(f"wavelength: {wavelength}, allowed 1e-7 <= wavelength <= 1e-5 m")
-    return PLANCK * LIGHT_SPEED / wavelength
+        raise Refused("wavelength", wavelength, "1e-7 <= wavelength <= 1e-5 m")
+    return constants.h * constants.c / wavelength
 
 
-class SiPM(pydantic.BaseModel, frozen=True, extra="forbid"):
+class SiPM(Model, frozen=True):
     """Silicon photomultiplier with crosstalk, afterpulses, dark counts and dead time.
 
     Every primary avalanche starts a Poisson number of secondary ones of mean
@@ -108,7 +107,7 @@ class SiPM(pydantic.BaseModel, frozen=True, extra="forbid"):
         return 1.0 / (2.0 * math.pi * self.bandwidth)
 
     def count_rate(self, power: ArrayLike, wavelength: float) -> FloatArray:
-        """Primary counts per second under light, PDE P / E_ph, before saturation.
+        """Return the primary counts per second under light, PDE P / E_ph, before saturation.
 
         Parameters
         ----------
@@ -135,7 +134,7 @@ class SiPM(pydantic.BaseModel, frozen=True, extra="forbid"):
         return r / (1.0 + r * self.recovery_time / self.n_spads)
 
     def fired_cells(self, photons: ArrayLike) -> FloatArray:
-        """Mean number of cells fired by a flash shorter than the dead time.
+        """Return the mean number of cells fired by a flash shorter than the dead time.
 
         N_fired = N (1 - exp(-PDE n_ph / N))
 
@@ -148,12 +147,12 @@ class SiPM(pydantic.BaseModel, frozen=True, extra="forbid"):
         return -n * np.expm1(-self.pde * np.asarray(photons, dtype=float) / n)
 
     def bias_current(self, rate: ArrayLike) -> FloatArray:
-        """Mean current through the device [A], G e F r, with r the primary counts [s-1]."""
-        current = self.gain * ELEMENTARY_CHARGE * self.excess_noise_factor
+        """Return the mean current [A] of primary counts r [s-1], G e F r."""
+        current = self.gain * constants.e * self.excess_noise_factor
         return current * self.saturated_rate(rate)
 
     def nep_paper(self, wavelength: float) -> float:
-        """Noise-equivalent power as the paper prints it.
+        """Return the noise-equivalent power as the paper prints it.
 
         NEP = E_ph F sqrt(f_c) / PDE (1 + sqrt(1 + 2 DCR / f_c))
 
@@ -183,7 +182,7 @@ class SiPM(pydantic.BaseModel, frozen=True, extra="forbid"):
         return photon_energy(wavelength) * scale * root
 
     def noise_power_paper(self, wavelength: float, noise_bandwidth: float) -> float:
-        """Equivalent optical noise power of the paper, P_n = NEP sqrt(B) [W].
+        """Return the equivalent optical noise power of the paper, P_n = NEP sqrt(B) [W].
 
         Parameters
         ----------
@@ -199,7 +198,7 @@ class SiPM(pydantic.BaseModel, frozen=True, extra="forbid"):
         return self.nep_paper(wavelength) * math.sqrt(noise_bandwidth)
 
     def p_min(self, wavelength: float, noise_bandwidth: float) -> float:
-        """Optical power whose SNR is 1 in a bandwidth B.
+        """Return the optical power whose SNR is 1 in a bandwidth B.
 
         P_min = E_ph F B / PDE (1 + sqrt(1 + 2 DCR / (F B))),
         from PDE n_ph / sqrt(2 B F (PDE n_ph + DCR)) = 1
@@ -218,11 +217,11 @@ class SiPM(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ValueError
+        Refused
             If the bandwidth is not positive.
         """
         if not 0.0 < noise_bandwidth < math.inf:
-            raise ValueError(f"noise_bandwidth: {noise_bandwidth}, allowed > 0 Hz")
+            raise Refused("noise_bandwidth", noise_bandwidth, "> 0 Hz")
         fb = self.excess_noise_factor * noise_bandwidth
         root = 1.0 + math.sqrt(1.0 + 2.0 * self.dark_count_rate / fb)
         return photon_energy(wavelength) * fb / self.pde * root
@@ -232,7 +231,7 @@ SIPMS: dict[str, SiPM] = {"onsemi-microfj-30020": SiPM()}
 """Devices by name."""
 
 
-class Tia(pydantic.BaseModel, frozen=True, extra="forbid"):
+class Tia(Model, frozen=True):
     """Transimpedance amplifier behind the SiPM.
 
     Parameters
@@ -252,18 +251,18 @@ class Tia(pydantic.BaseModel, frozen=True, extra="forbid"):
     temperature: float = pydantic.Field(default=300.0, gt=0.0, allow_inf_nan=False)
 
     def thermal_noise(self, gain: float) -> float:
-        """One-sided thermal noise in count units, S = 4 k T / R / (G e)^2 [s-2 Hz-1].
+        """Return the one-sided thermal noise in count units, S = 4 k T / R / (G e)^2 [s-2 Hz-1].
 
         Parameters
         ----------
         gain : float
             Charge per count G [electrons].
         """
-        current = 4.0 * BOLTZMANN * self.temperature / self.resistance
-        return current / (gain * ELEMENTARY_CHARGE) ** 2
+        current = 4.0 * constants.k * self.temperature / self.resistance
+        return current / (gain * constants.e) ** 2
 
 
-class LedDriver(pydantic.BaseModel, frozen=True, extra="forbid"):
+class LedDriver(Model, frozen=True):
     """On-off keyed LED.
 
     Parameters
@@ -297,7 +296,7 @@ class LedDriver(pydantic.BaseModel, frozen=True, extra="forbid"):
         return 1.0 / (2.0 * math.pi * self.bandwidth)
 
     def levels(self, value: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Levels of a zero and a one for a power or count rate in the sense of `power`.
+        """Return the levels of a zero and a one for a power or count rate in the sense of `power`.
 
         x1 = 2 x / (1 + xi), or x if `power_is_peak`;  x0 = xi x1
 
@@ -316,10 +315,10 @@ class LedDriver(pydantic.BaseModel, frozen=True, extra="forbid"):
         return self.extinction_ratio * one, one
 
 
-class OpticalFrontEnd(pydantic.BaseModel, frozen=True, extra="forbid"):
+class OpticalFrontEnd(Model, frozen=True):
     """Lens or concentrator, and filter, in front of the SiPM.
 
-    eta = min(1, A_SiPM n^2 / (A_lens sin^2(fov / 2)))
+    eta = min(1, A_SiPM n^2 / (A_lens n_medium^2 sin^2(fov / 2)))
 
     Parameters
     ----------
@@ -329,6 +328,8 @@ class OpticalFrontEnd(pydantic.BaseModel, frozen=True, extra="forbid"):
         Full field of view [deg].
     concentrator_index : float
         Refractive index n around the detector [1].
+    medium_index : float
+        Refractive index n_medium in front of the aperture [1]: 1 in air, some 1.34 under water.
     etendue_limited : bool
         Whether the concentration is held to what the conservation of etendue allows.
     filter_transmission : float
@@ -355,18 +356,19 @@ class OpticalFrontEnd(pydantic.BaseModel, frozen=True, extra="forbid"):
     radius: float = pydantic.Field(default=0.05, gt=0.0, allow_inf_nan=False)
     fov_deg: float = pydantic.Field(default=60.0, gt=0.0, le=180.0, allow_inf_nan=False)
     concentrator_index: float = pydantic.Field(default=1.5, ge=1.0, le=4.0, allow_inf_nan=False)
+    medium_index: float = pydantic.Field(default=1.0, ge=1.0, le=2.0, allow_inf_nan=False)
     etendue_limited: bool = True
     filter_transmission: float = pydantic.Field(default=1.0, gt=0.0, le=1.0, allow_inf_nan=False)
     filter_width_nm: float = pydantic.Field(default=10.0, gt=0.0, allow_inf_nan=False)
 
     @property
     def _acceptance(self) -> float:
-        """Etendue of the entrance aperture [m2 sr]."""
+        """Area times projected solid angle of the entrance aperture [m2 sr]."""
         half_angle = math.radians(0.5 * self.fov_deg)
         return math.pi * math.pi * self.radius**2 * math.sin(half_angle) ** 2
 
     def concentration_efficiency(self, detector_area: float) -> float:
-        """Share of the light in the aperture and field of view that can reach the detector.
+        """Return the share of the accepted light that can reach the detector.
 
         Parameters
         ----------
@@ -375,15 +377,16 @@ class OpticalFrontEnd(pydantic.BaseModel, frozen=True, extra="forbid"):
         """
         if not self.etendue_limited:
             return 1.0
-        limit = math.pi * detector_area * self.concentrator_index**2
+        index = self.concentrator_index / self.medium_index
+        limit = math.pi * detector_area * index**2
         return min(1.0, limit / self._acceptance)
 
     def efficiency(self, detector_area: float) -> float:
-        """Concentration efficiency times filter transmission."""
+        """Return the concentration efficiency times filter transmission."""
         return self.concentration_efficiency(detector_area) * self.filter_transmission
 
     def background_power(self, radiance_per_nm: float, detector_area: float) -> float:
-        """Background light on the detector, P_b = L dlambda T G.
+        """Return the background light on the detector, P_b = L dlambda T G.
 
         Parameters
         ----------
@@ -400,10 +403,10 @@ class OpticalFrontEnd(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ValueError
+        Refused
             If the radiance is negative or not finite.
         """
         if not 0.0 <= radiance_per_nm < math.inf:
-            raise ValueError(f"radiance_per_nm: {radiance_per_nm}, allowed >= 0 W m-2 nm-1 sr-1")
+            raise Refused("radiance_per_nm", radiance_per_nm, ">= 0 W m-2 nm-1 sr-1")
         etendue = self._acceptance * self.efficiency(detector_area)
         return radiance_per_nm * self.filter_width_nm * etendue

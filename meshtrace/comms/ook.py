@@ -1,7 +1,7 @@
 """On-off keying over a SiPM: from optical power on the device to bit errors.
 
 `OokLink` joins the LED, the optics, the SiPM and the amplifier at one bit rate. `OokLink.ber` maps
-optical power to the bit error rate under one of six models of the receiver.
+optical power to the bit error rate under a receiver model (`meshtrace.comms.receivers`).
 """
 
 from __future__ import annotations
@@ -9,32 +9,28 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.comms.compound_poisson import compound_poisson_decision
-from meshtrace.comms.decisions import (
-    Decision,
-    gaussian_decision,
-    generalized_poisson_decision,
-    non_negative,
-    pattern_decision,
-)
+from meshtrace.comms.decisions import non_negative, pattern_decision
 from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia
 from meshtrace.comms.pulses import Eye, PulseFilters
+from meshtrace.comms.receivers import ReceiverModel
+from meshtrace.errors import Refused
+from meshtrace.link import Link, WaterAperture
+from meshtrace.models import Model
 
 FloatArray = NDArray[np.float64]
-Model = Literal["W", "A", "CP", "PC", "G0", "GP"]
+Preset = Literal["physical", "paper", "paper-ranges"]
 
 _BLOCK = 256
 _NEGLIGIBLE_CURSOR = 1e-9
-_DESIGN_BER = 1e-3
 
 
-class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
+class OokLink(Model, frozen=True):
     """NRZ on-off keying from an LED to a SiPM with one fixed decision threshold.
 
     Parameters
@@ -49,8 +45,8 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
         Amplifier.
     optics : OpticalFrontEnd
         Lens, field of view and filter.
-    model : {"W", "A", "CP", "PC", "G0", "GP"}
-        How bits are decided.
+    model : {"W", "A", "CP", "PC", "G0", "GP"} or ReceiverModel
+        Receiver model, by its kind or as an object.
 
         * W: output averaged over a window that ends with the bit; Campbell shot noise; bit
           patterns. The default.
@@ -59,6 +55,7 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
         * PC: sampled mean, noise of the pattern's mean in B = min(R_b / 2, pi / 2 f_c).
         * G0: no intersymbol interference, Gaussian noise in B = R_b / 2.
         * GP: no intersymbol interference, exact generalized Poisson counts per bit.
+        * Any subclass of `ReceiverModel`.
     background_rate : float
         Primary counts from background light [s-1].
     saturation : bool
@@ -110,7 +107,7 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
     sipm: SiPM = SiPM()
     tia: Tia = Tia()
     optics: OpticalFrontEnd = OpticalFrontEnd()
-    model: Model = "W"
+    model: str | pydantic.SerializeAsAny[ReceiverModel] = "W"
     background_rate: float = pydantic.Field(default=0.0, ge=0.0, allow_inf_nan=False)
     saturation: bool = True
     memory: int = pydantic.Field(default=8, ge=1, le=12)
@@ -118,15 +115,21 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
     equalizer: Literal["none", "dfe"] = "none"
     calibration: Literal["none", "paper-ranges"] = "none"
 
+    @pydantic.field_validator("model", mode="before")
+    @classmethod
+    def _known_model(cls, model: Any) -> str | ReceiverModel:
+        found = ReceiverModel.read(model)
+        return found if found.model_dump(exclude_defaults=True) else found.kind
+
     @pydantic.model_validator(mode="after")
     def _window_within_bit(self) -> OokLink:
         if self.window is not None and self.window > self.bit_time * (1.0 + 1e-12):
-            raise ValueError(f"window: {self.window}, allowed 0 <= window <= {self.bit_time} s")
+            raise Refused("window", self.window, f"0 <= window <= {self.bit_time} s")
         return self
 
     @classmethod
-    def preset(cls, name: Literal["physical", "paper", "paper-ranges"], **fields: Any) -> OokLink:
-        """Receiver of the right physics, of the paper, or of its empirical calibration.
+    def preset(cls, name: Preset, **fields: Any) -> OokLink:
+        """Return the physical receiver, that of the paper, or its empirical calibration.
 
         Parameters
         ----------
@@ -138,21 +141,80 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ValueError
+        Refused
             If the name is none of the three.
         """
-        printed: dict[str, Any] = {
-            "model": "PC",
-            "optics": OpticalFrontEnd(etendue_limited=False),
+        if name not in get_args(Preset):
+            raise Refused("name", name, ", ".join(get_args(Preset)))
+        preset: dict[str, Any] = {}
+        if name != "physical":
+            preset = {"model": "PC", "optics": OpticalFrontEnd(etendue_limited=False)}
+        if name == "paper-ranges":
+            preset["calibration"] = name
+        return cls(**(preset | fields))
+
+    @classmethod
+    def of_link(
+        cls, link: Link, base: OokLink | Preset = "physical", bit_rate: float | None = None
+    ) -> OokLink:
+        """Return the transmission that belongs to a link.
+
+        Parameters
+        ----------
+        link : Link
+            Source of the power, wavelength, aperture radius, field of view, and of the refractive
+            index of the medium in front of the aperture.
+        base : OokLink or preset
+            Everything else.
+        bit_rate : float, optional
+            R_b [bit s-1]; by default that of `base`.
+
+        Raises
+        ------
+        Refused
+            If the preset is unknown, the bit rate does not fit, or the link has several receivers.
+
+        Examples
+        --------
+        >>> from meshtrace.link import Led
+        >>> OokLink.of_link(Link(transmitter=Led(power_mw=50.0)), bit_rate=5e6).led.power
+        0.05
+        """
+        if len(link.receivers) != 1:
+            raise Refused("receiver", f"{len(link.receivers)} apertures", "one aperture")
+        aperture, first = link.receivers[0], link.transmitters[0]
+        base = base if isinstance(base, OokLink) else cls.preset(base)
+        led = {
+            "power": 1e-3 * sum(t.power_mw for t in link.transmitters),
+            "wavelength": 1e-9 * first.wavelength_nm,
         }
-        presets: dict[str, dict[str, Any]] = {
-            "physical": {},
-            "paper": printed,
-            "paper-ranges": printed | {"calibration": "paper-ranges"},
+        optics = {
+            "radius": aperture.radius,
+            "fov_deg": aperture.fov_deg,
+            "medium_index": link.water.n if isinstance(aperture, WaterAperture) else link.n_air,
         }
-        if name not in presets:
-            raise ValueError(f"name: {name!r}, allowed {', '.join(presets)}")
-        return cls(**(presets[name] | fields))
+        changes = {
+            "bit_rate": base.bit_rate if bit_rate is None else bit_rate,
+            "led": base.led.model_copy(update=led),
+            "optics": base.optics.model_copy(update=optics),
+        }
+        return cls.model_validate({**dict(base), **changes})
+
+    def channel(self, link: Link) -> Link:
+        """Return a link with the absorption scaled as the calibration requires.
+
+        Parameters
+        ----------
+        link : Link
+            The link; returned as it is unless `calibration` is "paper-ranges".
+        """
+        factor, water = self.absorption_factor, link.water
+        if factor == 1.0:
+            return link
+        changes: dict[str, Any] = {"a": factor * water.a}
+        if water.layers is not None:
+            changes["layers"] = tuple((z, factor * a, b) for z, a, b in water.layers)
+        return link.model_copy(update={"water": water.model_copy(update=changes)})
 
     @property
     def absorption_factor(self) -> float:
@@ -161,7 +223,7 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
 
     @property
     def status(self) -> str:
-        """What the calibration is worth, to be shown with every result."""
+        """Standing of the calibration, shown with every result."""
         if self.calibration == "none":
             return "no empirical calibration"
         return (
@@ -177,10 +239,13 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
 
     @property
     def averaging_window(self) -> float:
-        """Window in use [s]: 0 unless the model is W or CP."""
-        if self.model not in ("W", "CP"):
-            return 0.0
-        return _best_window(self) if self.window is None else self.window
+        """Window in use [s]: 0 unless the model averages, as W and CP do."""
+        return self.receiver.averaging_window(self)
+
+    @property
+    def receiver(self) -> ReceiverModel:
+        """Receiver model as an object."""
+        return ReceiverModel.read(self.model)
 
     @property
     def filters(self) -> PulseFilters:
@@ -189,7 +254,7 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
         return PulseFilters(self.led.time_constant, self.sipm.time_constant, window)
 
     def received_power(self, gain: ArrayLike) -> FloatArray:
-        """Optical power on the SiPM for a channel gain [W], in the sense of `led.power`.
+        """Return the optical power on the SiPM for a channel gain [W], in the sense of `led.power`.
 
         Parameters
         ----------
@@ -200,7 +265,7 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
         return self.led.power * self.optics.efficiency(self.sipm.area) * g
 
     def levels(self, power: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Primary count rates during long zeros and long ones [s-1], dark counts included.
+        """Return the primary count rates of long zeros and long ones [s-1], with dark counts.
 
         Parameters
         ----------
@@ -215,13 +280,13 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
         return self.sipm.saturated_rate(low), self.sipm.saturated_rate(high)
 
     def patterns(self) -> NDArray[np.bool_]:
-        """Bit patterns (p, k) that matter, present bit first."""
+        """Return the bit patterns (p, k) that matter, present bit first."""
         cursors = self.filters.mean_cursors(self.bit_time, self.memory)
         count = max(1, int(np.count_nonzero(cursors > _NEGLIGIBLE_CURSOR)))
         return np.array(np.unravel_index(np.arange(2**count), (2,) * count)).T.astype(bool)
 
     def moments(self, power: ArrayLike, phase: float = 1.0) -> tuple[FloatArray, FloatArray]:
-        """Mean and variance of the sample for every bit pattern.
+        """Return mean and variance of the sample for every bit pattern.
 
         Parameters
         ----------
@@ -236,26 +301,10 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
             Mean [s-1] and variance [s-2], shape of `power` with a last axis over `patterns`; the
             two patterns 0 and 1 for the models without intersymbol interference.
         """
-        low, high = (level[..., None] for level in self.levels(power))
-        swing, f = high - low, self.sipm.excess_noise_factor
-        thermal = self.tia.thermal_noise(self.sipm.gain)
-        if self.model in ("G0", "GP"):
-            mean = low + swing * np.array([0.0, 1.0])
-            return mean, (2.0 * f * mean + thermal) * 0.5 * self.bit_rate
-        bits, filters = self.patterns(), self.filters
-        count = bits.shape[1]
-        w = filters.mean_cursors(self.bit_time, count, phase)
-        heard = w if self.equalizer == "none" else w * (np.arange(count) == 0)
-        mean = low + swing * (bits @ heard)
-        if self.model == "PC":
-            bandwidth = min(0.5 * self.bit_rate, 0.5 * math.pi * self.sipm.bandwidth)
-            return mean, (2.0 * f * (low + swing * (bits @ w)) + thermal) * bandwidth
-        shot = bits @ filters.shot_cursors(self.bit_time, count, phase)
-        energy = filters.noise_energy
-        return mean, f * (low * energy + swing * shot) + 0.5 * thermal * energy
+        return self.receiver.moments(self, power, phase)
 
     def ber(self, power: ArrayLike) -> FloatArray:
-        """Bit error rate at a constant received power.
+        """Return the bit error rate at a constant received power.
 
         Parameters
         ----------
@@ -270,7 +319,7 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ValueError
+        Refused
             If a power is negative or not finite.
         """
         p = non_negative("power", power)
@@ -279,11 +328,11 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
         lit = np.flatnonzero(flat > 0.0)
         for start in range(0, lit.size, _BLOCK):
             block = lit[start : start + _BLOCK]
-            out[block] = self._decide(flat[block]).ber
+            out[block] = self.receiver.decide(self, flat[block]).ber
         return out.reshape(p.shape)
 
     def threshold(self, power: float) -> float:
-        """Best decision threshold at a received power.
+        """Return the best decision threshold at a received power.
 
         Parameters
         ----------
@@ -298,41 +347,15 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ValueError
+        Refused
             If the power is not positive and finite.
         """
         if not 0.0 < power < math.inf:
-            raise ValueError(f"power: {power}, allowed 0 < power W")
-        return float(self._decide(np.array([power])).threshold[0])
-
-    def _decide(self, power: FloatArray) -> Decision:
-        """Error rate and threshold [s-1] for powers (n,), all > 0."""
-        if self.model == "CP":
-            return Decision(*np.array([self._compound_decision(float(p)) for p in power]).T)
-        if self.model == "GP":
-            n0, n1 = (level * self.bit_time for level in self.levels(power))
-            branching = self.sipm.branching
-            ber, count = generalized_poisson_decision(n0, n1, branching)
-            return Decision(ber, (count - 0.5) * (1.0 - branching) * self.bit_rate)
-        mean, variance = self.moments(power)
-        if self.model == "G0":
-            return gaussian_decision(mean[:, 0], mean[:, 1], variance[:, 0], variance[:, 1])
-        return pattern_decision(mean, np.sqrt(variance), self.patterns()[:, 0])
-
-    def _compound_decision(self, power: float) -> tuple[float, float]:
-        low, high = (float(level) for level in self.levels(power))
-        filters, count = self.filters, self.patterns().shape[1]
-        removed = np.zeros(count)
-        if self.equalizer == "dfe":
-            removed[1:] = (high - low) * filters.mean_cursors(self.bit_time, count)[1:]
-        thermal = self.tia.thermal_noise(self.sipm.gain)
-        thermal_std = math.sqrt(0.5 * thermal * filters.noise_energy)
-        return compound_poisson_decision(
-            low, high, filters, self.bit_time, removed, self.sipm.branching, thermal_std
-        )
+            raise Refused("power", power, "0 < power W")
+        return float(self.receiver.decide(self, np.array([power])).threshold[0])
 
     def required_power(self, ber: float) -> float:
-        """Lowest optical power on the SiPM that reaches a bit error rate.
+        """Return the lowest optical power on the SiPM that reaches a bit error rate.
 
         Parameters
         ----------
@@ -346,15 +369,15 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ValueError
+        Refused
             If the target is outside of its range.
         """
         if not 0.0 < ber < 0.5:
-            raise ValueError(f"ber: {ber}, allowed 0 < ber < 0.5")
+            raise Refused("ber", ber, "0 < ber < 0.5")
         return _required_power(self, ber)
 
     def overload_power(self, ber: float) -> float:
-        """Highest optical power on the SiPM that still reaches a bit error rate.
+        """Return the highest optical power on the SiPM that still reaches a bit error rate.
 
         Parameters
         ----------
@@ -373,7 +396,7 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
         return _crossing(lambda p: ber - float(self.ber(p)), 1.001 * low)
 
     def eye(self, power: float, points: int = 64) -> Eye:
-        """Eye diagram and bathtub curve at one received power (Gaussian noise).
+        """Return the eye diagram and bathtub curve at one received power (Gaussian noise).
 
         Parameters
         ----------
@@ -389,13 +412,13 @@ class OokLink(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ValueError
-            If the model knows no pulses (G0, GP), or there is no light.
+        Refused
+            If the model has no pulses (G0, GP), or there is no light.
         """
-        if self.model in ("G0", "GP"):
-            raise ValueError(f"model: {self.model}, allowed W, A, CP, PC for an eye diagram")
+        if not self.receiver.has_pulses:
+            raise Refused("model", self.model, "a model with pulses, as W, A, CP, PC")
         if not 0.0 < power < math.inf:
-            raise ValueError(f"power: {power}, allowed 0 < power W")
+            raise Refused("power", power, "0 < power W")
         bits = self.patterns()
         phases = np.arange(1, points + 1) / points
         moments = [self.moments(power, float(phase)) for phase in phases]
@@ -413,7 +436,7 @@ def _required_power(link: OokLink, ber: float) -> float:
 
 
 def _crossing(excess: Callable[[float], float], start: float) -> float:
-    """Power at which `excess` first falls below 0 on the way up from `start` in steps of 4, or inf.
+    """Return the power at which `excess` first falls below 0 in steps of 4 from `start`, or inf.
 
     `excess` is not negative at `start`.
     """
@@ -424,15 +447,3 @@ def _crossing(excess: Callable[[float], float], start: float) -> float:
             bracket = math.log(low), math.log(4.0 * low)
             return math.exp(float(brentq(lambda x: excess(math.exp(x)), *bracket)))
     return math.inf
-
-
-@functools.lru_cache(maxsize=128)
-def _best_window(link: OokLink) -> float:
-    """Window, in steps of a twentieth of the bit, that needs the least power at a BER of 1e-3."""
-    windows = np.linspace(0.0, link.bit_time, 21)
-    trials = [
-        link.model_copy(update={"model": "W", "window": float(w), "saturation": False})
-        for w in windows
-    ]
-    needed = [_required_power(trial, _DESIGN_BER) for trial in trials]
-    return float(windows[int(np.argmin(needed))])

@@ -2,9 +2,11 @@
 
 Every function takes the gains as an array. `gain_stderr` is the Monte Carlo standard error of
 each gain, independent from one gain to the next; its variance is removed from what is measured.
-An error that all gains share (common random numbers) neither adds to their spread nor cancels in
-their mean: leave `gain_stderr` out, and tell `fading_statistics` as `common_stderr`.
+An error common to all gains (common random numbers) neither adds to their spread nor cancels in
+their mean: leave `gain_stderr` out, and pass it to `fading_statistics` as `common_stderr`.
 """
+
+from typing import Any
 
 from meshtrace.fading.correlation import (
     autocorrelation,
@@ -23,7 +25,6 @@ from meshtrace.fading.fits import (
     goodness_of_fit,
 )
 from meshtrace.fading.gains import Reference, remove_noise
-from meshtrace.fading.gamma_gamma import gamma_gamma_cdf, gamma_gamma_pdf, sample_gamma_gamma
 from meshtrace.fading.intervals import Estimate
 from meshtrace.fading.scintillation import scintillation_index
 from meshtrace.fading.statistics import fading_statistics
@@ -47,13 +48,20 @@ __all__ = [
     "fit_lognormal",
     "gain_cdf",
     "gain_pdf",
-    "gamma_gamma_cdf",
-    "gamma_gamma_pdf",
+    "gamma_gamma",
     "goodness_of_fit",
     "level_crossing_rate",
     "mean_fade_duration",
     "outage",
     "remove_noise",
-    "sample_gamma_gamma",
     "scintillation_index",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Return the scipy law `gamma_gamma`, late: `scipy.stats` takes a second to import."""
+    if name == "gamma_gamma":
+        from meshtrace.fading.laws import gamma_gamma
+
+        return gamma_gamma
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""Memory of a time series: autocorrelation, coherence time, independent samples."""
+"""Correlation of a time series: autocorrelation, coherence time, independent samples."""
 
 from __future__ import annotations
 
@@ -8,7 +8,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.fading.gains import FloatArray, check_bootstrap, checked, checked_gain, checked_step
+from meshtrace.errors import Described, Refused
+from meshtrace.fading.gains import (
+    FloatArray,
+    check_bootstrap,
+    checked,
+    checked_gain,
+    checked_step,
+)
 from meshtrace.fading.intervals import Estimate, block_interval, block_means
 
 # Bound of memory: blocks of one replicate.
@@ -38,7 +45,7 @@ def autocorrelation(
 
     Raises
     ------
-    ValueError
+    Refused
         If the gains are invalid, `max_lag` is outside 0..n - 1, or no variance is left
         beside the noise.
 
@@ -55,22 +62,20 @@ def autocorrelation(
     g, noise = checked(gain, gain_stderr)
     max_lag = g.size // 2 if max_lag is None else max_lag
     if not 0 <= max_lag < g.size:
-        raise ValueError(f"max_lag: {max_lag}, allowed 0 <= max_lag <= {g.size - 1}")
+        raise Refused("max_lag", max_lag, f"0 <= max_lag <= {g.size - 1}")
     x = g / g.mean()
     share = float(noise.mean()) / float(g.mean()) ** 2
     variance = float(x.var()) - share
     if np.ptp(g) == 0.0 or not variance > 0.0:
-        raise ValueError(
-            f"gain: variance {x.var():.3g} of gain / mean, allowed more than that of the Monte "
-            f"Carlo noise, {share:.3g}"
-        )
+        found = Described(f"variance {x.var():.3g} of gain / mean")
+        raise Refused("gain", found, f"more than that of the Monte Carlo noise, {share:.3g}")
     rho = _autocovariance(x)[: max_lag + 1] / variance
     rho[0] = 1.0
     return rho
 
 
 def effective_samples(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> float:
-    r"""Return how many independent samples a correlated series is worth.
+    r"""Return the number of independent samples equivalent to a correlated series.
 
     .. math:: n_\mathrm{eff} = n / \max(1 + 2 \sum \rho_k,\; 1 + 2 \sum \rho_k^2)
 
@@ -86,7 +91,7 @@ def effective_samples(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> 
 
     Raises
     ------
-    ValueError
+    Refused
         As `autocorrelation`.
 
     Notes
@@ -133,7 +138,7 @@ def block_length(gain: ArrayLike) -> int:
 
     Raises
     ------
-    ValueError
+    Refused
         If the gains are invalid.
 
     Notes
@@ -197,7 +202,7 @@ def coherence_time(
     block: int | None = None,
     confidence: float = 0.95,
     resamples: int = 999,
-    seed: int = 0,
+    seed: int = 1,
 ) -> Estimate:
     r"""Return the time after which the autocorrelation has fallen to 1/e, with its interval.
 
@@ -226,7 +231,7 @@ def coherence_time(
 
     Raises
     ------
-    ValueError
+    Refused
         If the times are not equally spaced, the gains are invalid, or no variance is left
         beside the noise.
 

@@ -37,7 +37,7 @@ def level_crossing_rate(
     block: int | None = None,
     confidence: float = 0.95,
     resamples: int = 999,
-    seed: int = 0,
+    seed: int = 1,
 ) -> Estimate:
     r"""Return how often the gain falls through a threshold, with the interval.
 
@@ -68,7 +68,7 @@ def level_crossing_rate(
 
     Raises
     ------
-    ValueError
+    Refused
         If the times are not equally spaced, the gains are invalid, or an option is out of range.
 
     Notes
@@ -111,7 +111,7 @@ def mean_fade_duration(
     block: int | None = None,
     confidence: float = 0.95,
     resamples: int = 999,
-    seed: int = 0,
+    seed: int = 1,
 ) -> Estimate:
     r"""Return the mean time the gain stays below a threshold, with the interval.
 
@@ -130,7 +130,7 @@ def mean_fade_duration(
 
     Raises
     ------
-    ValueError
+    Refused
         As `level_crossing_rate`.
 
     Notes

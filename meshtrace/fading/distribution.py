@@ -1,4 +1,4 @@
-"""Where the gains lie: density, distribution function and outage."""
+"""Density, distribution function and outage of gains."""
 
 from __future__ import annotations
 
@@ -8,7 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.fading.gains import FloatArray, Reference, check_bootstrap, level_of, remove_noise
+from meshtrace.fading.gains import (
+    FloatArray,
+    Reference,
+    check_bootstrap,
+    check_effective,
+    level_of,
+    remove_noise,
+)
 from meshtrace.fading.intervals import Estimate, wilson
 
 
@@ -49,7 +56,7 @@ def outage(
     threshold : float, optional
         Threshold [1], a multiple of the reference.
     gain_stderr : array_like, shape () or (n,), optional
-        Independent standard error of each gain [1], freed from by `remove_noise` first.
+        Independent standard error of each gain [1], removed by `remove_noise` first.
     relative_to : {"mean", "median", "absolute"}, optional
         Reference of the threshold; "absolute" takes it as a gain.
     n_effective : float, optional
@@ -64,7 +71,7 @@ def outage(
 
     Raises
     ------
-    ValueError
+    Refused
         If a value is negative or not finite, or an option is out of range.
 
     References
@@ -78,9 +85,7 @@ def outage(
     """
     g = remove_noise(gain, gain_stderr)
     check_bootstrap(confidence)
-    n = float(g.size) if n_effective is None else n_effective
-    if not 1.0 <= n <= g.size:
-        raise ValueError(f"n_effective: {n_effective}, allowed 1 <= n_effective <= {g.size}")
+    n = check_effective(n_effective, g.size)
     return wilson(float(np.mean(g < level_of(g, threshold, relative_to))), n, confidence)
 
 
@@ -104,7 +109,7 @@ def gain_pdf(
 
     Raises
     ------
-    ValueError
+    Refused
         If a value is negative or not finite.
 
     Examples
@@ -147,7 +152,7 @@ def gain_cdf(
 
     Raises
     ------
-    ValueError
+    Refused
         If a value is negative or not finite, or an option is out of range.
 
     References
@@ -162,9 +167,7 @@ def gain_cdf(
     """
     g = np.sort(remove_noise(gain, gain_stderr))
     check_bootstrap(confidence)
-    n = float(g.size) if n_effective is None else n_effective
-    if not 1.0 <= n <= g.size:
-        raise ValueError(f"n_effective: {n_effective}, allowed 1 <= n_effective <= {g.size}")
+    n = check_effective(n_effective, g.size)
     probability = np.arange(1, g.size + 1) / g.size
     half = math.sqrt(math.log(2.0 / (1.0 - confidence)) / (2.0 * n))
     return Distribution(

@@ -1,4 +1,4 @@
-"""Gains as they come in: what is allowed, and the Monte Carlo noise taken out of them."""
+"""Validation of gains, and removal of the Monte Carlo noise from their spread."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Described, Refused
+
 FloatArray = NDArray[np.float64]
 Reference = Literal["mean", "median", "absolute"]
 
@@ -16,13 +18,13 @@ FEWEST_RESAMPLES = 50
 
 
 def checked_gain(gain: ArrayLike) -> FloatArray:
-    """Return the gains as an array, refusing what no statistic is defined for."""
+    """Return the gains as an array of two or more, not all 0."""
     g = np.asarray(gain, dtype=np.float64)
     if g.ndim != 1 or g.size < 2:
-        raise ValueError(f"gain: shape {g.shape}, allowed (n,) with n >= 2")
+        raise Refused("gain", Described(f"shape {g.shape}"), "(n,) with n >= 2")
     _check_values("gain", g)
     if not g.any():
-        raise ValueError("gain: all 0, allowed at least one gain > 0")
+        raise Refused("gain", Described("all 0"), "at least one gain > 0")
     return g
 
 
@@ -33,7 +35,7 @@ def checked(gain: ArrayLike, gain_stderr: ArrayLike | None) -> tuple[FloatArray,
         return g, np.zeros_like(g)
     stderr = np.asarray(gain_stderr, dtype=np.float64)
     if stderr.shape not in ((), g.shape):
-        raise ValueError(f"gain_stderr: shape {stderr.shape}, allowed () or {g.shape}")
+        raise Refused("gain_stderr", Described(f"shape {stderr.shape}"), f"() or {g.shape}")
     stderr = np.broadcast_to(stderr, g.shape)
     _check_values("gain_stderr", stderr)
     return g, stderr**2
@@ -42,36 +44,53 @@ def checked(gain: ArrayLike, gain_stderr: ArrayLike | None) -> tuple[FloatArray,
 def _check_values(name: str, values: FloatArray) -> None:
     bad = np.flatnonzero(~(np.isfinite(values) & (values >= 0.0)))
     if bad.size:
-        raise ValueError(f"{name}: {values[bad[0]]} at index {bad[0]}, allowed finite values >= 0")
+        raise Refused(f"{name}[{bad[0]}]", float(values[bad[0]]), "finite values >= 0")
 
 
 def checked_step(time: ArrayLike, n: int) -> float:
-    """Return the time step [s], refusing times that are not equally spaced."""
+    """Return the time step [s] of equally spaced times."""
     t = np.asarray(time, dtype=np.float64)
     if t.shape != (n,):
-        raise ValueError(f"time: shape {t.shape}, allowed ({n},), one time [s] per gain")
+        raise Refused("time", Described(f"shape {t.shape}"), f"({n},), one time [s] per gain")
     if not np.isfinite(t).all():
-        raise ValueError("time: not all finite, allowed finite times [s]")
+        raise Refused("time", Described("not all finite"), "finite times [s]")
     step = (t[-1] - t[0]) / (n - 1)
     if not step > 0.0 or np.abs(np.diff(t) - step).max() > 1e-6 * step + 1e-12 * np.abs(t).max():
-        raise ValueError("time: not equally spaced and increasing, allowed a constant step > 0 s")
+        raise Refused(
+            "time", Described("not equally spaced and increasing"), "a constant step > 0 s"
+        )
     return float(step)
 
 
 def check_bootstrap(confidence: float, resamples: int = FEWEST_RESAMPLES) -> None:
-    """Refuse a confidence or a number of replicates that is out of range."""
+    """Raise `Refused` for a confidence or a number of replicates out of range."""
     if not 0.0 < confidence < 1.0:
-        raise ValueError(f"confidence: {confidence}, allowed 0 < confidence < 1")
+        raise Refused("confidence", confidence, "0 < confidence < 1")
     if resamples < FEWEST_RESAMPLES:
-        raise ValueError(f"resamples: {resamples}, allowed resamples >= {FEWEST_RESAMPLES}")
+        raise Refused("resamples", resamples, f"resamples >= {FEWEST_RESAMPLES}")
+
+
+def check_effective(n_effective: float | None, n: int) -> float:
+    """Return the number of independent samples, by default n."""
+    if n_effective is None:
+        return float(n)
+    if not 1.0 <= n_effective <= n:
+        raise Refused("n_effective", n_effective, f"1 <= n_effective <= {n}")
+    return n_effective
+
+
+def check_block(block: int, n: int) -> None:
+    """Raise `Refused` for a block length of the bootstrap out of range."""
+    if not 1 <= block <= n // 2:
+        raise Refused("block", block, f"1 <= block <= n / 2 = {n // 2}")
 
 
 def level_of(gain: FloatArray, threshold: float, relative_to: Reference) -> float:
     """Return the threshold as a gain."""
     if not (math.isfinite(threshold) and threshold > 0.0):
-        raise ValueError(f"threshold: {threshold}, allowed finite > 0")
+        raise Refused("threshold", threshold, "finite > 0")
     if relative_to not in ("mean", "median", "absolute"):
-        raise ValueError(f"relative_to: {relative_to!r}, allowed 'mean', 'median', 'absolute'")
+        raise Refused("relative_to", relative_to, "'mean', 'median', 'absolute'")
     if relative_to == "absolute":
         return threshold
     return threshold * float(gain.mean() if relative_to == "mean" else np.median(gain))
@@ -98,13 +117,13 @@ def remove_noise(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Float
 
     Raises
     ------
-    ValueError
+    Refused
         If there are fewer than two gains or a value is negative or not finite.
 
     Notes
     -----
     The shape of the noise is not deconvolved, only its variance removed. The expansion of the
-    logarithm wants relative errors below about 0.3; gains of zero stay zero. The mean is kept.
+    logarithm needs relative errors below about 0.3; gains of zero stay zero. The mean is kept.
 
     Examples
     --------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.fading.gains import FloatArray, check_bootstrap, checked
+from meshtrace.fading.gains import FloatArray, check_block, check_bootstrap, checked
 from meshtrace.fading.intervals import Estimate, block_interval, block_means
 
 # Below this number the jackknife of the BCa bootstrap has too little to work on.
@@ -21,7 +21,7 @@ def scintillation_index(
     block: int = 1,
     confidence: float = 0.95,
     resamples: int = 1999,
-    seed: int = 0,
+    seed: int = 1,
 ) -> Estimate:
     r"""Return the scintillation index, Monte Carlo variance removed, with its interval.
 
@@ -48,7 +48,7 @@ def scintillation_index(
 
     Raises
     ------
-    ValueError
+    Refused
         If a value is negative or not finite, or an option is out of range.
 
     Notes
@@ -71,8 +71,7 @@ def scintillation_index(
     """
     g, noise = checked(gain, gain_stderr)
     check_bootstrap(confidence, resamples)
-    if not 1 <= block <= g.size // 2:
-        raise ValueError(f"block: {block}, allowed 1 <= block <= n / 2 = {g.size // 2}")
+    check_block(block, g.size)
     noise = noise / g.mean() ** 2
     g = g / g.mean()
     value = float(_scintillation(g, noise))

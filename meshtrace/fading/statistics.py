@@ -9,6 +9,7 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.errors import Refused
 from meshtrace.fading.correlation import (
     autocorrelation,
     block_length,
@@ -67,7 +68,7 @@ def fading_statistics(
     confidence: float = 0.95,
     resamples: int = 999,
     test_resamples: int = 199,
-    seed: int = 0,
+    seed: int = 1,
 ) -> FadingStatistics:
     """Return all fading statistics of an ensemble or, with `time`, of a time series.
 
@@ -99,7 +100,7 @@ def fading_statistics(
 
     Raises
     ------
-    ValueError
+    Refused
         If a value is negative or not finite, the times are not equally spaced, or an option is
         out of range.
 
@@ -119,9 +120,9 @@ def fading_statistics(
     """
     g, variance = checked(gain, gain_stderr)
     if not (math.isfinite(common_stderr) and common_stderr >= 0.0):
-        raise ValueError(f"common_stderr: {common_stderr}, allowed finite >= 0")
+        raise Refused("common_stderr", common_stderr, "finite >= 0")
     if test_resamples < 0:
-        raise ValueError(f"test_resamples: {test_resamples}, allowed test_resamples >= 0")
+        raise Refused("test_resamples", test_resamples, "test_resamples >= 0")
     check_bootstrap(confidence, resamples)
     stderr = np.sqrt(variance) if variance.any() else None
     noise, spread = float(variance.mean()), float(g.var(ddof=1))

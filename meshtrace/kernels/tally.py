@@ -86,7 +86,7 @@ class Tallies(NamedTuple):
     n_photons: NDArray[np.int64]  # (fates,) photons
     misses: NDArray[np.int64]  # (2,) rays cast again, rays given up
     planes: NDArray[np.float64]  # heights z of the irradiance planes [m], falling
-    radiance: NDArray[np.int64]  # (planes, cosines, azimuths) weights in units of 2^-44
+    radiance: NDArray[np.int64]  # (groups, planes, cosines, azimuths) in units of 2^-44
     map_z: float
     map_x: float
     map_y: float
@@ -211,11 +211,12 @@ def score_planes(tallies, column, index, flight, medium):
         scores = tallies.score[index, column + N_PLANE_SCORES * k :]
         scores[Plane.E_D if d.z < 0.0 else Plane.E_U] += w
         scores[Plane.E_OD if d.z < 0.0 else Plane.E_OU] += w / abs(d.z)
-        _, n_cos, n_phi = tallies.radiance.shape
+        groups, _, n_cos, n_phi = tallies.radiance.shape
         if n_cos > 0:
+            group = index % groups  # independent photons, from which the standard error comes
             i = min(int((0.5 - 0.5 * d.z) * n_cos), n_cos - 1)
             j = int((math.atan2(d.y, d.x) / TWO_PI + 1.0) % 1.0 * n_phi)
-            tallies.radiance[k, i, min(j, n_phi - 1)] += units(w)
+            tallies.radiance[group, k, i, min(j, n_phi - 1)] += units(w)
 
 
 @inlined

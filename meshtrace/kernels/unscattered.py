@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from meshtrace.kernels.aiming import aim_at, corner_shines, height_on
 from meshtrace.kernels.chain_gain import accepted, intensity, is_steep, straight_shot, transmittance
 from meshtrace.kernels.facets import corners
@@ -32,7 +30,8 @@ _EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, ove
 _ROUNDING = 1e-13  # of the disk's radius squared
 _BEAM_SHARE = 0.03  # longest edge of a part over the width of the beam: its light is near linear
 _FEW = 16  # parts along an edge: facets of more are cut where the light crosses
-_STACK = 128
+STACK = 128
+"""Parts of a large facet that wait to be cut."""
 
 
 class Image(NamedTuple):
@@ -130,20 +129,19 @@ def _light(x, y, f, shot, scene):
 
 
 @entry
-def image_gain(scene, stretch, lever, gain, doubtful):
+def image_gain(scene, stretch, lever, stack, gain, doubtful):
     """Write the unscattered gain through each facet, and whether a wave may cut that light.
 
     Array twin: quadrature over the aperture with the analytic sinusoid.
     The image of a part of a facet is taken for a triangle: its gain is the light in its solid
     angle times the share of the image that lies on the disk. Folds and caustics count
     themselves, since images overlap. `stretch` and `lever` bound |dX/dP| of a flat sea and
-    |dX/dslope|.
+    |dX/dslope|; `stack` is room for (STACK, 3) integers.
     """
     shot = straight_shot(0.0, 0.0)
     depth = -scene.emitter.position.z
     edge = min(max(_EDGE * depth, 0.005), 0.1)
     fine = min(edge, _BEAM_SHARE * _beam_width(scene.emitter) * depth)
-    stack = np.empty((_STACK, 3), np.int64)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         large = 2.0 * facet.radius > _FEW * edge

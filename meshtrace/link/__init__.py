@@ -1,10 +1,17 @@
 """Description of an optical link: water, bubbles, sources, receivers and physics."""
 
 from meshtrace.link.link import Footprint, Link
-from meshtrace.link.models import Position
 from meshtrace.link.physics import Physics, Whitecaps
-from meshtrace.link.receivers import Aperture, IrradiancePlanes, Receiver, WaterAperture
+from meshtrace.link.receivers import (
+    AnyAperture,
+    Aperture,
+    IrradiancePlanes,
+    Receiver,
+    WaterAperture,
+)
 from meshtrace.link.sources import (
+    AirSource,
+    AnySource,
     CardioidalSky,
     GaussianBeam,
     IsotropicSource,
@@ -17,6 +24,9 @@ from meshtrace.link.sources import (
 )
 
 __all__ = [
+    "AirSource",
+    "AnyAperture",
+    "AnySource",
     "Aperture",
     "CardioidalSky",
     "Footprint",
@@ -26,7 +36,6 @@ __all__ = [
     "Led",
     "Link",
     "Physics",
-    "Position",
     "Receiver",
     "Source",
     "Sun",

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from meshtrace.link.models import Model
+from meshtrace.errors import Described, Refused
 from meshtrace.link.physics import Physics, Whitecaps
-from meshtrace.link.receivers import Aperture, IrradiancePlanes, Receiver
-from meshtrace.link.sources import Led, Source
-from meshtrace.optics.bubbles import HallNovarini
+from meshtrace.link.receivers import AnyAperture, Aperture, IrradiancePlanes, Receiver
+from meshtrace.link.sources import AnySource, Led, Source, WaterSource
+from meshtrace.models import Model
+from meshtrace.optics.bubbles import AnyBubbles, HallNovarini
 from meshtrace.optics.water import Water
+from meshtrace.registry import Family
 
 _NEAR = 64.0  # depths plus heights: links closer to the origin keep it
 
@@ -27,6 +29,23 @@ class Footprint(NamedTuple):
     coarse_spacing: float
 
 
+def _one_or_more(family: type[Family]) -> BeforeValidator:
+    """Return a validator that reads one part, or a list of parts as a tuple."""
+
+    def read(value: Any) -> Any:
+        if not isinstance(value, list | tuple):
+            return family.read(value)
+        parts = []
+        for i, item in enumerate(value):
+            try:
+                parts.append(family.read(item))
+            except Refused as error:
+                raise error.inside(i) from None
+        return tuple(parts)
+
+    return BeforeValidator(read)
+
+
 class Link(Model, frozen=True):
     """A link from sources to receivers through water, surface and air.
 
@@ -34,7 +53,7 @@ class Link(Model, frozen=True):
     ----------
     water : Water
         Absorption, scattering, refractive index, bottom.
-    bubbles : HallNovarini or None
+    bubbles : BubblePopulation or None
         Bubbles below the surface.
     transmitter : source or tuple of sources
         `Led`, `GaussianBeam`, `TopHatBeam`, `IsotropicSource`, `Sun`, `UniformSky`,
@@ -56,9 +75,9 @@ class Link(Model, frozen=True):
     """
 
     water: Water = Water()
-    bubbles: HallNovarini | None = None
-    transmitter: Source | tuple[Source, ...] = Led()
-    receiver: Aperture | tuple[Aperture, ...] = Receiver()
+    bubbles: AnyBubbles | None = None
+    transmitter: Annotated[AnySource | tuple[AnySource, ...], _one_or_more(Source)] = Led()
+    receiver: Annotated[AnyAperture | tuple[AnyAperture, ...], _one_or_more(Aperture)] = Receiver()
     whitecaps: Whitecaps | None = None
     planes: IrradiancePlanes | None = None
     n_air: float = Field(1.0, ge=1.0, le=2.0, allow_inf_nan=False)
@@ -67,27 +86,30 @@ class Link(Model, frozen=True):
     @field_validator("physics", mode="before")
     @classmethod
     def _preset(cls, physics: Any) -> Any:
-        if physics == "physical":
-            return Physics()
-        if physics == "paper":
-            return Physics.paper()
-        if isinstance(physics, str):
-            raise ValueError('allowed "physical", "paper" or a table of switches')
-        return physics
+        return Physics.preset(physics) if isinstance(physics, str) else physics
 
     @model_validator(mode="after")
     def _consistent(self) -> Link:
         if not self.transmitters:
-            raise ValueError("transmitter: (), allowed at least one source")
+            raise Refused("transmitter", (), "at least one source")
         bottom = self.water.bottom_depth
-        for item in (*self.transmitters, *self.receivers):
-            depth = getattr(item, "depth", 0.0)
+        for path, item in self.items():
+            depth = -item.center[2]
             if bottom is not None and depth >= bottom:
-                raise ValueError(
-                    f"{item.kind}.depth: {depth:g} m, allowed less than water.bottom_depth "
-                    f"{bottom:g} m"
-                )
+                allowed = f"less than water.bottom_depth {bottom:g} m"
+                raise Refused(f"{path}.depth", Described(f"{depth:g} m"), allowed)
         return self
+
+    def items(self) -> list[tuple[str, Source | Aperture]]:
+        """Return all sources and apertures with the paths that errors name them by."""
+        named: list[tuple[str, Source | Aperture]] = []
+        for name in ("transmitter", "receiver"):
+            part = getattr(self, name)
+            if isinstance(part, tuple):
+                named += [(f"{name}[{i}]", item) for i, item in enumerate(part)]
+            else:
+                named.append((name, part))
+        return named
 
     @property
     def transmitters(self) -> tuple[Source, ...]:
@@ -100,12 +122,68 @@ class Link(Model, frozen=True):
         return self.receiver if isinstance(self.receiver, tuple) else (self.receiver,)
 
     @property
+    def only_receiver(self) -> Receiver:
+        """The receiver of a link that has one, in the air.
+
+        Raises
+        ------
+        Refused
+            If there are several apertures, none, or one in the water.
+        """
+        if not isinstance(self.receiver, Receiver):
+            kinds = ", ".join(r.kind for r in self.receivers) or "none"
+            raise Refused("receiver", Described(kinds), "one receiver in the air")
+        return self.receiver
+
+    @property
+    def wind_speed(self) -> float | None:
+        """Wind speed of the bubbles, or else of the whitecaps [m s-1]; None without either."""
+        parts = (self.bubbles, self.whitecaps)
+        return next((u for part in parts if (u := getattr(part, "wind_speed", None))), None)
+
+    def in_wind(self, wind_speed: float) -> Self:
+        """Return the link with the whitecaps and bubbles of a wind.
+
+        Parameters
+        ----------
+        wind_speed : float
+            Wind speed at 10 m [m s-1], 0 ... 30; 0 for neither whitecaps nor bubbles.
+
+        Examples
+        --------
+        >>> round(Link().in_wind(13.0).whitecaps.transmittance, 4)
+        0.8899
+        """
+        if wind_speed == 0.0:
+            return self.replace(whitecaps=None, bubbles=None)
+        wavelength = self.transmitters[0].wavelength_nm
+        return self.replace(
+            whitecaps=Whitecaps(wind_speed=wind_speed),
+            bubbles=HallNovarini(
+                wind_speed=wind_speed, n_water=self.water.n, wavelength_nm=wavelength
+            ),
+        )
+
+    def at_depth(self, depth: float) -> Self:
+        """Return the link with its only source at a depth [m] in the water.
+
+        Raises
+        ------
+        Refused
+            If there are several sources, or one in the air, or the depth is not allowed.
+        """
+        if not isinstance(self.transmitter, WaterSource):
+            kinds = ", ".join(t.kind for t in self.transmitters)
+            raise Refused("transmitter", Described(kinds), "one source in the water")
+        return self.replace("transmitter.depth", depth)
+
+    @property
     def origin(self) -> tuple[float, float]:
         """Origin (x, y) of the local coordinates [m]: (0, 0) unless the link lies far from it."""
-        items = (*self.transmitters, *self.receivers)
-        x, y = (sum(item.position[i] for item in items) / len(items) for i in (0, 1))
-        size = max(getattr(t, "depth", 0.0) for t in items)
-        size += max(getattr(t, "height", 0.0) for t in items)
+        centers = [item.center for _, item in self.items()]
+        x, y = (sum(c[i] for c in centers) / len(centers) for i in (0, 1))
+        levels = [0.0, *(c[2] for c in centers)]
+        size = max(levels) - min(levels)
         return (0.0, 0.0) if math.hypot(x, y) <= _NEAR * size else (x, y)
 
     def footprint(self) -> Footprint:
@@ -138,3 +216,8 @@ class Link(Model, frozen=True):
         )
         extent = fine + max(reach, 5.0) + width
         return Footprint(center, extent, 0.1, fine, 1.0)
+
+
+def in_wind(link: Link, wind_speed: float) -> Link:
+    """Return a link with the whitecaps and bubbles of a wind, see `Link.in_wind`."""
+    return link.in_wind(wind_speed)

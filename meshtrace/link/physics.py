@@ -6,7 +6,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from meshtrace.link.models import Model
+from meshtrace.errors import require_word
+from meshtrace.models import Model
 
 
 class Whitecaps(Model, frozen=True):
@@ -91,6 +92,13 @@ class Physics(Model, frozen=True):
     second_hit: Literal["trace", "ignore"] = "trace"
     fov: Literal["angle", "paper_position"] = "angle"
     unresolved: Literal["tilt", "none"] = "tilt"
+
+    @classmethod
+    def preset(cls, name: str) -> Physics:
+        """Return the switches of a preset: "physical" or "paper"."""
+        presets = {"physical": cls(), "paper": cls.paper()}
+        require_word(name, presets, "physics")
+        return presets[name]
 
     @classmethod
     def paper(cls) -> Physics:

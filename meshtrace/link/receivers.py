@@ -2,15 +2,41 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator
 
-from meshtrace.link.models import Finite, Model, Position, unit_vector
+from meshtrace.errors import Refused
+from meshtrace.link.directions import unit_vector
+from meshtrace.models import Finite, Model, Position
+from meshtrace.registry import Family
 
 
-class Receiver(Model, frozen=True):
+class Aperture(
+    Family,
+    frozen=True,
+    default="receiver",
+    closed="apertures are closed: the kernels score these alone",
+):
+    """Base of all apertures; a closed family, because the kernels score each kind themselves."""
+
+    position: Position = (0.0, 0.0)
+    radius: float = Field(0.05, gt=0.0, allow_inf_nan=False)
+
+    @property
+    @abstractmethod
+    def center(self) -> tuple[float, float, float]:
+        """Centre of the disk [m]."""
+
+    @property
+    @abstractmethod
+    def axis(self) -> tuple[float, float, float]:
+        """Direction of light at normal incidence."""
+
+
+class Receiver(Aperture, frozen=True):
     """Disk that collects light in the air, seen from below.
 
     A photon counts if it meets the disk within the field of view: |q - center| <= radius and
@@ -38,9 +64,7 @@ class Receiver(Model, frozen=True):
 
     kind: Literal["receiver"] = "receiver"
     height: float = Field(5.0, gt=0.0, allow_inf_nan=False)
-    radius: float = Field(0.05, gt=0.0, allow_inf_nan=False)
     fov_deg: float = Field(60.0, gt=0.0, le=180.0, allow_inf_nan=False)
-    position: Position = (0.0, 0.0)
     tilt_deg: float = Field(0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
     tilt_azimuth_deg: Finite = 0.0
 
@@ -56,7 +80,7 @@ class Receiver(Model, frozen=True):
         return (-x, -y, z)
 
 
-class WaterAperture(Model, frozen=True):
+class WaterAperture(Aperture, frozen=True):
     """Disk that counts light in the water without stopping it.
 
     Parameters
@@ -73,9 +97,7 @@ class WaterAperture(Model, frozen=True):
 
     kind: Literal["water-aperture"] = "water-aperture"
     depth: float = Field(1.0, gt=0.0, allow_inf_nan=False)
-    radius: float = Field(0.05, gt=0.0, allow_inf_nan=False)
     fov_deg: float = Field(180.0, gt=0.0, le=180.0, allow_inf_nan=False)
-    position: Position = (0.0, 0.0)
     zenith_deg: float = Field(0.0, ge=0.0, le=180.0, allow_inf_nan=False)
     azimuth_deg: Finite = 0.0
 
@@ -90,7 +112,8 @@ class WaterAperture(Model, frozen=True):
         return unit_vector(self.zenith_deg, self.azimuth_deg)
 
 
-Aperture = Annotated[Receiver | WaterAperture, Field(discriminator="kind")]
+AnyAperture = Annotated[SerializeAsAny[Aperture], BeforeValidator(Aperture.read)]
+"""An aperture, or plain data with its `kind`."""
 
 
 class IrradiancePlanes(Model, frozen=True):
@@ -113,5 +136,5 @@ class IrradiancePlanes(Model, frozen=True):
     @classmethod
     def _rising(cls, depths: tuple[float, ...]) -> tuple[float, ...]:
         if not depths or any(b <= a for a, b in pairwise(depths)):
-            raise ValueError("allowed at least one depth, strictly rising")
+            raise Refused("depths", depths, "at least one depth, strictly rising")
         return depths

@@ -5,18 +5,62 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field, SerializeAsAny
 
-from meshtrace.link.models import Finite, Model, Position, unit_vector
+from meshtrace.link.directions import unit_vector
+from meshtrace.models import Finite, Position
+from meshtrace.registry import Family
 
 
-class _Pointed(Model, frozen=True):
+class Source(
+    Family,
+    frozen=True,
+    default="led",
+    closed="sources are closed: the kernels sample these alone",
+):
+    """Base of all sources; a closed family, because the kernels sample each kind themselves.
+
+    Parameters
+    ----------
+    position : tuple of float
+        Horizontal position (x, y) [m].
+    power_mw : float
+        Emitted optical power [mW], > 0; the weight of the source in a list of sources.
+    wavelength_nm : float
+        Wavelength in vacuum [nm], 200 ... 1200.
+    """
+
     position: Position = (0.0, 0.0)
+    power_mw: float = Field(100.0, gt=0.0, allow_inf_nan=False)
+    wavelength_nm: float = Field(470.0, ge=200.0, le=1200.0, allow_inf_nan=False)
+
+    @property
+    def center(self) -> tuple[float, float, float]:
+        """Centre of the source, or of the lit square at still water [m]."""
+        return (*self.position, 0.0)
+
+
+class WaterSource(Source, frozen=True):
+    """Base of the sources in the water, which have a depth and an axis."""
+
     depth: float = Field(10.0, gt=0.0, le=12_000.0, allow_inf_nan=False)
     zenith_deg: float = Field(0.0, ge=0.0, le=180.0, allow_inf_nan=False)
     azimuth_deg: Finite = 0.0
-    power_mw: float = Field(100.0, gt=0.0, allow_inf_nan=False)
-    wavelength_nm: float = Field(470.0, ge=200.0, le=1200.0, allow_inf_nan=False)
+
+    @property
+    def center(self) -> tuple[float, float, float]:
+        """Centre of the source [m]."""
+        return (*self.position, -self.depth)
+
+    @property
+    def size(self) -> float:
+        """Radius of the emitting disk [m], 0 for a point."""
+        return 0.0
+
+    @property
+    def spread_deg(self) -> float:
+        """Half-angle of the emitted cone [deg]."""
+        return 180.0
 
     @property
     def axis(self) -> tuple[float, float, float]:
@@ -24,7 +68,7 @@ class _Pointed(Model, frozen=True):
         return unit_vector(self.zenith_deg, self.azimuth_deg)
 
 
-class Led(_Pointed, frozen=True):
+class Led(WaterSource, frozen=True):
     """Lambertian lamp under water, I(theta) = (m + 1) / (2 pi) cos^m(theta) per unit power.
 
     Parameters
@@ -57,12 +101,17 @@ class Led(_Pointed, frozen=True):
     half_angle_deg: float = Field(10.0, ge=1e-3, lt=90.0, allow_inf_nan=False)
 
     @property
+    def spread_deg(self) -> float:
+        """Half-angle at half power [deg]."""
+        return self.half_angle_deg
+
+    @property
     def order(self) -> float:
         """Lambertian order m."""
         return -math.log(2.0) / math.log(math.cos(math.radians(self.half_angle_deg)))
 
 
-class GaussianBeam(_Pointed, frozen=True):
+class GaussianBeam(WaterSource, frozen=True):
     """Laser-like beam: Gaussian in position and in angle, 1/e^2 at waist and divergence.
 
     Parameters
@@ -77,8 +126,18 @@ class GaussianBeam(_Pointed, frozen=True):
     divergence_deg: float = Field(1.0, ge=0.0, lt=60.0, allow_inf_nan=False)
     waist: float = Field(0.0, ge=0.0, allow_inf_nan=False)
 
+    @property
+    def size(self) -> float:
+        """Radius of the emitting disk [m]."""
+        return self.waist
 
-class TopHatBeam(_Pointed, frozen=True):
+    @property
+    def spread_deg(self) -> float:
+        """Half-angle of the emitted cone [deg]."""
+        return self.divergence_deg
+
+
+class TopHatBeam(WaterSource, frozen=True):
     """Beam uniform over a disk and over a cone of directions.
 
     Parameters
@@ -93,21 +152,30 @@ class TopHatBeam(_Pointed, frozen=True):
     divergence_deg: float = Field(1.0, ge=0.0, le=90.0, allow_inf_nan=False)
     radius: float = Field(0.0, ge=0.0, allow_inf_nan=False)
 
+    @property
+    def size(self) -> float:
+        """Radius of the emitting disk [m]."""
+        return self.radius
 
-class IsotropicSource(_Pointed, frozen=True):
+    @property
+    def spread_deg(self) -> float:
+        """Half-angle of the emitted cone [deg]."""
+        return self.divergence_deg
+
+
+class IsotropicSource(WaterSource, frozen=True):
     """Point source that shines equally in all directions."""
 
     kind: Literal["isotropic"] = "isotropic"
 
 
-class _AirSource(Model, frozen=True):
+class AirSource(Source, frozen=True):
+    """Base of the sources in the air, which light a square of the sea."""
+
     half_width: float = Field(5.0, gt=0.0, allow_inf_nan=False)
-    position: Position = (0.0, 0.0)
-    power_mw: float = Field(100.0, gt=0.0, allow_inf_nan=False)
-    wavelength_nm: float = Field(470.0, ge=200.0, le=1200.0, allow_inf_nan=False)
 
 
-class Sun(_AirSource, frozen=True):
+class Sun(AirSource, frozen=True):
     """Collimated light from the air onto a square of the sea.
 
     Parameters
@@ -132,13 +200,13 @@ class Sun(_AirSource, frozen=True):
     azimuth_deg: Finite = 0.0
 
 
-class UniformSky(_AirSource, frozen=True):
+class UniformSky(AirSource, frozen=True):
     """Sky of equal radiance over the upper hemisphere, onto a square of the sea."""
 
     kind: Literal["uniform-sky"] = "uniform-sky"
 
 
-class CardioidalSky(_AirSource, frozen=True):
+class CardioidalSky(AirSource, frozen=True):
     """Heavily overcast sky, L(theta) ~ 1 + 2 cos theta, onto a square of the sea.
 
     References
@@ -149,10 +217,5 @@ class CardioidalSky(_AirSource, frozen=True):
     kind: Literal["cardioidal-sky"] = "cardioidal-sky"
 
 
-Source = Annotated[
-    Led | GaussianBeam | TopHatBeam | IsotropicSource | Sun | UniformSky | CardioidalSky,
-    Field(discriminator="kind"),
-]
-
-WaterSource = Led | GaussianBeam | TopHatBeam | IsotropicSource
-"""Sources in the water, which have a depth and an axis."""
+AnySource = Annotated[SerializeAsAny[Source], BeforeValidator(Source.read)]
+"""A source, or plain data with its `kind`."""

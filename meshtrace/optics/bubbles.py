@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_validator
 
+from meshtrace.errors import Refused
 from meshtrace.optics.mie import MieTable, cached_table, population_table
+from meshtrace.registry import Family
 
 if TYPE_CHECKING:
-    from meshtrace.optics.phase import HistogramPhase
+    from meshtrace.optics.phase import HistogramPhase, PhaseFunction
 
 FloatArray = NDArray[np.float64]
 
@@ -51,7 +54,37 @@ def _integrate(
     return half * (function(points) @ weight)
 
 
-class HallNovarini(BaseModel, frozen=True, extra="forbid"):
+class BubblePopulation(Family, frozen=True, default="hall-novarini"):
+    """Base of the bubble populations: a subclass defines `b`, `e_folding` and `phase_function`.
+
+    Parameters
+    ----------
+    depth : {"local", "clamped", "mean_level"}
+        Depth under waves in the transport: the distance to the surface above the point,
+        max(0, -z), or -z even in crests, where depths are negative.
+    """
+
+    depth: Literal["local", "clamped", "mean_level"] = "local"
+
+    @property
+    @abstractmethod
+    def e_folding(self) -> float:
+        """Depth scale of the layer [m]: b is tabulated in steps of 1/64 of it, down to 12."""
+
+    @abstractmethod
+    def b(self, depth: ArrayLike) -> FloatArray:
+        """Return the scattering coefficient [m-1] at depths [m]."""
+
+    @abstractmethod
+    def phase_function(self) -> PhaseFunction:
+        """Return the phase function of the population, the same at all depths."""
+
+
+AnyBubbles = Annotated[SerializeAsAny[BubblePopulation], BeforeValidator(BubblePopulation.read)]
+"""A bubble population, or plain data with its `kind`."""
+
+
+class HallNovarini(BubblePopulation, frozen=True):
     """Hall-Novarini population of wind-made bubbles.
 
     n(r, z) = 1.6e10 G(r, z) (U/13)^3 exp(-z/L)   [m-4]
@@ -82,7 +115,7 @@ class HallNovarini(BaseModel, frozen=True, extra="forbid"):
 
     Raises
     ------
-    pydantic.ValidationError
+    Refused
         If a parameter is out of range or not finite, or r_min >= r_max.
 
     Notes
@@ -123,20 +156,19 @@ class HallNovarini(BaseModel, frozen=True, extra="forbid"):
     n_water: float = Field(1.33, gt=1.0, le=2.0, allow_inf_nan=False)
     psi: Literal["exact", "paper"] = "exact"
     q: Literal["mie"] | float = "mie"
-    depth: Literal["local", "clamped", "mean_level"] = "local"
 
     @field_validator("q", mode="before")
     @classmethod
     def _known_q(cls, value: Any) -> Any:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if value != "mie" and not (number and 0.0 < value <= 10.0):
-            raise ValueError(f'q: {value!r}, allowed "mie" or 0 < q <= 10')
+            raise Refused("q", value, '"mie" or 0 < q <= 10')
         return value
 
     @model_validator(mode="after")
     def _ordered_radii(self) -> HallNovarini:
         if self.r_min >= self.r_max:
-            raise ValueError(f"r_min: {self.r_min}, allowed r_min < r_max = {self.r_max} m")
+            raise Refused("r_min", self.r_min, f"r_min < r_max = {self.r_max} m")
         return self
 
     def _checked(self, depth: ArrayLike) -> FloatArray:
@@ -144,7 +176,7 @@ class HallNovarini(BaseModel, frozen=True, extra="forbid"):
         lowest = -HIGHEST if self.depth == "mean_level" else 0.0
         bad = values[~(np.isfinite(values) & (values >= lowest))]
         if bad.size:
-            raise ValueError(f"depth: {bad[0]}, allowed finite depth >= {lowest:g} m")
+            raise Refused("depth", bad[0], f"finite depth >= {lowest:g} m")
         return values
 
     @property
@@ -212,7 +244,7 @@ class HallNovarini(BaseModel, frozen=True, extra="forbid"):
         radius = np.asarray(r, dtype=np.float64)
         bad = radius[~(np.isfinite(radius) & (radius > 0.0))]
         if bad.size:
-            raise ValueError(f"r: {bad[0]}, allowed finite r > 0 m")
+            raise Refused("r", bad[0], "finite r > 0 m")
         ratio = radius / _r_ref(z)
         present = (radius >= self.r_min) & (radius <= self.r_max)
         shape = np.where(ratio <= 1.0, ratio**-4.0, np.maximum(ratio, 1.0) ** -_kappa(z))
@@ -388,12 +420,12 @@ class HallNovarini(BaseModel, frozen=True, extra="forbid"):
         0.0989773
         """
         if not (0.0 < dz < math.inf):
-            raise ValueError(f"dz: {dz}, allowed finite dz > 0 m")
+            raise Refused("dz", dz, "finite dz > 0 m")
         if not max_depth > 0.0:
-            raise ValueError(f"max_depth: {max_depth}, allowed max_depth > 0 m")
+            raise Refused("max_depth", max_depth, "max_depth > 0 m")
         highest = HIGHEST if self.depth == "mean_level" else 0.0
         if not 0.0 <= crest <= highest:
-            raise ValueError(f"crest: {crest}, allowed 0 <= crest <= {highest:g} m")
+            raise Refused("crest", crest, f"0 <= crest <= {highest:g} m")
         cells = math.ceil((min(max_depth, LAYER * self.e_folding) + crest) / dz)
         depth = dz * np.arange(cells + 1, dtype=np.float64) - crest
         steps = _integrate(self.b, depth[:-1], depth[1:], 16)
@@ -427,7 +459,7 @@ class HallNovarini(BaseModel, frozen=True, extra="forbid"):
         1.9e-05
         """
         if count < 1:
-            raise ValueError(f"count: {count}, allowed count >= 1")
+            raise Refused("count", count, "count >= 1")
         z = self._checked(depth)
         r_ref, power = float(_r_ref(z)), 3.0 - float(_kappa(z))
         low, high = self.r_min / r_ref, self.r_max / r_ref

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Described, Refused
+
 Array = NDArray[np.float64]
 
 
@@ -49,7 +51,7 @@ def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Array:
     """
     cos_i = np.asarray(cos_i, dtype=np.float64)
     if not np.all((cos_i >= 0.0) & (cos_i <= 1.0)):
-        raise ValueError(f"cos_i: {cos_i.min()} ... {cos_i.max()}, allowed 0 <= cos_i <= 1")
+        raise Refused("cos_i", Described(f"{cos_i.min()} ... {cos_i.max()}"), "0 <= cos_i <= 1")
     _check_indices(n1, n2)
     sin2_t = (n1 / n2) ** 2 * (1.0 - cos_i**2)
     total = sin2_t >= 1.0
@@ -178,4 +180,4 @@ def hemispheric_reflectance(n1: float, n2: float) -> float:
 def _check_indices(n1: float, n2: float) -> None:
     for name, index in (("n1", n1), ("n2", n2)):
         if not 0.0 < index < np.inf:
-            raise ValueError(f"{name}: {index}, allowed a finite number > 0")
+            raise Refused(name, index, "a finite number > 0")

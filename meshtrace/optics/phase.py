@@ -18,10 +18,12 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field
+from pydantic import BeforeValidator, Field, SerializeAsAny
 
+from meshtrace.errors import Described, Refused
 from meshtrace.kernels import phase as kernel
 from meshtrace.kernels.phase import PhaseTables
+from meshtrace.registry import Family
 
 Array = NDArray[np.float64]
 
@@ -40,7 +42,7 @@ class _Component(NamedTuple):
     guide: NDArray[np.int64] = np.empty(0, dtype=np.int64)
 
 
-class PhaseFunction(pydantic.BaseModel, frozen=True, extra="forbid"):
+class PhaseFunction(Family, frozen=True, default="fournier-forand"):
     """What every phase function offers; subclasses define it in s = sin^2(theta / 2)."""
 
     def pdf(self, theta: ArrayLike) -> Array:
@@ -104,7 +106,7 @@ class PhaseFunction(pydantic.BaseModel, frozen=True, extra="forbid"):
         u = np.asarray(u, dtype=np.float64)
         if not np.all((u >= 0.0) & (u < 1.0)):
             bad = u[~((u >= 0.0) & (u < 1.0))].flat[0]
-            raise ValueError(f"u: {bad}, allowed 0 <= u < 1")
+            raise Refused("u", bad, "0 <= u < 1")
         return 2.0 * np.arcsin(np.sqrt(_sample_s(self.tables(), u)))
 
     @property
@@ -136,6 +138,10 @@ class PhaseFunction(pydantic.BaseModel, frozen=True, extra="forbid"):
     @abstractmethod
     def _components(self) -> list[_Component]:
         """Return the parts that tables are made of."""
+
+
+AnyPhase = Annotated[SerializeAsAny[PhaseFunction], BeforeValidator(PhaseFunction.read)]
+"""A phase function, or plain data with its `kind`."""
 
 
 class FournierForand(PhaseFunction, frozen=True):
@@ -389,9 +395,12 @@ def _power_law_segments(s: Array, value: Array) -> _Segments:
     p = 1.0 + np.concatenate([slope[:1], slope, slope[-1:]])
     p[np.abs(p) < 1e-7] = 0.0
     if p[0] <= 0.0:
-        raise ValueError(
-            f"value: {value[0]:g}, {value[1]:g}, ... rises towards 0 degrees as theta^"
-            f"{2.0 * p[0] - 2.0:.3g}, allowed: less steeply than theta^-2, else it has no integral"
+        raise Refused(
+            "value",
+            Described(
+                f"{value[0]:g}, {value[1]:g}, ... rise towards 0 as theta^{2.0 * p[0] - 2.0:.3g}"
+            ),
+            "less steeply than theta^-2, else it has no integral",
         )
     s_lo, s_hi = np.concatenate([[0.0], s]), np.concatenate([s, [1.0]])
     at_hi = np.concatenate([value, value[-1:] * s[-1] ** -slope[-1]])
@@ -435,16 +444,17 @@ class TabulatedPhase(_PiecewisePhase, frozen=True):
     def _check(self) -> Self:
         theta, value = np.array(self.theta_deg), np.array(self.value)
         if theta.size != value.size or np.count_nonzero(theta > 0.0) < 2:
-            raise ValueError(
-                f"theta_deg, value: {theta.size} and {value.size} numbers, allowed: as many of "
-                "each, at least two with theta_deg > 0"
+            raise Refused(
+                "theta_deg, value",
+                Described(f"{theta.size} and {value.size} numbers"),
+                "as many of each, at least two with theta_deg > 0",
             )
         if np.any(np.diff(theta) <= 0.0) or theta[0] < 0.0 or theta[-1] > 180.0:
-            raise ValueError(
-                f"theta_deg: {theta[0]} ... {theta[-1]}, allowed: increasing within 0 ... 180"
+            raise Refused(
+                "theta_deg", Described(f"{theta[0]} ... {theta[-1]}"), "increasing within 0 ... 180"
             )
         if np.any(value <= 0.0):
-            raise ValueError(f"value: {value.min()}, allowed value > 0")
+            raise Refused("value", value.min(), "value > 0")
         self._segments()
         return self
 
@@ -533,16 +543,17 @@ class HistogramPhase(_PiecewisePhase, frozen=True, populate_by_name=True):
     def _check(self) -> Self:
         theta, cdf = np.array(self.theta_edges), np.array(self.cdf_edges)
         if theta.size != cdf.size or theta.size < 2:
-            raise ValueError(
-                f"theta_edges, cdf: {theta.size} and {cdf.size} numbers, allowed: as many of each, "
-                "at least two"
+            raise Refused(
+                "theta_edges, cdf",
+                Described(f"{theta.size} and {cdf.size} numbers"),
+                "as many of each, at least two",
             )
         if np.any(np.diff(theta) <= 0.0) or theta[0] != 0.0 or abs(theta[-1] - np.pi) > 1e-12:
-            raise ValueError(
-                f"theta_edges: {theta[0]} ... {theta[-1]}, allowed: increasing from 0 to pi"
+            raise Refused(
+                "theta_edges", Described(f"{theta[0]} ... {theta[-1]}"), "increasing from 0 to pi"
             )
         if np.any(np.diff(cdf) < 0.0) or cdf[0] != 0.0 or abs(cdf[-1] - 1.0) > 1e-12:
-            raise ValueError(f"cdf: {cdf[0]} ... {cdf[-1]}, allowed: not decreasing from 0 to 1")
+            raise Refused("cdf", Described(f"{cdf[0]} ... {cdf[-1]}"), "not decreasing from 0 to 1")
         return self
 
     def _segments(self) -> _Segments:
@@ -588,9 +599,10 @@ class MixturePhase(PhaseFunction, frozen=True):
     @pydantic.model_validator(mode="after")
     def _check(self) -> Self:
         if len(self.weights) != len(self.components) or min(self.weights) <= 0.0:
-            raise ValueError(
-                f"weights: {self.weights}, allowed: {len(self.components)} numbers > 0, one for "
-                "each of the components"
+            raise Refused(
+                "weights",
+                self.weights,
+                f"{len(self.components)} numbers > 0, one for each of the components",
             )
         return self
 
@@ -616,27 +628,12 @@ class MixturePhase(PhaseFunction, frozen=True):
         ]
 
 
-AnyPhase = Annotated[
-    FournierForand
-    | HenyeyGreenstein
-    | Rayleigh
-    | Petzold
-    | TabulatedPhase
-    | HistogramPhase
-    | MixturePhase,
-    Field(discriminator="kind"),
-]
-"""Any phase function; as plain data its class is told by the key ``kind``."""
-
-MixturePhase.model_rebuild()
-
-
 def _s_of(theta: ArrayLike) -> Array:
     """Return sin^2(theta / 2) of checked angles."""
     theta = np.asarray(theta, dtype=np.float64)
     if not np.all((theta >= 0.0) & (theta <= np.pi)):
         bad = theta[~((theta >= 0.0) & (theta <= np.pi))].flat[0]
-        raise ValueError(f"theta: {bad}, allowed 0 <= theta <= pi rad")
+        raise Refused("theta", bad, "0 <= theta <= pi rad")
     return np.sin(0.5 * theta) ** 2
 
 

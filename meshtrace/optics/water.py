@@ -11,6 +11,8 @@ import pydantic
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
+from meshtrace.errors import Described, Refused
+from meshtrace.models import Model
 from meshtrace.optics.phase import AnyPhase, FournierForand, Petzold, Rayleigh
 
 Array = NDArray[np.float64]
@@ -23,10 +25,10 @@ WATER_TYPES = (
     *(f"petzold-{name}" for name in _PETZOLD),
     *(f"jerlov-{name}" for name in _JERLOV),
 )
-"""Names that `water_from_type` knows."""
+"""Types of water that `Water.from_type` knows."""
 
 
-class Water(pydantic.BaseModel, frozen=True, extra="forbid"):
+class Water(Model, frozen=True):
     """Sea water below the surface, homogeneous or layered.
 
     Parameters
@@ -49,7 +51,7 @@ class Water(pydantic.BaseModel, frozen=True, extra="forbid"):
 
     Raises
     ------
-    pydantic.ValidationError
+    Refused
         If a value lies outside its range, or a and b contradict the layers.
 
     Notes
@@ -78,10 +80,14 @@ class Water(pydantic.BaseModel, frozen=True, extra="forbid"):
     def _surface_values(cls, data: Any) -> Any:
         """Take a and b from the first layer where they are not given."""
         if isinstance(data, dict) and data.get("layers") is not None:
-            layers = np.atleast_2d(np.asarray(data["layers"], dtype=np.float64))
-            if layers.shape[1] == 3:
-                first = {"a": float(layers[0, 1]), "b": float(layers[0, 2])}
-                return {**first, **data, "layers": [tuple(row) for row in layers.tolist()]}
+            try:
+                layers = np.array(data["layers"], dtype=np.float64, ndmin=2)
+            except (TypeError, ValueError):
+                layers = np.zeros(0)
+            if layers.ndim != 2 or layers.shape[1] != 3 or not layers.size:
+                raise Refused("layers", data["layers"], "rows of [depth, a, b]")
+            first = {"a": float(layers[0, 1]), "b": float(layers[0, 2])}
+            return {**first, **data, "layers": [tuple(row) for row in layers.tolist()]}
         return data
 
     @pydantic.model_validator(mode="after")
@@ -91,13 +97,15 @@ class Water(pydantic.BaseModel, frozen=True, extra="forbid"):
         layers = np.array(self.layers)
         depth = layers[:, 0]
         if not np.all(np.isfinite(layers)) or layers.min() < 0.0:
-            raise ValueError(f"layers: {layers.min()}, allowed finite numbers >= 0")
+            raise Refused("layers", layers.min(), "finite numbers >= 0")
         if depth[0] != 0.0 or np.any(np.diff(depth) <= 0.0):
-            raise ValueError(f"layers: depths {depth}, allowed: increasing from 0")
+            raise Refused("layers", Described(f"depths {depth}"), "increasing from 0")
         if (self.a, self.b) != self.layers[0][1:]:
-            raise ValueError(
-                f"a, b: {self.a}, {self.b}, allowed with layers: those of the first node, "
-                f"{self.layers[0][1]}, {self.layers[0][2]}, or nothing"
+            raise Refused(
+                "a, b",
+                Described(f"{self.a}, {self.b}"),
+                "with layers: nothing, or those of the first node, "
+                f"{self.layers[0][1]} and {self.layers[0][2]}",
             )
         return self
 
@@ -173,11 +181,6 @@ class Water(pydantic.BaseModel, frozen=True, extra="forbid"):
         return cls(**{"a": float(a), "b": float(b), "phase": phase, **parameters})
 
 
-def water_from_type(type: str, wavelength_nm: float = 470.0, **parameters: Any) -> Water:
-    """Return `Water.from_type`: the water of a named type."""
-    return Water.from_type(type, wavelength_nm, **parameters)
-
-
 def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Array, Array]:
     """Return the absorption and scattering coefficients of a type of water.
 
@@ -219,7 +222,7 @@ def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Array, Array]:
     (0.366, 1.824)
     """
     if type not in WATER_TYPES:
-        raise ValueError(f"type: {type!r}, allowed {', '.join(WATER_TYPES)}")
+        raise Refused("type", type, ", ".join(WATER_TYPES))
     family, _, name = type.partition("-")
     wavelength = np.asarray(wavelength_nm, dtype=np.float64)
     if family == "petzold":
@@ -363,7 +366,7 @@ def _interpolate(wavelength: Array, nodes: Array, values: Array) -> Array:
 def _check_range(name: str, value: Array, low: float, high: float, unit: str) -> None:
     if not np.all((value >= low) & (value <= high)):
         bad = value[~((value >= low) & (value <= high))].flat[0]
-        raise ValueError(f"{name}: {bad}, allowed {low:g} <= {name} <= {high:g} {unit}")
+        raise Refused(name, bad, f"{low:g} <= {name} <= {high:g} {unit}")
 
 
 @lru_cache(maxsize=4)

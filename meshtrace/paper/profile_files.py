@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from meshtrace.errors import Described, Refused
 from meshtrace.paper.profiles import WaterProfile, load_profiles
 from meshtrace.paper.registry import Setting
 
@@ -13,17 +14,15 @@ def profiles_of(setting: Setting) -> list[WaterProfile]:
 
     Raises
     ------
-    ScenarioError
+    Refused
         If a file cannot be read.
     """
-    from meshtrace.scenario import ScenarioError
-
     if not setting.profiles:
         return stand_ins()
     try:
         return [profile for path in setting.profiles for profile in load_profiles(path)]
     except ValueError as error:
-        raise ScenarioError(f"--profiles: {error}") from error
+        raise Refused("--profiles", Described(str(error)), "files of profiles") from error
 
 
 def stand_ins() -> list[WaterProfile]:

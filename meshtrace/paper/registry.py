@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from meshtrace.errors import Refused
 from meshtrace.paper.printed import PRINTED
 
 if TYPE_CHECKING:
@@ -216,13 +217,11 @@ def load(name: str) -> Figure:
 
     Raises
     ------
-    ScenarioError
+    Refused
         If there is no such figure.
     """
-    from meshtrace.scenario import ScenarioError
-
     modules = dict(_ORDER)
     if name not in modules:
-        raise ScenarioError(f"--only: {name!r}, allowed: {', '.join(FIGURES)}")
+        raise Refused("--only", name, ", ".join(FIGURES))
     importlib.import_module(f"{__package__}.{modules[name]}")
     return _FOUND[name]

@@ -63,7 +63,7 @@ def make_figures(
 
     Raises
     ------
-    ScenarioError
+    Refused
         If there is no such figure or a file of profiles cannot be read.
 
     Notes

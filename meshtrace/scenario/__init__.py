@@ -4,7 +4,8 @@ A scenario is everything that one run depends on. This is the only package that 
 with `meshtrace.surfaces`, by late imports.
 """
 
-from meshtrace.errors import LARGEST, ScenarioError
+from meshtrace.errors import LARGEST
+from meshtrace.errors import Refused as ScenarioError
 from meshtrace.scenario.files import KEYS, parse_setting
 from meshtrace.scenario.model import Scenario
 from meshtrace.scenario.parts import DEFAULT_WIND_SPEED

@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from meshtrace.errors import ScenarioError, one_line, show
+from meshtrace.errors import Described, Refused
 
 KEYS = (
     "wind_speed",
@@ -25,25 +25,48 @@ KEYS = (
 )
 """Keys at the top of a link file."""
 
+LARGEST_FILE = 16 * 2**20
+"""Bytes of a link file beyond which it is refused."""
+
+_MOST_DOTS = 64  # of a key: the time that TOML takes grows with their square
+
 
 def read_text(path: str | Path) -> str:
-    """Return the text of a link file."""
+    """Return the text of a link file.
+
+    Raises
+    ------
+    Refused
+        If it is no regular file of at most 16 MB in UTF-8.
+    """
+    file = Path(path)
     try:
-        return Path(path).read_text(encoding="utf-8")
+        if file.exists() and not file.is_file():
+            raise Refused(str(path), Described("no regular file"), "a TOML file")
+        if file.is_file() and file.stat().st_size > LARGEST_FILE:
+            size = Described(f"{file.stat().st_size / 2**20:.0f} MB")
+            raise Refused(str(path), size, f"at most {LARGEST_FILE / 2**20:.0f} MB")
+        return file.read_text(encoding="utf-8")
     except OSError as error:
-        raise ScenarioError(f"{path}: {error.strerror}, allowed: a TOML file") from error
-    except UnicodeDecodeError as error:
-        raise ScenarioError(f"{path}: {error}, allowed: a TOML file in UTF-8") from error
+        raise Refused(str(path), Described(error.strerror), "a TOML file") from error
+    except ValueError as error:
+        if isinstance(error, Refused):
+            raise
+        raise Refused(str(path), Described(str(error)), "a TOML file in UTF-8") from error
 
 
 def parse_toml(text: str) -> dict[str, Any]:
     """Return the tables of a text."""
+    for line in text.splitlines():
+        key = line.partition("=")[0]
+        if key.count(".") > _MOST_DOTS and not {",", "#"} & set(key):
+            raise Refused("", key, f"keys of at most {_MOST_DOTS} dots")
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{one_line(str(error))}, allowed: TOML") from error
+    except ValueError as error:  # also integers of more digits than Python reads
+        raise Refused("", Described(str(error)), "TOML") from error
     except RecursionError as error:
-        raise ScenarioError("nested too deeply, allowed: tables of a link file") from error
+        raise Refused("", Described("nested too deeply"), "tables of a link file") from error
 
 
 def parse_setting(setting: str) -> tuple[str, Any]:
@@ -51,7 +74,7 @@ def parse_setting(setting: str) -> tuple[str, Any]:
 
     Raises
     ------
-    ScenarioError
+    Refused
         If there is no "=" or no key.
 
     Examples
@@ -63,10 +86,10 @@ def parse_setting(setting: str) -> tuple[str, Any]:
     """
     key, equals, value = setting.partition("=")
     if not equals or not key.strip():
-        raise ScenarioError(f"{setting!r}, allowed: key=value, as in transmitter.depth=20.0")
+        raise Refused("", setting, "key=value, as in transmitter.depth=20.0")
     try:
-        return key.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+        return key.strip(), parse_toml(f"value = {value}")["value"]
+    except Refused:
         return key.strip(), value.strip()
 
 
@@ -77,5 +100,5 @@ def set_value(config: dict[str, Any], key: str, value: Any) -> None:
     for name in parents:
         table = table.setdefault(name, {})
         if not isinstance(table, dict):
-            raise ScenarioError(f"{key}: {show(value)}, allowed: a key in a table")
+            raise Refused(key, value, "a key in a table")
     table[last] = value

@@ -7,29 +7,30 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-import pydantic
+import numpy as np
 from pydantic import field_validator
 
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import ScenarioError, refuse_numbers, refuse_overflow, refuse_unknown, show
+from meshtrace.errors import Described, Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.models import Model
 from meshtrace.results.gain import GainResult
 from meshtrace.scenario import parts, seas
 from meshtrace.scenario.files import KEYS, parse_toml, read_text, set_value
 from meshtrace.scenario.seas import MeshFile
-from meshtrace.scenario.tables import Table, as_table, named_as_in_files, plain, validated
+from meshtrace.scenario.tables import Table, as_table, plain, validated
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.options import Run, Sampling
 from meshtrace.transport.simulate import mesh_for, simulate
 from meshtrace.uav.airframe import Uav
 
 if TYPE_CHECKING:
-    from meshtrace.studies.performance.link_performance import LinkPerformance
-    from meshtrace.studies.series import GainSeries
+    from meshtrace.results.series import GainSeries
+    from meshtrace.studies.performance.tables import LinkPerformance
 
 
-class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
+class Scenario(Model, frozen=True):
     """Everything that one run depends on; what a link file says.
 
     Parameters
@@ -75,9 +76,8 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
     @classmethod
     def _known_surface(cls, surface: Any) -> Any:
         if not isinstance(surface, SurfaceModel | MeshFile):
-            raise ValueError(
-                f"surface: {type(surface).__name__}, allowed a sea (SurfaceModel) or a MeshFile"
-            )
+            kind = Described(type(surface).__name__)
+            raise Refused("surface", kind, "a sea (SurfaceModel) or a MeshFile")
         return surface
 
     @classmethod
@@ -93,7 +93,7 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ScenarioError
+        Refused
             If the file cannot be read or a value is not allowed.
         """
         text = read_text(path)
@@ -123,7 +123,7 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ScenarioError
+        Refused
             If the text is not TOML or a value is not allowed.
         """
         try:
@@ -131,8 +131,11 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
             for key, value in (changes or {}).items():
                 set_value(config, key, value)
             return cls.from_config(config, folder=folder)
-        except ScenarioError as error:
-            raise ScenarioError(f"{source}: {error}" if source else str(error)) from error
+        except RecursionError as error:
+            nested = Described("nested too deeply")
+            raise Refused("", nested, "tables of a link file", source=source or "") from error
+        except Refused as error:
+            raise error.of(source or "") from error.__cause__
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any], *, folder: str | Path = ".") -> Self:
@@ -140,7 +143,7 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ScenarioError
+        Refused
             If a key is unknown or a value is not allowed.
 
         Notes
@@ -150,8 +153,7 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
         bubbles; whitecaps "paper_0255". The estimator is "forced" unless given, or "analog" for
         a link that forced detection cannot follow.
         """
-        refuse_numbers(config)
-        refuse_unknown(config, KEYS, "")
+        require_keys(config, KEYS)
         wind_speed = parts.read_wind_speed(config)
         sea = as_table(config.get("sea", {}), "sea")
         sampling = {key: sea.pop(key) for key in Sampling.model_fields if key in sea}
@@ -179,7 +181,7 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ScenarioError
+        Refused
             If the surface was a mesh that came from no file, or a model of the user's own.
 
         Notes
@@ -231,14 +233,13 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ScenarioError
+        Refused
             If it does not cover the link, or reaches a source or a receiver, or the estimator
             cannot follow the link.
         """
         sampling = self.sampling.model_dump()
-        with named_as_in_files():
-            reach = None if self.run.estimator == "analog" else crossing_reach(self.link)
-            return mesh_for(self.link, self._runnable(), **sampling, reach=reach)[0]
+        reach = None if self.run.estimator == "analog" else crossing_reach(self.link)
+        return mesh_for(self.link, self._runnable(), **sampling, reach=reach)[0]
 
     def simulate(self, progress: Callable[[int], None] | None = None) -> GainResult:
         """Run the scenario.
@@ -255,13 +256,17 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ScenarioError
+        Refused
             If the surface does not suit the link.
         """
         options: Any = {**self.sampling.model_dump(), **self.run.model_dump()}
-        with named_as_in_files():
+        try:
             result = simulate(self.link, self._runnable(), progress=progress, **options)
-            refuse_overflow(result)
+        except ArithmeticError as error:
+            raise Refused("link", Described(f"{error}"), "numbers that do not overflow") from error
+        if not np.isfinite(result.gain).all():
+            gain = Described(f"a gain of {result.gain}")
+            raise Refused("link", gain, "numbers that do not overflow")
         if isinstance(self.surface, MeshFile):
             return replace(result, provenance={**result.provenance, "mesh_file": self.surface.file})
         return result
@@ -273,14 +278,13 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ScenarioError
+        Refused
             If the surface does not move, or the link needs the analog estimator.
         """
         from meshtrace.studies.series import time_series
 
         options: Any = self._series_options(moving=True)
-        with named_as_in_files():
-            return time_series(self.link, self.surface, times, progress=progress, **options)
+        return time_series(self.link, self.surface, times, progress=progress, **options)
 
     def ensemble(
         self, n_realizations: int, progress: Callable[[int], None] | None = None
@@ -289,14 +293,13 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ScenarioError
+        Refused
             If the sea has no random phases, or the link needs the analog estimator.
         """
         from meshtrace.studies.series import ensemble
 
         options: Any = {**self._series_options(), "time": self.sampling.time}
-        with named_as_in_files():
-            return ensemble(self.link, n_realizations, self.surface, progress=progress, **options)
+        return ensemble(self.link, n_realizations, self.surface, progress=progress, **options)
 
     def performance(
         self, progress: Callable[[int], None] | None = None, **options: Any
@@ -312,7 +315,7 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ScenarioError
+        Refused
             If an option is out of range, or the link needs the analog estimator.
         """
         from meshtrace.studies.performance.link_performance import link_performance
@@ -320,25 +323,22 @@ class Scenario(pydantic.BaseModel, frozen=True, extra="forbid"):
         run = self._series_options()
         shared: Any = {key: run[key] for key in ("photons", "seed", "spacing", "threads")}
         mine = {"ook": self.detector or "physical", "uav": self.uav}
-        with named_as_in_files():
-            return link_performance(
-                self.link,
-                self.surface,
-                wind_speed=self.wind_speed,
-                progress=progress,
-                **{**shared, **mine, **options},
-            )
+        return link_performance(
+            self.link,
+            self.surface,
+            wind_speed=self.wind_speed,
+            progress=progress,
+            **{**shared, **mine, **options},
+        )
 
     def _series_options(self, moving: bool = False) -> dict[str, Any]:
         """Return what `series` takes of the run, refusing what only single runs follow."""
         if self.run.estimator != "forced":
-            raise ScenarioError(
-                f"run.estimator: {show(self.run.estimator)}, allowed: forced, over many seas"
-            )
+            raise Refused("run.estimator", self.run.estimator, "forced, over many seas")
         if isinstance(self.surface, MeshFile):
-            raise ScenarioError(f"sea.mesh: {show(self.surface.file)}, allowed: a sea model")
+            raise Refused("sea.mesh", self.surface.file, "a sea model")
         if moving and self.sampling.time != 0.0:
-            raise ScenarioError(f"sea.time: {self.sampling.time:g}, allowed: 0 with times")
+            raise Refused("sea.time", self.sampling.time, "0 with times")
         seas.refuse_huge(self.surface, self.link.footprint(), self.sampling)
         run = self.run.model_dump(include={"photons", "seed", "normals", "threads"})
         return {**run, **self.sampling.model_dump(include={"extent", "spacing"})}

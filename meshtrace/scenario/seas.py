@@ -6,23 +6,16 @@ Here the core meets `meshtrace.surfaces`, by late imports.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-import pydantic
-
-from meshtrace.errors import (
-    ScenarioError,
-    one_line,
-    refuse_unknown,
-    refuse_unlisted,
-    show,
-    with_colon,
-)
+from meshtrace.errors import Described, Refused, did_you_mean
 from meshtrace.link import Footprint, Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.scenario.tables import Table, kinds, of_kind, validated, without_shared_wind
+from meshtrace.models import Model
+from meshtrace.registry import Family
+from meshtrace.scenario.tables import Table, validated, without_shared_wind
 from meshtrace.transport.options import Sampling
 
 MOST_VERTICES = 10_000_000
@@ -35,7 +28,7 @@ _SEA_ALIASES = {"sinusoidal": "sinusoid", "tilted-plane": "plane"}
 _SEA_KEYS = ("spectrum", "mesh", *Sampling.model_fields)
 
 
-class MeshFile(pydantic.BaseModel, frozen=True, extra="forbid"):
+class MeshFile(Model, frozen=True):
     """A surface made elsewhere, in a file that `meshtrace.surfaces.from_trimesh` reads.
 
     Parameters
@@ -57,75 +50,91 @@ class MeshFile(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ScenarioError
+        Refused
             If it cannot be read, is not a surface facing up, or does not cover the square.
         """
         from meshtrace.surfaces import from_trimesh
 
         try:
             return from_trimesh(self.file, extent=extent)
+        except Refused as error:
+            raise error.of(self.file).inside("sea", "mesh") from None
         except Exception as error:  # the readers behind trimesh raise whatever they stumble over
-            problem = one_line(str(error)) or type(error).__name__
-            if ", allowed" not in problem:
-                problem += ", allowed: a surface in an STL, PLY or OBJ file"
-            raise ScenarioError(f"sea.mesh: {self.file!r}: {with_colon(problem)}") from error
+            problem = Described(f"{self.file!r}: {error or type(error).__name__}")
+            allowed = "a surface in an STL, PLY or OBJ file"
+            raise Refused("sea.mesh", problem, allowed) from error
 
 
 def read_surface(table: Table, wind_speed: float, sampling: Mapping[str, Any], folder: Path) -> Any:
     """Return the surface of [sea], of which `sampling` has been taken out."""
     if "mesh" in table:
         return _mesh_file(table, sampling, folder)
-    from meshtrace.surfaces.seas import FlatSea, Sea
-    from meshtrace.surfaces.spectra import Spectrum
-    from meshtrace.surfaces.spreading import Spreading
+    from meshtrace.surfaces import FlatSea, Surface
 
-    seas, spectra = kinds(Sea), kinds(Spectrum)
     word = table.pop("spectrum", table.pop("kind", "jonswap"))
-    own = isinstance(word, Mapping)
-    if not own:
-        refuse_unlisted(word, _sea_words(seas, spectra), "sea.spectrum")
-    kind, table = _sea_kind(word, table, seas, spectra)
-    inline = spectra[word].model_fields if kind == "spectral" and not own else ()
-    keys = tuple(dict.fromkeys([*_SEA_KEYS, *inline, *seas[kind].model_fields]))
-    driven = {"jonswap": table, "spectral": table.get("spectrum")}.get(kind)
-    if driven is not None and driven.setdefault("wind_speed", wind_speed) == 0.0:
-        refuse_unknown(table, keys, "sea")
-        return FlatSea()
-    if kind == "spectral":
-        path = "sea.spectrum" if own else "sea"
-        table["spectrum"] = of_kind(Spectrum, table["spectrum"], path, "kind", "jonswap")
-    if "spreading" in table:
-        table["spreading"] = of_kind(Spreading, table["spreading"], "sea.spreading", "kind", "ittc")
-    return validated(seas[kind], table, "sea", keys)
+    model = Surface.member("spectral") if isinstance(word, Mapping) else _named(word)
+    keys, calm = _SEA_KEYS, False
+    if not issubclass(model, Surface) or isinstance(word, Mapping):
+        table, keys, calm = _with_spectrum(word, table, wind_speed)
+        model = Surface.member("spectral")
+    elif "wind_speed" in model.model_fields:
+        table, calm = _driven(table, wind_speed)
+    surface = validated(model, table, "sea", keys)
+    return FlatSea() if calm else surface
 
 
-def _sea_words(seas: Iterable[str], spectra: Iterable[str]) -> tuple[str, ...]:
-    """Return what `spectrum` may be in [sea]: kinds of sea, and spectra of a spectral sea."""
-    words = dict.fromkeys([*seas, *_SEA_ALIASES, *spectra])
-    return tuple(word for word in words if word != "spectral")
+def _named(word: Any) -> type[Family]:
+    """Return the class of a sea, or else of a spectrum, that a word names."""
+    from meshtrace.surfaces import Spectrum, Surface
+
+    for family in (Surface, Spectrum):
+        try:
+            return family.member(_SEA_ALIASES.get(word, word) if isinstance(word, str) else word)
+        except Refused as error:
+            refused = error
+    if isinstance(word, str) and ":" in word:
+        raise Refused("sea.spectrum", word, refused.allowed)
+    seas = (kind for kind in Surface.registered if kind != "spectral")
+    words = list(dict.fromkeys([*seas, *_SEA_ALIASES, *Spectrum.registered]))
+    raise Refused("sea.spectrum", word, ", ".join(words), did_you_mean(word, words))
 
 
-def _sea_kind(
-    word: Any, table: Table, seas: Iterable[str], spectra: Mapping[str, type[pydantic.BaseModel]]
-) -> tuple[str, Table]:
-    """Return the kind of sea, and its table with the keys of a spectrum in a table of their own."""
+def _with_spectrum(
+    word: Any, table: Table, wind_speed: float
+) -> tuple[Table, tuple[str, ...], bool]:
+    """Return the table of a spectral sea, all keys of [sea], and whether there is no wind.
+
+    The spectrum is a table of its own, or a word with its parameters beside the sea's.
+    """
+    from meshtrace.surfaces import Spectrum
+
     if isinstance(word, Mapping):
-        return "spectral", {**table, "spectrum": dict(word)}
-    if word in seas or word in _SEA_ALIASES:
-        return _SEA_ALIASES.get(word, word), table
-    fields = spectra[word].model_fields
-    spectrum = {key: value for key, value in table.items() if key in fields}
-    rest = {key: value for key, value in table.items() if key not in fields}
-    return "spectral", {**rest, "spectrum": {**spectrum, "kind": word}}
+        path, keys, own = ("sea", "spectrum"), _SEA_KEYS, {"kind": "jonswap", **word}
+    else:
+        fields = Spectrum.member(word).model_fields
+        path, keys = ("sea",), (*_SEA_KEYS, *fields)
+        own = {"kind": word, **{key: table.pop(key) for key in fields if key in table}}
+    own, calm = _driven(own, wind_speed)
+    try:
+        return {**table, "spectrum": Spectrum.read(own)}, keys, calm
+    except Refused as error:
+        raise error.inside(*path) from None
+
+
+def _driven(table: Table, wind_speed: float) -> tuple[Table, bool]:
+    """Return a table with its wind speed, and whether there is none: it is checked at 5 m/s."""
+    speed = table.get("wind_speed", wind_speed)
+    calm = speed == 0.0 and not isinstance(speed, bool)
+    return {**table, "wind_speed": 5.0 if calm else speed}, calm
 
 
 def _mesh_file(table: Table, sampling: Mapping[str, Any], folder: Path) -> MeshFile:
     for key, value in {**table, **sampling}.items():
         if key not in ("mesh", "extent"):
-            raise ScenarioError(f"sea.{key}: {show(value)}, allowed: beside mesh only extent")
+            raise Refused(f"sea.{key}", value, "beside mesh only extent")
     name = table["mesh"]
     if not isinstance(name, str) or not os.path.isfile(folder / name):
-        raise ScenarioError(f"sea.mesh: {show(name)}, allowed: an STL, PLY or OBJ file")
+        raise Refused("sea.mesh", name, "an STL, PLY or OBJ file")
     return MeshFile(file=str((folder / name).resolve()))
 
 
@@ -138,17 +147,15 @@ def surface_from_provenance(provenance: Mapping[str, Any]) -> SurfaceModel | Mes
         return MeshFile(file=provenance["mesh_file"])
     try:
         return sea_from_config(config)
-    except pydantic.ValidationError as error:
-        kind = config.get("kind")
-        raise ScenarioError(
-            f"surface: {show(kind)}, allowed: a sea of meshtrace.surfaces or a mesh from a file"
-        ) from error
+    except Refused as error:
+        allowed = "a sea of meshtrace.surfaces or a mesh from a file"
+        raise Refused("surface", config.get("kind"), allowed) from error
 
 
 def wind_of(link: Link, surface: Any) -> float:
     """Return the wind speed of the first part that has one, 0 for a calm sea."""
-    parts = (getattr(surface, "spectrum", None), link.bubbles, link.whitecaps)
-    return next((part.wind_speed for part in parts if part is not None), 0.0)
+    spectrum = getattr(surface, "spectrum", None)
+    return (link.wind_speed or 0.0) if spectrum is None else spectrum.wind_speed
 
 
 def surface_config(surface: SurfaceModel | MeshFile, wind_speed: float) -> Table:
@@ -168,19 +175,18 @@ def refuse_huge(surface: SurfaceModel, footprint: Footprint, sampling: Sampling)
     from meshtrace.surfaces.gridding import grid_axis
 
     spacing = sampling.spacing or footprint.spacing
-    if sampling.extent is None:
-        coarse = max(footprint.coarse_spacing, spacing)
-        lines = len(grid_axis(0.0, footprint.extent, spacing, footprint.fine_extent, coarse))
-    else:
-        lines = len(grid_axis(0.0, sampling.extent, spacing))
+    try:
+        if sampling.extent is None:
+            coarse = max(footprint.coarse_spacing, spacing)
+            lines = len(grid_axis(0.0, footprint.extent, spacing, footprint.fine_extent, coarse))
+        else:
+            lines = len(grid_axis(0.0, sampling.extent, spacing))
+    except Refused as error:
+        raise error.inside("sea") from None
     if lines**2 > MOST_VERTICES:
-        raise ScenarioError(
-            f"sea.spacing: {spacing:g} m makes {lines**2} vertices, allowed: at most "
-            f"{MOST_VERTICES} vertices"
-        )
+        size = Described(f"{spacing:g} m makes {lines**2} vertices")
+        raise Refused("sea.spacing", size, f"at most {MOST_VERTICES} vertices")
     waves = len(surface.components.amplitude) if hasattr(surface, "components") else 0
     if waves * lines > MOST_FACTORS:
-        raise ScenarioError(
-            f"sea.d_omega: {waves} waves on {lines} grid lines, allowed: a product of at most "
-            f"{MOST_FACTORS}"
-        )
+        size = Described(f"{waves} waves on {lines} grid lines")
+        raise Refused("sea.d_omega", size, f"a product of at most {MOST_FACTORS}")

@@ -1,181 +1,42 @@
-"""Many surfaces with one set of chains: moving seas, ensembles, coverage of a plane."""
+"""Many surfaces with one set of chains: moving seas, flights, ensembles."""
 
 from __future__ import annotations
 
-import json
-import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+import warnings
+from collections.abc import Callable, Iterator
 from itertools import chain, islice
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.link import Link, Receiver
-from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.results.gain import FORMAT_VERSION
-from meshtrace.transport.analog import MapGrid
-from meshtrace.transport.forced import SHIFTS, ForcedDetection, Parts
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.simulate import mesh_for, provenance, simulate
+from meshtrace.errors import Described, Refused, require_whole
+from meshtrace.kernels.random import realization_seed
+from meshtrace.link import Link
+from meshtrace.mesh import RandomSea, SurfaceModel, TriangleMesh
+from meshtrace.parallel import ordered_map
+from meshtrace.results.series import GainSeries
+from meshtrace.stored import SHIFTS
+from meshtrace.studies.inputs import Inputs, default_sea, resolve_chains
+from meshtrace.transport.forced import ForcedDetection, Parts
+from meshtrace.uav.airframe import Flight, FlightRecord, Uav
+from meshtrace.uav.wind import Dryden
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from meshtrace.scenario import Scenario
 
-    from meshtrace.fading import FadingStatistics
-
-_MOST_NOISE = 0.05  # share in the variance of a time series that is not worth a word
-
-
-@runtime_checkable
-class RandomSea(SurfaceModel, Protocol):
-    """A sea whose phases come from a seed."""
-
-    def with_seed(self, seed: int) -> RandomSea:
-        """Return the same sea with other phases."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class GainSeries:
-    """Gains of one link over many surfaces, all with the same chains.
-
-    Attributes
-    ----------
-    along : {"time", "realization"}
-        What the surfaces differ in.
-    coordinate : ndarray, shape (n,)
-        Times [s], or seeds of the realizations.
-    gain, gain_stderr, gain_ballistic : ndarray, shape (n,) or (n, receivers)
-        Gain, its standard error and its unscattered part.
-    mean_stderr : float or ndarray, shape (receivers,)
-        Monte Carlo standard error of the mean gain. The chains are common to all surfaces, so
-        that it is not that of n independent gains.
-    provenance : dict
-        Versions, configuration and seeds.
-    """
-
-    along: Literal["time", "realization"]
-    coordinate: NDArray[Any]
-    gain: NDArray[np.float64]
-    gain_stderr: NDArray[np.float64]
-    gain_ballistic: NDArray[np.float64]
-    mean_stderr: Any
-    provenance: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def time(self) -> NDArray[np.float64]:
-        """Times [s] of a moving sea."""
-        if self.along != "time":
-            raise ValueError("time: an ensemble has none, allowed a series of times")
-        return self.coordinate
-
-    def fading(self, receiver: int = 0, **options: Any) -> FadingStatistics:
-        r"""Return the fading statistics of one receiver, see `fading.fading_statistics`.
-
-        .. math:: \sigma_\mathrm{own}^2 = (\overline{s_i^2} - s_{\bar h}^2) \, n / (n - 1)
-
-        is what the Monte Carlo errors s_i add to the variance of the gains beyond the error
-        s_hbar of their mean, which is common to all. It is removed from an ensemble. On a moving
-        sea it moves as smoothly as the gain does and cannot be told from it by the correlation:
-        it stays, and a note says so where it counts.
-
-        Parameters
-        ----------
-        receiver : int
-            Which receiver.
-        options
-            Of `fading.fading_statistics`.
-
-        Raises
-        ------
-        ValueError
-            If there is no such receiver, or fewer than two gains.
-        """
-        from meshtrace.fading import fading_statistics
-
-        n_receivers = len(np.atleast_1d(self.mean_stderr))
-        if not 0 <= receiver < n_receivers:
-            raise ValueError(f"receiver: {receiver!r}, allowed 0 <= receiver < {n_receivers}")
-        n = len(self.gain)
-        gain = self.gain.reshape(n, -1)[:, receiver]
-        stderr = self.gain_stderr.reshape(n, -1)[:, receiver]
-        common = float(np.atleast_1d(self.mean_stderr)[receiver])
-        noise = float(np.mean(stderr**2))
-        own = max(noise - common**2, 0.0) * n / max(n - 1, 1)
-        if self.along == "time":
-            found = fading_statistics(gain, time=self.time, common_stderr=common, **options)
-            share = own / max(float(gain.var()), own, 1e-300)
-            if share < _MOST_NOISE:
-                return found
-            note = f"Monte Carlo noise makes {100.0 * share:.0f} % of the variance: more chains"
-            return replace(found, notes=(*found.notes, note))
-        scale = np.sqrt(own / noise) if noise > 0.0 else 0.0
-        return fading_statistics(gain, scale * stderr, common_stderr=common, **options)
-
-    def to_dataset(self) -> xr.Dataset:
-        """Return the series as an xarray Dataset with units and provenance."""
-        import xarray as xr
-
-        from meshtrace.fields import attrs
-
-        dims = (self.along,) if self.gain.ndim == 1 else (self.along, "receiver")
-        variables = {
-            name: (dims, getattr(self, name), attrs(name))
-            for name in ("gain", "gain_stderr", "gain_ballistic")
-        }
-        units = attrs("time") if self.along == "time" else {"long_name": "seed of the phases"}
-        return xr.Dataset(
-            variables,
-            {self.along: (self.along, self.coordinate, units)},
-            {
-                "title": "meshtrace gain series",
-                "format_version": FORMAT_VERSION,
-                "kind": "series",
-                "mean_stderr": np.atleast_1d(self.mean_stderr),
-                "provenance": json.dumps(self.provenance),
-            },
-        )
-
-    def save(self, path: str | Path) -> None:
-        """Write the series as netCDF."""
-        self.to_dataset().to_netcdf(path, engine="h5netcdf")
-
-    @classmethod
-    def load(cls, path: str | Path) -> GainSeries:
-        """Read a series from netCDF.
-
-        Raises
-        ------
-        ValueError
-            If the file is of another kind or of a later format.
-        """
-        data = _loaded(path, "series")
-        along: Literal["time", "realization"] = "time" if "time" in data.dims else "realization"
-        gain = data["gain"].to_numpy()
-        mean_stderr = np.atleast_1d(data.attrs["mean_stderr"])
-        return cls(
-            along=along,
-            coordinate=data[along].to_numpy(),
-            gain=gain,
-            gain_stderr=data["gain_stderr"].to_numpy(),
-            gain_ballistic=data["gain_ballistic"].to_numpy(),
-            mean_stderr=float(mean_stderr[0]) if gain.ndim == 1 else mean_stderr,
-            provenance=json.loads(data.attrs["provenance"]),
-        )
+_CREST_MARGIN = 1.5  # over the highest crest of the first surfaces: later ones may be higher
 
 
 def time_series(
-    link: Link,
-    sea: SurfaceModel,
-    times: ArrayLike,
+    link: Link | Scenario,
+    surface: SurfaceModel | None = None,
+    times: ArrayLike | None = None,
     *,
-    photons: int = 2048,
-    seed: int = 1,
-    normals: Literal["vertex", "facet"] = "vertex",
+    flight: Flight | None = None,
+    photons: int | None = None,
+    seed: int | None = None,
+    normals: Literal["vertex", "facet"] | None = None,
     extent: float | None = None,
     spacing: float | None = None,
     threads: int | None = None,
@@ -185,15 +46,21 @@ def time_series(
 
     Parameters
     ----------
-    link : Link
-        The link.
-    sea : SurfaceModel
+    link : Link or Scenario
+        The link, or a scenario: `time_series(scenario, times)`. Options that are not given are
+        those of the scenario.
+    surface : SurfaceModel, optional
         The sea; its phases stay, time moves its waves.
     times : array_like, shape (n,)
-        Times [s].
-    photons : int
-        Chains, common to all times.
-    seed, normals, extent, spacing, threads
+        Times [s]; evenly spaced with a flight.
+    flight : Flight, optional
+        Aircraft that tilts the receiver, which has to look straight down. The tilt acts in the
+        cosine of the aperture and in the field of view of every photon.
+    photons : int, optional
+        Chains, common to all times; 2048 by default.
+    seed : int, optional
+        Seed of the chains and of the gusts, 1 by default.
+    normals, extent, spacing, threads
         As in `simulate`; the result does not depend on the threads.
     progress : callable, optional
         Called with 1 after each time.
@@ -202,32 +69,74 @@ def time_series(
     -------
     GainSeries
 
+    Raises
+    ------
+    Refused
+        If an option is out of range, or a flight tilts a receiver that is tilted already.
+
     Notes
     -----
     All times share the chains: the Monte Carlo noise is common to them and cancels in
     differences.
+
+    With a flight it departs from the paper, where a separate factor h_alpha = cos(alpha)
+    [alpha <= fov / 2] multiplies the gain. That factor is right for light that arrives straight
+    from below. Scattered light fills a cone: the gain falls below the factor where a part of the
+    cone leaves the field of view, and does not vanish at once beyond its edge. An aperture off
+    the axis of the light also gains or loses by the azimuth of the tilt, which the factor omits.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> from meshtrace.surfaces import FlatSea
+    >>> flight = mt.Flight(mt.Uav(), mt.Dryden(wind_speed=13.0))
+    >>> level = mt.time_series(mt.Link(), FlatSea(), [0.0, 1.0], photons=256)
+    >>> flown = mt.time_series(mt.Link(), FlatSea(), [0.0, 1.0], photons=256, flight=flight)
+    >>> (flown.gain < level.gain).all()
+    np.True_
     """
-    times = np.atleast_1d(np.asarray(times, dtype=float))
-    if times.ndim != 1 or not times.size or not np.isfinite(times).all():
-        raise ValueError(f"times: shape {times.shape}, allowed finite times (n,) [s], n >= 1")
-    run = _run(photons, seed, normals, extent, spacing)
-    reach = crossing_reach(link)
-    meshes = (mesh_for(link, sea, float(t), extent, spacing, reach)[0] for t in times)
-    return _series(
-        link, meshes, "time", times, run, threads, provenance(link, sea.to_config(), run), progress
-    )
+    if times is None and not isinstance(surface, SurfaceModel):
+        surface, times = None, surface
+    inputs = resolve_chains(
+        link, surface, photons=photons, seed=seed, normals=normals, extent=extent,
+        spacing=spacing, threads=threads,
+    )  # fmt: skip
+    at = np.atleast_1d(np.asarray(times, dtype=float))
+    if at.ndim != 1 or not at.size or not np.isfinite(at).all():
+        raise Refused("times", times, "finite times (n,) [s], n >= 1")
+    if inputs.scenario is not None and inputs.scenario.sampling.time != 0.0:
+        raise Refused("sea.time", inputs.scenario.sampling.time, "0 with times")
+    return over_times(inputs, at, flight, progress)
+
+
+def over_times(
+    inputs: Inputs,
+    times: NDArray[np.float64],
+    flight: Flight | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> GainSeries:
+    """Return the gains at times (n,) [s] of resolved inputs, see `time_series`."""
+    origin = inputs.provenance()
+    if flight is None:
+        meshes = (inputs.mesh(inputs.link, inputs.surface, float(t)) for t in times)
+        parts = _common_chains(inputs, meshes)
+    else:
+        wind = inputs.wind_of(flight)
+        origin["uav"], origin["wind"] = (m.model_dump(mode="json") for m in (flight.uav, wind))
+        parts = _tilted_frames(inputs, times, flight.uav, wind)
+    return _series(inputs.link, "time", times, parts, origin, progress)
 
 
 def ensemble(
-    link: Link,
+    link: Link | Scenario,
     n_realizations: int,
-    sea: SurfaceModel | None = None,
+    surface: SurfaceModel | None = None,
     *,
-    wind_speed: float = 5.0,
-    photons: int = 2048,
-    seed: int = 1,
-    normals: Literal["vertex", "facet"] = "vertex",
-    time: float = 0.0,
+    wind_speed: float | None = None,
+    photons: int | None = None,
+    seed: int | None = None,
+    normals: Literal["vertex", "facet"] | None = None,
+    time: float | None = None,
     extent: float | None = None,
     spacing: float | None = None,
     threads: int | None = None,
@@ -237,17 +146,19 @@ def ensemble(
 
     Parameters
     ----------
-    link : Link
-        The link.
+    link : Link or Scenario
+        The link, or a scenario; options that are not given are those of the scenario.
     n_realizations : int
         Realizations, each with its own random phases.
-    sea : SurfaceModel with seed, optional
-        The sea; a JONSWAP sea of `wind_speed` [m s-1] by default.
-    photons : int
-        Chains, common to all realizations.
-    seed : int
-        Seed of the chains and, by `numpy.random.SeedSequence([seed, i])`, of the phases of
-        realization i.
+    surface : SurfaceModel with seed, optional
+        The sea; by default a JONSWAP sea of `wind_speed`.
+    wind_speed : float, optional
+        Wind of the default sea [m s-1]: that of the link's bubbles or whitecaps, or 5.
+    photons : int, optional
+        Chains, common to all realizations; 2048 by default.
+    seed : int, optional
+        Seed of the chains, 1 by default, and, by `numpy.random.SeedSequence([seed, i])`, of the
+        phases of realization i.
     normals, time, extent, spacing, threads
         As in `simulate`; the result does not depend on the threads.
     progress : callable, optional
@@ -257,245 +168,100 @@ def ensemble(
     -------
     GainSeries
     """
-    _check_integer("n_realizations", n_realizations, 1, 10_000_000)
-    run = _run(photons, seed, normals, extent, spacing)
-    if sea is None:
-        from meshtrace.scenario import Scenario
+    require_whole(n_realizations, 1, 10_000_000, "n_realizations")
+    if surface is None and wind_speed is not None:
+        surface = default_sea(wind_speed)
+    inputs = resolve_chains(
+        link, surface, photons=photons, seed=seed, normals=normals, time=time, extent=extent,
+        spacing=spacing, threads=threads,
+    )  # fmt: skip
+    return over_realizations(inputs, n_realizations, progress)
 
-        sea = Scenario.from_config({"wind_speed": wind_speed}).surface
+
+def over_realizations(
+    inputs: Inputs, n_realizations: int, progress: Callable[[int], None] | None = None
+) -> GainSeries:
+    """Return the gains over random phases of resolved inputs, see `ensemble`."""
+    sea, run = inputs.surface, inputs.run
     if not isinstance(sea, RandomSea):
-        raise ValueError(f"sea: {type(sea).__name__}, allowed a sea with random phases")
-    seeds = np.array(
-        [np.random.SeedSequence([seed, i]).generate_state(1)[0] for i in range(n_realizations)],
-        np.int64,
-    )
-    reach = crossing_reach(link)
-    meshes = (mesh_for(link, sea.with_seed(int(s)), time, extent, spacing, reach)[0] for s in seeds)
-    origin = provenance(link, sea.to_config(), {**run, "time": time})
-    return _series(link, meshes, "realization", seeds, run, threads, origin, progress)
+        raise Refused("surface", Described(type(sea).__name__), "a sea with random phases")
+    seeds = np.array([realization_seed(run["seed"], i) for i in range(n_realizations)], np.int64)
+    meshes = (inputs.mesh(inputs.link, sea.with_seed(int(s)), run["time"]) for s in seeds)
+    parts = _common_chains(inputs, meshes)
+    return _series(inputs.link, "realization", seeds, parts, inputs.provenance(), progress)
 
 
-def _run(
-    photons: int, seed: int, normals: str, extent: float | None, spacing: float | None
-) -> dict[str, Any]:
-    """Return the options of a run over many seas, refusing what is out of range."""
-    _check_integer("photons", photons, 1, 2**53)
-    _check_integer("seed", seed, 0, 2**64 - 1)
-    if normals not in ("vertex", "facet"):
-        raise ValueError(f"normals: {normals!r}, allowed vertex or facet")
-    return {
-        "estimator": "forced",
-        "photons": photons,
-        "seed": seed,
-        "normals": normals,
-        "extent": extent,
-        "spacing": spacing,
-    }
+def _common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[Parts]:
+    """Yield the parts of the gain over each mesh, with one set of chains."""
+    first = list(islice(meshes, 4))
+    crest = _CREST_MARGIN * max(float(mesh.bounds[1, 2]) for mesh in first)
+    run = inputs.run
+    forced = ForcedDetection(inputs.link, run["photons"], run["seed"], run["normals"], crest=crest)
+    return ordered_map(forced.evaluate, chain(first, meshes), inputs.threads)
 
 
-def _check_integer(name: str, value: int, low: int, high: int) -> None:
-    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if not whole or not low <= value <= high:
-        raise ValueError(f"{name}: {value!r}, allowed an integer {low} <= {name} <= {high}")
+def _tilted_frames(
+    inputs: Inputs, times: NDArray[np.float64], uav: Uav, wind: Dryden
+) -> Iterator[Parts]:
+    """Yield the parts of the gain at each time of a flight, with chains of the same numbers."""
+    link, sea, run = inputs.link, inputs.surface, inputs.run
+    receiver = link.only_receiver
+    if receiver.tilt_deg != 0.0:
+        raise Refused("receiver.tilt_deg", receiver.tilt_deg, "0: the flight tilts it")
+    tilt_deg, azimuth_deg = np.degrees(uav.simulate_flight(wind, times, run["seed"]).tilt)
+    crest = _CREST_MARGIN * float(inputs.mesh(link, sea, float(times[0])).bounds[1, 2])
+
+    def frame(i: int) -> Parts:
+        tilt = {"tilt_deg": float(tilt_deg[i]), "tilt_azimuth_deg": float(azimuth_deg[i])}
+        tilted = link.model_copy(update={"receiver": receiver.model_copy(update=tilt)})
+        mesh = inputs.mesh(tilted, sea, float(times[i]))
+        forced = ForcedDetection(tilted, run["photons"], run["seed"], run["normals"], crest=crest)
+        return forced.evaluate(mesh)
+
+    return ordered_map(frame, range(len(times)), inputs.threads)
 
 
 def _series(
     link: Link,
-    meshes: Iterator[TriangleMesh],
     along: Literal["time", "realization"],
     coordinate: NDArray[Any],
-    run: dict[str, Any],
-    threads: int | None,
+    parts: Iterator[Parts],
     origin: dict[str, Any],
     progress: Callable[[int], None] | None,
 ) -> GainSeries:
-    threads = threads or os.cpu_count() or 1
-    first = list(islice(meshes, 4))
-    crest = 1.5 * max(float(mesh.bounds[1, 2]) for mesh in first)
-    forced = ForcedDetection(link, run["photons"], run["seed"], run["normals"], crest=crest)
-    meshes = chain(first, meshes)
+    """Return the series of the parts over each surface."""
     n, n_rx = len(coordinate), len(link.receivers)
     gain, stderr, ballistic = (np.empty((n, n_rx)) for _ in range(3))
     shifts = np.zeros((n_rx, SHIFTS))
-    with ThreadPoolExecutor(threads) as pool:
-        for i, parts in enumerate(_evaluated(pool, forced, meshes, threads)):
-            gain[i], stderr[i], ballistic[i] = parts.gain, parts.stderr, parts.ballistic
-            shifts += parts.shifts
-            if progress is not None:
-                progress(1)
+    for i, part in enumerate(parts):
+        gain[i], stderr[i], ballistic[i] = part.gain, part.stderr, part.ballistic
+        shifts += part.shifts
+        if progress is not None:
+            progress(1)
     mean_stderr = (shifts / max(n, 1)).std(axis=1, ddof=1) / np.sqrt(SHIFTS)
-    if not isinstance(link.receiver, tuple):
-        return GainSeries(
-            along,
-            coordinate,
-            gain[:, 0],
-            stderr[:, 0],
-            ballistic[:, 0],
-            float(mean_stderr[0]),
-            origin,
-        )
-    return GainSeries(along, coordinate, gain, stderr, ballistic, mean_stderr, origin)
+    kept: Any = slice(None) if isinstance(link.receiver, tuple) else 0
+    columns = (gain[:, kept], stderr[:, kept], ballistic[:, kept])
+    return GainSeries(along, coordinate, *columns, mean_stderr[kept], origin)
 
 
-def _evaluated(
-    pool: ThreadPoolExecutor, forced: ForcedDetection, meshes: Iterator[TriangleMesh], ahead: int
-) -> Iterator[Parts]:
-    """Yield the parts of each mesh in order while a few are computed: memory stays flat."""
-    running = [pool.submit(forced.evaluate, mesh) for mesh in islice(meshes, ahead + 1)]
-    while running:
-        parts = running.pop(0).result()
-        for mesh in islice(meshes, 1):
-            running.append(pool.submit(forced.evaluate, mesh))
-        yield parts
+class CoupledSeries(NamedTuple):
+    """Gains with the tilt in them, and the flight that caused it."""
+
+    series: GainSeries
+    flight: FlightRecord
 
 
-def _loaded(path: str | Path, kind: str) -> xr.Dataset:
-    """Return the dataset of a file, refusing another kind or format."""
-    import xarray as xr
-
-    with xr.open_dataset(path, engine="h5netcdf", decode_timedelta=False) as opened:
-        data = opened.load()
-    found = (data.attrs.get("kind"), data.attrs.get("format_version"))
-    if found != (kind, FORMAT_VERSION):
-        raise ValueError(
-            f"{path}: kind and format_version {found}, allowed {(kind, FORMAT_VERSION)}"
-        )
-    return data
-
-
-@dataclass(frozen=True, eq=False)
-class CoverageMap:
-    """Gain of a receiver at each place of its plane.
-
-    Attributes
-    ----------
-    x, y : ndarray, shape (nx,), (ny,)
-        Centres of the cells [m].
-    gain, gain_stderr : ndarray, shape (nx, ny)
-        Gain of the link's receiver if it were there, averaged over the cell, and its error.
-    provenance : dict
-        Versions and configuration.
-    """
-
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    gain: NDArray[np.float64]
-    gain_stderr: NDArray[np.float64]
-    provenance: dict[str, Any] = field(default_factory=dict)
-
-    def to_dataset(self) -> xr.Dataset:
-        """Return the map as an xarray Dataset with units and provenance."""
-        import xarray as xr
-
-        from meshtrace.fields import attrs
-
-        return xr.Dataset(
-            {
-                "gain": (("x", "y"), self.gain, attrs("gain")),
-                "gain_stderr": (("x", "y"), self.gain_stderr, attrs("gain_stderr")),
-            },
-            {name: (name, getattr(self, name), attrs(name)) for name in ("x", "y")},
-            {
-                "title": "meshtrace coverage map",
-                "format_version": FORMAT_VERSION,
-                "kind": "coverage",
-                "provenance": json.dumps(self.provenance),
-            },
-        )
-
-    def save(self, path: str | Path) -> None:
-        """Write the map as netCDF."""
-        self.to_dataset().to_netcdf(path, engine="h5netcdf")
-
-    @classmethod
-    def load(cls, path: str | Path) -> CoverageMap:
-        """Read a map from netCDF.
-
-        Raises
-        ------
-        ValueError
-            If the file is of another kind or of a later format.
-        """
-        data = _loaded(path, "coverage")
-        return cls(
-            data["x"].to_numpy(),
-            data["y"].to_numpy(),
-            data["gain"].to_numpy(),
-            data["gain_stderr"].to_numpy(),
-            json.loads(data.attrs["provenance"]),
-        )
-
-
-def coverage_map(
+def coupled_series(
     link: Link,
-    sea: SurfaceModel | TriangleMesh,
-    extent: float = 5.0,
-    step: float = 0.25,
-    *,
-    times: Sequence[float] = (0.0,),
-    photons: int = 4_000_000,
+    sea: SurfaceModel,
+    times: ArrayLike,
+    uav: Uav,
+    wind: Dryden,
     seed: int = 1,
-    normals: Literal["vertex", "facet"] = "vertex",
-    threads: int | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> CoverageMap:
-    """Return the gain over the plane of the receiver, by analog photons.
-
-    Every photon that leaves the sea lands somewhere on the plane: one run maps it all.
-
-    Parameters
-    ----------
-    link : Link
-        The link; height, radius, field of view and tilt of its (first) receiver are used.
-    sea : SurfaceModel or TriangleMesh
-        The surface.
-    extent : float
-        The map covers |x|, |y| <= extent [m].
-    step : float
-        Edge of a cell [m]; the gain is the mean over the cell, so that a step below the
-        aperture's diameter resolves nothing more.
-    times : sequence of float
-        Times [s] over which the map is averaged.
-    photons : int
-        Photons for each time.
-    seed, normals, threads, progress
-        As in `simulate`.
-
-    Returns
-    -------
-    CoverageMap
-    """
-    receiver = next((r for r in link.receivers if isinstance(r, Receiver)), None)
-    if receiver is None:
-        raise ValueError("receiver: none in the air, allowed a link with one")
-    if not len(times):
-        raise ValueError("times: (), allowed one or more times [s]")
-    if not 0.0 < step <= extent:
-        raise ValueError(f"step: {step!r}, allowed 0 < step <= extent = {extent:g} m")
-    grid = MapGrid(receiver.height, extent, step, receiver.axis, receiver.fov_deg)
-    runs = [
-        simulate(
-            link,
-            sea,
-            estimator="analog",
-            photons=photons,
-            seed=seed,
-            time=time,
-            normals=normals,
-            first_photon=i * photons,
-            threads=threads,
-            grid=grid,
-            progress=progress,
-        )
-        for i, time in enumerate(times)
-    ]
-    area = np.pi * receiver.radius**2
-    mean = np.mean([r.data["map_irradiance"][1] for r in runs], axis=0)
-    error = np.sqrt(np.mean([r.data["map_irradiance_stderr"][1] ** 2 for r in runs], axis=0))
-    return CoverageMap(
-        runs[0].data["map_x"][1],
-        runs[0].data["map_y"][1],
-        area * mean,
-        area * error / np.sqrt(len(runs)),
-        {**runs[0].provenance, "times": [float(t) for t in times]},
-    )
+    **options: Any,
+) -> CoupledSeries:
+    """Return a time series with a flight; use `time_series(..., flight=Flight(uav, wind))`."""
+    warnings.warn("use time_series(..., flight=Flight(uav, wind))", DeprecationWarning, 2)
+    flight = Flight(uav, wind)
+    series = time_series(link, sea, times, flight=flight, seed=seed, **options)
+    return CoupledSeries(series, uav.simulate_flight(wind, times, seed))

@@ -31,7 +31,7 @@ from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link, Receiver, WaterSource
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.phase import PhaseFunction
-from meshtrace.results.gain import SHIFTS
+from meshtrace.stored import SHIFTS
 from meshtrace.transport.arrays import interface_arrays, medium_arrays, surface_arrays, with_raster
 from meshtrace.transport.forced_link import emitter_of, target_of
 from meshtrace.transport.frame import IDENTITY, frame_of

@@ -176,7 +176,9 @@ class AimedChains:
         lever = 1.5 * _lever(n, target, self._waves)
         gain = np.zeros(len(self._mesh.faces))
         doubtful = np.zeros(len(gain), bool)
-        image.image_gain(self.scene(emitter, target), 1.5 * stretch, lever, gain, doubtful)
+        stack = np.empty((image.STACK, 3), np.int64)
+        scene = self.scene(emitter, target)
+        image.image_gain(scene, 1.5 * stretch, lever, stack, gain, doubtful)
         if doubtful.any():
             gain[self._hidden(emitter, target, np.flatnonzero(doubtful))] = 0.0
         return gain

@@ -15,7 +15,7 @@ from meshtrace.kernels import chains as chain_kernel
 from meshtrace.kernels.chains import Chains, Nominal
 from meshtrace.kernels.medium import Medium
 from meshtrace.mesh import TriangleMesh
-from meshtrace.results.gain import SHIFTS
+from meshtrace.stored import SHIFTS
 from meshtrace.transport.aimed import AimedChains, empty_locator
 from meshtrace.transport.arrays import surface_arrays
 from meshtrace.transport.forced_link import ForcedLink

@@ -29,7 +29,7 @@ from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import ordered_map
-from meshtrace.results.gain import SHIFTS
+from meshtrace.stored import SHIFTS
 from meshtrace.transport.adjoint import AdjointParts, AdjointPaths
 from meshtrace.transport.aimed import AimedChains, Search
 from meshtrace.transport.chain_sets import (

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
 from meshtrace.kernels.aiming import Emitter, Target
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import Vec3
-from meshtrace.link import GaussianBeam, Led, Link, Receiver, TopHatBeam, WaterSource
+from meshtrace.link import GaussianBeam, Led, Link, Receiver, Source, TopHatBeam, WaterSource
 from meshtrace.transport.arrays import interface_arrays, medium_arrays
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 
@@ -67,24 +67,24 @@ def crossing_reach(link: Link) -> float:
 
 
 def _require_followable(link: Link) -> None:
-    for t in link.transmitters:
-        if not isinstance(t, WaterSource):
-            raise Refused("transmitter", t.kind, f"a source in the water; {_ANALOG}")
-        if getattr(t, "waist", 0.0) or getattr(t, "radius", 0.0):
-            raise Refused(t.kind, "an extended source", f"a point (waist or radius 0); {_ANALOG}")
-        for name in ("half_angle_deg", "divergence_deg"):
-            angle = getattr(t, name, _NARROWEST)
-            if angle < _NARROWEST:
-                raise Refused(f"{t.kind}.{name}", angle, f">= {_NARROWEST:g}; {_ANALOG}")
+    for path, item in link.items():
+        if isinstance(item, WaterSource):
+            if item.size > 0.0:
+                size = Described(f"a radius of {item.size:g} m")
+                raise Refused(path, size, f"a point source; {_ANALOG}")
+            if item.spread_deg < _NARROWEST:
+                angle = Described(f"a half-angle of {item.spread_deg:g} deg")
+                raise Refused(path, angle, f">= {_NARROWEST:g} deg; {_ANALOG}")
+        elif isinstance(item, Source):
+            raise Refused(path, Described(item.kind), f"a source in the water; {_ANALOG}")
+        elif not isinstance(item, Receiver):
+            raise Refused(path, Described(item.kind), f"a receiver in the air; {_ANALOG}")
     if not link.receivers:
         raise Refused("receiver", (), "at least one")
-    for r in link.receivers:
-        if not isinstance(r, Receiver):
-            raise Refused("receiver", r.kind, f"a receiver in the air; {_ANALOG}")
     if link.water.bottom_depth is not None:
         raise Refused("water.bottom_depth", link.water.bottom_depth, f"None; {_ANALOG}")
     if link.planes is not None:
-        raise Refused("planes", "given", f"None; {_ANALOG}")
+        raise Refused("planes", Described("given"), f"None; {_ANALOG}")
     stratified = link.bubbles is not None or link.water.layers is not None
     if stratified and (link.physics.absorption == "paper" or link.physics.free_path == "local_c"):
         raise Refused(

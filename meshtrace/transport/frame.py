@@ -66,9 +66,7 @@ IDENTITY = Frame(0.0, 0.0, 1.0)
 
 def frame_of(link: Link) -> Frame:
     """Return the local frame of a link: the metre and the origin where they suit."""
-    items = (*link.transmitters, *link.receivers)
-    depth = max((getattr(t, "depth", 0.0) for t in items), default=0.0)
-    height = max((getattr(t, "height", 0.0) for t in items), default=0.0)
-    size = depth + height
+    levels = [0.0, *(item.center[2] for _, item in link.items())]
+    size = max(levels) - min(levels)
     unit = 2.0 ** round(math.log2(size / _TYPICAL)) if size > 0.0 else 1.0
     return Frame(*link.origin, unit)

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-import pydantic
 from pydantic import Field, field_validator, model_validator
 
+from meshtrace.errors import require_word
+from meshtrace.models import Model
 from meshtrace.transport.simulate import DEFAULT_PHOTONS
 
 
-class Sampling(pydantic.BaseModel, frozen=True, extra="forbid"):
+class Sampling(Model, frozen=True):
     """When the sea is triangulated, and how finely.
 
     Parameters
@@ -29,7 +30,7 @@ class Sampling(pydantic.BaseModel, frozen=True, extra="forbid"):
     spacing: float | None = Field(None, gt=0.0, allow_inf_nan=False)
 
 
-class Run(pydantic.BaseModel, frozen=True, extra="forbid"):
+class Run(Model, frozen=True):
     """Options of `meshtrace.transport.simulate`, under the same names.
 
     Parameters
@@ -72,6 +73,5 @@ class Run(pydantic.BaseModel, frozen=True, extra="forbid"):
     @field_validator("estimator")
     @classmethod
     def _known_estimator(cls, estimator: str) -> str:
-        if estimator not in DEFAULT_PHOTONS:
-            raise ValueError(f"estimator: {estimator!r}, allowed {' or '.join(DEFAULT_PHOTONS)}")
+        require_word(estimator, DEFAULT_PHOTONS, "estimator")
         return estimator

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
+from meshtrace.errors import Described, Refused
 from meshtrace.kernels.photon import Vertex
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -143,7 +144,9 @@ def received_paths(
     forced = ForcedDetection(link, chains, seed, normals, crest=float(mesh.bounds[1, 2]))
     rows = received_light(forced, mesh, n, np.random.default_rng([seed, 1]))
     if not rows:
-        raise ValueError("received_only: no light is received, allowed a link that receives some")
+        raise Refused(
+            "received_only", Described("no light is received"), "a link that receives some"
+        )
     longest = max(len(points) for points, _ in rows)
     out = PhotonPaths(
         np.full((len(rows), longest, 3), np.nan),

@@ -1,6 +1,6 @@
 """The aircraft that carries a receiver: gusts, tilt and airframe."""
 
-from meshtrace.uav.airframe import Uav
+from meshtrace.uav.airframe import UAVS, Flight, FlightRecord, Uav
 from meshtrace.uav.wind import Dryden
 
-__all__ = ["Dryden", "Uav"]
+__all__ = ["UAVS", "Dryden", "Flight", "FlightRecord", "Uav"]

@@ -13,6 +13,8 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Described, Refused
+from meshtrace.models import Model
 from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, squared_wind_moments
 from meshtrace.uav.wind import Dryden
 
@@ -32,7 +34,7 @@ class Tilt(NamedTuple):
     azimuth: FloatArray
 
 
-class Flight(NamedTuple):
+class FlightRecord(NamedTuple):
     """Record of a flight: times (n,) [s], wind (n, 3) [m s-1], tilt of the receiver (n,) [rad]."""
 
     times: FloatArray
@@ -40,7 +42,7 @@ class Flight(NamedTuple):
     tilt: Tilt
 
 
-class Uav(pydantic.BaseModel, frozen=True, extra="forbid"):
+class Uav(Model, frozen=True):
     """Hovering multirotor that balances the wind's drag by tilting.
 
     tan(alpha) = K V^2,  K = C_D rho A / (2 m g)
@@ -85,7 +87,7 @@ class Uav(pydantic.BaseModel, frozen=True, extra="forbid"):
         return self.drag_coefficient * self.air_density * self.area / (2.0 * self.mass * GRAVITY)
 
     def tilt(self, wind: ArrayLike) -> Tilt:
-        """Tilt of the receiver in a given wind, alpha = arctan(K V^2), down-wind.
+        """Return the tilt of the receiver in a given wind, alpha = arctan(K V^2), down-wind.
 
         Parameters
         ----------
@@ -103,7 +105,7 @@ class Uav(pydantic.BaseModel, frozen=True, extra="forbid"):
         angle = np.arctan(self.tilt_coefficient * np.sum(v * v, axis=-1))
         return Tilt(angle, np.arctan2(v[..., 1], v[..., 0]))
 
-    def simulate_flight(self, wind: Dryden, times: ArrayLike, seed: int) -> Flight:
+    def simulate_flight(self, wind: Dryden, times: ArrayLike, seed: int) -> FlightRecord:
         """Simulate wind and tilt in time.
 
         Parameters
@@ -117,16 +119,16 @@ class Uav(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Returns
         -------
-        Flight
+        FlightRecord
             Times, wind and tilt.
         """
         record = wind.simulate_wind(times, seed)
-        return Flight(np.asarray(times, dtype=float), record, self.tilt(record))
+        return FlightRecord(np.asarray(times, dtype=float), record, self.tilt(record))
 
     def tilt_law(
         self, wind: Dryden, law: Literal["exact", "gamma"] = "exact"
     ) -> ExactTiltLaw | GammaTiltLaw:
-        """Law of the tilt angle in a given wind.
+        """Return the law of the tilt angle in a given wind.
 
         Parameters
         ----------
@@ -143,22 +145,42 @@ class Uav(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ValueError
+        Refused
             If the tilt does not vary (gimbal or calm), or `law` is not one of the two names.
         """
         if self.gimbal or not np.all(wind.std > 0.0):
-            raise ValueError(
-                "tilt_law: the tilt is constant, allowed gimbal = False and a wind with gusts"
-            )
+            raise Refused("tilt_law", Described("constant tilt"), "no gimbal, a wind with gusts")
         mean_wind, std = wind.mean_wind, wind.std
         if law == "exact":
             return ExactTiltLaw(
                 self.tilt_coefficient, float(mean_wind[0]), float(std[0]), float(std[2])
             )
         if law != "gamma":
-            raise ValueError(f"law: {law!r}, allowed 'exact', 'gamma'")
+            raise Refused("law", law, "exact, gamma")
         mean, variance = squared_wind_moments(mean_wind, std)
         return GammaTiltLaw(self.tilt_coefficient, mean**2 / variance, variance / mean)
+
+
+class Flight(NamedTuple):
+    """An aircraft in a wind: the tilt of the receiver that it carries.
+
+    Parameters
+    ----------
+    uav : Uav
+        Airframe.
+    wind : Dryden, optional
+        Wind at the aircraft; by default that over the sea, at the height of the receiver.
+    coupled : bool
+        Whether the tilt acts on every photon, rather than as a factor h_alpha on the gain; a time
+        series is always coupled.
+    time_step : float
+        Time between the realizations of a coupled link performance [s].
+    """
+
+    uav: Uav = Uav()
+    wind: Dryden | None = None
+    coupled: bool = False
+    time_step: float = 0.5
 
 
 UAVS: dict[str, Uav] = {

@@ -11,11 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Refused
+
 FloatArray = NDArray[np.float64]
 
 
 def squared_wind_moments(mean: ArrayLike, std: ArrayLike) -> tuple[float, float]:
-    """Mean and variance of V^2 for independent Gaussian components.
+    """Return mean and variance of V^2 for independent Gaussian components.
 
     E = sum(s_j^2 + u_j^2),  Var = sum(2 s_j^4 + 4 s_j^2 u_j^2)
 
@@ -34,7 +36,7 @@ def squared_wind_moments(mean: ArrayLike, std: ArrayLike) -> tuple[float, float]
 
 
 def h_alpha(tilt: ArrayLike, fov: float) -> FloatArray:
-    """Factor by which the tilt reduces the gain of light that arrives vertically.
+    """Return the factor by which the tilt reduces the gain of light that arrives vertically.
 
     h = cos(alpha) if alpha <= fov / 2, else 0
 
@@ -52,7 +54,7 @@ def h_alpha(tilt: ArrayLike, fov: float) -> FloatArray:
 
     Raises
     ------
-    ValueError
+    Refused
         If `fov` is outside (0, pi].
 
     Notes
@@ -66,7 +68,7 @@ def h_alpha(tilt: ArrayLike, fov: float) -> FloatArray:
 
 def _half_angle(fov: float) -> float:
     if not 0.0 < fov <= math.pi:
-        raise ValueError(f"fov: {fov}, allowed 0 < fov <= pi rad (full angle)")
+        raise Refused("fov", fov, "0 < fov <= pi rad (full angle)")
     return 0.5 * fov
 
 
@@ -87,25 +89,25 @@ class TiltLaw(abc.ABC):
 
     @abc.abstractmethod
     def squared_wind_pdf(self, v2: ArrayLike) -> FloatArray:
-        """Density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
+        """Return the density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
 
     @abc.abstractmethod
     def squared_wind_cdf(self, v2: ArrayLike) -> FloatArray:
-        """P(V^2 <= v2), with full relative precision in the lower tail."""
+        """Return P(V^2 <= v2), with full relative precision in the lower tail."""
 
     @abc.abstractmethod
     def squared_wind_sf(self, v2: ArrayLike) -> FloatArray:
-        """P(V^2 > v2), with full relative precision in the upper tail."""
+        """Return P(V^2 > v2), with full relative precision in the upper tail."""
 
     @abc.abstractmethod
     def _bulk(self) -> tuple[float, float]:
-        """Interval of V^2 outside of which less than 1e-17 of the mass lies on either side."""
+        """Return the interval of V^2 that leaves less than 1e-17 of the mass on either side."""
 
     def _v2(self, tilt: ArrayLike) -> FloatArray:
         return np.tan(np.asarray(tilt, dtype=float)) / self.tilt_coefficient
 
     def pdf(self, tilt: ArrayLike) -> FloatArray:
-        """Density of the tilt, f(alpha) = f_V2(tan(alpha) / K) sec^2(alpha) / K [rad-1].
+        """Return the density of the tilt, f(alpha) = f_V2(tan(alpha) / K) sec^2(alpha) / K [rad-1].
 
         Parameters
         ----------
@@ -117,15 +119,15 @@ class TiltLaw(abc.ABC):
         return self.squared_wind_pdf(v2) * (1.0 + (k * v2) ** 2) / k
 
     def cdf(self, tilt: ArrayLike) -> FloatArray:
-        """P(alpha <= tilt), tilt in [0, pi/2) [rad]."""
+        """Return P(alpha <= tilt), tilt in [0, pi/2) [rad]."""
         return self.squared_wind_cdf(self._v2(tilt))
 
     def sf(self, tilt: ArrayLike) -> FloatArray:
-        """P(alpha > tilt), tilt in [0, pi/2) [rad]."""
+        """Return P(alpha > tilt), tilt in [0, pi/2) [rad]."""
         return self.squared_wind_sf(self._v2(tilt))
 
     def ppf(self, probability: float) -> float:
-        """Tilt [rad] that is exceeded with probability 1 - `probability`, 1e-15 < p < 1 - 1e-15."""
+        """Return the quantile of the tilt [rad], 1e-15 < probability < 1 - 1e-15."""
         from scipy.optimize import brentq
 
         low, high = self._bulk()
@@ -143,14 +145,14 @@ class TiltLaw(abc.ABC):
         return math.sqrt(float(weight @ (tilt - weight @ tilt) ** 2))
 
     def outage(self, fov: float) -> float:
-        """P(alpha > fov / 2): the tilt takes the vertical out of a full field of view `fov` [rad].
+        """Return P(alpha > fov / 2), the vertical outside a full field of view `fov` [rad].
 
         This is also the mass of h_alpha at 0.
         """
         return float(self.sf(_half_angle(fov))) if fov < math.pi else 0.0
 
     def h_pdf(self, h: ArrayLike, fov: float = math.pi) -> FloatArray:
-        """Density of h_alpha between cos(fov / 2) and 1; the rest, `outage(fov)`, sits at h = 0.
+        """Return the density of h_alpha on [cos(fov / 2), 1); the mass `outage(fov)` is at 0.
 
         f(h) = f_alpha(arccos h) / sqrt(1 - h^2)
 
@@ -177,13 +179,13 @@ class TiltLaw(abc.ABC):
         return np.where(inside, self.pdf(np.arccos(safe)) / np.sqrt(1.0 - safe**2), 0.0)
 
     def h_cdf(self, h: ArrayLike, fov: float = math.pi) -> FloatArray:
-        """P(h_alpha <= h) for h in [0, 1), with the mass at 0 from the field of view."""
+        """Return P(h_alpha <= h) for h in [0, 1), with the mass at 0 from the field of view."""
         h = np.asarray(h, dtype=float)
         tilt = np.minimum(np.arccos(np.clip(h, 1e-12, 1.0)), min(_half_angle(fov), 1.5707963267))
         return np.where(h < 0.0, 0.0, np.where(h >= 1.0, 1.0, self.sf(tilt)))
 
     def h_moment(self, order: int = 1, fov: float = math.pi) -> float:
-        """Moment E[h_alpha^order], the outage of the field of view included.
+        """Return the moment E[h_alpha^order], the outage of the field of view included.
 
         Parameters
         ----------
@@ -196,7 +198,7 @@ class TiltLaw(abc.ABC):
         return float(weight @ np.cos(tilt) ** order)
 
     def _quadrature(self, upper: float = 0.5 * math.pi) -> tuple[FloatArray, FloatArray]:
-        """Nodes alpha and weights f(alpha) d(alpha) over the bulk of the law up to `upper`."""
+        """Return nodes alpha and weights f(alpha) d(alpha) over the bulk up to `upper`."""
         low, high = (math.atan(self.tilt_coefficient * v2) for v2 in self._bulk())
         high = max(min(high, upper), low)
         x, w = _gauss_legendre(400)
@@ -224,20 +226,20 @@ class GammaTiltLaw(TiltLaw):
     scale: float
 
     def squared_wind_pdf(self, v2: ArrayLike) -> FloatArray:
-        """Density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
+        """Return the density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
         from scipy.special import gammaln, xlogy
 
         x = np.asarray(v2, dtype=float) / self.scale
         return np.exp(xlogy(self.shape - 1.0, x) - x - gammaln(self.shape)) / self.scale
 
     def squared_wind_cdf(self, v2: ArrayLike) -> FloatArray:
-        """P(V^2 <= v2)."""
+        """Return P(V^2 <= v2)."""
         from scipy.special import gammainc
 
         return np.asarray(gammainc(self.shape, np.asarray(v2, dtype=float) / self.scale))
 
     def squared_wind_sf(self, v2: ArrayLike) -> FloatArray:
-        """P(V^2 > v2)."""
+        """Return P(V^2 > v2)."""
         from scipy.special import gammaincc
 
         return np.asarray(gammaincc(self.shape, np.asarray(v2, dtype=float) / self.scale))
@@ -251,7 +253,7 @@ class GammaTiltLaw(TiltLaw):
         )
 
     def h_pdf_printed(self, h: ArrayLike) -> FloatArray:
-        """Density of h_alpha exactly as printed in the paper, for comparison only.
+        """Return the density of h_alpha exactly as printed in the paper, for comparison only.
 
         f(h) = h^-(a+1) (1 - h^2)^((a-2)/2) exp(-sqrt(1-h^2) / (h K b)) / (K Gamma(a) b^a)
 
@@ -304,15 +306,15 @@ class ExactTiltLaw(TiltLaw):
     std_vertical: float
 
     def squared_wind_pdf(self, v2: ArrayLike) -> FloatArray:
-        """Density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
+        """Return the density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
         return self._over_vertical_gust(v2, "pdf") / self.std_horizontal**2
 
     def squared_wind_cdf(self, v2: ArrayLike) -> FloatArray:
-        """P(V^2 <= v2)."""
+        """Return P(V^2 <= v2)."""
         return self._over_vertical_gust(v2, "cdf")
 
     def squared_wind_sf(self, v2: ArrayLike) -> FloatArray:
-        """P(V^2 > v2)."""
+        """Return P(V^2 > v2)."""
         from scipy.special import erfc
 
         vertical = np.sqrt(0.5 * np.asarray(v2, dtype=float)) / self.std_vertical
@@ -347,7 +349,7 @@ class LawComparison(NamedTuple):
 
 
 def compare_laws(exact: TiltLaw, approximation: TiltLaw, points: int = 400) -> LawComparison:
-    """Distance of an approximate law of the tilt from the exact one.
+    """Return the distance of an approximate law of the tilt from the exact one.
 
     Parameters
     ----------

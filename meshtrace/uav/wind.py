@@ -9,6 +9,9 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Refused
+from meshtrace.models import Model
+
 FOOT = 0.3048  # [m]
 HEIGHT_20FT = 20.0 * FOOT
 
@@ -16,7 +19,7 @@ Preset = Literal["physical", "paper"]
 FloatArray = NDArray[np.float64]
 
 
-class LogProfile(pydantic.BaseModel, frozen=True, extra="forbid"):
+class LogProfile(Model, frozen=True):
     """Neutral logarithmic wind profile over a surface of given roughness.
 
     U(z) = U10 ln(z / z0) / ln(10 / z0)
@@ -31,11 +34,11 @@ class LogProfile(pydantic.BaseModel, frozen=True, extra="forbid"):
     roughness_length: float = pydantic.Field(default=2e-4, gt=0.0, lt=1.0, allow_inf_nan=False)
 
     def ratio(self, height: float) -> float:
-        """Wind at `height` [m] over the wind at 10 m."""
+        """Return the wind at `height` [m] over the wind at 10 m."""
         return math.log(height / self.roughness_length) / math.log(10.0 / self.roughness_length)
 
 
-class PowerProfile(pydantic.BaseModel, frozen=True, extra="forbid"):
+class PowerProfile(Model, frozen=True):
     """Power-law wind profile, U(z) = U10 (z / 10)^p.
 
     Parameters
@@ -48,14 +51,14 @@ class PowerProfile(pydantic.BaseModel, frozen=True, extra="forbid"):
     exponent: float = pydantic.Field(default=0.11, ge=0.0, le=1.0, allow_inf_nan=False)
 
     def ratio(self, height: float) -> float:
-        """Wind at `height` [m] over the wind at 10 m."""
+        """Return the wind at `height` [m] over the wind at 10 m."""
         return (height / 10.0) ** self.exponent
 
 
 WindProfile = Annotated[LogProfile | PowerProfile, pydantic.Field(discriminator="kind")]
 
 
-class Dryden(pydantic.BaseModel, frozen=True, extra="forbid"):
+class Dryden(Model, frozen=True):
     """Mean wind with Dryden gusts at low altitude after MIL-F-8785C.
 
     sigma_w = 0.1 W20,  sigma_u = sigma_v = sigma_w (0.177 + 0.000823 h)^-0.4,
@@ -110,7 +113,7 @@ class Dryden(pydantic.BaseModel, frozen=True, extra="forbid"):
 
     @classmethod
     def preset(cls, physics: Preset, **fields: Any) -> Dryden:
-        """Gusts in the right form (`"physical"`) or in the printed one (`"paper"`).
+        """Return gusts in the right form (`"physical"`) or as published (`"paper"`).
 
         Parameters
         ----------
@@ -121,7 +124,7 @@ class Dryden(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ValueError
+        Refused
             If `physics` is neither of the two names.
         """
         forms: dict[str, dict[str, Any]] = {
@@ -129,7 +132,7 @@ class Dryden(pydantic.BaseModel, frozen=True, extra="forbid"):
             "paper": {"altitude_unit": "metre", "gust_variance": "sigma^2/pi"},
         }
         if physics not in forms:
-            raise ValueError(f"physics: {physics!r}, allowed {', '.join(forms)}")
+            raise Refused("physics", physics, ", ".join(forms))
         return cls(**(forms[physics] | fields))
 
     @property
@@ -170,7 +173,7 @@ class Dryden(pydantic.BaseModel, frozen=True, extra="forbid"):
         return 0.177 + 0.000823 * self.height / unit
 
     def autocorrelation(self, lag: ArrayLike) -> FloatArray:
-        """Autocovariance of the three gust components.
+        """Return the autocovariance of the three gust components.
 
         R_u = s^2 exp(-t/tau),  R_v = R_w = s^2 exp(-t/tau) (1 - t / (2 tau))
 
@@ -225,7 +228,7 @@ class Dryden(pydantic.BaseModel, frozen=True, extra="forbid"):
 
         Raises
         ------
-        ValueError
+        Refused
             If the times are not evenly spaced and increasing.
 
         Notes
@@ -237,9 +240,9 @@ class Dryden(pydantic.BaseModel, frozen=True, extra="forbid"):
         t = np.asarray(times, dtype=float)
         steps = np.diff(t)
         if t.ndim != 1 or t.size < 2 or not np.allclose(steps, steps[:1], rtol=1e-6, atol=0.0):
-            raise ValueError("times: allowed a 1-D array of two or more evenly spaced times")
+            raise Refused("times", times, "two or more evenly spaced times (n,)")
         if not (np.isfinite(steps[0]) and steps[0] > 0.0):
-            raise ValueError(f"times: step {steps[0]} s, allowed step > 0 s")
+            raise Refused("times", times, "rising times")
         noise = np.random.default_rng(seed).standard_normal((3, 2, t.size))
         q = float(steps.mean()) / self.correlation_times
         gusts = [_first_order(q[0], noise[0, 0])]
@@ -248,7 +251,7 @@ class Dryden(pydantic.BaseModel, frozen=True, extra="forbid"):
 
 
 def _first_order(q: float, noise: FloatArray) -> FloatArray:
-    """Unit-variance process with correlation exp(-t/tau), sampled every q tau; noise (n,)."""
+    """Return unit-variance samples, every q tau, of correlation exp(-t/tau); noise (n,)."""
     from scipy.signal import lfilter
 
     decay = math.exp(-q)
@@ -258,7 +261,7 @@ def _first_order(q: float, noise: FloatArray) -> FloatArray:
 
 
 def _second_order(q: float, noise: FloatArray) -> FloatArray:
-    """Unit-variance process behind (1 + sqrt(3) tau p)/(1 + tau p)^2, sampled every q tau.
+    """Return a unit-variance process behind (1 + sqrt(3) tau p)/(1 + tau p)^2, sampled every q tau.
 
     States x1' = (w - x1)/tau, x2' = (x1 - x2)/tau, in units of tau^-1/2; noise (2, n).
     """

@@ -133,13 +133,13 @@ def _bubble_checks() -> list[Check]:
 
 
 def _wave_checks() -> list[Check]:
-    from meshtrace.surfaces.spectra import Jonswap, jonswap_peak
+    from meshtrace.surfaces import Jonswap
     from meshtrace.surfaces.statistics import hs
 
     checks = []
     for wind_speed in (5.0, 13.0):
         fetch, g = 30e3, 9.81
-        omega_p = jonswap_peak(wind_speed, fetch)
+        omega_p = Jonswap(wind_speed=wind_speed, fetch=fetch).omega_p
         alpha = 0.075 * (g * fetch / wind_speed**2) ** -0.22
         expected = 4.0 * math.sqrt(alpha * g**2 / (5.0 * omega_p**4))
         got = hs(Jonswap(wind_speed=wind_speed, fetch=fetch, gamma=1.0))

@@ -159,10 +159,10 @@ def test_kernels_once_compiled_are_found(monkeypatch, estimator):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[transmitter]\ndepth = -3.0", ["transmitter.depth: -3.0", "greater than 0"]),
-        ("[receiver]\nheight = -0.5", ["receiver.height: -0.5", "greater than 0"]),
+        ("[transmitter]\ndepth = -3.0", ["transmitter.depth: -3.0", "> 0"]),
+        ("[receiver]\nheight = -0.5", ["receiver.height: -0.5", "> 0"]),
         ("[receiver]\nheight = 0.1", ["receiver.height: 0.1 m", "above the highest crest"]),
-        ("[receiver]\nfov_deg = 181", ["receiver.fov_deg: 181", "less than or equal to 180"]),
+        ("[receiver]\nfov_deg = 181", ["receiver.fov_deg: 181", "0 < fov_deg <= 180"]),
         ("[water]\na = nan", ["water.a: nan", "finite numbers"]),
         ("wind_speed = inf", ["wind_speed: inf", "finite numbers"]),
         ("wind_speed = 5.0\n[sea\n", ["line 2", "TOML"]),

@@ -14,15 +14,13 @@ from scipy.stats import norm
 from meshtrace.comms.budget import (
     FEC_LIMITS,
     average_ber,
-    capacity,
     depth_at,
-    hard_information,
     link_budget,
     outage,
     range_at_ber,
     required_gain,
-    wyner_capacity,
 )
+from meshtrace.comms.capacity import capacity, hard_information, wyner_capacity
 from meshtrace.comms.devices import OpticalFrontEnd
 from meshtrace.comms.ook import OokLink
 

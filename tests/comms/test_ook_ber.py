@@ -7,7 +7,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pydantic
 import pytest
 
 from meshtrace.comms.decisions import (
@@ -244,7 +243,7 @@ def test_presets():
     assert "not physics" in paper.status
     assert OokLink.preset("physical") == OokLink()
     assert OokLink.preset("paper").absorption_factor == 1.0
-    with pytest.raises(ValueError, match="name: 'best', allowed physical, paper, paper-ranges"):
+    with pytest.raises(ValueError, match="name: 'best', allowed: physical, paper, paper-ranges"):
         OokLink.preset("best")
 
 
@@ -253,7 +252,7 @@ def test_presets():
     [{"bit_rate": 0.0}, {"model": "X"}, {"window": 2e-6}, {"memory": 0}, {"equaliser": "dfe"}],
 )
 def test_bad_fields_are_refused(fields):
-    with pytest.raises(pydantic.ValidationError, match=next(iter(fields))):
+    with pytest.raises(ValueError, match=next(iter(fields))):
         OokLink(**fields)
 
 

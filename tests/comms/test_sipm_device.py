@@ -7,7 +7,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pydantic
 import pytest
 
 from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia, photon_energy
@@ -112,7 +111,7 @@ def test_background_light_fills_the_etendue():
     ],
 )
 def test_bad_fields_are_refused(model, fields):
-    with pytest.raises(pydantic.ValidationError, match=next(iter(fields))):
+    with pytest.raises(ValueError, match=next(iter(fields))):
         model(**fields)
 
 

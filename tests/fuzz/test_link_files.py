@@ -8,13 +8,10 @@ from hypothesis import strategies as st
 
 from meshtrace.link import Aperture, Physics, Source
 from meshtrace.optics.bubbles import HallNovarini
-from meshtrace.optics.phase import AnyPhase
+from meshtrace.optics.phase import PhaseFunction
 from meshtrace.optics.water import WATER_TYPES, Water
 from meshtrace.scenario import KEYS, Run, Sampling, Scenario, ScenarioError
-from meshtrace.scenario.tables import kinds
-from meshtrace.surfaces.seas import Sea
-from meshtrace.surfaces.spectra import Spectrum
-from meshtrace.surfaces.spreading import Spreading
+from meshtrace.surfaces import Spectrum, Spreading, Surface
 
 WORDS = [
     "paper",
@@ -30,13 +27,13 @@ WORDS = [
     *WATER_TYPES,
     *(
         kind
-        for union in (Source, Aperture, AnyPhase, Sea, Spectrum, Spreading)
-        for kind in kinds(union)
+        for union in (Source, Aperture, PhaseFunction, Surface, Spectrum, Spreading)
+        for kind in union.registered
     ),
 ]
 SEAS, PHASES, SOURCES, APERTURES = (
-    sorted({key for model in kinds(union).values() for key in model.model_fields})
-    for union in (Sea, AnyPhase, Source, Aperture)
+    sorted({key for model in union.registered.values() for key in model.model_fields})
+    for union in (Surface, PhaseFunction, Source, Aperture)
 )
 
 numbers = st.one_of(

@@ -12,7 +12,6 @@ from meshtrace.optics.water import (
     pure_water_absorption,
     quan_fry,
     sea_water_scattering,
-    water_from_type,
 )
 
 JERLOV = [name for name in WATER_TYPES if name.startswith("jerlov")]
@@ -96,7 +95,7 @@ def test_every_type_makes_a_water(name):
     water = Water.from_type(name, wavelength_nm=470.0)
     assert water.a > 0.0
     assert water.b > 0.0
-    assert water_from_type(name) == water
+    assert Water.from_type(name) == water
     assert Water.from_type(name, n=1.34, a=0.5).model_dump(include={"n", "a"}) == {
         "n": 1.34,
         "a": 0.5,

@@ -1,5 +1,6 @@
 """The pages of the documentation: their code runs, their commands and link files are right."""
 
+import ast
 import os
 import re
 import shlex
@@ -48,9 +49,19 @@ def test_code_runs(page, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+def own_classes(page):
+    """Return the classes of a page as the module that its link files name."""
+    tree = ast.parse("\n".join(blocks(page, "python")))
+    kept = (ast.ClassDef, ast.Import, ast.ImportFrom)
+    return "\n".join(ast.unparse(node) for node in tree.body if isinstance(node, kept))
+
+
 @pytest.mark.parametrize("page", pages_with("toml"))
-def test_link_files_load(page, tmp_path):
+def test_link_files_load(page, tmp_path, monkeypatch):
     (tmp_path / "ring_wave.ply").touch()
+    (tmp_path / "my_waves.py").write_text(own_classes(page), encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_waves", raising=False)
     for text in blocks(page, "toml"):
         config = tomllib.loads(text)
         study = config.pop("sweep", {"parameters": {}})

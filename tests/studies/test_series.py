@@ -8,7 +8,8 @@ from typer.testing import CliRunner
 
 import meshtrace as mt
 from meshtrace.cli import app
-from meshtrace.studies.series import CoverageMap, GainSeries
+from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.series import GainSeries
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach

@@ -79,10 +79,10 @@ def test_group_speed_is_the_derivative(depth, capillary):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: wavenumber(-1.0), "omega: -1.0, allowed 0 <= omega < inf"),
+        (lambda: wavenumber(-1.0), "omega: -1.0, allowed: 0 <= omega < inf"),
         (lambda: wavenumber([1.0, math.nan]), "omega: nan"),
         (lambda: angular_frequency(math.inf), "k: inf"),
-        (lambda: wavenumber(1.0, depth=0.0), "depth: 0.0, allowed 0 < depth < inf m"),
+        (lambda: wavenumber(1.0, depth=0.0), "depth: 0.0, allowed: 0 < depth < inf m"),
         (lambda: phase_speed(0.0), "k: 0.0"),
     ],
 )

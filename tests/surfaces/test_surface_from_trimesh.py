@@ -127,7 +127,7 @@ def broken():
 REFUSED = {
     "empty pair": (lambda: (np.empty((0, 3)), np.empty((0, 3), int)), "empty"),
     "empty trimesh": (trimesh.Trimesh, "empty"),
-    "nothing of ours": (lambda: 42, "source: int, allowed trimesh.Trimesh, a path"),
+    "nothing of ours": (lambda: 42, "source: int, allowed: trimesh.Trimesh, a path"),
     "four arrays": (lambda: (1, 2, 3, 4), "source: tuple, allowed"),
     "flat vertices": (lambda: (np.zeros((4, 2)), [(0, 1, 2)]), r"shapes \(4, 2\)"),
     "quads": (lambda: (np.zeros((4, 3)), [(0, 1, 2, 3)]), r"and \(1, 4\)"),
@@ -161,8 +161,8 @@ REFUSED = {
     "spiral ramp": (lambda: ribbon(1.3, 2.0), "outline meets itself"),
     "ring with a seam": (lambda: ribbon(1.0, 0.5), "outline meets itself"),
     "crossed grid": (lambda: (np.eye(2), np.eye(2), np.zeros((2, 2))), "no grid"),
-    "grid of wrong shape": (lambda: ([0, 1], [0, 1], np.zeros((3, 2))), r"z: shape \(3, 2\)"),
-    "grid shapes differ": (lambda: (np.eye(2), np.eye(3), np.eye(2)), "allowed equal ones"),
+    "grid of wrong shape": (lambda: ([0, 1], [0, 1], np.zeros((3, 2))), r"z: \(3, 2\)"),
+    "grid shapes differ": (lambda: (np.eye(2), np.eye(3), np.eye(2)), "allowed: equal ones"),
     "falling grid": (lambda: ([1, 0], [0, 1], np.zeros((2, 2))), "x: shape"),
 }
 

@@ -78,15 +78,18 @@ def test_grid_axis_chooses():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: uniform_axis(-1.0, 0.1), "extent: -1.0, allowed 0 < extent"),
-        (lambda: uniform_axis(1.0, 0.0), "spacing: 0.0, allowed 0 < spacing"),
+        (lambda: uniform_axis(-1.0, 0.1), "extent: -1.0, allowed: 0 < extent"),
+        (lambda: uniform_axis(1.0, 0.0), "spacing: 0.0, allowed: 0 < spacing"),
         (lambda: uniform_axis(1.0, math.nan), "spacing: nan"),
         (lambda: uniform_axis(1.0, 0.1, math.inf), "center: inf"),
-        (lambda: uniform_axis(20.0, 1e-5), f"allowed at most {MAX_LINES} grid lines"),
+        (lambda: uniform_axis(20.0, 1e-5), f"allowed: at most {MAX_LINES} grid lines"),
         (lambda: graded_axis(0.0, 0.0, 9.0, 0.1, 1.0), "fine_extent: 0.0"),
-        (lambda: graded_axis(0.0, 1.0, 9.0, 0.1, 0.05), "coarse_spacing: 0.05, allowed 0.1 <="),
-        (lambda: graded_axis(0.0, 1.0, 9.0, 0.1, 1.0, 1.0), "growth: 1.0, allowed 1 < growth"),
-        (lambda: grid_axis(0.0, 9.0, 0.1, coarse_spacing=1.0), "coarse_spacing: 1.0 without"),
+        (lambda: graded_axis(0.0, 1.0, 9.0, 0.1, 0.05), "coarse_spacing: 0.05, allowed: 0.1 <="),
+        (lambda: graded_axis(0.0, 1.0, 9.0, 0.1, 1.0, 1.0), "growth: 1.0, allowed: 1 < growth"),
+        (
+            lambda: grid_axis(0.0, 9.0, 0.1, coarse_spacing=1.0),
+            "coarse_spacing: 1.0, allowed: only with",
+        ),
     ],
 )
 def test_refuses_lines(call, message):
@@ -148,8 +151,8 @@ def test_faces_are_shared_and_read_only():
     [
         ({"x_axis": [0.0, 0.0]}, "x_axis: shape"),
         ({"y_axis": [0.0]}, "y_axis: shape"),
-        ({"z": np.zeros((3, 2))}, r"z: shape \(3, 2\), allowed \(2, 2\)"),
-        ({"sy": np.zeros(4)}, r"sy: shape \(4,\), allowed \(2, 2\)"),
+        ({"z": np.zeros((3, 2))}, r"z: \(3, 2\), allowed: the shape \(2, 2\)"),
+        ({"sy": np.zeros(4)}, r"sy: \(4,\), allowed: the shape \(2, 2\)"),
     ],
 )
 def test_triangulate_refuses(change, message):

@@ -12,11 +12,14 @@ MODULES = [
     "gridding",
     "measured",
     "parameters",
+    "random_seas",
     "seas",
     "spectra",
     "spreading",
     "statistics",
+    "surface",
     "triangulate",
+    "wave_surface",
     "waves",
 ]
 

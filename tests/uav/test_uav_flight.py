@@ -7,7 +7,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pydantic
 import pytest
 
 from meshtrace.uav.airframe import UAVS, Uav
@@ -73,7 +72,7 @@ def test_thousand_seconds_scatter_as_the_print():
 
 @pytest.mark.parametrize("fields", [{"mass": 0.0}, {"area": math.inf}, {"wings": 2}])
 def test_bad_fields_are_refused(fields):
-    with pytest.raises(pydantic.ValidationError, match=next(iter(fields))):
+    with pytest.raises(ValueError, match=next(iter(fields))):
         Uav(**fields)
 
 

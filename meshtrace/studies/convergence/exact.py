@@ -11,7 +11,7 @@ from meshtrace.kernels import wave_sum as analytic
 from meshtrace.kernels.aiming import ROOT, Scene
 from meshtrace.kernels.chains import Chains
 from meshtrace.mesh import SurfaceModel
-from meshtrace.results.gain import SHIFTS
+from meshtrace.stored import SHIFTS
 from meshtrace.studies.convergence.checks import Floats
 from meshtrace.studies.convergence.meshes import nested_mesh, probes
 from meshtrace.transport.forced import ForcedDetection

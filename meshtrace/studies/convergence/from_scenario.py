@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+from meshtrace.errors import Described, Refused
 from meshtrace.mesh import SurfaceModel
 from meshtrace.studies.convergence.band_limit import band_limit_study
 from meshtrace.studies.convergence.exact import WaveSum
@@ -42,14 +43,12 @@ def study_scenario(
 
     Raises
     ------
-    ScenarioError
+    Refused
         If the surface is a mesh from a file, or an option is out of range.
     """
-    from meshtrace.scenario import ScenarioError
-
     sea, sampling = scenario.surface, scenario.sampling
     if not isinstance(sea, SurfaceModel):
-        raise ScenarioError("sea.mesh: a mesh as it is, allowed: a sea, which has any spacing")
+        raise Refused("sea.mesh", Described("a mesh as it is"), "a sea, which has any spacing")
     studies: dict[str, Callable[..., ConvergenceStudy]] = {
         "spacing": convergence_study,
         "time_step": time_step_study,
@@ -62,7 +61,4 @@ def study_scenario(
         given["reference"] = "analytic" if exact else None
     elif sampling.spacing is not None:
         given["spacing"] = sampling.spacing
-    try:
-        return studies[parameter](scenario.link, sea, values, **{**given, **options})
-    except ValueError as error:
-        raise ScenarioError(str(error).replace(", allowed ", ", allowed: ", 1)) from error
+    return studies[parameter](scenario.link, sea, values, **{**given, **options})

@@ -1,8 +1,8 @@
 """From a link to its performance: gains over many seas, tilt of the receiver, bits.
 
 `link_performance` joins the channel gain (`ensemble`, forced detection) with the receiver
-(`detector`, `budget`) and the UAV (`uav`); `depth_sweep` gives the curves of the bit error rate
-over depth.
+(`meshtrace.comms`) and the aircraft (`meshtrace.uav`); `depth_sweep` gives the curves of the bit
+error rate over depth.
 """
 
 from __future__ import annotations
@@ -14,61 +14,39 @@ from typing import Any
 
 import numpy as np
 
-from meshtrace.comms.matching import (
-    Preset,
-    at_depth,
-    channel_link,
-    in_wind,
-    ook_link,
-    receiver_of,
-)
-from meshtrace.comms.ook import OokLink
+from meshtrace.comms.ook import OokLink, Preset
+from meshtrace.errors import Refused, require_keys, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
-from meshtrace.studies.coupled import CoupledSeries, coupled_series
-from meshtrace.studies.performance.operating_point import Figures, figures_of
-from meshtrace.studies.performance.samples import Recipe
+from meshtrace.scenario import Scenario
+from meshtrace.studies.inputs import default_sea, resolve_chains
+from meshtrace.studies.performance.operating_point import operating_point
+from meshtrace.studies.performance.samples import Ensemble, Realizations
 from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
-from meshtrace.uav.airframe import Uav
+from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
-
-__all__ = [
-    "CoupledSeries",
-    "DepthSweep",
-    "Figures",
-    "LinkPerformance",
-    "channel_link",
-    "coupled_series",
-    "depth_sweep",
-    "in_wind",
-    "link_performance",
-    "ook_link",
-]
 
 SWEEP_DEPTHS = tuple(float(d) for d in range(20, 95, 5))
 """Depths of `depth_sweep` [m]."""
 
+_SHORTCUTS = ("wind_speed", "realizations", "photons", "seed", "spacing", "uav", "wind", "coupled",
+              "time_step")  # fmt: skip
+
 
 def link_performance(
-    link: Link,
-    sea: SurfaceModel | None = None,
+    link: Link | Scenario,
+    surface: SurfaceModel | None = None,
     *,
-    wind_speed: float | None = None,
     bit_rate: float | Sequence[float] | None = None,
-    ook: OokLink | Preset = "physical",
-    limit: float = 1e-3,
-    realizations: int = 200,
-    photons: int = 2048,
+    ook: OokLink | Preset | None = None,
     depths: Sequence[float] | None = None,
-    uav: Uav | None = None,
-    wind: Dryden | None = None,
-    coupled: bool = False,
-    time_step: float = 0.5,
-    seed: int = 1,
+    flight: Flight | None = None,
+    over: Realizations | None = None,
+    limit: float = 1e-3,
     confidence: float = 0.95,
-    spacing: float | None = None,
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
+    **shortcuts: Any,
 ) -> LinkPerformance:
     """Return error rate, outage, margin and capacity of a link over a random sea.
 
@@ -76,42 +54,35 @@ def link_performance(
 
     Parameters
     ----------
-    link : Link
-        The link, with one receiver in the air. Bubbles and whitecaps are its own, see `in_wind`.
-    sea : SurfaceModel, optional
-        The sea; by default the JONSWAP sea of `wind_speed`, flat where that is 0. A sea without
-        random phases is taken once, at time 0.
-    wind_speed : float, optional
-        Wind at 10 m [m s-1] for the default sea (5 if not given) and the default `wind`.
+    link : Link or Scenario
+        The link, with one receiver in the air. Bubbles and whitecaps are its own, see
+        `Link.in_wind`. A scenario also gives the sea, the receiver and the aircraft.
+    surface : SurfaceModel, optional
+        The sea; by default the JONSWAP sea of the link's wind. A sea without random phases is
+        taken once.
     bit_rate : float or sequence of float, optional
         R_b [bit s-1], by default that of `ook`.
-    ook : OokLink or {"physical", "paper", "paper-ranges"}
-        Transmitter electronics and receiver. "physical" is model W behind etendue-limited optics.
-        "paper-ranges" is an empirical calibration (`LinkPerformance.status`): water.a is doubled.
-    limit : float
-        Bit error rate before decoding that counts as success, see `budget.FEC_LIMITS`.
-    realizations : int
-        Independent seas, or times of a coupled series, >= 2.
-    photons : int
-        Chains, common to all seas.
+    ook : OokLink or {"physical", "paper", "paper-ranges"}, optional
+        Transmitter electronics and receiver. "physical", the default, is model W behind
+        etendue-limited optics. "paper-ranges" is an empirical calibration
+        (`LinkPerformance.status`): water.a is doubled.
     depths : sequence of float, optional
         Depths of the transmitter [m], rising; by default that of the link.
-    uav : Uav, optional
-        Airframe that carries the receiver; none for a receiver at rest.
-    wind : Dryden, optional
-        Wind at the UAV, by default of `wind_speed` at the height of the receiver.
-    coupled : bool
-        Whether the tilt acts on every photon (`coupled_series`) rather than as factor h_alpha.
-    time_step : float
-        Time between the realizations of a coupled series [s].
-    seed : int
-        Seed of chains, phases, gusts and bootstrap.
+    flight : Flight, optional
+        Aircraft that carries the receiver; none for a receiver at rest.
+    over : Realizations, optional
+        Number of seas, seed, chains and spacing of the mesh.
+    limit : float
+        Bit error rate before decoding that counts as success, see `budget.FEC_LIMITS`.
     confidence : float
         Level of the intervals.
-    spacing, threads
-        As in `simulate`.
+    threads : int, optional
+        Threads, all cores by default; the result does not depend on them.
     progress : callable, optional
         Called with 1 after each sea.
+    **shortcuts
+        Fields of `over` (`realizations` for n, `photons`, `seed`, `spacing`) and of `flight`
+        (`uav`, `wind`, `coupled`, `time_step`); `wind_speed` of the default sea and wind [m s-1].
 
     Returns
     -------
@@ -119,7 +90,7 @@ def link_performance(
 
     Raises
     ------
-    ValueError
+    Refused
         If an option is out of range or does not fit the others.
 
     Notes
@@ -141,34 +112,45 @@ def link_performance(
     >>> f"{performance.at().margin_optical_db.value:.0f} dB optical"
     '35 dB optical'
     """
-    _check(limit, realizations, confidence, coupled, uav)
-    sea, speed = _sea(sea, wind_speed, uav is not None and wind is None)
-    height = receiver_of(link).height
+    unknown = {name: value for name, value in shortcuts.items() if name not in _SHORTCUTS}
+    require_keys(unknown, _SHORTCUTS)
+    over = _realizations(over or Realizations(), shortcuts)
+    speed = shortcuts.get("wind_speed")
+    if surface is None and speed is not None:
+        surface = default_sea(speed)
+    inputs = resolve_chains(
+        link, surface, photons=over.photons, seed=over.seed, normals=None, time=None, extent=None,
+        spacing=over.spacing, threads=threads,
+    )  # fmt: skip
+    link, scenario = inputs.link, inputs.scenario
+    if scenario is not None:
+        ook = ook or scenario.detector
+        flight = flight or (Flight(scenario.uav) if scenario.uav else None)
+    flight = _flight(flight, shortcuts, speed, link)
+    _check(limit, over.n, confidence)
     rates = (None,) if bit_rate is None else [float(r) for r in np.atleast_1d(bit_rate)]
-    ooks = tuple(ook_link(link, ook, rate) for rate in rates)
-    wind = wind or Dryden(wind_speed=speed, height=height)
-    flown = None if uav is None else (uav, wind)
-    options = {"photons": photons, "spacing": spacing, "threads": threads, "progress": progress}
-    recipe = Recipe(sea, realizations, flown, coupled, time_step, seed, options)
-    links = _links(channel_link(link, ooks[0]), depths)
-    fades = {depth: recipe.fades(at) for depth, at in links.items()}
-    figures = [
-        figures_of(one, depth, faded, limit, confidence, seed)
-        for depth, faded in fades.items()
+    ooks = tuple(OokLink.of_link(link, ook or "physical", rate) for rate in rates)
+    ensemble = Ensemble(inputs, over.n, flight, progress)
+    links = _links(ooks[0].channel(link), depths)
+    fades = {depth: ensemble.samples(at) for depth, at in links.items()}
+    seed = inputs.run["seed"]
+    points = [
+        operating_point(one, depth, samples, limit, confidence, seed)
+        for depth, samples in fades.items()
         for one in ooks
     ]
     origin = {
         **next(iter(fades.values())).series.provenance,
         "ook": [one.model_dump(mode="json") for one in ooks],
-        "uav": uav.model_dump(mode="json") if uav else None,
-        "wind": wind.model_dump(mode="json") if uav else None,
-        "coupled": coupled,
-        "realizations": realizations,
+        "uav": flight.uav.model_dump(mode="json") if flight else None,
+        "wind": inputs.wind_of(flight).model_dump(mode="json") if flight else None,
+        "coupled": flight is not None and flight.coupled,
+        "realizations": over.n,
     }
     return LinkPerformance(
         depths=tuple(fades),
         ooks=ooks,
-        figures=tuple(figures),
+        figures=tuple(points),
         fades=tuple(fades.values()),
         limit=limit,
         confidence=confidence,
@@ -177,31 +159,35 @@ def link_performance(
     )
 
 
-def _check(
-    limit: float, realizations: int, confidence: float, coupled: bool, uav: Uav | None
-) -> None:
+def _realizations(over: Realizations, shortcuts: dict[str, Any]) -> Realizations:
+    """Return the realizations with the fields that were given as keywords."""
+    fields = {"n" if name == "realizations" else name: v for name, v in shortcuts.items()}
+    given = {name: fields[name] for name in over._fields if fields.get(name) is not None}
+    return over._replace(**given)
+
+
+def _flight(
+    flight: Flight | None, shortcuts: dict[str, Any], wind_speed: float | None, link: Link
+) -> Flight | None:
+    """Return the flight with the fields that were given as keywords."""
+    given = {name: shortcuts[name] for name in Flight._fields if shortcuts.get(name) is not None}
+    if flight is None and "uav" not in given:
+        if given.get("coupled"):
+            raise Refused("coupled", True, "with an aircraft that tilts the receiver")
+        return None
+    flight = (flight or Flight())._replace(**given)
+    if flight.wind is None and wind_speed is not None:
+        wind = Dryden(wind_speed=wind_speed, height=link.only_receiver.height)
+        return flight._replace(wind=wind)
+    return flight
+
+
+def _check(limit: float, realizations: int, confidence: float) -> None:
     if not 0.0 < limit < 0.5:
-        raise ValueError(f"limit: {limit}, allowed 0 < limit < 0.5")
-    if not 2 <= realizations <= 10_000_000:
-        raise ValueError(f"realizations: {realizations}, allowed 2 <= realizations <= 10000000")
+        raise Refused("limit", limit, "0 < limit < 0.5")
+    require_whole(realizations, 2, 10_000_000, "realizations")
     if not 0.0 < confidence < 1.0:
-        raise ValueError(f"confidence: {confidence}, allowed 0 < confidence < 1")
-    if coupled and uav is None:
-        raise ValueError("coupled: True without uav, allowed with a Uav that tilts the receiver")
-
-
-def _sea(
-    sea: SurfaceModel | None, wind_speed: float | None, needed: bool
-) -> tuple[SurfaceModel, float]:
-    """Return the sea, and the wind speed that gusts follow."""
-    if sea is not None:
-        if needed and wind_speed is None:
-            raise ValueError("wind_speed: None, allowed with sea and uav: a speed, or a wind")
-        return sea, wind_speed or 0.0
-    from meshtrace.scenario import Scenario
-
-    speed = 5.0 if wind_speed is None else wind_speed
-    return Scenario.from_config({"wind_speed": speed}).surface, speed
+        raise Refused("confidence", confidence, "0 < confidence < 1")
 
 
 def _links(link: Link, depths: Sequence[float] | None) -> dict[float, Link]:
@@ -210,35 +196,35 @@ def _links(link: Link, depths: Sequence[float] | None) -> dict[float, Link]:
         return {float(getattr(link.transmitters[0], "depth", math.nan)): link}
     values = [float(d) for d in depths]
     if not values or not all(a < b for a, b in pairwise(values)):
-        raise ValueError(f"depths: {depths}, allowed at least one depth, strictly rising [m]")
-    return {d: at_depth(link, d) for d in values}
+        raise Refused("depths", depths, "at least one depth, strictly rising [m]")
+    return {d: link.at_depth(d) for d in values}
 
 
 def depth_sweep(
-    link: Link,
+    link: Link | Scenario,
     depths: Sequence[float] = SWEEP_DEPTHS,
     *,
     bit_rate: float | Sequence[float] = (1e6, 5e6, 1e7),
     wind_speeds: Sequence[float] = (0.0, 5.0, 13.0),
-    realizations: int = 50,
+    over: Realizations | None = None,
     **options: Any,
 ) -> DepthSweep:
     """Return the curves of the bit error rate over depth, each with its confidence band.
 
     Parameters
     ----------
-    link : Link
-        The link; sea, bubbles and whitecaps follow each wind (`in_wind`).
+    link : Link or Scenario
+        The link; sea, bubbles and whitecaps follow each wind (`Link.in_wind`).
     depths : sequence of float
         Depths of the transmitter [m], rising.
     bit_rate : float or sequence of float
         R_b [bit s-1].
     wind_speeds : sequence of float
         Winds at 10 m [m s-1]; 0 is a flat sea.
-    realizations : int
-        Seas at each depth.
+    over : Realizations, optional
+        Seas at each depth, 50 by default.
     **options
-        As in `link_performance`: `ook`, `limit`, `photons`, `uav`, `coupled`, `seed`, ...
+        As in `link_performance`: `ook`, `limit`, `flight`, `confidence`, ...
 
     Returns
     -------
@@ -250,15 +236,16 @@ def depth_sweep(
     >>> f"{sweep.range_at_ber()[0, 0, 0]:.0f} m"
     '55 m'
     """
-    performances = [
-        link_performance(
-            in_wind(link, speed),
-            wind_speed=speed,
-            bit_rate=bit_rate,
-            depths=depths,
-            realizations=realizations,
-            **options,
-        )
-        for speed in wind_speeds
-    ]
+    performances = []
+    for speed in wind_speeds:
+        at: Link | Scenario
+        if isinstance(link, Scenario):
+            at = link.model_copy(update={"link": link.link.in_wind(speed), "wind_speed": speed})
+        else:
+            at = link.in_wind(speed)
+        found = link_performance(
+            at, default_sea(speed), wind_speed=speed, bit_rate=bit_rate, depths=depths,
+            over=over or Realizations(50), **options,
+        )  # fmt: skip
+        performances.append(found)
     return DepthSweep(tuple(float(u) for u in wind_speeds), tuple(performances))

@@ -1,4 +1,4 @@
-"""The figures of a link at one depth and bit rate, with their confidence intervals."""
+"""Performance of a link at one depth and bit rate, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -9,18 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.comms.budget import (
-    Capacity,
     ber_of_gains,
     bootstrapped_mean,
-    capacity,
     link_budget,
     outage,
     required_gain,
 )
+from meshtrace.comms.capacity import Capacity, capacity
 from meshtrace.comms.devices import photon_energy
 from meshtrace.comms.ook import OokLink
 from meshtrace.fading import Estimate
-from meshtrace.studies.performance.samples import Fades, independent
+from meshtrace.studies.performance.samples import FadingSamples, independent
 
 FloatArray = NDArray[np.float64]
 
@@ -28,7 +27,7 @@ _RESAMPLES = 1000
 _QUANTILES = 500  # that stand for the law of the gain in the capacity
 
 
-class Figures(NamedTuple):
+class OperatingPoint(NamedTuple):
     """Performance at one depth and bit rate; estimates carry their confidence intervals.
 
     Attributes
@@ -68,19 +67,19 @@ class Figures(NamedTuple):
     capacity: Capacity
 
 
-def figures_of(
-    ook: OokLink, depth: float, fades: Fades, limit: float, confidence: float, seed: int
-) -> Figures:
-    """Return all figures of one bit rate at one depth."""
+def operating_point(
+    ook: OokLink, depth: float, samples: FadingSamples, limit: float, confidence: float, seed: int
+) -> OperatingPoint:
+    """Return the performance at one bit rate and depth."""
     from scipy.special import ndtri
 
     quantile = float(ndtri(0.5 + 0.5 * confidence))
-    gain = fades.mean_gain(quantile)
+    gain = samples.mean_gain(quantile)
     power = Estimate(*ook.received_power(gain).tolist())
     budget = link_budget(ook, gain, limit)
     low, high = ook.led.levels(power)
     photons = 0.5 * (low + high) / (ook.bit_rate * photon_energy(ook.led.wavelength))
-    return Figures(
+    return OperatingPoint(
         depth=depth,
         bit_rate=ook.bit_rate,
         gain=gain,
@@ -89,24 +88,24 @@ def figures_of(
         photons_per_bit=Estimate(*photons.tolist()),
         margin_optical_db=Estimate(*budget.margin_optical_db.tolist()),
         margin_electrical_db=Estimate(*budget.margin_electrical_db.tolist()),
-        ber=ber_of_fades(ook, fades, quantile, confidence, seed),
-        outage=outage_of_fades(ook, fades, limit, quantile, confidence),
-        capacity=_capacity(ook, fades.samples),
+        ber=ber_of_samples(ook, samples, quantile, confidence, seed),
+        outage=outage_of_samples(ook, samples, limit, quantile, confidence),
+        capacity=_capacity(ook, samples.samples),
     )
 
 
-def ber_of_fades(
-    ook: OokLink, fades: Fades, quantile: float, confidence: float, seed: int
+def ber_of_samples(
+    ook: OokLink, samples: FadingSamples, quantile: float, confidence: float, seed: int
 ) -> Estimate:
     """Return the error rate, its intervals joined in the logarithm.
 
     The interval of the seas is a percentile bootstrap, stretched for correlated times.
     """
     bers = [
-        independent(ber_of_gains(ook, fades.samples * math.exp(step * fades.chain_error)))
+        independent(ber_of_gains(ook, samples.samples * math.exp(step * samples.chain_error)))
         for step in (0.0, quantile, -quantile)
     ]
-    over_seas = bootstrapped_mean(bers[0], fades.n_effective, confidence, _RESAMPLES, seed)
+    over_seas = bootstrapped_mean(bers[0], samples.n_effective, confidence, _RESAMPLES, seed)
     if over_seas.value == 0.0:
         return over_seas
     values = (*over_seas, float(bers[1].mean()), float(bers[2].mean()))
@@ -114,22 +113,22 @@ def ber_of_fades(
     return Estimate(*(math.exp(value) for value in logs))
 
 
-def outage_of_fades(
-    ook: OokLink, fades: Fades, limit: float, quantile: float, confidence: float
+def outage_of_samples(
+    ook: OokLink, samples: FadingSamples, limit: float, quantile: float, confidence: float
 ) -> Estimate:
     """Return the outage; its Wilson interval counts what tilts and seas are worth together."""
-    samples, needed = fades.samples, required_gain(ook, limit)
+    gains, needed = samples.samples, required_gain(ook, limit)
     missed = [
-        samples * math.exp(step * fades.chain_error) < needed for step in (0.0, quantile, -quantile)
+        gains * math.exp(step * samples.chain_error) < needed for step in (0.0, quantile, -quantile)
     ]
     share, brighter, darker = (float(m.mean()) for m in missed)
     over_seas = Estimate(share, share, share)
-    if samples.size > 1 and samples.any():
-        n, rows = fades.n_effective, independent(missed[0].astype(float))
+    if gains.size > 1 and gains.any():
+        n, rows = samples.n_effective, independent(missed[0].astype(float))
         if 0.0 < share < 1.0 and rows.var() > 0.0:
             n *= max(share * (1.0 - share) / float(rows.var()), 1.0)
-        n = min(n, float(samples.size))
-        over_seas = outage(ook, samples, limit, n_effective=n, confidence=confidence)
+        n = min(n, float(gains.size))
+        over_seas = outage(ook, gains, limit, n_effective=n, confidence=confidence)
     value, low, high = _joined(*over_seas, brighter, darker)
     return Estimate(value, max(low, 0.0), min(high, 1.0))
 

@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.comms.matching import receiver_of
 from meshtrace.fading import Estimate, effective_samples
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel
-from meshtrace.studies.coupled import coupled_series
-from meshtrace.studies.series import GainSeries, RandomSea, ensemble, time_series
-from meshtrace.uav.airframe import Uav
+from meshtrace.mesh import RandomSea
+from meshtrace.results.series import GainSeries
+from meshtrace.studies.inputs import Inputs
+from meshtrace.studies.series import over_realizations, over_times
+from meshtrace.uav.airframe import Flight
 from meshtrace.uav.tilt import h_alpha
-from meshtrace.uav.wind import Dryden
 
 FloatArray = NDArray[np.float64]
 
-_TILTS = 50  # drawn for each realization of the sea
+_TILTS = 50  # of each realization of the sea
 
 
 @dataclass(frozen=True, eq=False)
-class Fades:
+class FadingSamples:
     """Gains of one link with the factors by which the tilt multiplies each.
 
     Attributes
@@ -53,7 +53,7 @@ class Fades:
         return float(self.series.mean_stderr) / max(float(self.series.gain.mean()), 1e-300)
 
     def mean_gain(self, quantile: float) -> Estimate:
-        """Mean gain with an interval of `quantile` standard errors of seas, tilts and chains."""
+        """Return the mean gain with `quantile` standard errors of seas, tilts and chains."""
         gains = independent(self.samples)
         mean = float(gains.mean())
         spread = float(gains.std()) / math.sqrt(max(self.n_effective - 1.0, 1.0))
@@ -66,39 +66,54 @@ def independent(samples: FloatArray) -> FloatArray:
     return samples.mean(axis=1) if len(samples) > 1 else samples[0]
 
 
-class Recipe(NamedTuple):
-    """How the seas and the tilts of a link are drawn."""
+class Realizations(NamedTuple):
+    """Number of surfaces over which a link is averaged, and options of their chains.
 
-    sea: SurfaceModel
-    realizations: int
-    flown: tuple[Uav, Dryden] | None
-    coupled: bool
-    time_step: float
-    seed: int
-    options: dict[str, Any]
+    Options that are None are those of the scenario, or the defaults of `ensemble`.
 
-    def fades(self, link: Link) -> Fades:
+    Attributes
+    ----------
+    n : int
+        Independent seas, or times of a coupled flight, >= 2.
+    seed : int, optional
+        Seed of chains, phases, gusts and bootstrap.
+    photons : int, optional
+        Chains, common to all seas.
+    spacing : float, optional
+        Spacing of the mesh [m].
+    """
+
+    n: int = 200
+    seed: int | None = None
+    photons: int | None = None
+    spacing: float | None = None
+
+
+class Ensemble(NamedTuple):
+    """Seas and tilts over which a link is averaged."""
+
+    inputs: Inputs
+    n: int
+    flight: Flight | None
+    progress: Callable[[int], None] | None
+
+    def samples(self, link: Link) -> FadingSamples:
         """Return gains and tilt factors of a link."""
-        if self.coupled and self.flown is not None:
-            return self._coupled(link, *self.flown)
-        n = self.realizations
-        if isinstance(self.sea, RandomSea):
-            series = ensemble(link, n, self.sea, seed=self.seed, **self.options)
+        inputs, flight = self.inputs._replace(link=link), self.flight
+        if flight is not None and flight.coupled:
+            times = flight.time_step * np.arange(self.n)
+            series = over_times(inputs, times, flight, self.progress)
+            n = effective_samples(series.gain) if np.ptp(series.gain) > 0.0 else float(self.n)
+            return FadingSamples(series, np.ones((self.n, 1)), n)
+        if isinstance(inputs.surface, RandomSea):
+            series = over_realizations(inputs, self.n, self.progress)
         else:
-            series = time_series(link, self.sea, [0.0], seed=self.seed, **self.options)
+            series = over_times(inputs, np.array([inputs.run["time"]]), None, self.progress)
         seas = len(series.gain)
-        if self.flown is None:
-            return Fades(series, np.ones((seas, 1)), float(seas))
-        uav, wind = self.flown
-        tilts = _TILTS if seas > 1 else _TILTS * n
-        winds = wind.sample_wind(seas * tilts, self.seed)
-        fov = math.radians(receiver_of(link).fov_deg)
-        factors = h_alpha(uav.tilt(winds).angle, fov).reshape(seas, tilts)
-        return Fades(series, factors, float(seas if seas > 1 else tilts))
-
-    def _coupled(self, link: Link, uav: Uav, wind: Dryden) -> Fades:
-        times = self.time_step * np.arange(self.realizations)
-        series = coupled_series(link, self.sea, times, uav, wind, self.seed, **self.options).series
-        n = float(self.realizations)
-        n = effective_samples(series.gain) if np.ptp(series.gain) > 0.0 else n
-        return Fades(series, np.ones((len(times), 1)), n)
+        if flight is None:
+            return FadingSamples(series, np.ones((seas, 1)), float(seas))
+        tilts = _TILTS if seas > 1 else _TILTS * self.n
+        winds = inputs.wind_of(flight).sample_wind(seas * tilts, inputs.run["seed"])
+        fov = math.radians(link.only_receiver.fov_deg)
+        factors = h_alpha(flight.uav.tilt(winds).angle, fov).reshape(seas, tilts)
+        return FadingSamples(series, factors, float(seas if seas > 1 else tilts))

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.comms.budget import Capacity, depth_at
+from meshtrace.comms.budget import depth_at
+from meshtrace.comms.capacity import Capacity
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.pulses import Eye
+from meshtrace.errors import Refused
 from meshtrace.fading import Estimate
-from meshtrace.results.gain import FORMAT_VERSION
-from meshtrace.studies.performance.operating_point import Figures
-from meshtrace.studies.performance.samples import Fades
+from meshtrace.stored import Stored
+from meshtrace.studies.performance.operating_point import OperatingPoint
+from meshtrace.studies.performance.samples import FadingSamples
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class LinkPerformance:
+@dataclass(frozen=True, eq=False, repr=False)
+class LinkPerformance(Stored):
     """Performance of a link at one or several depths and bit rates.
 
     Attributes
@@ -35,10 +35,10 @@ class LinkPerformance:
         Depths of the transmitter [m].
     ooks : tuple of OokLink
         Transmission at each bit rate.
-    figures : tuple of Figures
+    figures : tuple of OperatingPoint
         Depth by depth, the bit rates of each together.
-    fades : tuple of Fades
-        Gains and tilt factors at each depth.
+    fades : tuple of FadingSamples
+        Gains and tilt factors at each depth; not in files, empty when loaded.
     limit : float
         Bit error rate before decoding that counts as success.
     confidence : float
@@ -51,19 +51,29 @@ class LinkPerformance:
 
     depths: tuple[float, ...]
     ooks: tuple[OokLink, ...]
-    figures: tuple[Figures, ...]
-    fades: tuple[Fades, ...]
+    figures: tuple[OperatingPoint, ...]
+    fades: tuple[FadingSamples, ...]
     limit: float
     confidence: float
     status: str
     provenance: dict[str, Any] = field(default_factory=dict)
+
+    kind: ClassVar[str] = "performance"
+    title: ClassVar[str] = "meshtrace link performance"
+
+    def _headline(self) -> str:
+        first, count = self.figures[0], len(self.figures)
+        return (
+            f"BER {first.ber.value:.3e} at {first.depth:g} m, {first.bit_rate / 1e6:g} Mbit/s; "
+            f"{count} point{'s' * (count > 1)}"
+        )
 
     @property
     def bit_rates(self) -> tuple[float, ...]:
         """Bit rates [bit s-1]."""
         return tuple(ook.bit_rate for ook in self.ooks)
 
-    def at(self, depth: float | None = None, bit_rate: float | None = None) -> Figures:
+    def at(self, depth: float | None = None, bit_rate: float | None = None) -> OperatingPoint:
         """Return the figures of a depth [m] and bit rate [bit s-1], by default the first.
 
         Raises
@@ -81,7 +91,7 @@ class LinkPerformance:
         Parameters
         ----------
         name : str
-            An estimate of `Figures`, such as "ber".
+            An estimate of `OperatingPoint`, such as "ber".
 
         Returns
         -------
@@ -112,7 +122,7 @@ class LinkPerformance:
         """
         target = self.limit if ber is None else ber
         if not 0.0 < target < 0.5:
-            raise ValueError(f"ber: {ber}, allowed 0 < ber < 0.5")
+            raise Refused("ber", ber, "0 < ber < 0.5")
         curves = self.estimates("ber")
         ranges = []
         for i in range(len(self.ooks)):
@@ -156,8 +166,7 @@ class LinkPerformance:
                 )
         return lines
 
-    def to_dataset(self) -> xr.Dataset:
-        """Return the figures as an xarray Dataset over depth and bit rate, with units."""
+    def _content(self) -> xr.Dataset:
         import xarray as xr
 
         dims, shape = ("depth", "bit_rate"), (len(self.depths), len(self.ooks))
@@ -179,20 +188,40 @@ class LinkPerformance:
             "depth": ("depth", list(self.depths), _attrs("depth")),
             "bit_rate": ("bit_rate", list(self.bit_rates), _attrs("bit_rate")),
         }
-        about = {
-            "title": "meshtrace link performance",
-            "format_version": FORMAT_VERSION,
-            "kind": "performance",
-            "ber_limit": self.limit,
-            "confidence": self.confidence,
-            "status": self.status,
-            "provenance": json.dumps(self.provenance),
-        }
+        about = {"ber_limit": self.limit, "confidence": self.confidence, "status": self.status}
         return xr.Dataset(variables, coordinates, about)
 
-    def save(self, path: str | Path) -> None:
-        """Write the figures as netCDF."""
-        self.to_dataset().to_netcdf(path, engine="h5netcdf")
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any) -> LinkPerformance:
+        depths, rates = (tuple(data[n].values.tolist()) for n in ("depth", "bit_rate"))
+        needed = data["required_power"].values.tolist()
+        figures = []
+        for i, j in np.ndindex(len(depths), len(rates)):
+            at = data.isel(depth=i, bit_rate=j)
+            estimates = {
+                name: Estimate(*(float(at[name + limit]) for limit in ("", "_low", "_high")))
+                for name in _ESTIMATES
+            }
+            rows = (float(at[f"capacity_{name}"]) for name in Capacity._fields)
+            figures.append(
+                OperatingPoint(
+                    depth=depths[i],
+                    bit_rate=rates[j],
+                    required_power=needed[j],
+                    capacity=Capacity(*rows),
+                    **estimates,
+                )
+            )
+        return cls(
+            depths=depths,
+            ooks=tuple(OokLink.model_validate(one) for one in provenance["ook"]),
+            figures=tuple(figures),
+            fades=(),
+            limit=float(data.attrs["ber_limit"]),
+            confidence=float(data.attrs["confidence"]),
+            status=str(data.attrs["status"]),
+            provenance=provenance,
+        )
 
 
 _ESTIMATES = (
@@ -216,11 +245,11 @@ def _index(name: str, values: tuple[float, ...], wanted: float | None) -> int:
     if wanted is None:
         return 0
     if wanted not in values:
-        raise ValueError(f"{name}: {wanted:g}, allowed {', '.join(f'{v:g}' for v in values)}")
+        raise Refused(name, wanted, ", ".join(f"{v:g}" for v in values))
     return values.index(wanted)
 
 
-def _figures_line(f: Figures) -> str:
+def _figures_line(f: OperatingPoint) -> str:
     power = 10.0 * math.log10(max(f.received_power.value, 1e-300) / 1e-3)
     interval = f"{f.ber.low:.2e}..{f.ber.high:.2e}"
     return (
@@ -247,8 +276,8 @@ def _range(depths: tuple[float, ...], ber: FloatArray, target: float) -> float:
         return math.nan
 
 
-@dataclass(frozen=True, eq=False)
-class DepthSweep:
+@dataclass(frozen=True, eq=False, repr=False)
+class DepthSweep(Stored):
     """Performance over depth, for several winds.
 
     Attributes
@@ -261,6 +290,18 @@ class DepthSweep:
 
     wind_speeds: tuple[float, ...]
     performances: tuple[LinkPerformance, ...]
+
+    kind: ClassVar[str] = "depth-sweep"
+    title: ClassVar[str] = "meshtrace link performance over depth and wind"
+
+    @property
+    def provenance(self) -> list[dict[str, Any]]:
+        """Provenance of each wind."""
+        return [performance.provenance for performance in self.performances]
+
+    def _headline(self) -> str:
+        winds = ", ".join(f"{speed:g}" for speed in self.wind_speeds)
+        return f"winds {winds} m/s, {len(self.performances[0].depths)} depths"
 
     def range_at_ber(self, ber: float | None = None) -> FloatArray:
         """Return ranges with their limits [m].
@@ -287,18 +328,19 @@ class DepthSweep:
                 lines.append(f"{speed:>5g} m/s{rate / 1e6:>7g} Mbit/s  {_range_text(value)}")
         return "\n".join([*lines, "", first.status])
 
-    def to_dataset(self) -> xr.Dataset:
-        """Return all figures as an xarray Dataset over wind, depth and bit rate."""
+    def _content(self) -> xr.Dataset:
         import xarray as xr
 
         from meshtrace.fields import attrs
 
         parts = [p.to_dataset() for p in self.performances]
         winds = xr.Variable("wind_speed", list(self.wind_speeds), attrs("wind_speed"))
-        whole = xr.concat(parts, winds, data_vars="all", join="exact", combine_attrs="override")
-        origins = [p.provenance for p in self.performances]
-        return whole.assign_attrs(kind="depth-sweep", provenance=json.dumps(origins))
+        return xr.concat(parts, winds, data_vars="all", join="exact", combine_attrs="override")
 
-    def save(self, path: str | Path) -> None:
-        """Write all figures as netCDF."""
-        self.to_dataset().to_netcdf(path, engine="h5netcdf")
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any) -> DepthSweep:
+        performances = [
+            LinkPerformance._restored(data.isel(wind_speed=i), origin)
+            for i, origin in enumerate(provenance)
+        ]
+        return cls(tuple(data["wind_speed"].values.tolist()), tuple(performances))

@@ -1,4 +1,4 @@
-"""The cluster that computes the tasks of a sweep, and the bar that shows how far it is."""
+"""The cluster that computes the tasks of a sweep: workers, their environments, the progress bar."""
 
 from __future__ import annotations
 
@@ -6,17 +6,27 @@ import logging
 import os
 import signal
 import sys
+import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
-from meshtrace.scenario import ScenarioError
+from meshtrace.errors import Described, Refused
 from meshtrace.studies.sweep.points import Outcome, Study, Task, one_line
 from meshtrace.studies.sweep.store import note, write
 
 if TYPE_CHECKING:
     import distributed
     import zarr
+
+DEFAULT_TIMEOUT = 60.0
+"""Seconds to wait for a scheduler and for a worker."""
+
+_CHATTY = ("distributed", "tornado", "asyncio")  # loggers of lost connections
+_POLL = 0.02  # [s] between looks for finished tasks
+_ALLOWED = "a running dask scheduler with workers; the same command goes on"
 
 
 def compute(
@@ -25,41 +35,167 @@ def compute(
     tasks: list[Task],
     scheduler: str | None,
     workers: int | None,
-    progress: bool,
+    progress: bool | Callable[[int], None] = False,
+    timeout: float = DEFAULT_TIMEOUT,
 ) -> None:
-    """Run tasks on a cluster and write each as it finishes."""
+    """Run tasks on a cluster and write each as it finishes.
+
+    Raises
+    ------
+    Refused
+        If there is no scheduler or no worker, one is lost for good, or a worker would compute
+        other numbers: another version of meshtrace, its kernels, numpy or numba.
+    """
+    import distributed  # noqa: F401  (its loggers exist from here on)
+
+    with _quiet(), _client(scheduler, workers, timeout) as client:
+        _require_equal_workers(client, timeout)
+        with _bar(client, len(tasks), progress) as advance:
+            futures = client.map(
+                _portable_task(), tasks, study=asdict(study), expected=_environment()(), pure=False
+            )
+            of = dict(zip((future.key for future in futures), tasks, strict=True))
+            for n, future in enumerate(_finished(client, futures, timeout)):
+                task = of[future.key]
+                if future.status == "finished":
+                    write(group, task, Outcome(*_checked(future.result())))
+                elif future.status == "error":
+                    note(group, task, one_line(future.exception()))
+                else:
+                    raise _lost(client, n, len(tasks))
+                future.release()
+                advance(1)
+
+
+def _finished(
+    client: distributed.Client, futures: list[distributed.Future], timeout: float
+) -> Iterator[distributed.Future]:
+    """Yield tasks as they finish; refuse to wait for a scheduler or workers that are gone."""
     import distributed
 
-    with _client(scheduler, workers) as client, _bar(client, len(tasks), progress) as advance:
-        futures = client.map(_run, tasks, study=study, pure=False)
-        of = dict(zip((future.key for future in futures), tasks, strict=True))
-        for future in distributed.as_completed(futures):
-            task = of[future.key]
-            if future.status == "finished":
-                write(group, task, future.result())
-            else:
-                note(group, task, one_line(future.exception()))
-            future.release()
-            advance()
+    done, without_worker = 0, 0.0
+    completed = distributed.as_completed(futures)
+    while not completed.is_empty():
+        if completed.has_ready():
+            yield next(completed)
+            done, without_worker = done + 1, 0.0
+            continue
+        time.sleep(_POLL)
+        if client.status != "running":
+            raise _lost(client, done, len(futures))
+        workers = client.scheduler_info(n_workers=-1)["workers"]
+        without_worker = 0.0 if workers else without_worker + _POLL
+        if without_worker > timeout:
+            raise _lost(client, done, len(futures))
 
 
-def _run(task: Task, study: Study) -> Outcome:
-    return study.compute(task)
+def _lost(client: distributed.Client, done: int, total: int) -> Refused:
+    what = "no worker is left" if client.status == "running" else "the connection is lost"
+    return Refused("scheduler", Described(f"{what}, {done} of {total} tasks finished"), _ALLOWED)
+
+
+def _environment() -> Callable[[], dict[str, str]]:
+    """Return a function that describes an environment; it is sent by value.
+
+    A function of this module would be looked up in the package of the worker, which may be none.
+    """
+
+    def environment() -> dict[str, str]:
+        try:
+            from importlib.metadata import version
+
+            from meshtrace.kernels.jit import sources
+
+            found = {name: version(name) for name in ("meshtrace", "numpy", "numba")}
+            return {**found, "kernels": sources().hex()}
+        except Exception as error:
+            return {"meshtrace": f"{type(error).__name__}: {error}"}
+
+    return environment
+
+
+def _portable_task() -> Callable[..., Any]:
+    """Return a function that computes a task of plain data; it is sent by value."""
+    describe = _environment()
+
+    def run(task: tuple[Any, ...], study: dict[str, Any], expected: dict[str, str]) -> Any:
+        found = describe()
+        if found != expected:  # of a worker that came late
+            return found
+        from meshtrace.studies.sweep.points import Study, Task
+
+        return tuple(Study(**study).compute(Task(*task)))
+
+    return run
+
+
+def _checked(result: Any) -> Any:
+    """Return the numbers of a task; refuse a worker that described its environment instead."""
+    if isinstance(result, dict):
+        raise _other_worker("a worker that came late", result)
+    return result
+
+
+def _require_equal_workers(client: distributed.Client, timeout: float) -> None:
+    """Refuse a cluster without workers, or with one of another environment."""
+    import distributed
+
+    try:
+        client.wait_for_workers(1, timeout=timeout)
+        environments = client.run(_environment(), on_error="return")
+    except (TimeoutError, distributed.TimeoutError) as error:
+        waited = Described(f"no worker within {timeout:g} s")
+        raise Refused("scheduler", waited, _ALLOWED) from error
+    except OSError as error:
+        raise _lost(client, 0, 0) from error
+    expected = _environment()()
+    for address, found in environments.items():
+        if found != expected:
+            raise _other_worker(address, found)
+
+
+def _other_worker(address: str, found: Any) -> Refused:
+    expected = _environment()()
+    there = found if isinstance(found, dict) else {"meshtrace": one_line(found)}
+    name = next(name for name in expected if there.get(name) != expected[name])
+    odd = Described(f"{address}: {name} {there.get(name, 'missing')} there, {expected[name]} here")
+    return Refused("worker", odd, "the same versions of meshtrace, its kernels, numpy and numba")
 
 
 @contextmanager
-def _client(scheduler: str | None, workers: int | None) -> Iterator[distributed.Client]:
+def _quiet() -> Iterator[None]:
+    """Keep what distributed logs about lost connections off the terminal."""
+    names = [name for name in logging.root.manager.loggerDict if name.startswith(_CHATTY)]
+    loggers = [logging.getLogger(name) for name in names]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+@contextmanager
+def _client(
+    scheduler: str | None, workers: int | None, timeout: float
+) -> Iterator[distributed.Client]:
     """Yield a client of a running scheduler or of a new cluster on this machine."""
     import distributed
 
     if scheduler is None:
         # one thread each: a task fills one core, and dask keeps BLAS to one thread as well
         with (
+            tempfile.TemporaryDirectory(prefix="meshtrace-", ignore_cleanup_errors=True) as scratch,
             distributed.LocalCluster(
                 n_workers=workers or os.cpu_count() or 1,
                 threads_per_worker=1,
                 processes=True,
-                dashboard_address=":0",
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",
+                worker_dashboard_address="127.0.0.1:0",
+                local_directory=scratch,
                 silence_logs=logging.ERROR,
             ) as cluster,
             distributed.Client(cluster) as client,
@@ -67,13 +203,12 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[distributed.
             client.register_plugin(_leave_interrupts())
             yield client
         return
+    where = {"scheduler_file": scheduler} if scheduler.endswith(".json") else {"address": scheduler}
     try:
-        client = distributed.Client(scheduler)
+        client = distributed.Client(**where, timeout=timeout)
     except (OSError, ValueError) as error:
-        raise ScenarioError(
-            f"scheduler: {scheduler!r}: {one_line(error)}, allowed: the address of a running "
-            "dask scheduler"
-        ) from error
+        problem = Described(f"{scheduler!r}: {one_line(error)}")
+        raise Refused("scheduler", problem, "the address of a running dask scheduler") from error
     with client:
         yield client
 
@@ -90,10 +225,15 @@ def _leave_interrupts() -> distributed.WorkerPlugin:
 
 
 @contextmanager
-def _bar(client: distributed.Client, total: int, shown: bool) -> Iterator[Callable[[], None]]:
-    """Print where the dashboard is and show a bar; yield how to say that a task is done."""
-    if not shown:
-        yield lambda: None
+def _bar(
+    client: distributed.Client, total: int, progress: bool | Callable[[int], None]
+) -> Iterator[Callable[[int], None]]:
+    """Yield a callback for finished tasks: the caller's, or a bar below the dashboard's address."""
+    if callable(progress):
+        yield progress
+        return
+    if not progress:
+        yield lambda done: None
         return
     from rich.console import Console
     from rich.progress import (
@@ -116,4 +256,4 @@ def _bar(client: distributed.Client, total: int, shown: bool) -> Iterator[Callab
     )
     with Progress(*columns, console=console) as bar:
         row = bar.add_task("sweep", total=total)
-        yield lambda: bar.advance(row)
+        yield lambda done: bar.advance(row, done)

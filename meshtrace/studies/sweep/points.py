@@ -1,4 +1,4 @@
-"""What a sweep computes: points, realizations, and what each of them gives."""
+"""The points and realizations of a sweep, and the numbers of each."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.scenario import Scenario, ScenarioError
+from meshtrace.errors import Described, Refused, require_whole
+from meshtrace.kernels.jit import sources
+from meshtrace.kernels.random import realization_seed
+from meshtrace.scenario import Scenario
 
 BLOCK = 8
 """Realizations of one task."""
 
 MEASURED = ("gain", "gain_stderr", "gain_ballistic")
-"""What a realization gives for each receiver."""
-
-_WHOLE = {"realizations": (1, 10**7), "seed": (0, 2**64 - 1)}
+"""Numbers of a realization for each receiver."""
 
 
 class Task(NamedTuple):
@@ -39,7 +40,7 @@ class Task(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a task gave, by realization."""
+    """Numbers of a task, by realization."""
 
     measured: NDArray[np.float64]  # (3, n, receivers) gain, standard error, unscattered gain
     seconds: NDArray[np.float64]
@@ -48,7 +49,7 @@ class Outcome(NamedTuple):
 
 @dataclass(frozen=True)
 class Study:
-    """Everything that the results of a sweep depend on."""
+    """All inputs of a sweep."""
 
     base: str  # link file
     parameters: dict[str, list[Any]]
@@ -58,27 +59,25 @@ class Study:
     seed: int
 
     def check(self) -> None:
-        """Raise ScenarioError if an option is out of range or a parameter has no allowed value."""
-        for name, (low, high) in _WHOLE.items():
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-                raise ScenarioError(f"{name}: {value!r}, allowed: {low} <= {name} <= {high}")
+        """Refuse options out of range and parameters without any allowed value."""
+        require_whole(self.realizations, 1, 10**7, "realizations")
+        require_whole(self.seed, 0, 2**64 - 1, "seed")
         self.scenario({})
         if not self.parameters:
-            raise ScenarioError("parameters: none, allowed: lists of values by dotted keys")
+            raise Refused("parameters", Described("none"), "lists of values by dotted keys")
         for name, values in self.parameters.items():
             if not values:
-                raise ScenarioError(f"{name}: [], allowed: at least one value")
+                raise Refused(name, values, "at least one value")
             problems = [self._problem({name: value}) for value in values]
-            if all(problems):
-                raise ScenarioError(str(problems[0]))
+            if problems[0] is not None and all(problems):
+                raise problems[0]
 
-    def _problem(self, changes: dict[str, Any]) -> str:
+    def _problem(self, changes: dict[str, Any]) -> ValueError | None:
         try:
             self.scenario(changes)
-        except ScenarioError as error:
-            return str(error)
-        return ""
+        except ValueError as error:
+            return error
+        return None
 
     def scenario(self, changes: Mapping[str, Any]) -> Scenario:
         """Return the scenario of a point, whose changes win over the options of the sweep."""
@@ -98,7 +97,7 @@ class Study:
         return {name: values[i] for (name, values), i in rows}
 
     def compute(self, task: Task) -> Outcome:
-        """Run the realizations of a task; what fails gives its text and no numbers."""
+        """Run the realizations of a task; a failed one has an error text and no numbers."""
         n = task.last - task.first
         outcome = Outcome(np.full((3, n, self.receivers), np.nan), np.zeros(n), [""] * n)
         for i in range(n):
@@ -115,8 +114,7 @@ class Study:
         scenario = self.scenario(self.changes(task))
         surface, key = scenario.surface, self.seed
         if self.realizations > 1:
-            sequence = np.random.SeedSequence([self.seed, realization])
-            phases, key = (int(word) for word in sequence.generate_state(2))
+            phases, key = (realization_seed(self.seed, realization, word) for word in (0, 1))
             surface = surface.with_seed(phases) if hasattr(surface, "with_seed") else surface
         run = scenario.run.model_copy(update={"seed": key, "threads": 1})
         result = scenario.model_copy(update={"surface": surface, "run": run}).simulate()
@@ -134,10 +132,13 @@ class Study:
         return isinstance(self.scenario({}).link.receiver, tuple)
 
     def identity(self) -> dict[str, Any]:
-        """Return what tells this sweep from others, as plain data."""
-        options = {name: getattr(self, name) for name in (*_WHOLE, "rtol", "photons")}
+        """Return the configuration that identifies this sweep, as plain data."""
+        options = {
+            name: getattr(self, name) for name in ("realizations", "seed", "rtol", "photons")
+        }
         return {
             "meshtrace": version("meshtrace"),  # another version may give other digits
+            "kernels": sources().hex(),
             **options,
             "parameters": self.parameters,
             "link": tomllib.loads(self.base),
@@ -145,6 +146,6 @@ class Study:
 
 
 def one_line(error: BaseException) -> str:
-    """Return what went wrong as one line."""
+    """Return an error as one line."""
     text = " ".join(str(error).split())
     return text if isinstance(error, ValueError) and text else f"{type(error).__name__}: {text}"

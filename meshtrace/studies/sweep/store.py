@@ -1,19 +1,26 @@
-"""The Zarr store of a sweep: one chunk of every array for each task, its flag written last."""
+"""The Zarr store of a sweep: one chunk of every array for each task, its flag written last.
+
+Every chunk carries a CRC-32C checksum, and the group holds the SHA-256 digests of all metadata:
+damaged chunks are computed again, damaged metadata are refused.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.errors import Described, Refused, show
 from meshtrace.fields import FIELDS, attrs
-from meshtrace.results.gain import FORMAT_VERSION, environment
-from meshtrace.scenario import ScenarioError
-from meshtrace.studies.sweep.points import BLOCK, MEASURED, Outcome, Study, Task
+from meshtrace.results.provenance import environment
+from meshtrace.stored import FORMAT_VERSION
+from meshtrace.studies.sweep.points import BLOCK, MEASURED, Outcome, Study, Task, one_line
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -21,9 +28,17 @@ if TYPE_CHECKING:
 
 WAITING, DONE, FAILED = range(3)  # flags of the realizations
 
+_BY_TASK = ("done", "error", "seconds", *MEASURED)
+
 
 def open_store(study: Study, store: str | Path | None) -> zarr.Group:
-    """Return the arrays of a sweep, new ones or those of a store that holds the same sweep."""
+    """Return the arrays of a sweep, new ones or those of a store that holds the same sweep.
+
+    Raises
+    ------
+    Refused
+        If the store is that of another sweep or of none, or its metadata are damaged.
+    """
     import zarr
 
     if store is None:
@@ -33,21 +48,74 @@ def open_store(study: Study, store: str | Path | None) -> zarr.Group:
         # appears as a whole: a store that was killed half-made is no store
         unfinished = path.with_name(f"{path.name}.{os.getpid()}.partial")
         _create(study, unfinished)
+        _seal(unfinished)
         unfinished.rename(path)
-    try:
-        group = zarr.open_group(path, mode="r+")
-        found = json.loads(str(group.attrs["identity"]))
-    except (OSError, KeyError, ValueError) as error:
-        raise ScenarioError(
-            f"store: {str(path)!r} is not that of a sweep, allowed: one, or a new path"
-        ) from error
+    found = json.loads(_verified(path)["identity"])
     difference = _difference(found, json.loads(json.dumps(study.identity())))
     if difference:
-        raise ScenarioError(
-            f"store: {str(path)!r} holds another sweep ({difference}), allowed: the same "
-            "arguments, or another path"
-        )
+        held = Described(f"{str(path)!r} holds another sweep ({difference})")
+        raise Refused("store", held, "the same arguments, or another path")
+    group = zarr.open_group(path, mode="r+")
+    labels = {name: _labels(values) for name, values in study.parameters.items()}
+    for name, values in {**labels, "realization": np.arange(study.realizations)}.items():
+        try:
+            whole = np.array_equal(_array(group, name)[...], values)
+        except Exception as error:  # codecs and file systems raise what they like
+            raise _damaged(path / name, one_line(error)) from error
+        if not whole:
+            raise _damaged(path / name, "other values")
     return group
+
+
+def _seal(path: Path) -> None:
+    """Write the digests of all metadata into those of the group."""
+    top = path / "zarr.json"
+    content = json.loads(top.read_bytes())
+    files = sorted(path.glob("*/zarr.json"))
+    content["attributes"]["digests"] = {f.parent.name: _digest(f.read_bytes()) for f in files}
+    content["attributes"]["digest"] = _digest(_canonical(content))
+    top.write_text(json.dumps(content, indent=2))
+
+
+def _verified(path: Path) -> dict[str, Any]:
+    """Return the attributes of a store, whose metadata are those that were written."""
+    top = path / "zarr.json"
+    try:
+        content = json.loads(top.read_bytes())
+        attributes = dict(content["attributes"])
+        is_sweep = attributes.get("kind") == "sweep"
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        if not isinstance(error, OSError):
+            raise _damaged(top, "no metadata of a group") from error
+        is_sweep = False
+    if not is_sweep:
+        other = Described(f"{str(path)!r} is not that of a sweep")
+        raise Refused("store", other, "one, or a new path")
+    if "digest" not in attributes:
+        old = Described(f"{str(path)!r} has no checksums, as of earlier versions")
+        raise Refused("store", old, "a new path")
+    content["attributes"] = {k: v for k, v in attributes.items() if k != "digest"}
+    if attributes["digest"] != _digest(_canonical(content)):
+        raise _damaged(top, "its checksum differs")
+    for name, digest in attributes["digests"].items():
+        file = path / name / "zarr.json"
+        if not file.is_file():
+            raise _damaged(file, "missing")
+        if _digest(file.read_bytes()) != digest:
+            raise _damaged(file, "its checksum differs")
+    return attributes
+
+
+def _damaged(file: Path, reason: str) -> Refused:
+    return Refused("store", Described(f"{str(file)!r} is damaged ({reason})"), "a new path")
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _canonical(content: Any) -> bytes:
+    return json.dumps(content, sort_keys=True).encode()
 
 
 def _difference(there: Any, here: Any, path: str = "") -> str:
@@ -59,7 +127,7 @@ def _difference(there: Any, here: Any, path: str = "") -> str:
             if text:
                 return text
         return ""
-    return "" if there == here else f"{path}: {there!r} there, {here!r} here"
+    return "" if there == here else f"{path}: {show(there)} there, {show(here)} here"
 
 
 def _create(study: Study, store: Any) -> zarr.Group:
@@ -84,9 +152,10 @@ def _create(study: Study, store: Any) -> zarr.Group:
     n = study.realizations
     _write_coordinate(group, "realization", np.arange(n))
     chunks = (*(1 for _ in shape), min(BLOCK, n))
+    checked = [zarr.codecs.ZstdCodec(), zarr.codecs.Crc32cCodec()]
     for name, dtype in (("seconds", "f8"), ("error", "string"), ("done", "i1")):
         group.create_array(
-            name, shape=(*shape, n), chunks=chunks, dtype=dtype,
+            name, shape=(*shape, n), chunks=chunks, dtype=dtype, compressors=checked,
             dimension_names=(*dims, "realization"),
             attributes={"units": "s"} if name == "seconds" else {},
         )  # fmt: skip
@@ -94,14 +163,11 @@ def _create(study: Study, store: Any) -> zarr.Group:
     for name in MEASURED:
         group.create_array(
             name, shape=(*shape, n, *extra), chunks=(*chunks, *extra), dtype="f8",
-            fill_value=np.nan, dimension_names=(*dims, "realization", *("receiver" for _ in extra)),
-            attributes=_attributes(name),
+            compressors=checked, fill_value=np.nan,
+            dimension_names=(*dims, "realization", *("receiver" for _ in extra)),
+            attributes=dict(attrs(name)),
         )  # fmt: skip
     return group
-
-
-def _attributes(name: str) -> dict[str, Any]:
-    return dict(attrs(name))
 
 
 def _labels(values: list[Any]) -> NDArray[Any]:
@@ -112,35 +178,91 @@ def _labels(values: list[Any]) -> NDArray[Any]:
 
 
 def _write_coordinate(group: zarr.Group, name: str, values: NDArray[Any]) -> None:
+    import zarr
+
     short = name.rpartition(".")[2]
+    about = dict(attrs(short)) if short in FIELDS else {}
+    text = values.dtype == object
     array = group.create_array(
-        name, shape=values.shape, chunks=values.shape,
-        dtype="string" if values.dtype == object else values.dtype, dimension_names=(name,),
-        attributes=_attributes(short) if short in FIELDS else {},
+        name, shape=values.shape, chunks=values.shape, dtype="string" if text else values.dtype,
+        compressors=[zarr.codecs.ZstdCodec(), zarr.codecs.Crc32cCodec()], dimension_names=(name,),
+        attributes=about,
     )  # fmt: skip
-    array[:] = values
+    array[...] = values
 
 
-def _array(group: zarr.Group, name: str) -> Any:
+def _array(group: zarr.Group, name: str) -> zarr.Array:
     return group[name]
 
 
 def waiting_tasks(study: Study, group: zarr.Group) -> list[Task]:
-    """Return the tasks of which the store lacks a realization."""
-    flags = _array(group, "done")[...]
-    return [task for task in study.tasks() if (flags[task.region] == WAITING).any()]
+    """Return the tasks that are not finished; damaged or lost chunks make one unfinished."""
+    tasks = list(study.tasks())
+    root = getattr(group.store, "root", None)
+    if root is not None:
+        for name in _BY_TASK:
+            _discard_damaged(_array(group, name), Path(root) / name, tasks)
+    flags, gain = _array(group, "done")[...], _array(group, "gain")[...]
+    waiting = []
+    for task in tasks:
+        done = flags[task.region]
+        lost = [] if root is None or (done == WAITING).any() else _lost(group, Path(root), task)
+        if lost:
+            warnings.warn(f"{lost[0]}: missing, its points are computed again", stacklevel=2)
+        without_gain = np.isnan(gain[task.region].T) & (done == DONE)
+        if lost or (done == WAITING).any() or without_gain.any():
+            waiting.append(task)
+    return waiting
+
+
+def _discard_damaged(array: zarr.Array, folder: Path, tasks: list[Task]) -> None:
+    """Remove the chunks of an array that cannot be read, with a warning for each."""
+    try:
+        array[...]
+    except OSError as error:
+        raise _damaged(folder, one_line(error)) from error
+    except Exception:  # codecs raise what they like
+        for task in tasks:
+            try:
+                array[task.region]
+            except Exception as error:
+                file = _chunk(array, folder, task)
+                file.unlink()
+                reason = f"damaged ({one_line(error)}), its points are computed again"
+                warnings.warn(f"{file}: {reason}", stacklevel=3)
+
+
+def _chunk(array: zarr.Array, folder: Path, task: Task) -> Path:
+    """Return the file of the chunk of a task."""
+    place = (*task.point, task.first // BLOCK)
+    return folder / array.metadata.encode_chunk_key(place + (0,) * (array.ndim - len(place)))
+
+
+def _lost(group: zarr.Group, root: Path, task: Task) -> list[Path]:
+    """Return the files that a finished task has lost."""
+    files = (_chunk(_array(group, name), root / name, task) for name in _BY_TASK)
+    return [file for file in files if not file.exists()]
 
 
 def write(group: zarr.Group, task: Task, outcome: Outcome) -> None:
     """Fill the chunk of a task in every array, its flags last."""
-    for name, rows in zip(MEASURED, outcome.measured, strict=True):
-        array = _array(group, name)
-        whole = array.ndim == len(task.region) + 1
-        array[task.region] = rows if whole else rows[:, 0]
-    _array(group, "seconds")[task.region] = outcome.seconds
-    _array(group, "error")[task.region] = np.array(outcome.error, dtype=object)
+    import zarr
+
     flags = [FAILED if text else DONE for text in outcome.error]
-    _array(group, "done")[task.region] = np.array(flags, np.int8)
+    # chunks of fill values, too: one that is missing later has been lost
+    with zarr.config.set({"array.write_empty_chunks": True}):
+        for name, rows in zip(MEASURED, outcome.measured, strict=True):
+            array = _array(group, name)
+            whole = array.ndim == len(task.region) + 1
+            array[task.region] = rows if whole else rows[:, 0]
+        _array(group, "seconds")[task.region] = outcome.seconds
+        _array(group, "error")[task.region] = np.array(outcome.error, dtype=object)
+        _array(group, "done")[task.region] = np.array(flags, np.int8)
+
+
+def note(group: zarr.Group, task: Task, text: str) -> None:
+    """Record that a task was lost; it stays to be done."""
+    _array(group, "error")[task.region] = np.array([text] * (task.last - task.first), dtype=object)
 
 
 def dataset(group: zarr.Group) -> xr.Dataset:
@@ -150,9 +272,5 @@ def dataset(group: zarr.Group) -> xr.Dataset:
     data = xr.open_zarr(group.store, consolidated=False, decode_timedelta=False).load()
     for name in [name for name in data.variables if data[name].dtype.kind == "T"]:
         data[name] = data[name].dims, np.array(data[name].values.tolist(), str), data[name].attrs
+    data.attrs = {k: v for k, v in data.attrs.items() if not k.startswith("digest")}
     return data.drop_vars("done")
-
-
-def note(group: zarr.Group, task: Task, text: str) -> None:
-    """Record that a task was lost; it stays to be done."""
-    _array(group, "error")[task.region] = np.array([text] * (task.last - task.first), dtype=object)

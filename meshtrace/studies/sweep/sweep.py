@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from meshtrace.errors import Described, Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
-from meshtrace.scenario import DEFAULT_WIND_SPEED, Run, Sampling, Scenario, ScenarioError
-from meshtrace.studies.sweep.cluster import compute
+from meshtrace.scenario import DEFAULT_WIND_SPEED, Run, Sampling, Scenario
+from meshtrace.studies.sweep.cluster import DEFAULT_TIMEOUT, compute
+from meshtrace.studies.sweep.lock import locked
 from meshtrace.studies.sweep.points import Study, one_line
 from meshtrace.studies.sweep.store import dataset, open_store, waiting_tasks
 
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FIRST_CHAINS = 1024
-"""Chains with which a point begins unless told otherwise; its tolerance asks for more."""
+"""Chains with which a point begins by default; its tolerance may require more."""
 
 _SHARED = ("rtol", "photons", "seed")  # options of a run that a sweep sets for all its points
 
@@ -28,7 +30,7 @@ def sweep(
     link: Link | Scenario | Mapping[str, Any],
     parameters: Mapping[str, Sequence[Any]],
     *,
-    sea: SurfaceModel | Mapping[str, Any] | None = None,
+    surface: SurfaceModel | Mapping[str, Any] | None = None,
     realizations: int = 1,
     rtol: float | None = 0.01,
     photons: int | None = None,
@@ -36,7 +38,8 @@ def sweep(
     store: str | Path | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
-    progress: bool = True,
+    timeout: float = DEFAULT_TIMEOUT,
+    progress: bool | Callable[[int], None] = True,
 ) -> xr.Dataset:
     """Return the gain at every combination of some parameters, computed in parallel.
 
@@ -48,7 +51,7 @@ def sweep(
     parameters : mapping of str to sequence
         Values of each parameter, by its dotted key in a link file: "wind_speed",
         "transmitter.depth", "water.b", "sea.omega_max", ...
-    sea : SurfaceModel or mapping, optional
+    surface : SurfaceModel or mapping, optional
         The sea, or the [sea] table of a link file, in place of that of `link`; a `Link` alone
         goes with the default sea, which follows `wind_speed`.
     realizations : int
@@ -64,12 +67,15 @@ def sweep(
         Zarr store to keep finished points in. A second call with the same arguments and version
         goes on where the first was stopped, however it was stopped.
     scheduler : str, optional
-        Address of a running dask scheduler, as in "tcp://10.0.0.1:8786"; else a cluster is
-        started on this machine.
+        Address of a running dask scheduler, as in "tcp://10.0.0.1:8786", or its scheduler file
+        (.json); else a cluster is started on this machine.
     workers : int, optional
         Processes of that cluster, all cores by default; the result does not depend on them.
-    progress : bool
-        Show on stderr the address of the dashboard and a bar with the time left.
+    timeout : float
+        Seconds to wait for the scheduler, and for a worker.
+    progress : bool or callable
+        True shows on stderr the address of the dashboard and a bar with the time left; a callable
+        is called with 1 after each task.
 
     Returns
     -------
@@ -80,23 +86,25 @@ def sweep(
 
     Raises
     ------
-    ScenarioError
-        If an option is out of range, no value of a parameter is allowed, or the store holds
-        another sweep.
+    Refused
+        If an option is out of range, no value of a parameter is allowed; the store holds another
+        sweep, is in use or damaged; the scheduler is lost, has no worker, or one that would
+        compute other numbers.
     ModuleNotFoundError
         If dask, distributed or zarr are not installed.
 
     Notes
     -----
     A point that fails is recorded and not tried again. One whose worker died, time after time, is
-    recorded too and tried again by the next call.
+    recorded too and tried again by the next call; so is a point whose chunk of the store is
+    damaged or missing, with a warning.
 
     The cluster on this machine starts new Python processes: in a script call `sweep` under
     `if __name__ == "__main__":`.
     """
     _require_batch()
     study = Study(
-        _base(link, sea).to_toml(),
+        _base(link, surface).to_toml(),
         {name: _plain(values) for name, values in parameters.items()},
         realizations,
         rtol,
@@ -105,21 +113,20 @@ def sweep(
     )
     study.check()
     if scheduler is not None and workers is not None:
-        raise ScenarioError(f"workers: {workers}, allowed: no workers beside a scheduler")
-    group = open_store(study, store)
-    tasks = waiting_tasks(study, group)
-    if tasks:
-        compute(study, group, tasks, scheduler, workers, progress)
-    return dataset(group)
+        raise Refused("workers", workers, "no workers beside a scheduler")
+    with locked(store):
+        group = open_store(study, store)
+        tasks = waiting_tasks(study, group)
+        if tasks:
+            compute(study, group, tasks, scheduler, workers, progress, timeout)
+        return dataset(group)
 
 
 def sweep_file(
     path: str | Path,
     *,
     store: str | Path | None = None,
-    scheduler: str | None = None,
-    workers: int | None = None,
-    progress: bool = True,
+    **options: Any,
 ) -> xr.Dataset:
     """Run the sweep of a study file: a link file with a table [sweep].
 
@@ -129,8 +136,10 @@ def sweep_file(
         TOML file. [sweep] takes realizations, rtol, photons, seed and store, as in `sweep`
         (rtol, photons and seed may stand in [run] too); [sweep.parameters] the lists of values
         by their dotted keys.
-    store, scheduler, workers, progress
+    store
         As in `sweep`; a store in the file lies beside it.
+    **options
+        scheduler, workers, timeout, progress, as in `sweep`.
 
     Returns
     -------
@@ -138,7 +147,7 @@ def sweep_file(
 
     Raises
     ------
-    ScenarioError
+    Refused
         If the file cannot be read or a value is not allowed.
 
     Examples
@@ -158,23 +167,19 @@ def sweep_file(
     path = Path(path)
     config, table = _read(path)
     run = config.get("run", {})
-    options = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
-    options |= {key: value for key, value in table.items() if key not in ("parameters", "store")}
-    for key in options:
-        if key not in ("realizations", *_SHARED):
-            raise ScenarioError(
-                f"{path}: sweep.{key}: {options[key]!r}, no such key, allowed: parameters, "
-                f"realizations, {', '.join(_SHARED)}, store"
-            )
+    given = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
+    try:
+        require_keys(table, ("parameters", "realizations", *_SHARED, "store"), "sweep")
+    except Refused as error:
+        raise error.of(str(path)) from None
+    given |= {key: value for key, value in table.items() if key not in ("parameters", "store")}
     if store is None and "store" in table:
         store = _stored(path, table)
     return sweep(
         Scenario.from_config(config, folder=path.parent),
         dict(_dotted(table.get("parameters", {}))),
         store=store,
-        scheduler=scheduler,
-        workers=workers,
-        progress=progress,
+        **given,
         **options,
     )
 
@@ -184,7 +189,7 @@ def store_of(path: str | Path) -> Path:
 
     Raises
     ------
-    ScenarioError
+    Refused
         If the file cannot be read.
     """
     path = Path(path)
@@ -194,7 +199,7 @@ def store_of(path: str | Path) -> Path:
 
 def _stored(path: Path, table: Mapping[str, Any]) -> Path:
     if not isinstance(table["store"], str) or not table["store"]:
-        raise ScenarioError(f"{path}: sweep.store: {table['store']!r}, allowed: a path")
+        raise Refused("sweep.store", table["store"], "a path", source=str(path))
     return path.parent / table["store"]
 
 
@@ -203,23 +208,23 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     try:
         config = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ScenarioError(f"{path}: {error.strerror}, allowed: a TOML file") from error
+        raise Refused("", Described(error.strerror), "a TOML file", source=str(path)) from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ScenarioError(f"{path}: {one_line(error)}, allowed: TOML in UTF-8") from error
+        problem = Described(one_line(error))
+        raise Refused("", problem, "TOML in UTF-8", source=str(path)) from error
     table = config.pop("sweep", None)
     if not isinstance(table, dict):
-        raise ScenarioError(f"{path}: sweep: {table!r}, allowed: a table")
+        raise Refused("sweep", table, "a table", source=str(path))
     return config, table
 
 
 def _base(
     link: Link | Scenario | Mapping[str, Any], sea: SurfaceModel | Mapping[str, Any] | None
 ) -> Scenario:
-    """Return what all points share, without the options that a sweep sets."""
+    """Return the scenario that all points share, without the options that a sweep sets."""
     if isinstance(link, Link):
-        parts = (sea, link.bubbles, link.whitecaps)
-        winds = (getattr(part, "wind_speed", None) for part in parts)
-        wind = next((wind for wind in winds if wind is not None), DEFAULT_WIND_SPEED)
+        wind = getattr(sea, "wind_speed", None)
+        wind = link.wind_speed or DEFAULT_WIND_SPEED if wind is None else wind
         default = Scenario.from_config({"wind_speed": wind})
         scenario = default.model_copy(update={"link": link})
     elif isinstance(link, Scenario):
@@ -243,7 +248,7 @@ def _kept(run: Run) -> dict[str, Any]:
 def _plain(values: Sequence[Any]) -> list[Any]:
     """Return values as plain data: arrays and tuples as lists."""
     if isinstance(values, str) or not hasattr(values, "__iter__"):
-        raise ScenarioError(f"parameters: {values!r}, allowed: a list of values")
+        raise Refused("parameters", values, "a list of values")
     return list(json.loads(json.dumps(list(values), default=lambda value: value.tolist())))
 
 

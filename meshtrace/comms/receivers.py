@@ -1,0 +1,195 @@
+"""Receiver models: the decision between zeros and ones, and its error rate.
+
+`OokLink` describes devices and levels; a `ReceiverModel` turns them into a bit error rate. Six
+models are built in; further ones join by subclassing.
+"""
+
+from __future__ import annotations
+
+import abc
+import functools
+import math
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meshtrace.comms.compound_poisson import compound_poisson_decision
+from meshtrace.comms.decisions import (
+    Decision,
+    gaussian_decision,
+    generalized_poisson_decision,
+    pattern_decision,
+)
+from meshtrace.registry import Family
+
+if TYPE_CHECKING:
+    from meshtrace.comms.ook import OokLink
+
+FloatArray = NDArray[np.float64]
+
+_DESIGN_BER = 1e-3
+
+
+class ReceiverModel(Family, default="W"):
+    """Base of all receiver models.
+
+    A subclass needs the method `decide`. It is then allowed as ``OokLink(model=Mine(...))``, and
+    in plain data by its import path "module:Mine", or by the name that a field such as
+    ``kind: Literal["mine"] = "mine"`` gives it.
+
+    Examples
+    --------
+    >>> from meshtrace.comms.ook import OokLink
+    >>> class MiddleThreshold(ReceiverModel):
+    ...     kind: Literal["middle"] = "middle"
+    ...
+    ...     def decide(self, link, power):
+    ...         from scipy.special import ndtr
+    ...         zero, one = link.levels(power)
+    ...         noise = np.sqrt(one * link.bit_rate)
+    ...         return Decision(ndtr(-0.5 * (one - zero) / noise), 0.5 * (zero + one))
+    >>> f"{float(OokLink(model='middle').ber(1e-10)):.1e}"
+    '1.7e-07'
+    """
+
+    has_pulses: ClassVar[bool] = False
+    """Whether the model follows pulses, so that an eye diagram exists."""
+
+    def averaging_window(self, link: OokLink) -> float:
+        """Return the averaging window in front of the decision [s]."""
+        return 0.0
+
+    def moments(
+        self, link: OokLink, power: ArrayLike, phase: float = 1.0
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return mean [s-1] and variance [s-2] of the sample for each bit pattern.
+
+        By default those of independent bits: levels of a zero and a one, Gaussian noise in
+        B = R_b / 2.
+        """
+        low, high = (level[..., None] for level in link.levels(power))
+        mean = low + (high - low) * np.array([0.0, 1.0])
+        thermal = link.tia.thermal_noise(link.sipm.gain)
+        noise = 2.0 * link.sipm.excess_noise_factor * mean + thermal
+        return mean, noise * 0.5 * link.bit_rate
+
+    @abc.abstractmethod
+    def decide(self, link: OokLink, power: FloatArray) -> Decision:
+        """Return bit error rate and threshold [s-1] at powers (n,) on the SiPM, all > 0 [W]."""
+
+
+class IndependentBits(ReceiverModel):
+    """G0: no intersymbol interference, Gaussian noise in B = R_b / 2."""
+
+    kind: Literal["G0"] = "G0"
+
+    def decide(self, link: OokLink, power: FloatArray) -> Decision:
+        """Decide between two Gaussian levels."""
+        mean, variance = self.moments(link, power)
+        return gaussian_decision(mean[:, 0], mean[:, 1], variance[:, 0], variance[:, 1])
+
+
+class CountedBits(ReceiverModel):
+    """GP: no intersymbol interference, exact generalized Poisson counts in each bit."""
+
+    kind: Literal["GP"] = "GP"
+
+    def decide(self, link: OokLink, power: FloatArray) -> Decision:
+        """Decide by the number of counts."""
+        n0, n1 = (level * link.bit_time for level in link.levels(power))
+        branching = link.sipm.branching
+        ber, count = generalized_poisson_decision(n0, n1, branching)
+        return Decision(ber, (count - 0.5) * (1.0 - branching) * link.bit_rate)
+
+
+class SampledPulses(ReceiverModel):
+    """A: output sampled at the end of the bit; Campbell shot noise; bit patterns."""
+
+    kind: Literal["A"] = "A"
+    has_pulses: ClassVar[bool] = True
+
+    def moments(
+        self, link: OokLink, power: ArrayLike, phase: float = 1.0
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the moments of filtered pulses with Campbell shot noise."""
+        bits, filters = link.patterns(), link.filters
+        low, high = (level[..., None] for level in link.levels(power))
+        shot = bits @ filters.shot_cursors(link.bit_time, bits.shape[1], phase)
+        energy, f = filters.noise_energy, link.sipm.excess_noise_factor
+        thermal = link.tia.thermal_noise(link.sipm.gain)
+        variance = f * (low * energy + (high - low) * shot) + 0.5 * thermal * energy
+        return self.pattern_means(link, power, phase), variance
+
+    def pattern_means(self, link: OokLink, power: ArrayLike, phase: float) -> FloatArray:
+        """Return the mean of the sample for each bit pattern, behind the equaliser [s-1]."""
+        low, high = (level[..., None] for level in link.levels(power))
+        bits = link.patterns()
+        w = link.filters.mean_cursors(link.bit_time, bits.shape[1], phase)
+        heard = w if link.equalizer == "none" else w * (np.arange(len(w)) == 0)
+        return low + (high - low) * (bits @ heard)
+
+    def decide(self, link: OokLink, power: FloatArray) -> Decision:
+        """Decide between Gaussian bit patterns."""
+        mean, variance = self.moments(link, power)
+        return pattern_decision(mean, np.sqrt(variance), link.patterns()[:, 0])
+
+
+class PatternNoise(SampledPulses):
+    """PC: sampled mean, noise of the pattern's mean in B = min(R_b / 2, pi / 2 f_c)."""
+
+    kind: Literal["PC"] = "PC"  # type: ignore[assignment]
+
+    def moments(
+        self, link: OokLink, power: ArrayLike, phase: float = 1.0
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the moments of filtered pulses with noise in a fixed bandwidth."""
+        low, high = (level[..., None] for level in link.levels(power))
+        bits = link.patterns()
+        w = link.filters.mean_cursors(link.bit_time, bits.shape[1], phase)
+        bandwidth = min(0.5 * link.bit_rate, 0.5 * math.pi * link.sipm.bandwidth)
+        f, thermal = link.sipm.excess_noise_factor, link.tia.thermal_noise(link.sipm.gain)
+        variance = (2.0 * f * (low + (high - low) * (bits @ w)) + thermal) * bandwidth
+        return self.pattern_means(link, power, phase), variance
+
+
+class AveragedPulses(SampledPulses):
+    """W: output averaged over a window that ends with the bit; otherwise as A."""
+
+    kind: Literal["W"] = "W"  # type: ignore[assignment]
+
+    def averaging_window(self, link: OokLink) -> float:
+        """Return the window of the link, or the best one for its bit rate [s]."""
+        return _best_window(link) if link.window is None else link.window
+
+
+class CompoundPoisson(AveragedPulses):
+    """CP: as W, with the exact compound Poisson law in place of the Gaussian one; slower."""
+
+    kind: Literal["CP"] = "CP"  # type: ignore[assignment]
+
+    def decide(self, link: OokLink, power: FloatArray) -> Decision:
+        """Decide between compound Poisson variables."""
+        return Decision(*np.array([self._decide_at(link, float(p)) for p in power]).T)
+
+    def _decide_at(self, link: OokLink, power: float) -> tuple[float, float]:
+        low, high = (float(level) for level in link.levels(power))
+        filters, count = link.filters, link.patterns().shape[1]
+        removed = np.zeros(count)
+        if link.equalizer == "dfe":
+            removed[1:] = (high - low) * filters.mean_cursors(link.bit_time, count)[1:]
+        thermal = link.tia.thermal_noise(link.sipm.gain)
+        thermal_std = math.sqrt(0.5 * thermal * filters.noise_energy)
+        return compound_poisson_decision(
+            low, high, filters, link.bit_time, removed, link.sipm.branching, thermal_std
+        )
+
+
+@functools.lru_cache(maxsize=128)
+def _best_window(link: OokLink) -> float:
+    """Return the window that needs the least power at a BER of 1e-3, in twentieths of the bit."""
+    windows = np.linspace(0.0, link.bit_time, 21)
+    fixed = {"model": "W", "saturation": False}
+    trials = (link.model_copy(update={**fixed, "window": float(w)}) for w in windows)
+    needed = [trial.required_power(_DESIGN_BER) for trial in trials]
+    return float(windows[int(np.argmin(needed))])

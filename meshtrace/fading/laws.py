@@ -1,0 +1,237 @@
+"""The gamma-gamma law as a scipy distribution, stable for any shapes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import interpolate, optimize, special, stats
+
+from meshtrace.fading.gains import FloatArray
+
+# The log-skewness of gamma-gamma laws of equal scintillation index spans sigma / 2; it takes
+# n sigma^2 = 96 samples to see that span at two standard errors sqrt(6 / n).
+SAMPLES_TIMES_SI = 96.0
+# 4 alpha beta / (alpha + beta)^2 at alpha = 1000 beta.
+LEAST_BALANCE = 4.0 * 1e3 / 1001.0**2
+
+
+class GammaGamma(stats.rv_continuous):
+    r"""Product of two independent gamma variables of unit mean.
+
+    .. math:: f(h) = \frac{2 (\alpha\beta)^{(\alpha+\beta)/2}}{\Gamma(\alpha)\Gamma(\beta)}
+              h^{(\alpha+\beta)/2 - 1} K_{\alpha-\beta}(2 \sqrt{\alpha\beta h})
+
+    The interface is that of `scipy.stats` distributions, with the shapes `alpha` and `beta`
+    (interchangeable, > 0) and the mean as `scale`; `fit` returns (alpha, beta, 0, mean).
+
+    Notes
+    -----
+    Density: computed in the logarithm from the scaled Bessel function; where that overflows
+    (large orders), from its uniform expansion, good to 1e-6 of the density at order 5 and better
+    above. Distribution function: spline quadrature in ln h over 40 standard deviations below and
+    12 above the mean; absolute error below 1e-8. The hypergeometric closed form cancels for
+    shapes above a few tens.
+
+    References
+    ----------
+    Al-Habash, Andrews and Phillips (2001), doi:10.1117/1.1386641. DLMF 10.41.4.
+
+    Examples
+    --------
+    >>> gamma_gamma.pdf(1.0, 4.0, 2.0).round(6), gamma_gamma.cdf([0.5, 1.0], 4.0, 2.0).round(6)
+    (np.float64(0.425916), array([0.34934 , 0.637981]))
+    """
+
+    def _argcheck(self, alpha: Any, beta: Any) -> Any:
+        return np.isfinite(alpha) & (alpha > 0.0) & np.isfinite(beta) & (beta > 0.0)
+
+    def _pdf(self, h: FloatArray, alpha: FloatArray, beta: FloatArray) -> FloatArray:
+        return _law_by_law(_density, h, alpha, beta)
+
+    def _cdf(self, h: FloatArray, alpha: FloatArray, beta: FloatArray) -> FloatArray:
+        return _law_by_law(_probability, h, alpha, beta)
+
+    def _stats(self, alpha: Any, beta: Any) -> tuple[Any, Any, None, None]:
+        return np.ones_like(alpha), 1.0 / alpha + 1.0 / beta + 1.0 / (alpha * beta), None, None
+
+    def _rvs(
+        self, alpha: Any, beta: Any, size: Any = None, random_state: Any = None
+    ) -> FloatArray | float:
+        # one sample after another, the factors of alpha first, for any number of samples
+        *samples, n = size or (1,)
+        shapes = np.array([alpha, beta], dtype=np.float64).reshape(2, 1)
+        factors = random_state.gamma(shapes, 1.0 / shapes, (*samples, 2, n)).prod(axis=-2)
+        return factors if size else float(factors[0])
+
+    def fit(self, data: ArrayLike, *args: Any, **kwds: Any) -> tuple[float, float, float, float]:
+        """Return (alpha, beta, 0, mean) of greatest likelihood; see `gamma_gamma_likelihood`."""
+        best = gamma_gamma_likelihood(np.asarray(data, dtype=np.float64))
+        return best.alpha, best.beta, 0.0, best.mean
+
+
+gamma_gamma = GammaGamma(a=0.0, name="gamma_gamma", shapes="alpha, beta")
+
+
+class Likelihood(NamedTuple):
+    """Shapes and mean of greatest likelihood, its logarithm, and how well the shapes are known.
+
+    `known` is n ln(1 + SI), of which `SAMPLES_TIMES_SI` tells the shapes apart; `balance` is
+    4 alpha beta / (alpha + beta)^2.
+    """
+
+    alpha: float
+    beta: float
+    mean: float
+    log_likelihood: float
+    known: float
+    balance: float
+
+
+def gamma_gamma_likelihood(gain: FloatArray, n_effective: float | None = None) -> Likelihood:
+    """Maximise the gamma-gamma likelihood of positive gains, from their moments.
+
+    Parameters
+    ----------
+    gain : ndarray, shape (n,)
+        Gains > 0 [1] that vary.
+    n_effective : float, optional
+        Number of independent samples, by default n; alpha = beta is fitted if the shapes are not
+        identifiable.
+
+    Notes
+    -----
+    The likelihood is even in ln(alpha / beta) and flat at infinite alpha; in the balance
+    4 alpha beta / (alpha + beta)^2 it has a slope at both ends, and nearly orthogonal partners:
+    ln mean / sigma and ln SI.
+    """
+    log_h = np.log(gain / gain.mean())
+    second = float(np.mean(np.exp(2.0 * log_h)))
+    known = (gain.size if n_effective is None else n_effective) * math.log(second)
+    free, log_si = known >= SAMPLES_TIMES_SI, math.log(second - 1.0)
+    balance = _moment_balance(second, float(np.mean(np.exp(3.0 * log_h)))) if free else 1.0
+    sigma = math.sqrt(math.log1p(math.exp(log_si)))
+    nodes, weights = _likelihood_nodes(log_h)
+
+    def cost(v: FloatArray) -> float:
+        shift = v[0] * sigma
+        log_pdf = _log_pdf(nodes - shift, *_shapes(v[1], v[2])) - shift
+        return -float(weights @ log_pdf) / log_h.size
+
+    best = optimize.minimize(
+        cost,
+        [0.0, log_si, balance],
+        method="SLSQP",  # as exact as L-BFGS-B here, which BLAS threads slow down on a busy machine
+        jac="3-point",
+        bounds=[(-1.0, 1.0), (log_si - 3.0, log_si + 3.0), (LEAST_BALANCE if free else 1.0, 1.0)],
+        options={"finite_diff_rel_step": 1e-4, "ftol": 1e-11},
+    )
+    return Likelihood(
+        *_shapes(best.x[1], best.x[2]),
+        mean=float(gain.mean()) * math.exp(best.x[0] * math.sqrt(math.log(second))),
+        log_likelihood=-float(best.fun) * log_h.size - gain.size * math.log(gain.mean()),
+        known=known,
+        balance=float(best.x[2]),
+    )
+
+
+def _law_by_law(
+    function: Callable[[FloatArray, float, float], FloatArray],
+    h: FloatArray,
+    alpha: FloatArray,
+    beta: FloatArray,
+) -> FloatArray:
+    """Apply a function of one law to runs of equal shapes, which is how scipy passes arrays."""
+    h, alpha, beta = np.broadcast_arrays(*(np.atleast_1d(a) for a in (h, alpha, beta)))
+    h, alpha, beta = h.ravel(), alpha.ravel(), beta.ravel()
+    new = np.flatnonzero((np.diff(alpha) != 0.0) | (np.diff(beta) != 0.0)) + 1
+    starts = np.concatenate([[0], new])
+    parts = np.split(h, new)
+    laws = zip(parts, alpha[starts], beta[starts], strict=True)
+    return np.concatenate([function(part, float(a), float(b)) for part, a, b in laws])
+
+
+def _density(h: FloatArray, alpha: float, beta: float) -> FloatArray:
+    density = np.zeros_like(h)
+    density[h > 0.0] = np.exp(_log_pdf(np.log(h[h > 0.0]), alpha, beta))
+    return density
+
+
+def _probability(h: FloatArray, alpha: float, beta: float) -> FloatArray:
+    shapes = np.array([alpha, beta])
+    center = float(np.sum(special.digamma(shapes) - np.log(shapes)))
+    width = math.sqrt(float(np.sum(special.polygamma(1, shapes))))
+    t = center + width * np.linspace(-40.0, 12.0, 2048)
+    integral = interpolate.CubicSpline(t, np.exp(_log_pdf(t, alpha, beta) + t)).antiderivative()
+    with np.errstate(divide="ignore"):
+        log_h = np.log(np.maximum(h, 0.0))
+    return np.clip(integral(np.clip(log_h, t[0], t[-1])) / integral(t[-1]), 0.0, 1.0)
+
+
+def _log_pdf(log_h: FloatArray, alpha: float, beta: float) -> FloatArray:
+    """Return ln f(h) of one law with unit mean."""
+    half = 0.5 * (alpha + beta)
+    log_product = math.log(alpha) + math.log(beta)
+    constant = math.log(2.0) - special.gammaln(alpha) - special.gammaln(beta)
+    bessel = _log_kv(abs(alpha - beta), 2.0 * np.exp(0.5 * (log_product + log_h)))
+    return constant + half * (log_product + log_h) - log_h + bessel
+
+
+def _log_kv(order: float, x: FloatArray) -> FloatArray:
+    """Return ln K_order(x), from the uniform expansion where the scaled function overflows."""
+    with np.errstate(divide="ignore", over="ignore"):
+        scaled = special.kve(order, x)
+    out = np.log(scaled, out=np.full_like(x, math.inf), where=np.isfinite(scaled)) - x
+    lost = ~np.isfinite(scaled)
+    if lost.any():
+        z = x[lost] / order
+        root = np.hypot(1.0, z)
+        p = 1.0 / root
+        u1 = (3.0 * p - 5.0 * p**3) / 24.0
+        u2 = (81.0 * p**2 - 462.0 * p**4 + 385.0 * p**6) / 1152.0
+        series = 1.0 - u1 / order + u2 / order**2
+        eta = root + np.log(z) - np.log1p(root)
+        out[lost] = 0.5 * np.log(0.5 * np.pi / (order * root)) - order * eta + np.log(series)
+    return out
+
+
+def _moment_balance(second: float, third: float) -> float:
+    """Return 4 alpha beta / (alpha + beta)^2 from the moments of h, kept inside the family."""
+    product = 0.5 * (third / second + 1.0) - second
+    total = second - 1.0 - product
+    return float(np.clip(4.0 * product / total**2, 0.05, 0.95)) if total > 0.0 else 0.95
+
+
+def _shapes(log_si: float, balance: float) -> tuple[float, float]:
+    """Return (alpha, beta) of a scintillation index and 4 alpha beta / (alpha + beta)^2."""
+    root = math.sqrt(max(0.0, 1.0 - balance))
+    inverse = (1.0 - root) / (1.0 + root)
+    si = math.exp(log_si)
+    beta = (1.0 + inverse + math.sqrt((1.0 + inverse) ** 2 + 4.0 * si * inverse)) / (2.0 * si)
+    return beta / inverse, beta
+
+
+def _likelihood_nodes(log_h: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return nodes and weights such that sum f(log_h) = weights @ f(nodes) for a smooth f.
+
+    Local cubic interpolation over 300 nodes: the logarithm of the density is so smooth that 300
+    Bessel functions do the work of one per gain, to 1e-4 in ln L.
+    """
+    m = 300
+    if log_h.size <= 2 * m:
+        return log_h, np.ones_like(log_h)
+    nodes = np.linspace(log_h.min(), log_h.max(), m)
+    u = (log_h - nodes[0]) / (nodes[1] - nodes[0])
+    left = np.clip(u.astype(np.int64), 1, m - 3)
+    u = u - left
+    basis = (
+        u * (u - 1.0) * (2.0 - u) / 6.0,
+        (u + 1.0) * (u - 1.0) * (u - 2.0) / 2.0,
+        (u + 1.0) * u * (2.0 - u) / 2.0,
+        (u + 1.0) * u * (u - 1.0) / 6.0,
+    )
+    parts = [np.bincount(left + k - 1, part, m) for k, part in enumerate(basis)]
+    return nodes, np.sum(parts, axis=0)

@@ -1,0 +1,187 @@
+"""Base of everything that is described: validated, frozen models that raise `Refused`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Annotated, Any, NoReturn, Self
+
+import pydantic
+from pydantic import Field
+
+from meshtrace.errors import MISSING, Refused, did_you_mean, require_keys, require_number
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Position = tuple[Finite, Finite]
+
+_BOUNDS = {"gt": "<", "ge": "<=", "lt": "<", "le": "<="}
+_WORDS = {
+    "missing": "a value",
+    "finite_number": "finite numbers",
+    "tuple_type": "a list",
+    "mapping_type": "a table",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "string_type": "a text",
+    "bool": "true or false",
+    "float": "a number",
+    "int": "an integer",
+}
+
+
+class Model(pydantic.BaseModel, frozen=True, extra="forbid"):
+    """Validated, frozen, comparable description; loads back from its own `model_dump`.
+
+    Raises
+    ------
+    Refused
+        If a field is unknown or a value is out of range, however the model is made.
+    """
+
+    def __init__(self, /, **data: Any) -> None:
+        with _refusals(type(self)):
+            super().__init__(**data)
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def model_validate(cls, obj: Any, **options: Any) -> Self:
+        """Return the model that plain data, or an instance, describe."""
+        with _refusals(cls):
+            return super().model_validate(obj, **options)
+
+    @classmethod
+    def model_validate_json(cls, json_data: str | bytes | bytearray, **options: Any) -> Self:
+        """Return the model that a JSON text describes."""
+        with _refusals(cls):
+            return super().model_validate_json(json_data, **options)
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy; the updated fields are validated."""
+        return self.replace(**update) if update else super().model_copy(deep=deep)
+
+    def replace(self, path: str | None = None, value: Any = None, /, **updates: Any) -> Self:
+        """Return a copy with other values, all validated together.
+
+        Parameters
+        ----------
+        path : str, optional
+            Dotted path of a field, with the numbers of list items: "receiver.height",
+            "transmitter.1.depth".
+        value : object
+            Its new value.
+        **updates
+            New values by field.
+
+        Raises
+        ------
+        Refused
+            If there is no such field, or a value is not allowed.
+
+        Examples
+        --------
+        >>> from meshtrace.link import Link
+        >>> Link().replace("receiver.height", 10.0).receiver.height
+        10.0
+        >>> Link().replace("receiver.hieght", 10.0)  # doctest: +ELLIPSIS
+        Traceback (most recent call last):
+        meshtrace.errors.Refused: receiver.hieght: 10.0, no such key, did you mean height? ...
+        """
+        fields = {name: getattr(self, name) for name in self.model_fields_set}
+        for key, new in ({**({} if path is None else {path: value}), **updates}).items():
+            head, *rest = key.split(".")
+            if rest:
+                require_keys({head: new}, type(self).model_fields)
+                new = _replaced(fields.get(head, getattr(self, head)), head, rest, new)
+            fields[head] = new
+        return type(self).model_validate(fields)
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _known_plain_values(cls, data: Any) -> Any:
+        """Refuse unknown fields, and words and huge numbers where pydantic takes them."""
+        if not isinstance(data, Mapping):
+            return data
+        fields = cls.model_fields
+        aliases = [field.alias for field in fields.values() if field.alias]
+        require_keys(data, [*fields, *aliases])
+        for name, value in data.items():
+            kind = fields[name].annotation if name in fields else None
+            if kind is not bool and kind is not str:
+                _require_numbers(value, name)
+        return data
+
+
+def _require_numbers(value: Any, path: str) -> None:
+    if isinstance(value, list | tuple):
+        for i, item in enumerate(value):
+            if type(item) is not float or abs(item) > 1.0:
+                _require_numbers(item, f"{path}[{i}]")
+    else:
+        require_number(value, path)
+
+
+def _replaced(part: Any, name: str, path: list[str], value: Any) -> Any:
+    """Return a part of a model, or a tuple of parts, with the value at a path replaced."""
+    head, *rest = path
+    try:
+        if isinstance(part, Model):
+            return part.replace(".".join(path), value)
+        if isinstance(part, tuple) and head.isdecimal() and int(head) < len(part):
+            i = int(head)
+            new = _replaced(part[i], head, rest, value) if rest else value
+            return (*part[:i], new, *part[i + 1 :])
+    except Refused as error:
+        raise error.inside(name) from None
+    raise Refused(f"{name}.{head}", value, "fields of a part, or numbers of list items")
+
+
+@contextmanager
+def _refusals(cls: type[Model]) -> Iterator[None]:
+    """Turn errors of pydantic into `Refused`."""
+    try:
+        yield
+    except pydantic.ValidationError as error:
+        _refuse(cls, error)
+    except ArithmeticError as error:
+        raise Refused(cls.__name__, f"{error}", "numbers that do not overflow") from error
+
+
+def _refuse(cls: type[pydantic.BaseModel], error: pydantic.ValidationError) -> NoReturn:
+    """Raise the first error of pydantic as field, value, allowed."""
+    first = error.errors(include_url=False)[0]
+    path, kind, context = list(first["loc"]), first["type"], first.get("ctx", {})
+    own = context.get("error")
+    if isinstance(own, Refused):
+        if path and own.field == path[-1]:  # validators of a field name it themselves
+            path.pop()
+        raise own.inside(*path) from None
+    value = MISSING if kind == "missing" else first["input"]
+    hint = ""
+    if kind == "literal_error":
+        allowed = context["expected"].replace("'", "")
+        hint = did_you_mean(value, allowed.replace(" or ", ", ").split(", "))
+    elif kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
+        allowed = _range(cls, path, context)
+    else:
+        words = _WORDS.get(kind) or _WORDS.get(kind.partition("_")[0])
+        allowed = words or str(own or first["msg"].removeprefix("Input should be "))
+    raise Refused("", value, allowed, hint).inside(*(path or [cls.__name__])) from None
+
+
+def _range(cls: type[pydantic.BaseModel], path: list[int | str], context: dict[str, Any]) -> str:
+    """Return the range of a field, as in "> 0" and "0 < fov_deg <= 180"."""
+    bounds: dict[str, Any] = context
+    model: Any = cls
+    for key in path:
+        field = getattr(model, "model_fields", {}).get(key)
+        if field is not None:
+            model, name = field.annotation, str(key)
+            found = {key: getattr(part, key) for part in field.metadata for key in _BOUNDS
+                     if getattr(part, key, None) is not None}  # fmt: skip
+            bounds = found if context.items() <= found.items() else context
+    low = next((f"{v:g} {_BOUNDS[k]}" for k, v in bounds.items() if k in ("gt", "ge")), "")
+    high = next((f"{_BOUNDS[k]} {v:g}" for k, v in bounds.items() if k in ("lt", "le")), "")
+    if low and high:
+        return f"{low} {name} {high}"
+    return high or f"{low.split()[1].replace('<', '>')} {low.split()[0]}"

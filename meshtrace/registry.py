@@ -1,0 +1,140 @@
+"""Families of models that plain data tell apart by `kind`; most are open to a user's own parts.
+
+A direct subclass of `Family` is the base of a family, and every concrete class below it joins by
+being defined. Plain data name a class by its `kind`, by its import path "module:Class", or by an
+entry point of the group "meshtrace.parts".
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import os
+import sys
+from collections.abc import Mapping
+from importlib.metadata import entry_points
+from typing import Any, ClassVar, Literal, Self
+
+from meshtrace.errors import MISSING, Refused, did_you_mean
+from meshtrace.models import Model
+
+GROUP = "meshtrace.parts"
+"""Group of entry points whose names are kinds and whose objects are classes."""
+
+
+class Family(Model, frozen=True):
+    """Base of the families; a subclass without a `kind` of its own gets its import path.
+
+    Class keywords of a family's base: `default`, the kind of a table that names none; `closed`,
+    the reason why no other kinds can join.
+
+    Examples
+    --------
+    >>> class Lens(Family, default="ball"):
+    ...     pass
+    >>> class Ball(Lens):
+    ...     kind: Literal["ball"] = "ball"
+    ...     radius: float = 1.0
+    >>> Lens.read({"kind": "ball", "radius": 2.0}), Lens.read("ball").radius
+    (Ball(kind='ball', radius=2.0), 1.0)
+    """
+
+    registered: ClassVar[dict[str, type[Any]]] = {}
+    _default: ClassVar[str] = ""
+    _closed: ClassVar[str] = ""
+
+    def __init_subclass__(cls, default: str = "", closed: str = "", **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if Family in cls.__bases__:
+            cls.registered, cls._default, cls._closed = {}, default, closed
+        own = inspect.get_annotations(cls)
+        if Family not in cls.__bases__ and "kind" not in own and not _is_ours(cls):
+            kind = f"{cls.__module__}:{cls.__qualname__}"
+            cls.__annotations__ = {**own, "kind": Literal[kind]}
+            cls.kind = kind  # type: ignore[attr-defined]
+
+    @classmethod
+    def __pydantic_init_subclass__(
+        cls, default: str = "", closed: str = "", **options: Any
+    ) -> None:
+        super().__pydantic_init_subclass__(**options)
+        if Family in cls.__bases__ or "kind" not in cls.model_fields or inspect.isabstract(cls):
+            return
+        kind = cls.model_fields["kind"].default
+        known = cls.registered.get(kind)
+        if cls._closed and not _is_ours(cls):
+            raise Refused(f"{cls.__qualname__}.kind", kind, cls._closed)
+        if known is not None and known.__qualname__ != cls.__qualname__:
+            raise Refused(f"{cls.__qualname__}.kind", kind, f"a kind other than {known.__name__}'s")
+        cls.registered[kind] = cls
+
+    @classmethod
+    def member(cls, kind: Any, key: str = "kind") -> type[Self]:
+        """Return the class of a kind, of an import path "module:Class" or of an entry point.
+
+        Raises
+        ------
+        Refused
+            If there is none, or it is not of this family.
+        """
+        found: Any = cls.registered.get(kind) if isinstance(kind, str) else None
+        allowed = ", ".join(cls.registered)
+        allowed += f" ({cls._closed})" if cls._closed else f" or module:{cls.__name__}"
+        if found is None and isinstance(kind, str) and not cls._closed:
+            try:
+                found = _imported(kind)
+            except Exception as error:  # whatever a module does when it is imported
+                raise Refused(key, kind, f"{allowed} ({error})") from error
+        if inspect.isclass(found) and issubclass(found, cls):
+            return found
+        raise Refused(key, kind, allowed, did_you_mean(kind, cls.registered))
+
+    @classmethod
+    def read(cls, value: Any) -> Self:
+        """Return the model that plain data describe: a table with its `kind`, or a bare kind.
+
+        Parameters
+        ----------
+        value : model, mapping or str
+            A model of the family is returned as it is. The key `model` stands for `kind`, too.
+
+        Raises
+        ------
+        Refused
+            If the kind is unknown or a value is not allowed.
+        """
+        if isinstance(value, cls):
+            return value
+        table = {"kind": value} if isinstance(value, str) else value
+        if not isinstance(table, Mapping):
+            raise Refused("", value, f"a table, or one of {', '.join(cls.registered)}")
+        key = "model" if "model" in table and "kind" not in table else "kind"
+        model = cls.member(table.get(key, cls._default or MISSING), key)
+        return model.model_validate({name: v for name, v in table.items() if name != key})
+
+
+def _is_ours(cls: type) -> bool:
+    return cls.__module__.startswith("meshtrace.")
+
+
+def _imported(kind: str) -> Any:
+    """Return the object of an entry point or of an import path "module:Class", None if none."""
+    module, colon, name = kind.partition(":")
+    if not colon:
+        return next((e.load() for e in entry_points(group=GROUP) if e.name == kind), None)
+    if not all(word.isidentifier() for word in (*module.split("."), *name.split("."))):
+        return None
+    found = sys.modules.get(module) or _module(module)
+    for word in name.split("."):
+        found = getattr(found, word, None)
+    return found
+
+
+def _module(name: str) -> Any:
+    """Import a module, which may lie in the working directory as for `python -m`."""
+    folder = os.getcwd()
+    sys.path.append(folder)
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(folder)

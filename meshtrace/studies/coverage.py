@@ -1,0 +1,97 @@
+"""The gain at each place of the plane of the receiver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import numpy as np
+
+from meshtrace.errors import Described, Refused
+from meshtrace.link import Link, Receiver
+from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.results.coverage import CoverageMap
+from meshtrace.scenario import MeshFile, Scenario
+from meshtrace.studies.inputs import resolve
+from meshtrace.transport.analog import MapGrid
+from meshtrace.transport.simulate import simulate
+
+
+def coverage_map(
+    link: Link | Scenario,
+    surface: SurfaceModel | TriangleMesh | None = None,
+    extent: float = 5.0,
+    step: float = 0.25,
+    *,
+    times: Sequence[float] = (0.0,),
+    photons: int = 4_000_000,
+    seed: int | None = None,
+    normals: Literal["vertex", "facet"] | None = None,
+    threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> CoverageMap:
+    """Return the gain over the plane of the receiver, by analog photons.
+
+    Every photon that leaves the sea lands somewhere on the plane: one run maps it all.
+
+    Parameters
+    ----------
+    link : Link or Scenario
+        The link, or a scenario; height, radius, field of view and tilt of the (first) receiver
+        are used.
+    surface : SurfaceModel or TriangleMesh, optional
+        The surface; by default that of the scenario.
+    extent : float
+        The map covers |x|, |y| <= extent [m].
+    step : float
+        Edge of a cell [m]; the gain is the mean over the cell, so that a step below the
+        aperture's diameter resolves nothing more.
+    times : sequence of float
+        Times [s] over which the map is averaged.
+    photons : int
+        Photons for each time.
+    seed, normals, threads, progress
+        As in `simulate`.
+
+    Returns
+    -------
+    CoverageMap
+    """
+    link, surface, _, options = resolve(
+        link, surface, seed=seed, normals=normals, threads=threads, extent=None, spacing=None
+    )
+    if isinstance(surface, MeshFile):
+        surface = surface.load(options.pop("extent", link.footprint().fine_extent))
+    receiver = next((r for r in link.receivers if isinstance(r, Receiver)), None)
+    if receiver is None:
+        raise Refused("receiver", Described("none in the air"), "a link with one")
+    if not len(times):
+        raise Refused("times", times, "one or more times [s]")
+    if not 0.0 < step <= extent:
+        raise Refused("step", step, f"0 < step <= extent = {extent:g} m")
+    grid = MapGrid(receiver.height, extent, step, receiver.axis, receiver.fov_deg)
+    runs = [
+        simulate(
+            link,
+            surface,
+            estimator="analog",
+            photons=photons,
+            time=time,
+            first_photon=i * photons,
+            grid=grid,
+            progress=progress,
+            **options,
+        )
+        for i, time in enumerate(times)
+    ]
+    area = np.pi * receiver.radius**2
+    maps = [r.map for r in runs if r.map is not None]
+    mean = np.mean([m.irradiance for m in maps], axis=0)
+    error = np.sqrt(np.mean([m.irradiance_stderr**2 for m in maps], axis=0))
+    return CoverageMap(
+        maps[0].x,
+        maps[0].y,
+        area * mean,
+        area * error / np.sqrt(len(maps)),
+        {**runs[0].provenance, "times": [float(t) for t in times]},
+    )

@@ -1,0 +1,218 @@
+"""Sea surfaces as height fields: the base class with its mesh, and the planes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
+from meshtrace.registry import Family
+
+from .gridding import grid_axis
+from .parameters import TIME, Finite, Floats, finite_array
+from .triangulate import triangulate
+
+
+class Surface(Family, ABC, frozen=True):
+    """Base of the sea surfaces: a subclass defines elevation and slopes.
+
+    The tensor grid, the mesh with its grading, and the conversion to and from plain data follow.
+
+    Notes
+    -----
+    A subclass declares its parameters as annotated class attributes; see the guide
+    "A surface of your own". Its slopes must be the exact derivatives of its elevation.
+    """
+
+    @abstractmethod
+    def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> Floats:
+        """Return the elevation z.
+
+        Parameters
+        ----------
+        x, y : array_like
+            Position [m], broadcast together.
+        time : float
+            Time [s].
+
+        Returns
+        -------
+        ndarray
+            z [m], broadcast shape.
+
+        Raises
+        ------
+        Refused
+            If an argument is not finite.
+        """
+
+    @abstractmethod
+    def slopes(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> tuple[Floats, Floats]:
+        """Return the slopes dz/dx and dz/dy; arguments as for `elevation`."""
+
+    def grid(
+        self, x_axis: ArrayLike, y_axis: ArrayLike, time: float = 0.0
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return elevation and slopes on a tensor grid.
+
+        Parameters
+        ----------
+        x_axis : array_like, shape (nx,)
+            Grid lines [m].
+        y_axis : array_like, shape (ny,)
+            Grid lines [m].
+        time : float
+            Time [s].
+
+        Returns
+        -------
+        z, sx, sy : ndarray, shape (nx, ny)
+            Elevation [m] and slopes at (x_axis[i], y_axis[j]).
+        """
+        x, y = np.meshgrid(x_axis, y_axis, indexing="ij")
+        return self.elevation(x, y, time), *self.slopes(x, y, time)
+
+    def mesh(
+        self,
+        time: float = 0.0,
+        extent: float = 20.0,
+        spacing: float = 0.1,
+        *,
+        center: tuple[float, float] = (0.0, 0.0),
+        fine_extent: float | None = None,
+        coarse_spacing: float | None = None,
+    ) -> TriangleMesh:
+        """Triangulate the surface.
+
+        Parameters
+        ----------
+        time : float
+            Time [s].
+        extent : float
+            Half-length of the square |x - xc|, |y - yc| <= extent [m], covered exactly.
+        spacing : float
+            Largest distance of neighbouring grid lines [m].
+        center : (float, float)
+            Middle (xc, yc) of the square [m].
+        fine_extent : float, optional
+            Half-length [m] of the inner square where `spacing` holds; outside, the lines move
+            apart by 10 % each. None keeps `spacing` everywhere.
+        coarse_spacing : float, optional
+            Largest distance of lines outside the inner square [m], by default 10 `spacing`.
+
+        Returns
+        -------
+        TriangleMesh
+            With n^2 vertices, n = ceil(2 extent / spacing) + 1 for a uniform grid, and the
+            normals of the exact slopes at the vertices.
+
+        Raises
+        ------
+        Refused
+            If an argument is out of range.
+
+        Examples
+        --------
+        >>> FlatSea().mesh(extent=1.0, spacing=0.5).vertices.shape
+        (25, 3)
+        """
+        lines = extent, spacing, fine_extent, coarse_spacing
+        x_axis, y_axis = (grid_axis(middle, *lines) for middle in center)
+        grid = self.grid(x_axis, y_axis, time)
+        return triangulate(x_axis, y_axis, *grid, self.unresolved_slopes(spacing))
+
+    def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
+        """Return the slope variances that a mesh of this spacing [m] leaves out.
+
+        None, the default, refracts light at the mesh alone.
+        """
+        return None
+
+    def to_config(self) -> dict[str, Any]:
+        """Return kind and parameters as plain data for JSON or TOML; see `sea_from_config`."""
+        return self.model_dump(mode="json", exclude_none=True)
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a validated copy with some parameters replaced, and nothing cached."""
+        return type(self).model_validate({**self.model_dump(), **(update or {})})
+
+    def __eq__(self, other: object) -> bool:
+        # cached factors are no part of a sea
+        return isinstance(other, Surface) and self.model_dump() == other.model_dump()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # parameters only, without megabytes of cached grid factors
+        return type(self).model_validate, (self.to_config(),)
+
+
+class _Plane(Surface, frozen=True):
+    height: Finite = 0.0
+
+    @property
+    @abstractmethod
+    def gradient(self) -> tuple[float, float]:
+        """Slopes (dz/dx, dz/dy) of the plane."""
+
+    def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> Floats:
+        """Return z [m]; see `Surface.elevation`."""
+        TIME.check(time)
+        slope_x, slope_y = self.gradient
+        x, y = finite_array("x", x), finite_array("y", y)
+        return np.asarray(self.height + slope_x * x + slope_y * y)
+
+    def slopes(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> tuple[Floats, Floats]:
+        """Return the constant slopes dz/dx and dz/dy, in the shape of the elevation."""
+        zero = np.zeros_like(self.elevation(x, y, time))
+        return zero + self.gradient[0], zero + self.gradient[1]
+
+
+class FlatSea(_Plane, frozen=True):
+    """Still water, z = height.
+
+    Parameters
+    ----------
+    height : float
+        Elevation [m].
+
+    Examples
+    --------
+    >>> float(FlatSea(height=0.5).elevation(3.0, -1.0))
+    0.5
+    """
+
+    kind: Literal["flat"] = "flat"
+
+    @property
+    def gradient(self) -> tuple[float, float]:
+        """Slopes (0, 0)."""
+        return 0.0, 0.0
+
+
+class TiltedPlane(_Plane, frozen=True):
+    """A plane at rest, z = height + slope_x x + slope_y y.
+
+    Parameters
+    ----------
+    slope_x, slope_y : float
+        Slopes dz/dx and dz/dy.
+    height : float
+        Elevation at the origin [m].
+
+    Examples
+    --------
+    >>> float(TiltedPlane(slope_x=0.25).elevation(2.0, 5.0))
+    0.5
+    """
+
+    kind: Literal["plane"] = "plane"
+    slope_x: Finite
+    slope_y: Finite = 0.0
+
+    @property
+    def gradient(self) -> tuple[float, float]:
+        """Slopes (slope_x, slope_y)."""
+        return self.slope_x, self.slope_y

@@ -1,0 +1,154 @@
+"""Clusters that must be refused: foreign or no workers, a scheduler that dies, open doors."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+import meshtrace as mt
+from meshtrace.errors import Refused
+from meshtrace.scenario import Scenario
+from meshtrace.studies.sweep import Study, Task, sweep
+from meshtrace.studies.sweep.cluster import _checked, _environment, _portable_task
+
+distributed = pytest.importorskip("distributed")
+
+FLAT = {"spectrum": "flat"}
+FEW = {"rtol": None, "photons": 64, "progress": False, "surface": FLAT}
+
+
+@pytest.fixture
+def scheduler():
+    """Scheduler in a process of its own, without workers."""
+    script = (
+        "import asyncio, distributed\n"
+        "async def main():\n"
+        "    async with distributed.Scheduler(host='127.0.0.1', port=0, dashboard=False) as s:\n"
+        "        print(s.address, flush=True)\n"
+        "        await s.finished()\n"
+        "asyncio.run(main())\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    with process:
+        yield process, process.stdout.readline().strip()
+        process.kill()
+
+
+@pytest.fixture
+def worker_of():
+    """Return a function that starts a worker, by default of this package."""
+    started = []
+
+    def start(address, packages=None):
+        script = (
+            "import asyncio, distributed\n"
+            "async def main():\n"
+            f"    async with distributed.Worker({address!r}, nthreads=1) as w:\n"
+            "        await w.finished()\n"
+            "asyncio.run(main())\n"
+        )
+        process = subprocess.Popen(
+            [sys.executable, "-c", script], cwd=packages,stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+@pytest.fixture(params=["other kernels", "no package"])
+def foreign(request, tmp_path):
+    """Folder that hides this package behind one of other kernels, or behind none."""
+    kernels = tmp_path / "meshtrace" / "kernels"
+    kernels.mkdir(parents=True)
+    if request.param == "no package":
+        (tmp_path / "meshtrace" / "__init__.py").write_text("raise ImportError('not here')\n")
+        return tmp_path, "meshtrace ImportError: not here there"
+    for folder in (kernels.parent, kernels):
+        (folder / "__init__.py").write_text("")
+    (kernels / "jit.py").write_text("def sources():\n    return b'other'\n")
+    return tmp_path, f"kernels {b'other'.hex()} there"
+
+
+def test_foreign_worker_is_refused(scheduler, worker_of, foreign, tmp_path):
+    _, address = scheduler
+    packages, message = foreign
+    worker_of(address, packages)
+    store = tmp_path / "kept.zarr"
+    with pytest.raises(Refused, match=r"worker: tcp://") as caught:
+        sweep(mt.Link(), {"water.b": [0.0]}, scheduler=address, store=store, **FEW)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not list(store.glob("gain/c/**/[0-9]*"))  # none of its numbers
+
+
+def test_late_worker_describes_itself_instead_of_computing():
+    link = {"sea": FLAT, "bubbles": "none", "run": {"photons": 64}}
+    study = Study(Scenario.from_config(link).to_toml(), {"water.b": [0.0]}, 1, None, None, 1)
+    run, here = _portable_task(), _environment()()
+    plain = dict(vars(study))
+    same = run(Task((0,), 0, 1), study=plain, expected=here)
+    assert _checked(same)[0].shape == (3, 1, 1)
+    other = run(Task((0,), 0, 1), study=plain, expected={**here, "numpy": "1.0"})
+    with pytest.raises(Refused, match="worker: a worker that came late: "):
+        _checked({**other, "numpy": "1.0"})
+
+
+def test_cluster_without_workers_is_refused_in_time(scheduler):
+    _, address = scheduler
+    start = time.monotonic()
+    with pytest.raises(Refused, match=r"scheduler: no worker within 1 s, allowed"):
+        sweep(mt.Link(), {"water.b": [0.0]}, scheduler=address, timeout=1.0, **FEW)
+    assert time.monotonic() - start < 20.0
+
+
+def test_dead_scheduler_ends_the_command(scheduler, worker_of, tmp_path):
+    process, address = scheduler
+    worker_of(address)
+    study = tmp_path / "study.toml"
+    study.write_text(
+        "bubbles = 'none'\nrun.photons = 8192\n[sweep]\nrtol = 1.0\nphotons = 8192\n"
+        f"[sweep.parameters]\n'water.b' = {[0.001 * i for i in range(200)]}\n"
+    )
+    command = [sys.executable, "-m", "meshtrace", "sweep", str(study), "--scheduler", address]
+    client = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    with client:
+        chunks = tmp_path / "study.zarr" / "done" / "c"
+        while client.poll() is None and len(list(chunks.glob("*"))) < 2:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+        errors = client.communicate(timeout=120)[1]
+    assert client.returncode == 2, errors
+    assert "of 200 tasks finished" in errors.splitlines()[-1]
+    assert "the same command goes on" in errors.splitlines()[-1]
+    assert "Traceback" not in errors
+
+
+def test_local_cluster_listens_to_this_machine_alone_and_works_in_private(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    seen, folders = set(), []
+
+    def look(done):
+        me = psutil.Process()
+        for process in (me, *me.children(recursive=True)):
+            for connection in process.net_connections("inet"):
+                if connection.status == psutil.CONN_LISTEN:
+                    seen.add(connection.laddr.ip)
+        folders.extend(path for path in Path(tmp_path).glob("meshtrace-*"))
+
+    sweep(mt.Link(), {"water.b": [0.0]}, workers=1, **{**FEW, "progress": look})
+    assert seen == {"127.0.0.1"}
+    assert folders
+    assert not Path(folders[0]).exists()  # and leaves nothing
