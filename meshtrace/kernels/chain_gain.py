@@ -46,6 +46,7 @@ from meshtrace.kernels.vectors import (
     write,
 )
 
+_FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, that is much
 _AUDIT_FAILED = 0.25  # share of chains without a solution whose facets are all searched
 
 RAY = np.dtype(
@@ -92,6 +93,7 @@ class Search(NamedTuple):
     slope: float  # steepest slope of the surface
     margin: float  # [m], size of the facets
     widest: float  # [m], no crossing lies farther from the flat one
+    curvature: float  # largest change of slope along an edge of the facets [m-1]
 
 
 class Output(NamedTuple):
@@ -277,7 +279,8 @@ def _near(n, flat, audit, search, shot, scene, out):
             out.counters[Counter.SOLVED] += 1
             n = _add(out.roots, n, x, y, facet, shot.branch, 1.0)
         # most chains that Newton gives up have no crossing: a quarter of them tells
-        share = search.audit if found else max(search.audit, _AUDIT_FAILED)
+        audited = 1.0 if search.curvature * flat.lever > _FOCUSING else search.audit
+        share = audited if found else max(audited, _AUDIT_FAILED)
         if audit >= share:
             return n
     out.counters[Counter.ENUMERATED] += 1

@@ -98,12 +98,15 @@ class AimedChains:
 
     def _search(self, target: aiming.Target) -> kernel.Search:
         """Return how far and how thoroughly roots are looked for."""
-        n = self.medium.n_water / self.medium.n_air
         curvature, radius = self._largest
-        focusing = curvature * _lever(n, target, self._waves)
-        all_asked = self._search_mode == "thorough" or self._normals == "facet" or focusing > 1.0
-        audit = 1.0 if all_asked else _AUDITED
-        return kernel.Search(audit, self.surface.max_slope, 2.0 * radius, target.reach + 1.0)
+        all_asked = self._search_mode == "thorough" or self._normals == "facet"
+        return kernel.Search(
+            1.0 if all_asked else _AUDITED,
+            self.surface.max_slope,
+            2.0 * radius,
+            target.reach + 1.0,
+            curvature,
+        )
 
     @cached_property
     def _largest(self) -> tuple[float, float]:

@@ -99,7 +99,7 @@ class ChainDrawer:
     def _flat(self, source: int, receiver: int, chains: Chains) -> NDArray[np.void]:
         """Return where chains cross a flat sea on the way to a receiver."""
         emitter, target = self._link.emitters[source], self._link.targets[receiver]
-        still = surface_arrays(flat_mesh(1.0), "facet")
+        still = surface_arrays(flat_mesh(-np.ones(2), np.ones(2)), "facet")
         scene = aiming.Scene(
             emitter,
             target,
@@ -255,14 +255,10 @@ def last_order(medium: Medium, expected: Nominal) -> int:
     return int(min(max(poisson.isf(_TAIL, most), 1), _MAX_ORDER))
 
 
-def flat_mesh(extent: float) -> TriangleMesh:
-    """Return a flat sea of two facets."""
-    corners = [
-        (-extent, -extent, 0.0),
-        (extent, -extent, 0.0),
-        (extent, extent, 0.0),
-        (-extent, extent, 0.0),
-    ]
+def flat_mesh(low: NDArray[np.float64], high: NDArray[np.float64]) -> TriangleMesh:
+    """Return a flat sea of two facets between two corners (x, y)."""
+    (x0, y0), (x1, y1) = low, high
+    corners = [(x0, y0, 0.0), (x1, y0, 0.0), (x1, y1, 0.0), (x0, y1, 0.0)]
     return TriangleMesh(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
 
 

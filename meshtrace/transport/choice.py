@@ -20,6 +20,7 @@ PILOT_PATHS = 2048
 
 _EFFICIENT = 4.0  # relative variance of a chain up to which no other estimator is tried
 _COST = 3.0  # time of a chain over that of an adjoint path
+_SURE = 10.0  # means over standard errors: that of 100 equal samples
 _DOUBT = 3.5  # standard errors by which the pilots may differ: beyond, chains miss light
 
 
@@ -54,9 +55,11 @@ def choose(chains: ScatteredPilot, paths: ScatteredPilot) -> list[Method]:
     """Return the estimator of each receiver: the smaller variance times time.
 
     Chains that miss much of the light have a small variance: where the paths find more light
-    than chance allows, chains are not trusted.
+    than chance allows, or few chains bring all of it, chains are not trusted.
     """
     missed = paths.mean - chains.mean > _DOUBT * np.hypot(paths.stderr, chains.stderr)
     slower = chains.variance * _COST > paths.variance
-    adjoint = (paths.mean > 0.0) & (missed | slower | (chains.mean <= 0.0))
+    few = chains.mean < _SURE * chains.stderr
+    surer = paths.stderr * chains.mean < chains.stderr * paths.mean
+    adjoint = (paths.mean > 0.0) & (missed | slower | (few & surer) | (chains.mean <= 0.0))
     return ["adjoint" if a else "chains" for a in adjoint]

@@ -52,6 +52,7 @@ from meshtrace.transport.forced_link import ForcedLink, crossing_reach, forced_l
 
 Scattered = Literal["auto", "chains", "adjoint"]
 
+_CUT_CHAINS = 2048  # that show whether a mesh cuts off light
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
 
@@ -160,6 +161,8 @@ class ForcedDetection:
         search: Search = "usual",
         scattered: Scattered = "auto",
     ) -> None:
+        if photons < SHIFTS:
+            raise Refused("photons", photons, f"an integer >= {SHIFTS} for forced detection")
         self.link = link
         self.arrays = forced_link(link)
         self._options = normals, threads
@@ -184,7 +187,7 @@ class ForcedDetection:
         """
         photons, seed = self._key
         sources, receivers = range(len(self.arrays.emitters)), len(self.arrays.targets)
-        flat = flat_mesh(crossing_reach(self.link) + 10.0 * self.arrays.frame.unit)
+        flat = self._flat()
         aimed = self.over(flat)
         try:
             pilots = [pilot(self._drawer, aimed, s, seed, receivers) for s in sources]
@@ -285,6 +288,24 @@ class ForcedDetection:
             sums.add_paths(self._adjoint.evaluate(mesh, intersector), self._adjoint.photons)
         return sums.parts(Counts(sums.chains, *(int(c) for c in aimed.counters)))
 
+    def cut_share(self, mesh: TriangleMesh) -> NDArray[np.float64]:
+        """Return the share of the light of a flat sea that crosses beside a mesh, by receiver."""
+        low, high = mesh.bounds[:, :2]
+        reach = crossing_reach(self.link) + np.array(self.link.origin) * [[-1.0], [1.0]]
+        if (low <= -reach[0]).all() and (high >= reach[1]).all():
+            return np.zeros(len(self.arrays.targets))
+        few = ForcedDetection(
+            self.link, _CUT_CHAINS, self._key[1], *self._options, self._crest, self._search
+        )
+        whole = few.evaluate(self._flat()).gain
+        return 1.0 - few.evaluate(flat_mesh(low, high)).gain / np.maximum(whole, 1e-300)
+
+    def _flat(self) -> TriangleMesh:
+        """Return a flat sea that reaches beyond all light."""
+        far = crossing_reach(self.link) + 10.0 * self.arrays.frame.unit
+        origin = np.array(self.link.origin)
+        return flat_mesh(origin - far, origin + far)
+
     def arrivals(self, mesh: TriangleMesh) -> list[NDArray[np.float64]]:
         """Return, by receiver, rows of weight, path in water, path in air [m] and shift.
 
@@ -380,9 +401,10 @@ class _Sums:
             found, photons = self._paths
             rows = np.array([m == "adjoint" for m in self._method])
             scattered[rows] = found.scattered
-            wide = np.zeros((len(orders), max(orders.shape[1], found.orders.shape[1])))
+            seen = np.flatnonzero(found.orders.any(axis=0)).max(initial=-1) + 1
+            wide = np.zeros((len(orders), max(orders.shape[1], seen)))
             wide[:, : orders.shape[1]] = orders
-            wide[rows, : found.orders.shape[1]] = found.orders
+            wide[rows, :seen] = found.orders[:, :seen]
             orders = wide
             self._samples[rows], self._scored[rows] = photons, found.scored
             square = found.gain**2

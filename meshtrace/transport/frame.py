@@ -6,7 +6,6 @@ origin. A tank of 10 cm and a link far from the origin are brought there.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,8 +15,6 @@ from numpy.typing import NDArray
 from meshtrace.kernels.medium import Medium
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
-
-_TYPICAL = 16.0  # [m], depth plus height of links that keep the metre
 
 
 class Frame(NamedTuple):
@@ -66,7 +63,4 @@ IDENTITY = Frame(0.0, 0.0, 1.0)
 
 def frame_of(link: Link) -> Frame:
     """Return the local frame of a link: the metre and the origin where they suit."""
-    levels = [0.0, *(item.center[2] for _, item in link.items())]
-    size = max(levels) - min(levels)
-    unit = 2.0 ** round(math.log2(size / _TYPICAL)) if size > 0.0 else 1.0
-    return Frame(*link.origin, unit)
+    return Frame(*link.origin, link.unit)

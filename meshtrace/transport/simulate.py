@@ -14,6 +14,7 @@ import numpy as np
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link, WaterSource
+from meshtrace.link.link import Footprint
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
@@ -22,12 +23,20 @@ from meshtrace.transport.analog import BLOCK, MapGrid, run_analog
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.outcome import DomainWarning as DomainWarning
-from meshtrace.transport.outcome import analog_result, per_receiver
+from meshtrace.transport.outcome import FewSamplesWarning as FewSamplesWarning
+from meshtrace.transport.outcome import (
+    analog_result,
+    bound_of_dark,
+    per_receiver,
+    warn_of_cut,
+    warn_of_few,
+)
 from meshtrace.transport.paths import PhotonPaths, received_paths, record_paths
 
 DEFAULT_PHOTONS = {"forced": 10_000, "analog": 1_000_000}
 """Photons of a run, by estimator; the first is the default estimator."""
 
+_MOST_FACETS = 8e6
 _MOST_PHOTONS = {"forced": 2**20, "analog": 10**9}  # that a relative tolerance may ask for
 
 
@@ -236,6 +245,8 @@ def _forced(
         link, run["photons"], run["seed"], run["normals"], run["threads"], float(mesh.bounds[1, 2])
     )
     parts = forced.evaluate(mesh)
+    warn_of_few(parts)
+    warn_of_cut(forced, mesh)
     gain, stderr = parts.gain, parts.stderr
     extra: dict[str, Any] = {}
     if run["reflected_photons"]:
@@ -249,9 +260,10 @@ def _forced(
     return GainResult(
         gain=per_receiver(link, gain),
         gain_stderr=per_receiver(link, stderr),
-        photons=parts.counts.chains,
+        gain_bound=bound_of_dark(link, gain, run["photons"]),
+        photons=run["photons"],
         fates={},
-        provenance={**origin, "run": run},
+        provenance={**origin, "run": run, "scattered": parts.method},
         gain_ballistic=per_receiver(link, parts.ballistic),
         gain_scattered=per_receiver(link, parts.scattered.mean(axis=1)),
         gain_order=parts.orders,
@@ -321,8 +333,12 @@ def mesh_for(
     elif isinstance(surface, SurfaceModel):
         f = link.footprint()
         if reach is not None:
-            wide = max(min(reach + 2.0, f.extent), f.fine_extent + 1.0)
+            far = math.dist(f.center, link.origin)
+            wide = max(
+                min(reach + far + 20.0 * f.spacing, f.extent), f.fine_extent + 10.0 * f.spacing
+            )
             f = f._replace(extent=wide, coarse_spacing=4.0 * f.spacing)
+        _require_size(f, extent, spacing)
         if extent is None:
             mesh = surface.mesh(
                 time,
@@ -333,12 +349,26 @@ def mesh_for(
                 coarse_spacing=max(f.coarse_spacing, spacing or 0.0),
             )
         else:
-            mesh = surface.mesh(time, extent, spacing or f.spacing)
+            mesh = surface.mesh(time, extent, spacing or f.spacing, center=link.origin)
         config = surface.to_config()
     else:
         raise Refused("surface", type(surface).__name__, "a sea (SurfaceModel) or a TriangleMesh")
     _check_cover(link, mesh)
     return mesh, config
+
+
+def _require_size(f: Footprint, extent: float | None, spacing: float | None) -> None:
+    """Refuse a mesh of more facets than memory and time allow, before it is made."""
+    fine = spacing or f.spacing
+    if extent is not None:
+        facets = 2.0 * (2.0 * extent / fine) ** 2
+    else:
+        coarse = max(f.coarse_spacing, fine)
+        facets = 8.0 * ((f.fine_extent / fine) ** 2 + (f.extent / coarse) ** 2)
+    if facets > _MOST_FACETS:
+        size = Described(f"{facets / 1e6:.3g} million facets, some {facets * 250e-9:.2g} GB")
+        allowed = f"at most {_MOST_FACETS / 1e6:g} million facets; larger spacing or smaller extent"
+        raise Refused("mesh", size, allowed)
 
 
 def _check_cover(link: Link, mesh: TriangleMesh) -> None:
