@@ -20,13 +20,14 @@ from meshtrace.transport.analog import MapGrid, Sums
 from meshtrace.transport.forced import ForcedDetection, Parts
 
 LEFT_DOMAIN_WARNING = 1e-4
+_RETURNED = 1e-3
 _FEW = 100.0  # effective samples below which an error is uncertain itself
 _FEW_SHARE = 0.1  # of the samples: a run of few photons rests on few, and shows it
 _SMALL = 0.01  # share of the gain below which its scattered part does not matter
 
 
 class DomainWarning(UserWarning):
-    """Light escaped through the sides of the mesh or leaked through a hole in it."""
+    """Light escaped through the sides of the mesh or a hole in it, or was left out."""
 
 
 class FewSamplesWarning(UserWarning):
@@ -94,6 +95,36 @@ def warn_of_few(parts: Parts) -> None:
                 FewSamplesWarning,
                 stacklevel=4,
             )
+
+
+def returned_share(link: Link) -> float:
+    """Return about the share of light that comes out after the surface has sent it back.
+
+    A share rho of the light is reflected down: 2 % of what comes straight up, most of what comes
+    from wide sources and from scattering. Water sends R = 0.5 b_b / (a + b_b) of it up again.
+    """
+    if link.physics.reflected != "trace":
+        return 0.0
+    water = link.water
+    rows = [(0.0, water.a, water.b)] if water.layers is None else list(water.layers)
+    back = water.phase.backscatter_fraction
+    water_albedo = max(0.5 * back * b / max(a + back * b, 1e-12) for _, a, b in rows)
+    depth = max(getattr(t, "depth", 0.0) for t in link.transmitters)
+    spread = 1.0 - math.exp(-back * max(b for _, _, b in rows) * depth)
+    wide = max(min(t.spread_deg / 90.0, 1.0) for t in link.transmitters if hasattr(t, "spread_deg"))
+    return (0.02 + 0.4 * max(spread, wide**2)) * water_albedo
+
+
+def warn_of_returned(link: Link) -> None:
+    """Warn where forced detection leaves out more than 0.1 % of the light."""
+    share = returned_share(link)
+    if share > _RETURNED:
+        warnings.warn(
+            f"some {100.0 * share:.1g} % of the light comes out after the surface has sent it back "
+            "once, which forced detection leaves out: reflected_photons adds it",
+            DomainWarning,
+            stacklevel=4,
+        )
 
 
 def warn_of_cut(forced: ForcedDetection, mesh: TriangleMesh) -> None:
