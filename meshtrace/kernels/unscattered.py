@@ -129,7 +129,7 @@ def image_gain(scene, stretch, lever, gain, doubtful):
     edge = min(max(-_EDGE * scene.emitter.position.z, 0.005), 0.1)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
-        m = aim_at(facet.centroid[0], facet.centroid[1], f, shot, scene)
+        m = aim_at(facet.x, facet.y, f, shot, scene)
         if m.ok:
             reach = facet.radius * (stretch + lever * facet.curvature)
             if math.hypot(m.at.x, m.at.y) > scene.target.radius + reach:
@@ -162,7 +162,10 @@ def _node(f, n, i, j, surface):
 
 @outlined
 def _triangle_gain(f, n, i, j, side, shot, scene):
-    """Return (gain, steep) of the part of a facet with the nodes (i, j), (i + side, j), (i, j + side)."""
+    """Return (gain, steep) of the part of a facet between three nodes.
+
+    They are (i, j), (i + side, j) and (i, j + side).
+    """
     p = _node(f, n, i, j, scene.surface)
     q = _node(f, n, i + side, j, scene.surface)
     r = _node(f, n, i, j + side, scene.surface)
