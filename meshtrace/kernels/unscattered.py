@@ -146,7 +146,7 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
         facet = scene.facets[f]
         large = 2.0 * facet.radius > _FEW * edge
         if not large:
-            m = aim_at(facet.centroid[0], facet.centroid[1], f, shot, scene)
+            m = aim_at(facet.x, facet.y, f, shot, scene)
             if m.ok:
                 reach = facet.radius * (stretch + lever * facet.curvature)
                 if math.hypot(m.at.x, m.at.y) > scene.target.radius + reach:

@@ -21,8 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from meshtrace.errors import Described, Refused
-from meshtrace.kernels import phase as kernel
-from meshtrace.kernels.phase import PhaseTables
+from meshtrace.kernels.phase import ROW, Component, PhaseTables
 from meshtrace.registry import Family
 
 Array = NDArray[np.float64]
@@ -284,7 +283,7 @@ class HenyeyGreenstein(PhaseFunction, frozen=True):
         return (1.0 - self.g) / 2.0
 
     def _components(self) -> list[_Component]:
-        return [_Component(1.0, kernel.Component.HENYEY_GREENSTEIN, (self.g,))]
+        return [_Component(1.0, Component.HENYEY_GREENSTEIN, (self.g,))]
 
 
 class Rayleigh(PhaseFunction, frozen=True):
@@ -330,7 +329,7 @@ class Rayleigh(PhaseFunction, frozen=True):
     def _components(self) -> list[_Component]:
         if self.gamma < 1e-10:
             return HenyeyGreenstein(g=0.0)._components()
-        return [_Component(1.0, kernel.Component.RAYLEIGH, (self.gamma,))]
+        return [_Component(1.0, Component.RAYLEIGH, (self.gamma,))]
 
 
 class _Segments(NamedTuple):
@@ -668,9 +667,7 @@ def _quantile_component(phase: PhaseFunction, exponent: float) -> _Component:
         worst = max(error_y[:k0].max(initial=0.0), error_s[k0:].max(initial=0.0))
         if worst <= _QUANTILE_TOLERANCE or intervals == _MOST_INTERVALS:
             param = (float(intervals), float(k0), exponent)
-            return _Component(
-                1.0, kernel.Component.QUANTILES, param, np.append(y[: k0 + 1], s[k0:])
-            )
+            return _Component(1.0, Component.QUANTILES, param, np.append(y[: k0 + 1], s[k0:]))
         intervals *= 2
 
 
@@ -687,7 +684,7 @@ def _invert(function: Callable[[Array], Array], u: Array) -> Array:
 
 
 def _bin_component(seg: _Segments) -> _Component:
-    """Write pieces of non-zero mass as the rows and the guide table of `kernel.Component.BINS`."""
+    """Write pieces of non-zero mass as the rows and the guide table of `Component.BINS`."""
     seg = _Segments(*(column[seg.mass > 0.0] for column in seg))
     with np.errstate(divide="ignore"):
         exponent = np.where(seg.p == 0.0, 0.0, 1.0 / seg.p)
@@ -699,7 +696,7 @@ def _bin_component(seg: _Segments) -> _Component:
     steps = np.arange(_GUIDE_PER_BIN * len(low)) / (_GUIDE_PER_BIN * len(low))
     guide = np.searchsorted(low, steps, side="right") - 1
     return _Component(
-        1.0, kernel.Component.BINS, (float(len(low)),), np.vstack([rows, end]).ravel(), guide
+        1.0, Component.BINS, (float(len(low)),), np.vstack([rows, end]).ravel(), guide
     )
 
 
@@ -738,19 +735,19 @@ def _component_s(tables: PhaseTables, j: int, u: Array) -> Array:
     """Sample component j."""
     kind, param = tables.kind[j], tables.param[j]
     nodes = tables.nodes[tables.start[j] : tables.start[j + 1]]
-    if kind == kernel.Component.HENYEY_GREENSTEIN:
+    if kind == Component.HENYEY_GREENSTEIN:
         g = param[0]
         return (1.0 - g) ** 2 * u * (1.0 + g - g * u) / (1.0 + g - 2.0 * g * u) ** 2
-    if kind == kernel.Component.RAYLEIGH:
+    if kind == Component.RAYLEIGH:
         root = np.sqrt(param[0])
         x = np.arcsinh(1.5 * root * (1.0 + param[0] / 3.0) * (1.0 - 2.0 * u))
         return np.clip(0.5 - np.sinh(x / 3.0) / root, 0.0, 1.0)
-    if kind == kernel.Component.QUANTILES:
+    if kind == Component.QUANTILES:
         k0 = int(param[1])
         grid = np.linspace(0.0, 1.0, int(param[0]) + 1)
         power = np.interp(u, grid[: k0 + 1], nodes[: k0 + 1]) ** param[2]
         return np.where(u < grid[k0], power, np.interp(u, grid[k0:], nodes[k0 + 1 :]))
-    rows = nodes.reshape(-1, kernel.ROW)
+    rows = nodes.reshape(-1, ROW)
     i = np.searchsorted(rows[:-1, 0], u, side="right") - 1
     low, s_hi, ratio, exponent = rows[i].T
     r = (u - low) / (rows[i + 1, 0] - low)

@@ -82,7 +82,7 @@ class AimedChains:
     @property
     def centroids(self) -> NDArray[np.float64]:
         """Centroids of the facets, shape (m, 3)."""
-        return self.facets["centroid"]
+        return np.stack([self.facets[name] for name in ("x", "y", "z")], axis=1)
 
     def scene(self, emitter: aiming.Emitter, target: aiming.Target) -> aiming.Scene:
         """Return one source, the surface and one aperture as the kernels take them."""

@@ -13,6 +13,7 @@ from meshtrace.bvh import EmbreeIntersector
 from meshtrace.kernels import chains as kernel
 from meshtrace.kernels.jit import entry
 from meshtrace.kernels.medium import absorption_path, scattering_path
+from meshtrace.kernels.vectors import minus, norm, row
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport.arrays import medium_arrays, with_raster
 from meshtrace.transport.chain_sets import nominal as nominal_of
@@ -211,10 +212,11 @@ def test_points_fill_the_disk():
 @entry
 def _paths(medium, ends, out):
     for i in range(len(ends)):
-        x0, y0, z0, x1, y1, z1 = ends[i]
-        length = math.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2 + (z1 - z0) ** 2)
-        out[i, 0] = absorption_path(medium, z0, z1, length)
-        out[i, 1] = scattering_path(medium, x0, y0, z0, x1, y1, z1, length)
+        ray = ends[i].reshape(2, 3)
+        p, q = row(ray, 0), row(ray, 1)
+        length = norm(minus(q, p))
+        out[i, 0] = absorption_path(medium, p.z, q.z, length)
+        out[i, 1] = scattering_path(medium, p, q, length)
 
 
 def paths(medium, ends):
