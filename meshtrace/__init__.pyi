@@ -1,6 +1,12 @@
+from . import comms as comms
+from . import fading as fading
+from . import surfaces as surfaces
+from . import uav as uav
+from . import viz as viz
 from .bvh import BruteForceIntersector as BruteForceIntersector
 from .bvh import EmbreeIntersector as EmbreeIntersector
 from .comms.ook import OokLink as OokLink
+from .errors import Refused as Refused
 from .link import CardioidalSky as CardioidalSky
 from .link import GaussianBeam as GaussianBeam
 from .link import IrradiancePlanes as IrradiancePlanes
@@ -17,12 +23,14 @@ from .link import Whitecaps as Whitecaps
 from .link.link import in_wind as in_wind
 from .mesh import SurfaceModel as SurfaceModel
 from .mesh import TriangleMesh as TriangleMesh
+from .optics.bubbles import BubblePopulation as BubblePopulation
 from .optics.bubbles import HallNovarini as HallNovarini
 from .optics.phase import FournierForand as FournierForand
 from .optics.phase import HenyeyGreenstein as HenyeyGreenstein
 from .optics.phase import HistogramPhase as HistogramPhase
 from .optics.phase import MixturePhase as MixturePhase
 from .optics.phase import Petzold as Petzold
+from .optics.phase import PhaseFunction as PhaseFunction
 from .optics.phase import Rayleigh as Rayleigh
 from .optics.phase import TabulatedPhase as TabulatedPhase
 from .optics.water import Water as Water
@@ -33,6 +41,7 @@ from .results.gain import merge as merge
 from .results.impulse import ImpulseResponse as ImpulseResponse
 from .results.impulse import impulse_response as impulse_response
 from .results.series import GainSeries as GainSeries
+from .scenario.model import Scenario as Scenario
 from .studies.convergence import band_limit_study as band_limit_study
 from .studies.convergence import convergence_study as convergence_study
 from .studies.convergence import time_step_study as time_step_study
@@ -47,7 +56,12 @@ from .studies.series import coupled_series as coupled_series
 from .studies.series import ensemble as ensemble
 from .studies.series import time_series as time_series
 from .studies.sweep import sweep as sweep
-from .transport.analog import MapGrid as MapGrid
+from .transport.options import Analog as Analog
+from .transport.options import Arrivals as Arrivals
+from .transport.options import Forced as Forced
+from .transport.options import IrradianceMap as IrradianceMap
+from .transport.options import MapGrid as MapGrid
+from .transport.options import Meshing as Meshing
 from .transport.outcome import DomainWarning as DomainWarning
 from .transport.paths import PhotonPaths as PhotonPaths
 from .transport.simulate import simulate as simulate
@@ -55,3 +69,5 @@ from .transport.simulate import trace_paths as trace_paths
 from .uav.airframe import Flight as Flight
 from .uav.airframe import Uav as Uav
 from .uav.wind import Dryden as Dryden
+
+__version__: str

@@ -19,7 +19,7 @@ from meshtrace.results.tallies import standard_error
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.simulate import mesh_for
+from meshtrace.transport.meshing import mesh_for
 
 Rays = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 

@@ -14,7 +14,7 @@ from meshtrace.errors import Refused
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
 from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.simulate import mesh_for
+from meshtrace.transport.meshing import mesh_for
 
 
 def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:

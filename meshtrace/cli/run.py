@@ -70,7 +70,7 @@ def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
     """Return the result of a scenario and its wall time [s], compiling beforehand if need be."""
     known = scenario.run.photons if scenario.run.rtol is None else None
     with progress(known, quiet) as (say, advance):
-        if not kernels_are_compiled(scenario.run.estimator):
+        if not kernels_are_compiled(scenario.run.estimator.kind):
             scenario.mesh()  # so that a wrong link is told without waiting for the compiler
             say(COMPILING)
             with warnings.catch_warnings():

@@ -182,7 +182,7 @@ def _of_scenario(scenario: Scenario) -> Subject:
 
     still = isinstance(scenario.surface, MeshFile)
     surface = scenario.mesh() if still else scenario.surface
-    return Subject(surface, scenario.link, scenario.sampling.time)
+    return Subject(surface, scenario.link, scenario.meshing.time)
 
 
 def _of_result(file: Path) -> Subject:

@@ -126,7 +126,7 @@ def impulse_response(
     Parameters
     ----------
     result : GainResult
-        Of `simulate(..., keep_arrivals=True)`, by either estimator.
+        Of `simulate(..., record=[Arrivals()])`, by either estimator.
     bin_width : float
         Width of the delay bins [s].
     receiver : int
@@ -149,7 +149,7 @@ def impulse_response(
     """
     arrivals = result.arrivals
     if arrivals is None:
-        raise Refused("result", "no arrivals", "simulate(..., keep_arrivals=True)")
+        raise Refused("result", "no arrivals", "one of simulate(..., record=[Arrivals()])")
     if not bin_width > 0.0:
         raise Refused("bin_width", bin_width, "> 0 s")
     mine = arrivals.receiver == receiver

@@ -10,7 +10,7 @@ from meshtrace.scenario.files import KEYS, parse_setting
 from meshtrace.scenario.model import Scenario
 from meshtrace.scenario.parts import DEFAULT_WIND_SPEED
 from meshtrace.scenario.seas import MOST_FACTORS, MOST_VERTICES, MeshFile
-from meshtrace.transport.options import Run, Sampling
+from meshtrace.transport.options import Meshing, Run
 
 __all__ = [
     "DEFAULT_WIND_SPEED",
@@ -19,8 +19,8 @@ __all__ = [
     "MOST_FACTORS",
     "MOST_VERTICES",
     "MeshFile",
+    "Meshing",
     "Run",
-    "Sampling",
     "Scenario",
     "ScenarioError",
     "parse_setting",

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
 from pydantic import field_validator
 
 from meshtrace.comms.ook import OokLink
@@ -20,14 +18,15 @@ from meshtrace.scenario import parts, seas
 from meshtrace.scenario.files import KEYS, parse_toml, read_text, set_value
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.scenario.tables import Table, as_table, plain, validated
+from meshtrace.transport.case import Case
 from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.options import Run, Sampling
-from meshtrace.transport.simulate import mesh_for, simulate
+from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.options import Analog, Estimator, Meshing, Run, run_keys
+from meshtrace.transport.simulate import simulate
 from meshtrace.uav.airframe import Uav
 
 if TYPE_CHECKING:
-    from meshtrace.results.series import GainSeries
-    from meshtrace.studies.performance.tables import LinkPerformance
+    pass
 
 
 class Scenario(Model, frozen=True):
@@ -41,8 +40,8 @@ class Scenario(Model, frozen=True):
         The link.
     surface : SurfaceModel or MeshFile
         The sea.
-    sampling : Sampling
-        When the sea is triangulated, and how finely.
+    meshing : Meshing
+        Time and resolution at which the sea is triangulated.
     run : Run
         Options of the run.
     detector : OokLink, optional
@@ -67,8 +66,8 @@ class Scenario(Model, frozen=True):
     wind_speed: float
     link: Link
     surface: Any
-    sampling: Sampling
-    run: Run
+    meshing: Meshing = Meshing()
+    run: Run = Run()
     detector: OokLink | None = None
     uav: Uav | None = None
 
@@ -156,16 +155,20 @@ class Scenario(Model, frozen=True):
         require_keys(config, KEYS)
         wind_speed = parts.read_wind_speed(config)
         sea = as_table(config.get("sea", {}), "sea")
-        sampling = {key: sea.pop(key) for key in Sampling.model_fields if key in sea}
-        surface = seas.read_surface(sea, wind_speed, sampling, Path(folder))
+        run = as_table(config.get("run", {}), "run")
+        meshing = {key: sea.pop(key) for key in ("time", "extent", "spacing") if key in sea}
+        surface = seas.read_surface(sea, wind_speed, meshing, Path(folder))
         link = parts.read_link(config, wind_speed)
-        run = {"estimator": parts.default_estimator(link), **as_table(config.get("run", {}), "run")}
+        normals = {"normals": run.pop("normals")} if "normals" in run else {}
+        checked = validated(Meshing, normals, "run")
         return cls(
             wind_speed=wind_speed,
             link=link,
             surface=surface,
-            sampling=validated(Sampling, sampling, "sea"),
-            run=validated(Run, run, "run"),
+            meshing=validated(Meshing, {**checked.model_dump(), **meshing}, "sea"),
+            run=validated(
+                Run, {"estimator": parts.default_estimator(link), **run}, "run", run_keys()
+            ),
             detector=parts.read_detector(config["detector"]) if "detector" in config else None,
             uav=parts.read_uav(config["uav"]) if "uav" in config else None,
         )
@@ -188,15 +191,17 @@ class Scenario(Model, frozen=True):
         -----
         The number of threads, on which no result depends, is not taken over.
         """
-        run = {k: v for k, v in provenance["run"].items() if k != "threads"}
+        options = provenance["run"]
         link = Link.model_validate(provenance["link"])
         surface = seas.surface_from_provenance(provenance)
+        estimator = Estimator.member(options["estimator"])
+        mine = {*Run.model_fields, *estimator.model_fields} - {"threads"}
         return cls(
             wind_speed=seas.wind_of(link, surface),
             link=link,
             surface=surface,
-            sampling=Sampling(**{k: v for k, v in run.items() if k in Sampling.model_fields}),
-            run=Run(**{k: v for k, v in run.items() if k in Run.model_fields}),
+            meshing=Meshing(**{k: v for k, v in options.items() if k in Meshing.model_fields}),
+            run=Run(**{k: v for k, v in options.items() if k in mine}),
         )
 
     def to_config(self) -> Table:
@@ -205,7 +210,9 @@ class Scenario(Model, frozen=True):
         What follows `wind_speed`, the water or the transmitter is left to follow it.
         """
         link, still = self.link, isinstance(self.surface, MeshFile)
-        sampling = self.sampling.model_dump(exclude_none=True, exclude={"time"} if still else None)
+        run = {**self.run.to_config(), "normals": self.meshing.normals}
+        still_too = {"normals", "time"} if still else {"normals"}
+        sampling = self.meshing.model_dump(exclude_none=True, exclude=still_too)
         return {
             "wind_speed": self.wind_speed,
             "physics": parts.physics_config(link.physics),
@@ -219,7 +226,7 @@ class Scenario(Model, frozen=True):
             **({"planes": plain(link.planes)} if link.planes else {}),
             **({"detector": plain(self.detector)} if self.detector else {}),
             **({"uav": plain(self.uav)} if self.uav else {}),
-            "run": plain(self.run),
+            "run": {key: value for key, value in run.items() if value is not None},
         }
 
     def to_toml(self) -> str:
@@ -227,6 +234,25 @@ class Scenario(Model, frozen=True):
         import tomli_w
 
         return tomli_w.dumps(self.to_config())
+
+    def case(self, surface: SurfaceModel | TriangleMesh | None = None) -> Case:
+        """Return link, surface and options of the run, over another surface if one is given.
+
+        Raises
+        ------
+        Refused
+            If a mesh file cannot be read or does not cover the link, or the mesh would fill the
+            memory.
+        """
+        if surface is not None:
+            return Case(self.link, surface, self.run, self.meshing)
+        footprint = self.link.footprint()
+        if isinstance(self.surface, MeshFile):
+            mesh = self.surface.load(self.meshing.extent or footprint.fine_extent)
+            origin = {"mesh_file": self.surface.file}
+            return Case(self.link, mesh, self.run, self.meshing, origin)
+        seas.require_modest(self.surface, footprint, self.meshing)
+        return Case(self.link, self.surface, self.run, self.meshing)
 
     def mesh(self) -> TriangleMesh:
         """Return the surface as the run needs it.
@@ -237,115 +263,10 @@ class Scenario(Model, frozen=True):
             If it does not cover the link, or reaches a source or a receiver, or the estimator
             cannot follow the link.
         """
-        sampling = self.sampling.model_dump()
-        reach = None if self.run.estimator == "analog" else crossing_reach(self.link)
-        return mesh_for(self.link, self._runnable(), **sampling, reach=reach)[0]
+        reach = None if isinstance(self.run.estimator, Analog) else crossing_reach(self.link)
+        case = self.case()
+        return mesh_for(case.link, case.surface, case.meshing, reach)[0]
 
     def simulate(self, progress: Callable[[int], None] | None = None) -> GainResult:
-        """Run the scenario.
-
-        Parameters
-        ----------
-        progress : callable, optional
-            Called with the number of photons done since its last call.
-
-        Returns
-        -------
-        GainResult
-            Its provenance loads back by `from_provenance`.
-
-        Raises
-        ------
-        Refused
-            If the surface does not suit the link.
-        """
-        options: Any = {**self.sampling.model_dump(), **self.run.model_dump()}
-        try:
-            result = simulate(self.link, self._runnable(), progress=progress, **options)
-        except ArithmeticError as error:
-            raise Refused("link", Described(f"{error}"), "numbers that do not overflow") from error
-        if not np.isfinite(result.gain).all():
-            gain = Described(f"a gain of {result.gain}")
-            raise Refused("link", gain, "numbers that do not overflow")
-        if isinstance(self.surface, MeshFile):
-            return replace(result, provenance={**result.provenance, "mesh_file": self.surface.file})
-        return result
-
-    def time_series(
-        self, times: Sequence[float], progress: Callable[[int], None] | None = None
-    ) -> GainSeries:
-        """Return the gain over the moving sea at times [s], see `meshtrace.time_series`.
-
-        Raises
-        ------
-        Refused
-            If the surface does not move, or the link needs the analog estimator.
-        """
-        from meshtrace.studies.series import time_series
-
-        options: Any = self._series_options(moving=True)
-        return time_series(self.link, self.surface, times, progress=progress, **options)
-
-    def ensemble(
-        self, n_realizations: int, progress: Callable[[int], None] | None = None
-    ) -> GainSeries:
-        """Return the gains over realizations of the sea, see `meshtrace.ensemble`.
-
-        Raises
-        ------
-        Refused
-            If the sea has no random phases, or the link needs the analog estimator.
-        """
-        from meshtrace.studies.series import ensemble
-
-        options: Any = {**self._series_options(), "time": self.sampling.time}
-        return ensemble(self.link, n_realizations, self.surface, progress=progress, **options)
-
-    def performance(
-        self, progress: Callable[[int], None] | None = None, **options: Any
-    ) -> LinkPerformance:
-        """Return error rate, outage and capacity, see `meshtrace.link_performance`.
-
-        Parameters
-        ----------
-        progress : callable, optional
-            Called with 1 after each sea.
-        **options
-            Those of `link_performance`; `ook` and `uav` are by default those of the scenario.
-
-        Raises
-        ------
-        Refused
-            If an option is out of range, or the link needs the analog estimator.
-        """
-        from meshtrace.studies.performance.link_performance import link_performance
-
-        run = self._series_options()
-        shared: Any = {key: run[key] for key in ("photons", "seed", "spacing", "threads")}
-        mine = {"ook": self.detector or "physical", "uav": self.uav}
-        return link_performance(
-            self.link,
-            self.surface,
-            wind_speed=self.wind_speed,
-            progress=progress,
-            **{**shared, **mine, **options},
-        )
-
-    def _series_options(self, moving: bool = False) -> dict[str, Any]:
-        """Return what `series` takes of the run, refusing what only single runs follow."""
-        if self.run.estimator != "forced":
-            raise Refused("run.estimator", self.run.estimator, "forced, over many seas")
-        if isinstance(self.surface, MeshFile):
-            raise Refused("sea.mesh", self.surface.file, "a sea model")
-        if moving and self.sampling.time != 0.0:
-            raise Refused("sea.time", self.sampling.time, "0 with times")
-        seas.refuse_huge(self.surface, self.link.footprint(), self.sampling)
-        run = self.run.model_dump(include={"photons", "seed", "normals", "threads"})
-        return {**run, **self.sampling.model_dump(include={"extent", "spacing"})}
-
-    def _runnable(self) -> SurfaceModel | TriangleMesh:
-        footprint = self.link.footprint()
-        if isinstance(self.surface, MeshFile):
-            return self.surface.load(self.sampling.extent or footprint.fine_extent)
-        seas.refuse_huge(self.surface, footprint, self.sampling)
-        return self.surface
+        """Run the scenario, see `meshtrace.simulate`; its provenance loads back."""
+        return simulate(self, progress=progress)

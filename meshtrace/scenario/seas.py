@@ -16,7 +16,7 @@ from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Model
 from meshtrace.registry import Family
 from meshtrace.scenario.tables import Table, validated, without_shared_wind
-from meshtrace.transport.options import Sampling
+from meshtrace.transport.options import Meshing
 
 MOST_VERTICES = 10_000_000
 """Vertices of a mesh, at some 0.5 kB each, beyond which a run is refused."""
@@ -25,7 +25,7 @@ MOST_FACTORS = 50_000_000
 """Waves times grid lines, at some 50 B each, beyond which a run is refused."""
 
 _SEA_ALIASES = {"sinusoidal": "sinusoid", "tilted-plane": "plane"}
-_SEA_KEYS = ("spectrum", "mesh", *Sampling.model_fields)
+_SEA_KEYS = ("spectrum", "mesh", "time", "extent", "spacing")
 
 
 class MeshFile(Model, frozen=True):
@@ -170,17 +170,17 @@ def surface_config(surface: SurfaceModel | MeshFile, wind_speed: float) -> Table
     return {"spectrum": kind, **without_shared_wind(config, wind_speed)}
 
 
-def refuse_huge(surface: SurfaceModel, footprint: Footprint, sampling: Sampling) -> None:
+def require_modest(surface: SurfaceModel, footprint: Footprint, meshing: Meshing) -> None:
     """Refuse meshes and wave sums that would fill the memory."""
     from meshtrace.surfaces.gridding import grid_axis
 
-    spacing = sampling.spacing or footprint.spacing
+    spacing = meshing.spacing or footprint.spacing
     try:
-        if sampling.extent is None:
+        if meshing.extent is None:
             coarse = max(footprint.coarse_spacing, spacing)
             lines = len(grid_axis(0.0, footprint.extent, spacing, footprint.fine_extent, coarse))
         else:
-            lines = len(grid_axis(0.0, sampling.extent, spacing))
+            lines = len(grid_axis(0.0, meshing.extent, spacing))
     except Refused as error:
         raise error.inside("sea") from None
     if lines**2 > MOST_VERTICES:

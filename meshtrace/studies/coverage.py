@@ -13,7 +13,7 @@ from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.studies.inputs import resolve
-from meshtrace.transport.analog import MapGrid
+from meshtrace.transport.options import IrradianceMap
 from meshtrace.transport.simulate import simulate
 
 
@@ -69,7 +69,13 @@ def coverage_map(
         raise Refused("times", times, "one or more times [s]")
     if not 0.0 < step <= extent:
         raise Refused("step", step, f"0 < step <= extent = {extent:g} m")
-    grid = MapGrid(receiver.height, extent, step, receiver.axis, receiver.fov_deg)
+    grid = IrradianceMap(
+        height=receiver.height,
+        extent=extent,
+        step=step,
+        axis=receiver.axis,
+        fov_deg=receiver.fov_deg,
+    )
     runs = [
         simulate(
             link,
@@ -78,7 +84,7 @@ def coverage_map(
             photons=photons,
             time=time,
             first_photon=i * photons,
-            grid=grid,
+            record=[grid],
             progress=progress,
             **options,
         )

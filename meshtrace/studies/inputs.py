@@ -10,9 +10,10 @@ from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.parallel import default_threads
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import DEFAULT_WIND_SPEED, MeshFile, Scenario
-from meshtrace.scenario.seas import refuse_huge
+from meshtrace.scenario.seas import require_modest
 from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.simulate import mesh_for
+from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.options import Forced, Meshing
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
 
@@ -31,8 +32,8 @@ class Inputs(NamedTuple):
 
     def mesh(self, link: Link, surface: SurfaceModel, time: float) -> TriangleMesh:
         """Return the mesh of a surface at a time, as far as light can cross to a receiver."""
-        extent, spacing = self.run["extent"], self.run["spacing"]
-        return mesh_for(link, surface, time, extent, spacing, crossing_reach(link))[0]
+        meshing = Meshing(time=time, extent=self.run["extent"], spacing=self.run["spacing"])
+        return mesh_for(link, surface, meshing, crossing_reach(link))[0]
 
     def provenance(self, **run: Any) -> dict[str, Any]:
         """Return the provenance of the study."""
@@ -59,8 +60,8 @@ def resolve(
         if surface is None:
             surface = default_sea(link.wind_speed or DEFAULT_WIND_SPEED)
         return link, surface, None, given
-    run = link.run.model_dump(include={"photons", "seed", "normals", "threads"}, exclude_none=True)
-    sampling = link.sampling.model_dump(exclude_none=True)
+    run = link.run.model_dump(include={"photons", "seed", "threads"}, exclude_none=True)
+    sampling = link.meshing.model_dump(exclude_none=True)
     known = {name: value for name, value in {**run, **sampling}.items() if name in options}
     return link.link, link.surface if surface is None else surface, link, {**known, **given}
 
@@ -85,8 +86,8 @@ def resolve_chains(
         If an option is out of range, or the surface is no sea.
     """
     link, sea, scenario, given = resolve(link, surface, **options)
-    if scenario is not None and scenario.run.estimator != "forced":
-        raise Refused("run.estimator", scenario.run.estimator, "forced, over many seas")
+    if scenario is not None and not isinstance(scenario.run.estimator, Forced):
+        raise Refused("run.estimator", scenario.run.estimator.kind, "forced, over many seas")
     if isinstance(sea, MeshFile) or not isinstance(sea, SurfaceModel):
         raise Refused("surface", Described(type(sea).__name__), "a sea (SurfaceModel)")
     defaults = {"photons": DEFAULT_CHAINS, "seed": 1, "normals": "vertex", "time": 0.0}
@@ -96,7 +97,7 @@ def resolve_chains(
     require_whole(run["seed"], 0, 2**64 - 1, "seed")
     require_word(run["normals"], ("vertex", "facet"), "normals")
     if scenario is not None:
-        refuse_huge(sea, link.footprint(), scenario.sampling)
+        require_modest(sea, link.footprint(), scenario.meshing)
     return Inputs(link, sea, run, default_threads(threads), scenario)
 
 

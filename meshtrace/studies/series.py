@@ -104,8 +104,8 @@ def time_series(
     at = np.atleast_1d(np.asarray(times, dtype=float))
     if at.ndim != 1 or not at.size or not np.isfinite(at).all():
         raise Refused("times", times, "finite times (n,) [s], n >= 1")
-    if inputs.scenario is not None and inputs.scenario.sampling.time != 0.0:
-        raise Refused("sea.time", inputs.scenario.sampling.time, "0 with times")
+    if inputs.scenario is not None and inputs.scenario.meshing.time != 0.0:
+        raise Refused("sea.time", inputs.scenario.meshing.time, "0 with times")
     return over_times(inputs, at, flight, progress)
 
 

@@ -8,10 +8,9 @@ and so on until the chunk has ended. Chunks are independent and added in their o
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +24,8 @@ from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Apertures, Fate, Tallies
 from meshtrace.kernels.vectors import UP, Vec3
-from meshtrace.link import Link
+from meshtrace.link import IrradiancePlanes, Link
+from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.arrays import (
     aperture_arrays,
@@ -35,41 +35,9 @@ from meshtrace.transport.arrays import (
     surface_arrays,
     with_raster,
 )
-
-BLOCK = 4096
-"""Photons whose scores are added first: fixed, so that sums do not depend on the chunks."""
+from meshtrace.transport.options import BLOCK, Analog, IrradianceMap, Record, read_records
 
 _SLOTS = 8192  # photons under way in a thread: their state stays in the cache
-
-
-@dataclass(frozen=True)
-class MapGrid:
-    """Square cells on a horizontal plane in the air.
-
-    Parameters
-    ----------
-    height : float
-        Height of the plane [m].
-    extent : float
-        The map covers |x|, |y| <= extent [m].
-    step : float
-        Edge of a cell [m].
-    axis : tuple of float
-        Axis of the aperture that the map stands for, as in `Receiver.axis`.
-    fov_deg : float
-        Full angle of its field of view [deg].
-    """
-
-    height: float
-    extent: float
-    step: float
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    fov_deg: float = 180.0
-
-    @property
-    def n(self) -> int:
-        """Cells along each axis."""
-        return math.ceil(2.0 * self.extent / self.step - 1e-9)
 
 
 class FixedPointSum:
@@ -130,30 +98,35 @@ class Setup(NamedTuple):
 
     intersector: Intersector
     seed: int
-    arrays: tuple[Sources, Surface, Medium, Apertures, Interface, kernel.Limits]
-    planes: NDArray[np.float64]
-    bins: tuple[int, int]
-    grid: MapGrid | None
-    keep_arrivals: bool
+    sources: Sources
+    surface: Surface
+    medium: Medium
+    apertures: Apertures
+    interface: Interface
+    limits: kernel.Limits
+    planes: IrradiancePlanes | None
+    map: IrradianceMap | None
+    arrivals: bool
     recorder: kernel.Recorder
+
+    @property
+    def n_scores(self) -> int:
+        """Scores of a photon: one for each aperture, four for each plane."""
+        planes = len(self.planes.depths) if self.planes else 0
+        return len(self.apertures.radius) + N_PLANE_SCORES * planes
 
 
 def run_analog(
     link: Link,
     intersector: Intersector,
+    options: Analog = Analog(),  # noqa: B008 - frozen
     *,
     photons: int,
     seed: int,
     normals: str = "vertex",
     threads: int = 1,
-    batch_size: int = 2**17,
-    first_photon: int = 0,
-    max_surface_events: int = 10,
-    max_events: int = 100_000,
-    roulette: float | None = None,
     first_scored: int = 1,
-    grid: MapGrid | None = None,
-    keep_arrivals: bool = False,
+    record: Iterable[Record] = (),
     recorder: kernel.Recorder | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Sums:
@@ -165,25 +138,20 @@ def run_analog(
         The link.
     intersector : Intersector
         The surface.
+    options : Analog
+        Options of the estimator.
     photons : int
-        Photons to follow, with ids from `first_photon` on.
+        Photons to follow, with ids from `options.first_photon` on.
     seed : int
         Key of the random numbers.
     normals : {"vertex", "facet"}
         Normals interpolated from the corners, or those of the facets.
     threads : int
         Threads; the result does not depend on them.
-    batch_size : int
-        Photons of a chunk, a multiple of 4096; the result does not depend on it.
-    roulette : float, optional
-        Weight below which Russian roulette is played; by default half of the weight that
-        absorption leaves on the straight way up (1e-3 with light from the air).
     first_scored : int
-        Crossing of the surface from which on light is scored; 2 for what was sent back once.
-    grid : MapGrid, optional
-        Cells on a plane in the air in which light is counted.
-    keep_arrivals : bool
-        Keep every arrival at an aperture with its path lengths.
+        Crossing of the surface from which on light is scored; 2 for light sent back once.
+    record : sequence of Record
+        Extra tallies.
     recorder : Recorder, optional
         Arrays for the paths of the first photons; must fit into the first chunk.
     progress : callable, optional
@@ -193,50 +161,32 @@ def run_analog(
     -------
     Sums
     """
-    setup = _setup(
-        link,
-        intersector,
-        seed,
-        normals,
-        max_surface_events,
-        max_events,
-        roulette,
-        first_scored,
-        grid,
-        keep_arrivals,
-        recorder,
+    records = read_records(record, options)
+    setup = _setup(link, intersector, seed, normals, options, first_scored)
+    setup = setup._replace(
+        map=records.get("irradiance-map"),  # type: ignore[arg-type]
+        arrivals="arrivals" in records,
+        recorder=recorder or new_recorder(0, 0),
     )
     sums = _zero(setup)
-    end = first_photon + photons
-    spans = ((a, min(a + batch_size, end)) for a in range(first_photon, end, batch_size))
-    with ThreadPoolExecutor(threads) as pool:
-        for n, tallies in _in_order(pool, threads, spans, setup):
-            sums.add(n, tallies)
-            if progress is not None:
-                progress(n)
+    first, end = options.first_photon, options.first_photon + photons
+    starts = range(first, end, options.batch_size)
+    chunks = [(start, min(start + options.batch_size, end)) for start in starts]
+    for n, tallies in ordered_map(partial(_chunk, setup), chunks, threads):
+        sums.add(n, tallies)
+        if progress is not None:
+            progress(n)
     return sums
 
 
-def _in_order(
-    pool: ThreadPoolExecutor, threads: int, spans: Iterator[tuple[int, int]], setup: Setup
-) -> Iterator[tuple[int, Tallies]]:
-    """Yield chunks in order while `threads` of them are computed: memory stays flat."""
-    running: deque[Future[tuple[int, Tallies]]] = deque()
-    for span in spans:
-        running.append(pool.submit(_chunk, setup, *span))
-        if len(running) > threads:
-            yield running.popleft().result()
-    while running:
-        yield running.popleft().result()
-
-
-def _chunk(setup: Setup, first: int, last: int) -> tuple[int, Tallies]:
+def _chunk(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
     """Follow the photons first <= id < last; again, if their arrivals found no room."""
-    room = (last - first) * len(setup.arrays[3].radius) if setup.keep_arrivals else 0
+    first, last = span
+    room = (last - first) * len(setup.apertures.radius) if setup.arrivals else 0
     while True:
         tallies = _tallies(setup, last - first, room)
         _follow(setup, first, last, tallies)
-        if not setup.keep_arrivals or int(tallies.n_arrivals[0]) <= room:
+        if not setup.arrivals or int(tallies.n_arrivals[0]) <= room:
             return last - first, tallies
         room = int(tallies.n_arrivals[0])
 
@@ -250,8 +200,18 @@ def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
         direction=np.zeros((slots, 3), np.float32),
         ray_slot=np.arange(slots),
     )
-    # numpy's type: numba takes a Python integer for a signed one
-    world = kernel.World(first, np.uint64(setup.seed), *setup.arrays, tallies, setup.recorder)
+    world = kernel.World(
+        first=first,
+        seed=np.uint64(setup.seed),  # numba takes a Python integer for a signed one
+        sources=setup.sources,
+        surface=setup.surface,
+        medium=setup.medium,
+        apertures=setup.apertures,
+        interface=setup.interface,
+        limits=setup.limits,
+        tallies=tallies,
+        recorder=setup.recorder,
+    )
     facets = np.full(slots, -1, np.int32)
     n_rays, next_photon = slots, first
     while n_rays:
@@ -265,17 +225,14 @@ def _setup(
     intersector: Intersector,
     seed: int,
     normals: str,
-    max_surface_events: int,
-    max_events: int,
-    roulette: float | None,
+    options: Analog,
     first_scored: int,
-    grid: MapGrid | None,
-    keep_arrivals: bool,
-    recorder: kernel.Recorder | None,
 ) -> Setup:
+    """Return what the chunks share, without records."""
     surface = surface_arrays(intersector.mesh, normals, link.physics.unresolved)
-    sources = source_arrays(link, float(surface.high[2]) + 1e-3)
-    survival = 0.0
+    crest = float(surface.high[2])
+    sources = source_arrays(link, crest + 1e-3)
+    roulette, survival = options.roulette, 0.0
     if roulette is None and link.physics.absorption == "paper":
         roulette, survival = 1e-3, 0.1  # the paper ends no photon in water (E13)
     if roulette is None:
@@ -283,24 +240,21 @@ def _setup(
         if sources.in_water.all() and link.planes is None:
             depth = max(-z for z in sources.position[:, 2])
             roulette = 0.5 * math.exp(-min(link.water.a * depth, 600.0))
-    limits = kernel.Limits(roulette, survival, max_events, max_surface_events, first_scored)
-    planes = link.planes
     return Setup(
-        intersector,
-        seed,
-        (
-            sources,
-            surface,
-            with_raster(medium_arrays(link, float(surface.high[2])), intersector),
-            aperture_arrays(link),
-            interface_arrays(link),
-            limits,
+        intersector=intersector,
+        seed=seed,
+        sources=sources,
+        surface=surface,
+        medium=with_raster(medium_arrays(link, crest), intersector),
+        apertures=aperture_arrays(link),
+        interface=interface_arrays(link),
+        limits=kernel.Limits(
+            roulette, survival, options.max_events, options.max_surface_events, first_scored
         ),
-        -np.array(planes.depths) if planes else np.zeros(0),
-        (planes.n_cosines, planes.n_azimuths) if planes else (0, 1),
-        grid,
-        keep_arrivals,
-        recorder or new_recorder(0, 0),
+        planes=link.planes,
+        map=None,
+        arrivals=False,
+        recorder=new_recorder(0, 0),
     )
 
 
@@ -315,17 +269,17 @@ def new_recorder(photons: int, vertices: int) -> kernel.Recorder:
 
 
 def _tallies(setup: Setup, photons: int, room: int = 0) -> Tallies:
-    apertures = setup.arrays[3]
-    n_scores = len(apertures.radius) + N_PLANE_SCORES * len(setup.planes)
-    grid = setup.grid
+    planes, grid = setup.planes, setup.map
+    depths = np.array(planes.depths if planes else ())
+    bins = (planes.n_cosines, planes.n_azimuths) if planes else (0, 1)
     n_cells = grid.n if grid else 0
     return Tallies(
-        score=np.zeros((photons, n_scores)),
+        score=np.zeros((photons, setup.n_scores)),
         ledger=np.zeros(len(Fate), np.int64),
         n_photons=np.zeros(len(Fate), np.int64),
         misses=np.zeros(len(kernel.Miss), np.int64),
-        planes=setup.planes,
-        radiance=np.zeros((SHIFTS, len(setup.planes), *setup.bins), np.int64),
+        planes=-depths,
+        radiance=np.zeros((SHIFTS, len(depths), *bins), np.int64),
         map_z=grid.height if grid else 0.0,
         map_x=-grid.extent if grid else 0.0,
         map_y=-grid.extent if grid else 0.0,
@@ -341,11 +295,10 @@ def _tallies(setup: Setup, photons: int, room: int = 0) -> Tallies:
 
 def _zero(setup: Setup) -> Sums:
     tallies = _tallies(setup, 0)
-    n_scores = tallies.score.shape[1]
     return Sums(
         0,
-        np.zeros(n_scores),
-        np.zeros(n_scores),
+        np.zeros(setup.n_scores),
+        np.zeros(setup.n_scores),
         FixedPointSum((len(Fate),)),
         np.zeros(len(Fate), np.int64),
         np.zeros(len(kernel.Miss), np.int64),

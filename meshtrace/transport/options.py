@@ -1,77 +1,270 @@
-"""What a run may be asked for besides its link and its sea: when and how, each with its default.
+"""Options of a run: estimator, mesh and records, each a model with ranges, prose and defaults.
 
-`Sampling` are the keys of [sea] that say how it is triangulated, `Run` is the table [run].
+The models are the keys of [run] and [sea] in link files and the provenance of results.
 """
 
 from __future__ import annotations
 
-from typing import Any, Literal
+import math
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, ClassVar, Literal, Self, TypedDict
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 
-from meshtrace.errors import require_word
-from meshtrace.models import Model
-from meshtrace.transport.simulate import DEFAULT_PHOTONS
+from meshtrace.errors import Refused, require_keys
+from meshtrace.models import Finite, Model
+from meshtrace.registry import Family
+
+BLOCK = 4096
+"""Photons whose scores are added first: fixed, so that sums do not depend on the chunks."""
+
+_Count = Annotated[int, Field(ge=0, le=2**53)]
 
 
-class Sampling(Model, frozen=True):
-    """When the sea is triangulated, and how finely.
+class Meshing(Model, frozen=True):
+    """Time and resolution at which a sea is triangulated.
 
     Parameters
     ----------
     time : float
         Time of the sea [s].
-    extent, spacing : float, optional
-        Half-width and spacing of the mesh [m]; by default those of `Link.footprint`.
+    extent : float, optional
+        Half-width of the mesh [m], > 0; by default that of `Link.footprint`.
+    spacing : float, optional
+        Spacing of the mesh [m], > 0; by default 0.1 m near the light and coarser outside.
+    normals : {"vertex", "facet"}
+        Normals interpolated from the exact slopes at the corners, or those of the facets.
     """
 
-    time: float = Field(0.0, allow_inf_nan=False)
+    time: Finite = 0.0
     extent: float | None = Field(None, gt=0.0, allow_inf_nan=False)
     spacing: float | None = Field(None, gt=0.0, allow_inf_nan=False)
+    normals: Literal["vertex", "facet"] = "vertex"
 
 
-class Run(Model, frozen=True):
-    """Options of `meshtrace.transport.simulate`, under the same names.
+class Estimator(
+    Family, frozen=True, default="forced", closed="estimators are closed: the engine runs these"
+):
+    """Base of the estimators' options."""
+
+    default_photons: ClassVar[int]
+    most_photons: ClassVar[int]  # that a relative tolerance may ask for
+
+
+class Forced(Estimator, frozen=True):
+    """Forced detection: scattering chains aimed at the receivers.
+
+    It is some 10^5 times more efficient than photons followed one by one, and leaves out only
+    light that the surface sends back into the water first: some 1e-4 of the gain in clear sea
+    water, up to 1 % where the water scatters backwards strongly. It warns beyond 0.1 %.
 
     Parameters
     ----------
-    estimator : {"forced", "analog"}
-        How the gain is estimated.
-    photons : int
-        Chains (forced) or photons (analog); the default is that of `simulate`.
-    rtol : float, optional
-        Relative standard error to reach.
-    seed : int
-        Key of the random numbers.
-    normals : {"vertex", "facet"}
-        Normals of the surface.
-    threads : int, optional
-        Threads, all cores by default.
-    reflected_photons, batch_size, first_photon, max_surface_events, max_events, roulette
-        See `meshtrace.transport.simulate`.
+    reflected_photons : int
+        Analog photons that estimate the light which reaches the receiver after the surface has
+        sent it back into the water, 0 to 2^53; it is added to the gain.
     """
 
-    estimator: str = next(iter(DEFAULT_PHOTONS))
-    photons: int = Field(ge=1, le=2**53)
-    rtol: float | None = Field(None, ge=1e-6, le=1.0, allow_inf_nan=False)
-    seed: int = Field(1, ge=0, lt=2**64)
-    normals: Literal["vertex", "facet"] = "vertex"
-    threads: int | None = Field(None, ge=1, le=1024)
-    reflected_photons: int = Field(0, ge=0, le=2**53)
-    batch_size: int = Field(2**17, ge=4096, le=2**18, multiple_of=4096)
-    first_photon: int = Field(0, ge=0, le=2**53)
+    kind: Literal["forced"] = "forced"
+    reflected_photons: _Count = 0
+
+    default_photons: ClassVar[int] = 10_000
+    most_photons: ClassVar[int] = 2**20
+
+
+class Analog(Estimator, frozen=True):
+    """Photons followed one by one, through everything.
+
+    Parameters
+    ----------
+    batch_size : int
+        Photons of a chunk, a multiple of 4096 up to 2^18; no effect on the result.
+    first_photon : int
+        Id of the first photon, 0 to 2^53; runs of disjoint ids are independent and `merge`.
+    max_surface_events, max_events : int
+        Crossings and collisions after which a photon is ended, 1 to 2^31.
+    roulette : float, optional
+        Weight below which Russian roulette is played, 0 (never) to 1; by default half of the
+        weight that absorption leaves on the straight way up (1e-3 with light from the air).
+    """
+
+    kind: Literal["analog"] = "analog"
+    batch_size: int = Field(2**17, ge=BLOCK, le=2**18, multiple_of=BLOCK)
+    first_photon: _Count = 0
     max_surface_events: int = Field(10, ge=1, le=2**31)
     max_events: int = Field(100_000, ge=1, le=2**31)
     roulette: float | None = Field(None, ge=0.0, le=1.0, allow_inf_nan=False)
 
+    default_photons: ClassVar[int] = 1_000_000
+    most_photons: ClassVar[int] = 10**9
+
+
+class Record(Family, frozen=True, closed="records are closed: the kernels tally these alone"):
+    """Base of the records, extra tallies of a run."""
+
+
+class Arrivals(Record, frozen=True):
+    """Record of every arrival at an aperture, with its path lengths in water and air."""
+
+    kind: Literal["arrivals"] = "arrivals"
+
+
+class IrradianceMap(Record, frozen=True):
+    """Record of the irradiance on square cells of a horizontal plane in the air (analog).
+
+    Parameters
+    ----------
+    height : float
+        Height of the plane [m], > 0.
+    extent : float
+        The map covers |x|, |y| <= extent [m], > 0.
+    step : float
+        Edge of a cell [m], 0 < step <= 2 extent.
+    axis : tuple of float
+        Axis of the aperture that the map stands for, as in `Receiver.axis`.
+    fov_deg : float
+        Full angle of its field of view [deg], 0 < fov_deg <= 180.
+    """
+
+    kind: Literal["irradiance-map"] = "irradiance-map"
+    height: float = Field(gt=0.0, allow_inf_nan=False)
+    extent: float = Field(gt=0.0, allow_inf_nan=False)
+    step: float = Field(gt=0.0, allow_inf_nan=False)
+    axis: tuple[Finite, Finite, Finite] = (0.0, 0.0, 1.0)
+    fov_deg: float = Field(180.0, gt=0.0, le=180.0, allow_inf_nan=False)
+
+    @model_validator(mode="after")
+    def _some_cells(self) -> Self:
+        if not self.step <= 2.0 * self.extent <= 10_000 * self.step:
+            allowed = f"1 to 10000 cells along 2 extent = {2.0 * self.extent:g} m"
+            raise Refused("step", self.step, allowed)
+        return self
+
+    @property
+    def n(self) -> int:
+        """Cells along each axis."""
+        return math.ceil(2.0 * self.extent / self.step - 1e-9)
+
+
+def MapGrid(  # noqa: N802 - the name of the version before
+    height: float,
+    extent: float,
+    step: float,
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    fov_deg: float = 180.0,
+) -> IrradianceMap:
+    """Return an `IrradianceMap`; kept for one version."""
+    return IrradianceMap(height=height, extent=extent, step=step, axis=axis, fov_deg=fov_deg)
+
+
+class Shortcuts(TypedDict, total=False):
+    """Fields of `Meshing` and of the estimators, which `simulate` also takes as keywords."""
+
+    time: float
+    extent: float | None
+    spacing: float | None
+    normals: Literal["vertex", "facet"]
+    reflected_photons: int
+    batch_size: int
+    first_photon: int
+    max_surface_events: int
+    max_events: int
+    roulette: float | None
+
+
+class Run(Model, frozen=True):
+    """Estimator, effort and key of a run.
+
+    Parameters
+    ----------
+    estimator : Forced or Analog, or "forced" or "analog"
+        Estimator with its options.
+    photons : int
+        Chains (forced, 10 000 by default) or photons (analog, 1 000 000), 1 to 2^53.
+    rtol : float, optional
+        Relative standard error to reach in every gain, 1e-6 to 1; `photons` is then the
+        first guess.
+    seed : int
+        Key of the random numbers, 0 <= seed < 2^64.
+    threads : int, optional
+        Threads, 1 to 1024, all cores by default; the result does not depend on them.
+
+    Notes
+    -----
+    As plain data the options of the estimator stand beside the others, as in [run].
+    """
+
+    estimator: Annotated[SerializeAsAny[Estimator], BeforeValidator(Estimator.read)] = Forced()
+    photons: int = Field(None, ge=1, le=2**53)  # type: ignore[assignment]
+    rtol: float | None = Field(None, ge=1e-6, le=1.0, allow_inf_nan=False)
+    seed: int = Field(1, ge=0, lt=2**64)
+    threads: int | None = Field(None, ge=1, le=1024)
+
     @model_validator(mode="before")
     @classmethod
-    def _default_photons(cls, data: Any) -> Any:
-        estimator = data.get("estimator", next(iter(DEFAULT_PHOTONS)))
-        return {"photons": DEFAULT_PHOTONS.get(str(estimator), 1), **data}
+    def _gather(cls, data: Any) -> Any:
+        """Move options that stand beside the others into their estimator."""
+        if not isinstance(data, Mapping) or isinstance(data.get("estimator"), Mapping):
+            return data
+        rest = dict(data)
+        try:
+            estimator = Estimator.read(rest.pop("estimator", Forced()))
+        except Refused as error:
+            raise Refused("estimator", error.value, error.allowed, error.hint) from None
+        own = {key: rest.pop(key) for key in type(estimator).model_fields if key in rest}
+        for other in Estimator.registered.values():
+            for key in other.model_fields.keys() & rest.keys():
+                # files that hold all options hold those of the other estimator, unchanged
+                if rest.pop(key) != other.model_fields[key].default:
+                    kind = other.model_fields["kind"].default
+                    raise Refused(key, data[key], f'only with estimator = "{kind}"')
+        require_keys(rest, run_keys())
+        return {**rest, "estimator": estimator.replace(**own)}
 
-    @field_validator("estimator")
-    @classmethod
-    def _known_estimator(cls, estimator: str) -> str:
-        require_word(estimator, DEFAULT_PHOTONS, "estimator")
-        return estimator
+    @model_validator(mode="after")
+    def _default_photons(self) -> Self:
+        if self.photons is None:
+            # not through the model: the field stays unset and follows another estimator
+            self.__dict__["photons"] = self.estimator.default_photons
+        return self
+
+    def to_config(self) -> dict[str, Any]:
+        """Return the options as plain data, those of the estimator beside the others."""
+        rest = self.model_dump(mode="json", exclude={"estimator"})
+        own = self.estimator.model_dump(mode="json")
+        return {"estimator": own.pop("kind"), **rest, **own}
+
+
+def run_keys() -> list[str]:
+    """Return the keys of [run]: those of `Run`, of the estimators, and `normals`."""
+    options = (key for e in Estimator.registered.values() for key in e.model_fields)
+    return list(dict.fromkeys([*Run.model_fields, "normals", *options]))
+
+
+def read_records(record: Iterable[Any], estimator: Estimator) -> dict[str, Record]:
+    """Return the records of a run by kind.
+
+    Raises
+    ------
+    Refused
+        If there are two of a kind, or a map with the forced estimator.
+    """
+    records: dict[str, Record] = {}
+    for i, item in enumerate([record] if isinstance(record, Record | str) else record):
+        try:
+            read = Record.read(item)
+        except Refused as error:
+            raise error.inside("record", i) from None
+        kind = read.model_dump()["kind"]
+        if kind in records:
+            raise Refused(f"record[{i}]", kind, "one record of a kind")
+        if isinstance(read, IrradianceMap) and not isinstance(estimator, Analog):
+            raise Refused(f"record[{i}]", kind, 'arrivals, or estimator="analog"')
+        records[kind] = read
+    return records
+
+
+DEFAULT_PHOTONS = {
+    kind: estimator.default_photons for kind, estimator in Estimator.registered.items()
+}
+"""Photons of a run, by estimator; the first is the default estimator."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import warnings
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,10 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.results.gain import Fate, FateTally, GainResult, bound_where_dark
 from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, standard_error
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.analog import MapGrid, Sums
+from meshtrace.transport import options
+from meshtrace.transport.analog import Sums
 from meshtrace.transport.forced import ForcedDetection, Parts
+from meshtrace.transport.options import Record
 
 LEFT_DOMAIN_WARNING = 1e-4
 _RETURNED = 1e-3
@@ -40,13 +43,14 @@ def per_receiver(link: Link, array: NDArray[np.float64]) -> Any:
 
 
 def analog_result(
-    link: Link, sums: Sums, origin: dict[str, Any], grid: MapGrid | None, keep_arrivals: bool
+    link: Link, sums: Sums, origin: dict[str, Any], records: Mapping[str, Record]
 ) -> GainResult:
     """Return the result of analog photons, warning of light that left the mesh."""
     n, n_rx = sums.photons, len(link.receivers)
     mean = sums.score / n
     stderr = standard_error(sums.score, sums.score_squared, n)
     weights = sums.ledger.value() / n
+    grid = records.get("irradiance-map")
     gain = per_receiver(link, mean[:n_rx])
     result = GainResult(
         gain=gain,
@@ -59,9 +63,9 @@ def analog_result(
         },
         provenance=origin,
         misses=(int(sums.misses[0]), int(sums.misses[1])),
-        arrivals=_arrivals(sums) if keep_arrivals else None,
+        arrivals=_arrivals(sums) if "arrivals" in records else None,
         planes=_planes(link, sums, mean[n_rx:], stderr[n_rx:]),
-        map=_map(grid, sums) if grid else None,
+        map=_map(grid, sums) if isinstance(grid, options.IrradianceMap) else None,
     )
     _warn(result)
     return result
@@ -168,7 +172,7 @@ def _planes(
     return Planes(np.array(link.planes.depths), *columns, **radiance)
 
 
-def _map(grid: MapGrid, sums: Sums) -> IrradianceMap:
+def _map(grid: options.IrradianceMap, sums: Sums) -> IrradianceMap:
     area = grid.step**2
     axis = np.asarray(-grid.extent + grid.step * (np.arange(grid.n) + 0.5), np.float64)
     total, squares = sums.map.value(), sums.map_squared.value()

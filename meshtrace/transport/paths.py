@@ -13,8 +13,9 @@ from meshtrace.errors import Described, Refused
 from meshtrace.kernels.photon import Vertex
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
-from meshtrace.transport.analog import BLOCK, new_recorder, run_analog
+from meshtrace.transport.analog import new_recorder, run_analog
 from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.options import BLOCK, Analog
 from meshtrace.transport.received import received_light
 
 if TYPE_CHECKING:
@@ -98,10 +99,10 @@ def record_paths(
     run_analog(
         link,
         EmbreeIntersector(mesh, 1),
+        Analog(batch_size=max(-(-n // BLOCK) * BLOCK, BLOCK)),
         photons=n,
         seed=seed,
         normals=normals,
-        batch_size=max(-(-n // BLOCK) * BLOCK, BLOCK),
         recorder=recorder,
     )
     return _split(recorder.vertex, recorder.weight, recorder.what, recorder.length)

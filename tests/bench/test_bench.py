@@ -20,7 +20,7 @@ from meshtrace.bench.scaling import counts_up_to
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import JonswapSea
 from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.simulate import mesh_for
+from meshtrace.transport.meshing import mesh_for
 
 LINK = mt.Link()
 SEA = JonswapSea(seed=3)

@@ -15,7 +15,7 @@ import meshtrace as mt
 from meshtrace.bench import figure_of_merit, new_sea
 from meshtrace.surfaces import JonswapSea
 from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.simulate import mesh_for
+from meshtrace.transport.meshing import mesh_for
 
 SEA = JonswapSea(wind_speed=13.0, seed=7)
 CHAINS = 1024  # for 1 % in every realization

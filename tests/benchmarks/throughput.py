@@ -19,7 +19,7 @@ from meshtrace.bench import best_of
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport.analog import run_analog
-from meshtrace.transport.simulate import mesh_for
+from meshtrace.transport.meshing import mesh_for
 
 SMOOTH = mt.Link(physics=mt.Physics(unresolved="none"))
 

@@ -13,7 +13,7 @@ from meshtrace import cli
 from meshtrace.results.gain import FATE_MEANING
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea
-from meshtrace.transport.simulate import DEFAULT_PHOTONS
+from meshtrace.transport.options import DEFAULT_PHOTONS
 
 ANALOG = ["--estimator", "analog", "--photons", "5000"]
 

@@ -22,13 +22,13 @@ MESH = JonswapSea(wind_speed=5.0, seed=2, mss="band").mesh(extent=12.0, spacing=
 
 @pytest.fixture(scope="module")
 def forced():
-    return mt.simulate(LINK, MESH, photons=20_000, seed=1, keep_arrivals=True)
+    return mt.simulate(LINK, MESH, photons=20_000, seed=1, record=[mt.Arrivals()])
 
 
 @pytest.fixture(scope="module")
 def analog():
     return mt.simulate(
-        LINK, MESH, estimator="analog", photons=1_500_000, seed=1, keep_arrivals=True
+        LINK, MESH, estimator="analog", photons=1_500_000, seed=1, record=[mt.Arrivals()]
     )
 
 
@@ -93,7 +93,7 @@ def test_estimators_agree_on_the_shape(forced, analog):
 
 def test_straight_light_over_still_water_has_one_delay():
     link = mt.Link(water=mt.Water(b=0.0), receiver=mt.Receiver(radius=0.01))
-    r = mt.simulate(link, FlatSea(), photons=64, keep_arrivals=True, extent=3.0, spacing=0.05)
+    r = mt.simulate(link, FlatSea(), photons=64, record=[mt.Arrivals()], extent=3.0, spacing=0.05)
     i = impulse_response(r, bin_width=1e-12)
     expected = (1.33 * 10.0 + 5.0) / SPEED_OF_LIGHT
     # unscattered light is dated by the centroid of its facet
@@ -108,7 +108,9 @@ def test_air_has_its_own_speed():
     delays = []
     for height in (5.0, 10.0):
         link = mt.Link(water=mt.Water(b=0.0), receiver=mt.Receiver(radius=0.01, height=height))
-        r = mt.simulate(link, FlatSea(), photons=64, keep_arrivals=True, extent=3.0, spacing=0.05)
+        r = mt.simulate(
+            link, FlatSea(), photons=64, record=[mt.Arrivals()], extent=3.0, spacing=0.05
+        )
         delays.append(impulse_response(r).first_arrival)
     assert delays[1] - delays[0] == pytest.approx(5.0 / SPEED_OF_LIGHT, rel=1e-4)
 
@@ -142,7 +144,7 @@ def test_errors_of_the_delays_are_the_scatter_over_seeds():
 
     rows = []
     for seed in range(24):
-        r = mt.simulate(LINK, MESH, photons=600, seed=seed, keep_arrivals=True)
+        r = mt.simulate(LINK, MESH, photons=600, seed=seed, record=[mt.Arrivals()])
         i = impulse_response(r)
         rows.append((i.first_arrival + i.mean_delay, i.mean_delay_stderr))
     value, error = np.array(rows).T

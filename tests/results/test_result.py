@@ -28,7 +28,7 @@ def rich():
         receiver=(mt.Receiver(radius=1.0), mt.WaterAperture(depth=2.0, radius=1.0)),
         planes=mt.IrradiancePlanes(depths=(1.0, 4.0), n_cosines=5, n_azimuths=3),
     )
-    return run(link, grid=mt.MapGrid(5.0, 2.0, 0.5), keep_arrivals=True)
+    return run(link, record=[mt.MapGrid(5.0, 2.0, 0.5), mt.Arrivals()])
 
 
 def assert_same(a, b):
@@ -192,8 +192,8 @@ def test_merge_remembers_which_photons_it_holds():
 def test_merge_keeps_arrivals_of_every_part():
     """A part that received nothing is a part like the others."""
     link = mt.Link()
-    dark = run(link, photons=1, keep_arrivals=True)
-    lit = run(link, photons=300_000, first_photon=1, keep_arrivals=True)
+    dark = run(link, photons=1, record=[mt.Arrivals()])
+    lit = run(link, photons=300_000, first_photon=1, record=[mt.Arrivals()])
     assert dark.gain == 0.0
     assert lit.gain > 0.0
     merged = mt.merge([dark, lit])
@@ -201,8 +201,8 @@ def test_merge_keeps_arrivals_of_every_part():
 
 
 def test_merge_refuses_maps_of_different_places():
-    a = run(grid=mt.MapGrid(5.0, 5.0, 1.0))
-    b = run(grid=mt.MapGrid(5.0, 10.0, 2.0), first_photon=8192)
+    a = run(record=[mt.MapGrid(5.0, 5.0, 1.0)])
+    b = run(record=[mt.MapGrid(5.0, 10.0, 2.0)], first_photon=8192)
     with pytest.raises(ValueError, match="configurations differ"):
         mt.merge([a, b])
 

@@ -20,7 +20,7 @@ from meshtrace.surfaces import (
     TiltedPlane,
     Tma,
 )
-from meshtrace.transport.simulate import DEFAULT_PHOTONS
+from meshtrace.transport.options import DEFAULT_PHOTONS
 
 
 def read(text, **options):

@@ -13,7 +13,7 @@ from meshtrace.results.series import GainSeries
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.simulate import mesh_for
+from meshtrace.transport.meshing import mesh_for
 
 SEA = JonswapSea(wind_speed=13.0, seed=3, mss="band")
 TILTED = JonswapSea(wind_speed=13.0, seed=3)

@@ -11,8 +11,9 @@ from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.surfaces import FlatSea
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.options import Meshing
 from meshtrace.transport.outcome import DomainWarning
-from meshtrace.transport.simulate import mesh_for
 
 
 def scaled(k, x=0.0):
@@ -64,7 +65,7 @@ def test_a_receiver_far_aside_takes_a_small_mesh():
 
 def test_a_mesh_of_too_many_facets_is_refused_before_it_is_made():
     with pytest.raises(Refused, match=r"mesh: .* million facets, some .* GB, allowed"):
-        mesh_for(mt.Link(), FlatSea(), extent=1000.0, spacing=0.01)
+        mesh_for(mt.Link(), FlatSea(), Meshing(extent=1000.0, spacing=0.01))
 
 
 def test_an_extent_that_cuts_the_light_is_said():

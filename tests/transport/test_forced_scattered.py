@@ -16,8 +16,8 @@ from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.surfaces import FlatSea
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.outcome import FewSamplesWarning
-from meshtrace.transport.simulate import mesh_for
 
 
 def single_scattering(link, n_theta=48, n_phi=192, n_line=160):

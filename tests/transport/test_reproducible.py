@@ -43,8 +43,8 @@ def simulate(link, mesh, **options):
         link,
         mesh,
         estimator="analog",
-        grid=mt.MapGrid(5.0, 3.0, 0.5),
-        keep_arrivals=True,
+        record=[mt.MapGrid(5.0, 3.0, 0.5)],
+        record=[mt.Arrivals()],
         **options,
     )
 
@@ -115,10 +115,10 @@ def intersector(mesh):
 @pytest.mark.parametrize("name", LINKS)
 def test_recording_paths_changes_nothing(intersector, name):
     link = LINKS[name]
-    plain = run_analog(link, intersector, photons=9000, seed=5, keep_arrivals=True)
+    plain = run_analog(link, intersector, photons=9000, seed=5, record=[mt.Arrivals()])
     recorder = new_recorder(500, 40)
     watched = run_analog(
-        link, intersector, photons=9000, seed=5, keep_arrivals=True, recorder=recorder
+        link, intersector, photons=9000, seed=5, record=[mt.Arrivals()], recorder=recorder
     )
     assert recorder.length.min() >= 2
     for field in ("photons", "score", "score_squared", "count", "misses"):
@@ -159,7 +159,7 @@ def test_a_photon_alone_is_the_photon_in_the_run(intersector, name):
     np.testing.assert_array_equal(score.sum(axis=0), whole.score)
     np.testing.assert_array_equal(ledger.value(), whole.ledger.value())
     # and in the middle of a long run: the arrivals carry the ids
-    long = run_analog(link, intersector, photons=30_000, seed=8, keep_arrivals=True)
+    long = run_analog(link, intersector, photons=30_000, seed=8, record=[mt.Arrivals()])
     rows = np.concatenate(long.arrivals)
     here = rows[(rows[:, 0] >= first) & (rows[:, 0] < first + n)]
     inside = np.zeros(score.shape)
@@ -239,6 +239,6 @@ def test_arrivals_are_complete_however_often_light_passes():
     )
     mesh = JonswapSea(wind_speed=5.0, seed=1).mesh(extent=20.0, spacing=2.0)
     r = mt.simulate(
-        link, mesh, estimator="analog", photons=4096, keep_arrivals=True, max_events=1000
+        link, mesh, estimator="analog", photons=4096, record=[mt.Arrivals()], max_events=1000
     )
     assert r.arrivals.weight.sum() == pytest.approx(r.gain, rel=1e-12)

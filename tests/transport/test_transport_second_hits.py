@@ -131,7 +131,7 @@ def test_air_path_counts_every_flight(two_hits):
     )
     link = link_of(two_hits).model_copy(update={"receiver": receiver})
     r = mt.simulate(
-        link, valley(), estimator="analog", photons=50_000, normals="facet", keep_arrivals=True
+        link, valley(), estimator="analog", photons=50_000, normals="facet", record=[mt.Arrivals()]
     )
     assert r.gain > 0.0
     air = r.arrivals.air_path

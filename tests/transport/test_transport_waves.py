@@ -125,7 +125,7 @@ def test_focusing_moves_light_and_loses_none():
     lamp = mt.Led(half_angle_deg=5.0)
     link = mt.Link(water=CLEAR, transmitter=lamp, receiver=mt.Receiver(radius=0.3))
     calm, wavy = (
-        analog(link, sea, 2_000_000, extent=10.0, spacing=spacing, seed=8, grid=grid)
+        analog(link, sea, 2_000_000, extent=10.0, spacing=spacing, seed=8, record=[grid])
         for sea, spacing in ((FlatSea(), 5.0), (FOCUSING, 0.05))
     )
     bright, even = (r.map.irradiance for r in (wavy, calm))

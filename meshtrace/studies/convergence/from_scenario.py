@@ -46,7 +46,7 @@ def study_scenario(
     Refused
         If the surface is a mesh from a file, or an option is out of range.
     """
-    sea, sampling = scenario.surface, scenario.sampling
+    sea, sampling = scenario.surface, scenario.meshing
     if not isinstance(sea, SurfaceModel):
         raise Refused("sea.mesh", Described("a mesh as it is"), "a sea, which has any spacing")
     studies: dict[str, Callable[..., ConvergenceStudy]] = {

@@ -9,7 +9,7 @@ import numpy as np
 
 from meshtrace.studies.convergence.checks import Floats
 from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.simulate import mesh_for
+from meshtrace.transport.meshing import mesh_for
 
 if TYPE_CHECKING:
     from meshtrace.link import Link

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from meshtrace.results.provenance import provenance
 from meshtrace.studies.convergence.checks import (
     Floats,
     Normals,
@@ -30,7 +31,6 @@ from meshtrace.studies.convergence.measure import (
 )
 from meshtrace.studies.convergence.meshes import crest_of, nested_mesh, placement_shifts
 from meshtrace.studies.convergence.study import ConvergenceStudy
-from meshtrace.transport.simulate import provenance
 
 if TYPE_CHECKING:
     from meshtrace.link import Link

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from meshtrace.results.provenance import provenance
 from meshtrace.studies.convergence.checks import (
     Floats,
     Normals,
@@ -20,7 +21,8 @@ from meshtrace.studies.convergence.checks import (
 from meshtrace.studies.convergence.measure import CommonChains, Measured, mapped, stacked
 from meshtrace.studies.convergence.meshes import crest_of
 from meshtrace.studies.convergence.study import ConvergenceStudy, Costs
-from meshtrace.transport.simulate import mesh_for, provenance
+from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.options import Meshing
 
 if TYPE_CHECKING:
     from meshtrace.link import Link
@@ -79,7 +81,9 @@ def time_step_study(
 
     def measure(i: int) -> Measured:
         began = clock.perf_counter()
-        mesh = mesh_for(chains.link, sea, start + i * finest, None, spacing, chains.reach)[0]
+        mesh = mesh_for(
+            chains.link, sea, Meshing(time=start + i * finest, spacing=spacing), chains.reach
+        )[0]
         return chains.measure(mesh, clock.perf_counter() - began)
 
     frames, ballistic, slopes, reflected, costs = stacked(

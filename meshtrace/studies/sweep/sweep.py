@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 from meshtrace.errors import Described, Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
-from meshtrace.scenario import DEFAULT_WIND_SPEED, Run, Sampling, Scenario
+from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
 from meshtrace.studies.sweep.cluster import DEFAULT_TIMEOUT, compute
 from meshtrace.studies.sweep.lock import locked
 from meshtrace.studies.sweep.points import Study, one_line
 from meshtrace.studies.sweep.store import dataset, open_store, waiting_tasks
+from meshtrace.transport.options import Forced
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -232,10 +233,10 @@ def _base(
     else:
         scenario = Scenario.from_config(link)
     if isinstance(sea, SurfaceModel):
-        scenario = scenario.model_copy(update={"surface": sea, "sampling": Sampling()})
+        scenario = scenario.model_copy(update={"surface": sea, "meshing": Meshing()})
     elif sea is not None:
         scenario = Scenario.from_config({**scenario.to_config(), "sea": dict(sea)})
-    forced = scenario.run.estimator == "forced"
+    forced = isinstance(scenario.run.estimator, Forced)
     photons = FIRST_CHAINS if forced else scenario.run.photons
     return scenario.model_copy(update={"run": Run(**{**_kept(scenario.run), "photons": photons})})
 

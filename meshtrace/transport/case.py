@@ -1,0 +1,67 @@
+"""What a run is about: a link over a surface with its options, from whatever describes it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+from meshtrace.errors import Described, Refused, require_keys
+from meshtrace.link import Link
+from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.transport.options import Meshing, Run, run_keys
+
+DEFAULT_WIND_SPEED = 5.0
+"""Wind speed of the default sea [m s-1], over a link that names none."""
+
+
+class Case(NamedTuple):
+    """A link over a surface, the options of its run, and further provenance."""
+
+    link: Link
+    surface: SurfaceModel | TriangleMesh
+    run: Run = Run()
+    meshing: Meshing = Meshing()
+    origin: dict[str, Any] = {}
+
+    def with_options(self, mesh: Meshing | None = None, **options: Any) -> Case:
+        """Return the case with fields of `Run`, of its estimator and of `Meshing` replaced."""
+        require_keys(options, [*Meshing.model_fields, *run_keys()])
+        given = {key: options.pop(key) for key in Meshing.model_fields if key in options}
+        meshing = (self.meshing if mesh is None else mesh).replace(**given)
+        return self._replace(run=self.run.replace(**options), meshing=meshing)
+
+
+@runtime_checkable
+class HasCase(Protocol):
+    """A description that holds link, surface and options, such as a Scenario."""
+
+    def case(self, surface: SurfaceModel | TriangleMesh | None = None) -> Case:
+        """Return what is run, over another surface if one is given."""
+        ...
+
+
+def resolve(link: Link | HasCase, surface: SurfaceModel | TriangleMesh | None = None) -> Case:
+    """Return the case of a link and a surface, or of a scenario.
+
+    Parameters
+    ----------
+    link : Link or Scenario
+        A scenario brings its surface and options.
+    surface : SurfaceModel or TriangleMesh, optional
+        By default that of the scenario; over a link the JONSWAP sea of the wind of its bubbles
+        and whitecaps, or of 5 m/s.
+
+    Raises
+    ------
+    Refused
+        If one of them is something else.
+    """
+    if isinstance(link, HasCase):
+        return link.case(surface)
+    if not isinstance(link, Link):
+        raise Refused("link", Described(type(link).__name__), "a Link or a Scenario")
+    if surface is None:
+        from meshtrace.surfaces import sea_in_wind
+
+        wind_speed = DEFAULT_WIND_SPEED if link.wind_speed is None else link.wind_speed
+        surface = sea_in_wind(wind_speed)
+    return Case(link, surface)

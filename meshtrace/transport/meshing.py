@@ -1,0 +1,112 @@
+"""The mesh of a surface for a link: resolution, coverage and the configuration that identifies it."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from typing import Any
+
+from meshtrace.errors import Described, Refused
+from meshtrace.link import Link
+from meshtrace.link.link import Footprint
+from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.transport.options import Meshing
+
+_MOST_FACETS = 8e6
+
+
+def mesh_for(
+    link: Link,
+    surface: SurfaceModel | TriangleMesh,
+    meshing: Meshing = Meshing(),  # noqa: B008 - frozen
+    reach: float | None = None,
+) -> tuple[TriangleMesh, dict[str, Any]]:
+    """Return the mesh for a link and the configuration that identifies it.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    surface : SurfaceModel or TriangleMesh
+        A sea, triangulated over the link's footprint, or a mesh taken as it is.
+    meshing : Meshing
+        Time and resolution.
+    reach : float, optional
+        Largest distance from the axis at which light crosses to a receiver [m]: the forced
+        estimator needs no more of the surface.
+
+    Raises
+    ------
+    Refused
+        If a given mesh does not reach over the sources and receivers, or the surface reaches
+        a source or a receiver.
+    """
+    if isinstance(surface, TriangleMesh):
+        mesh, config = surface, _identity(surface)
+    elif isinstance(surface, SurfaceModel):
+        mesh, config = _triangulated(link, surface, meshing, reach), surface.to_config()
+    else:
+        kind = Described(type(surface).__name__)
+        raise Refused("surface", kind, "a sea (SurfaceModel) or a TriangleMesh")
+    _require_cover(link, mesh)
+    return mesh, config
+
+
+def _identity(mesh: TriangleMesh) -> dict[str, Any]:
+    digest = hashlib.sha256(
+        mesh.vertices.tobytes() + mesh.faces.tobytes() + mesh.vertex_normals.tobytes()
+    ).hexdigest()
+    return {"kind": "mesh", "sha256": digest, "facets": len(mesh.faces)}
+
+
+def _triangulated(
+    link: Link, surface: SurfaceModel, meshing: Meshing, reach: float | None
+) -> TriangleMesh:
+    f = link.footprint()
+    if reach is not None:
+        far = math.dist(f.center, link.origin)
+        wide = min(reach + far + 20.0 * f.spacing, f.extent)
+        wide = max(wide, f.fine_extent + 10.0 * f.spacing)
+        f = f._replace(extent=wide, coarse_spacing=4.0 * f.spacing)
+    spacing = meshing.spacing or f.spacing
+    _require_size(f, meshing)
+    if meshing.extent is not None:
+        return surface.mesh(meshing.time, meshing.extent, spacing, center=link.origin)
+    return surface.mesh(
+        meshing.time,
+        f.extent,
+        spacing,
+        center=f.center,
+        fine_extent=f.fine_extent,
+        coarse_spacing=max(f.coarse_spacing, meshing.spacing or 0.0),
+    )
+
+
+def _require_size(f: Footprint, meshing: Meshing) -> None:
+    """Refuse a mesh of more facets than memory and time allow, before it is made."""
+    fine = meshing.spacing or f.spacing
+    if meshing.extent is not None:
+        facets = 2.0 * (2.0 * meshing.extent / fine) ** 2
+    else:
+        coarse = max(f.coarse_spacing, fine)
+        facets = 8.0 * ((f.fine_extent / fine) ** 2 + (f.extent / coarse) ** 2)
+    if facets > _MOST_FACETS:
+        size = Described(f"{facets / 1e6:.3g} million facets, some {facets * 250e-9:.2g} GB")
+        allowed = f"at most {_MOST_FACETS / 1e6:g} million facets; larger spacing or smaller extent"
+        raise Refused("mesh", size, allowed)
+
+
+def _require_cover(link: Link, mesh: TriangleMesh) -> None:
+    low, high = mesh.bounds
+    for path, item in link.items():
+        x, y, z = item.center
+        if not (low[0] <= x <= high[0] and low[1] <= y <= high[1]):
+            covered = f"covers x {low[0]:g}..{high[0]:g} m, y {low[1]:g}..{high[1]:g} m"
+            allowed = f"a mesh that covers the beam: {path} at ({x:g}, {y:g}) m"
+            raise Refused("mesh", Described(covered), allowed)
+        if low[2] <= z < 0.0:
+            allowed = f"below the lowest trough, depth > {-low[2]:.3g} m"
+            raise Refused(f"{path}.depth", Described(f"{-z:g} m"), allowed)
+        if 0.0 < z <= high[2]:
+            allowed = f"above the highest crest, height > {high[2]:.3g} m"
+            raise Refused(f"{path}.height", Described(f"{z:g} m"), allowed)
