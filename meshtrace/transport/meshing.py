@@ -1,4 +1,4 @@
-"""The mesh of a surface for a link: resolution, coverage and the configuration that identifies it."""
+"""Mesh of a surface for a link: resolution, coverage and the identifying configuration."""
 
 from __future__ import annotations
 
