@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
@@ -9,8 +10,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Refused
+
 if TYPE_CHECKING:
     import trimesh
+
+_FARTHEST = 1e6  # [m]: single precision and integers of bins hold such coordinates
 
 
 @runtime_checkable
@@ -123,8 +128,9 @@ class TriangleMesh:
             raise ValueError(f"mesh.vertices: shape {vertices.shape}, allowed (n >= 3, 3)")
         if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) < 1:
             raise ValueError(f"mesh.faces: shape {faces.shape}, allowed (m >= 1, 3)")
-        if not np.isfinite(vertices).all():
-            raise ValueError("mesh.vertices: not all finite, allowed finite coordinates [m]")
+        largest = float(np.abs(vertices).max())  # nan and inf are refused, too
+        if not largest <= _FARTHEST:
+            raise Refused("mesh.vertices", largest, f"coordinates within {_FARTHEST:g} m")
         if faces.min() < 0 or faces.max() >= len(vertices):
             raise ValueError(
                 f"mesh.faces: indices {faces.min()}..{faces.max()}, allowed 0..{len(vertices) - 1}"
@@ -182,8 +188,13 @@ class TriangleMesh:
 
     @cached_property
     def max_slope(self) -> float:
-        """Steepest facet slope: a ray that climbs faster cannot meet the surface again."""
+        """Steepest facet slope: a ray that climbs faster cannot meet the surface again.
+
+        Infinite if a facet stands upright or hangs over.
+        """
         n = self.face_normals
+        if not n[:, 2].min() > 0.0:
+            return math.inf
         return float((np.hypot(n[:, 0], n[:, 1]) / n[:, 2]).max())
 
     def to_trimesh(self) -> trimesh.Trimesh:

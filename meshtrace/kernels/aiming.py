@@ -37,7 +37,6 @@ from meshtrace.kernels.vectors import (
     minus2,
     row,
     scaled,
-    write,
 )
 
 FLAT_SEA = np.int64(-1)
@@ -52,7 +51,9 @@ FACET = np.dtype(
     [
         ("radius", float),  # [m], from the centroid
         ("curvature", float),  # largest change of slope along an edge [m-1]
-        ("centroid", float, (3,)),
+        ("x", float),  # centroid
+        ("y", float),
+        ("z", float),
         ("slope_x", float),
         ("slope_y", float),
     ]
@@ -270,12 +271,13 @@ def aim_at(x, y, facet, shot, scene):
     Array twin: see `land`.
     Interpolated normals are continued beyond the facet, so that Newton sees a smooth map.
     """
+    p = Vec3(x, y, height_on(x, y, facet, scene.surface))  # first: the rest waits for it
     n = UP
     if facet >= 0:
         n = normal_at(x, y, facet, scene.surface)
         if shot.tilt.x != 0.0 or shot.tilt.y != 0.0:
             n = tilted(n, shot.tilt)
-    return land(Vec3(x, y, height_on(x, y, facet, scene.surface)), n, shot, scene)
+    return land(p, n, shot, scene)
 
 
 @inlined
@@ -444,13 +446,13 @@ def _may_hold(facet, flat, tilt):
     the first order, and the facet's size grows by its curvature.
     """
     sx, sy = facet.slope_x + tilt.x, facet.slope_y + tilt.y
-    dz = facet.centroid[2] - flat.level
+    dz = facet.z - flat.level
     mx, my = flat.m11 * sx + flat.m12 * sy, flat.m21 * sx + flat.m22 * sy
     hx, hy = flat.h1 * dz, flat.h2 * dz
     move = abs(mx) + abs(my) + abs(hx) + abs(hy)
     bend = abs(flat.m11) + abs(flat.m12) + abs(flat.m21) + abs(flat.m22)
     reach = 0.5 * move + 2.0 * facet.radius * (1.0 + bend * facet.curvature)
-    ex, ey = flat.x + mx + hx - facet.centroid[0], flat.y + my + hy - facet.centroid[1]
+    ex, ey = flat.x + mx + hx - facet.x, flat.y + my + hy - facet.y
     return ex * ex + ey * ey <= reach * reach
 
 
@@ -459,9 +461,15 @@ def _first_bin(surface, f, grid):
     """Return the lowest bin that a facet reaches into, which may lie outside of the grid."""
     a, b, c = corners(surface.vertices, f, surface.faces)
     return (
-        math.floor((min(a.x, b.x, c.x) - grid.x) / grid.step),
-        math.floor((min(a.y, b.y, c.y) - grid.y) / grid.step),
+        _bin_of(min(a.x, b.x, c.x), grid.x, grid.step, grid.nx),
+        _bin_of(min(a.y, b.y, c.y), grid.y, grid.step, grid.ny),
     )
+
+
+@inlined
+def _bin_of(x, start, step, n):
+    """Return the bin of a coordinate, clipped before the conversion: it may not fit an integer."""
+    return math.floor(max(min((x - start) / step, float(n)), -1.0))
 
 
 @outlined
@@ -486,7 +494,7 @@ def _facet_roots(roots, n, f, flat, shot, scene):
     may be two: Newton starts from its corners too.
     """
     facet = scene.facets[f]
-    x, y = facet.centroid[0], facet.centroid[1]
+    x, y = facet.x, facet.y
     m = aim_at(x, y, f, shot, scene)
     bend = flat.lever * facet.curvature
     if m.ok:
@@ -515,6 +523,16 @@ def _add_root(roots, n, first, x, y, f, shot, scene):
     return n + 1
 
 
+@inlined
+def _span(p, q):
+    return math.hypot(p.x - q.x, p.y - q.y)
+
+
+@inlined
+def _bend(m, n):
+    return math.hypot(m.x / m.z - n.x / n.z, m.y / m.z - n.y / n.z)
+
+
 @entry
 def facet_summary(surface, out):
     """Write the `FACET` record of each facet.
@@ -523,19 +541,16 @@ def facet_summary(surface, out):
     The curvature of faceted normals is 0.
     """
     for f in range(len(surface.faces)):
-        p = corners(surface.vertices, f, surface.faces)
-        normals = corners(surface.vertex_normals, f, surface.faces)
-        a, b, c = p
-        center = Vec3((a.x + b.x + c.x) / 3.0, (a.y + b.y + c.y) / 3.0, (a.z + b.z + c.z) / 3.0)
-        radius = curvature = 0.0
-        for k in range(3):
-            i, j, m, n = p[k], p[(k + 1) % 3], normals[k], normals[(k + 1) % 3]
-            radius = max(radius, math.hypot(i.x - center.x, i.y - center.y))
-            bend = math.hypot(m.x / m.z - n.x / n.z, m.y / m.z - n.y / n.z)
-            curvature = max(curvature, bend / math.hypot(i.x - j.x, i.y - j.y))
+        a, b, c = corners(surface.vertices, f, surface.faces)
+        k, m, n = corners(surface.vertex_normals, f, surface.faces)
+        x, y, z = (a.x + b.x + c.x) / 3.0, (a.y + b.y + c.y) / 3.0, (a.z + b.z + c.z) / 3.0
+        middle = Vec2(x, y)
+        out[f].radius = max(_span(a, middle), _span(b, middle), _span(c, middle))
+        curvature = max(_bend(k, m) / _span(a, b), _bend(m, n) / _span(b, c))
+        curvature = max(curvature, _bend(n, k) / _span(c, a))
+        out[f].curvature = curvature if surface.interpolate else 0.0
+        out[f].x, out[f].y, out[f].z = x, y, z
         g = row(surface.face_normals, f)
-        out[f].radius, out[f].curvature = radius, curvature if surface.interpolate else 0.0
-        write(out[f].centroid, center)
         out[f].slope_x, out[f].slope_y = -g.x / g.z, -g.y / g.z
 
 
@@ -565,6 +580,6 @@ def fill_bins(surface, grid, cursor):
 def _bin_range(surface, f, grid):
     a, b, c = corners(surface.vertices, f, surface.faces)
     i0, j0 = _first_bin(surface, f, grid)
-    i1 = math.floor((max(a.x, b.x, c.x) - grid.x) / grid.step)
-    j1 = math.floor((max(a.y, b.y, c.y) - grid.y) / grid.step)
+    i1 = _bin_of(max(a.x, b.x, c.x), grid.x, grid.step, grid.nx)
+    j1 = _bin_of(max(a.y, b.y, c.y), grid.y, grid.step, grid.ny)
     return max(i0, 0), min(i1, grid.nx - 1), max(j0, 0), min(j1, grid.ny - 1)

@@ -46,6 +46,7 @@ from meshtrace.kernels.vectors import (
     write,
 )
 
+_FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, that is much
 _AUDIT_FAILED = 0.25  # share of chains without a solution whose facets are all searched
 
 RAY = np.dtype(
@@ -92,6 +93,7 @@ class Search(NamedTuple):
     slope: float  # steepest slope of the surface
     margin: float  # [m], size of the facets
     widest: float  # [m], no crossing lies farther from the flat one
+    curvature: float  # largest change of slope along an edge of the facets [m-1]
 
 
 class Output(NamedTuple):
@@ -232,7 +234,7 @@ def direct_crossings(points, starts, scene, found, out):
         out[i, 0], out[i, 1], out[i, 2] = x, y, height_on(x, y, facet, scene.surface)
 
 
-@outlined
+@inlined
 def _find(chains, i, flat, audit, search, scene, out):
     """Write the crossings of chain i (`Output.roots`); return their number.
 
@@ -246,12 +248,12 @@ def _find(chains, i, flat, audit, search, scene, out):
                 out.counters[Counter.NO_FLAT] += 1
             break
         shot = shot_of(chains, i, scene.target, flat[k].branch, scene.surface.roughness)
-        n = _near(n, flat[k], audit, search, shot, scene, out)
+        n = _near(n, flat[k], audit, search, shot, scene, out.roots, out.counters)
     return n
 
 
 @outlined
-def _near(n, flat, audit, search, shot, scene, out):
+def _near(n, flat, audit, search, shot, scene, roots, counters):
     """Append the crossings that belong to one flat crossing."""
     surface, target, tilt = scene.surface, scene.target, shot.tilt
     waves = max(abs(surface.high[2] - flat.level), abs(surface.low[2] - flat.level))
@@ -274,18 +276,19 @@ def _near(n, flat, audit, search, shot, scene, out):
                 found, x, y, facet = newton(x0, y0, start, False, step * radius, shot, scene)
                 found = found and inside_facet(x, y, facet, surface)
         if found:
-            out.counters[Counter.SOLVED] += 1
-            n = _add(out.roots, n, x, y, facet, shot.branch, 1.0)
+            counters[Counter.SOLVED] += 1
+            n = _add(roots, n, x, y, facet, shot.branch, 1.0)
         # most chains that Newton gives up have no crossing: a quarter of them tells
-        share = search.audit if found else max(search.audit, _AUDIT_FAILED)
+        audited = 1.0 if search.curvature * flat.lever > _FOCUSING else search.audit
+        share = audited if found else max(audited, _AUDIT_FAILED)
         if audit >= share:
             return n
-    out.counters[Counter.ENUMERATED] += 1
+    counters[Counter.ENUMERATED] += 1
     kept = n
-    for k in range(n, enumerate_roots(out.roots, n, flat, radius, shot, scene)):
-        r = out.roots[k]
-        kept = _add(out.roots, kept, r.x, r.y, r.facet, shot.branch, 1.0 / share)
-    out.counters[Counter.EXTRA_ROOTS] += kept - max(n, first)
+    for k in range(n, enumerate_roots(roots, n, flat, radius, shot, scene)):
+        r = roots[k]
+        kept = _add(roots, kept, r.x, r.y, r.facet, shot.branch, 1.0 / share)
+    counters[Counter.EXTRA_ROOTS] += kept - max(n, first)
     return kept
 
 
@@ -356,19 +359,13 @@ def weigh(chains, i, p, facet, shot, scene):
     `steep`: no wave can cut its paths off.
     """
     j = jacobian(p.x, p.y, facet, shot, scene)
-    seen = 1.0
-    if shot.tilt.x != 0.0 or shot.tilt.y != 0.0:
-        seen = exposure(j.aim.d, normal_at(p.x, p.y, facet, scene.surface), shot.tilt)
-    weight, deep = weight_of(chains, i, p, j, seen, scene)
+    weight, deep = weight_of(chains, i, p, j, facet, shot.tilt, scene)
     return weight, is_steep(j.aim, scene) and deep, j.aim
 
 
 @inlined
-def weight_of(chains, i, p, j, seen, scene):
-    """Return (|A| I(w) W / |det dX/dOmega|, all vertices deep) of chain i through a crossing.
-
-    `seen` is the exposure of a tilted surface.
-    """
+def weight_of(chains, i, p, j, facet, tilt, scene):
+    """Return (|A| I(w) W / |det dX/dOmega|, all vertices deep) of chain i through a crossing."""
     m, target = j.aim, scene.target
     spread = abs(j.a * j.d - j.b * j.c)
     if not j.ok or m.w.z <= -0.999999 or spread == 0.0:
@@ -376,7 +373,9 @@ def weight_of(chains, i, p, j, seen, scene):
     if not accepted(m, p, target, scene.interface.fov):
         return 0.0, True
     solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (abs(m.w.z) * spread)
-    light = intensity(scene.emitter, m.w) * transmittance(m, scene.interface) * seen
+    light = intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
+    if tilt.x != 0.0 or tilt.y != 0.0:
+        light *= exposure(m.d, normal_at(p.x, p.y, facet, scene.surface), tilt)
     w, deep = _transmit(chains, i, m, p, scene)
     return math.pi * target.radius**2 * light * solid_angle * w * chains.weight[i], deep
 

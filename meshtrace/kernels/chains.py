@@ -18,9 +18,6 @@ from meshtrace.kernels.medium import lookup
 from meshtrace.kernels.phase import sample_s
 from meshtrace.kernels.vectors import ORIGIN, TWO_PI, UP, along, turn, write
 
-FREE_PATH_SHARE = 0.2
-"""Share of chains whose distances are free paths; the others fill the way to the surface."""
-
 DIMENSIONS = 3
 """Uniforms that a vertex takes: distance, polar angle (and scatterer), azimuth."""
 
@@ -48,6 +45,8 @@ class Nominal(NamedTuple):
     density: NDArray[np.float64]  # (nodes,) linear density of collisions [m-1]
     bubble: NDArray[np.float64]  # (nodes,) share of bubbles among the scatterers
     expected: float  # number of collisions on the way
+    stretch: NDArray[np.float64]  # (m,) lengths of the ways that chains fill, over `distance`
+    mixture: NDArray[np.float64]  # (m + 1,) shares of chains: free paths, then each stretch
 
 
 @inlined
@@ -73,12 +72,14 @@ def _distance(nominal, u):
 
 
 @entry
-def make_chains(chains, nominal, medium, uniforms, free_path):
+def make_chains(chains, nominal, medium, uniforms, component):
     """Fill chains of order K from uniforms of shape (n, 3 K + 4).
 
     Array twin: `tests/kernels/test_chains.py`.
-    Distances are sorted draws from the nominal profile, or free paths (`free_path` rows); the
-    weight divides by the mixture of both densities (one-sample balance heuristic).
+    Distances are free paths (`component` 0) or sorted draws from the nominal profile, stretched
+    to a slanted way (component j: by `stretch[j - 1]`); the weight divides by the density of
+    the mixture (one-sample balance heuristic). Without stretches, chains longer than the
+    vertical way have the small density of the free paths alone, and large weights.
     """
     n, order, _ = chains.vertex.shape
     log_factorial = 0.0
@@ -88,24 +89,26 @@ def make_chains(chains, nominal, medium, uniforms, free_path):
         u = uniforms[i]
         at = chains.vertex[i]  # at[k, 0] holds the path length of vertex k until it is placed
         for k in range(order):
-            if free_path[i]:
+            if component[i] == 0:
                 before = at[k - 1, 0] if k > 0 else 0.0
                 at[k, 0] = before - math.log(1.0 - u[3 * k]) / nominal.c
             else:
-                s = _distance(nominal, u[3 * k])
+                s = nominal.stretch[component[i] - 1] * _distance(nominal, u[3 * k])
                 j = k
                 while j > 0 and at[j - 1, 0] > s:
                     at[j, 0] = at[j - 1, 0]
                     j -= 1
                 at[j, 0] = s
         total = at[order - 1, 0] if order > 0 else 0.0
-        log_free = order * math.log(nominal.c) - nominal.c * total
-        density = FREE_PATH_SHARE * math.exp(log_free)
-        if total < nominal.distance:
-            log_profile = log_factorial
-            for k in range(order):
-                log_profile += math.log(lookup(nominal.density, at[k, 0] / nominal.step))
-            density += (1.0 - FREE_PATH_SHARE) * math.exp(log_profile)
+        density = nominal.mixture[0] * math.exp(order * math.log(nominal.c) - nominal.c * total)
+        for j in range(len(nominal.stretch)):
+            stretch = nominal.stretch[j]
+            if total < stretch * nominal.distance:
+                log_profile = log_factorial - order * math.log(stretch)
+                for k in range(order):
+                    p = lookup(nominal.density, at[k, 0] / (stretch * nominal.step))
+                    log_profile += math.log(p)
+                density += nominal.mixture[j + 1] * math.exp(log_profile)
         chains.path[i] = total
         chains.weight[i] = _place(chains, i, nominal, medium, u) / density
         r = math.sqrt(u[3 * order])

@@ -341,9 +341,8 @@ def _free_of_surface(z, d, world):
 def _to_sky(q, d, weight, world):
     """Score light that leaves the surface for good and deposit its weight."""
     flight = Flight(_place(q), d, math.inf, weight, q.water, q.air)
-    received = q.crossings >= world.limits.first_scored and _score_apertures(
-        q, False, flight, world
-    )
+    scored = q.crossings >= world.limits.first_scored
+    received = scored and _score_apertures(q, False, flight, world)
     score_map(world.tallies, flight)
     deposit(world.tallies, Fate.RECEIVED if received else Fate.LANDED, weight)
     if received:

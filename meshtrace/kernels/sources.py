@@ -82,9 +82,7 @@ def _spread_out(kind, p, axis, size, seed, photon):
     u0, u1, _, _ = uniforms(seed, photon, 0, _SOURCE)
     if kind >= SourceKind.SUN:
         return Vec3(p.x + size * (2.0 * u0 - 1.0), p.y + size * (2.0 * u1 - 1.0), p.z)
-    r = size * (
-        math.sqrt(u0) if kind == SourceKind.TOP_HAT_BEAM else math.sqrt(-0.5 * math.log(u0))
-    )
+    r = size * math.sqrt(u0 if kind == SourceKind.TOP_HAT_BEAM else -0.5 * math.log(u0))
     return along(p, turn(axis, 0.5, u1), r)
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from meshtrace.kernels.aiming import aim_at, corner_shines, height_on
 from meshtrace.kernels.chain_gain import accepted, intensity, is_steep, straight_shot, transmittance
 from meshtrace.kernels.facets import corners
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import absorption_path, scattering_path
+from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import (
     Vec2,
     Vec3,
@@ -26,6 +28,17 @@ from meshtrace.kernels.vectors import (
 _EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the depth
 
 _ROUNDING = 1e-13  # of the disk's radius squared
+_BEAM_SHARE = 0.03  # longest edge of a part over the width of the beam: its light is near linear
+_FEW = 16  # parts along an edge: facets of more are cut where the light crosses
+STACK = 128
+"""Parts of a large facet that wait to be cut."""
+
+
+class Image(NamedTuple):
+    """Bounds on the image of a part of a facet."""
+
+    stretch: float  # of the image of a small part
+    coarse: float  # [m], size up to which that holds
 
 
 @inlined
@@ -116,28 +129,99 @@ def _light(x, y, f, shot, scene):
 
 
 @entry
-def image_gain(scene, stretch, lever, gain, doubtful):
+def image_gain(scene, stretch, lever, stack, gain, doubtful):
     """Write the unscattered gain through each facet, and whether a wave may cut that light.
 
     Array twin: quadrature over the aperture with the analytic sinusoid.
     The image of a part of a facet is taken for a triangle: its gain is the light in its solid
     angle times the share of the image that lies on the disk. Folds and caustics count
     themselves, since images overlap. `stretch` and `lever` bound |dX/dP| of a flat sea and
-    |dX/dslope|.
+    |dX/dslope|; `stack` is room for (STACK, 3) integers.
     """
     shot = straight_shot(0.0, 0.0)
-    edge = min(max(-_EDGE * scene.emitter.position.z, 0.005), 0.1)
+    depth = -scene.emitter.position.z
+    edge = min(max(_EDGE * depth, 0.005), 0.1)
+    fine = min(edge, _BEAM_SHARE * _beam_width(scene.emitter) * depth)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
-        m = aim_at(facet.centroid[0], facet.centroid[1], f, shot, scene)
-        if m.ok:
-            reach = facet.radius * (stretch + lever * facet.curvature)
-            if math.hypot(m.at.x, m.at.y) > scene.target.radius + reach:
+        large = 2.0 * facet.radius > _FEW * edge
+        if not large:
+            m = aim_at(facet.x, facet.y, f, shot, scene)
+            if m.ok:
+                reach = facet.radius * (stretch + lever * facet.curvature)
+                if math.hypot(m.at.x, m.at.y) > scene.target.radius + reach:
+                    continue
+            elif not corner_shines(f, shot, scene):
                 continue
-        elif not corner_shines(f, shot, scene):
-            continue
-        gain[f], steep = _facet_gain(f, math.ceil(2.0 * facet.radius / edge), shot, scene)
+        n = math.ceil(2.0 * facet.radius / fine)
+        if n <= _FEW:
+            gain[f], steep = _facet_gain(f, n, shot, scene)
+        else:
+            image = Image(stretch + lever * facet.curvature, 5.0 * edge)
+            gain[f], steep = _large_facet_gain(f, n, image, stack, shot, scene)
         doubtful[f] = gain[f] > 0.0 and not steep
+
+
+@inlined
+def _beam_width(emitter):
+    """Return the angle over which the intensity of a source changes [rad].
+
+    Array twin: none, a scale.
+    """
+    if emitter.kind == SourceKind.LED:
+        return 1.0 / math.sqrt(max(emitter.spread, 1.0))
+    if emitter.kind == SourceKind.ISOTROPIC:
+        return 1.0
+    return 0.5 * emitter.spread
+
+
+@outlined
+def _large_facet_gain(f, n, image, stack, shot, scene):
+    """Sum the parts of a large facet; those whose image misses the aperture are not cut further.
+
+    A part is a triangle (i, j, side) of the grid of `nodes` per edge, see `_triangle_gain`; its
+    halves are parts again.
+    """
+    nodes = 1
+    while nodes < n:
+        nodes *= 2
+    gain, steep = 0.0, True
+    stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, nodes
+    top = 1
+    while top > 0:
+        top -= 1
+        i, j, side = stack[top, 0], stack[top, 1], stack[top, 2]
+        if abs(side) == 1:
+            g, s = _triangle_gain(f, nodes, i, j, side, shot, scene)
+            gain, steep = gain + g, steep and s
+        elif _may_shine(f, nodes, i, j, side, image, shot, scene):
+            half = side // 2
+            for k in range(4):
+                stack[top, 0] = i + (half if k in (1, 3) else 0)
+                stack[top, 1] = j + (half if k in (2, 3) else 0)
+                stack[top, 2] = -half if k == 3 else half
+                top += 1
+    return gain, steep
+
+
+@outlined
+def _may_shine(f, nodes, i, j, side, image, shot, scene):
+    """Return whether unscattered light may cross a part of a facet to the aperture."""
+    p = _node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
+    size = scene.facets[f].radius * abs(side) / nodes
+    target = scene.target
+    if math.hypot(p.x - target.center.x, p.y - target.center.y) - size > target.reach:
+        return False
+    if size > image.coarse:
+        return True
+    m = aim_at(p.x, p.y, f, shot, scene)
+    if m.ok:
+        return math.hypot(m.at.x, m.at.y) <= target.radius + size * image.stretch
+    for k in range(3):
+        q = _node(f, nodes, i + (side if k == 1 else 0), j + (side if k == 2 else 0), scene.surface)
+        if aim_at(q.x, q.y, f, shot, scene).ok:
+            return True
+    return False
 
 
 @outlined
@@ -162,7 +246,7 @@ def _node(f, n, i, j, surface):
 
 @outlined
 def _triangle_gain(f, n, i, j, side, shot, scene):
-    """Return (gain, steep) of the part of a facet with the nodes (i, j), (i + side, j), (i, j + side)."""
+    """Return (gain, steep) of the part with the nodes (i, j), (i + side, j), (i, j + side)."""
     p = _node(f, n, i, j, scene.surface)
     q = _node(f, n, i + side, j, scene.surface)
     r = _node(f, n, i, j + side, scene.surface)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.kernels.aiming import (
+    FLAT_SEA,
     STEP,
     differences,
     height_on,
@@ -24,7 +25,7 @@ from meshtrace.kernels.aiming import (
 )
 from meshtrace.kernels.chain_gain import shot_of, straight_shot, weigh, weight_of
 from meshtrace.kernels.jit import entry, inlined, outlined
-from meshtrace.kernels.vectors import Vec3, dot, row
+from meshtrace.kernels.vectors import Vec2, Vec3, dot, row
 
 _TOLERANCE = 1e-8  # [m]: tells crossings apart that a caustic brings close together
 _SAME = 1e-6  # [m], crossings nearer to each other are one
@@ -124,7 +125,7 @@ def _exact_weight(chains, i, x, y, waves, shot, scene):
     As `weigh` on a mesh, with slopes and curvatures of the waves.
     """
     z, j = _exact_jacobian(x, y, waves, shot, scene)
-    return weight_of(chains, i, Vec3(x, y, z), j, 1.0, scene)[0]
+    return weight_of(chains, i, Vec3(x, y, z), j, FLAT_SEA, Vec2(0.0, 0.0), scene)[0]
 
 
 @entry

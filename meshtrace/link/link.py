@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, NamedTuple, Self
 
+import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from meshtrace.errors import Described, Refused
@@ -16,6 +17,9 @@ from meshtrace.optics.bubbles import AnyBubbles, HallNovarini
 from meshtrace.optics.water import Water
 from meshtrace.registry import Family
 
+_TYPICAL = 16.0  # [m], depth plus height of links that keep the metre
+_SMALL = 8.0  # units below a metre, up to which meshes keep their spacing
+_ASIDE = 20.0  # [m], receivers farther aside have the fine mesh where their light crosses
 _NEAR = 64.0  # depths plus heights: links closer to the origin keep it
 
 
@@ -178,6 +182,13 @@ class Link(Model, frozen=True):
         return self.replace("transmitter.depth", depth)
 
     @property
+    def unit(self) -> float:
+        """Unit of length of the local coordinates [m], a power of two: 1 for some 15 m."""
+        levels = [0.0, *(item.center[2] for _, item in self.items())]
+        size = max(levels) - min(levels)
+        return float(2.0 ** round(math.log2(size / _TYPICAL))) if size > 0.0 else 1.0
+
+    @property
     def origin(self) -> tuple[float, float]:
         """Origin (x, y) of the local coordinates [m]: (0, 0) unless the link lies far from it."""
         centers = [item.center for _, item in self.items()]
@@ -195,18 +206,15 @@ class Link(Model, frozen=True):
         receiver: a slope s moves the crossing by beta s with beta = (n-1) h d / (d + n h).
         The extent reaches to where the water leaves e^-6 of the light that goes straight up.
         """
-        center = self.origin
-        lateral = [
-            abs(v - c)
-            for item in (*self.transmitters, *self.receivers)
-            for v, c in zip(item.position, center, strict=True)
-        ]
+        scale = min(_SMALL * self.unit, 1.0)
         height = max((r.height for r in self.receivers if isinstance(r, Receiver)), default=1.0)
         radius = max((r.radius for r in self.receivers), default=0.0)
         depth = max((getattr(t, "depth", 1.0) for t in self.transmitters), default=1.0)
         n = self.water.n / self.n_air
         beta = (n - 1.0) * height * depth / (depth + n * height)
-        fine = max(2.5 * beta + radius + max(lateral), 1.0)
+        share = depth / (depth + n * height)  # of the way to the receiver, in the water
+        center, aside, far = self._middle(share, _ASIDE * scale)
+        fine = max(2.5 * beta + radius + aside, scale)
         lamps = any(hasattr(t, "depth") for t in self.transmitters)
         reach = 10.0 * depth if lamps else 50.0
         if self.water.a > 0.0:
@@ -214,8 +222,25 @@ class Link(Model, frozen=True):
         width = max(
             (t.half_width for t in self.transmitters if hasattr(t, "half_width")), default=0
         )
-        extent = fine + max(reach, 5.0) + width
-        return Footprint(center, extent, 0.1, fine, 1.0)
+        extent = fine - aside + far + max(reach, 5.0 * scale) + width
+        return Footprint(center, extent, 0.1 * scale, fine, scale)
+
+    def _middle(self, share: float, most: float) -> tuple[tuple[float, float], float, float]:
+        """Return the middle of the fine mesh, and the half-widths of crossings and of the link.
+
+        The origin, unless sources or receivers lie farther aside than `most`.
+        """
+        places = np.array([item.position for _, item in self.items()])
+        middle = np.array(self.origin)
+        far = float(np.abs(places - middle).max())
+        if far <= most:
+            return (float(middle[0]), float(middle[1])), far, far
+        sources = np.array([t.position for t in self.transmitters])
+        ends = np.array([r.position for r in self.receivers])
+        crossings = ((1.0 - share) * sources[:, None] + share * ends).reshape(-1, 2)
+        middle = 0.5 * (crossings.min(axis=0) + crossings.max(axis=0))
+        half = float(np.abs(crossings - middle).max())
+        return (float(middle[0]), float(middle[1])), half, float(np.abs(places - middle).max())
 
 
 def in_wind(link: Link, wind_speed: float) -> Link:

@@ -59,19 +59,18 @@ class AimedChains:
         search: Search = "usual",
     ) -> None:
         self._link = link
-        self._mesh = mesh
-        self._given = intersector
+        self._mesh = link.frame.mesh(mesh)
+        self._given = intersector if self._mesh is mesh else None
         self._normals = normals
         self._search_mode = search
-        self.surface: Surface = link.frame.surface(surface_arrays(mesh, normals, unresolved))
+        self.surface: Surface = surface_arrays(self._mesh, normals, unresolved)
         rough = self.surface.roughness
         self.rough = rough.along > 0.0 or rough.across > 0.0
         self.facets = np.empty(len(mesh.faces), aiming.FACET)
         aiming.facet_summary(self.surface, self.facets)
-        medium = link.medium
-        if medium.depth_mode == DepthMode.LOCAL:
-            medium = with_raster(medium, self._intersector)
-        self.medium = link.frame.medium(medium)
+        self.medium = link.medium
+        if self.medium.depth_mode == DepthMode.LOCAL:
+            self.medium = with_raster(self.medium, self._intersector)
         self.locator = locator(self.surface, link.targets)
         self.counters = np.zeros(len(kernel.Counter), np.int64)
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
@@ -83,7 +82,7 @@ class AimedChains:
     @property
     def centroids(self) -> NDArray[np.float64]:
         """Centroids of the facets, shape (m, 3)."""
-        return self.facets["centroid"]
+        return np.stack([self.facets[name] for name in ("x", "y", "z")], axis=1)
 
     def scene(self, emitter: aiming.Emitter, target: aiming.Target) -> aiming.Scene:
         """Return one source, the surface and one aperture as the kernels take them."""
@@ -99,12 +98,15 @@ class AimedChains:
 
     def _search(self, target: aiming.Target) -> kernel.Search:
         """Return how far and how thoroughly roots are looked for."""
-        n = self.medium.n_water / self.medium.n_air
         curvature, radius = self._largest
-        focusing = curvature * _lever(n, target, self._waves)
-        all_asked = self._search_mode == "thorough" or self._normals == "facet" or focusing > 1.0
-        audit = 1.0 if all_asked else _AUDITED
-        return kernel.Search(audit, self.surface.max_slope, 2.0 * radius, target.reach + 1.0)
+        all_asked = self._search_mode == "thorough" or self._normals == "facet"
+        return kernel.Search(
+            1.0 if all_asked else _AUDITED,
+            self.surface.max_slope,
+            2.0 * radius,
+            target.reach + 1.0,
+            curvature,
+        )
 
     @cached_property
     def _largest(self) -> tuple[float, float]:
@@ -164,9 +166,9 @@ class AimedChains:
         A path that starts or ends on the surface is shortened by a hair at both ends.
         """
         hair = 1e-4 * (1.0 + lengths)
-        start = self._link.frame.metres(origins + hair[:, None] * directions)
+        start = origins + hair[:, None] * directions
         hits = self._intersector.intersect(start, directions)
-        return hits.distance / self._link.frame.unit < lengths - 3.0 * hair
+        return hits.distance < lengths - 3.0 * hair
 
     def facet_gains(self, source: int, receiver: int) -> NDArray[np.float64]:
         """Return the unscattered gain through each facet."""
@@ -177,7 +179,9 @@ class AimedChains:
         lever = 1.5 * _lever(n, target, self._waves)
         gain = np.zeros(len(self._mesh.faces))
         doubtful = np.zeros(len(gain), bool)
-        image.image_gain(self.scene(emitter, target), 1.5 * stretch, lever, gain, doubtful)
+        stack = np.empty((image.STACK, 3), np.int64)
+        scene = self.scene(emitter, target)
+        image.image_gain(scene, 1.5 * stretch, lever, stack, gain, doubtful)
         if doubtful.any():
             gain[self._hidden(emitter, target, np.flatnonzero(doubtful))] = 0.0
         return gain

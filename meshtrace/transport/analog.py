@@ -71,7 +71,7 @@ class Sums:
     map: FixedPointSum
     map_squared: FixedPointSum
     radiance: FixedPointSum
-    arrivals: list[NDArray[np.float64]] = field(default_factory=list)
+    arrivals: list[NDArray[np.void]] = field(default_factory=list)
 
     def add(self, photons: int, tallies: Tallies) -> None:
         """Add a finished chunk, whose photons follow those already here."""

@@ -27,6 +27,9 @@ _MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
 _CROSSINGS = 4  # of a flat sea, kept for each chain
 _PILOT = 128  # chains of each order in the first pilot
 _PILOT_GROWTH, _PILOT_STEPS = 4, 3  # further pilots of an order without a hit
+_MIXTURE = np.array([0.1, 0.4, 0.15, 0.12, 0.1, 0.08, 0.05])  # free paths, stretched ways
+_STRETCH = np.array([0.0, 0.015, 0.05, 0.15, 0.4, 1.0])  # from the shortest way to the longest
+_LONGEST_WAY = 1.3, 6.0  # smallest and largest of the longest way, over the shortest
 _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
 
 
@@ -53,7 +56,7 @@ class ChainDrawer:
 
     def __init__(self, link: ForcedLink, crest: float, ceiling: float) -> None:
         self._link = link
-        self._medium = link.frame.medium(link.medium)
+        self._medium = link.medium
         self._ceiling = ceiling
         self.nominals = [nominal(self._medium, e, link.targets, crest) for e in link.emitters]
 
@@ -88,7 +91,7 @@ class ChainDrawer:
             self.nominals[source],
             self._medium,
             u,
-            u[:, -1] < chain_kernel.FREE_PATH_SHARE,
+            np.searchsorted(np.cumsum(_MIXTURE)[:-1], u[:, -1]),
         )
         flat = [self._flat(source, receiver, chains) for receiver in range(len(self._link.targets))]
         return ChainSet(order, chains, flat, np.ascontiguousarray(u[:, -2]))
@@ -96,7 +99,7 @@ class ChainDrawer:
     def _flat(self, source: int, receiver: int, chains: Chains) -> NDArray[np.void]:
         """Return where chains cross a flat sea on the way to a receiver."""
         emitter, target = self._link.emitters[source], self._link.targets[receiver]
-        still = surface_arrays(flat_mesh(1.0), "facet")
+        still = surface_arrays(flat_mesh(-np.ones(2), np.ones(2)), "facet")
         scene = aiming.Scene(
             emitter,
             target,
@@ -119,6 +122,11 @@ class Pilot(NamedTuple):
     mean: NDArray[np.float64]  # (receivers, orders)
     spread: NDArray[np.float64]  # (receivers, orders) standard deviation of one chain
     scored: NDArray[np.int64]  # (receivers, orders) chains that brought light
+
+    def of(self, receivers: NDArray[np.bool_]) -> Pilot:
+        """Return the pilot of some receivers."""
+        rows = (self.mean[receivers], self.spread[receivers], self.scored[receivers])
+        return Pilot(self.chains, *rows)
 
 
 def pilot(drawer: ChainDrawer, aimed: AimedChains, source: int, seed: int, receivers: int) -> Pilot:
@@ -191,6 +199,10 @@ def nominal(
         for t in targets
     )
     distance = math.hypot(depth, offset)
+    slant = max(
+        math.hypot(depth, math.hypot(t.center[0] - x, t.center[1] - y) + t.reach) for t in targets
+    )
+    longest = min(max(slant / distance, _LONGEST_WAY[0]), _LONGEST_WAY[1])
     nodes = 513
     height = np.linspace(0.0, 1.0, nodes) * depth
     below = depth - height
@@ -212,6 +224,8 @@ def nominal(
         total / cumulative[-1],
         np.where(total > 0.0, b_bub / total, 0.0),
         float(cumulative[-1]),
+        1.0 + (longest - 1.0) * _STRETCH,
+        _MIXTURE,
     )
 
 
@@ -241,14 +255,10 @@ def last_order(medium: Medium, expected: Nominal) -> int:
     return int(min(max(poisson.isf(_TAIL, most), 1), _MAX_ORDER))
 
 
-def flat_mesh(extent: float) -> TriangleMesh:
-    """Return a flat sea of two facets."""
-    corners = [
-        (-extent, -extent, 0.0),
-        (extent, -extent, 0.0),
-        (extent, extent, 0.0),
-        (-extent, extent, 0.0),
-    ]
+def flat_mesh(low: NDArray[np.float64], high: NDArray[np.float64]) -> TriangleMesh:
+    """Return a flat sea of two facets between two corners (x, y)."""
+    (x0, y0), (x1, y1) = low, high
+    corners = [(x0, y0, 0.0), (x1, y0, 0.0), (x1, y1, 0.0), (x0, y1, 0.0)]
     return TriangleMesh(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
 
 

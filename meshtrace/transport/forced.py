@@ -15,28 +15,44 @@ The chains do not depend on the surface: one set serves every frame of a moving 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
+from meshtrace.errors import Refused
 from meshtrace.link import Link
+from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
+from meshtrace.transport.adjoint import AdjointParts, AdjointPaths
 from meshtrace.transport.aimed import AimedChains, Search
 from meshtrace.transport.chain_sets import (
     ChainDrawer,
     ChainSet,
+    Pilot,
     allotment,
     flat_mesh,
     pilot,
 )
-from meshtrace.transport.forced_link import crossing_reach, forced_link
+from meshtrace.transport.choice import (
+    PILOT_PATHS,
+    Method,
+    ScatteredPilot,
+    chain_pilot,
+    choose,
+    is_clear,
+)
+from meshtrace.transport.forced_link import ForcedLink, crossing_reach, forced_link
 
+Scattered = Literal["auto", "chains", "adjoint"]
+
+_CUT_CHAINS = 2048  # that show whether a mesh cuts off light
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
 
@@ -64,12 +80,24 @@ class Parts:
     orders : ndarray, shape (receivers, orders)
         Scattered gain by the number of scatterings, from 1 on.
     counts : Counts
+    method : list of {"chains", "adjoint"}
+        Estimator of the scattered gain of each receiver.
+    samples : ndarray of int, shape (receivers,)
+        Chains or adjoint paths that the scattered gain rests on.
+    scored : ndarray of int, shape (receivers,)
+        Those that brought light.
+    effective : ndarray, shape (receivers,)
+        Effective number of samples, (sum w)^2 / sum w^2 of their contributions w.
     """
 
     direct: NDArray[np.float64]
     scattered: NDArray[np.float64]
     orders: NDArray[np.float64]
     counts: Counts
+    method: list[Method]
+    samples: NDArray[np.int64]
+    scored: NDArray[np.int64]
+    effective: NDArray[np.float64]
 
     @property
     def ballistic(self) -> NDArray[np.float64]:
@@ -100,7 +128,7 @@ class ForcedDetection:
     link : Link
         The link; sources must be points in the water, receivers in the air.
     photons : int
-        Chains in all.
+        Chains in all, or adjoint paths of each receiver.
     seed : int
         Seed of the points and their shifts.
     normals : {"vertex", "facet"}
@@ -111,7 +139,10 @@ class ForcedDetection:
         Height up to which collisions are expected [m]: about the highest crest of the surfaces.
         Unbiased for any value; a good one saves chains.
     search : {"usual", "thorough"}
-        How crossings are looked for, see `AimedChains`.
+        Search of crossings, see `AimedChains`.
+    scattered : {"auto", "chains", "adjoint"}
+        Estimator of the scattered light; "auto" compares pilots over a flat sea for each receiver,
+        see `meshtrace.transport.choice`.
 
     Raises
     ------
@@ -128,36 +159,93 @@ class ForcedDetection:
         threads: int = 1,
         crest: float = 0.0,
         search: Search = "usual",
+        scattered: Scattered = "auto",
     ) -> None:
+        if photons < SHIFTS:
+            raise Refused("photons", photons, f"an integer >= {SHIFTS} for forced detection")
         self.link = link
         self.arrays = forced_link(link)
         self._options = normals, threads
         self._search: Search = search
+        self._wanted: Scattered = scattered
         self._key = photons, seed
+        self._crest = crest
         unit = self.arrays.frame.unit
         top = max(crest, 0.0) / unit
         lowest = min(t.center[2] for t in self.arrays.targets)
         # a chain that ends higher is not looked for; the level must stay below the receivers
         self._ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
         self._drawer = ChainDrawer(self.arrays, top, self._ceiling)
-        self.scattered_sets = self._draw(max(photons // len(self.arrays.emitters), SHIFTS), seed)
+        self._adjoint: AdjointPaths | None = None
+        self.method: list[Method] = []
+        self.scattered_sets = self._draw()
 
-    def _draw(self, photons: int, seed: int) -> list[list[ChainSet]]:
-        """Return the chains by source; a pilot over a flat sea allots them to the orders."""
+    def _draw(self) -> list[list[ChainSet]]:
+        """Choose the estimator of each receiver; return the chains by source.
+
+        Pilots over a flat sea compare the estimators and allot the chains to the orders.
+        """
+        photons, seed = self._key
         sources, receivers = range(len(self.arrays.emitters)), len(self.arrays.targets)
-        aimed = self.over(flat_mesh(crossing_reach(self.link) + 10.0 * self.arrays.frame.unit))
-        pilots = [pilot(self._drawer, aimed, s, seed, receivers) for s in sources]
+        flat = self._flat()
+        aimed = self.over(flat)
+        try:
+            pilots = [pilot(self._drawer, aimed, s, seed, receivers) for s in sources]
+        except Refused as refused:  # too many orders for chains
+            if self._wanted == "chains":
+                raise
+            self._take(["adjoint"] * receivers, refused)
+            return [[] for _ in sources]
+        self._take(self._compare(pilots, flat))
+        kept = np.array([m == "chains" for m in self.method])
+        if not kept.any():
+            return [[] for _ in sources]
         gain = np.zeros(receivers)
         for s in sources:
             direct = [aimed.facet_gains(s, r).sum() for r in range(receivers)]
             gain += self.arrays.power[s] * (pilots[s].mean.sum(axis=1) + direct)
+        share = max(photons // len(sources), SHIFTS)
         sets = []
         for s in sources:
-            counts = allotment(photons, self._drawer.nominals[s].expected, pilots[s], gain)
+            expected = self._drawer.nominals[s].expected
+            counts = allotment(share, expected, pilots[s].of(kept), gain[kept])
             sets.append(
                 [self._drawer.draw(s, k, int(n), (seed, s, k, 1)) for k, n in enumerate(counts, 1)]
             )
         return sets
+
+    def _compare(self, pilots: list[Pilot], flat: TriangleMesh) -> list[Method]:
+        """Return the estimator of each receiver."""
+        receivers = len(self.arrays.targets)
+        found = chain_pilot(pilots, self.arrays.power)
+        scatters = any(len(p.chains) for p in pilots)
+        if self._wanted != "auto" or self._search == "thorough" or not scatters:
+            return ["adjoint" if self._wanted == "adjoint" else "chains"] * receivers
+        if is_clear(found).all():
+            return ["chains"] * receivers
+        try:
+            paths = self._paths(PILOT_PATHS * len(pilots), tuple(self.link.receivers))
+        except Refused:  # a feature that the paths do not follow
+            return ["chains"] * receivers
+        seen = paths.evaluate(flat)
+        other = ScatteredPilot(seen.gain, seen.variance, seen.stderr)
+        return choose(found, other)
+
+    def _paths(self, photons: int, receivers: tuple[Aperture, ...]) -> AdjointPaths:
+        """Return adjoint paths to some receivers."""
+        link = self.link.model_copy(update={"receiver": receivers})
+        return AdjointPaths(link, photons, self._key[1], *self._options)
+
+    def _take(self, method: list[Method], refused: Refused | None = None) -> None:
+        """Make the adjoint paths of the receivers that rest on them."""
+        self.method = method
+        chosen = [r for r, m in zip(self.link.receivers, method, strict=True) if m == "adjoint"]
+        if chosen:
+            try:
+                photons = max(self._key[0], SHIFTS * len(self.arrays.emitters))
+                self._adjoint = self._paths(photons, tuple(chosen))
+            except Refused:
+                raise refused or Refused("scattered", "adjoint", "chains for this link") from None
 
     def over(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> AimedChains:
         """Return the chains' view of a mesh."""
@@ -168,9 +256,8 @@ class ForcedDetection:
         """Return the chains by source, with unscattered ones where slopes are random."""
         if not aimed.rough:
             return self.scattered_sets
-        return [
-            [first, *row] for first, row in zip(self._unscattered, self.scattered_sets, strict=True)
-        ]
+        pairs = zip(self._unscattered, self.scattered_sets, strict=True)
+        return [[first, *row] for first, row in pairs]
 
     @cached_property
     def _unscattered(self) -> list[ChainSet]:
@@ -183,32 +270,41 @@ class ForcedDetection:
     def evaluate(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> Parts:
         """Return the gain over a mesh, in parts."""
         top = float(mesh.bounds[1, 2])
-        unit = self.arrays.frame.unit
-        if top > self._ceiling * unit:  # far higher than expected: chains that reach up there
-            higher = ForcedDetection(self.link, *self._key, *self._options, top, self._search)
+        if top > self._ceiling * self.arrays.frame.unit and "chains" in self.method:
+            # far higher than expected: chains that reach up there
+            higher = ForcedDetection(
+                self.link, *self._key, *self._options, top, self._search, self._wanted
+            )
             return higher.evaluate(mesh, intersector)
         aimed = self.over(mesh, intersector)
-        sets = self.sets(aimed)
-        sources, receivers = len(self.arrays.emitters), len(self.arrays.targets)
-        by_order = np.zeros((receivers, 1 + max(len(row) for row in self.scattered_sets), SHIFTS))
-        pairs = [(s, r) for s in range(sources) for r in range(receivers)]
-        jobs = [(s, r, chains) for s, r in pairs for chains in sets[s]]
-        threads = self._options[1]
+        sums = _Sums(self.arrays, self.method, self.sets(aimed))
         if not aimed.rough:
-            gains = ordered_map(lambda pair: aimed.facet_gains(*pair).sum(), pairs, threads)
-            for (s, r), gain in zip(pairs, gains, strict=True):
-                by_order[r, 0] += self.arrays.power[s] * gain
-        scores = ordered_map(lambda job: aimed.score(*job), jobs, threads)
-        for (s, r, chains), score in zip(jobs, scores, strict=True):
-            means = score.reshape(SHIFTS, -1).mean(axis=1)
-            by_order[r, chains.order] += self.arrays.power[s] * means
-        total = sum(len(chains.audit) for row in sets for chains in row)
-        return Parts(
-            by_order[:, 0],
-            by_order[:, 1:].sum(axis=1),
-            by_order[:, 1:].mean(axis=2),
-            Counts(total, *(int(c) for c in aimed.counters)),
+            gains = ordered_map(
+                lambda pair: aimed.facet_gains(*pair).sum(), sums.pairs, self._options[1]
+            )
+            sums.add_direct(gains)
+        sums.add_chains(ordered_map(lambda job: aimed.score(*job), sums.jobs, self._options[1]))
+        if self._adjoint is not None:
+            sums.add_paths(self._adjoint.evaluate(mesh, intersector), self._adjoint.photons)
+        return sums.parts(Counts(sums.chains, *(int(c) for c in aimed.counters)))
+
+    def cut_share(self, mesh: TriangleMesh) -> NDArray[np.float64]:
+        """Return the share of the light of a flat sea that crosses beside a mesh, by receiver."""
+        low, high = mesh.bounds[:, :2]
+        reach = crossing_reach(self.link) + np.array(self.link.origin) * [[-1.0], [1.0]]
+        if (low <= -reach[0]).all() and (high >= reach[1]).all():
+            return np.zeros(len(self.arrays.targets))
+        few = ForcedDetection(
+            self.link, _CUT_CHAINS, self._key[1], *self._options, self._crest, self._search
         )
+        whole = few.evaluate(self._flat()).gain
+        return 1.0 - few.evaluate(flat_mesh(low, high)).gain / np.maximum(whole, 1e-300)
+
+    def _flat(self) -> TriangleMesh:
+        """Return a flat sea that reaches beyond all light."""
+        far = crossing_reach(self.link) + 10.0 * self.arrays.frame.unit
+        origin = np.array(self.link.origin)
+        return flat_mesh(origin - far, origin + far)
 
     def arrivals(self, mesh: TriangleMesh) -> list[NDArray[np.float64]]:
         """Return, by receiver, rows of weight, path in water, path in air [m] and shift.
@@ -216,6 +312,11 @@ class ForcedDetection:
         The weights of a receiver add up to its gain. Unscattered light without random slopes
         is one row a facet, with shift -1: it has no Monte Carlo error.
         """
+        if "adjoint" in self.method:  # paths do not keep their arrivals
+            aimable = ForcedDetection(
+                self.link, *self._key, *self._options, self._crest, self._search, "chains"
+            )
+            return aimable.arrivals(mesh)
         aimed = self.over(mesh)
         sets, unit = self.sets(aimed), self.arrays.frame.unit
         result = []
@@ -247,3 +348,74 @@ class ForcedDetection:
                     )
             result.append(np.concatenate(rows))
         return result
+
+
+class _Sums:
+    """Sums over chains and paths, by receiver."""
+
+    def __init__(self, link: ForcedLink, method: list[Method], sets: list[list[ChainSet]]) -> None:
+        self._link, self._method = link, method
+        receivers = len(method)
+        self.pairs = [(s, r) for s in range(len(link.emitters)) for r in range(receivers)]
+        self.jobs = [
+            (s, r, chains)
+            for s, r in self.pairs
+            for chains in sets[s]
+            if chains.order == 0 or method[r] == "chains"
+        ]
+        self.chains = sum(len(chains.audit) for row in sets for chains in row)
+        self._orders = max((chains.order for row in sets for chains in row), default=0)
+        self._direct = np.zeros((receivers, SHIFTS))
+        self._scattered = np.zeros((receivers, self._orders, SHIFTS))
+        self._squares = np.zeros(receivers)
+        self._samples, self._scored = np.zeros((2, receivers), np.int64)
+        self._paths: tuple[AdjointParts, int] | None = None
+
+    def add_direct(self, gains: Iterable[float]) -> None:
+        """Add the unscattered gain of each pair of source and receiver."""
+        for (s, r), gain in zip(self.pairs, gains, strict=True):
+            self._direct[r] += self._link.power[s] * gain
+
+    def add_chains(self, scores: Iterable[NDArray[np.float64]]) -> None:
+        """Add the scores of each job."""
+        for (s, r, chains), score in zip(self.jobs, scores, strict=True):
+            means = self._link.power[s] * score.reshape(SHIFTS, -1).mean(axis=1)
+            if chains.order == 0:
+                self._direct[r] += means
+                continue
+            self._scattered[r, chains.order - 1] += means
+            self._samples[r] += len(score)
+            self._scored[r] += np.count_nonzero(score)
+            self._squares[r] += (self._link.power[s] ** 2) * np.mean(score**2) / len(score)
+
+    def add_paths(self, found: AdjointParts, photons: int) -> None:
+        """Add the scattered light of the receivers that rest on adjoint paths."""
+        self._paths = found, photons
+
+    def parts(self, counts: Counts) -> Parts:
+        """Return the gain in parts."""
+        scattered, orders = self._scattered.sum(axis=1), self._scattered.mean(axis=2)
+        mean = scattered.mean(axis=1)
+        effective = mean**2 / np.maximum(self._squares, 1e-300)
+        if self._paths is not None:
+            found, photons = self._paths
+            rows = np.array([m == "adjoint" for m in self._method])
+            scattered[rows] = found.scattered
+            seen = np.flatnonzero(found.orders.any(axis=0)).max(initial=-1) + 1
+            wide = np.zeros((len(orders), max(orders.shape[1], seen)))
+            wide[:, : orders.shape[1]] = orders
+            wide[rows, :seen] = found.orders[:, :seen]
+            orders = wide
+            self._samples[rows], self._scored[rows] = photons, found.scored
+            square = found.gain**2
+            effective[rows] = photons * square / np.maximum(found.variance + square, 1e-300)
+        return Parts(
+            self._direct,
+            scattered,
+            orders,
+            counts,
+            self._method,
+            self._samples,
+            self._scored,
+            effective,
+        )

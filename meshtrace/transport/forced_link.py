@@ -19,17 +19,18 @@ from meshtrace.transport.arrays import interface_arrays, medium_arrays
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 
 _ANALOG = 'else estimator="analog"'
+_NEGLIGIBLE = 1e-7  # light at the reach over that straight above the source
 _NARROWEST = 0.1  # [deg], of a lamp: narrower spots are smaller than the parts of a facet
 
 
 class ForcedLink(NamedTuple):
-    """A link as arrays and numbers, in its local frame but for the water."""
+    """A link as arrays and numbers in its local frame."""
 
     frame: Frame
     emitters: list[Emitter]
     power: NDArray[np.float64]  # (emitters,) shares of the power
     targets: list[Target]
-    medium: Medium  # [m]
+    medium: Medium
     interface: Interface
 
 
@@ -51,19 +52,52 @@ def forced_link(link: Link) -> ForcedLink:
         frame,
         [emitter_of(t, frame) for t in link.transmitters if isinstance(t, WaterSource)],
         power / power.sum(),
-        [target_of(r, frame) for r in link.receivers if isinstance(r, Receiver)],
-        medium,
+        _targets(link, frame),
+        frame.medium(medium),
         interface_arrays(link),
     )
 
 
 def crossing_reach(link: Link) -> float:
-    """Return the largest distance from the origin at which light crosses to a receiver [m]."""
+    """Return the largest distance from `Link.origin` of light that crosses to a receiver [m]."""
     _require_followable(link)
     frame = frame_of(link)
-    targets = [target_of(r, frame) for r in link.receivers if isinstance(r, Receiver)]
-    farthest = max(t.reach + math.hypot(t.center[0], t.center[1]) for t in targets)
+    farthest = max(t.reach + math.hypot(t.center.x, t.center.y) for t in _targets(link, frame))
     return frame.unit * farthest
+
+
+def _targets(link: Link, frame: Frame) -> list[Target]:
+    """Return the receivers as numbers; no light worth counting crosses beyond their reach."""
+    water = link.water
+    a = water.a if water.layers is None else min(row[1] for row in water.layers)
+    targets = []
+    for r in link.receivers:
+        if isinstance(r, Receiver):
+            t = target_of(r, frame)
+            lit = [
+                math.dist(s.position, r.position) + _lit_radius(s.depth, a)
+                for s in link.transmitters
+                if isinstance(s, WaterSource)
+            ]
+            targets.append(t._replace(reach=min(t.reach, max(lit) / frame.unit)))
+    return targets
+
+
+def _lit_radius(depth: float, a: float) -> float:
+    """Return the distance aside of a source beyond which its light is negligible [m].
+
+    There exp(-a D) / D^2 has fallen to 1e-7 of its value straight above the source, D the
+    distance of the crossing from the source.
+    """
+    fall = -math.log(_NEGLIGIBLE)
+    low, high = depth, depth * math.exp(0.5 * fall)
+    for _ in range(60):
+        way = 0.5 * (low + high)
+        if a * (way - depth) + 2.0 * math.log(way / depth) < fall:
+            low = way
+        else:
+            high = way
+    return math.sqrt(high**2 - depth**2)
 
 
 def _require_followable(link: Link) -> None:

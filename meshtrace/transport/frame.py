@@ -6,17 +6,15 @@ origin. A tank of 10 cm and a link far from the origin are brought there.
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.medium import Medium
 from meshtrace.link import Link
-
-_TYPICAL = 16.0  # [m], depth plus height of links that keep the metre
+from meshtrace.mesh import TriangleMesh
 
 
 class Frame(NamedTuple):
@@ -34,17 +32,14 @@ class Frame(NamedTuple):
         """Return the coordinates [m] of local points."""
         return points * self.unit + np.array([self.x, self.y, 0.0])
 
-    def surface(self, surface: Surface) -> Surface:
-        """Return a surface in local coordinates; normals and slopes stay."""
+    def mesh(self, mesh: TriangleMesh) -> TriangleMesh:
+        """Return a mesh in local coordinates; normals stay."""
         if self == IDENTITY:
-            return surface
-        vertices, low, high = (
-            self.points(p) for p in (surface.vertices, surface.low, surface.high)
-        )
-        return surface._replace(vertices=vertices, low=low, high=high)
+            return mesh
+        return replace(mesh, vertices=self.points(mesh.vertices))
 
     def medium(self, medium: Medium) -> Medium:
-        """Return water with coefficients per unit of length; optical paths stay."""
+        """Return water without a raster with coefficients per unit of length."""
         if self == IDENTITY:
             return medium
         u = self.unit
@@ -60,10 +55,6 @@ class Frame(NamedTuple):
             b_max=medium.b_max * u,
             c_max=medium.c_max * u,
             bottom_z=medium.bottom_z / u,
-            raster_x=(medium.raster_x - self.x) / u,
-            raster_y=(medium.raster_y - self.y) / u,
-            raster_step=medium.raster_step / u,
-            raster=medium.raster / u,
         )
 
 
@@ -72,7 +63,4 @@ IDENTITY = Frame(0.0, 0.0, 1.0)
 
 def frame_of(link: Link) -> Frame:
     """Return the local frame of a link: the metre and the origin where they suit."""
-    levels = [0.0, *(item.center[2] for _, item in link.items())]
-    size = max(levels) - min(levels)
-    unit = 2.0 ** round(math.log2(size / _TYPICAL)) if size > 0.0 else 1.0
-    return Frame(*link.origin, unit)
+    return Frame(*link.origin, link.unit)

@@ -1,4 +1,4 @@
-"""The mesh of a surface for a link, its coverage, and the configuration that identifies it."""
+"""Mesh of a surface for a link: resolution, coverage and the identifying configuration."""
 
 from __future__ import annotations
 
@@ -7,25 +7,10 @@ import math
 from typing import Any
 
 from meshtrace.errors import Described, Refused
-from meshtrace.link import Footprint, Link
+from meshtrace.link import Link
+from meshtrace.link.link import Footprint
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.transport.options import Meshing
-
-_MOST_FACETS = 8e6
-
-_MOST_FACETS = 8e6
-
-_MOST_FACETS = 8e6
-
-_MOST_FACETS = 8e6
-
-_MOST_FACETS = 8e6
-
-_MOST_FACETS = 8e6
-
-_MOST_FACETS = 8e6
-
-_MOST_FACETS = 8e6
 
 _MOST_FACETS = 8e6
 
@@ -80,10 +65,11 @@ def _triangulated(
     f = link.footprint()
     if reach is not None:
         far = math.dist(f.center, link.origin)
-        wide = max(min(reach + far + 20.0 * f.spacing, f.extent), f.fine_extent + 10.0 * f.spacing)
+        wide = min(reach + far + 20.0 * f.spacing, f.extent)
+        wide = max(wide, f.fine_extent + 10.0 * f.spacing)
         f = f._replace(extent=wide, coarse_spacing=4.0 * f.spacing)
-    _require_size(f, meshing)
     spacing = meshing.spacing or f.spacing
+    _require_size(f, meshing)
     if meshing.extent is not None:
         return surface.mesh(meshing.time, meshing.extent, spacing, center=link.origin)
     return surface.mesh(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import sys
 import warnings
 from collections.abc import Mapping
 from typing import Any
@@ -10,19 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.kernels.tally import ARRIVAL
-from meshtrace.link import Link
+from meshtrace.link import Link, WaterSource
+from meshtrace.mesh import TriangleMesh
 from meshtrace.results.gain import Fate, FateTally, GainResult, bound_where_dark
 from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, standard_error
 from meshtrace.stored import SHIFTS
 from meshtrace.transport import options
 from meshtrace.transport.analog import Sums
+from meshtrace.transport.forced import ForcedDetection, Parts
 from meshtrace.transport.options import Record
 
 LEFT_DOMAIN_WARNING = 1e-4
+_RETURNED = 1e-3
+_FEW = 100.0  # effective samples below which an error is uncertain itself
+_FEW_SHARE = 0.1  # of the samples: a run of few photons rests on few, and shows it
+_SMALL = 0.01  # share of the gain below which its scattered part does not matter
 
 
 class DomainWarning(UserWarning):
-    """Light escaped through the sides of the mesh or leaked through a hole in it."""
+    """Light escaped through the sides of the mesh or a hole in it, or was left out."""
+
+
+class FewSamplesWarning(UserWarning):
+    """A gain rests on few samples: its error may be larger than its standard error."""
 
 
 def per_receiver(link: Link, array: NDArray[np.float64]) -> Any:
@@ -57,6 +69,78 @@ def analog_result(
     )
     _warn(result)
     return result
+
+
+def bound_of_dark(link: Link, gain: NDArray[np.float64], photons: int) -> Any:
+    """Return upper bounds of dark gains of forced detection, nan elsewhere; None if all are lit.
+
+    No light reaches an aperture on a way shorter than the depth: absorption alone leaves no more
+    than exp(-a depth). With scattering the bound is that of n photons without a hit, 3 / n of it.
+    """
+    if (gain > 0.0).all():
+        return None
+    water = link.water
+    a = water.a if water.layers is None else min(row[1] for row in water.layers)
+    depth = min(t.depth for t in link.transmitters if isinstance(t, WaterSource))
+    bound = max(3.0 / photons * math.exp(-a * depth), sys.float_info.min)
+    return per_receiver(link, np.where(gain > 0.0, np.nan, bound))
+
+
+def warn_of_few(parts: Parts) -> None:
+    """Warn of receivers whose gain rests on few chains or adjoint paths."""
+    gain, scattered = parts.gain, parts.scattered.mean(axis=1)
+    for r, method in enumerate(parts.method):
+        few = parts.effective[r] < min(_FEW, _FEW_SHARE * parts.samples[r])
+        if few and scattered[r] > _SMALL * gain[r]:
+            name = "chains" if method == "chains" else "adjoint paths"
+            warnings.warn(
+                f"receiver {r}: {parts.scored[r]:,} of {parts.samples[r]:,} {name} brought light, "
+                f"worth {parts.effective[r]:.0f} equal ones: the error may be larger than stated",
+                FewSamplesWarning,
+                stacklevel=4,
+            )
+
+
+def returned_share(link: Link) -> float:
+    """Return about the share of light that comes out after the surface has sent it back.
+
+    A share rho of the light is reflected down: 2 % of what comes straight up, most of what comes
+    from wide sources and from scattering. Water sends R = 0.5 b_b / (a + b_b) of it up again.
+    """
+    if link.physics.reflected != "trace":
+        return 0.0
+    water = link.water
+    rows = [(0.0, water.a, water.b)] if water.layers is None else list(water.layers)
+    back = water.phase.backscatter_fraction
+    water_albedo = max(0.5 * back * b / max(a + back * b, 1e-12) for _, a, b in rows)
+    depth = max(getattr(t, "depth", 0.0) for t in link.transmitters)
+    spread = 1.0 - math.exp(-back * max(b for _, _, b in rows) * depth)
+    wide = max(min(t.spread_deg / 90.0, 1.0) for t in link.transmitters if hasattr(t, "spread_deg"))
+    return (0.02 + 0.4 * max(spread, wide**2)) * water_albedo
+
+
+def warn_of_returned(link: Link) -> None:
+    """Warn where forced detection leaves out more than 0.1 % of the light."""
+    share = returned_share(link)
+    if share > _RETURNED:
+        warnings.warn(
+            f"some {100.0 * share:.1g} % of the light comes out after the surface has sent it back "
+            "once, which forced detection leaves out: reflected_photons adds it",
+            DomainWarning,
+            stacklevel=4,
+        )
+
+
+def warn_of_cut(forced: ForcedDetection, mesh: TriangleMesh) -> None:
+    """Warn of a mesh that ends where light would cross to a receiver."""
+    cut = forced.cut_share(mesh)
+    for r in np.flatnonzero(cut > LEFT_DOMAIN_WARNING):
+        warnings.warn(
+            f"receiver {r}: the mesh cuts off {cut[r]:.2g} of the light of a flat sea (more than "
+            f"{LEFT_DOMAIN_WARNING:g}): enlarge extent",
+            DomainWarning,
+            stacklevel=4,
+        )
 
 
 def _arrivals(sums: Sums) -> Arrivals:

@@ -33,7 +33,15 @@ from meshtrace.transport.options import (
     read_records,
 )
 from meshtrace.transport.outcome import DomainWarning as DomainWarning
-from meshtrace.transport.outcome import analog_result, per_receiver
+from meshtrace.transport.outcome import FewSamplesWarning as FewSamplesWarning
+from meshtrace.transport.outcome import (
+    analog_result,
+    bound_of_dark,
+    per_receiver,
+    warn_of_cut,
+    warn_of_few,
+    warn_of_returned,
+)
 from meshtrace.transport.paths import PhotonPaths, received_paths, record_paths
 
 _Evaluate = Callable[[Run], GainResult]
@@ -198,6 +206,10 @@ def _forced(
     crest, threads = float(mesh.bounds[1, 2]), default_threads(run.threads)
     forced = ForcedDetection(link, run.photons, run.seed, normals, threads, crest)
     parts = forced.evaluate(mesh)
+    warn_of_few(parts)
+    if not run.estimator.reflected_photons:
+        warn_of_returned(link)
+    warn_of_cut(forced, mesh)
     gain, stderr = parts.gain, parts.stderr
     extra: dict[str, Any] = {}
     if run.estimator.reflected_photons:
@@ -211,9 +223,10 @@ def _forced(
     return GainResult(
         gain=per_receiver(link, gain),
         gain_stderr=per_receiver(link, stderr),
-        photons=parts.counts.chains,
+        gain_bound=bound_of_dark(link, gain, run.photons),
+        photons=run.photons,
         fates={},
-        provenance=origin(run),
+        provenance={**origin(run), "scattered": parts.method},
         gain_ballistic=per_receiver(link, parts.ballistic),
         gain_scattered=per_receiver(link, parts.scattered.mean(axis=1)),
         gain_order=parts.orders,

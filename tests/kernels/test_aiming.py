@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 import meshtrace as mt
 from meshtrace.bvh import BruteForceIntersector
 from meshtrace.kernels import aiming
-from meshtrace.kernels.jit import entry
+from meshtrace.kernels.jit import entry, inlined
+from meshtrace.kernels.vectors import Vec2, Vec3, row, write
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
 from meshtrace.transport.aimed import locator
@@ -34,12 +35,10 @@ def minimal_rotation(w):
 @entry
 def _through(q, v, p, branch, out):
     for i in range(len(q)):
-        ok, t, wx, wy, wz, dx, dy, dz = aiming.emission_through(
-            q[i, 0], q[i, 1], q[i, 2], v[i, 0], v[i, 1], v[i, 2], p[i, 0], p[i, 1], p[i, 2], branch
-        )
+        ok, out[i, 1], w, d = aiming.emission_through(row(q, i), row(v, i), row(p, i), branch)
         out[i, 0] = 1.0 if ok else 0.0
-        out[i, 1], out[i, 2], out[i, 3], out[i, 4] = t, wx, wy, wz
-        out[i, 5], out[i, 6], out[i, 7] = dx, dy, dz
+        write(out[i, 2:5], w)
+        write(out[i, 5:8], d)
 
 
 def through(q, v, p, branch=1.0):
@@ -123,7 +122,7 @@ def test_light_that_leads_away_has_no_forward_crossing():
 
 def scene_of(link, mesh, normals="vertex"):
     surface = surface_arrays(mesh, normals)
-    facets = np.empty((len(mesh.faces), aiming.N_FACET_COLUMNS))
+    facets = np.empty(len(mesh.faces), aiming.FACET)
     aiming.facet_summary(surface, facets)
     target = target_of(link.receiver)
     return aiming.Scene(
@@ -137,14 +136,21 @@ def scene_of(link, mesh, normals="vertex"):
     )
 
 
+@inlined
+def shot_at(q, v, x, y, branch):
+    none, goal = Vec2(0.0, 0.0), Vec2(x, y)
+    return aiming.Shot(Vec3(q[0], q[1], q[2]), Vec3(v[0], v[1], v[2]), goal, branch, none)
+
+
 @entry
 def _aims(points, facets, q, v, branch, scene, out):
     for i in range(len(points)):
-        shot = aiming.Shot(q, v, 0.0, 0.0, branch, 0.0, 0.0)
+        shot = shot_at(q, v, 0.0, 0.0, branch)
         m = aiming.aim_at(points[i, 0], points[i, 1], facets[i], shot, scene)
         out[i, 0] = 1.0 if m.ok else 0.0
-        out[i, 1], out[i, 2], out[i, 3], out[i, 4], out[i, 5] = m.x1, m.x2, m.wx, m.wy, m.wz
-        out[i, 6], out[i, 7], out[i, 8] = m.rx, m.ry, m.rz
+        out[i, 1], out[i, 2] = m.at.x, m.at.y
+        write(out[i, 3:6], m.w)
+        write(out[i, 6:9], m.r)
         out[i, 9], out[i, 10], out[i, 11] = m.rho, m.length, m.flight
 
 
@@ -228,13 +234,11 @@ def test_light_beyond_the_critical_angle_does_not_leave():
 @entry
 def _jacobians(points, facets, q, v, scene, out):
     for i in range(len(points)):
-        shot = aiming.Shot(q, v, 0.0, 0.0, 1.0, 0.0, 0.0)
-        ok, _m, a, b, c, d, wa, wb, wc, wd = aiming.jacobian(
-            points[i, 0], points[i, 1], facets[i], shot, scene
-        )
-        out[i, 0] = 1.0 if ok else 0.0
-        out[i, 1], out[i, 2], out[i, 3], out[i, 4] = a, b, c, d
-        out[i, 5], out[i, 6], out[i, 7], out[i, 8] = wa, wb, wc, wd
+        shot = shot_at(q, v, 0.0, 0.0, 1.0)
+        j = aiming.jacobian(points[i, 0], points[i, 1], facets[i], shot, scene)
+        out[i, 0] = 1.0 if j.ok else 0.0
+        out[i, 1], out[i, 2], out[i, 3], out[i, 4] = j.a, j.b, j.c, j.d
+        out[i, 5], out[i, 6], out[i, 7], out[i, 8] = j.wa, j.wb, j.wc, j.wd
 
 
 @pytest.mark.parametrize("normals", ["vertex", "facet"])
@@ -264,12 +268,8 @@ def test_jacobian_against_central_differences(wave_mesh, normals):
 @entry
 def _flats(points, q, v, scene, out):
     for i in range(len(points)):
-        f = aiming.flat_crossing(
-            points[i, 0], points[i, 1], aiming.Shot(q, v, 0.0, 0.0, 1.0, 0.0, 0.0), scene
-        )
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = f.low, f.high, f.lever, f.lift
-        out[i, 4], out[i, 5], out[i, 6], out[i, 7] = f.m11, f.m12, f.m21, f.m22
-        out[i, 8], out[i, 9] = f.h1, f.h2
+        shot = shot_at(q, v, 0.0, 0.0, 1.0)
+        aiming.flat_crossing(out[i], points[i, 0], points[i, 1], shot, scene)
 
 
 def test_flat_crossing_of_unscattered_light_has_closed_forms():
@@ -277,9 +277,9 @@ def test_flat_crossing_of_unscattered_light_has_closed_forms():
     d, h = 10.0, 5.0
     mesh = SEA.mesh(extent=6.0, spacing=0.5)
     scene = scene_of(mt.Link(), mesh)
-    out = np.empty((1, 10))
+    out = np.zeros(1, aiming.FLAT)
     _flats(np.zeros((1, 2)), np.zeros(3), np.array([0.0, 0.0, 1.0]), scene, out)
-    low, high, lever, lift = out[0, :4]
+    low, high, lever, lift = out[["low", "high", "lever", "lift"]][0]
     stretch = 1.0 + N_WATER * h / d
     assert low == pytest.approx(stretch, rel=1e-4)
     assert high == pytest.approx(stretch, rel=1e-4)
@@ -287,7 +287,8 @@ def test_flat_crossing_of_unscattered_light_has_closed_forms():
     assert lift == pytest.approx(0.0, abs=1e-4)
     beta = (N_WATER - 1.0) * h / stretch
     # water that rises towards +x bends light to +x: the crossing moves to -x
-    np.testing.assert_allclose(out[0, 4:8], [-beta, 0.0, 0.0, -beta], rtol=1e-3, atol=1e-4)
+    moves = list(out[["m11", "m12", "m21", "m22"]][0])
+    np.testing.assert_allclose(moves, [-beta, 0.0, 0.0, -beta], rtol=1e-3, atol=1e-4)
 
 
 # ---- locate, roots ---------------------------------------------------------------------------
@@ -324,16 +325,23 @@ def test_every_vertex_and_edge_belongs_to_a_facet():
 
 
 @entry
-def _roots(flat_at, radius, q, v, target, scene, roots):
-    shot = aiming.Shot(q, v, target[0], target[1], 1.0, 0.0, 0.0)
-    flat = aiming.flat_crossing(flat_at[0], flat_at[1], shot, scene)
-    return aiming.enumerate_roots(roots, 0, flat, radius, shot, scene)
+def _roots(flat_at, radius, q, v, target, scene, flat, roots):
+    shot = shot_at(q, v, target[0], target[1], 1.0)
+    aiming.flat_crossing(flat[0], flat_at[0], flat_at[1], shot, scene)
+    return aiming.enumerate_roots(roots, 0, flat[0], radius, shot, scene)
+
+
+def roots_near(flat_at, radius, q, v, target, scene):
+    """Return the crossings near a crossing of the flat sea."""
+    roots = np.zeros(64, aiming.ROOT)
+    flat = np.zeros(1, aiming.FLAT)
+    return roots[: _roots(flat_at, radius, q, v, np.array(target), scene, flat, roots)]
 
 
 @entry
 def _newton_flat(q, v, target, start, scene, out):
-    shot = aiming.Shot(q, v, target[0], target[1], 1.0, 0.0, 0.0)
-    found, x, y, _ = aiming.newton(start[0], start[1], -1, True, 1.0, shot, scene)
+    shot = shot_at(q, v, target[0], target[1], 1.0)
+    found, x, y, _ = aiming.newton(start[0], start[1], aiming.FLAT_SEA, True, 1.0, shot, scene)
     out[0], out[1], out[2] = 1.0 if found else 0.0, x, y
 
 
@@ -406,10 +414,9 @@ def test_roots_of_a_focusing_sinusoid(name, amplitude):
         flat = np.zeros(3)
         _newton_flat(q, v, np.array(target), np.zeros(2), scene, flat)
         assert flat[0] > 0
-        roots = np.zeros((64, 5))
-        n = _roots(flat[1:], 4.0, q, v, np.array(target), scene, roots)
+        roots = roots_near(flat[1:], 4.0, q, v, target, scene)
         expected = dense_roots(sea, q, v, np.array(target), scene, 3.0)
-        got = roots[:n, :2]
+        got = np.stack([roots["x"], roots["y"]], axis=1)
         got = got[(np.abs(got) < 3.0).all(axis=1)]
         distance = np.linalg.norm(got[:, None] - expected[None], axis=2)
         assert len(got) == len(expected), (got, expected)
@@ -431,11 +438,9 @@ def test_roots_of_facets_against_every_facet():
         for target in ((0.0, 0.0), (0.03, 0.02), (-0.02, 0.04)):
             flat = np.zeros(3)
             _newton_flat(q, v, np.array(target), np.zeros(2), scene, flat)
-            roots = np.zeros((64, 5))
-            n = _roots(flat[1:], 5.0, q, v, np.array(target), scene, roots)
-            got = set(roots[:n, 2].astype(int))
-            assert got == brute_facets(q, v, target, mesh, scene), name
-            counts.append(n)
+            roots = roots_near(flat[1:], 5.0, q, v, target, scene)
+            assert set(roots["facet"]) == brute_facets(q, v, target, mesh, scene), name
+            counts.append(len(roots))
     assert max(counts) > 1
     assert len(set(counts)) > 1
 

@@ -13,6 +13,7 @@ from meshtrace.bvh import EmbreeIntersector
 from meshtrace.kernels import chains as kernel
 from meshtrace.kernels.jit import entry
 from meshtrace.kernels.medium import absorption_path, scattering_path
+from meshtrace.kernels.vectors import minus, norm, row
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport.arrays import medium_arrays, with_raster
 from meshtrace.transport.chain_sets import nominal as nominal_of
@@ -22,12 +23,15 @@ N = 200_000
 
 
 def make(link, order, n=N, seed=1, crest=0.0, free=None):
-    """Return nominal, chains and which of them have free paths."""
+    """Return nominal, chains and their components; `free`: all free paths, or all unstretched."""
     medium = medium_arrays(link, crest=5.0)
     nominal = nominal_of(medium, emitter_of(link.transmitter), [target_of(link.receiver)], crest)
     rng = np.random.default_rng([seed, order])
     u = rng.random((n, 3 * order + 4))
-    free = rng.random(n) < kernel.FREE_PATH_SHARE if free is None else np.full(n, free)
+    if free is None:
+        component = np.searchsorted(np.cumsum(nominal.mixture)[:-1], rng.random(n))
+    else:
+        component = np.full(n, 0 if free else 1)
     out = kernel.Chains(
         vertex=np.empty((n, order, 3)),
         kind=np.zeros((n, order), np.int8),
@@ -38,8 +42,8 @@ def make(link, order, n=N, seed=1, crest=0.0, free=None):
         tail=np.empty((n, 3)),
         tilt=np.empty((n, 2)),
     )
-    kernel.make_chains(out, nominal, medium, u, free)
-    return nominal, out, free
+    kernel.make_chains(out, nominal, medium, u, component)
+    return nominal, out, component
 
 
 def steps(chains):
@@ -102,15 +106,30 @@ def test_probability_of_no_more_than_so_many_scatterings():
 
 @pytest.mark.parametrize("order", [1, 2, 4])
 def test_weight_is_one_over_the_mixture_density(order):
-    nominal, chains, free = make(mt.Link(), order, n=5000)
+    nominal, chains, component = make(mt.Link(), order, n=5000)
     d, c = nominal.distance, nominal.c
     assert c == pytest.approx(0.151)
     assert d == pytest.approx(10.0)
     s = chains.path
-    density = 0.2 * c**order * np.exp(-c * s)
-    density += np.where(s < d, 0.8 * math.factorial(order) / d**order, 0.0)
+    density = nominal.mixture[0] * c**order * np.exp(-c * s)
+    for share, stretch in zip(nominal.mixture[1:], nominal.stretch, strict=True):
+        length = stretch * d
+        density += np.where(s < length, share * math.factorial(order) / length**order, 0.0)
     np.testing.assert_allclose(chains.weight, 1.0 / density, rtol=1e-9)
-    assert 0.15 < free.mean() < 0.25
+    counts = np.bincount(component, minlength=len(nominal.mixture))
+    assert chi2_test(counts, nominal.mixture) > ALPHA
+
+
+def test_no_chain_of_the_length_of_a_slanted_way_is_heavy():
+    """Ways that are longer than the vertical one once had the density of free paths alone."""
+    shallow = mt.Link(
+        transmitter=mt.Led(depth=0.3, half_angle_deg=60.0), receiver=mt.Receiver(fov_deg=179.0)
+    )
+    for order in (1, 2):
+        nominal, chains, _ = make(shallow, order)
+        near = chains.path < 1.3 * nominal.distance
+        typical = np.median(chains.weight[near])
+        assert chains.weight[near].max() < 20.0 * typical
 
 
 def test_free_paths_are_exponential_and_sorted_ones_uniform():
@@ -193,10 +212,11 @@ def test_points_fill_the_disk():
 @entry
 def _paths(medium, ends, out):
     for i in range(len(ends)):
-        x0, y0, z0, x1, y1, z1 = ends[i]
-        length = math.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2 + (z1 - z0) ** 2)
-        out[i, 0] = absorption_path(medium, z0, z1, length)
-        out[i, 1] = scattering_path(medium, x0, y0, z0, x1, y1, z1, length)
+        ray = ends[i].reshape(2, 3)
+        p, q = row(ray, 0), row(ray, 1)
+        length = norm(minus(q, p))
+        out[i, 0] = absorption_path(medium, p.z, q.z, length)
+        out[i, 1] = scattering_path(medium, p, q, length)
 
 
 def paths(medium, ends):

@@ -6,6 +6,7 @@ from numba import njit
 
 from meshtrace.kernels.facets import (
     Roughness,
+    Triangles,
     barycentrics,
     exposure,
     interpolated_normal,
@@ -13,22 +14,23 @@ from meshtrace.kernels.facets import (
     slope_tilt,
     tilted,
 )
+from meshtrace.kernels.vectors import Vec3, along, row, write
 from meshtrace.mesh import TriangleMesh
 from meshtrace.surfaces import JonswapSea
+from meshtrace.transport.arrays import surface_arrays
 
 
 @njit
-def points(origins, directions, facet, vertices, faces, face_normals, vertex_normals):
+def points(origins, directions, facet, surface):
     """Return distance, u, v and interpolated normal of every ray on its facet."""
     out = np.empty((len(facet), 6))
     for i in range(len(facet)):
-        x, y, z = origins[i, 0], origins[i, 1], origins[i, 2]
-        dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
-        t = plane_distance(x, y, z, dx, dy, dz, facet[i], vertices, faces, face_normals)
-        u, v = barycentrics(x + t * dx, y + t * dy, facet[i], vertices, faces)
-        nx, ny, nz = interpolated_normal(u, v, facet[i], faces, vertex_normals)
+        p, d = row(origins, i), row(directions, i)
+        t = plane_distance(p, d, facet[i], surface)
+        hit = along(p, d, t)
+        u, v = barycentrics(hit.x, hit.y, facet[i], surface)
         out[i, 0], out[i, 1], out[i, 2] = t, u, v
-        out[i, 3], out[i, 4], out[i, 5] = nx, ny, nz
+        write(out[i, 3:], interpolated_normal(u, v, facet[i], surface))
     return out
 
 
@@ -47,15 +49,7 @@ def on_facets(mesh, facet, weights, origins):
 
 
 def kernel_points(mesh, origins, directions, facet):
-    return points(
-        origins,
-        directions,
-        facet,
-        mesh.vertices,
-        mesh.faces,
-        mesh.face_normals,
-        mesh.vertex_normals,
-    )
+    return points(origins, directions, facet, surface_arrays(mesh, "vertex"))
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -89,25 +83,25 @@ def test_corners_have_their_own_normal(mesh):
 
 def test_ray_along_the_plane_is_infinitely_far():
     mesh = TriangleMesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
-    args = (mesh.vertices, mesh.faces, mesh.face_normals)
 
     @njit
-    def distance(vertices, faces, normals):
-        return plane_distance(0.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0, vertices, faces, normals)
+    def distance(triangles):
+        return plane_distance(Vec3(0.0, 0.0, -1.0), Vec3(1.0, 0.0, 0.0), 0, triangles)
 
-    assert distance(*args) == np.inf
+    assert distance(Triangles(mesh.vertices, mesh.faces, mesh.face_normals)) == np.inf
 
 
 @njit
-def roughened(roughness, direction, normal, along, across):
+def roughened(roughness, direction, normal, downwind, across):
     """Return slopes of the tilt, the tilted normal and its exposure, for each pair of numbers."""
-    out = np.empty((len(along), 6))
-    d, n = direction, normal
-    for i in range(len(along)):
-        tx, ty = slope_tilt(roughness, along[i], across[i])
-        out[i, 0], out[i, 1] = tx, ty
-        out[i, 2], out[i, 3], out[i, 4] = tilted(n[0], n[1], n[2], tx, ty)
-        out[i, 5] = exposure(d[0], d[1], d[2], n[0], n[1], n[2], tx, ty)
+    out = np.empty((len(downwind), 6))
+    d = Vec3(direction[0], direction[1], direction[2])
+    n = Vec3(normal[0], normal[1], normal[2])
+    for i in range(len(downwind)):
+        tilt = slope_tilt(roughness, downwind[i], across[i])
+        out[i, 0], out[i, 1] = tilt.x, tilt.y
+        write(out[i, 2:5], tilted(n, tilt))
+        out[i, 5] = exposure(d, n, tilt)
     return out
 
 

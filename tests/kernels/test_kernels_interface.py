@@ -8,23 +8,33 @@ from numba import njit
 
 import meshtrace as mt
 from meshtrace.kernels.interface import (
-    DIRECTION_PAPER,
-    DIRECTION_VECTOR,
-    SNELL_PAPER,
-    SNELL_PHYSICAL,
+    Direction,
+    Interface,
+    Snell,
+    branches,
     reflectance,
     refract,
     refract_as_printed,
 )
-from meshtrace.kernels.photon import _branches
+from meshtrace.kernels.vectors import Vec3
 from meshtrace.optics import fresnel
 
 N = 1.33
 
 
 @njit
+def vector(a):
+    return Vec3(a[0], a[1], a[2])
+
+
+@njit
+def _cross(d, n, cos_i, n1, n2):
+    return refract(vector(d), vector(n), cos_i, n1, n2)
+
+
 def cross(d, n, cos_i, n1, n2):
-    return refract(d[0], d[1], d[2], n[0], n[1], n[2], cos_i, n1, n2)
+    cos_t, out = _cross(d, n, cos_i, n1, n2)
+    return cos_t, *out
 
 
 @njit
@@ -32,14 +42,23 @@ def rho(cos_i, cos_t, n1, n2):
     return reflectance(cos_i, cos_t, n1, n2)
 
 
+def switches(snell, direction):
+    return Interface(int(snell), int(direction), 0, True, True, 1.0, 0)
+
+
 @njit
+def _printed(d, n, cos_i, n1, n2, interface):
+    return refract_as_printed(vector(d), vector(n), cos_i, n1, n2, interface)
+
+
 def printed(d, n, cos_i, n1, n2, snell, direction):
-    return refract_as_printed(d[0], d[1], d[2], n[0], n[1], n[2], cos_i, n1, n2, snell, direction)
+    cos_t, loss, out = _printed(d, n, cos_i, n1, n2, switches(snell, direction))
+    return cos_t, loss, *out
 
 
 @njit
-def branches(d, n, g, n1, n2, snell, direction):
-    return _branches(d[0], d[1], d[2], n[0], n[1], n[2], g[0], g[1], g[2], n1, n2, snell, direction)
+def _branches(d, n, g, n1, n2, interface):
+    return branches(vector(d), vector(n), vector(g), n1, n2, interface)
 
 
 def unit(zenith, azimuth=0.0):
@@ -47,9 +66,10 @@ def unit(zenith, azimuth=0.0):
     return np.array([s * math.cos(azimuth), s * math.sin(azimuth), math.cos(zenith)])
 
 
-def branch(d, n, g, n1=N, n2=1.0, snell=SNELL_PHYSICAL, direction=DIRECTION_VECTOR):
-    out = branches(d, n, g, n1, n2, snell, direction)
-    return out[0], np.array(out[1:4]), np.array(out[4:7])
+def branch(d, n, g, n1=N, n2=1.0):
+    switch = switches(Snell.PHYSICAL, Direction.VECTOR)
+    loss, transmitted, reflected = _branches(d, n, g, n1, n2, switch)
+    return loss, np.array(transmitted), np.array(reflected)
 
 
 @pytest.mark.parametrize(
@@ -128,7 +148,7 @@ def test_printed_snell_is_upside_down():
     """E2: sin theta_r = n2/n1 sin theta_i, with the critical angle of the paper's text."""
     n = (0.0, 0.0, 1.0)
     d = unit(math.radians(30.0), 0.5)
-    cos_t, loss, *out = printed(d, n, d[2], N, 1.0, SNELL_PAPER, DIRECTION_VECTOR)
+    cos_t, loss, *out = printed(d, n, d[2], N, 1.0, Snell.PAPER, Direction.VECTOR)
     theta_t = math.asin(math.sin(math.radians(30.0)) / N)
     assert cos_t == pytest.approx(math.cos(theta_t), abs=1e-14)
     np.testing.assert_allclose(out, unit(theta_t, 0.5), atol=1e-14)
@@ -138,14 +158,14 @@ def test_printed_snell_is_upside_down():
     p = math.tan(theta_t - theta_i) / math.tan(theta_t + theta_i)
     assert loss == pytest.approx(0.5 * (s * s + p * p), abs=1e-12)
     steep = unit(math.radians(48.8))
-    assert printed(steep, n, steep[2], N, 1.0, SNELL_PAPER, DIRECTION_VECTOR)[0] < 0.0
+    assert printed(steep, n, steep[2], N, 1.0, Snell.PAPER, Direction.VECTOR)[0] < 0.0
 
 
 def test_printed_direction_takes_the_sine_of_the_components():
     """E3: n cos theta_t + sin(theta_t t) by components; not of unit length."""
     n = (0.0, 0.0, 1.0)
     d = unit(math.radians(20.0), 0.7)
-    cos_t, _, *out = printed(d, n, d[2], N, 1.0, SNELL_PHYSICAL, DIRECTION_PAPER)
+    cos_t, _, *out = printed(d, n, d[2], N, 1.0, Snell.PHYSICAL, Direction.PAPER)
     theta_t = math.radians(27.057650)
     expected = (
         math.sin(theta_t * math.cos(0.7)),
@@ -161,7 +181,7 @@ def test_printed_forms_with_right_switches_are_the_vector_form():
     d, n = unit(0.5, 1.0), unit(0.1, -2.0)
     cos_i = float(d @ n)
     right = cross(d, n, cos_i, N, 1.0)
-    got = printed(d, n, cos_i, N, 1.0, SNELL_PHYSICAL, DIRECTION_VECTOR)
+    got = printed(d, n, cos_i, N, 1.0, Snell.PHYSICAL, Direction.VECTOR)
     np.testing.assert_allclose((got[0], *got[2:]), right, atol=1e-14)
 
 
@@ -170,7 +190,7 @@ def test_printed_snell_stays_finite_for_light_from_the_air():
     n = (0.0, 0.0, -1.0)
     for zenith_deg in (10.0, 48.0, 49.0, 60.0, 85.0):
         d = unit(math.radians(zenith_deg)) * (1, 1, -1)
-        got = printed(d, n, -d[2], 1.0, N, SNELL_PAPER, DIRECTION_VECTOR)
+        got = printed(d, n, -d[2], 1.0, N, Snell.PAPER, Direction.VECTOR)
         assert np.isfinite(got).all(), f"{zenith_deg} deg: {got}"
 
 

@@ -11,6 +11,7 @@ import meshtrace as mt
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.kernels import medium as kernel
 from meshtrace.kernels.random import uniforms
+from meshtrace.kernels.vectors import Vec3
 from meshtrace.surfaces import FlatSea, SinusoidalSea
 from meshtrace.transport.arrays import medium_arrays, with_raster
 
@@ -33,7 +34,7 @@ def coefficients(medium, x, y, z):
     for i in range(len(z)):
         a, b = kernel.water_coefficients(medium, z[i])
         out[i, 0], out[i, 1] = a, b
-        out[i, 2] = kernel.bubble_scattering(medium, x[i], y[i], z[i])
+        out[i, 2] = kernel.bubble_scattering(medium, Vec3(x[i], y[i], z[i]))
     return out
 
 
@@ -46,13 +47,13 @@ def path(medium, z0, z1, length):
 def elevations(medium, x, y):
     out = np.empty(len(x))
     for i in range(len(x)):
-        out[i] = kernel.local_elevation(medium, x[i], y[i])
+        out[i] = kernel.local_elevation(medium, Vec3(x[i], y[i], 0.0))
     return out
 
 
 @njit
 def free_path(medium, z, u):
-    return kernel.sample_free_path(medium, 0.0, 0.0, z, u)
+    return kernel.sample_free_path(medium, Vec3(0.0, 0.0, z), u)
 
 
 @njit
@@ -61,7 +62,7 @@ def collisions(medium, z, n, seed):
     out = np.empty((n, 2))
     for i in range(n):
         u0, u1, _, _ = uniforms(seed, i, 1, 2)
-        s, w = kernel.collide(medium, 0.3, 0.4, z, 1.0, u0, u1)
+        s, w = kernel.collide(medium, Vec3(0.3, 0.4, z), 1.0, u0, u1)
         out[i, 0], out[i, 1] = s, w
     return out
 

@@ -8,55 +8,47 @@ from numba import njit
 
 import meshtrace as mt
 from meshtrace.kernels import tally as kernel
-from meshtrace.kernels.interface import FOV_ANGLE, FOV_PAPER_POSITION
+from meshtrace.kernels.interface import FieldOfView
+from meshtrace.kernels.vectors import UP, Vec3, row
 from meshtrace.transport.analog import FixedPointSum
 from meshtrace.transport.arrays import aperture_arrays, medium_arrays
-
-UP = (0.0, 0.0, 1.0)
 
 
 @njit
 def distances(apertures, i, origins, directions, length, fov):
     out = np.empty(len(origins))
     for k in range(len(origins)):
-        o, d = origins[k], directions[k]
-        out[k] = kernel.crosses_aperture(
-            apertures, i, o[0], o[1], o[2], d[0], d[1], d[2], length, fov
-        )
+        flight = kernel.Flight(row(origins, k), row(directions, k), length, 1.0, 0.0, 0.0)
+        out[k] = kernel.crosses_aperture(apertures, i, flight, fov)
     return out
 
 
 @njit
 def planes(tallies, origins, directions, length, weight, medium):
     for k in range(len(origins)):
-        d, z = directions[k], origins[k, 2]
-        kernel.score_planes(
-            tallies, 1, k, z, z + length[k] * d[2], d[0], d[1], d[2], length[k], weight, medium
-        )
+        flight = kernel.Flight(row(origins, k), row(directions, k), length[k], weight, 0.0, 0.0)
+        kernel.score_planes(tallies, 1, k, flight, medium)
 
 
 @njit
 def mapped(tallies, origins, directions, weight):
     for k in range(len(origins)):
-        o, d = origins[k], directions[k]
-        kernel.score_map(tallies, o[0], o[1], o[2], d[0], d[1], d[2], weight[k])
+        flight = kernel.Flight(row(origins, k), row(directions, k), math.inf, weight[k], 0.0, 0.0)
+        kernel.score_map(tallies, flight)
 
 
 @njit
 def deposits(tallies, weights):
     for w in weights:
-        kernel.deposit(tallies, kernel.LANDED, w)
+        kernel.deposit(tallies, kernel.Fate.LANDED, w)
 
 
 @njit
 def scored(tallies, apertures, origins, directions, length, weight, fov, medium):
     hit = np.zeros(len(origins), np.bool_)
     for k in range(len(origins)):
-        o, d = origins[k], directions[k]
-        hit[k] = kernel.score_apertures(
-            tallies, apertures, k, k, True, o[0], o[1], o[2], d[0], d[1], d[2],
-            length, weight, 100.0, 7.0, fov, medium,
-        )  # fmt: skip
+        flight = kernel.Flight(row(origins, k), row(directions, k), length, weight, 100.0, 7.0)
+        hit[k] = kernel.score_apertures(tallies, apertures, 0, k, True, flight, fov, medium)
     return hit
 
 
@@ -78,8 +70,8 @@ def tallies_of(
 ):
     return kernel.Tallies(
         score=np.zeros((rows, scores)),
-        ledger=np.zeros(kernel.N_FATES, np.int64),
-        n_photons=np.zeros(kernel.N_FATES, np.int64),
+        ledger=np.zeros(len(kernel.Fate), np.int64),
+        n_photons=np.zeros(len(kernel.Fate), np.int64),
         misses=np.zeros(2, np.int64),
         planes=-np.array(depths, float),
         radiance=np.zeros((groups, len(depths), *bins), np.int64),
@@ -87,11 +79,11 @@ def tallies_of(
         map_x=-extent,
         map_y=-extent,
         map_step=2.0 * extent / cells if cells else 1.0,
-        map_axis=axis,
+        map_axis=Vec3(*axis),
         map_cos=cos,
         map=np.zeros((cells, cells), np.int64),
         map_squared=np.zeros((cells, cells), np.int64),
-        arrivals=np.zeros((arrivals, 5)),
+        arrivals=np.zeros(arrivals, kernel.ARRIVAL),
         n_arrivals=np.zeros(1, np.int64),
     )
 
@@ -129,7 +121,7 @@ def test_disk_and_field_of_view(receiver, length):
     apertures = aperture_arrays(mt.Link(receiver=receiver))
     origins = np.array(receiver.center) + rng.uniform(-4.0, 4.0, (n, 3))
     directions = random_directions(rng, n)
-    got = distances(apertures, 0, origins, directions, length, FOV_ANGLE)
+    got = distances(apertures, 0, origins, directions, length, FieldOfView.ANGLE)
     half = math.radians(receiver.fov_deg) / 2.0
     cos_half = 0.0 if receiver.fov_deg == 180.0 else math.cos(half)
     expected = disk_twin(
@@ -152,7 +144,7 @@ def test_receiver_looks_down_and_leans_towards_its_azimuth():
         zenith = math.radians(zenith_deg)
         d = np.array([[math.sin(zenith), 0.0, math.cos(zenith)]])
         o = np.array([[0.0, 0.0, 5.0]]) - 3.0 * d
-        assert (distances(apertures, 0, o, d, math.inf, FOV_ANGLE)[0] > 0.0) == expected
+        assert (distances(apertures, 0, o, d, math.inf, FieldOfView.ANGLE)[0] > 0.0) == expected
 
 
 @pytest.mark.parametrize("fov_deg", [20.0, 60.0, 179.0])
@@ -162,22 +154,24 @@ def test_field_of_view_is_the_full_angle(fov_deg):
         half = math.radians(fov_deg / 2.0) + off
         d = np.array([[math.sin(half), 0.0, math.cos(half)]])
         o = np.array([[0.0, 0.0, 5.0]]) - 4.0 * d
-        assert (distances(apertures, 0, o, d, math.inf, FOV_ANGLE)[0] > 0.0) == expected
+        assert (distances(apertures, 0, o, d, math.inf, FieldOfView.ANGLE)[0] > 0.0) == expected
 
 
 def test_hemisphere_takes_light_that_grazes():
     apertures = aperture_arrays(mt.Link(receiver=mt.Receiver(fov_deg=180.0, radius=1.0)))
     d = np.array([[1.0, 0.0, 1e-9]])
     o = np.array([[0.0, 0.0, 5.0]]) - 2.0 * d
-    assert distances(apertures, 0, o, d, math.inf, FOV_ANGLE)[0] == pytest.approx(2.0, rel=1e-5)
+    assert distances(apertures, 0, o, d, math.inf, FieldOfView.ANGLE)[0] == pytest.approx(
+        2.0, rel=1e-5
+    )
 
 
 def test_light_from_behind_and_short_paths_miss():
     apertures = aperture_arrays(mt.Link())
     o = np.array([[0.0, 0.0, 7.0], [0.0, 0.0, 4.0], [0.0, 0.0, 4.0]])
     d = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
-    assert (distances(apertures, 0, o, d, 0.99, FOV_ANGLE) < 0.0).all()
-    assert distances(apertures, 0, o, d, 1.0, FOV_ANGLE).tolist() == [-1.0, 1.0, -1.0]
+    assert (distances(apertures, 0, o, d, 0.99, FieldOfView.ANGLE) < 0.0).all()
+    assert distances(apertures, 0, o, d, 1.0, FieldOfView.ANGLE).tolist() == [-1.0, 1.0, -1.0]
 
 
 def test_length_of_the_direction_does_not_matter_to_the_angle():
@@ -187,8 +181,8 @@ def test_length_of_the_direction_does_not_matter_to_the_angle():
     d = random_directions(rng, 5000) * (1, 1, 5)
     o = np.zeros((5000, 3))
     unit = d / np.linalg.norm(d, axis=1)[:, None]
-    a = distances(apertures, 0, o, d, math.inf, FOV_ANGLE) > 0.0
-    b = distances(apertures, 0, o, unit, math.inf, FOV_ANGLE) > 0.0
+    a = distances(apertures, 0, o, d, math.inf, FieldOfView.ANGLE) > 0.0
+    b = distances(apertures, 0, o, unit, math.inf, FieldOfView.ANGLE) > 0.0
     assert a.sum() > 100
     np.testing.assert_array_equal(a, b)
 
@@ -205,8 +199,8 @@ def test_printed_field_of_view_tests_the_crossing():
     d /= np.linalg.norm(d, axis=1)[:, None]
     reach = 0.5 + (5.0 - crossing[:, 2]) * math.tan(math.radians(30.0))
     expected = (np.hypot(*crossing[:, :2].T) < reach) & (np.hypot(*on_disk[:, :2].T) <= 0.5)
-    paper = distances(apertures, 0, crossing, d, math.inf, FOV_PAPER_POSITION) > 0.0
-    angle = distances(apertures, 0, crossing, d, math.inf, FOV_ANGLE) > 0.0
+    paper = distances(apertures, 0, crossing, d, math.inf, FieldOfView.PAPER_POSITION) > 0.0
+    angle = distances(apertures, 0, crossing, d, math.inf, FieldOfView.ANGLE) > 0.0
     np.testing.assert_array_equal(paper, expected)
     assert (paper | ~angle).all()
     assert (paper & ~angle).any()
@@ -217,12 +211,12 @@ def test_score_is_weight_times_absorption_up_to_the_disk():
     tallies = tallies_of(rows=2, arrivals=2)
     o = np.array([[0.0, 0.0, -5.0], [3.0, 0.0, -5.0]])
     d = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
-    hit = scored(tallies, apertures, o, d, 4.0, 0.5, FOV_ANGLE, absorbing(0.2))
+    hit = scored(tallies, apertures, o, d, 4.0, 0.5, FieldOfView.ANGLE, absorbing(0.2))
     assert hit.tolist() == [True, False]
     expected = 0.5 * math.exp(-0.2 * 3.0)
     np.testing.assert_allclose(tallies.score[:, 0], [expected, 0.0], rtol=1e-14)
     assert tallies.n_arrivals[0] == 1
-    np.testing.assert_allclose(tallies.arrivals[0], [0.0, 0.0, expected, 103.0, 7.0])
+    np.testing.assert_allclose(list(tallies.arrivals[0]), [0.0, 0.0, expected, 103.0, 7.0])
 
 
 def test_planes_take_down_and_up_light_plane_and_scalar():
@@ -275,7 +269,7 @@ def test_layers_absorb_up_to_the_plane_and_to_the_disk():
     o, up = np.array([[0.0, 0.0, -1.9]]), np.array([[0.0, 0.0, 1.0]])
     medium = medium_arrays(link)
     planes(tallies, o, up, np.array([1.8]), 1.0, medium)
-    scored(tallies, aperture_arrays(link), o, up, 1.8, 1.0, FOV_ANGLE, medium)
+    scored(tallies, aperture_arrays(link), o, up, 1.8, 1.0, FieldOfView.ANGLE, medium)
     expected = math.exp(-0.5 * 0.4)
     np.testing.assert_allclose(tallies.score[0, [0, 2, 4]], expected, rtol=1e-3)
 
@@ -311,7 +305,7 @@ def test_ledger_rounds_to_half_a_unit_and_does_not_depend_on_order():
     for order in (np.arange(2500), rng.permutation(2500)):
         tallies = tallies_of()
         deposits(tallies, weights[order])
-        sums.append(int(tallies.ledger[kernel.LANDED]))
+        sums.append(int(tallies.ledger[kernel.Fate.LANDED]))
     assert sums[0] == sums[1]
     assert sums[0] * kernel.UNIT == pytest.approx(math.fsum(weights), abs=2500 * kernel.UNIT / 2)
 

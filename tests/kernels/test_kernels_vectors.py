@@ -6,28 +6,45 @@ import numpy as np
 import pytest
 from numba import njit
 
-from meshtrace.kernels.vectors import turn
+from meshtrace.kernels.vectors import (
+    UP,
+    Vec3,
+    along,
+    blend,
+    combine,
+    cross,
+    cross2,
+    dot,
+    dot2,
+    minus,
+    minus2,
+    norm,
+    plus,
+    row,
+    scaled,
+    turn,
+    unit,
+    write,
+)
 
 
 @njit
 def turned(d, s, u):
     out = np.empty((len(s), 3))
     for i in range(len(s)):
-        x, y, z = turn(d[0], d[1], d[2], s[i], u[i])
-        out[i, 0], out[i, 1], out[i, 2] = x, y, z
+        write(out[i], turn(Vec3(d[0], d[1], d[2]), s[i], u[i]))
     return out
 
 
 @njit
 def walk(d, s, u):
     """Return |d|^2 - 1 after many turns in a row."""
-    x, y, z = d
     for i in range(len(s)):
-        x, y, z = turn(x, y, z, s[i], u[i])
-    return x * x + y * y + z * z - 1.0
+        d = turn(d, s[i], u[i])
+    return dot(d, d) - 1.0
 
 
-def unit(theta, phi):
+def direction(theta, phi):
     return np.array(
         [math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)]
     )
@@ -48,9 +65,9 @@ AXES = {
     "near down": near_pole(-1.0 + 1e-5),
     "level": np.array([1.0, 0.0, 0.0]),
     "level, minus zero": np.array([0.0, 1.0, -0.0]),
-    "just below level": unit(math.pi / 2 + 1e-12, 1.0),
-    "slanted": unit(0.7, 2.1),
-    "slanted down": unit(2.6, -1.3),
+    "just below level": direction(math.pi / 2 + 1e-12, 1.0),
+    "slanted": direction(0.7, 2.1),
+    "slanted down": direction(2.6, -1.3),
 }
 
 axis = pytest.mark.parametrize("d", AXES.values(), ids=AXES.keys())
@@ -99,4 +116,46 @@ def test_opposite_azimuths_cancel(d):
 def test_length_does_not_drift():
     rng = np.random.default_rng(2)
     n = 100_000
-    assert abs(walk((0.0, 0.0, 1.0), rng.random(n) ** 4, rng.random(n))) < 1e-15
+    assert abs(walk(UP, rng.random(n) ** 4, rng.random(n))) < 1e-15
+
+
+@njit
+def algebra(a, b, c, s, t, out):
+    p, q, r = row(a, 0), row(b, 0), row(c, 0)
+    vectors = (
+        cross(p, q),
+        plus(p, q),
+        minus(p, q),
+        scaled(s, p),
+        along(p, q, t),
+        combine(s, p, t, q),
+        blend(s, t, p, q, r),
+        unit(p),
+    )
+    for i in range(len(vectors)):
+        write(out[i], vectors[i])
+    return dot(p, q), norm(p), dot2(p, q), cross2(p, q), minus2(p, q)
+
+
+def test_algebra_against_numpy():
+    a, b, c = np.random.default_rng(3).normal(size=(3, 1, 3))
+    s, t = 0.3, 0.45
+    out = np.empty((8, 3))
+    scalars = algebra(a, b, c, s, t, out)
+    a, b, c = a[0], b[0], c[0]
+    expected = [
+        np.cross(a, b),
+        a + b,
+        a - b,
+        s * a,
+        a + t * b,
+        s * a + t * b,
+        (1 - s - t) * a + s * b + t * c,
+        a / np.linalg.norm(a),
+    ]
+    np.testing.assert_allclose(out, expected, atol=1e-15)
+    area = np.linalg.det([a[:2], b[:2]])
+    np.testing.assert_allclose(
+        scalars[:4], [a @ b, np.linalg.norm(a), a[:2] @ b[:2], area], rtol=1e-14
+    )
+    np.testing.assert_array_equal(scalars[4], (a - b)[:2])

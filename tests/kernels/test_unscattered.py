@@ -11,6 +11,7 @@ import meshtrace as mt
 from meshtrace.kernels import chain_gain as kernel
 from meshtrace.kernels import unscattered as image
 from meshtrace.kernels.jit import entry
+from meshtrace.kernels.vectors import Vec2, row
 from meshtrace.surfaces import FlatSea, TiltedPlane
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import emitter_of
@@ -20,8 +21,9 @@ from meshtrace.transport.forced_link import emitter_of
 def _overlaps(triangles, r, out):
     for i in range(len(triangles)):
         t = triangles[i]
-        a, x, y = image.disk_overlap(t[0], t[1], t[2], t[3], t[4], t[5], r)
-        out[i, 0], out[i, 1], out[i, 2] = a, x, y
+        a, b, c = Vec2(t[0], t[1]), Vec2(t[2], t[3]), Vec2(t[4], t[5])
+        out[i, 0], center = image.disk_overlap(a, b, c, r)
+        out[i, 1], out[i, 2] = center.x, center.y
 
 
 def overlap(triangles, r=1.0):
@@ -120,8 +122,8 @@ def test_overlaps_of_a_tiling_add_up_to_the_disk():
 @entry
 def _angles(triangles, out):
     for i in range(len(triangles)):
-        t = triangles[i]
-        out[i] = image.solid_angle(t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8])
+        t = triangles[i].reshape(3, 3)
+        out[i] = image.solid_angle(row(t, 0), row(t, 1), row(t, 2))
 
 
 def solid_angle(triangles):
@@ -157,7 +159,7 @@ def test_solid_angles():
 @entry
 def _intensities(emitter, w, out):
     for i in range(len(w)):
-        out[i] = kernel.intensity(emitter, w[i, 0], w[i, 1], w[i, 2])
+        out[i] = kernel.intensity(emitter, row(w, i))
 
 
 SOURCES = [

@@ -7,7 +7,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.kernels.tally import N_FATES
+from meshtrace.kernels.tally import Fate
 from meshtrace.surfaces import JonswapSea
 from meshtrace.transport.analog import FixedPointSum, new_recorder, run_analog
 
@@ -147,7 +147,7 @@ def test_recorded_paths_do_not_depend_on_batches(intersector, name):
 def test_a_photon_alone_is_the_photon_in_the_run(intersector, name):
     """Alone its slot, its neighbours and its ray batches are others; its fate is the same."""
     link, first, n = LINKS[name], 10_000, 96
-    ledger = FixedPointSum((N_FATES,))
+    ledger = FixedPointSum((len(Fate),))
     score = np.zeros(0)
     for photon in range(first, first + n):
         one = run_analog(

@@ -10,6 +10,7 @@ from numba import njit
 import meshtrace as mt
 from meshtrace.kernels.random import uniforms
 from meshtrace.kernels.sources import cardioidal_cosine, lambert_reflection, launch
+from meshtrace.kernels.vectors import write
 from meshtrace.transport.arrays import source_arrays
 
 TOP = 1.5
@@ -21,10 +22,9 @@ POLAR_BINS, AZIMUTH_BINS = 40, 24
 def _launched(sources, n, seed):
     out = np.empty((n, 8))
     for i in range(n):
-        x, y, z, dx, dy, dz, in_water, u = launch(sources, seed, i)
-        out[i, 0], out[i, 1], out[i, 2] = x, y, z
-        out[i, 3], out[i, 4], out[i, 5] = dx, dy, dz
-        out[i, 6], out[i, 7] = in_water, u
+        p, d, out[i, 6], out[i, 7] = launch(sources, seed, i)
+        write(out[i, :3], p)
+        write(out[i, 3:6], d)
     return out
 
 
@@ -33,7 +33,7 @@ def _reflected(n, seed):
     out = np.empty((n, 3))
     for i in range(n):
         u0, u1, _, _ = uniforms(seed, i, 0, 5)
-        out[i, 0], out[i, 1], out[i, 2] = lambert_reflection(u0, u1)
+        write(out[i], lambert_reflection(u0, u1))
     return out
 
 

@@ -11,6 +11,7 @@ import meshtrace as mt
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.kernels.medium import collide, sample_free_path
 from meshtrace.kernels.random import uniforms
+from meshtrace.kernels.vectors import Vec3
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.surfaces import FlatSea
 from meshtrace.transport.arrays import medium_arrays, with_raster
@@ -40,11 +41,11 @@ def _first_collisions(medium, z0, dz, n, seed):
         while True:
             event += 1
             u_kind, u_theta, u_path, _ = uniforms(seed, i, event, 2)
-            s = sample_free_path(medium, 0.0, 0.0, z, u_path)
+            s = sample_free_path(medium, Vec3(0.0, 0.0, z), u_path)
             z += s * dz
             if not (-1e6 < z < 0.0):
                 break
-            turned, w = collide(medium, 0.0, 0.0, z, 1.0, u_kind, u_theta)
+            turned, w = collide(medium, Vec3(0.0, 0.0, z), 1.0, u_kind, u_theta)
             if turned >= 0.0 or w != 1.0:
                 out[i, 0], out[i, 1] = -z, w
                 break

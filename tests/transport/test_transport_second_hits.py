@@ -8,7 +8,7 @@ from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.kernels.photon import V_SURFACE_IN, V_SURFACE_OUT
+from meshtrace.kernels.photon import Vertex
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.surfaces import FlatSea, SinusoidalSea
 from meshtrace.transport.analog import new_recorder, run_analog
@@ -81,9 +81,9 @@ def test_second_hit_is_where_geometry_puts_it(two_hits):
     entered = 0
     for i in range(64):
         what = recorder.what[i, : recorder.length[i]]
-        out = recorder.vertex[i, np.flatnonzero(what == V_SURFACE_OUT)[0]]
+        out = recorder.vertex[i, np.flatnonzero(what == Vertex.SURFACE_OUT)[0]]
         np.testing.assert_allclose(out, first, atol=1e-9)
-        for k in np.flatnonzero(what == V_SURFACE_IN):
+        for k in np.flatnonzero(what == Vertex.SURFACE_IN):
             entered += 1
             np.testing.assert_allclose(recorder.vertex[i, k], second, atol=1e-4)
     assert entered > 40

@@ -9,7 +9,7 @@ from numba import njit
 
 from meshtrace.kernels.phase import sample_s
 from meshtrace.kernels.random import uniforms
-from meshtrace.kernels.vectors import turn
+from meshtrace.kernels.vectors import UP, Vec3, turn, write
 from meshtrace.optics.phase import FournierForand, HenyeyGreenstein
 
 SAMPLES = 400_000
@@ -20,7 +20,7 @@ def _turned(tables, dx, dy, dz, n, seed):
     out = np.empty((n, 3))
     for i in range(n):
         _, u_theta, u_phi, _ = uniforms(seed, i, 1, 2)
-        out[i, 0], out[i, 1], out[i, 2] = turn(dx, dy, dz, sample_s(tables, u_theta), u_phi)
+        write(out[i], turn(Vec3(dx, dy, dz), sample_s(tables, u_theta), u_phi))
     return out
 
 
@@ -29,11 +29,11 @@ def _after(tables, n, scatterings, seed):
     """Return the height of the direction after several scatterings of light that goes up."""
     out = np.empty(n)
     for i in range(n):
-        x, y, z = 0.0, 0.0, 1.0
+        d = UP
         for k in range(scatterings):
             _, u_theta, u_phi, _ = uniforms(seed, i, k + 1, 2)
-            x, y, z = turn(x, y, z, sample_s(tables, u_theta), u_phi)
-        out[i] = z
+            d = turn(d, sample_s(tables, u_theta), u_phi)
+        out[i] = d.z
     return out
 
 

@@ -1,0 +1,405 @@
+"""Adjoint paths: the scattered light of a link, followed from the receiver.
+
+Where light arrives only by scattering, chains aimed at the aperture starve; paths from the
+aperture see such light naturally, since the surface comes first and the connection to the source
+lies wholly in the water. With x on the aperture and w in the field of view,
+
+    h = E[ |A| cos(x, w) / p(w) T (n_air / n_water)^2 sum_k W_k L_k ],
+
+W_k the weight behind k scatterings and L_k the light that the path's segment receives by one more
+(`meshtrace.kernels.line_estimate`). Unscattered light is not included.
+"""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.bvh import EmbreeIntersector
+from meshtrace.errors import Refused
+from meshtrace.kernels import adjoint as kernel
+from meshtrace.kernels.interface import FieldOfView
+from meshtrace.kernels.line_estimate import SMALLEST_ANGLE, AngleTable, Optics
+from meshtrace.kernels.medium import DepthMode, Medium
+from meshtrace.kernels.vectors import Vec3
+from meshtrace.link import Link, Receiver, WaterSource
+from meshtrace.mesh import TriangleMesh
+from meshtrace.optics.phase import PhaseFunction
+from meshtrace.stored import SHIFTS
+from meshtrace.transport.arrays import interface_arrays, medium_arrays, surface_arrays, with_raster
+from meshtrace.transport.forced_link import emitter_of, target_of
+from meshtrace.transport.frame import IDENTITY, frame_of
+
+_BLOCK = 4096  # paths of one block; sums of blocks do not depend on threads
+_ORDERS = 40  # numbers of scatterings told apart; the last holds all beyond
+_CELLS_PER_LOG = 200.0
+_EVEN, _AIMED = 0.5, 0.3  # shares of free paths and of directions, see `World`
+_BRANCHES = 8  # side paths of one path that wait at a time
+_ROUNDS = 3  # of looking for the facets below the crossings
+_NARROWEST = 0.1  # [deg], of a source
+
+
+class Sums(NamedTuple):
+    """Sums over the paths of a block."""
+
+    groups: NDArray[np.float64]  # (SHIFTS,)
+    orders: NDArray[np.float64]  # (orders,)
+    square: float
+    scored: int
+    beside: int
+
+
+@dataclass(frozen=True)
+class AdjointParts:
+    """Scattered gain over one surface.
+
+    Attributes
+    ----------
+    scattered : ndarray, shape (receivers, SHIFTS)
+        Scattered gain of each group of paths; its mean over the groups is the scattered gain.
+    orders : ndarray, shape (receivers, orders)
+        Scattered gain by the number of scatterings, from 1 on; the last holds all beyond.
+    scored : ndarray of int, shape (receivers,)
+        Paths that received light.
+    variance : ndarray, shape (receivers,)
+        Variance of the gain of one path.
+    beside : ndarray, shape (receivers,)
+        Share of the paths that passed beside the mesh, where no surface is known.
+    """
+
+    scattered: NDArray[np.float64]
+    orders: NDArray[np.float64]
+    scored: NDArray[np.int64]
+    variance: NDArray[np.float64]
+    beside: NDArray[np.float64]
+
+    @property
+    def gain(self) -> NDArray[np.float64]:
+        """Scattered gain of each receiver."""
+        return self.scattered.mean(axis=1)
+
+    @property
+    def stderr(self) -> NDArray[np.float64]:
+        """Standard error of the scattered gain of each receiver."""
+        return self.scattered.std(axis=1, ddof=1) / math.sqrt(SHIFTS)
+
+
+class AdjointPaths:
+    """Paths from the receivers of a link, ready to be followed over any surface.
+
+    Parameters
+    ----------
+    link : Link
+        The link; sources in the water, receivers in the air.
+    photons : int
+        Paths for each receiver, >= 32 for each source.
+    seed : int
+        Key of the random numbers, 0 <= seed < 2^64. The numbers of a receiver depend on the
+        seed and its index in the link alone.
+    normals : {"vertex", "facet"}
+        Normals interpolated from the corners, or those of the facets.
+    threads : int
+        Threads; results do not depend on them.
+
+    Raises
+    ------
+    Refused
+        If the link has a feature that the paths do not follow.
+
+    Notes
+    -----
+    Light crosses the surface once: light that the surface sends back into the water is left out.
+    """
+
+    def __init__(
+        self, link: Link, photons: int, seed: int, normals: str = "vertex", threads: int = 1
+    ) -> None:
+        _require_followable(link)
+        if photons < SHIFTS * len(link.transmitters):
+            raise Refused("photons", photons, f">= {SHIFTS} for each source")
+        self.link = link
+        self.photons = photons
+        self.seed = seed
+        self.normals = normals
+        self.threads = threads
+
+    def evaluate(
+        self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None
+    ) -> AdjointParts:
+        """Return the scattered gain over a mesh.
+
+        Parameters
+        ----------
+        mesh : TriangleMesh
+            The surface.
+        intersector : EmbreeIntersector, optional
+            Embree scene of the mesh, if there is one.
+        """
+        over = _Over(self, mesh, intersector or EmbreeIntersector(mesh, 1))
+        receivers = range(len(self.link.receivers))
+        share = np.array([t.power_mw for t in self.link.transmitters])
+        share /= share.sum()
+        n = self.photons // len(share)
+        jobs = [
+            (r, s, first)
+            for r in receivers
+            for s in range(len(share))
+            for first in range(0, n, _BLOCK)
+        ]
+        with ThreadPoolExecutor(self.threads) as pool:
+            blocks = list(pool.map(lambda job: over.block(*job, min(_BLOCK, n - job[2])), jobs))
+        per_group = np.bincount(np.arange(n) % SHIFTS, minlength=SHIFTS)
+        groups, orders = np.zeros((len(receivers), SHIFTS)), np.zeros((len(receivers), _ORDERS))
+        scored, beside = np.zeros(len(receivers), np.int64), np.zeros(len(receivers))
+        square, total = (
+            np.zeros((len(receivers), len(share))),
+            np.zeros_like(groups[:, : len(share)]),
+        )
+        for (r, s, _), sums in zip(jobs, blocks, strict=True):
+            groups[r] += share[s] * sums.groups / per_group
+            orders[r] += share[s] * sums.orders / n
+            scored[r] += sums.scored
+            beside[r] += sums.beside / self.photons
+            square[r, s] += sums.square / n
+            total[r, s] += sums.groups.sum() / n
+        variance = ((square - total**2) * share**2).sum(axis=1) * len(share)
+        return AdjointParts(groups, orders, scored, variance, beside)
+
+
+class _Over:
+    """The paths over one mesh."""
+
+    def __init__(
+        self, paths: AdjointPaths, mesh: TriangleMesh, intersector: EmbreeIntersector
+    ) -> None:
+        link, frame = paths.link, frame_of(paths.link)
+        if frame != IDENTITY:
+            mesh = frame.mesh(mesh)
+            intersector = EmbreeIntersector(mesh, 1)
+        self._seed, self._smooth = paths.seed, paths.normals == "vertex"
+        self._intersector = intersector
+        surface = surface_arrays(mesh, paths.normals, link.physics.unresolved)
+        self._surface = surface._replace(level=float(surface.high[2]))
+        self._flat = mesh.max_slope == 0.0 and surface.low[2] == surface.high[2]
+        self._rough = surface.roughness.along > 0.0 or surface.roughness.across > 0.0
+        medium = frame.medium(_water(link, frame.unit * float(surface.high[2])))
+        sampled = medium
+        if medium.depth_mode == DepthMode.LOCAL:
+            medium = with_raster(medium, intersector)
+            sampled = medium._replace(depth_mode=DepthMode.CLAMPED)
+        self._medium = medium
+        self._interface = interface_arrays(link)
+        water = angle_table(link.water.phase)
+        bubble = angle_table(link.bubbles.phase_function()) if link.bubbles else water
+        self._sources = []
+        for t in link.transmitters:
+            size = float(getattr(t, "waist", 0.0) or getattr(t, "radius", 0.0)) / frame.unit
+            rate = frame.unit / t.depth + medium.a + medium.b
+            bubbly = link.bubbles is not None
+            optics = Optics(emitter_of(t, frame), medium, sampled, water, bubble, bubbly, rate)
+            self._sources.append((optics, size))
+        self._targets = [target_of(r, frame) for r in link.receivers]
+
+    def _world(self, receiver: int, source: int, first: int) -> kernel.World:
+        optics, size = self._sources[source]
+        target = self._targets[receiver]
+        axis = Vec3(-target.axis.x, -target.axis.y, -target.axis.z)
+        cos_cone = target.cos_half_fov
+        if self._interface.fov != FieldOfView.ANGLE:  # a disk about the point below the receiver
+            axis = Vec3(0.0, 0.0, -1.0)
+            fall = target.center[2] - float(self._surface.high[2])
+            nearest = fall - target.radius * math.hypot(target.axis[0], target.axis[1])
+            widest = 2.0 * target.radius + (target.center[2] - float(self._surface.low[2])) * (
+                target.tan_half_fov
+            )
+            cos_cone = nearest / math.hypot(nearest, widest) if nearest > 0.0 else 0.0
+        key = np.random.SeedSequence((self._seed, source, receiver, 0xAD)).generate_state(
+            1, np.uint64
+        )[0]
+        b, bubbles = _vertical_depths(self._medium, -optics.emitter.position[2])
+        lobe_bubble = bubbles / (b + bubbles) if bubbles > 0.0 else 0.0
+        return kernel.World(
+            optics,
+            target,
+            self._surface,
+            self._interface,
+            size,
+            lobe_bubble,
+            axis,
+            float(cos_cone),
+            _EVEN / (1.0 + b + bubbles) ** 1.5,
+            _AIMED,
+            key,
+            first,
+        )
+
+    def block(self, receiver: int, source: int, first: int, n: int) -> Sums:
+        """Follow n paths from an index on."""
+        world = self._world(receiver, source, first)
+        starts = self._starts(world)
+        sets = 1 if self._flat or (self._smooth and not self._rough) else 2
+        paths = kernel.Paths(
+            lamp=np.empty((n, 3)),
+            point=np.empty((n, 3)),
+            direction=np.empty((n, 3)),
+            tilt=np.empty((n, 2)),
+            root=np.empty((n, len(starts), 2)),
+            lobe=np.empty((n, sets * len(starts), 3)),
+            weight=np.empty(n),
+            length=np.empty(n),
+            importance=np.empty(n),
+            state=np.empty(n, np.int64),
+            heaviest=np.empty(n),
+            order=np.empty(n, np.int64),
+            event=np.empty(n, np.int64),
+            branch=np.empty((n, _BRANCHES, 8)),
+            branches=np.empty(n, np.int64),
+            score=np.zeros((n, _ORDERS)),
+        )
+        kernel.begin(paths, starts, world)
+        rounds = 1 if self._flat else _ROUNDS + sets - 1
+        for k in range(rounds):
+            facets = self._below(paths.root)
+            kernel.improve(paths, facets, k - (rounds - sets), world)
+        origins, directions = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
+        kernel.look(paths, origins, directions, world)
+        beside = kernel.enter(paths, self._intersector.facets(origins, directions), world)
+        self._follow(paths, world)
+        total = paths.score.sum(axis=1)
+        groups = np.bincount((first + np.arange(n)) % SHIFTS, total, SHIFTS)
+        return Sums(
+            groups,
+            paths.score.sum(axis=0),
+            float(total @ total),
+            int(np.count_nonzero(total)),
+            int(beside),
+        )
+
+    def _follow(self, paths: kernel.Paths, world: kernel.World) -> None:
+        """Follow paths to their ends; Embree is asked where a wave may cut a segment."""
+        n = len(paths.weight)
+        most = 6 * n + 64
+        checks = kernel.Checks(np.empty((most, 3)), np.empty((2 * most + n, 8)))
+        clear = np.zeros(n, bool)
+        while True:
+            listed, rays = kernel.follow(paths, clear, checks, world)
+            if listed == 0 and rays == 0:
+                return
+            ray = checks.ray[:rays]
+            cut = self._cut(ray)
+            what = ray[:, 0].astype(np.int64)
+            clear[-1 - what[what < 0]] = ~cut[what < 0]
+            free = np.ones(listed, bool)
+            free[what[(what >= 0) & cut]] = False
+            kept = checks.score[:listed][free]
+            np.add.at(
+                paths.score, (kept[:, 0].astype(np.int64), kept[:, 1].astype(np.int64)), kept[:, 2]
+            )
+
+    def _cut(self, ray: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which paths meet the surface; they start a hair late, off the facet they left."""
+        hair = 1e-4 * ray[:, 7]
+        start = ray[:, 1:4] + hair[:, None] * ray[:, 4:7]
+        hits = self._intersector.intersect(start, ray[:, 4:7])
+        return hits.distance < ray[:, 7] - hair
+
+    def _below(self, root: NDArray[np.float64]) -> NDArray[np.int32]:
+        """Return the facets over points (x, y); -1 beside the mesh, and on still water."""
+        shape = root.shape[:2]
+        if self._flat:
+            return np.full(shape, -1, np.int32)
+        low, high = self._surface.low[2], self._surface.high[2]
+        origins = np.empty((shape[0] * shape[1], 3), np.float32)
+        origins[:, :2] = root.reshape(-1, 2)
+        origins[:, 2] = high + 0.1 * (high - low)
+        down = np.zeros_like(origins)
+        down[:, 2] = -1.0
+        return self._intersector.facets(origins, down).reshape(shape)
+
+    def _starts(self, world: kernel.World) -> NDArray[np.float64]:
+        """Return crossings (x, y) of light from the source to the centre of the aperture."""
+        n = self._medium.n_water / self._medium.n_air
+        target, emitter = world.target, world.optics.emitter
+        height, depth = target.center[2], max(-emitter.position[2], 0.0)
+        share = n * height / (n * height + depth)
+        center, lamp = np.array(target.center), np.array(emitter.position)
+        return (center + share * (lamp - center))[None, :2].copy()
+
+
+def _require_followable(link: Link) -> None:
+    for t in link.transmitters:
+        if not isinstance(t, WaterSource):
+            raise Refused("transmitter", t.kind, "a source in the water")
+        for name in ("half_angle_deg", "divergence_deg"):
+            angle = getattr(t, name, _NARROWEST)
+            if angle < _NARROWEST:
+                raise Refused(f"{t.kind}.{name}", angle, f">= {_NARROWEST:g}")
+    for r in link.receivers:
+        if not isinstance(r, Receiver):
+            raise Refused("receiver", r.kind, "a receiver in the air")
+    if not link.receivers:
+        raise Refused("receiver", (), "at least one")
+    if link.planes is not None:
+        raise Refused("planes", "given", "None")
+    p = link.physics
+    for name, allowed in (("snell", "physical"), ("direction", "vector"), ("second_hit", "trace")):
+        if getattr(p, name) != allowed:
+            raise Refused(f"physics.{name}", getattr(p, name), f'"{allowed}"')
+    stratified = link.bubbles is not None or link.water.layers is not None
+    if stratified and p.absorption == "paper":
+        raise Refused("physics.absorption", p.absorption, "the physical forms in stratified water")
+    if stratified and p.free_path == "local_c":
+        raise Refused("physics.free_path", p.free_path, '"exact" in stratified water')
+
+
+def _water(link: Link, crest: float) -> Medium:
+    """Return the water; the printed Algorithm 1 acts as b -> albedo b (E5)."""
+    medium = medium_arrays(link, crest)
+    if link.physics.absorption == "paper":
+        medium = medium._replace(b=medium.b * link.water.albedo)
+    return medium
+
+
+def _vertical_depths(medium: Medium, depth: float) -> tuple[float, float]:
+    """Return the optical depths of scattering by water and bubbles straight down to a depth."""
+    b = medium.b * depth
+    if medium.layered:
+        z = np.linspace(0.0, depth, 257) / medium.layer_step
+        b = depth * float(np.interp(z, np.arange(len(medium.layer_b)), medium.layer_b).mean())
+    if medium.depth_mode == DepthMode.NONE:
+        return b, 0.0
+    return b, float(medium.bubble_path[-1])
+
+
+@lru_cache(maxsize=32)
+def angle_table(phase: PhaseFunction) -> AngleTable:
+    """Tabulate a phase function and its integral over the scattering angle.
+
+    Parameters
+    ----------
+    phase : PhaseFunction
+        The phase function.
+
+    Notes
+    -----
+    A cell holds the mean over its solid angle by 4 Gauss points in theta; cells are 0.5 % wide.
+    """
+    log_first = math.log(SMALLEST_ANGLE)
+    cells = math.ceil((math.log(math.pi) - log_first) * _CELLS_PER_LOG)
+    per_log = cells / (math.log(math.pi) - log_first)
+    edge = np.exp(log_first + np.arange(cells + 1) / per_log)
+    edge[-1] = math.pi
+    node, weight = np.polynomial.legendre.leggauss(4)
+    half = 0.5 * np.diff(edge)[:, None]
+    theta = edge[:-1, None] + half * (1.0 + node)
+    solid = weight * np.sin(theta)
+    beta = (phase.pdf(theta) * solid).sum(axis=1) / solid.sum(axis=1)
+    parts = beta * np.diff(edge)
+    tail = np.append(np.cumsum(parts[::-1])[::-1], 0.0)
+    return AngleTable(log_first, per_log, edge, beta, tail)

@@ -1,0 +1,65 @@
+"""Choice of the estimator of the scattered light, receiver by receiver.
+
+Chains that are aimed at the aperture are efficient where light arrives by small angles; where it
+arrives by large angles only, or after many scatterings, paths from the receiver are.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.transport.chain_sets import Pilot
+
+Method = Literal["chains", "adjoint"]
+
+PILOT_PATHS = 2048
+"""Adjoint paths of a pilot for each source and receiver."""
+
+_EFFICIENT = 4.0  # relative variance of a chain up to which no other estimator is tried
+_COST = 3.0  # time of a chain over that of an adjoint path
+_SURE = 10.0  # means over standard errors: that of 100 equal samples
+_DOUBT = 3.5  # standard errors by which the pilots may differ: beyond, chains miss light
+
+
+class ScatteredPilot(NamedTuple):
+    """Mean of the scattered gain and variance of one sample, by receiver."""
+
+    mean: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    stderr: NDArray[np.float64]
+
+
+def chain_pilot(pilots: list[Pilot], power: NDArray[np.float64]) -> ScatteredPilot:
+    """Return the pilots of the sources together, for chains that are allotted at best.
+
+    With n_K ~ sigma_K the variance times the number of chains is (sum_K sigma_K)^2.
+    """
+    shape = len(pilots[0].mean)
+    mean, spread, square = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    for share, found in zip(power, pilots, strict=True):
+        mean += share * found.mean.sum(axis=1)
+        spread += share * found.spread.sum(axis=1)
+        square += share**2 * (found.spread**2 / np.maximum(found.chains, 1)).sum(axis=1)
+    return ScatteredPilot(mean, spread**2, np.sqrt(square))
+
+
+def is_clear(chains: ScatteredPilot) -> NDArray[np.bool_]:
+    """Return the receivers whose light the chains see well enough to need no comparison."""
+    return (chains.mean > 0.0) & (chains.variance <= _EFFICIENT * chains.mean**2)
+
+
+def choose(chains: ScatteredPilot, paths: ScatteredPilot) -> list[Method]:
+    """Return the estimator of each receiver: the smaller variance times time.
+
+    Chains that miss much of the light have a small variance: where the paths find more light
+    than chance allows, or few chains bring all of it, chains are not trusted.
+    """
+    missed = paths.mean - chains.mean > _DOUBT * np.hypot(paths.stderr, chains.stderr)
+    slower = chains.variance * _COST > paths.variance
+    few = chains.mean < _SURE * chains.stderr
+    surer = paths.stderr * chains.mean < chains.stderr * paths.mean
+    adjoint = (paths.mean > 0.0) & (missed | slower | (few & surer) | (chains.mean <= 0.0))
+    return ["adjoint" if a else "chains" for a in adjoint]
