@@ -111,6 +111,9 @@ class TriangleMesh:
                 f"mesh.faces: indices {faces.min()}..{faces.max()}, allowed 0..{len(vertices) - 1}"
             )
         object.__setattr__(self, "vertices", vertices)
+        # Kernels are compiled for one kind of array: faces of grids are shared and read-only.
+        faces = faces.view()
+        faces.flags.writeable = False
         object.__setattr__(self, "faces", faces)
         up = self.face_normals[:, 2]
         if not up.min() > 0.0:

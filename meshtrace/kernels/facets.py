@@ -6,10 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from meshtrace.kernels.jit import inlined
+from meshtrace.kernels.jit import allocating_entry, inlined
 
 
 class Roughness(NamedTuple):
@@ -142,7 +141,7 @@ def exposure(dx, dy, dz, nx, ny, nz, tilt_x, tilt_y):
     return min(max(1.0 - nz * (dx * tilt_x + dy * tilt_y) / facing, 0.0), 2.0)
 
 
-@njit(cache=True, nogil=True)
+@allocating_entry
 def facet_hits(facet, origins, directions, vertices, faces, face_normals):
     """Return distances and barycentrics of rays on their facets; inf and nan for misses.
 

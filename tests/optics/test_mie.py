@@ -288,8 +288,3 @@ def test_parallel_writers(cache):
     for table in tables:
         assert_is_the_recipe(table)
     assert len(list(cache.iterdir())) == 1
-
-
-def test_default_cache_directory(monkeypatch):
-    monkeypatch.delenv("MESHTRACE_CACHE_DIR", raising=False)
-    assert mie.cache_directory().parts[-1] == "meshtrace"
