@@ -30,7 +30,7 @@ from typing import Any
 
 import llvmlite
 import numba
-from numba import config, njit
+from numba import njit
 from numba.core import dispatcher
 from numba.core.caching import FunctionCache
 from numba.core.compiler import CompileResult
@@ -38,7 +38,8 @@ from numba.core.serialize import dumps
 
 from meshtrace.cache import cache_directory
 
-# numba's own stubs do not know the last two options and `_nrt`
+config: Any = numba.config  # numba's own stubs do not know its fields
+# nor the last two options and `_nrt`
 _bare: dict[str, Any] = {
     "_nrt": False,
     "no_cpython_wrapper": True,
@@ -206,9 +207,10 @@ def is_compiled(compiled: Any) -> bool:
 @contextlib.contextmanager
 def foreign_kernels() -> Iterator[None]:
     """Let the kernels of a package that is imported here use this cache."""
-    numbas = dispatcher.FunctionCache
-    dispatcher.FunctionCache = KernelCache
+    module: Any = dispatcher
+    original = module.FunctionCache
+    module.FunctionCache = KernelCache
     try:
         yield
     finally:
-        dispatcher.FunctionCache = numbas
+        module.FunctionCache = original
