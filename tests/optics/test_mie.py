@@ -116,6 +116,7 @@ def test_tables_are_read_only():
         table.cdf[0] = 1.0
 
 
+@pytest.mark.process
 def test_the_compiled_backend_is_used_and_the_environment_left_alone():
     code = (
         "import os\n"
