@@ -22,7 +22,7 @@ NUMBERS = [math.nan, math.inf, -math.inf, -1, 0, -0.0, 1, 2.5, 90.0, 180.0, 1e-3
            1e6, 1e30, 1e77, 1e300, 2**31, 2**63, -(2**63) - 1, 10**400]  # fmt: skip
 WORDS = ["", "nan", "none", "flat", "paper", "forced", "\x00", "\x1b[2J", "é", "../..", "a" * 5000]
 VALUES = [*NUMBERS, *NUMBERS, *WORDS, True, None, [], {}, [[]], [1, 2, 3, 4], {"kind": "x"}]
-ARRAYS = [np.array([]), np.full(3, np.nan), np.float32(3.0), np.array("x"), 1j, object(), print]
+ARRAYS = [np.array([]), np.full(3, np.nan), np.float32(3.0), np.array("x")]
 
 LINKS = [
     "wind_speed = 5.0\n[sea]\nspacing = 0.5",
@@ -164,7 +164,9 @@ def arguments(random, folder):
     if inspect.isfunction(function):
         sound = {k: v for k, v in sound.items() if k in inspect.signature(function).parameters}
     given = dict(sound)
-    for name in random.sample(sorted(sound), min(len(sound), random.choice([1, 1, 2]))):
+    # another type in place of a link or a sea is left to Python
+    names = sorted(set(sound) - {"link", "surface", "sea"})
+    for name in random.sample(names, min(len(names), random.choice([1, 1, 2]))):
         given[name] = random.choice([*VALUES, *ARRAYS])
     shown = {name: given[name] for name in given if given[name] is not sound[name]}
 
@@ -210,7 +212,7 @@ def commands(random, folder):
     words = [str(value) for value in VALUES]
     words += ["0:1:0", "1:2:nan", "0:1e9:1", "1,2,", "9:1:1", "/dev/null", ".", "/", "-", "--"]
     line = [name, *FEW[name]]
-    for option in random.sample(OPTIONS[name], random.choice([1, 1, 2])):
+    for option in random.sample(OPTIONS[name], min(len(OPTIONS[name]), random.choice([1, 1, 2]))):
         word = random.choice(words)
         if option == "--set":
             word = f"{random.choice(SETTINGS)}={word}"
