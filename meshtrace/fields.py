@@ -23,6 +23,13 @@ FIELDS: Mapping[str, Field] = MappingProxyType(
         "gain_stderr": Field("1", "standard error of the channel gain", r"\sigma_h"),
         "gain_ballistic": Field("1", "channel gain of unscattered light", "h_0"),
         "gain_scattered": Field("1", "channel gain of scattered light", "h_s"),
+        "gain_bound": Field(
+            "1", "upper bound of the channel gain at 95 percent confidence", r"h_\mathrm{max}"
+        ),
+        "gain_reflected": Field(
+            "1", "channel gain of light that the surface had reflected back", r"h_r"
+        ),
+        "gain_order": Field("1", "channel gain by the number of scatterings", "h_n"),
         "gain_mean": Field("1", "mean channel gain", r"\bar h"),
         "gain_mean_stderr": Field(
             "1", "standard error of the mean channel gain", r"\sigma_{\bar h}"
@@ -33,11 +40,31 @@ FIELDS: Mapping[str, Field] = MappingProxyType(
         "fate_photons": Field("1", "number of photons of a fate", r"N_f"),
         "fate_weight": Field("1", "weight of the photons of a fate", r"W_f"),
         "delay": Field("s", "delay after the first light", r"\tau"),
+        "delay_edges": Field("s", "edges of the bins in delay", r"\tau"),
+        "first_arrival": Field("s", "delay of the first light from its emission", "t_0"),
         "mean_delay": Field("s", "mean delay", r"\bar\tau"),
         "rms_delay_spread": Field("s", "rms delay spread", r"\tau_\mathrm{rms}"),
         "impulse_response": Field("s-1", "impulse response", r"h(\tau)"),
+        "arrival_receiver": Field("1", "index of the receiver of an arrival", "i"),
+        "arrival_weight": Field("1", "contribution of an arrival to the channel gain", "w"),
+        "arrival_water_path": Field("m", "path length in water", r"\ell_w"),
+        "arrival_air_path": Field("m", "path length in air", r"\ell_a"),
+        "arrival_group": Field("1", "group of independent arrivals, -1 without error", "g"),
+        # radiometry; over whole planes and per emitted power
         "irradiance": Field("W m-2", "irradiance", "E"),
-        "radiance": Field("W m-2 sr-1", "radiance", "L"),
+        "map_x": Field("m", "distance down-wind of the centre of a cell", "x"),
+        "map_y": Field("m", "distance across the wind of the centre of a cell", "y"),
+        "map_irradiance": Field("m-2", "irradiance per emitted power", "E"),
+        "plane_depth": Field("m", "depth of a plane below still water", "d"),
+        "e_d": Field("1", "downward plane irradiance, integrated over the plane", "E_d"),
+        "e_u": Field("1", "upward plane irradiance, integrated over the plane", "E_u"),
+        "e_od": Field("1", "downward scalar irradiance, integrated over the plane", "E_{od}"),
+        "e_ou": Field("1", "upward scalar irradiance, integrated over the plane", "E_{ou}"),
+        "radiance": Field("sr-1", "radiance, integrated over the plane, per emitted power", "L"),
+        "cosine": Field("1", "cosine of the zenith angle of the light's travel", r"\mu"),
+        "cosine_edges": Field("1", "edges of the bins in the cosine", r"\mu"),
+        "azimuth": Field("rad", "azimuth of the light's travel from +x", r"\varphi"),
+        "azimuth_edges": Field("rad", "edges of the bins in azimuth", r"\varphi"),
         # geometry
         "depth": Field("m", "depth below still water", "d"),
         "height": Field("m", "height above still water", "h_\\mathrm{Rx}"),
@@ -117,11 +144,14 @@ FIELDS: Mapping[str, Field] = MappingProxyType(
         "autocorrelation": Field("1", "autocorrelation of the channel gain", r"\rho(\tau)"),
         "coherence_time": Field("s", "coherence time at 1/e", r"\tau_c"),
         "gain_bin": Field("1", "channel gain at the centre of a bin", "h"),
+        "gain_bin_edge": Field("1", "channel gain at the edges of the bins", "h"),
         "gain_bin_width": Field("1", "width of a channel gain bin", r"\Delta h"),
         "gain_pdf": Field("1", "probability density of the channel gain", "f(h)"),
         "gain_pdf_stderr": Field(
             "1", "standard error of the probability density of the channel gain", r"\sigma_f"
         ),
+        "gain_cdf_low": Field("1", "lower confidence limit of the distribution function", "F_-"),
+        "gain_cdf_high": Field("1", "upper confidence limit of the distribution function", "F_+"),
         "gain_cdf": Field("1", "distribution function of the channel gain", "F(h)"),
         "model": Field("1", "fitted law", r"\mathrm{law}"),
         "fit_parameter": Field("1", "name of a parameter of the fitted law", r"\mathrm{name}"),
@@ -157,6 +187,9 @@ def field(name: str) -> Field:
     'm s-1'
     """
     try:
+        if name not in FIELDS and name.endswith("_stderr"):
+            units, long_name, symbol = FIELDS[name.removesuffix("_stderr")]
+            return Field(units, f"standard error of the {long_name}", rf"\sigma({symbol})")
         return FIELDS[name]
     except KeyError:
         close = difflib.get_close_matches(name, FIELDS)

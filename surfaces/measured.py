@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.stored import read_dataset
+
 from .seas import MeasuredSea
 
 if TYPE_CHECKING:
@@ -49,12 +51,14 @@ def from_wavespectra(
     The width of a frequency bin is half the distance of its neighbours, at the ends the distance
     of the only neighbour, as wavespectra counts it, so that Hs agrees with its `hs()`.
     """
-    dataset = _loaded(source)
+    # any format of netCDF: the engine is chosen by the file
+    is_file = isinstance(source, str | PathLike)
+    dataset = read_dataset(source, engine=None) if is_file else source
     missing = [name for name in ("efth", "freq", "dir") if name not in dataset.variables]
     if missing:
         raise ValueError(f"source: without {missing}, allowed efth over freq [Hz] and dir [deg]")
     efth = dataset["efth"].squeeze(drop=True)
-    if set(efth.dims) != {"freq", "dir"}:
+    if set(efth.dims) != {"freq", "dir"} or not efth.size:
         raise ValueError(
             f"efth: dimensions {efth.dims}, allowed (freq, dir); select one time and site first"
         )
@@ -68,15 +72,6 @@ def from_wavespectra(
         seed=seed,
         depth=depth,
     )
-
-
-def _loaded(source: str | PathLike[str] | xarray.Dataset) -> xarray.Dataset:
-    if not isinstance(source, str | PathLike):
-        return source
-    import xarray
-
-    with xarray.open_dataset(source) as dataset:
-        return dataset.load()
 
 
 def _direction_width(direction: NDArray[np.float64]) -> float:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from functools import lru_cache
 from os import PathLike
+from os.path import isfile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Refused, one_line
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 
 from .parameters import Range
@@ -172,9 +174,7 @@ def _grid_vertices(x_axis: Floats, y_axis: Floats, z: Floats) -> Floats:
 def _read(source: Any) -> tuple[Floats, NDArray[np.int64]]:
     """Return vertices and facets of any source, with their shapes checked."""
     if isinstance(source, str | PathLike):
-        import trimesh
-
-        source = trimesh.load_mesh(source, process=False)
+        source = _loaded(source)
     if isinstance(source, tuple | list) and len(source) == 3:
         return _read_grid(*source)
     pair = (source.vertices, source.faces) if hasattr(source, "faces") else source
@@ -198,6 +198,20 @@ def _read(source: Any) -> tuple[Floats, NDArray[np.int64]]:
             f"source: faces {faces.min()}..{faces.max()}, allowed 0..{len(vertices) - 1}"
         )
     return vertices, faces.astype(np.int64)
+
+
+def _loaded(path: str | PathLike[str]) -> trimesh.Trimesh:
+    """Read a mesh file, refusing what its reader stumbles over."""
+    import trimesh
+
+    allowed = "an undamaged STL, PLY or OBJ file"
+    if not isfile(path):
+        raise Refused(str(path), "no such file", allowed)
+    try:
+        return trimesh.load_mesh(path, process=False)
+    except Exception as error:  # readers raise IndexError, KeyError, struct.error, ...
+        reason = one_line(str(error)) or type(error).__name__
+        raise Refused(str(path), reason, allowed) from error
 
 
 def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:

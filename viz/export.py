@@ -11,8 +11,9 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.files import atomic
 from meshtrace.mesh import TriangleMesh
-from meshtrace.studies.series import CoverageMap
+from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths, Vertex
 
 if TYPE_CHECKING:
@@ -130,7 +131,8 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
         raise ValueError(f"path: {str(path)!r}, allowed a file name in {', '.join(allowed)}")
     if path.suffix == ".vtu":
         data = data.cast_to_unstructured_grid()
-    data.save(path)
+    with atomic(path) as temporary:
+        data.save(temporary)
     return path
 
 
@@ -178,10 +180,11 @@ def save_picture(plotter: pv.Plotter, path: str | Path, largest: int = 300_000) 
 
     path = Path(path)
     picture = Image.fromarray(np.asarray(plotter.screenshot(return_img=True)))
-    for bits in (8, 7, 6, 5):
-        ImageOps.posterize(picture, bits).save(path)
-        if path.stat().st_size <= largest:
-            break
+    with atomic(path) as temporary:
+        for bits in (8, 7, 6, 5):
+            ImageOps.posterize(picture, bits).save(temporary)
+            if temporary.stat().st_size <= largest:
+                break
     return path
 
 

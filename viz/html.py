@@ -22,6 +22,8 @@ from trame_vtk.modules.vtk.serializers import (  # type: ignore[import-untyped]
 )
 from trame_vtk.tools.vtksz2html import write_html  # type: ignore[import-untyped]
 
+from meshtrace.files import atomic
+
 from .stage import Scene
 from .style import INK
 
@@ -97,7 +99,8 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
     page = re.sub(r"https://kitware\.github\.io/vtk-js/icon/[^`\"']*", "data:,", page)
     body = _about(plotter, title)
     page = page.replace("<body>", f"<body>\n{body}", 1).replace("</body>", f"{_LIGHTS}</body>")
-    path.write_text(page, encoding="utf-8")
+    with atomic(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
     return path
 
 

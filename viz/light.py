@@ -8,7 +8,7 @@ import numpy as np
 import pyvista as pv
 
 from meshtrace.mesh import TriangleMesh
-from meshtrace.studies.series import CoverageMap
+from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths, Vertex
 
 from .export import surface_sampler, to_pyvista

@@ -13,9 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.files import atomic
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
-from meshtrace.studies.series import GainSeries, time_series
+from meshtrace.results.series import GainSeries
+from meshtrace.studies.series import time_series
 
 from .plots import plot_gain_series
 from .scenes import scene
@@ -86,7 +88,7 @@ def save_movie(
     look = {"color_limit": 1.2 * float(np.abs(heights).max()) or None, **look}
     frame = _Frame(gain)
     plotter = None
-    with imageio.get_writer(path, **options) as writer:
+    with atomic(path) as temporary, imageio.get_writer(temporary, **options) as writer:
         for time in times:
             plotter = scene(
                 link,

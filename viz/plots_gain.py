@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from meshtrace.fading import FadingStatistics
-    from meshtrace.studies.series import CoverageMap, GainSeries
+    from meshtrace.results.coverage import CoverageMap
+    from meshtrace.results.series import GainSeries
 
 _FITS: dict[str, Callable[[Floats], DistributionFit]] = {
     "lognormal": fit_lognormal,

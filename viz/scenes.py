@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.studies.series import CoverageMap, coverage_map
+from meshtrace.results.coverage import CoverageMap
+from meshtrace.studies.series import coverage_map
 from meshtrace.transport.paths import PhotonPaths
 from meshtrace.transport.simulate import trace_paths
 

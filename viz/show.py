@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 
+from meshtrace.errors import Refused
+from meshtrace.files import atomic, check_writable
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.studies.series import GainSeries
+from meshtrace.results.series import GainSeries
 from meshtrace.transport.paths import PhotonPaths
 
 from .export import export_scene
@@ -98,7 +100,8 @@ def view(
         paths = paths if link is not None else None
         plotter = scene(link, surface, time=time, paths=paths, off_screen=not window, **look)
         if screenshot:
-            plotter.screenshot(screenshot)
+            with atomic(screenshot) as temporary:
+                plotter.screenshot(temporary)
             files.append(Path(screenshot))
         if html:
             files.append(save_html(plotter, html, title))
@@ -134,11 +137,12 @@ def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
             raise ValueError(
                 f"{kind}: {str(name)!r}, allowed a file name in {' or '.join(suffixes)}"
             )
-        folder = path if kind == "export" and path.exists() else path.parent
-        taken = path.is_dir() if suffixes else path.is_file()
-        if taken or not (folder.is_dir() and os.access(folder, os.W_OK)):
-            allowed = "a file in a folder to write to" if suffixes else "a folder to write to"
-            raise ValueError(f"{kind}: {str(name)!r}, allowed {allowed}")
+        if suffixes:
+            check_writable(path, field=kind)
+            continue
+        folder = path if path.exists() else path.parent
+        if not (folder.is_dir() and os.access(folder, os.W_OK)):
+            raise Refused(kind, str(name), "a folder to write to")
 
 
 def has_display() -> bool:

@@ -12,7 +12,7 @@ import pyvista as pv
 
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
-from meshtrace.studies.series import CoverageMap
+from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths
 
 from .style import FONT_FILE, INK, PALETTE, SKY, SLIDE

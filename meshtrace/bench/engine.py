@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from meshtrace.bvh import EmbreeIntersector, Hits
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
-from meshtrace.results.gain import standard_error
+from meshtrace.results.tallies import standard_error
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection, crossing_reach
 from meshtrace.transport.simulate import mesh_for

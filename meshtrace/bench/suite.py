@@ -10,7 +10,7 @@ from typing import Any
 
 from meshtrace.bench.engine import analog_rate, figure_of_merit, new_sea
 from meshtrace.bench.scaling import thread_scaling, worker_scaling
-from meshtrace.results.gain import environment
+from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario, ScenarioError
 from meshtrace.transport.forced import crossing_reach
 from meshtrace.transport.simulate import mesh_for

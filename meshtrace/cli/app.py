@@ -46,9 +46,11 @@ def _message(error: Exception) -> str | None:
     """Return what to tell the user, None for an error that is ours."""
     if hasattr(error, "format_message"):  # how typer says that the arguments are wrong
         return str(error.format_message())
-    scenario = sys.modules.get("meshtrace.scenario")
-    if scenario is not None and isinstance(error, scenario.ScenarioError):
+    errors = sys.modules.get("meshtrace.errors")
+    if errors is not None and isinstance(error, errors.Refused | errors.ScenarioError):
         return str(error)
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
     return None
 
 

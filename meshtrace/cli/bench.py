@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import refuse_unwritable, scenario_of
+from meshtrace.cli.console import scenario_of
+from meshtrace.files import atomic, check_writable
 
 
 @app.command()
@@ -33,10 +34,11 @@ def bench(
     from meshtrace.bench import report
 
     if output is not None:
-        refuse_unwritable(output)
+        check_writable(output, [link])
     scenario = scenario_of(link, ["wind_speed=13", "bubbles=none"] if link is None else [], {})
     result = measure(scenario, quick=quick)
     text = json.dumps(result, indent=1)
-    if output is not None:
-        output.write_text(text + "\n")
     typer.echo(text if as_json else report(result))
+    if output is not None:
+        with atomic(output) as temporary:
+            temporary.write_text(text + "\n", encoding="utf-8")

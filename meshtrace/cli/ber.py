@@ -12,7 +12,6 @@ from meshtrace.cli.console import (
     finite,
     numbers,
     over_seas,
-    refuse_unwritable,
     scenario_of,
     warnings_as_lines,
 )
@@ -26,6 +25,7 @@ from meshtrace.cli.options import (
     Settings,
     Threads,
 )
+from meshtrace.files import check_writable
 
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
@@ -85,7 +85,7 @@ def ber(
         for u in speeds
     ]
     if output is not None:
-        refuse_unwritable(output)
+        check_writable(output, [link])
     if realizations is None:
         realizations = 200 if depths is None else 50
     wished: dict[str, Any] = {
@@ -98,15 +98,14 @@ def ber(
     seas = sum(_seas(s, realizations, coupled) for s in scenarios) * len(wished["depths"] or [0])
     with warnings_as_lines(), over_seas(seas, as_json) as step:
         found = [(s.wind_speed, s.performance(step, **wished)) for s in scenarios]
-    if output is not None:
-        _sweep(found).save(output)
     if as_json:
         typer.echo(json.dumps(_performance_data(found), allow_nan=False))
-        return
-    for speed, performance in found:
+    for speed, performance in () if as_json else found:
         typer.echo(f"wind {speed:g} m/s\n\n{performance.summary()}\n")
     if output is not None:
-        typer.echo(f"written to {output}")
+        _sweep(found).save(output)
+        if not as_json:
+            typer.echo(f"written to {output}")
 
 
 def _seas(scenario: Scenario, realizations: int, coupled: bool) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -57,14 +56,6 @@ def scenario_of(link: Path | None, settings: list[str], options: dict[str, str |
     if link is None:
         return Scenario.from_toml("", changes=changes)
     return Scenario.load(link, changes)
-
-
-def refuse_unwritable(output: Path) -> None:
-    """Refuse an output that could not be written, before anything is computed."""
-    from meshtrace.scenario import ScenarioError
-
-    if output.is_dir() or not os.access(output.parent, os.W_OK):
-        raise ScenarioError(f"--output: {str(output)!r}, allowed: a file in a folder to write to")
 
 
 @contextmanager

@@ -13,11 +13,11 @@ from meshtrace.cli.console import (
     kernels_are_compiled,
     numbers,
     progress,
-    refuse_unwritable,
     scenario_of,
     warnings_as_lines,
 )
 from meshtrace.cli.options import LinkFile, Output, Seed, Settings, Threads
+from meshtrace.files import atomic, check_writable
 
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
@@ -99,15 +99,15 @@ def converge(
     _refuse_other_options(parameter, options)
     for path in (output, plot):
         if path is not None:
-            refuse_unwritable(path)
+            check_writable(path, [link], "--output" if path is output else "--plot")
     if plot is not None:
         _refuse_undrawable(plot)
     study = _study(scenario, parameter, values, {**options, "photons": photons})
+    typer.echo(study.summary())
     if output is not None:
         study.save(output)
     if plot is not None:
         _draw(study, plot)
-    typer.echo(study.summary())
     for path in (output, plot):
         if path is not None:
             typer.echo(f"\nwritten to {path}")
@@ -133,7 +133,8 @@ def _draw(study: ConvergenceStudy, path: Path) -> None:
     import matplotlib.pyplot as plt
 
     study.plot()
-    plt.savefig(path)
+    with atomic(path) as temporary:
+        plt.savefig(temporary)
     plt.close()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,14 +19,14 @@ from meshtrace.cli.console import (
     warnings_as_lines,
 )
 from meshtrace.cli.options import Settings
+from meshtrace.errors import Refused
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from meshtrace.link import Link
     from meshtrace.mesh import SurfaceModel, TriangleMesh
+    from meshtrace.results.coverage import CoverageMap
+    from meshtrace.results.series import GainSeries
     from meshtrace.scenario import Scenario
-    from meshtrace.studies.series import CoverageMap, GainSeries
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 
@@ -197,41 +196,20 @@ def _of_scenario(scenario: Scenario) -> Subject:
 
 def _of_result(file: Path) -> Subject:
     """Return what a result file was made of, with its map or its gain over time."""
-    from meshtrace.results.gain import FORMAT_VERSION
-    from meshtrace.scenario import Scenario, ScenarioError
-    from meshtrace.studies.series import CoverageMap, GainSeries
+    from meshtrace.results import load
+    from meshtrace.results.coverage import CoverageMap
+    from meshtrace.results.series import GainSeries
+    from meshtrace.scenario import Scenario
 
-    data = _dataset(file)
-    kinds = ("gain", "series", "coverage", "performance", "depth-sweep")
-    kind, version = data.attrs.get("kind"), data.attrs.get("format_version")
-    if kind not in kinds or version != FORMAT_VERSION:
-        raise ScenarioError(
-            f"{file}: kind and format_version {kind!r}, {version}, allowed: "
-            f"{', '.join(kinds)} of version {FORMAT_VERSION}"
-        )
-    origin: Any = json.loads(data.attrs["provenance"])
+    result = load(file)
+    origin: Any = result.provenance
     if isinstance(origin, list):  # of several winds: the first
         origin = origin[0]
+    if "link" not in origin:
+        raise Refused(str(file), result.kind, "a result of a link over a sea")
     subject = _of_scenario(Scenario.from_provenance(origin))
-    if kind == "coverage":
-        x, y, mean, stderr = (data[n].to_numpy() for n in ("x", "y", "gain", "gain_stderr"))
-        coverage = CoverageMap(x, y, mean, stderr, origin)
-        return subject._replace(coverage=coverage, time=float(origin["times"][0]))
-    if kind == "series":
-        gain = GainSeries.load(file)
-        if gain.along == "time":
-            return subject._replace(gain=gain, time=float(gain.time[0]))
+    if isinstance(result, CoverageMap):
+        return subject._replace(coverage=result, time=float(origin["times"][0]))
+    if isinstance(result, GainSeries) and result.along == "time":
+        return subject._replace(gain=result, time=float(result.time[0]))
     return subject
-
-
-def _dataset(file: Path) -> xr.Dataset:
-    import xarray as xr
-
-    from meshtrace.scenario import ScenarioError
-
-    try:
-        with xr.open_dataset(file, engine="h5netcdf", decode_timedelta=False) as opened:
-            return opened.load()
-    except (OSError, ValueError) as error:
-        text = " ".join(str(error).split())
-        raise ScenarioError(f"{file}: {text}, allowed: a result in netCDF") from error

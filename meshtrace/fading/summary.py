@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -14,13 +15,22 @@ from meshtrace.fading.distribution import Distribution, Histogram
 from meshtrace.fading.fits import DistributionFit, GoodnessOfFit
 from meshtrace.fading.gains import FloatArray, Reference
 from meshtrace.fading.intervals import Estimate
+from meshtrace.stored import Stored
 
 if TYPE_CHECKING:
     import xarray
 
+_ESTIMATES = (
+    "scintillation_index",
+    "outage",
+    "coherence_time",
+    "level_crossing_rate",
+    "mean_fade_duration",
+)
 
-@dataclass(frozen=True, eq=False)
-class FadingStatistics:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FadingStatistics(Stored):
     """Fading statistics of one set of gains, made by `fading_statistics`.
 
     Parameters
@@ -57,6 +67,8 @@ class FadingStatistics:
         Lag of 1/e [s] of a series.
     level_crossing_rate, mean_fade_duration : tuple of Estimate
         Per threshold [s-1], [s]; empty for an ensemble.
+    provenance : dict
+        Origin of the gains.
     """
 
     n: int
@@ -81,6 +93,14 @@ class FadingStatistics:
     coherence_time: Estimate | None = None
     level_crossing_rate: tuple[Estimate, ...] = ()
     mean_fade_duration: tuple[Estimate, ...] = ()
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    kind: ClassVar[str] = "fading"
+    title: ClassVar[str] = "meshtrace fading statistics"
+
+    def _headline(self) -> str:
+        index = _text(self.scintillation_index)
+        return f"{self.n} gains, mean {self.mean:.4e}, scintillation index {index}"
 
     def summary(self) -> str:
         """Return the statistics as a text for the terminal."""
@@ -122,8 +142,7 @@ class FadingStatistics:
             lines.append(line)
         return lines
 
-    def to_dataset(self) -> xarray.Dataset:
-        """Return the statistics as an `xarray.Dataset` with CF attributes."""
+    def _content(self) -> xarray.Dataset:
         import xarray as xr
 
         data = xr.Dataset(
@@ -133,7 +152,9 @@ class FadingStatistics:
                 "block_length": self.block,
                 "confidence": self.confidence,
                 "threshold_relative_to": self.relative_to,
-                "notes": "; ".join(self.notes),
+                "notes": json.dumps(self.notes),
+                "fits": json.dumps([asdict(fit) for fit in self.fits]),
+                "goodness": json.dumps(self.goodness),
             }
         )
         for name, dims, values in self._variables():
@@ -144,6 +165,40 @@ class FadingStatistics:
                 data[name + suffix] = (dims, column, _limit_attrs(name, suffix))
         return data
 
+    @classmethod
+    def _restored(cls, data: xarray.Dataset, provenance: Any) -> FadingStatistics:
+        def estimates(name: str) -> Any:
+            if name not in data:
+                return None if name == "coherence_time" else ()
+            columns = np.stack([data[name + suffix] for suffix in ("", "_low", "_high")], axis=-1)
+            rows = tuple(Estimate(*row.tolist()) for row in np.atleast_2d(columns))
+            return rows if data[name].dims else rows[0]
+
+        series = "lag" in data.variables
+        pdf = [data[f"gain_{part}"].to_numpy() for part in ("bin_edge", "pdf", "pdf_stderr")]
+        cdf = [data[f"gain{part}"].to_numpy() for part in ("", "_cdf", "_cdf_low", "_cdf_high")]
+        return cls(
+            n=int(data.attrs["n"]),
+            n_effective=float(data.attrs["n_effective"]),
+            block=int(data.attrs["block_length"]),
+            confidence=float(data.attrs["confidence"]),
+            mean=float(data["gain_mean"]),
+            mean_stderr=float(data["gain_mean_stderr"]),
+            median=float(data["gain_median"]),
+            noise_share=float(data["noise_share"]),
+            thresholds=tuple(data["threshold"].values.tolist()),
+            relative_to=data.attrs["threshold_relative_to"],
+            pdf=Histogram(*pdf),
+            cdf=Distribution(*cdf),
+            fits=tuple(DistributionFit(**fit) for fit in json.loads(data.attrs["fits"])),
+            goodness=tuple(GoodnessOfFit(*test) for test in json.loads(data.attrs["goodness"])),
+            notes=tuple(json.loads(data.attrs["notes"])),
+            lag=data["lag"].to_numpy() if series else None,
+            autocorrelation=data["autocorrelation"].to_numpy() if series else None,
+            **{name: estimates(name) for name in _ESTIMATES},
+            provenance=provenance,
+        )
+
     def _variables(self) -> Iterator[tuple[str, tuple[str, ...], object]]:
         yield "gain_mean", (), self.mean
         yield "gain_mean_stderr", (), self.mean_stderr
@@ -151,11 +206,14 @@ class FadingStatistics:
         yield "noise_share", (), self.noise_share
         yield "threshold", ("threshold",), list(self.thresholds)
         yield "gain_bin", ("gain_bin",), 0.5 * (self.pdf.edges[1:] + self.pdf.edges[:-1])
+        yield "gain_bin_edge", ("gain_bin_edge",), self.pdf.edges
         yield "gain_bin_width", ("gain_bin",), np.diff(self.pdf.edges)
         yield "gain_pdf", ("gain_bin",), self.pdf.density
         yield "gain_pdf_stderr", ("gain_bin",), self.pdf.density_stderr
         yield "gain", ("gain",), self.cdf.gain
         yield "gain_cdf", ("gain",), self.cdf.probability
+        yield "gain_cdf_low", ("gain",), self.cdf.low
+        yield "gain_cdf_high", ("gain",), self.cdf.high
         if self.lag is not None:
             yield "lag", ("lag",), self.lag
             yield "autocorrelation", ("lag",), self.autocorrelation
@@ -180,13 +238,10 @@ class FadingStatistics:
     def _estimates(
         self,
     ) -> Iterator[tuple[str, tuple[str, ...], Estimate | tuple[Estimate, ...]]]:
-        yield "scintillation_index", (), self.scintillation_index
-        yield "outage", ("threshold",), self.outage
-        if self.coherence_time is not None:
-            yield "coherence_time", (), self.coherence_time
-        if self.level_crossing_rate:
-            yield "level_crossing_rate", ("threshold",), self.level_crossing_rate
-            yield "mean_fade_duration", ("threshold",), self.mean_fade_duration
+        for name in _ESTIMATES:
+            estimates = getattr(self, name)
+            if estimates:
+                yield name, () if isinstance(estimates, Estimate) else ("threshold",), estimates
 
 
 def _text(estimate: Estimate) -> str:

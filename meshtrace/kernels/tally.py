@@ -56,7 +56,7 @@ class Tallies(NamedTuple):
     n_photons: NDArray[np.int64]  # (fates,) photons
     misses: NDArray[np.int64]  # (2,) rays cast again, rays given up
     planes: NDArray[np.float64]  # heights z of the irradiance planes [m], falling
-    radiance: NDArray[np.int64]  # (planes, cosines, azimuths) weights in units of 2^-44
+    radiance: NDArray[np.int64]  # (groups, planes, cosines, azimuths) in units of 2^-44
     map_z: float
     map_x: float
     map_y: float
@@ -177,11 +177,14 @@ def score_planes(tallies, first, row, z0, z1, dx, dy, dz, length, weight, medium
         column = first + 4 * k + (0 if dz < 0.0 else 1)
         tallies.score[row, column] += w
         tallies.score[row, column + 2] += w / abs(dz)
-        _, n_cos, n_phi = tallies.radiance.shape
+        groups, _, n_cos, n_phi = tallies.radiance.shape
         if n_cos > 0:
+            group = row % groups  # independent photons, from which the standard error comes
             i = min(int((0.5 - 0.5 * dz) * n_cos), n_cos - 1)
             j = int((math.atan2(dy, dx) / (2.0 * math.pi) + 1.0) % 1.0 * n_phi)
-            tallies.radiance[k, i, min(j, n_phi - 1)] += np.int64(math.floor(w * SCALE + 0.5))
+            tallies.radiance[group, k, i, min(j, n_phi - 1)] += np.int64(
+                math.floor(w * SCALE + 0.5)
+            )
 
 
 @inlined

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from meshtrace.files import atomic
 from meshtrace.paper.registry import FIGURES
 from meshtrace.paper.runner import INDEX, read_record
 
@@ -56,7 +57,8 @@ printed values is taken from the paper.</p>
 </body>
 </html>
 """
-    (folder / INDEX).write_text(text, encoding="utf-8")
+    with atomic(folder / INDEX) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def _heading(record: dict[str, Any]) -> str:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
-import os
 import time
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from meshtrace.files import atomic
 from meshtrace.paper.registry import FIGURES, Drawing, Figure, Row, Setting, load
+from meshtrace.stored import write_dataset
 
 INDEX = "index.html"
 _KINDS = (".png", ".nc", ".csv")
@@ -163,22 +164,24 @@ def _made(folder: Path, one: Figure, setting: Setting, quick: bool) -> dict[str,
         "cpu_s": time.process_time() - cpu,
         "rows": [row._asdict() for row in drawing.rows],
     }
-    part = record_path.with_suffix(".part")
-    part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-    os.replace(part, record_path)
+    with atomic(record_path) as temporary:
+        temporary.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     return {**record, "kept": False}
 
 
 def _write(stem: Path, drawing: Drawing) -> None:
     from matplotlib.image import imsave
 
-    picture = stem.with_suffix(".png")
-    if hasattr(drawing.picture, "savefig"):
-        drawing.picture.savefig(picture)
-    else:
-        imsave(picture, drawing.picture)
-    drawing.data.to_netcdf(stem.with_suffix(".nc"), engine="h5netcdf")
-    with stem.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
+    with atomic(stem.with_suffix(".png")) as temporary:
+        if hasattr(drawing.picture, "savefig"):
+            drawing.picture.savefig(temporary)
+        else:
+            imsave(temporary, drawing.picture)
+    write_dataset(drawing.data, stem.with_suffix(".nc"))
+    with (
+        atomic(stem.with_suffix(".csv")) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
         table = csv.writer(file)
         table.writerow(_COLUMNS)
         table.writerows(_cells(row) for row in drawing.rows)

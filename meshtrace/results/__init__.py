@@ -1,1 +1,3 @@
-"""Results of simulations, with files and tables."""
+"""Results of runs: gains, series, maps, impulse responses, and their files."""
+
+from meshtrace.stored import load as load

@@ -1,30 +1,27 @@
-"""Results: value, standard error, number of photons, their fates, and where all came from."""
+"""Gain of a link: value, standard error, fates of the photons, tallies and provenance."""
 
 from __future__ import annotations
 
 import json
 import math
-import platform
-import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from functools import cache
-from importlib.metadata import version
 from itertools import pairwise
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.fields import attrs
+from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, Tally, merged_mean
+from meshtrace.stored import Stored
+
 if TYPE_CHECKING:
     import xarray as xr
 
-FORMAT_VERSION = 1
-
-Data = dict[str, tuple[tuple[str, ...], NDArray[Any]]]
-"""Arrays by name, each with the names of its dimensions."""
+Values = float | NDArray[np.float64]
+"""A number, or one for each of a list of receivers."""
 
 
 class Fate(IntEnum):
@@ -69,35 +66,30 @@ class FateTally(NamedTuple):
     weight: float
 
 
-@cache
-def environment() -> dict[str, str]:
-    """Return what a result depends on besides its configuration."""
-    return {
-        "meshtrace": version("meshtrace"),
-        "git_commit": _git_commit(),
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        **{name: version(name) for name in ("numpy", "numba", "embreex", "scipy")},
-    }
+CHAIN_MEANING = {
+    "chains": "scattering chains drawn",
+    "solved": "aimed at the aperture",
+    "no_flat": "without a crossing of the flat sea",
+    "enumerated": "searched through all facets",
+    "extra_roots": "further crossings found",
+    "blocked": "blocked by a wave",
+}
+
+_TALLIES: dict[str, type[Tally]] = {"arrivals": Arrivals, "planes": Planes, "map": IrradianceMap}
+
+_PER_RECEIVER = (
+    "gain",
+    "gain_stderr",
+    "gain_bound",
+    "gain_ballistic",
+    "gain_scattered",
+    "gain_reflected",
+    "gain_reflected_stderr",
+)
 
 
-def _git_commit() -> str:
-    try:
-        done = subprocess.run(
-            ["git", "rev-parse", "HEAD"],
-            cwd=Path(__file__).parent,
-            capture_output=True,
-            text=True,
-            timeout=5,
-            check=True,
-        )
-    except (OSError, subprocess.SubprocessError):
-        return "unknown"
-    return done.stdout.strip()
-
-
-@dataclass(frozen=True, eq=False)
-class GainResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class GainResult(Stored):
     """Channel gain of one link over one surface.
 
     Attributes
@@ -108,148 +100,213 @@ class GainResult:
         Photons launched (analog) or chain samples (forced).
     fates : dict of str to FateTally
         Photons and weight by fate; empty for the forced estimator.
+    gain_bound : same as gain, or None
+        Upper bound of the gain at 95 % confidence where no light was received, nan elsewhere;
+        None if every receiver got light.
     gain_ballistic, gain_scattered : same as gain, or None
-        Unscattered and scattered parts, where the estimator knows them.
+        Unscattered and scattered parts, where the estimator separates them.
+    gain_reflected, gain_reflected_stderr : same as gain, or None
+        Part of the gain that the surface first reflected back into the water, where it was
+        estimated apart (`reflected_photons`).
+    gain_order : ndarray, shape (receivers, orders), or None
+        Forced only: gain by the number of scatterings, from 1.
     provenance : dict
         Versions, commit, seed, and the whole configuration, which loads back.
     misses : tuple of int
         Rays cast again, rays given up.
     chains : dict of str to int
-        Forced only: what became of the chains (solved, without a flat-sea crossing, searched
-        through all facets, further crossings found, blocked by a wave).
-    data : dict of str to (dimensions, ndarray)
-        Further tallies by name: irradiances, radiance, map, arrivals, gain by order.
+        Forced only: numbers of chains by outcome (`CHAIN_MEANING`).
+    arrivals : Arrivals, optional
+        Arrivals with their path lengths.
+    planes : Planes, optional
+        Irradiances and radiance in the water.
+    map : IrradianceMap, optional
+        Irradiance on a plane in the air.
     """
 
-    gain: float | NDArray[np.float64]
-    gain_stderr: float | NDArray[np.float64]
+    gain: Values
+    gain_stderr: Values
     photons: int
     fates: dict[str, FateTally]
     provenance: dict[str, Any]
-    gain_ballistic: float | NDArray[np.float64] | None = None
-    gain_scattered: float | NDArray[np.float64] | None = None
+    gain_ballistic: Values | None = None
+    gain_scattered: Values | None = None
     misses: tuple[int, int] = (0, 0)
     chains: dict[str, int] = field(default_factory=dict)
-    data: Data = field(default_factory=dict)
+    gain_bound: Values | None = None
+    gain_reflected: Values | None = None
+    gain_reflected_stderr: Values | None = None
+    gain_order: NDArray[np.float64] | None = None
+    arrivals: Arrivals | None = None
+    planes: Planes | None = None
+    map: IrradianceMap | None = None
+
+    kind: ClassVar[str] = "gain"
+    title: ClassVar[str] = "meshtrace channel gain"
 
     @property
-    def gain_db(self) -> float | NDArray[np.float64]:
+    def gains(self) -> NDArray[np.float64]:
+        """Gain of each receiver, shape (receivers,), of a single one, too."""
+        return np.atleast_1d(self.gain)
+
+    @property
+    def stderrs(self) -> NDArray[np.float64]:
+        """Standard error of each gain, shape (receivers,)."""
+        return np.atleast_1d(self.gain_stderr)
+
+    @property
+    def gain_db(self) -> Values:
         """Gain in optical decibels, 10 log10 of the gain."""
         with np.errstate(divide="ignore"):
-            value = 10.0 * np.log10(self.gain)
-        return float(value) if np.ndim(value) == 0 else value
+            return like(self.gain, 10.0 * np.log10(self.gains))
 
-    def to_dataset(self) -> xr.Dataset:
-        """Return the result as an xarray Dataset with units and provenance."""
-        import xarray as xr
+    def _headline(self) -> str:
+        parts = []
+        for i, (gain, stderr) in enumerate(zip(self.gains, self.stderrs, strict=True)):
+            bound = np.nan if self.gain_bound is None else np.atleast_1d(self.gain_bound)[i]
+            known = f"gain {gain:.4e} +- {stderr:.1e}"
+            parts.append(f"gain below {bound:.2g}" if bound > 0.0 else known)
+        shown = parts[:4] + [f"{len(parts) - 4} more"] * (len(parts) > 4)
+        return ", ".join([*shown, f"{self.photons:,} {'photons' if self.fates else 'chains'}"])
 
-        from meshtrace.fields import attrs
+    def summary(self, wall_time: float | None = None) -> str:
+        """Return gain, fates and chains as text for a terminal.
 
-        gain = np.atleast_1d(self.gain)
-        variables: dict[str, Any] = {
-            "gain": ("receiver", gain, attrs("gain")),
-            "gain_stderr": ("receiver", np.atleast_1d(self.gain_stderr), attrs("gain_stderr")),
-        }
-        for name in ("gain_ballistic", "gain_scattered"):
-            part = getattr(self, name)
-            if part is not None:
-                variables[name] = ("receiver", np.atleast_1d(part), attrs(name))
-        if self.fates:
-            rows = list(self.fates.values())
-            variables["fate_photons"] = ("fate", np.array([r.photons for r in rows], np.int64))
-            variables["fate_weight"] = ("fate", np.array([r.weight for r in rows]))
-        for name, (dims, values) in self.data.items():
-            variables[name] = (dims, values)
-        coords: dict[str, Any] = {"receiver": np.arange(len(gain))}
-        if self.fates:
-            codes = np.array([Fate[name.upper()] for name in self.fates], np.int8)
-            coords["fate"] = (
-                "fate",
-                codes,
-                {
-                    "flag_values": codes,
-                    "flag_meanings": " ".join(self.fates),
-                },
-            )
-        return xr.Dataset(
-            variables,
-            coords,
-            {
-                "title": "meshtrace channel gain",
-                "format_version": FORMAT_VERSION,
-                "kind": "gain",
-                "photons": self.photons,
-                "misses": list(self.misses),
-                "chains": json.dumps(self.chains),
-                "scalar": int(np.ndim(self.gain) == 0),
-                "provenance": json.dumps(self.provenance),
-            },
-        )
-
-    @classmethod
-    def from_dataset(cls, dataset: xr.Dataset) -> GainResult:
-        """Return the result that `to_dataset` wrote.
-
-        Raises
-        ------
-        ValueError
-            If the dataset is of another kind or of a later format.
+        Parameters
+        ----------
+        wall_time : float, optional
+            Time that the run took [s], to be shown with the number of photons.
         """
-        found = (dataset.attrs.get("kind"), dataset.attrs.get("format_version"))
-        if found != ("gain", FORMAT_VERSION):
-            raise ValueError(
-                f"dataset: kind and format_version {found}, allowed ('gain', {FORMAT_VERSION})"
-            )
-        scalar = bool(dataset.attrs["scalar"])
-
-        def value(name: str) -> Any:
-            if name not in dataset:
-                return None
-            array = dataset[name].to_numpy()
-            return float(array[0]) if scalar else array
-
-        known = {
-            "gain",
-            "gain_stderr",
-            "gain_ballistic",
-            "gain_scattered",
-            "fate_photons",
-            "fate_weight",
-        }
-        fates = {}
-        if "fate" in dataset.coords:
-            for i, name in enumerate(dataset["fate"].attrs["flag_meanings"].split()):
-                fates[name] = FateTally(
-                    int(dataset["fate_photons"][i]), float(dataset["fate_weight"][i])
-                )
-        return cls(
-            gain=value("gain"),
-            gain_stderr=value("gain_stderr"),
-            photons=int(dataset.attrs["photons"]),
-            fates=fates,
-            provenance=json.loads(dataset.attrs["provenance"]),
-            chains=json.loads(dataset.attrs["chains"]),
-            gain_ballistic=value("gain_ballistic"),
-            gain_scattered=value("gain_scattered"),
-            misses=tuple(int(v) for v in np.atleast_1d(dataset.attrs["misses"])),  # type: ignore[arg-type]
-            data={
-                str(name): (tuple(map(str, dataset[name].dims)), dataset[name].to_numpy())
-                for name in dataset.data_vars
-                if name not in known
-            },
+        rate = (
+            "" if wall_time is None else f" in {wall_time:.2f} s, {self.photons / wall_time:,.0f}"
         )
+        rate += " per second" if rate else ""
+        analog = bool(self.fates)
+        lines = [
+            *_heading(self.provenance),
+            *self._gain_lines(),
+            _line("photons" if analog else "chains", f"{self.photons:,}{rate}"),
+        ]
+        if analog:
+            cast, lost = self.misses
+            lines.append(_line("misses", f"{cast:,} rays cast again, {lost:,} given up"))
+            lines += ["", f"{'fate':<12}{'photons':>15}{'weight %':>12}  meaning"]
+            for name, (photons, weight) in self.fates.items():
+                meaning = FATE_MEANING[Fate[name.upper()]]
+                lines.append(f"{name:<12}{photons:>15,}{100.0 * weight:>12.4g}  {meaning}")
+        if self.chains:
+            lines += ["", f"{'chains':<12}{'number':>15}  meaning"]
+            for name, number in self.chains.items():
+                lines.append(f"{name:<12}{number:>15,}  {CHAIN_MEANING.get(name, name)}")
+        return "\n".join(lines)
 
-    def save(self, path: str | Path) -> None:
-        """Write the result as netCDF."""
-        self.to_dataset().to_netcdf(path, engine="h5netcdf")
+    def _gain_lines(self) -> list[str]:
+        """Return gain and standard error of each receiver."""
+        lines = []
+        for i, (gain, stderr) in enumerate(zip(self.gains, self.stderrs, strict=True)):
+            name = "channel gain" if np.ndim(self.gain) == 0 else f"channel gain [{i}]"
+            if not gain > 0.0:
+                bound = np.nan if self.gain_bound is None else np.atleast_1d(self.gain_bound)[i]
+                below = f", below {bound:.2g} at 95 % confidence" if bound > 0.0 else ""
+                lines.append(_line(name, f"0: no light received{below}"))
+                continue
+            percent, decibel = 100.0 * stderr / gain, 10.0 / math.log(10.0) * stderr / gain
+            lines.append(_line(name, f"{gain:.4e}  ({10.0 * math.log10(gain):.3f} dB optical)"))
+            lines.append(
+                _line("standard error", f"{stderr:.1e}  ({percent:.2g} %, {decibel:.2g} dB)")
+            )
+            if self.gain_ballistic is not None:
+                direct = np.atleast_1d(self.gain_ballistic)[i]
+                scattered = 100.0 * (1.0 - direct / gain)
+                lines.append(_line("", f"{direct:.4e} unscattered; scattered {scattered:.1f} %"))
+        return lines
 
-    @classmethod
-    def load(cls, path: str | Path) -> GainResult:
-        """Read a result from netCDF."""
+    def _content(self) -> xr.Dataset:
         import xarray as xr
 
-        with xr.open_dataset(path, engine="h5netcdf", decode_timedelta=False) as dataset:
-            return cls.from_dataset(dataset.load())
+        variables: dict[str, Any] = {}
+        for name in _PER_RECEIVER:
+            if getattr(self, name) is not None:
+                variables[name] = ("receiver", np.atleast_1d(getattr(self, name)), attrs(name))
+        if self.gain_order is not None:
+            variables["gain_order"] = (("receiver", "order"), self.gain_order, attrs("gain_order"))
+        coords: dict[str, Any] = {"receiver": np.arange(len(self.gains))}
+        if self.fates:
+            photons, weight = zip(*self.fates.values(), strict=True)
+            codes = np.array([Fate[name.upper()] for name in self.fates], np.int8)
+            flags = {"flag_values": codes, "flag_meanings": " ".join(self.fates)}
+            coords["fate"] = ("fate", codes, flags)
+            variables["fate_photons"] = ("fate", np.array(photons, np.int64), attrs("fate_photons"))
+            variables["fate_weight"] = ("fate", np.array(weight), attrs("fate_weight"))
+        for name in _TALLIES:
+            tally = getattr(self, name)
+            variables.update(tally.variables() if tally is not None else {})
+        about = {
+            "photons": self.photons,
+            "misses": list(self.misses),
+            "chains": json.dumps(self.chains),
+            "scalar": int(np.ndim(self.gain) == 0),
+        }
+        return xr.Dataset(variables, coords, about)
+
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any) -> GainResult:
+        single = float(data["gain"][0]) if data.attrs["scalar"] else np.empty(0)
+        values: dict[str, Any] = {n: data[n].to_numpy() for n in _PER_RECEIVER if n in data}
+        fates = {}
+        if "fate" in data.coords:
+            names = data["fate"].attrs["flag_meanings"].split()
+            rows = zip(data["fate_photons"].values, data["fate_weight"].values, strict=True)
+            fates = {
+                name: FateTally(int(count), float(weight))
+                for name, (count, weight) in zip(names, rows, strict=True)
+            }
+        cast, lost = (int(number) for number in data.attrs["misses"])
+        photons = int(data.attrs["photons"])
+        bound = bound_where_dark(values["gain"], photons) if fates else None
+        if bound is not None:  # files of format 1 have none
+            values["gain_bound"] = bound
+        return cls(
+            **{name: like(single, array) for name, array in values.items()},
+            photons=photons,
+            fates=fates,
+            provenance=provenance,
+            misses=(cast, lost),
+            chains=json.loads(data.attrs["chains"]),
+            gain_order=data["gain_order"].to_numpy() if "gain_order" in data else None,
+            **{name: tally.read(data) for name, tally in _TALLIES.items()},  # type: ignore[arg-type]
+        )
+
+
+def like(gain: Values, array: Any) -> Any:
+    """Return an array of values of the receivers as a number where the gain is one."""
+    return float(array[0]) if array is not None and np.ndim(gain) == 0 else array
+
+
+def bound_where_dark(gain: Values, photons: int) -> Values | None:
+    """Return the upper bound 3 / n of analog gains at 95 % confidence, None if all are known.
+
+    An event that none of n independent trials shows has a probability below 3 / n (rule of three);
+    a photon brings a weight of at most 1.
+    """
+    gains = np.atleast_1d(gain)
+    dark = ~(gains > 0.0)
+    return like(gain, np.where(dark, 3.0 / photons, np.nan)) if dark.any() else None
+
+
+def _heading(provenance: dict[str, Any]) -> list[str]:
+    """Return estimator, sea and wind of a run."""
+    if "surface" not in provenance:
+        return []
+    link, surface = provenance.get("link", {}), provenance["surface"]
+    parts = (surface, surface.get("spectrum"), link.get("bubbles"), link.get("whitecaps"))
+    winds = [part["wind_speed"] for part in parts if part and "wind_speed" in part]
+    wind = f", wind {winds[0]:g} m/s" if winds else ", wind 0 m/s"
+    return [f"{provenance['run']['estimator']} estimator, {surface['kind']} sea{wind}", ""]
+
+
+def _line(name: str, text: str) -> str:
+    return f"{name:<18}{text}"
 
 
 def merge(results: Sequence[GainResult]) -> GainResult:
@@ -280,10 +337,8 @@ def merge(results: Sequence[GainResult]) -> GainResult:
     if any(a[1] > b[0] for a, b in pairwise(ranges)):
         raise ValueError("results: photon ids overlap, allowed disjoint runs")
     n = np.array([r.photons for r in results])
-    gain, stderr = _merged_mean(
-        [np.asarray(r.gain) for r in results], [np.asarray(r.gain_stderr) for r in results], n
-    )
-    scalar = np.ndim(results[0].gain) == 0
+    gains, stderrs = merged_mean([r.gains for r in results], [r.stderrs for r in results], n)
+    gain = like(results[0].gain, gains)
     fates = {
         name: FateTally(
             sum(r.fates[name].photons for r in results),
@@ -296,15 +351,21 @@ def merge(results: Sequence[GainResult]) -> GainResult:
         "photons": int(n.sum()),
         "photon_ranges": [list(span) for span in ranges],
     }
+    tallies: dict[str, Any] = {
+        name: tally.merged([getattr(r, name) for r in results], n)
+        for name, tally in _TALLIES.items()
+        if getattr(results[0], name) is not None
+    }
     return replace(
         results[0],
-        gain=float(gain) if scalar else gain,
-        gain_stderr=float(stderr) if scalar else stderr,
+        gain=gain,
+        gain_stderr=like(gain, stderrs),
+        gain_bound=bound_where_dark(gain, int(n.sum())),
         photons=int(n.sum()),
         fates=fates,
         provenance={**results[0].provenance, "run": run},
         misses=(sum(r.misses[0] for r in results), sum(r.misses[1] for r in results)),
-        data=_merge_data(results, n),
+        **tallies,
     )
 
 
@@ -320,47 +381,3 @@ def _identity(result: GainResult) -> str:
     free = ("first_photon", "photons", "threads", "batch_size", "photon_ranges", "rtol")
     run = {k: v for k, v in result.provenance["run"].items() if k not in free}
     return json.dumps([result.provenance[k] for k in ("link", "surface")] + [run])
-
-
-def _merged_mean(
-    means: list[NDArray[np.float64]], errors: list[NDArray[np.float64]], n: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return mean and standard error of all photons; one photon has no error of its own."""
-    total = int(n.sum())
-    share = n / total
-    mean = sum(w * m for w, m in zip(share, means, strict=True))
-    square = sum(
-        w * (m**2 + (0.0 if k < 2 else s**2 * (k - 1)))
-        for w, m, s, k in zip(share, means, errors, n, strict=True)
-    )
-    return np.asarray(mean), np.sqrt(np.maximum(square - mean**2, 0.0) / max(total - 1, 1))
-
-
-def _merge_data(results: Sequence[GainResult], n: NDArray[np.int64]) -> Data:
-    merged: Data = {}
-    share = n / n.sum()
-    for name, (dims, first) in results[0].data.items():
-        parts = [r.data[name][1] for r in results]
-        if name == "arrival_weight":
-            scaled = [w * p for w, p in zip(share, parts, strict=True)]
-            merged[name] = (dims, np.concatenate(scaled))
-        elif dims[0] == "arrival":
-            merged[name] = (dims, np.concatenate(parts))
-        elif name in ("plane_depth", "map_x", "map_y"):
-            merged[name] = (dims, first)
-        elif f"{name}_stderr" in results[0].data:
-            errors = [r.data[f"{name}_stderr"][1] for r in results]
-            mean, error = _merged_mean(parts, errors, n)
-            merged[name] = (dims, mean)
-            merged[f"{name}_stderr"] = (dims, error)
-        elif not name.endswith("_stderr"):
-            merged[name] = (dims, sum(w * p for w, p in zip(share, parts, strict=True)))
-    return {name: merged[name] for name in results[0].data}
-
-
-def standard_error(total: Any, squares: Any, n: int) -> Any:
-    """Return the standard error of a mean from sum and sum of squares."""
-    if n < 2:
-        return np.full_like(np.asarray(total, float), math.nan)
-    mean = np.asarray(total) / n
-    return np.sqrt(np.maximum(np.asarray(squares) / n - mean**2, 0.0) / (n - 1))

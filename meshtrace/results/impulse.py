@@ -1,21 +1,36 @@
-"""Impulse response: when the light arrives."""
+"""Impulse response: distribution of the gain over delay."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Refused
+from meshtrace.fields import attrs
 from meshtrace.results.gain import GainResult
-from meshtrace.transport.forced import SHIFTS
+from meshtrace.stored import SHIFTS, Stored
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum [m s-1] (exact)."""
 
 
-@dataclass(frozen=True, eq=False)
-class ImpulseResponse:
+_NUMBERS = (
+    "first_arrival",
+    "mean_delay",
+    "mean_delay_stderr",
+    "rms_delay_spread",
+    "rms_delay_spread_stderr",
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ImpulseResponse(Stored):
     """Impulse response of a channel, h(t) in gain per second.
 
     Attributes
@@ -31,7 +46,9 @@ class ImpulseResponse:
     rms_delay_spread, rms_delay_spread_stderr : float
         Root of the variance of the delays [s].
     delay, weight : ndarray, shape (arrivals,)
-        Delays behind the first arrival [s] and what each brings to the gain.
+        Delays behind the first arrival [s] and contributions to the gain.
+    provenance : dict
+        Versions, configuration and seeds of the run.
     """
 
     edges: NDArray[np.float64]
@@ -44,6 +61,51 @@ class ImpulseResponse:
     rms_delay_spread_stderr: float
     delay: NDArray[np.float64]
     weight: NDArray[np.float64]
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    kind: ClassVar[str] = "impulse-response"
+    title: ClassVar[str] = "meshtrace impulse response"
+
+    def _headline(self) -> str:
+        return f"rms delay spread {self.rms_delay_spread:.4g} s, {len(self.weight)} arrivals"
+
+    def summary(self) -> str:
+        """Return delays and their standard errors as text for a terminal."""
+        return "\n".join(
+            [
+                f"impulse response of {len(self.weight):,} arrivals",
+                f"  gain                 {self.weight.sum():.4e}",
+                f"  first arrival        {self.first_arrival:.6g} s",
+                f"  mean delay           {self.mean_delay:.4g} +- {self.mean_delay_stderr:.1g} s",
+                f"  rms delay spread     {self.rms_delay_spread:.4g} +- "
+                f"{self.rms_delay_spread_stderr:.1g} s",
+            ]
+        )
+
+    def _content(self) -> xr.Dataset:
+        import xarray as xr
+
+        variables: dict[str, Any] = {
+            "impulse_response": ("bin", self.h, attrs("impulse_response")),
+            "impulse_response_stderr": ("bin", self.h_stderr, attrs("impulse_response_stderr")),
+            "delay_edges": ("bin_edge", self.edges, attrs("delay_edges")),
+            "arrival_delay": ("arrival", self.delay, attrs("delay")),
+            "arrival_weight": ("arrival", self.weight, attrs("arrival_weight")),
+            **{name: ((), getattr(self, name), attrs(name)) for name in _NUMBERS},
+        }
+        return xr.Dataset(variables)
+
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any) -> ImpulseResponse:
+        return cls(
+            edges=data["delay_edges"].to_numpy(),
+            h=data["impulse_response"].to_numpy(),
+            h_stderr=data["impulse_response_stderr"].to_numpy(),
+            **{name: float(data[name]) for name in _NUMBERS},
+            delay=data["arrival_delay"].to_numpy(),
+            weight=data["arrival_weight"].to_numpy(),
+            provenance=provenance,
+        )
 
     def transfer_function(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return H(f) = sum w exp(-2 pi i f t) / sum w at frequencies [Hz]; H(0) = 1."""
@@ -68,7 +130,7 @@ def impulse_response(
     bin_width : float
         Width of the delay bins [s].
     receiver : int
-        Which receiver.
+        Index of the receiver.
 
     Returns
     -------
@@ -85,22 +147,18 @@ def impulse_response(
     photon ids modulo 32). The phase index stands for the group index, which is some 3 %
     larger in sea water; it is common to all arrivals.
     """
-    if "arrival_weight" not in result.data:
-        raise ValueError("result: no arrivals, allowed simulate(..., keep_arrivals=True)")
+    arrivals = result.arrivals
+    if arrivals is None:
+        raise Refused("result", "no arrivals", "simulate(..., keep_arrivals=True)")
     if not bin_width > 0.0:
-        raise ValueError(f"bin_width: {bin_width!r}, allowed > 0 s")
-    columns = {
-        name: result.data[f"arrival_{name}"][1]
-        for name in ("receiver", "weight", "water_path", "air_path", "group")
-    }
-    mine = columns["receiver"] == receiver
+        raise Refused("bin_width", bin_width, "> 0 s")
+    mine = arrivals.receiver == receiver
     if not mine.any():
-        raise ValueError(f"receiver: {receiver}, no light arrived there")
+        raise Refused("receiver", receiver, "a receiver where light arrived")
     link = result.provenance["link"]
-    time = (
-        link["water"]["n"] * columns["water_path"][mine] + link["n_air"] * columns["air_path"][mine]
-    ) / SPEED_OF_LIGHT
-    weight, group = columns["weight"][mine], columns["group"][mine]
+    water, air = arrivals.water_path[mine], arrivals.air_path[mine]
+    time = (link["water"]["n"] * water + link["n_air"] * air) / SPEED_OF_LIGHT
+    weight, group = arrivals.weight[mine], arrivals.group[mine]
     first = float(time.min())
     delay = time - first
     n_bins = int(delay.max() / bin_width) + 1
@@ -128,6 +186,7 @@ def impulse_response(
         rms_delay_spread_stderr=float(factor * jack_spread.std()),
         delay=delay,
         weight=weight,
+        provenance=result.provenance,
     )
 
 

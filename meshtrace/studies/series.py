@@ -1,32 +1,25 @@
-"""Many surfaces with one set of chains: moving seas, ensembles, coverage of a plane."""
+"""Studies of many surfaces: moving seas, ensembles, coverage of a plane."""
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
 from itertools import chain, islice
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.link import Link, Receiver
 from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.results.gain import FORMAT_VERSION
+from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.provenance import provenance
+from meshtrace.results.series import GainSeries
+from meshtrace.stored import SHIFTS
 from meshtrace.transport.analog import MapGrid
-from meshtrace.transport.forced import SHIFTS, ForcedDetection, Parts, crossing_reach
-from meshtrace.transport.simulate import mesh_for, provenance, simulate
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from meshtrace.fading import FadingStatistics
-
-_MOST_NOISE = 0.05  # share in the variance of a time series that is not worth a word
+from meshtrace.transport.forced import ForcedDetection, Parts, crossing_reach
+from meshtrace.transport.simulate import mesh_for, simulate
 
 
 @runtime_checkable
@@ -36,135 +29,6 @@ class RandomSea(SurfaceModel, Protocol):
     def with_seed(self, seed: int) -> RandomSea:
         """Return the same sea with other phases."""
         ...
-
-
-@dataclass(frozen=True, eq=False)
-class GainSeries:
-    """Gains of one link over many surfaces, all with the same chains.
-
-    Attributes
-    ----------
-    along : {"time", "realization"}
-        What the surfaces differ in.
-    coordinate : ndarray, shape (n,)
-        Times [s], or seeds of the realizations.
-    gain, gain_stderr, gain_ballistic : ndarray, shape (n,) or (n, receivers)
-        Gain, its standard error and its unscattered part.
-    mean_stderr : float or ndarray, shape (receivers,)
-        Monte Carlo standard error of the mean gain. The chains are common to all surfaces, so
-        that it is not that of n independent gains.
-    provenance : dict
-        Versions, configuration and seeds.
-    """
-
-    along: Literal["time", "realization"]
-    coordinate: NDArray[Any]
-    gain: NDArray[np.float64]
-    gain_stderr: NDArray[np.float64]
-    gain_ballistic: NDArray[np.float64]
-    mean_stderr: Any
-    provenance: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def time(self) -> NDArray[np.float64]:
-        """Times [s] of a moving sea."""
-        if self.along != "time":
-            raise ValueError("time: an ensemble has none, allowed a series of times")
-        return self.coordinate
-
-    def fading(self, receiver: int = 0, **options: Any) -> FadingStatistics:
-        r"""Return the fading statistics of one receiver, see `fading.fading_statistics`.
-
-        .. math:: \sigma_\mathrm{own}^2 = (\overline{s_i^2} - s_{\bar h}^2) \, n / (n - 1)
-
-        is what the Monte Carlo errors s_i add to the variance of the gains beyond the error
-        s_hbar of their mean, which is common to all. It is removed from an ensemble. On a moving
-        sea it moves as smoothly as the gain does and cannot be told from it by the correlation:
-        it stays, and a note says so where it counts.
-
-        Parameters
-        ----------
-        receiver : int
-            Which receiver.
-        options
-            Of `fading.fading_statistics`.
-
-        Raises
-        ------
-        ValueError
-            If there is no such receiver, or fewer than two gains.
-        """
-        from meshtrace.fading import fading_statistics
-
-        n_receivers = len(np.atleast_1d(self.mean_stderr))
-        if not 0 <= receiver < n_receivers:
-            raise ValueError(f"receiver: {receiver!r}, allowed 0 <= receiver < {n_receivers}")
-        n = len(self.gain)
-        gain = self.gain.reshape(n, -1)[:, receiver]
-        stderr = self.gain_stderr.reshape(n, -1)[:, receiver]
-        common = float(np.atleast_1d(self.mean_stderr)[receiver])
-        noise = float(np.mean(stderr**2))
-        own = max(noise - common**2, 0.0) * n / max(n - 1, 1)
-        if self.along == "time":
-            found = fading_statistics(gain, time=self.time, common_stderr=common, **options)
-            share = own / max(float(gain.var()), own, 1e-300)
-            if share < _MOST_NOISE:
-                return found
-            note = f"Monte Carlo noise makes {100.0 * share:.0f} % of the variance: more chains"
-            return replace(found, notes=(*found.notes, note))
-        scale = np.sqrt(own / noise) if noise > 0.0 else 0.0
-        return fading_statistics(gain, scale * stderr, common_stderr=common, **options)
-
-    def to_dataset(self) -> xr.Dataset:
-        """Return the series as an xarray Dataset with units and provenance."""
-        import xarray as xr
-
-        from meshtrace.fields import attrs
-
-        dims = (self.along,) if self.gain.ndim == 1 else (self.along, "receiver")
-        variables = {
-            name: (dims, getattr(self, name), attrs(name))
-            for name in ("gain", "gain_stderr", "gain_ballistic")
-        }
-        units = attrs("time") if self.along == "time" else {"long_name": "seed of the phases"}
-        return xr.Dataset(
-            variables,
-            {self.along: (self.along, self.coordinate, units)},
-            {
-                "title": "meshtrace gain series",
-                "format_version": FORMAT_VERSION,
-                "kind": "series",
-                "mean_stderr": np.atleast_1d(self.mean_stderr),
-                "provenance": json.dumps(self.provenance),
-            },
-        )
-
-    def save(self, path: str | Path) -> None:
-        """Write the series as netCDF."""
-        self.to_dataset().to_netcdf(path, engine="h5netcdf")
-
-    @classmethod
-    def load(cls, path: str | Path) -> GainSeries:
-        """Read a series from netCDF.
-
-        Raises
-        ------
-        ValueError
-            If the file is of another kind or of a later format.
-        """
-        data = _loaded(path, "series")
-        along: Literal["time", "realization"] = "time" if "time" in data.dims else "realization"
-        gain = data["gain"].to_numpy()
-        mean_stderr = np.atleast_1d(data.attrs["mean_stderr"])
-        return cls(
-            along=along,
-            coordinate=data[along].to_numpy(),
-            gain=gain,
-            gain_stderr=data["gain_stderr"].to_numpy(),
-            gain_ballistic=data["gain_ballistic"].to_numpy(),
-            mean_stderr=float(mean_stderr[0]) if gain.ndim == 1 else mean_stderr,
-            provenance=json.loads(data.attrs["provenance"]),
-        )
 
 
 def time_series(
@@ -348,83 +212,6 @@ def _evaluated(
         yield parts
 
 
-def _loaded(path: str | Path, kind: str) -> xr.Dataset:
-    """Return the dataset of a file, refusing another kind or format."""
-    import xarray as xr
-
-    with xr.open_dataset(path, engine="h5netcdf", decode_timedelta=False) as opened:
-        data = opened.load()
-    found = (data.attrs.get("kind"), data.attrs.get("format_version"))
-    if found != (kind, FORMAT_VERSION):
-        raise ValueError(
-            f"{path}: kind and format_version {found}, allowed {(kind, FORMAT_VERSION)}"
-        )
-    return data
-
-
-@dataclass(frozen=True, eq=False)
-class CoverageMap:
-    """Gain of a receiver at each place of its plane.
-
-    Attributes
-    ----------
-    x, y : ndarray, shape (nx,), (ny,)
-        Centres of the cells [m].
-    gain, gain_stderr : ndarray, shape (nx, ny)
-        Gain of the link's receiver if it were there, averaged over the cell, and its error.
-    provenance : dict
-        Versions and configuration.
-    """
-
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    gain: NDArray[np.float64]
-    gain_stderr: NDArray[np.float64]
-    provenance: dict[str, Any] = field(default_factory=dict)
-
-    def to_dataset(self) -> xr.Dataset:
-        """Return the map as an xarray Dataset with units and provenance."""
-        import xarray as xr
-
-        from meshtrace.fields import attrs
-
-        return xr.Dataset(
-            {
-                "gain": (("x", "y"), self.gain, attrs("gain")),
-                "gain_stderr": (("x", "y"), self.gain_stderr, attrs("gain_stderr")),
-            },
-            {name: (name, getattr(self, name), attrs(name)) for name in ("x", "y")},
-            {
-                "title": "meshtrace coverage map",
-                "format_version": FORMAT_VERSION,
-                "kind": "coverage",
-                "provenance": json.dumps(self.provenance),
-            },
-        )
-
-    def save(self, path: str | Path) -> None:
-        """Write the map as netCDF."""
-        self.to_dataset().to_netcdf(path, engine="h5netcdf")
-
-    @classmethod
-    def load(cls, path: str | Path) -> CoverageMap:
-        """Read a map from netCDF.
-
-        Raises
-        ------
-        ValueError
-            If the file is of another kind or of a later format.
-        """
-        data = _loaded(path, "coverage")
-        return cls(
-            data["x"].to_numpy(),
-            data["y"].to_numpy(),
-            data["gain"].to_numpy(),
-            data["gain_stderr"].to_numpy(),
-            json.loads(data.attrs["provenance"]),
-        )
-
-
 def coverage_map(
     link: Link,
     sea: SurfaceModel | TriangleMesh,
@@ -489,12 +276,13 @@ def coverage_map(
         for i, time in enumerate(times)
     ]
     area = np.pi * receiver.radius**2
-    mean = np.mean([r.data["map_irradiance"][1] for r in runs], axis=0)
-    error = np.sqrt(np.mean([r.data["map_irradiance_stderr"][1] ** 2 for r in runs], axis=0))
+    maps = [r.map for r in runs if r.map is not None]
+    mean = np.mean([m.irradiance for m in maps], axis=0)
+    error = np.sqrt(np.mean([m.irradiance_stderr**2 for m in maps], axis=0))
     return CoverageMap(
-        runs[0].data["map_x"][1],
-        runs[0].data["map_y"][1],
+        maps[0].x,
+        maps[0].y,
         area * mean,
-        area * error / np.sqrt(len(runs)),
+        area * error / np.sqrt(len(maps)),
         {**runs[0].provenance, "times": [float(t) for t in times]},
     )

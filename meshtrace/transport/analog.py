@@ -25,6 +25,7 @@ from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import N_FATES, UNIT, Apertures, Tallies
 from meshtrace.link import Link
+from meshtrace.stored import SHIFTS
 from meshtrace.transport.arrays import (
     aperture_arrays,
     interface_arrays,
@@ -323,7 +324,7 @@ def _tallies(setup: Setup, photons: int, room: int = 0) -> Tallies:
         n_photons=np.zeros(N_FATES, np.int64),
         misses=np.zeros(2, np.int64),
         planes=setup.planes,
-        radiance=np.zeros((len(setup.planes), *setup.bins), np.int64),
+        radiance=np.zeros((SHIFTS, len(setup.planes), *setup.bins), np.int64),
         map_z=grid.height if grid else 0.0,
         map_x=-grid.extent if grid else 0.0,
         map_y=-grid.extent if grid else 0.0,

@@ -35,15 +35,13 @@ from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.medium import Medium
 from meshtrace.link import GaussianBeam, Led, Link, Receiver, TopHatBeam, WaterSource
 from meshtrace.mesh import TriangleMesh
+from meshtrace.stored import SHIFTS
 from meshtrace.transport.arrays import (
     interface_arrays,
     medium_arrays,
     surface_arrays,
     with_raster,
 )
-
-SHIFTS = 32
-"""Independent random shifts of the Sobol points."""
 
 _TAIL = 1e-7  # orders whose share of a Poisson law is smaller together are left out
 _MAX_ORDER = 40

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-import warnings
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any, Literal
@@ -15,25 +14,14 @@ import numpy as np
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.link import Link, WaterSource
 from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.results.gain import (
-    Data,
-    Fate,
-    FateTally,
-    GainResult,
-    environment,
-    merge,
-    standard_error,
-)
-from meshtrace.transport.analog import BLOCK, MapGrid, Sums, run_analog
-from meshtrace.transport.forced import SHIFTS, ForcedDetection, crossing_reach
+from meshtrace.results.gain import GainResult, merge
+from meshtrace.results.provenance import provenance
+from meshtrace.results.tallies import Arrivals, standard_error
+from meshtrace.transport.analog import BLOCK, MapGrid, run_analog
+from meshtrace.transport.forced import ForcedDetection, crossing_reach
+from meshtrace.transport.outcome import DomainWarning as DomainWarning
+from meshtrace.transport.outcome import analog_result, per_receiver
 from meshtrace.transport.paths import PhotonPaths, received_paths, record_paths
-
-LEFT_DOMAIN_WARNING = 1e-4
-
-
-class DomainWarning(UserWarning):
-    """Light left the modelled domain, or slipped through the surface."""
-
 
 DEFAULT_PHOTONS = {"forced": 10_000, "analog": 1_000_000}
 """Photons of a run, by estimator; the first is the default estimator."""
@@ -185,7 +173,7 @@ def _to_tolerance(evaluate: Callable[[int, int], GainResult], run: dict[str, Any
     most = _MOST_PHOTONS[run["estimator"]]
     result = evaluate(n, first)
     while rtol is not None:
-        stderr, gain = np.atleast_1d(result.gain_stderr), np.atleast_1d(result.gain)
+        stderr, gain = result.stderrs, result.gains
         with np.errstate(divide="ignore", invalid="ignore"):
             # no hit yet is no result, not a gain of 0 +- 0
             worst = float(np.max(np.where(gain > 0.0, stderr / gain, math.inf)))
@@ -232,7 +220,7 @@ def _analog(
         progress=progress,
         **options,
     )
-    return _gain_result(link, sums, {**origin, "run": run}, grid)
+    return analog_result(link, sums, {**origin, "run": run}, grid, keep_arrivals)
 
 
 def _forced(
@@ -247,37 +235,26 @@ def _forced(
     )
     parts = forced.evaluate(mesh)
     gain, stderr = parts.gain, parts.stderr
-    data: Data = {"gain_order": (("receiver", "order"), parts.orders)}
-    reflected = reflected_stderr = None
+    extra: dict[str, Any] = {}
     if run["reflected_photons"]:
-        reflected, reflected_stderr = _reflected(link, mesh, run)
-        gain, stderr = gain + reflected, np.hypot(stderr, reflected_stderr)
-        data["gain_reflected"] = (("receiver",), reflected)
-        data["gain_reflected_stderr"] = (("receiver",), reflected_stderr)
+        added, added_stderr = _reflected(link, mesh, run)
+        gain, stderr = gain + added, np.hypot(stderr, added_stderr)
+        extra["gain_reflected"] = per_receiver(link, added)
+        extra["gain_reflected_stderr"] = per_receiver(link, added_stderr)
     if keep_arrivals:
-        data.update(
-            _arrival_data(
-                [
-                    np.column_stack([np.full(len(rows), r), rows])
-                    for r, rows in enumerate(forced.arrivals(mesh))
-                ]
-            )
-        )
-    single = not isinstance(link.receiver, tuple)
-
-    def value(array: np.ndarray) -> Any:
-        return float(array[0]) if single else array
-
+        rows = [np.insert(rows, 0, r, axis=1) for r, rows in enumerate(forced.arrivals(mesh))]
+        extra["arrivals"] = Arrivals.of_rows(np.concatenate(rows))
     return GainResult(
-        gain=value(gain),
-        gain_stderr=value(stderr),
+        gain=per_receiver(link, gain),
+        gain_stderr=per_receiver(link, stderr),
         photons=parts.counts.chains,
         fates={},
         provenance={**origin, "run": run},
-        gain_ballistic=value(parts.ballistic),
-        gain_scattered=value(parts.scattered.mean(axis=1)),
+        gain_ballistic=per_receiver(link, parts.ballistic),
+        gain_scattered=per_receiver(link, parts.scattered.mean(axis=1)),
+        gain_order=parts.orders,
         chains=parts.counts._asdict(),
-        data=data,
+        **extra,
     )
 
 
@@ -312,16 +289,6 @@ def _reflected(
 
 def _deepest(link: Link) -> float:
     return max((t.depth for t in link.transmitters if isinstance(t, WaterSource)), default=0.0)
-
-
-def provenance(link: Link, surface: dict[str, Any], run: dict[str, Any]) -> dict[str, Any]:
-    """Return all that a result depends on, as plain data."""
-    return {
-        "environment": environment(),
-        "link": link.model_dump(mode="json"),
-        "surface": surface,
-        "run": run,
-    }
 
 
 def mesh_for(
@@ -423,100 +390,6 @@ def _check(run: dict[str, Any]) -> None:
         raise ValueError(f"roulette: {run['roulette']!r}, allowed 0 <= roulette <= 1")
     if run["rtol"] is not None and not 1e-6 <= run["rtol"] <= 1.0:
         raise ValueError(f"rtol: {run['rtol']!r}, allowed 1e-6 <= rtol <= 1")
-
-
-def _gain_result(
-    link: Link, sums: Sums, origin: dict[str, Any], grid: MapGrid | None
-) -> GainResult:
-    n = sums.photons
-    mean = sums.score / n
-    stderr = standard_error(sums.score, sums.score_squared, n)
-    n_rx = len(link.receivers)
-    weights = sums.ledger.value() / n
-    fates = {
-        fate.name.lower(): FateTally(int(sums.count[fate]), float(weights[fate])) for fate in Fate
-    }
-    single = not isinstance(link.receiver, tuple)
-    result = GainResult(
-        gain=float(mean[0]) if single else mean[:n_rx],
-        gain_stderr=float(stderr[0]) if single else stderr[:n_rx],
-        photons=n,
-        fates=fates,
-        provenance=origin,
-        misses=(int(sums.misses[0]), int(sums.misses[1])),
-        data=_data(link, sums, mean[n_rx:], stderr[n_rx:], grid, origin["run"]["keep_arrivals"]),
-    )
-    _warn(result)
-    return result
-
-
-def _data(
-    link: Link,
-    sums: Sums,
-    mean: np.ndarray,
-    stderr: np.ndarray,
-    grid: MapGrid | None,
-    keep_arrivals: bool,
-) -> Data:
-    data: Data = {}
-    if link.planes:
-        data["plane_depth"] = (("plane",), np.array(link.planes.depths))
-        for i, name in enumerate(("e_d", "e_u", "e_od", "e_ou")):
-            data[name] = (("plane",), mean[i::4])
-            data[f"{name}_stderr"] = (("plane",), stderr[i::4])
-        if link.planes.n_cosines:
-            data["radiance"] = (
-                ("plane", "cosine", "azimuth"),
-                sums.radiance.value() / sums.photons,
-            )
-    if grid:
-        area = grid.step**2
-        cell = sums.map.value() / sums.photons
-        square = sums.map_squared.value() / sums.photons
-        axis = -grid.extent + grid.step * (np.arange(grid.n) + 0.5)
-        data["map_x"] = (("map_axis_x",), axis)
-        data["map_y"] = (("map_axis_y",), axis)
-        error = np.sqrt(np.maximum(square - cell**2, 0.0) / max(sums.photons - 1, 1))
-        data["map_irradiance"] = (("map_axis_x", "map_axis_y"), cell / area)
-        data["map_irradiance_stderr"] = (("map_axis_x", "map_axis_y"), error / area)
-    if keep_arrivals:
-        rows = np.concatenate([np.zeros((0, 5)), *sums.arrivals])
-        rows[:, 2] /= sums.photons
-        data.update(_arrival_data([np.column_stack([rows[:, 1:], rows[:, 0] % SHIFTS])]))
-    return data
-
-
-def _arrival_data(rows: list[np.ndarray]) -> Data:
-    """Return arrivals (receiver, weight, water path, air path, group); weights add to the gain.
-
-    Groups are independent estimates that share the gain equally; -1 has no Monte Carlo error.
-    """
-    table = np.concatenate(rows)
-    return {
-        "arrival_receiver": (("arrival",), table[:, 0].astype(np.int64)),
-        "arrival_weight": (("arrival",), table[:, 1]),
-        "arrival_water_path": (("arrival",), table[:, 2]),
-        "arrival_air_path": (("arrival",), table[:, 3]),
-        "arrival_group": (("arrival",), table[:, 4].astype(np.int64)),
-    }
-
-
-def _warn(result: GainResult) -> None:
-    left = result.fates["left_domain"].weight
-    if left > LEFT_DOMAIN_WARNING:
-        warnings.warn(
-            f"{left:.2g} of the launched weight left the meshed surface sideways (more than "
-            f"{LEFT_DOMAIN_WARNING:g}): enlarge extent",
-            DomainWarning,
-            stacklevel=3,
-        )
-    if result.misses[1]:
-        warnings.warn(
-            f"{result.misses[1]} photons missed the surface inside the mesh after being cast "
-            "again: the mesh may have holes",
-            DomainWarning,
-            stacklevel=3,
-        )
 
 
 def trace_paths(

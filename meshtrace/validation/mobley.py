@@ -75,7 +75,9 @@ def light_field(
         threads=threads,
         max_surface_events=1000,
     )
-    return {k: E_AIR * values for k, (_, values) in r.data.items() if k != "plane_depth"}, r
+    assert r.planes is not None
+    names = [name + error for name in ("e_d", "e_u", "e_od", "e_ou") for error in ("", "_stderr")]
+    return {name: E_AIR * getattr(r.planes, name) for name in names}, r
 
 
 def mobley_checks(photons: int) -> list[Check]:

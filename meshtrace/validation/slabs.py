@@ -112,8 +112,9 @@ def slab_light(link: Link, photons: int, seed: int, threads: int | None = None) 
         threads=threads,
         max_surface_events=10_000,
     )
-    transmitted, stderr = r.data["e_d"][1][0], r.data["e_d_stderr"][1][0]
-    return SlabLight(float(r.gain), float(r.gain_stderr), float(transmitted), float(stderr), r)
+    assert r.planes is not None
+    transmitted, stderr = float(r.planes.e_d[0]), float(r.planes.e_d_stderr[0])
+    return SlabLight(float(r.gain), float(r.gain_stderr), transmitted, stderr, r)
 
 
 def slab_checks(photons: int) -> list[Check]:

@@ -65,7 +65,16 @@ def absorbing(a):
 
 
 def tallies_of(
-    rows=1, scores=1, depths=(), bins=(0, 1), cells=0, extent=1.0, arrivals=0, axis=UP, cos=1e-12
+    rows=1,
+    scores=1,
+    depths=(),
+    bins=(0, 1),
+    groups=3,
+    cells=0,
+    extent=1.0,
+    arrivals=0,
+    axis=UP,
+    cos=1e-12,
 ):
     return kernel.Tallies(
         score=np.zeros((rows, scores)),
@@ -73,7 +82,7 @@ def tallies_of(
         n_photons=np.zeros(kernel.N_FATES, np.int64),
         misses=np.zeros(2, np.int64),
         planes=-np.array(depths, float),
-        radiance=np.zeros((len(depths), *bins), np.int64),
+        radiance=np.zeros((groups, len(depths), *bins), np.int64),
         map_z=5.0,
         map_x=-extent,
         map_y=-extent,
@@ -227,7 +236,7 @@ def test_planes_take_down_and_up_light_plane_and_scalar():
     planes(tallies, origins, directions, length, 0.7, absorbing(0.3))
     dz = directions[:, 2]
     expected = np.zeros((n, 13))
-    total = np.zeros((3, 10, 8))
+    total = np.zeros((3, 3, 10, 8))
     for k, depth in enumerate(depths):
         z = -depth
         t = (z - origins[:, 2]) / dz
@@ -237,9 +246,14 @@ def test_planes_take_down_and_up_light_plane_and_scalar():
         columns = (w * ~up, w * up, w / abs(dz) * ~up, w / abs(dz) * up)
         expected[:, 1 + 4 * k : 5 + 4 * k] = np.column_stack(columns)
         phi = np.arctan2(directions[:, 1], directions[:, 0]) % (2 * np.pi)
-        total[k] = np.histogram2d(
-            -dz, phi, bins=(np.linspace(-1, 1, 11), np.linspace(0, 2 * np.pi, 9)), weights=w
-        )[0]
+        for group in range(3):  # rows modulo the number of groups
+            mine = slice(group, None, 3)
+            total[group, k] = np.histogram2d(
+                -dz[mine],
+                phi[mine],
+                bins=(np.linspace(-1, 1, 11), np.linspace(0, 2 * np.pi, 9)),
+                weights=w[mine],
+            )[0]
     np.testing.assert_allclose(tallies.score, expected, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(tallies.radiance * kernel.UNIT, total, atol=1e-9)
 

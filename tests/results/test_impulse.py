@@ -35,8 +35,8 @@ def analog():
 @pytest.mark.parametrize("receiver", [0, 1])
 def test_weights_add_up_to_the_gain(forced, analog, receiver):
     for r in (forced, analog):
-        mine = r.data["arrival_receiver"][1] == receiver
-        total = r.data["arrival_weight"][1][mine].sum()
+        mine = r.arrivals.receiver == receiver
+        total = r.arrivals.weight[mine].sum()
         assert total == pytest.approx(r.gain[receiver], rel=1e-9)
         i = impulse_response(r, receiver=receiver)
         assert i.weight.sum() == pytest.approx(r.gain[receiver], rel=1e-9)
@@ -45,9 +45,9 @@ def test_weights_add_up_to_the_gain(forced, analog, receiver):
 
 def test_unscattered_rows_are_the_unscattered_gain(forced):
     for receiver in (0, 1):
-        mine = forced.data["arrival_receiver"][1] == receiver
-        direct = mine & (forced.data["arrival_group"][1] < 0)
-        total = forced.data["arrival_weight"][1][direct].sum()
+        mine = forced.arrivals.receiver == receiver
+        direct = mine & (forced.arrivals.group < 0)
+        total = forced.arrivals.weight[direct].sum()
         assert total == pytest.approx(forced.gain_ballistic[receiver], rel=1e-12)
 
 
@@ -76,10 +76,10 @@ def test_estimators_agree_on_the_shape(forced, analog):
     for late in (1e-10, 3e-10, 1e-9, 3e-9):
         shares, errors = [], []
         for r in (forced, analog):
-            mine = r.data["arrival_receiver"][1] == 0
-            time = 1.33 * r.data["arrival_water_path"][1] + r.data["arrival_air_path"][1]
+            mine = r.arrivals.receiver == 0
+            time = 1.33 * r.arrivals.water_path + r.arrivals.air_path
             tail = mine & (time / SPEED_OF_LIGHT > start + late)
-            w, g = r.data["arrival_weight"][1], r.data["arrival_group"][1]
+            w, g = r.arrivals.weight, r.arrivals.group
             # straight light is early, but for what rounding leaves of the edge of the field of view
             assert w[tail & (g < 0)].sum() < 1e-9 * w[mine].sum() or late < 2e-10
             groups = np.array([32 * w[tail & (g == k)].sum() for k in range(32)])

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.results.gain import FATE_MEANING, FORMAT_VERSION, Fate, FateTally, standard_error
+from meshtrace.results.gain import FATE_MEANING, Fate, FateTally
+from meshtrace.results.tallies import standard_error
+from meshtrace.stored import FORMAT_VERSION
 from meshtrace.surfaces import FlatSea
 
 FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)
@@ -35,10 +37,14 @@ def assert_same(a, b):
     np.testing.assert_array_equal(a.gain_stderr, b.gain_stderr)
     for name in ("photons", "fates", "provenance", "misses", "gain_ballistic", "gain_scattered"):
         assert getattr(a, name) == getattr(b, name), name
-    assert a.data.keys() == b.data.keys()
-    for name, (dims, values) in a.data.items():
-        assert b.data[name][0] == dims
-        np.testing.assert_array_equal(b.data[name][1], values)
+    for name in ("arrivals", "planes", "map"):
+        assert (getattr(a, name) is None) == (getattr(b, name) is None)
+        if getattr(a, name) is not None:
+            one, other = getattr(a, name).variables(), getattr(b, name).variables()
+            assert one.keys() == other.keys()
+            for key, (dims, values, _) in one.items():
+                assert other[key][0] == dims
+                np.testing.assert_array_equal(other[key][1], values, err_msg=key)
 
 
 # ---- standard error ------------------------------------------------------------------------
@@ -191,8 +197,7 @@ def test_merge_keeps_arrivals_of_every_part():
     assert dark.gain == 0.0
     assert lit.gain > 0.0
     merged = mt.merge([dark, lit])
-    assert "arrival_weight" in merged.data
-    assert merged.data["arrival_weight"][1].sum() == pytest.approx(merged.gain, rel=1e-9)
+    assert merged.arrivals.weight.sum() == pytest.approx(merged.gain, rel=1e-9)
 
 
 def test_merge_refuses_maps_of_different_places():

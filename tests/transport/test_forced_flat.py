@@ -162,7 +162,7 @@ def test_first_order(depth, height, fov_deg, g, source):
 
 def test_first_order_of_the_default_link():
     """1.2585e-5 +- 1e-9 by quadrature."""
-    got = [forced(mt.Link(), seed=s).data["gain_order"][1][0, 0] for s in range(8)]
+    got = [forced(mt.Link(), seed=s).gain_order[0, 0] for s in range(8)]
     error = np.std(got, ddof=1) / math.sqrt(8)
     assert error < 2e-3 * 1.2585e-5
     assert z_test(np.mean(got), 1.2 * error, 1.2585e-5, 1e-9) > ALPHA

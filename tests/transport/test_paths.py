@@ -63,7 +63,7 @@ def test_received_paths_share_the_gain_and_its_orders():
     assert weight.sum() == pytest.approx(r.gain, rel=0.03)
     scatterings = paths.length - 3
     share = np.bincount(scatterings, minlength=8)[:4] / len(scatterings)
-    expected = np.append(r.gain_ballistic, r.data["gain_order"][1][0, :3]) / r.gain
+    expected = np.append(r.gain_ballistic, r.gain_order[0, :3]) / r.gain
     np.testing.assert_allclose(share, expected, atol=0.03)
     # the landing points fill the aperture evenly: the mean lies at its centre
     last = paths.length - 1

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, sidak, z_test
+from scipy import stats
 
 import meshtrace as mt
 from meshtrace.optics.fresnel import fresnel_reflectance
@@ -79,8 +80,8 @@ def test_sun_is_split_without_noise(zenith_deg):
     rho = float(fresnel_reflectance(cos_i, 1.0, 1.33))
     cos_t = math.sqrt(1.0 - (1.0 - cos_i**2) / 1.33**2)
     assert r.gain == pytest.approx(rho, rel=1e-9)
-    assert r.data["e_d"][1][0] == pytest.approx(1.0 - rho, rel=1e-9)
-    assert r.data["e_od"][1][0] == pytest.approx((1.0 - rho) / cos_t, rel=1e-9)
+    assert r.planes.e_d[0] == pytest.approx(1.0 - rho, rel=1e-9)
+    assert r.planes.e_od[0] == pytest.approx((1.0 - rho) / cos_t, rel=1e-9)
 
 
 def test_uniform_sky_fills_the_snell_cone_evenly():
@@ -90,19 +91,17 @@ def test_uniform_sky_fills_the_snell_cone_evenly():
         transmitter=mt.UniformSky(half_width=5.0),
         planes=mt.IrradiancePlanes(depths=(1.0,), n_cosines=200, n_azimuths=4),
     )
-    radiance = r.data["radiance"][1][0]
-    edges = np.linspace(1.0, -1.0, 201)
+    planes = r.planes
+    centre = 0.5 * (planes.cosine_edges[1:] + planes.cosine_edges[:-1])
     critical = math.cos(math.asin(1.0 / 1.33))
-    outside = edges[:-1] > -critical + 0.011
-    assert radiance[outside].sum() == 0.0
-    cos_t = -(edges[1:] + edges[:-1]) / 2.0
-    inside = cos_t > critical + 0.05
-    cos_i = np.sqrt(1.0 - 1.33**2 * (1.0 - cos_t[inside] ** 2))
-    # flux per cosine = L pi n^2 (1 - rho) 2 cos_t d(cos_t) / pi for unit flux from above
-    expected = 2.0 * 1.33**2 * cos_t[inside] * 0.01
-    expected *= 1.0 - fresnel_reflectance(cos_i, 1.0, 1.33)
-    got = radiance[inside].sum(axis=1)
-    noise = np.sqrt(expected / N)
-    assert (np.abs(got - expected) < 4.5 * noise).all()
-    quarter = radiance.sum(axis=0) / radiance.sum()
-    np.testing.assert_allclose(quarter, 0.25, atol=4.5 * math.sqrt(0.1875 / N))
+    assert planes.radiance[0, centre > -critical + 0.006].max() == 0.0
+    inside = centre < -critical - 0.05
+    cos_i = np.sqrt(1.0 - 1.33**2 * (1.0 - centre[inside] ** 2))
+    # n^2 L (1 - rho), L = 1 / pi for unit irradiance from above
+    expected = 1.33**2 * (1.0 - fresnel_reflectance(cos_i, 1.0, 1.33)) / math.pi
+    got, error = planes.radiance[0, inside], planes.radiance_stderr[0, inside]
+    pulls = (got - expected[:, None]) / error
+    # errors of 32 groups: Student's t of 31 degrees of freedom
+    assert 2.0 * stats.t.sf(np.abs(pulls).max(), 31) > sidak(ALPHA, pulls.size)
+    np.testing.assert_allclose(got.mean(axis=1), expected, rtol=4.5 * 0.01)
+    assert 0.7 < (pulls**2).mean() < 1.4

@@ -55,9 +55,7 @@ def assert_equal(a, b):
     np.testing.assert_array_equal(a.gain_stderr, b.gain_stderr)
     assert a.fates == b.fates
     assert a.misses == b.misses
-    assert a.data.keys() == b.data.keys()
-    for name in a.data:
-        np.testing.assert_array_equal(a.data[name][1], b.data[name][1], err_msg=name)
+    assert a.to_dataset().drop_attrs().identical(b.to_dataset().drop_attrs())
 
 
 @pytest.fixture(scope="module")
@@ -196,12 +194,14 @@ def test_merged_runs_of_disjoint_photons_are_the_run(mesh, reference, name, cuts
 def test_merged_tallies_are_those_of_the_run(mesh, reference, name):
     """Irradiances, map and arrivals, and their standard errors, as those of the gain."""
     merged, whole = merged_parts(LINKS[name], mesh, (1000, 20_000)), reference[name]
-    assert merged.data.keys() == whole.data.keys()
+    merged, whole = (r.to_dataset() for r in (merged, whole))
+    assert merged.variables.keys() == whole.variables.keys()
     different = [
-        key
-        for key, (_, expected) in whole.data.items()
-        if merged.data[key][1].shape != expected.shape
-        or not np.allclose(merged.data[key][1], expected, rtol=1e-10, atol=1e-15)
+        name
+        for name, expected in whole.variables.items()
+        # the error of the radiance comes from 32 groups, which the runs divide otherwise
+        if name != "radiance_stderr"
+        and not np.allclose(merged[name], expected, rtol=1e-10, atol=1e-15, equal_nan=True)
     ]
     assert different == []
 
@@ -241,4 +241,4 @@ def test_arrivals_are_complete_however_often_light_passes():
     r = mt.simulate(
         link, mesh, estimator="analog", photons=4096, keep_arrivals=True, max_events=1000
     )
-    assert r.data["arrival_weight"][1].sum() == pytest.approx(r.gain, rel=1e-12)
+    assert r.arrivals.weight.sum() == pytest.approx(r.gain, rel=1e-12)

@@ -71,10 +71,10 @@ def test_nothing_absorbed_is_all_reflected_or_transmitted():
     """
     link = slab_link(10.0, 1.0, 0.0, 1.33, 1.33)
     r = mt.simulate(link, wide_mesh(), estimator="analog", photons=150_000, seed=34, roulette=0.0)
-    reflected, transmitted = r.gain, r.data["e_d"][1][0]
+    reflected, transmitted = r.gain, r.planes.e_d[0]
     assert reflected + transmitted == pytest.approx(1.0, abs=2e-4)
     expected = 2.9078 / math.sqrt(3.0) / (10.0 + 2.0 * 0.7104)
-    assert z_test(transmitted, r.data["e_d_stderr"][1][0], expected, 1e-3 * expected) > ALPHA
+    assert z_test(transmitted, r.planes.e_d_stderr[0], expected, 1e-3 * expected) > ALPHA
 
 
 @pytest.mark.external
@@ -99,8 +99,8 @@ def test_light_wanders_without_bias_sideways():
     link = slab_link(2.0, 0.9, 0.75, 1.33, 1.33)
     grid = mt.MapGrid(height=1.0, extent=8.0, step=0.5)
     r = mt.simulate(link, wide_mesh(), estimator="analog", photons=300_000, seed=36, grid=grid)
-    light = r.data["map_irradiance"][1]
-    x = r.data["map_x"][1]
+    light = r.map.irradiance
+    x = r.map.x
     total = light.sum()
     spread = math.sqrt((light.sum(axis=1) * x**2).sum() / total)
     noise = 4.5 * spread / math.sqrt(0.05 * r.photons)

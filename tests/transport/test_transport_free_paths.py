@@ -220,9 +220,9 @@ def test_planes_in_water_that_only_absorbs(b, bottom_depth):
     water = mt.Water(a=0.1, b=b, bottom_depth=bottom_depth)
     r = ballistic(sun_link(water, depths), photons=4096)
     expected = NORMAL_LOSS * np.exp(-0.1 * np.array(depths))
-    np.testing.assert_allclose(r.data["e_d"][1], expected, rtol=3e-6)
-    np.testing.assert_allclose(r.data["e_od"][1], expected, rtol=3e-6)
-    np.testing.assert_allclose(r.data["e_u"][1], 0.0, atol=1e-6)
+    np.testing.assert_allclose(r.planes.e_d, expected, rtol=3e-6)
+    np.testing.assert_allclose(r.planes.e_od, expected, rtol=3e-6)
+    np.testing.assert_allclose(r.planes.e_u, 0.0, atol=1e-6)
 
 
 def test_water_aperture_in_water_that_only_absorbs():
@@ -246,7 +246,7 @@ def test_planes_in_absorbing_layers(zenith_deg):
     inside = math.sqrt(1.0 - (math.sin(math.radians(zenith_deg)) / 1.33) ** 2)
     loss = 1.0 - float(fresnel_reflectance(math.cos(math.radians(zenith_deg)), 1.0, 1.33))
     expected = loss * np.exp(-0.8 * np.maximum(np.array(depths) - 2.001, 0.0) / inside)
-    np.testing.assert_allclose(r.data["e_d"][1], expected, rtol=3e-3)
+    np.testing.assert_allclose(r.planes.e_d, expected, rtol=3e-3)
 
 
 def test_water_aperture_in_absorbing_layers():
@@ -265,6 +265,6 @@ def test_plane_and_aperture_agree(mode):
     )
     link = sun_link(water, (2.0,), receiver=apertures, physics=mt.Physics(absorption=mode))
     r = ballistic(link, photons=50_000)
-    np.testing.assert_allclose(r.gain[0], r.data["e_d"][1][0], rtol=1e-9)
-    np.testing.assert_allclose(r.gain[1], r.data["e_u"][1][0], rtol=1e-9)
+    np.testing.assert_allclose(r.gain[0], r.planes.e_d[0], rtol=1e-9)
+    np.testing.assert_allclose(r.gain[1], r.planes.e_u[0], rtol=1e-9)
     assert r.gain[1] > 0.01

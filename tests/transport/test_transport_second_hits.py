@@ -134,8 +134,8 @@ def test_air_path_counts_every_flight(two_hits):
         link, valley(), estimator="analog", photons=50_000, normals="facet", keep_arrivals=True
     )
     assert r.gain > 0.0
-    air = r.data["arrival_air_path"][1]
-    water = r.data["arrival_water_path"][1]
+    air = r.arrivals.air_path
+    water = r.arrivals.water_path
     np.testing.assert_allclose(air, np.linalg.norm(second - first) + t, atol=1e-3)
     np.testing.assert_allclose(water, 4.5 / in_water[2], atol=1e-4)
 

@@ -128,13 +128,13 @@ def test_focusing_moves_light_and_loses_none():
         analog(link, sea, 2_000_000, extent=10.0, spacing=spacing, seed=8, grid=grid)
         for sea, spacing in ((FlatSea(), 5.0), (FOCUSING, 0.05))
     )
-    bright, even = (r.data["map_irradiance"][1] for r in (wavy, calm))
+    bright, even = (r.map.irradiance for r in (wavy, calm))
     across = slice(50, 70)
     contrast = bright[across, across].max() / bright[across, across].min()
     assert contrast > 3.0 * even[across, across].max() / even[across, across].min()
     for r in (calm, wavy):
         light = r.fates["landed"].weight + r.fates["received"].weight
-        on_map = r.data["map_irradiance"][1].sum() * grid.step**2
+        on_map = r.map.irradiance.sum() * grid.step**2
         assert on_map <= light
         assert on_map == pytest.approx(light, rel=0.01)
         assert sum(f.weight for f in r.fates.values()) == pytest.approx(1.0, abs=1e-12)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from meshtrace.stored import Stored
 from meshtrace.studies.convergence.checks import Floats, Normals, positive
 from meshtrace.studies.convergence.exact import Reference
 from meshtrace.studies.convergence.fit import Fit, fit_law, largest_step, stderr
@@ -30,8 +30,8 @@ class Costs(NamedTuple):
     evaluation: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class ConvergenceStudy:
+@dataclass(frozen=True, eq=False, repr=False)
+class ConvergenceStudy(Stored):
     """Gain of one link against a step that should not matter.
 
     Attributes
@@ -75,6 +75,9 @@ class ConvergenceStudy:
     reference: Reference | None = None
     tolerance: float = 1e-3
     provenance: dict[str, Any] = field(default_factory=dict)
+
+    kind: ClassVar[str] = "convergence"
+    title: ClassVar[str] = "meshtrace convergence"
 
     @property
     def step(self) -> Floats:
@@ -172,15 +175,21 @@ class ConvergenceStudy:
         values = [1.0 / s if self.parameter == "omega_max" else s for s in steps]
         return dict(zip(self.normals, values, strict=True))
 
-    def to_dataset(self) -> xr.Dataset:
-        """Return the study as an xarray Dataset with units and provenance."""
+    def _content(self) -> xr.Dataset:
         from meshtrace.studies.convergence.tables import dataset
 
         return dataset(self)
 
-    def save(self, path: str | Path) -> None:
-        """Write the study as netCDF."""
-        self.to_dataset().to_netcdf(path, engine="h5netcdf")
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any) -> ConvergenceStudy:
+        from meshtrace.studies.convergence.tables import study_of
+
+        return study_of(data, provenance)
+
+    def _headline(self) -> str:
+        found = ", ".join(f"{kind} {value:.3g}" for kind, value in self.recommended().items())
+        percent = 100.0 * self.tolerance
+        return f"{self.parameter} [{UNITS[self.parameter]}] for an error of {percent:g} %: {found}"
 
     def summary(self) -> str:
         """Return the study as a table of text, errors in percent of the gain."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 
@@ -10,9 +9,9 @@ import numpy as np
 import xarray as xr
 
 from meshtrace.fields import attrs
-from meshtrace.results.gain import FORMAT_VERSION
 from meshtrace.studies.convergence.checks import Normals
-from meshtrace.studies.convergence.study import UNITS, ConvergenceStudy
+from meshtrace.studies.convergence.exact import Reference
+from meshtrace.studies.convergence.study import UNITS, ConvergenceStudy, Costs
 
 
 def dataset(study: ConvergenceStudy) -> xr.Dataset:
@@ -44,21 +43,44 @@ def dataset(study: ConvergenceStudy) -> xr.Dataset:
             attrs("gain_ballistic"),
         )
         variables["exact_mss"] = ((), study.reference.slope_variance, attrs("mss"))
+        variables["exact_samples"] = ("shift", study.reference.samples, attrs("gain"))
+        variables["exact_quadrature_error"] = ((), study.reference.quadrature_error, one)
+        variables["exact_lost"] = ((), study.reference.lost, one)
     coordinates = {
         "normals": list(study.normals),
         "limit": ["value", "low", "high"],
         study.parameter: (by_value, study.values, {"units": UNITS[study.parameter]}),
     }
-    return xr.Dataset(
-        variables,
-        coordinates,
-        {
-            "title": f"meshtrace convergence in {study.parameter}",
-            "format_version": FORMAT_VERSION,
-            "kind": "convergence",
-            "tolerance": study.tolerance,
-            "provenance": json.dumps(study.provenance),
-        },
+    variables["samples"] = ((*dims, "repeat", "shift"), study.samples, attrs("gain"))
+    variables["samples_ballistic"] = ((*dims, "repeat"), study.ballistic, attrs("gain_ballistic"))
+    about = {"parameter": study.parameter, "tolerance": study.tolerance}
+    return xr.Dataset(variables, coordinates, about)
+
+
+def study_of(data: xr.Dataset, provenance: dict[str, Any]) -> ConvergenceStudy:
+    """Return the study that `dataset` wrote."""
+    parameter, reference = data.attrs["parameter"], None
+    if "exact_samples" in data:
+        reference = Reference(
+            samples=data["exact_samples"].to_numpy(),
+            ballistic=float(data["exact_gain_ballistic"]),
+            quadrature_error=float(data["exact_quadrature_error"]),
+            slope_variance=float(data["exact_mss"]),
+            lost=int(data["exact_lost"]),
+        )
+    return ConvergenceStudy(
+        parameter=parameter,
+        values=data[parameter].to_numpy(),
+        normals=tuple(data["normals"].values.tolist()),
+        samples=data["samples"].to_numpy(),
+        ballistic=data["samples_ballistic"].to_numpy(),
+        scatter=data["scatter"].to_numpy(),
+        slope_variance=data["mss"].to_numpy(),
+        total_reflection=data["total_reflection"].to_numpy(),
+        costs=Costs(*(data[f"{name}_time"].to_numpy() for name in Costs._fields)),
+        reference=reference,
+        tolerance=float(data.attrs["tolerance"]),
+        provenance=provenance,
     )
 
 

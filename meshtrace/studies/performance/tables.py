@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +13,7 @@ from meshtrace.comms.budget import Capacity, depth_at
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.pulses import Eye
 from meshtrace.fading import Estimate
-from meshtrace.results.gain import FORMAT_VERSION
+from meshtrace.stored import Stored
 from meshtrace.studies.performance.operating_point import Figures
 from meshtrace.studies.performance.samples import Fades
 
@@ -25,8 +23,8 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class LinkPerformance:
+@dataclass(frozen=True, eq=False, repr=False)
+class LinkPerformance(Stored):
     """Performance of a link at one or several depths and bit rates.
 
     Attributes
@@ -38,7 +36,7 @@ class LinkPerformance:
     figures : tuple of Figures
         Depth by depth, the bit rates of each together.
     fades : tuple of Fades
-        Gains and tilt factors at each depth.
+        Gains and tilt factors at each depth; not in files, empty when loaded.
     limit : float
         Bit error rate before decoding that counts as success.
     confidence : float
@@ -57,6 +55,16 @@ class LinkPerformance:
     confidence: float
     status: str
     provenance: dict[str, Any] = field(default_factory=dict)
+
+    kind: ClassVar[str] = "performance"
+    title: ClassVar[str] = "meshtrace link performance"
+
+    def _headline(self) -> str:
+        first, count = self.figures[0], len(self.figures)
+        return (
+            f"BER {first.ber.value:.3e} at {first.depth:g} m, {first.bit_rate / 1e6:g} Mbit/s; "
+            f"{count} point{'s' * (count > 1)}"
+        )
 
     @property
     def bit_rates(self) -> tuple[float, ...]:
@@ -156,8 +164,7 @@ class LinkPerformance:
                 )
         return lines
 
-    def to_dataset(self) -> xr.Dataset:
-        """Return the figures as an xarray Dataset over depth and bit rate, with units."""
+    def _content(self) -> xr.Dataset:
         import xarray as xr
 
         dims, shape = ("depth", "bit_rate"), (len(self.depths), len(self.ooks))
@@ -179,20 +186,40 @@ class LinkPerformance:
             "depth": ("depth", list(self.depths), _attrs("depth")),
             "bit_rate": ("bit_rate", list(self.bit_rates), _attrs("bit_rate")),
         }
-        about = {
-            "title": "meshtrace link performance",
-            "format_version": FORMAT_VERSION,
-            "kind": "performance",
-            "ber_limit": self.limit,
-            "confidence": self.confidence,
-            "status": self.status,
-            "provenance": json.dumps(self.provenance),
-        }
+        about = {"ber_limit": self.limit, "confidence": self.confidence, "status": self.status}
         return xr.Dataset(variables, coordinates, about)
 
-    def save(self, path: str | Path) -> None:
-        """Write the figures as netCDF."""
-        self.to_dataset().to_netcdf(path, engine="h5netcdf")
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any) -> LinkPerformance:
+        depths, rates = (tuple(data[n].values.tolist()) for n in ("depth", "bit_rate"))
+        needed = data["required_power"].values.tolist()
+        figures = []
+        for i, j in np.ndindex(len(depths), len(rates)):
+            at = data.isel(depth=i, bit_rate=j)
+            estimates = {
+                name: Estimate(*(float(at[name + limit]) for limit in ("", "_low", "_high")))
+                for name in _ESTIMATES
+            }
+            rows = (float(at[f"capacity_{name}"]) for name in Capacity._fields)
+            figures.append(
+                Figures(
+                    depth=depths[i],
+                    bit_rate=rates[j],
+                    required_power=needed[j],
+                    capacity=Capacity(*rows),
+                    **estimates,
+                )
+            )
+        return cls(
+            depths=depths,
+            ooks=tuple(OokLink.model_validate(one) for one in provenance["ook"]),
+            figures=tuple(figures),
+            fades=(),
+            limit=float(data.attrs["ber_limit"]),
+            confidence=float(data.attrs["confidence"]),
+            status=str(data.attrs["status"]),
+            provenance=provenance,
+        )
 
 
 _ESTIMATES = (
@@ -247,8 +274,8 @@ def _range(depths: tuple[float, ...], ber: FloatArray, target: float) -> float:
         return math.nan
 
 
-@dataclass(frozen=True, eq=False)
-class DepthSweep:
+@dataclass(frozen=True, eq=False, repr=False)
+class DepthSweep(Stored):
     """Performance over depth, for several winds.
 
     Attributes
@@ -261,6 +288,18 @@ class DepthSweep:
 
     wind_speeds: tuple[float, ...]
     performances: tuple[LinkPerformance, ...]
+
+    kind: ClassVar[str] = "depth-sweep"
+    title: ClassVar[str] = "meshtrace link performance over depth and wind"
+
+    @property
+    def provenance(self) -> list[dict[str, Any]]:
+        """Provenance of each wind."""
+        return [performance.provenance for performance in self.performances]
+
+    def _headline(self) -> str:
+        winds = ", ".join(f"{speed:g}" for speed in self.wind_speeds)
+        return f"winds {winds} m/s, {len(self.performances[0].depths)} depths"
 
     def range_at_ber(self, ber: float | None = None) -> FloatArray:
         """Return ranges with their limits [m].
@@ -287,18 +326,19 @@ class DepthSweep:
                 lines.append(f"{speed:>5g} m/s{rate / 1e6:>7g} Mbit/s  {_range_text(value)}")
         return "\n".join([*lines, "", first.status])
 
-    def to_dataset(self) -> xr.Dataset:
-        """Return all figures as an xarray Dataset over wind, depth and bit rate."""
+    def _content(self) -> xr.Dataset:
         import xarray as xr
 
         from meshtrace.fields import attrs
 
         parts = [p.to_dataset() for p in self.performances]
         winds = xr.Variable("wind_speed", list(self.wind_speeds), attrs("wind_speed"))
-        whole = xr.concat(parts, winds, data_vars="all", join="exact", combine_attrs="override")
-        origins = [p.provenance for p in self.performances]
-        return whole.assign_attrs(kind="depth-sweep", provenance=json.dumps(origins))
+        return xr.concat(parts, winds, data_vars="all", join="exact", combine_attrs="override")
 
-    def save(self, path: str | Path) -> None:
-        """Write all figures as netCDF."""
-        self.to_dataset().to_netcdf(path, engine="h5netcdf")
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any) -> DepthSweep:
+        performances = [
+            LinkPerformance._restored(data.isel(wind_speed=i), origin)
+            for i, origin in enumerate(provenance)
+        ]
+        return cls(tuple(data["wind_speed"].values.tolist()), tuple(performances))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.fields import FIELDS, attrs
-from meshtrace.results.gain import FORMAT_VERSION, environment
+from meshtrace.results.provenance import environment
 from meshtrace.scenario import ScenarioError
 from meshtrace.studies.sweep.points import BLOCK, MEASURED, Outcome, Study, Task
 
@@ -70,7 +70,7 @@ def _create(study: Study, store: Any) -> zarr.Group:
         store,
         attributes={
             "title": "meshtrace sweep",
-            "format_version": FORMAT_VERSION,
+            "format_version": 1,
             "kind": "sweep",
             "identity": json.dumps(study.identity()),
             "environment": json.dumps(environment()),

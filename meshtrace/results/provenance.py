@@ -1,0 +1,59 @@
+"""Provenance of a result: versions, commit, link, surface and run."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from meshtrace.link import Link
+
+
+@cache
+def environment() -> dict[str, str]:
+    """Return the versions on which a result depends."""
+    return {
+        "meshtrace": version("meshtrace"),
+        "git_commit": _git_commit(Path(__file__).parents[2]),
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        **{name: version(name) for name in ("numpy", "numba", "embreex", "scipy")},
+    }
+
+
+def provenance(link: Link, surface: dict[str, Any], run: dict[str, Any]) -> dict[str, Any]:
+    """Return all that a result depends on, as plain data."""
+    return {
+        "environment": environment(),
+        "link": link.model_dump(mode="json"),
+        "surface": surface,
+        "run": run,
+    }
+
+
+def _git_commit(root: Path) -> str:
+    """Return the commit of a checkout of this package, "unknown" if `root` is none."""
+    # an installed package may lie in the repository of another project
+    project = root / "pyproject.toml"
+    if not project.is_file() or 'name = "meshtrace"' not in project.read_text(encoding="utf-8"):
+        return "unknown"
+    outside = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    try:
+        done = subprocess.run(
+            ["git", "rev-parse", "--show-toplevel", "HEAD"],
+            cwd=root,
+            env=outside,
+            capture_output=True,
+            text=True,
+            timeout=5,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+    top, commit = done.stdout.splitlines()
+    return commit if Path(top).resolve() == root.resolve() else "unknown"

@@ -1,0 +1,170 @@
+"""Gains of one link over many surfaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.errors import Refused
+from meshtrace.fields import attrs
+from meshtrace.stored import Stored
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from meshtrace.fading import FadingStatistics
+
+_FEW = 50  # gains shown where no statistics can be
+_MOST_NOISE = 0.05  # fraction of the variance below which noise is not reported
+_VARIABLES = ("gain", "gain_stderr", "gain_ballistic")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GainSeries(Stored):
+    """Gains of one link over many surfaces, all with the same chains.
+
+    Attributes
+    ----------
+    along : {"time", "realization"}
+        Difference between the surfaces.
+    coordinate : ndarray, shape (n,)
+        Times [s], or seeds of the realizations.
+    gain, gain_stderr, gain_ballistic : ndarray, shape (n,) or (n, receivers)
+        Gain, its standard error and its unscattered part.
+    mean_stderr : float or ndarray, shape (receivers,)
+        Monte Carlo standard error of the mean gain. The chains are common to all surfaces, so
+        that it is not that of n independent gains.
+    provenance : dict
+        Versions, configuration and seeds.
+    """
+
+    along: Literal["time", "realization"]
+    coordinate: NDArray[Any]
+    gain: NDArray[np.float64]
+    gain_stderr: NDArray[np.float64]
+    gain_ballistic: NDArray[np.float64]
+    mean_stderr: Any
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    kind: ClassVar[str] = "series"
+    title: ClassVar[str] = "meshtrace gain series"
+
+    @property
+    def gains(self) -> NDArray[np.float64]:
+        """Gains, shape (n, receivers), of a single receiver, too."""
+        return self.gain.reshape(len(self.coordinate), -1)
+
+    @property
+    def mean_stderrs(self) -> NDArray[np.float64]:
+        """Standard error of the mean gain of each receiver, shape (receivers,)."""
+        return np.atleast_1d(self.mean_stderr)
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Times [s] of a moving sea."""
+        if self.along != "time":
+            raise Refused("along", self.along, "time, for a property of time series")
+        return self.coordinate
+
+    def fading(self, receiver: int = 0, **options: Any) -> FadingStatistics:
+        r"""Return the fading statistics of one receiver, see `fading.fading_statistics`.
+
+        .. math:: \sigma_\mathrm{own}^2 = (\overline{s_i^2} - s_{\bar h}^2) \, n / (n - 1)
+
+        is what the Monte Carlo errors s_i add to the variance of the gains beyond the error
+        s_hbar of their mean, which is common to all. It is removed from an ensemble. On a moving
+        sea it moves as smoothly as the gain does and cannot be told from it by the correlation:
+        it stays, and a note says so where it counts.
+
+        Parameters
+        ----------
+        receiver : int
+            Which receiver.
+        options
+            Of `fading.fading_statistics`.
+
+        Raises
+        ------
+        ValueError
+            If there is no such receiver, or fewer than two gains.
+        """
+        from meshtrace.fading import fading_statistics
+
+        n, n_receivers = self.gains.shape
+        if not 0 <= receiver < n_receivers:
+            raise Refused("receiver", receiver, f"0 <= receiver < {n_receivers}")
+        gain, common = self.gains[:, receiver], float(self.mean_stderrs[receiver])
+        stderr = self.gain_stderr.reshape(n, -1)[:, receiver]
+        noise = float(np.mean(stderr**2))
+        own = max(noise - common**2, 0.0) * n / max(n - 1, 1)
+        if self.along == "time":
+            found = fading_statistics(gain, time=self.time, common_stderr=common, **options)
+            found = replace(found, provenance=self.provenance)
+            share = own / max(float(gain.var()), own, 1e-300)
+            if share < _MOST_NOISE:
+                return found
+            note = f"Monte Carlo noise makes {100.0 * share:.0f} % of the variance: more chains"
+            return replace(found, notes=(*found.notes, note))
+        scale = np.sqrt(own / noise) if noise > 0.0 else 0.0
+        found = fading_statistics(gain, scale * stderr, common_stderr=common, **options)
+        return replace(found, provenance=self.provenance)
+
+    def _headline(self) -> str:
+        means = self.gains.mean(axis=0)
+        pairs = zip(means[:4], self.mean_stderrs, strict=False)
+        shown = ", ".join(f"mean {mean:.4e} +- {stderr:.1e}" for mean, stderr in pairs)
+        return f"{len(self.coordinate)} gains over {self.along}, {shown}"
+
+    def summary(self) -> str:
+        """Return quantiles of an ensemble and the fading of each receiver as text."""
+        lines = []
+        for receiver, (gain, stderr) in enumerate(
+            zip(self.gains.T, self.mean_stderrs, strict=True)
+        ):
+            if self.gain.ndim == 2:
+                lines.append(f"receiver {receiver}")
+            if self.along == "realization":
+                shares = (1, 5, 25, 50, 75, 95, 99)
+                lines.append("".join(f"{f'{share} %':>12}" for share in shares))
+                lines.append("".join(f"{value:>12.4e}" for value in np.percentile(gain, shares)))
+                lines.append("")
+            lines.append(self._statistics(receiver))
+            if gain.any():
+                percent = 100.0 * stderr / gain.mean()
+                lines.append(f"  chains               mean gain +- {percent:.2g} %")
+        return "\n".join(lines)
+
+    def _statistics(self, receiver: int) -> str:
+        """Return the fading of a receiver, or the first gains of a series that has none."""
+        try:
+            return self.fading(receiver).summary()
+        except ValueError as error:
+            lines = []
+            if self.along == "time":
+                rows = zip(self.time[:_FEW], self.gains[:, receiver], strict=False)
+                lines = [f"  {t:>12g} s {g:.4e}" for t, g in rows]
+            return "\n".join([*lines, f"no fading statistics: {error}"])
+
+    def _content(self) -> xr.Dataset:
+        import xarray as xr
+
+        dims = (self.along,) if self.gain.ndim == 1 else (self.along, "receiver")
+        variables = {name: (dims, getattr(self, name), attrs(name)) for name in _VARIABLES}
+        about = attrs("time") if self.along == "time" else {"long_name": "seed of the phases"}
+        coordinates = {self.along: (self.along, self.coordinate, about)}
+        return xr.Dataset(variables, coordinates, {"mean_stderr": self.mean_stderrs})
+
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any) -> GainSeries:
+        along: Literal["time", "realization"] = "time" if "time" in data.dims else "realization"
+        mean_stderr = np.atleast_1d(data.attrs["mean_stderr"])
+        return cls(
+            along=along,
+            coordinate=data[along].to_numpy(),
+            **{name: data[name].to_numpy() for name in _VARIABLES},
+            mean_stderr=float(mean_stderr[0]) if data["gain"].ndim == 1 else mean_stderr,
+            provenance=provenance,
+        )

@@ -1,0 +1,253 @@
+"""Extra tallies of a run: arrivals, irradiance planes, map.
+
+Each variable carries its dimensions and the rule by which runs of disjoint photons merge.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.fields import attrs
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+Variables = dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, str]]]
+
+
+def standard_error(total: Any, squares: Any, n: int) -> Any:
+    """Return the standard error of a mean from sum and sum of squares."""
+    if n < 2:
+        return np.full_like(np.asarray(total, float), math.nan)
+    mean = np.asarray(total) / n
+    return np.sqrt(np.maximum(np.asarray(squares) / n - mean**2, 0.0) / (n - 1))
+
+
+def merged_mean(
+    means: Sequence[Floats], errors: Sequence[Floats], n: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
+    """Return mean and standard error of all photons; one photon has no error of its own."""
+    total = int(n.sum())
+    mean = shared_mean(means, n)
+    square = sum(
+        k / total * (m**2 + (0.0 if k < 2 else s**2 * (k - 1)))
+        for m, s, k in zip(means, errors, n, strict=True)
+    )
+    return mean, np.sqrt(np.maximum(square - mean**2, 0.0) / max(total - 1, 1))
+
+
+def shared_mean(means: Sequence[Floats], n: NDArray[np.int64]) -> Floats:
+    """Return the mean of all photons."""
+    return np.asarray(sum(k / n.sum() * m for m, k in zip(means, n, strict=True)))
+
+
+def _joined(parts: Sequence[NDArray[Any]], n: NDArray[np.int64]) -> NDArray[Any]:
+    return np.concatenate(parts)
+
+
+def _joined_shares(parts: Sequence[Floats], n: NDArray[np.int64]) -> Floats:
+    return np.concatenate([k / n.sum() * part for part, k in zip(parts, n, strict=True)])
+
+
+def _common(parts: Sequence[NDArray[Any]], n: NDArray[np.int64]) -> NDArray[Any]:
+    return parts[0]
+
+
+class Variable(NamedTuple):
+    """Dimensions of a tally's array, its rule for merging and its name in files.
+
+    A mean merges together with its standard error, which has no rule of its own.
+    """
+
+    dims: str
+    rule: Callable[..., Any] | None
+    name: str = ""
+
+
+class Tally:
+    """Arrays with names, dimensions and merging rules; subclasses are dataclasses of them."""
+
+    @classmethod
+    def _described(cls) -> Iterator[tuple[str, str, Variable]]:
+        """Yield attribute, name in files and description of each array."""
+        for attribute, hint in get_type_hints(cls, include_extras=True).items():
+            (variable,) = hint.__metadata__
+            yield attribute, variable.name or attribute, variable
+
+    def __repr__(self) -> str:
+        arrays = ", ".join(
+            f"{name} {array.shape}" for name, (_, array, _) in self.variables().items()
+        )
+        return f"<{type(self).__name__}: {arrays}>"
+
+    def variables(self) -> Variables:
+        """Return the arrays by their names in files, with dimensions and attributes."""
+        return {
+            name: (tuple(variable.dims.split()), getattr(self, attribute), attrs(name))
+            for attribute, name, variable in self._described()
+            if getattr(self, attribute) is not None
+        }
+
+    @classmethod
+    def read(cls, data: xr.Dataset) -> Self | None:
+        """Return the tally of a dataset, None if it has none."""
+        found = {
+            attribute: data[name].to_numpy()
+            for attribute, name, _ in cls._described()
+            if name in data.variables
+        }
+        return cls(**found) if found else None
+
+    @classmethod
+    def merged(cls, parts: Sequence[Self], n: NDArray[np.int64]) -> Self:
+        """Return the tally of all photons of several runs of n photons."""
+        found: dict[str, Any] = {}
+        for name, _, variable in cls._described():
+            values = [getattr(part, name) for part in parts]
+            if values[0] is None:
+                continue
+            if variable.rule is merged_mean:
+                errors = [getattr(part, f"{name}_stderr") for part in parts]
+                found[name], found[f"{name}_stderr"] = merged_mean(values, errors, n)
+            elif variable.rule is not None:
+                found[name] = variable.rule(values, n)
+        return cls(**found)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Arrivals(Tally):
+    """Arrivals of light at the receivers.
+
+    Attributes
+    ----------
+    receiver : ndarray, shape (arrivals,)
+        Index of the receiver.
+    weight : ndarray, shape (arrivals,)
+        Contributions to the gain [1]; they add up to it.
+    water_path, air_path : ndarray, shape (arrivals,)
+        Path lengths in water and air [m].
+    group : ndarray, shape (arrivals,)
+        Independent estimate, 0 to 31, that an arrival belongs to; the groups share the gain
+        equally. -1 has no Monte Carlo error.
+    """
+
+    receiver: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_receiver")]
+    weight: Annotated[Floats, Variable("arrival", _joined_shares, "arrival_weight")]
+    water_path: Annotated[Floats, Variable("arrival", _joined, "arrival_water_path")]
+    air_path: Annotated[Floats, Variable("arrival", _joined, "arrival_air_path")]
+    group: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_group")]
+
+    @classmethod
+    def of_rows(cls, rows: Floats) -> Arrivals:
+        """Return arrivals from rows of receiver, weight, water path, air path and group."""
+        whole, weight, water, air, group = rows.T
+        return cls(whole.astype(np.int64), weight, water, air, group.astype(np.int64))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Planes(Tally):
+    r"""Irradiances and radiance on horizontal planes in the water.
+
+    Attributes
+    ----------
+    depth : ndarray, shape (planes,)
+        Depths [m].
+    e_d, e_u : ndarray, shape (planes,)
+        Downward and upward plane irradiance, integrated over the plane, per emitted power [1].
+    e_od, e_ou : ndarray, shape (planes,)
+        Downward and upward scalar irradiance, likewise [1].
+    e_d_stderr, e_u_stderr, e_od_stderr, e_ou_stderr : ndarray, shape (planes,)
+        Standard errors.
+    radiance, radiance_stderr : ndarray, shape (planes, cosines, azimuths), or None
+        Radiance, integrated over the plane, per emitted power [sr-1], and its standard error from
+        32 groups of photons (nan for fewer than 64 photons); None without bins.
+    cosine_edges, azimuth_edges : ndarray, shape (cosines + 1,), (azimuths + 1,), or None
+        Edges of the bins: cosine of the zenith angle of the light's travel, from 1 (straight up)
+        to -1, and azimuth of the travel from +x counter-clockwise [rad].
+
+    Notes
+    -----
+    The planes are infinite. With a source in the water, all values are integrals over the plane,
+
+    .. math:: \bar L_{ij} = \frac{1}{P} \int \mathrm dA\, L
+        = \frac{F_{ij}}{P \int_{ij} |\mu| \,\mathrm d\mu \,\mathrm d\varphi},
+
+    for the flux F of a bin: the mean over the bin with weight \|mu\|. With the sun or a sky, whose
+    square stands for an infinitely wide source, they are values at a point per irradiance
+    just above the sea: W m-2 per W m-2 and W m-2 sr-1 per W m-2.
+    """
+
+    depth: Annotated[Floats, Variable("plane", _common, "plane_depth")]
+    e_d: Annotated[Floats, Variable("plane", merged_mean)]
+    e_u: Annotated[Floats, Variable("plane", merged_mean)]
+    e_od: Annotated[Floats, Variable("plane", merged_mean)]
+    e_ou: Annotated[Floats, Variable("plane", merged_mean)]
+    e_d_stderr: Annotated[Floats, Variable("plane", None)]
+    e_u_stderr: Annotated[Floats, Variable("plane", None)]
+    e_od_stderr: Annotated[Floats, Variable("plane", None)]
+    e_ou_stderr: Annotated[Floats, Variable("plane", None)]
+    radiance: Annotated[Floats | None, Variable("plane cosine azimuth", merged_mean)] = None
+    radiance_stderr: Annotated[Floats | None, Variable("plane cosine azimuth", None)] = None
+    cosine_edges: Annotated[Floats | None, Variable("cosine_edge", _common)] = None
+    azimuth_edges: Annotated[Floats | None, Variable("azimuth_edge", _common)] = None
+
+    def variables(self) -> Variables:
+        """Return the arrays by their names in files, with the centres of the radiance bins."""
+        found = super().variables()
+        for name in ("cosine", "azimuth"):
+            edges = getattr(self, f"{name}_edges")
+            if edges is not None:
+                found[name] = ((name,), 0.5 * (edges[1:] + edges[:-1]), attrs(name))
+        return found
+
+    @classmethod
+    def read(cls, data: xr.Dataset) -> Planes | None:
+        """Return the planes of a dataset; format 1 has the flux of each bin as its radiance."""
+        found = super().read(data)
+        if found is None or found.radiance is None or found.cosine_edges is not None:
+            return found
+        estimates = [getattr(found, f.name) for f in fields(cls)][:9]
+        radiance = cls.radiance_of(found.radiance, np.full_like(found.radiance, math.nan))
+        return cls(*estimates, **radiance)
+
+    @staticmethod
+    def radiance_of(flux: Floats, stderr: Floats) -> dict[str, Floats]:
+        """Return radiance, its error and the bins from the flux in each bin."""
+        n_cosines, n_azimuths = flux.shape[1:]
+        cosine = np.linspace(1.0, -1.0, n_cosines + 1)
+        azimuth = np.linspace(0.0, 2.0 * math.pi, n_azimuths + 1)
+        # integral of |mu|, for an odd number of bins over one with both signs, too
+        projected = np.abs(np.diff(0.5 * cosine * np.abs(cosine)))[:, None] * np.diff(azimuth)
+        return {
+            "radiance": flux / projected,
+            "radiance_stderr": stderr / projected,
+            "cosine_edges": cosine,
+            "azimuth_edges": azimuth,
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class IrradianceMap(Tally):
+    """Irradiance on a horizontal plane in the air.
+
+    Attributes
+    ----------
+    x, y : ndarray, shape (nx,), (ny,)
+        Centres of the cells [m].
+    irradiance, irradiance_stderr : ndarray, shape (nx, ny)
+        Irradiance within the field of view per emitted power [m-2], and its standard error.
+    """
+
+    x: Annotated[Floats, Variable("map_axis_x", _common, "map_x")]
+    y: Annotated[Floats, Variable("map_axis_y", _common, "map_y")]
+    irradiance: Annotated[Floats, Variable("map_axis_x map_axis_y", merged_mean, "map_irradiance")]
+    irradiance_stderr: Annotated[
+        Floats, Variable("map_axis_x map_axis_y", None, "map_irradiance_stderr")
+    ]

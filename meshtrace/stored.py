@@ -1,0 +1,242 @@
+"""Base of all results: text, notebook table, xarray Dataset and netCDF file.
+
+A file is netCDF-4 with a Fletcher-32 checksum in each variable, followed by the SHA-256 digest of
+all its bytes, which other readers ignore. It is encoded in memory and replaced atomically.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import html
+import io
+import json
+from importlib import import_module
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+from meshtrace.errors import Refused, one_line
+from meshtrace.files import atomic
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FORMAT_VERSION = 2
+"""Version of the files; those of version 1 (meshtrace 0.1) are read, too."""
+
+SHIFTS = 32
+"""Independent groups from which standard errors come: shifts of chains, photon ids modulo 32."""
+
+_HOMES = {
+    "gain": "meshtrace.results.gain",
+    "impulse-response": "meshtrace.results.impulse",
+    "series": "meshtrace.results.series",
+    "coverage": "meshtrace.results.coverage",
+    "fading": "meshtrace.fading.summary",
+    "performance": "meshtrace.studies.performance.tables",
+    "depth-sweep": "meshtrace.studies.performance.tables",
+    "convergence": "meshtrace.studies.convergence.study",
+}
+"""Modules of the results by kind, imported when a file asks for them."""
+
+_MARK = b"meshtrace-sha256"
+_TRAILER = len(_MARK) + hashlib.sha256().digest_size
+_ALLOWED = "an undamaged netCDF file"
+
+
+class Stored:
+    """Result with a text, a notebook table, a Dataset and a file.
+
+    Subclasses are frozen dataclasses (`repr=False`) that define `kind`, `title`, `summary`,
+    `_headline`, `_content` and `_restored`.
+    """
+
+    kind: ClassVar[str] = ""
+    title: ClassVar[str] = ""
+    provenance: Any
+
+    _classes: ClassVar[dict[str, type[Stored]]] = {}
+
+    def __init_subclass__(cls) -> None:
+        """Register the kind of a class."""
+        Stored._classes[cls.kind] = cls
+
+    def summary(self) -> str:
+        """Return the result as text for a terminal."""
+        raise NotImplementedError
+
+    def _headline(self) -> str:
+        """Return the most important numbers as one line."""
+        raise NotImplementedError
+
+    def _content(self) -> xr.Dataset:
+        """Return everything but kind, version and provenance."""
+        raise NotImplementedError
+
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any) -> Self:
+        """Return the result of a dataset of this kind."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self._headline()}>"
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def _repr_html_(self) -> str:
+        data = self.to_dataset()
+        del data.attrs["provenance"]  # thousands of characters
+        return f"<pre>{html.escape(self._headline())}</pre>{data._repr_html_()}"
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return the result as an xarray Dataset with units and provenance."""
+        return self._content().assign_attrs(
+            title=self.title,
+            kind=self.kind,
+            format_version=FORMAT_VERSION,
+            provenance=json.dumps(self.provenance),
+        )
+
+    @classmethod
+    def from_dataset(cls, dataset: xr.Dataset, name: str = "dataset") -> Self:
+        """Return the result that `to_dataset` wrote.
+
+        Parameters
+        ----------
+        dataset : xarray.Dataset
+            Of the same kind.
+        name : str
+            Name of the dataset or file, for messages.
+
+        Raises
+        ------
+        Refused
+            If the dataset is of another kind or of a later format, or incomplete.
+        """
+        found = (dataset.attrs.get("kind"), dataset.attrs.get("format_version"))
+        if found[0] != cls.kind or found[1] not in range(1, FORMAT_VERSION + 1):
+            allowed = f"{cls.kind} of format_version 1 to {FORMAT_VERSION}"
+            raise Refused(name, f"kind and format_version {found}", allowed)
+        try:
+            return cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
+        except (KeyError, ValueError, TypeError, IndexError) as error:
+            reason = f"{type(error).__name__}: {one_line(str(error))}"
+            raise Refused(name, reason, f"a complete result of kind {cls.kind}") from error
+
+    def save(self, path: str | Path) -> None:
+        """Write the result as netCDF, atomically."""
+        write_dataset(self.to_dataset(), path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read the result from netCDF.
+
+        Raises
+        ------
+        Refused
+            If the file is damaged, of another kind or of a later format.
+        """
+        return cls.from_dataset(read_dataset(path), str(path))
+
+
+def load(path: str | Path) -> Stored:
+    """Read a result of any kind from netCDF.
+
+    Parameters
+    ----------
+    path : path
+        File that `save` of a result wrote.
+
+    Returns
+    -------
+    GainResult, GainSeries, CoverageMap, ImpulseResponse, FadingStatistics, LinkPerformance, \
+    DepthSweep or ConvergenceStudy
+
+    Raises
+    ------
+    Refused
+        If the file is damaged or no such result.
+    """
+    data = read_dataset(path)
+    kind = data.attrs.get("kind")
+    if kind not in _HOMES:
+        raise Refused(str(path), f"kind {kind}", f"results of kind {', '.join(_HOMES)}")
+    import_module(_HOMES[kind])
+    return Stored._classes[kind].from_dataset(data, str(path))
+
+
+def write_dataset(data: xr.Dataset, path: str | Path) -> None:
+    """Write a Dataset as netCDF with checksums, atomically.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        Dataset.
+    path : path
+        Target.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; an older one is unchanged.
+    """
+    import h5netcdf
+    from xarray.backends import H5NetCDFStore
+
+    data = data.compute()
+    for variable in data.variables.values():
+        numbers = variable.size > 0 and variable.ndim > 0 and variable.dtype.kind in "biufc"
+        variable.encoding = {"_FillValue": None, **({"fletcher32": True} if numbers else {})}
+    # in memory: HDF5 may crash where it cannot write to the disk
+    buffer = io.BytesIO()
+    store = H5NetCDFStore(h5netcdf.File(buffer, "w"))
+    data.dump_to_store(store)
+    store.close()
+    content = buffer.getbuffer()
+    with atomic(path) as temporary, temporary.open("wb") as file:
+        file.write(content)
+        file.write(_MARK + hashlib.sha256(content).digest())
+
+
+def read_dataset(path: str | PathLike[str], engine: str | None = "h5netcdf") -> xr.Dataset:
+    """Read a netCDF file into memory.
+
+    Parameters
+    ----------
+    path : path
+        Regular file.
+    engine : str, optional
+        Engine of xarray; None chooses by the file.
+
+    Raises
+    ------
+    Refused
+        If there is no such file, or it is damaged or no netCDF file.
+    """
+    import h5py
+    import xarray as xr
+
+    if not Path(path).is_file():
+        raise Refused(str(path), "no such file", _ALLOWED)
+    try:
+        if _is_damaged(path):
+            raise OSError("damaged: its checksum differs")
+        if engine == "h5netcdf" or h5py.is_hdf5(path):
+            h5py.File(path, "r").close()  # h5netcdf leaves a traceback where this fails
+        with xr.open_dataset(path, engine=engine, decode_timedelta=False) as opened:
+            return opened.load()
+    except Exception as error:  # the readers raise whatever they stumble over
+        reason = one_line(str(error)) or type(error).__name__
+        raise Refused(str(path), reason, _ALLOWED) from error
+
+
+def _is_damaged(path: str | PathLike[str]) -> bool:
+    """Whether a file ends in the digest of other bytes than it has."""
+    size = Path(path).stat().st_size - _TRAILER
+    with open(path, "rb") as file:
+        digest = hashlib.sha256()
+        for start in range(0, max(size, 0), 2**20):
+            digest.update(file.read(min(2**20, size - start)))
+        trailer = file.read()
+    return trailer.startswith(_MARK) and trailer != _MARK + digest.digest()

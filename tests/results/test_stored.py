@@ -1,0 +1,283 @@
+"""Files of results: old and new, damaged and whole; texts of all kinds."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import meshtrace as mt
+from meshtrace.errors import Refused
+from meshtrace.results import load
+from meshtrace.results.gain import bound_where_dark
+from meshtrace.results.provenance import _git_commit, environment
+from meshtrace.stored import FORMAT_VERSION, Stored, read_dataset, write_dataset
+from meshtrace.surfaces import FlatSea, JonswapSea
+
+OLD = Path(__file__).parents[1] / "data" / "v0.1"
+FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)
+
+
+@pytest.fixture(scope="module")
+def results():
+    """Return a small result of every kind."""
+    sea = JonswapSea(wind_speed=5.0, seed=2)
+    link = mt.Link(receiver=mt.Receiver(radius=1.0))
+    gain = mt.simulate(link, FLAT, estimator="analog", photons=8192, keep_arrivals=True)
+    forced = mt.simulate(mt.Link(), FlatSea(), photons=64)
+    rng = np.random.default_rng(1)
+    series = mt.GainSeries(
+        "realization",
+        np.arange(40),
+        rng.uniform(1.0, 2.0, 40),
+        np.full(40, 0.01),
+        np.ones(40),
+        0.01,
+    )
+    moving = replace(series, along="time", coordinate=0.1 * np.arange(40))
+    grid = np.linspace(0.0, 1.0, 3)
+    coverage = mt.CoverageMap(grid, grid, np.ones((3, 3)), np.full((3, 3), 0.1), {"times": [0.0]})
+    performance = mt.link_performance(
+        mt.Link(), FlatSea(), photons=64, bit_rate=[1e6, 5e6], depths=[40.0, 55.0], realizations=2
+    )
+    study = mt.convergence_study(mt.Link(), sea, [2.0, 1.0, 0.5, 0.25], photons=64, placements=2)
+    found = {
+        "gain": gain,
+        "forced": forced,
+        "series": series,
+        "moving": moving,
+        "coverage": coverage,
+        "impulse": mt.impulse_response(gain),
+        "fading": series.fading(),
+        "fading-moving": moving.fading(),
+        "performance": performance,
+        "depth-sweep": mt.DepthSweep((0.0, 5.0), (performance, performance)),
+        "convergence": study,
+    }
+    assert {type(r) for r in found.values()} == set(Stored._classes.values())
+    return found
+
+
+def test_every_result_comes_back_from_its_file(results, tmp_path):
+    for name, result in results.items():
+        result.save(tmp_path / "a.nc")
+        back = load(tmp_path / "a.nc")
+        assert type(back) is type(result)
+        assert type(result).load(tmp_path / "a.nc").to_dataset().identical(back.to_dataset())
+        assert back.to_dataset().identical(result.to_dataset()), name
+        assert back.provenance == result.provenance
+        assert back.summary() == result.summary()
+
+
+def test_every_result_has_a_short_repr_a_text_and_a_table(results):
+    for name, result in results.items():
+        assert len(repr(result).splitlines()) <= 2, name
+        assert len(repr(result)) < 200, name
+        assert "environment" not in repr(result)
+        assert str(result) == result.summary()
+        assert result.to_dataset().attrs["format_version"] == FORMAT_VERSION
+        html = result._repr_html_()
+        assert "xr-wrap" in html
+        assert "environment" not in html
+
+
+def test_every_number_in_a_file_has_a_checksum(results, tmp_path):
+    results["gain"].save(tmp_path / "a.nc")
+    with h5py.File(tmp_path / "a.nc") as file:
+        assert "gain" in file
+        for name in file:
+            bare = file[name].attrs["NAME"].startswith(b"This is a netCDF dimension but not")
+            assert bare or file[name].fletcher32, name
+
+
+# ---- files of version 0.1 ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", sorted(OLD.glob("*.nc")), ids=lambda path: path.stem)
+def test_files_of_version_0_1_load_with_the_same_numbers(path):
+    new = load(path).to_dataset()
+    with h5py.File(path) as old:
+        assert old.attrs["format_version"] == 1
+        for name in old:
+            if name in (
+                "plane",
+                "cosine",
+                "azimuth",
+                "map_axis_x",
+                "map_axis_y",
+                "arrival",
+                "order",
+            ):
+                continue  # dimensions without coordinate
+            values = old[name][...]
+            if name == "radiance":  # flux of each bin
+                cosine = np.linspace(1.0, -1.0, 5)
+                projected = np.abs(np.diff(cosine**2)) / 2.0
+                values = values / projected[:, None] / np.pi
+                assert np.isnan(new["radiance_stderr"]).all()
+            np.testing.assert_allclose(new[name], values, rtol=1e-12, err_msg=name)
+        assert json.loads(new.attrs["provenance"]) == json.loads(old.attrs["provenance"])
+
+
+def test_other_kinds_and_later_versions_are_refused(results, tmp_path):
+    results["coverage"].save(tmp_path / "a.nc")
+    with pytest.raises(Refused, match="coverage") as caught:
+        mt.GainSeries.load(tmp_path / "a.nc")
+    assert str(tmp_path / "a.nc") in str(caught.value)
+    for change in ({"format_version": FORMAT_VERSION + 1}, {"kind": "sweep"}, {"kind": None}):
+        data = results["coverage"].to_dataset().assign_attrs(change)
+        data.attrs = {key: value for key, value in data.attrs.items() if value is not None}
+        write_dataset(data, tmp_path / "a.nc")
+        with pytest.raises(Refused, match=r"a\.nc"):
+            load(tmp_path / "a.nc")
+    write_dataset(results["coverage"].to_dataset().drop_vars("gain"), tmp_path / "a.nc")
+    with pytest.raises(Refused, match=r"a\.nc.*gain"):
+        load(tmp_path / "a.nc")
+
+
+# ---- damage --------------------------------------------------------------------------------
+
+
+def loaded_or_refused(path):
+    """Return the dataset of a file, None if it is refused in one line that names it."""
+    try:
+        return load(path).to_dataset()
+    except Refused as error:
+        assert str(error).startswith(str(path))
+        assert "\n" not in str(error)
+        return None
+
+
+def test_no_flipped_bit_changes_a_number(results, tmp_path):
+    """800 single bits anywhere in a file, its last 48 bytes, the digest, among them."""
+    path, whole = tmp_path / "a.nc", results["coverage"].to_dataset()
+    results["coverage"].save(path)
+    content = path.read_bytes()
+    rng = np.random.default_rng(11)
+    places = [*rng.integers(0, len(content), 752), *range(len(content) - 48, len(content))]
+    refused = 0
+    for place in places:
+        damaged = bytearray(content)
+        damaged[place] ^= 1 << int(rng.integers(8))
+        path.write_bytes(damaged)
+        found = loaded_or_refused(path)
+        refused += found is None
+        assert found is None or found.identical(whole), place
+    # only flips in the mark before the digest go unnoticed: they change nothing
+    assert refused == len(places) - 16
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_damage_of_files_without_a_digest_is_one_line_or_none(tmp_path):
+    """Files of version 0.1 have no checksums: what cannot be read is refused."""
+    path = tmp_path / "a.nc"
+    content = (OLD / "gain_forced.nc").read_bytes()
+    rng, refused = np.random.default_rng(12), 0
+    for place in rng.integers(0, len(content), 200):
+        damaged = bytearray(content)
+        damaged[place] ^= 1 << int(rng.integers(8))
+        path.write_bytes(damaged)
+        refused += loaded_or_refused(path) is None
+    assert refused > 10
+
+
+def test_cut_and_foreign_files_are_refused_in_one_line(results, tmp_path):
+    path = tmp_path / "a.nc"
+    results["gain"].save(path)
+    content = path.read_bytes()
+    for size in np.linspace(0, len(content) - 100, 40).astype(int):
+        path.write_bytes(content[:size])
+        assert loaded_or_refused(path) is None
+    for text in (b"", b"CDF\x01", b"\x89HDF\r\n\x1a\n", b"plain text", os.urandom(5000)):
+        path.write_bytes(text)
+        assert loaded_or_refused(path) is None
+    assert loaded_or_refused(tmp_path) is None
+    assert loaded_or_refused(tmp_path / "none.nc") is None
+    os.mkfifo(tmp_path / "fifo")
+    assert loaded_or_refused(tmp_path / "fifo") is None
+
+
+def test_a_file_changed_by_another_tool_is_read(results, tmp_path):
+    """The digest goes when HDF5 writes to a file: what was meant is no damage."""
+    results["coverage"].save(tmp_path / "a.nc")
+    with h5py.File(tmp_path / "a.nc", "a") as file:
+        file.attrs["comment"] = "looked at"
+    assert read_dataset(tmp_path / "a.nc").attrs["comment"] == "looked at"
+
+
+FULL_DISK = """
+import resource, sys
+from meshtrace.results import load
+result = load(sys.argv[1])
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+try:
+    result.save(sys.argv[2])
+except OSError as error:
+    print(error)
+"""
+
+
+def test_a_full_disk_keeps_the_old_file(tmp_path):
+    good = tmp_path / "good.nc"
+    good.write_bytes(b"good")
+    done = subprocess.run(
+        [sys.executable, "-c", FULL_DISK, OLD / "coverage.nc", good], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("\n") == 1
+    assert str(good) in done.stdout
+    assert good.read_bytes() == b"good"
+    assert [p.name for p in tmp_path.iterdir()] == ["good.nc"]
+
+
+# ---- provenance and bounds -----------------------------------------------------------------
+
+
+def test_the_commit_is_that_of_a_checkout_of_this_package_only(tmp_path):
+    def git(*words):
+        subprocess.run(
+            ["git", "-c", "user.name=a", "-c", "user.email=a@b", *words],
+            cwd=tmp_path,
+            check=True,
+            capture_output=True,
+        )
+
+    git("init")
+    (tmp_path / "pyproject.toml").write_text('[project]\nname = "other"\n')
+    git("add", ".")
+    git("commit", "-m", "x")
+    assert _git_commit(tmp_path) == "unknown"
+    (tmp_path / "pyproject.toml").write_text('[project]\nname = "meshtrace"\n')
+    assert len(_git_commit(tmp_path)) == 40
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "inner" / "pyproject.toml").write_text('[project]\nname = "meshtrace"\n')
+    assert _git_commit(tmp_path / "inner") == "unknown"
+    assert environment()["git_commit"]
+
+
+def test_no_light_is_a_bound_and_not_zero(tmp_path):
+    """Rule of three: 3 / n, the 95 % limit of a Poisson mean of which none was seen."""
+    far = mt.Receiver(radius=1e-4, position=(30.0, 0.0))
+    link = mt.Link(receiver=far)
+    dark = mt.simulate(link, FLAT, estimator="analog", photons=1000)
+    assert dark.gain == 0.0
+    assert dark.gain_bound == pytest.approx(3e-3)
+    assert np.exp(-dark.gain_bound * 1000) == pytest.approx(0.05, rel=0.01)
+    assert "0: no light received, below 0.003 at 95 % confidence" in dark.summary()
+    assert "gain below 0.003" in repr(dark)
+    dark.save(tmp_path / "a.nc")
+    assert mt.GainResult.load(tmp_path / "a.nc").gain_bound == dark.gain_bound
+    again = mt.simulate(link, FLAT, estimator="analog", photons=2000, first_photon=1000)
+    assert mt.merge([dark, again]).gain_bound == pytest.approx(1e-3)
+    both = mt.simulate(
+        mt.Link(receiver=(mt.Receiver(radius=5.0), far)), FLAT, estimator="analog", photons=1000
+    )
+    np.testing.assert_array_equal(both.gain_bound, [np.nan, 3e-3])
+    assert bound_where_dark(np.array([0.1, 0.2]), 10) is None
+    assert both.gains.shape == both.stderrs.shape == (2,)
+    assert dark.gains.shape == dark.stderrs.shape == (1,)
