@@ -17,11 +17,9 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import inspect
-import os
 import pickle
 import platform
 import shutil
-import tempfile
 import warnings
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -37,6 +35,7 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
 from meshtrace.cache import cache_directory
+from meshtrace.files import atomic
 
 config: Any = numba.config  # numba's own stubs do not know its fields
 # nor the last two options and `_nrt`
@@ -127,7 +126,8 @@ class KernelCache(FunctionCache):
         path = self._path(key)
         try:
             _make_folder(path.parent)
-            _replace(path, _CHECKSUM(payload).digest() + payload)
+            with atomic(path) as temporary:
+                temporary.write_bytes(_CHECKSUM(payload).digest() + payload)
         except OSError as error:
             _warn_unsaved(path.parent, error.strerror or str(error))
 
@@ -150,18 +150,6 @@ def _make_folder(path: Path) -> None:
         by_age = sorted(path.parent.iterdir(), key=lambda p: p.stat().st_mtime, reverse=True)
         for old in by_age[_KEPT_DIGESTS:]:
             shutil.rmtree(old, ignore_errors=True)
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """Write a file atomically."""
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name)
-    try:
-        with open(descriptor, "wb") as file:
-            file.write(content)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
 
 
 @cache

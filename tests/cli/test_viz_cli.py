@@ -171,7 +171,10 @@ def test_a_missing_extra_is_a_hint(monkeypatch, missing):
         (["sea.ply", "--map", "9"], "coverage: of a mesh alone, allowed with a link"),
         (["sea.ply", "--movie", "a.gif"], "movie: of a mesh, which does not move, allowed a link"),
         (["--screenshot", "a.jpg"], "screenshot: 'a.jpg', allowed a file name in .png"),
-        (["--html", "gone/a.html"], "html: 'gone/a.html', allowed: a file in an existing folder, both writable"),
+        (
+            ["--html", "gone/a.html"],
+            "html: 'gone/a.html', allowed: a file in an existing folder, both writable",
+        ),
         (["--movie", "a.avi"], "movie: 'a.avi', allowed a file name in .mp4 or .gif"),
         (["--export", "text.txt"], "export: 'text.txt', allowed: a folder to write to"),
         (["--color", "depth"], "color: 'depth', allowed elevation, slope"),
