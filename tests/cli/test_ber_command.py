@@ -3,26 +3,14 @@
 import json
 
 import numpy as np
-import pytest
 import xarray as xr
-from typer.testing import CliRunner
+from command_line import meshtrace
 
 import meshtrace as mt
-from meshtrace import cli
 from meshtrace.comms.ook import OokLink
 from meshtrace.scenario import Scenario
 
 FAST = ["--photons", "256"]
-
-
-@pytest.fixture(autouse=True)
-def compiled(monkeypatch):
-    """Leave out the note about compiling, which depends on the tests that ran before."""
-    monkeypatch.setattr(cli.console, "kernels_are_compiled", lambda estimator: True)
-
-
-def meshtrace(*arguments):
-    return CliRunner().invoke(cli.app, [str(argument) for argument in arguments])
 
 
 def shown(*arguments):

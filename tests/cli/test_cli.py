@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from typer.testing import CliRunner
+from command_line import meshtrace, refusal
 
 import meshtrace as mt
 from meshtrace import cli
@@ -17,29 +17,10 @@ from meshtrace.transport.simulate import DEFAULT_PHOTONS
 ANALOG = ["--estimator", "analog", "--photons", "5000"]
 
 
-def meshtrace(*arguments):
-    return CliRunner().invoke(cli.app, [str(argument) for argument in arguments])
-
-
 def run(*arguments):
     result = meshtrace("run", *arguments)
     assert result.exit_code == 0, result.stderr
     return result
-
-
-def refusal(*arguments):
-    """Return the only line that a failing command prints."""
-    result = meshtrace(*arguments)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr.startswith("error: ")
-    assert result.stderr.count("\n") == 1
-    return result.stderr.removeprefix("error: ").rstrip("\n")
-
-
-@pytest.fixture(autouse=True)
-def compiled(monkeypatch):
-    """Leave out the note about compiling, which depends on the tests that ran before."""
-    monkeypatch.setattr(cli.run, "kernels_are_compiled", lambda estimator: True)
 
 
 @pytest.fixture
@@ -124,7 +105,7 @@ def test_a_warning_is_one_line(tmp_path, link_file):
 
 
 def test_compiling_is_told(monkeypatch):
-    monkeypatch.setattr(cli.run, "kernels_are_compiled", lambda estimator: False)
+    monkeypatch.setattr("meshtrace.kernels.jit.is_compiled", lambda kernel: False)
     done = run("--photons", 300)
     assert done.stderr == f"{cli.console.COMPILING}\n"
     assert run("--photons", 300, "--json").stderr == ""

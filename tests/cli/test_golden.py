@@ -6,8 +6,8 @@
 import shlex
 
 import pytest
+from command_line import meshtrace, refusal
 from typer.main import get_command
-from typer.testing import CliRunner
 
 from meshtrace import cli
 from meshtrace.surfaces import FlatSea
@@ -91,50 +91,39 @@ bench none.toml
 """
 
 
-def meshtrace(arguments):
-    return CliRunner().invoke(cli.app, arguments, env={"COLUMNS": "100", "NO_COLOR": "1"})
-
-
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """Start in a folder with a link file and a mesh, and leave out the note about compiling."""
+    """Start in a folder with a link file and a mesh."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("meshtrace.kernels.jit.is_compiled", lambda kernel: True)
     (tmp_path / "two.toml").write_text("[[receiver]]\n[[receiver]]\nheight = 1.0\n")
     FlatSea().mesh(extent=5.0, spacing=1.0).to_trimesh().export(tmp_path / "small.ply")
 
 
 @pytest.mark.parametrize("command", ["meshtrace", *COMMANDS])
 def test_help(golden, command):
-    shown = meshtrace([*(() if command == "meshtrace" else (command,)), "--help"])
+    shown = meshtrace(*(() if command == "meshtrace" else (command,)), "--help")
     assert (shown.exit_code, shown.stderr) == (0, "")
     golden(f"help-{command}", shown.stdout, numbers=True)
 
 
 @pytest.mark.parametrize("name", OUTPUTS)
 def test_output(golden, name):
-    shown = meshtrace(shlex.split(OUTPUTS[name]))
+    shown = meshtrace(*shlex.split(OUTPUTS[name]))
     assert (shown.exit_code, shown.stderr) == (0, "")
     golden(name, shown.stdout)
-
-
-def refusal(arguments):
-    """Return the only line that a refused command prints."""
-    refused = meshtrace(arguments)
-    assert (refused.exit_code, refused.stdout) == (2, ""), arguments
-    assert refused.stderr.startswith("error: ")
-    assert refused.stderr.count("\n") == 1
-    return refused.stderr
 
 
 def test_refused_link_files(golden, tmp_path):
     shown = []
     for text in REFUSED_FILES:
         (tmp_path / "link.toml").write_text(text)
-        shown.append(f"{text}\n    {refusal(['run', 'link.toml'])}")
+        shown.append(f"{text}\n    error: {refusal('run', 'link.toml')}\n")
     golden("refused-files", "\n".join(shown), numbers=True)
 
 
 def test_refused_commands(golden):
-    shown = [f"{line}\n    {refusal(shlex.split(line))}" for line in REFUSED_COMMANDS.splitlines()]
+    shown = [
+        f"{line}\n    error: {refusal(*shlex.split(line))}\n"
+        for line in REFUSED_COMMANDS.splitlines()
+    ]
     golden("refused-commands", "\n".join(shown), numbers=True)

@@ -3,15 +3,14 @@
 import json
 import sys
 
+import command_line
 import imageio_ffmpeg
 import numpy as np
 import pytest
 import pyvista as pv
 from PIL import Image
-from typer.testing import CliRunner
 
 import meshtrace as mt
-from meshtrace import cli
 from meshtrace.surfaces import JonswapSea
 
 SEA = JonswapSea(wind_speed=5.0, seed=7)
@@ -19,7 +18,11 @@ COARSE = ["--paths", "0", "--spacing", "0.5"]
 
 
 def view(*arguments):
-    return CliRunner().invoke(cli.app, ["view", *map(str, arguments)])
+    return command_line.meshtrace("view", *arguments)
+
+
+def refusal(*arguments):
+    return command_line.refusal("view", *arguments)
 
 
 def written(*arguments):
@@ -27,21 +30,6 @@ def written(*arguments):
     result = view(*arguments)
     assert result.exit_code == 0, result.stderr
     return [line.removeprefix("written to ") for line in result.stdout.splitlines()]
-
-
-def refusal(*arguments):
-    """Return the only line that a failing command prints."""
-    result = view(*arguments)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr.startswith("error: ")
-    assert result.stderr.count("\n") == 1
-    return result.stderr.removeprefix("error: ").rstrip("\n")
-
-
-@pytest.fixture(autouse=True)
-def compiled(monkeypatch):
-    """Leave out the note about compiling, which depends on the tests that ran before."""
-    monkeypatch.setattr(cli.view, "kernels_are_compiled", lambda estimator: True)
 
 
 @pytest.fixture

@@ -54,7 +54,7 @@ def _replace(random, config, values):
             table = table[key]
         new = random.choice(values)
         old = table[last]
-        if isinstance(old, float) and random.random() < 0.3:
+        if isinstance(old, float) and random.random() < 0.6:
             new = old * random.choice([-1.0, 1e-9, 1e-3, 0.3, 3.0, 1e3, 1e9])
         table[last] = new
         done.append(f"{'.'.join(map(str, (*parents, last)))} = {new!r:.80}")
@@ -105,7 +105,7 @@ def links(random, folder):
     from meshtrace.scenario import Scenario
 
     base = random.choice(LINKS)
-    if random.random() < 0.5:
+    if random.random() < 0.3:
         text, how = _damage(random, base.encode(), text=True)
         text = text.decode(errors="replace")
     else:
@@ -127,7 +127,7 @@ def _calls():
     link, sea = mt.Link(), surfaces.JonswapSea(wind_speed=5.0, seed=7)
     grid = {"spacing": 0.5, "threads": 1}
     run = {"link": link, "surface": sea, "photons": 16, "seed": 1, "time": 0.0, **grid}
-    many = {"link": link, "sea": sea, "photons": 16, "seed": 1, **grid}
+    many = {"link": link, "sea": sea, "surface": sea, "photons": 16, "seed": 1, **grid}
     corners = [(-50.0, -50.0, 0.0), (50.0, -50.0, 0.0), (50.0, 50.0, 0.0), (-50.0, 50.0, 0.0)]
     return [
         (mt.Water, {"a": 0.1, "b": 0.03}),
@@ -148,11 +148,10 @@ def _calls():
         *[(mt.simulate, run)] * 6,
         *[(mt.simulate, {**run, "estimator": "analog", "rtol": 0.5, "max_events": 1000})] * 3,
         *[(mt.time_series, {**many, "times": [0.0, 0.5]})] * 3,
-        *[(mt.ensemble, {**many, "n": 2})] * 2,
+        *[(mt.ensemble, {**many, "n_realizations": 2})] * 2,
         (mt.trace_paths, {"link": link, "surface": sea, "n": 4, "seed": 1}),
-        (mt.link_performance, {"link": link, "sea": sea, "bit_rate": 5e6, "realizations": 2,
-                               "photons": 16, "seed": 1, "threads": 1}),
-        (mt.coverage_map, {"link": link, "sea": sea, "step": 5.0, "extent": 5.0, "photons": 64}),
+        (mt.link_performance, {**many, "bit_rate": 5e6, "realizations": 2}),
+        (mt.coverage_map, {**many, "step": 5.0, "extent": 5.0}),
     ]  # fmt: skip
 
 
@@ -210,6 +209,7 @@ def commands(random, folder):
     """Command lines with hostile words."""
     name = random.choice(list(OPTIONS))
     words = [str(value) for value in VALUES]
+    words += 4 * ["1", "2", "0.5", "1,2", "5e6", "flat", "4,3,2,1", "a.nc", "a.html", "0:2:1"]
     words += ["0:1:0", "1:2:nan", "0:1e9:1", "1,2,", "9:1:1", "/dev/null", ".", "/", "-", "--"]
     line = [name, *FEW[name]]
     for option in random.sample(OPTIONS[name], min(len(OPTIONS[name]), random.choice([1, 1, 2]))):
