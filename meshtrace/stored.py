@@ -199,15 +199,13 @@ def write_dataset(data: xr.Dataset, path: str | Path) -> None:
         file.write(_MARK + hashlib.sha256(content).digest())
 
 
-def read_dataset(path: str | PathLike[str], engine: str | None = "h5netcdf") -> xr.Dataset:
+def read_dataset(path: str | PathLike[str]) -> xr.Dataset:
     """Read a netCDF file into memory.
 
     Parameters
     ----------
     path : path
-        Regular file.
-    engine : str, optional
-        Engine of xarray; None chooses by the file.
+        Regular file, netCDF-4 or classic netCDF.
 
     Raises
     ------
@@ -222,7 +220,9 @@ def read_dataset(path: str | PathLike[str], engine: str | None = "h5netcdf") -> 
     try:
         if _is_damaged(path):
             raise OSError("damaged: its checksum differs")
-        if engine == "h5netcdf" or h5py.is_hdf5(path):
+        with open(path, "rb") as file:
+            engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
+        if engine == "h5netcdf":
             h5py.File(path, "r").close()  # h5netcdf leaves a traceback where this fails
         with xr.open_dataset(path, engine=engine, decode_timedelta=False) as opened:
             return opened.load()

@@ -51,9 +51,7 @@ def from_wavespectra(
     The width of a frequency bin is half the distance of its neighbours, at the ends the distance
     of the only neighbour, as wavespectra counts it, so that Hs agrees with its `hs()`.
     """
-    # any format of netCDF: the engine is chosen by the file
-    is_file = isinstance(source, str | PathLike)
-    dataset = read_dataset(source, engine=None) if is_file else source
+    dataset = read_dataset(source) if isinstance(source, str | PathLike) else source
     missing = [name for name in ("efth", "freq", "dir") if name not in dataset.variables]
     if missing:
         raise ValueError(f"source: without {missing}, allowed efth over freq [Hz] and dir [deg]")
