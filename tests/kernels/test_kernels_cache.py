@@ -5,7 +5,8 @@ import subprocess
 import sys
 
 import pytest
-from numba import config
+from numba import config, njit
+from numba.core.caching import FunctionCache
 
 from meshtrace.kernels import jit
 
@@ -153,13 +154,16 @@ def test_a_home_that_cannot_be_written_is_no_obstacle():
     assert "MESHTRACE_CACHE_DIR" in warned
 
 
-@pytest.mark.process
-def test_mie_series_run_without_a_folder_to_write_to(tmp_path):
-    (tmp_path / "file").touch()
-    code = "from meshtrace.optics.mie import _miepython as m; print(m().efficiencies_mx(1.3, 5.0))"
-    shown, warned = python(code, NUMBA_CACHE_DIR=str(tmp_path / "file"))
-    assert shown.startswith("(")
-    assert warned.count("compiled kernels are not kept") == 1
+def test_kernels_of_other_packages_use_this_cache(monkeypatch, folder, tmp_path):
+    (tmp_path / "foreign.py").write_text(
+        "from numba import njit\n\n@njit('f8(f8)', cache=True)\ndef half(x):\n    return 0.5 * x\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    with jit.foreign_kernels():
+        import foreign
+    assert foreign.half(3.0) == 1.5
+    assert [path.suffix for path in jit.folder().iterdir()] == [jit._SUFFIX]
+    assert type(njit(cache=True)(double)._cache) is FunctionCache
 
 
 @pytest.mark.process
