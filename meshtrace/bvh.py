@@ -14,10 +14,10 @@ from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.kernels.facets import Triangles, facet_hits
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.mesh import TriangleMesh
 
 
@@ -156,7 +156,7 @@ class BruteForceIntersector:
         return _hits(self, origins, directions)
 
 
-@njit(cache=True, nogil=True)
+@allocating_entry
 def _first_facets(origins, directions, vertices, faces):
     """Return the nearest facet of each ray by Moller and Trumbore (1997).
 

@@ -138,6 +138,9 @@ class TriangleMesh:
         faces = faces.view()
         faces.flags.writeable = False  # one type for all kernels, which compile once
         object.__setattr__(self, "vertices", vertices)
+        # Kernels are compiled for one kind of array: faces of grids are shared and read-only.
+        faces = faces.view()
+        faces.flags.writeable = False
         object.__setattr__(self, "faces", faces)
         up = self.face_normals[:, 2]
         if not up.min() > 0.0:

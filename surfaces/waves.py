@@ -8,8 +8,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
+
+from meshtrace.kernels.jit import allocating_entry
 
 from .parameters import Floats, finite_array
 
@@ -86,7 +87,7 @@ def _sum(
     return [column.reshape(x.shape) for column in sums.T]
 
 
-@njit(cache=True, nogil=True)
+@allocating_entry
 def _real_product(left: NDArray[np.complex128], real: Floats, imag: Floats) -> Floats:
     """Return the real part of a complex matrix product, left @ (real + i imag).
 

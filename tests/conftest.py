@@ -1,20 +1,71 @@
-"""Fixtures that several folders share, and a cache of kernels that belongs to the session."""
+"""Fixtures and options of all tests, the profiles of hypothesis, and the cache of kernels.
+
+Kernels stay compiled between sessions, in a folder named by their digest: NUMBA_CACHE_DIR, or
+that of the user. With CI in the environment, properties are tested with ten times the examples.
+"""
 
 from __future__ import annotations
 
-import atexit
 import os
-import shutil
-import tempfile
+import re
+from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
-# Every session compiles anew, as a new user does; its subprocesses and workers share what it has
-# compiled. To keep the kernels between sessions, name a folder in MESHTRACE_TEST_CACHE.
-if "MESHTRACE_TEST_CACHE" not in os.environ:
-    os.environ["MESHTRACE_TEST_CACHE"] = tempfile.mkdtemp(prefix="meshtrace-tests-")
-    atexit.register(shutil.rmtree, os.environ["MESHTRACE_TEST_CACHE"], ignore_errors=True)
-os.environ["NUMBA_CACHE_DIR"] = os.environ["MESHTRACE_TEST_CACHE"]
+from meshtrace.cache import cache_directory
+
+# Some tests replace MESHTRACE_CACHE_DIR, for tables.
+os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_directory()))
+
+_profile = settings(derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("ci", _profile, max_examples=100)
+settings.register_profile("dev", _profile, max_examples=10)
+settings.load_profile("ci" if os.environ.get("CI") else "dev")
+
+GOLDEN = Path(__file__).parent / "cli" / "golden"
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--update-golden", action="store_true", help="replace the texts in tests/cli/golden"
+    )
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark tests that use statistics; tests of a file, and those with processes, share a worker."""
+    for item in items:
+        if any(name in vars(item.module) for name in ("z_test", "chi2_test", "sidak")):
+            item.add_marker("statistical")
+        apart = item.get_closest_marker("process") and not item.get_closest_marker("slow")
+        item.add_marker(pytest.mark.xdist_group("processes" if apart else str(item.path)))
+
+
+@pytest.fixture
+def golden(request):
+    """Return a function that compares a text with the one kept under a name.
+
+    Numbers are compared only with numbers=True: other tests compare them with what Python returns.
+    """
+
+    def compare(name, text, numbers=False):
+        path = GOLDEN / f"{name}.txt"
+        if request.config.getoption("--update-golden"):
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        kept = path.read_text(encoding="utf-8")
+        if not numbers:
+            text, kept = plain(text), plain(kept)
+        assert text == kept
+
+    return compare
+
+
+def plain(text):
+    """Return a text without the values and the widths of its numbers."""
+    number = r"(?<![\w.])[-+]?(\d[\d,]*\.?\d*(e[+-]?\d+)?|nan|inf)(?!\w)"
+    return re.sub(r" *#", " #", re.sub(number, "#", text))
 
 
 @pytest.fixture(scope="session")

@@ -91,12 +91,11 @@ def progress(
 
 
 def kernels_are_compiled(estimator: str) -> bool:
-    """Whether numba's cache on disk has kernels of an estimator, of whatever version."""
-    from meshtrace.kernels.photon import advance
+    """Return whether the kernels of an estimator are compiled, in this process or on disk."""
+    from meshtrace.kernels import chain_gain, jit, photon
 
-    stats = getattr(advance, "stats", None)  # a plain function where compiling is disabled
-    module = {"forced": "chain_gain", "analog": "photon"}[estimator]
-    return stats is None or any(Path(stats.cache_path).glob(f"{module}.*.nbi"))
+    slowest = {"forced": chain_gain.contributions, "analog": photon.advance}
+    return jit.is_compiled(slowest[estimator])
 
 
 @contextmanager

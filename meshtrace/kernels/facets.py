@@ -6,10 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from meshtrace.kernels.jit import inlined
+from meshtrace.kernels.jit import allocating_entry, inlined
 from meshtrace.kernels.vectors import (
     Vec2,
     Vec3,
@@ -168,7 +167,7 @@ def exposure(d, n, tilt):
     return min(max(1.0 - n.z * (d.x * tilt.x + d.y * tilt.y) / facing, 0.0), 2.0)
 
 
-@njit(cache=True, nogil=True)
+@allocating_entry
 def facet_hits(facet, origins, directions, mesh):
     """Return distances and barycentrics of rays on their facets; inf and nan for misses.
 

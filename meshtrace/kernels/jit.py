@@ -1,4 +1,4 @@
-"""How kernels are compiled, and why passing tuples of arrays costs nothing here.
+"""Compilation of kernels, and the cache that keeps them.
 
 numba counts references: every array in every argument of every call is counted up and down
 with atomic instructions. A photon makes some twenty calls with some forty arrays: counting
@@ -6,26 +6,49 @@ them took 4.8 microseconds, all of the physics takes 0.2. Kernels make no arrays
 holds those it passes, so the counting is switched off (`_nrt`) and hot functions are inlined.
 Functions below the entry points are never called from Python and need no wrappers for it,
 which saves a third of the compile time.
+
+Compiled kernels are kept in NUMBA_CACHE_DIR, MESHTRACE_CACHE_DIR or the user's cache folder, under
+the digest of all kernels: an edit of any of them, which numba's own cache would miss, starts a new
+folder.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-from collections.abc import Callable
+import inspect
+import pickle
+import platform
+import shutil
+import warnings
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import llvmlite
+import numba
 from numba import njit
+from numba.core import dispatcher
+from numba.core.caching import FunctionCache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
 
-# numba's own stubs do not know the last two options and `_nrt`
+from meshtrace.cache import cache_directory
+from meshtrace.files import atomic
+
+config: Any = numba.config  # numba's own stubs do not know its fields
+# nor the last two options and `_nrt`
 _bare: dict[str, Any] = {
     "_nrt": False,
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
 }
 
-_entry: dict[str, Any] = {"cache": True, "nogil": True, "_nrt": False}
+_SUFFIX = ".kernel"
+_CHECKSUM = hashlib.sha256
+_KEPT_DIGESTS = 8
+"""Number of cache folders kept; an edit of a kernel makes a new one."""
 
 
 @cache
@@ -37,16 +60,122 @@ def sources() -> bytes:
     return digest.digest()
 
 
-def entry(function: Callable[..., Any]) -> Any:
-    """Decorate a function that Python calls: cached on disk, without the GIL.
+def folder() -> Path:
+    """Return the cache folder of these kernels, compiler and Python."""
+    versions = (numba.__version__, llvmlite.__version__, platform.python_version())
+    digest = hashlib.sha256(sources() + repr(versions).encode()).hexdigest()
+    root = Path(config.CACHE_DIR).absolute() if config.CACHE_DIR else cache_directory()
+    return root / "kernels" / digest[:16]
 
-    numba asks only whether the file of this function has changed, and would go on with what it
-    compiled of kernels that the file imports: the stamp on the cache is that of all kernels.
+
+class KernelCache(FunctionCache):
+    """Compiled overloads of a function, one file each: a checksum and the pickled object code.
+
+    numba's cache refuses to import where no folder can be written, and executes files as it
+    finds them. Here a folder that cannot be written costs one warning, and a damaged file is
+    removed, so that its kernel is compiled and saved again. Files are replaced atomically:
+    processes may share the folder.
     """
-    compiled = njit(**_entry)(function)
+
+    def __init__(self, py_func: Callable[..., Any]) -> None:
+        self._py_func = py_func
+        file = Path(inspect.getfile(py_func))
+        self._source = file.read_bytes() if file.is_file() else b""
+        name = f"{py_func.__module__}.{py_func.__qualname__}"
+        self._prefix = name.replace("<", "").replace(">", "") + "-"
+        self.enable()
+
+    @property
+    def cache_path(self) -> str:
+        """Folder of the files."""
+        return str(folder())
+
+    def files(self) -> list[Path]:
+        """Return the files of the saved overloads."""
+        return list(folder().glob(f"{self._prefix}*{_SUFFIX}"))
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the saved overload of a signature; None if there is none, or a damaged one."""
+        target_context.refresh()
+        if not self._enabled:
+            return None
+        key = self._index_key(sig, target_context.codegen())
+        path = self._path(key)
+        try:
+            content = path.read_bytes()
+        except OSError:
+            return None
+        checksum, payload = content[:32], content[32:]
+        if checksum == _CHECKSUM(payload).digest():
+            # An intact file may name a class that its module no longer has.
+            with contextlib.suppress(Exception):
+                saved_key, overload = pickle.loads(payload)
+                if saved_key == key:
+                    return CompileResult._rebuild(target_context, *overload)
+        warnings.warn(f"{path}: damaged, compiled again", stacklevel=2)
+        with contextlib.suppress(OSError):
+            path.unlink()
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save the overload of a signature, or warn once that nothing can be saved."""
+        if not self._enabled or data.library.has_dynamic_globals:
+            return
+        key = self._index_key(sig, data.codegen)
+        payload = dumps((key, data._reduce()))
+        path = self._path(key)
+        try:
+            _make_folder(path.parent)
+            with atomic(path) as temporary:
+                temporary.write_bytes(_CHECKSUM(payload).digest() + payload)
+        except OSError as error:
+            _warn_unsaved(path.parent, error.strerror or str(error))
+
+    def flush(self) -> None:
+        """Remove the saved overloads."""
+        for path in self.files():
+            path.unlink(missing_ok=True)
+
+    def _path(self, key: Any) -> Path:
+        digest = hashlib.sha256(self._source + repr(key).encode()).hexdigest()
+        return folder() / f"{self._prefix}{digest[:16]}{_SUFFIX}"
+
+
+def _make_folder(path: Path) -> None:
+    """Create a cache folder, and remove the oldest ones beside it."""
+    if path.is_dir():
+        return
+    path.mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(OSError):  # another process may be at it
+        by_age = sorted(path.parent.iterdir(), key=lambda p: p.stat().st_mtime, reverse=True)
+        for old in by_age[_KEPT_DIGESTS:]:
+            shutil.rmtree(old, ignore_errors=True)
+
+
+@cache
+def _warn_unsaved(path: Path, reason: str) -> None:
+    """Warn, once in a process, that compiled kernels are not kept."""
+    warnings.warn(
+        f"{path}: {reason}, compiled kernels are not kept; MESHTRACE_CACHE_DIR sets another folder",
+        stacklevel=2,
+    )
+
+
+def _compiled(function: Callable[..., Any], **options: Any) -> Any:
+    compiled = njit(nogil=True, **options)(function)
     if compiled is not function:  # as it is under NUMBA_DISABLE_JIT, for debuggers
-        compiled._cache._cache_file._source_stamp = sources()
+        compiled._cache = KernelCache(function)
     return compiled
+
+
+def entry(function: Callable[..., Any]) -> Any:
+    """Decorate a function that Python calls: kept on disk, without the GIL."""
+    return _compiled(function, _nrt=False)
+
+
+def allocating_entry(function: Callable[..., Any]) -> Any:
+    """Decorate a function that Python calls and that makes arrays."""
+    return _compiled(function)
 
 
 inlined: Any = njit(forceinline=True, **_bare)
@@ -54,3 +183,22 @@ inlined: Any = njit(forceinline=True, **_bare)
 
 outlined: Any = njit(**_bare)
 """Decorator of functions that few photons reach: kept out of the hot code."""
+
+
+def is_compiled(compiled: Any) -> bool:
+    """Return whether an entry point is compiled, in this process or on disk."""
+    if not hasattr(compiled, "signatures"):  # a plain function under NUMBA_DISABLE_JIT
+        return True
+    return bool(compiled.signatures or compiled._cache.files())
+
+
+@contextlib.contextmanager
+def foreign_kernels() -> Iterator[None]:
+    """Let the kernels of a package that is imported here use this cache."""
+    module: Any = dispatcher
+    original = module.FunctionCache
+    module.FunctionCache = KernelCache
+    try:
+        yield
+    finally:
+        module.FunctionCache = original

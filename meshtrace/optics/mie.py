@@ -26,6 +26,8 @@ from typing import IO, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.cache import cache_directory
+
 FloatArray = NDArray[np.float64]
 
 _LOG = logging.getLogger(__name__)
@@ -88,10 +90,13 @@ class MieTable:
 @lru_cache(maxsize=1)
 def _miepython() -> ModuleType:
     """Import miepython with its compiled backend, which it selects by an environment variable."""
+    from meshtrace.kernels.jit import foreign_kernels
+
     before = os.environ.get("MIEPYTHON_USE_JIT")
     os.environ["MIEPYTHON_USE_JIT"] = "1"
     try:
-        return importlib.import_module("miepython")
+        with foreign_kernels():
+            return importlib.import_module("miepython")
     finally:
         if before is None:
             del os.environ["MIEPYTHON_USE_JIT"]
@@ -317,16 +322,6 @@ def population_table(
         g=float((q_sca * g).mean()) / mean,
         closure=float(cdf[-1]) / mean - 1.0,
     )
-
-
-def cache_directory() -> Path:
-    """Return where computed tables are kept: MESHTRACE_CACHE_DIR, or the user's cache folder."""
-    chosen = os.environ.get("MESHTRACE_CACHE_DIR")
-    if chosen:
-        return Path(chosen)
-    import platformdirs
-
-    return Path(platformdirs.user_cache_dir("meshtrace"))
 
 
 def cached_table(

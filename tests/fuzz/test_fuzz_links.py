@@ -1,4 +1,4 @@
-"""Two thousand spoilt link files: each is a scenario that runs to finite numbers, or one line.
+"""Spoilt link files by the thousand (in CI): each is a scenario that runs to finite numbers, or one line.
 
 What a link file may say, and how it is spoilt value by value, is in `test_link_files`; here there
 are many more of them, files spoilt letter by letter, changes of the command line, and short runs.
@@ -20,6 +20,7 @@ from test_link_files import (
     check_text,
     damaged,
     documents,
+    examples,
     numbers,
     places,
     plausible,
@@ -29,8 +30,6 @@ from test_link_files import (
 import meshtrace.scenario.seas
 from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.scenario import Scenario, ScenarioError, parse_setting
-
-many = settings(derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "default_link.toml"
 TEXTS = [EXAMPLE.read_text(), *SOUND, *(Scenario.from_toml(text).to_toml() for text in SOUND)]
@@ -67,25 +66,25 @@ def misspelt(draw):
     return text
 
 
-@settings(many, max_examples=1000)
+@examples(1000)
 @given(damaged())
 def test_spoilt_values(config):
     check(config)
 
 
-@settings(many, max_examples=500)
+@examples(500)
 @given(misspelt())
 def test_spoilt_letters(text):
     check_text(text)
 
 
-@settings(many, max_examples=250)
+@examples(250)
 @given(documents)
 def test_documents(config):
     check(config)
 
 
-@settings(many, max_examples=250)
+@examples(250)
 @given(
     st.one_of(st.sampled_from(KEYS), st.sampled_from(KEYS), st.text(max_size=12)),
     st.one_of(numbers, st.sampled_from(WORDS), st.text(max_size=12), values),
@@ -173,8 +172,7 @@ def _at(config, path):
 
 
 @settings(
-    many,
-    max_examples=120,
+    examples(120),
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 @given(retouched())

@@ -3,11 +3,13 @@
 Only the reading is under test: no cluster is started and nothing is computed.
 """
 
+import importlib
+
 import pytest
 import tomli_w
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from test_link_files import damaged, numbers, plausible, values
+from test_link_files import damaged, examples, numbers, plausible, values
 
 pytest.importorskip("distributed")
 pytest.importorskip("zarr")
@@ -63,7 +65,9 @@ def study_file(tmp_path_factory):
 def nothing_computed():
     """Read and check the study, make its arrays in memory, and stop there."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("meshtrace.studies.sweep.sweep.compute", lambda *arguments: None)
+        # the function sweep hides the module of that name
+        module = importlib.import_module("meshtrace.studies.sweep.sweep")
+        patch.setattr(module, "compute", lambda *arguments: None)
         yield
 
 
@@ -78,18 +82,13 @@ def read(path, text):
         return None
 
 
-@settings(
-    derandomize=True,
-    deadline=None,
-    max_examples=400,
-    suppress_health_check=[HealthCheck.too_slow],
-)
+@examples(400)
 @given(links, tables)
 def test_spoilt_studies(study_file, link, table):
     read(study_file, tomli_w.dumps({**link, "sweep": table}))
 
 
-@settings(derandomize=True, deadline=None, max_examples=100)
+@examples(100)
 @given(st.text(max_size=60))
 def test_texts(study_file, text):
     read(study_file, text)

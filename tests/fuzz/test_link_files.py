@@ -37,6 +37,12 @@ SEAS, PHASES, SOURCES, APERTURES = (
     for union in (Surface, PhaseFunction, Source, Aperture)
 )
 
+
+def examples(count):
+    """Return settings for a number of examples, a tenth of it outside CI."""
+    return settings(max_examples=count * settings.default.max_examples // 100)
+
+
 numbers = st.one_of(
     st.sampled_from([0, 1, 2, 5.0, 13.0, 60.0, 1e-3, 0.5, 90.0, 180.0, 4096, 1.0e6]),
     st.integers(-(2**63), 2**63 - 1),
@@ -143,25 +149,25 @@ def damaged(draw):
     return config
 
 
-@settings(derandomize=True, deadline=None, max_examples=300)
+@examples(300)
 @given(damaged())
 def test_damaged_files(config):
     check(config)
 
 
-@settings(derandomize=True, deadline=None, max_examples=100)
+@examples(100)
 @given(documents)
 def test_plausible_files(config):
     check(config)
 
 
-@settings(derandomize=True, deadline=None, max_examples=100)
+@examples(100)
 @given(st.dictionaries(st.one_of(st.sampled_from(KEYS), st.text(max_size=5)), values, max_size=4))
 def test_files_of_noise(config):
     check(config)
 
 
-@settings(derandomize=True, deadline=None, max_examples=100)
+@examples(100)
 @given(st.text(max_size=40))
 def test_texts(text):
     check_text(text)

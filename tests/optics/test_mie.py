@@ -116,6 +116,7 @@ def test_tables_are_read_only():
         table.cdf[0] = 1.0
 
 
+@pytest.mark.process
 def test_the_compiled_backend_is_used_and_the_environment_left_alone():
     code = (
         "import os\n"
@@ -288,8 +289,3 @@ def test_parallel_writers(cache):
     for table in tables:
         assert_is_the_recipe(table)
     assert len(list(cache.iterdir())) == 1
-
-
-def test_default_cache_directory(monkeypatch):
-    monkeypatch.delenv("MESHTRACE_CACHE_DIR", raising=False)
-    assert mie.cache_directory().parts[-1] == "meshtrace"

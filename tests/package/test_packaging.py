@@ -67,16 +67,19 @@ def test_data_files_are_packaged():
         assert any(path in folder.glob(pattern) for pattern in patterns), path
 
 
+@pytest.mark.process
 def test_importing_meshtrace_loads_nothing_heavy():
     assert not modules_after("import meshtrace") & HEAVY
 
 
+@pytest.mark.process
 def test_the_core_loads_neither_pictures_nor_clusters():
     code = "import meshtrace as mt, meshtrace.surfaces\nmt.simulate, mt.Link(), mt.GainResult"
     heavy = {"dask", "distributed", "imageio", "matplotlib", "pyvista", "xarray", "meshtrace.viz"}
     assert not modules_after(code) & heavy
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["run", "--help"]])
 def test_help_loads_nothing_heavy(arguments):
     code = f"from meshtrace.cli import app\napp({arguments!r}, standalone_mode=False)"
@@ -110,15 +113,6 @@ def test_the_files_that_the_readme_names_exist():
         assert (ROOT / target).exists(), target
     for example in EXAMPLES:
         assert f"examples/{example.name}" in README
-
-
-def test_the_readme_installs_in_single_lines():
-    commands = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
-    install = [block.strip() for block in commands if "pip install" in block]
-    assert len(install) == 2
-    assert all("\n" not in block for block in install)
-    assert install[0].endswith("/meshtrace run")
-    assert "python -m pytest" in install[1]
 
 
 def test_the_default_link_file_states_the_defaults():

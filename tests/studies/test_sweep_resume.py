@@ -17,6 +17,7 @@ from meshtrace.studies.sweep import WAITING, Study, sweep
 
 distributed = pytest.importorskip("distributed")
 zarr = pytest.importorskip("zarr")
+pytestmark = pytest.mark.process
 
 PHOTONS = 8192  # so many that a sweep lasts seconds, and can be interrupted
 LINK = {"sea": {"spectrum": "jonswap"}, "bubbles": "none", "run": {"photons": PHOTONS}}

@@ -35,6 +35,7 @@ def test_public_names_exist():
         assert hasattr(meshtrace.surfaces, name)
 
 
+@pytest.mark.process
 def test_import_leaves_heavy_libraries_alone():
     code = (
         "import sys, meshtrace.surfaces\n"

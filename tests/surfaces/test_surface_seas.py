@@ -362,6 +362,7 @@ def test_grids_that_share_one_axis_are_told_apart():
     np.testing.assert_array_equal(sea.grid(other, y), JonswapSea(wind_speed=5.0).grid(other, y))
 
 
+@pytest.mark.process
 def test_digits_do_not_depend_on_the_number_of_threads():
     code = (
         "import hashlib, meshtrace.surfaces as s, numpy as np\n"

@@ -89,12 +89,14 @@ def drag(driver):
     chain.release().perform()
 
 
+@pytest.mark.browser
 def test_it_renders(browser):
     image = picture(browser).astype(int)
     sea = (image[..., 2] > image[..., 0] + 30).mean()
     assert sea > 0.05
 
 
+@pytest.mark.browser
 def test_it_reacts_to_the_mouse(browser):
     before = picture(browser).astype(int)
 
@@ -105,12 +107,14 @@ def test_it_reacts_to_the_mouse(browser):
     until(turned, "the scene does not turn")
 
 
+@pytest.mark.browser
 def test_it_explains_itself(browser):
     text = browser.find_element("id", "about").text
     for words in ("a <link>", "sea surface elevation [m]", "bubbles", "drag to turn"):
         assert words in text
 
 
+@pytest.mark.browser
 def test_it_needs_no_network_and_logs_no_error(browser, page):
     messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
     asked = {

@@ -1,0 +1,161 @@
+"""Puts hostile inputs into a worker process, one after the other, and collects the failures.
+
+`python drill.py KIND FIRST LAST` is the worker: it prints a line of JSON before and after each
+input, so that the input is known that ends it with a signal or makes it hang.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import traceback
+import warnings
+from pathlib import Path
+from random import Random
+
+import numpy as np
+
+SEED = 20240229
+HANG = 90.0  # [s] for one input; most kernels are compiled before
+START = 400.0  # [s] to compile those
+MEMORY = 6 * 2**30  # [B]
+
+
+def outcome(call):
+    """Return "number", "refusal" or a description of a failure."""
+    import pydantic
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            value = call()
+    except pydantic.ValidationError as error:
+        return "refusal" if error.error_count() else "no reason"
+    except (ValueError, TypeError) as error:
+        text = str(error)
+        if "allowed" in text and text.isprintable() and len(text) < 3000:
+            return "refusal"
+        return "".join(traceback.format_exception(error)[-3:])
+    except BaseException as error:
+        return "".join(traceback.format_exception(error)[-3:])
+    for number in () if value is None else value:
+        if not np.isfinite(np.asarray(number, dtype=float)).all():
+            return f"not finite: {value}"
+    return "number"
+
+
+def work(kind, first, last):
+    """Put in some inputs of a kind, and print a line before and after each."""
+    import hostile
+
+    import meshtrace.scenario.seas as seas
+
+    answers = os.fdopen(os.dup(1), "w", buffering=1)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+
+    def answer(**parts):
+        answers.write(json.dumps(parts) + "\n")
+
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
+    if kind in ("links", "arguments", "commands", "meshes"):
+        for base in hostile.LINKS:
+            warm(base)
+    answer(outcome="ready")
+    # larger meshes are allowed, and take minutes
+    seas.MOST_VERTICES, seas.MOST_FACTORS = 40_000, 2_000_000
+    with tempfile.TemporaryDirectory(prefix="drill-") as root:
+        for i in range(first, last):
+            folder = Path(root) / "input"
+            folder.mkdir()
+            text, call = hostile.KINDS[kind](Random(f"{SEED}/{kind}/{i}"), folder)
+            answer(number=i, input=text)
+            answer(number=i, outcome=outcome(call))
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def warm(base):
+    """Compile the kernels that a link needs."""
+    import hostile
+
+    from meshtrace.scenario import Scenario
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        hostile.short(Scenario.from_toml(base))
+
+
+class _Worker:
+    """One process, and the lines it prints."""
+
+    def __init__(self, kind, first, last):
+        command = [sys.executable, __file__, kind, str(first), str(last)]
+        self.errors = tempfile.TemporaryFile()
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=self.errors, stdin=subprocess.DEVNULL, text=True
+        )
+        self.lines = queue.Queue()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self):
+        for line in self.process.stdout:
+            self.lines.put(json.loads(line))
+        self.lines.put(None)
+
+    def answer(self, timeout):
+        """Return the next line, None at the end; raise queue.Empty after a time."""
+        return self.lines.get(timeout=timeout)
+
+    def end(self):
+        """End the process, and return its exit code and the end of what it wrote to stderr."""
+        self.process.kill()
+        code = self.process.wait()
+        self.errors.seek(0)
+        return code, self.errors.read().decode(errors="replace")[-2000:]
+
+
+def drill(kind, first, last):
+    """Return how many inputs gave numbers and refusals, and a list of (input, failure)."""
+    counts, failures = {"number": 0, "refusal": 0}, []
+    at = first
+    while at < last:
+        worker = _Worker(kind, at, last)
+        text, timeout = "start", START
+        try:
+            while True:
+                line = worker.answer(timeout)
+                if line is None:
+                    worker.process.wait(10.0)
+                    break
+                timeout = HANG
+                if "input" in line:
+                    at, text = line["number"], line["input"]
+                elif line["outcome"] != "ready":
+                    found = line["outcome"]
+                    at = line["number"] + 1
+                    if found in counts:
+                        counts[found] += 1
+                    else:
+                        failures.append((f"{kind} {line['number']}: {text}", found))
+        except (queue.Empty, subprocess.TimeoutExpired):
+            failures.append((f"{kind} {at}: {text}", f"no answer in {timeout:g} s"))
+            worker.end()
+            at += 1
+            continue
+        code, stderr = worker.end()
+        if at < last:  # it ended by itself before the last input
+            failures.append((f"{kind} {at}: {text}", f"ended with {code}: {stderr}"))
+            if text == "start":
+                break
+            at += 1
+    return counts, failures
+
+
+if __name__ == "__main__":
+    work(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))

@@ -1,0 +1,499 @@
+"""Hostile inputs of nine kinds, drawn by a fixed seed.
+
+Each kind is a function of a random generator and a folder of its own; it returns a description,
+which reproduces the input, and a function without arguments that puts the input in. That function
+returns numbers, or raises: `drill` tells refusals from failures.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import shlex
+import subprocess
+import sys
+from functools import cache
+
+import numpy as np
+
+NUMBERS = [math.nan, math.inf, -math.inf, -1, 0, -0.0, 1, 2.5, 90.0, 180.0, 1e-300, 1e-30, 1e-9,
+           1e6, 1e30, 1e77, 1e300, 2**31, 2**63, -(2**63) - 1, 10**400]  # fmt: skip
+WORDS = ["", "nan", "none", "flat", "paper", "forced", "\x00", "\x1b[2J", "é", "../..", "a" * 5000]
+VALUES = [*NUMBERS, *NUMBERS, *WORDS, True, None, [], {}, [[]], [1, 2, 3, 4], {"kind": "x"}]
+ARRAYS = [np.array([]), np.full(3, np.nan), np.float32(3.0), np.array("x")]
+
+LINKS = [
+    "wind_speed = 5.0\n[sea]\nspacing = 0.5",
+    "wind_speed = 13.0\nphysics = 'paper'\n[sea]\nomega_max = 6.0\nspacing = 0.5",
+    "whitecaps = { wind_speed = 3.0 }\n[sea]\nspectrum = 'tma'\ndepth = 9.0\nspacing = 0.5\n"
+    "[[receiver]]\n[[receiver]]\nkind = 'water-aperture'\n[run]\nestimator = 'analog'",
+    "[sea]\nspectrum = 'flat'\nspacing = 0.5\n[water]\nlayers = [[0.0, 0.1, 0.2], [9.0, 0.2, 0.1]]\n"
+    "[water.phase]\nmodel = 'mixture'\ncomponents = ['petzold', 'rayleigh']\nweights = [1.0, 2.0]",
+    "[sea]\nspectrum = 'sinusoidal'\namplitude = 0.1\nwavelength = 2.0\nspacing = 0.5\n"
+    "[transmitter]\nkind = 'sun'\n[run]\nestimator = 'analog'",
+]
+
+
+def _places(table, path=()):
+    items = table.items() if isinstance(table, dict) else enumerate(table)
+    for key, value in items:
+        yield (*path, key)
+        if isinstance(value, dict | list):
+            yield from _places(value, (*path, key))
+
+
+def _replace(random, config, values):
+    """Replace one or two values of nested plain data, and return what was done."""
+    done = []
+    for _ in range(random.choice([1, 1, 2])):
+        *parents, last = random.choice(list(_places(config)))
+        table = config
+        for key in parents:
+            table = table[key]
+        new = random.choice(values)
+        old = table[last]
+        if isinstance(old, float) and random.random() < 0.6:
+            new = old * random.choice([-1.0, 1e-9, 1e-3, 0.3, 3.0, 1e3, 1e9])
+        table[last] = new
+        done.append(f"{'.'.join(map(str, (*parents, last)))} = {new!r:.80}")
+    return done
+
+
+def _damage(random, content, text=False):
+    """Return bytes that are cut, emptied, overwritten or flipped, and what was done."""
+    how = random.choice(["flip", "flip", "flip", "cut", "empty", "zeros", "twice", "noise"])
+    start = random.randrange(max(1, len(content)))
+    length = random.choice([1, 4, 64, 4096])
+    if how == "flip":
+        bit = 1 << random.randrange(7 if text else 8)
+        spoilt = content[:start] + bytes([content[start] ^ bit]) + content[start + 1 :]
+    elif how == "cut":
+        spoilt = content[:start]
+    elif how == "empty":
+        spoilt = b""
+    elif how == "twice":
+        spoilt = content[: start + length] + content[start:]
+    else:
+        patch = bytes(length) if how == "zeros" else random.randbytes(length)
+        spoilt = content[:start] + patch + content[start + length :]
+    return spoilt, f"{how} at {start} ({length})"
+
+
+def short(scenario):
+    """Simulate with few photons on one thread; a Mie table of its own would take minutes."""
+    from meshtrace.optics.bubbles import HallNovarini
+    from meshtrace.scenario import Run
+
+    analog = scenario.run.estimator == "analog"
+    kept = scenario.run.model_dump(exclude={"rtol", "photons", "reflected_photons", "threads"})
+    run = Run(**{**kept, "photons": 64 if analog else 16, "threads": 1, "max_events": 1000})
+    bubbles, plain = scenario.link.bubbles, HallNovarini(wind_speed=5.0)
+    table = ("n_water", "wavelength_nm", "r_min", "r_max")
+    if bubbles and any(getattr(bubbles, key) != getattr(plain, key) for key in table):
+        bubbles = None
+    link = scenario.link.model_copy(update={"bubbles": bubbles})
+    result = scenario.model_copy(update={"link": link, "run": run}).simulate()
+    return result.gain, result.gain_stderr
+
+
+def links(random, folder):
+    """Link files with values replaced, or letters."""
+    import tomli_w
+
+    from meshtrace.scenario import Scenario
+
+    base = random.choice(LINKS)
+    if random.random() < 0.3:
+        text, how = _damage(random, base.encode(), text=True)
+        text = text.decode(errors="replace")
+    else:
+        config = Scenario.from_toml(base).to_config()
+        how = _replace(random, config, [v for v in VALUES if v is not None])
+        # integers of TOML end at 64 bits
+        text = tomli_w.dumps(config)
+    path = folder / "link.toml"
+    path.write_text(text, encoding="utf-8", newline="")
+    return f"{base!r}: {how}", lambda: short(Scenario.load(path))
+
+
+@cache
+def _calls():
+    """Return functions, with sound arguments for each."""
+    import meshtrace as mt
+    from meshtrace import surfaces
+
+    link, sea = mt.Link(), surfaces.JonswapSea(wind_speed=5.0, seed=7)
+    grid = {"spacing": 0.5, "threads": 1}
+    run = {"link": link, "surface": sea, "photons": 16, "seed": 1, "time": 0.0, **grid}
+    many = {"link": link, "sea": sea, "surface": sea, "photons": 16, "seed": 1, **grid}
+    corners = [(-50.0, -50.0, 0.0), (50.0, -50.0, 0.0), (50.0, 50.0, 0.0), (-50.0, 50.0, 0.0)]
+    return [
+        (mt.Water, {"a": 0.1, "b": 0.03}),
+        (mt.Led, {"depth": 10.0, "half_angle_deg": 10.0, "position": (0.0, 0.0)}),
+        (mt.GaussianBeam, {"depth": 10.0, "waist": 0.001}),
+        (mt.Receiver, {"height": 5.0, "radius": 0.05, "fov_deg": 60.0, "tilt_deg": 0.0}),
+        (mt.HallNovarini, {"wind_speed": 5.0, "n_water": 1.33}),
+        (mt.HenyeyGreenstein, {"g": 0.9}),
+        (mt.FournierForand, {"n": 1.1, "mu": 3.5}),
+        (mt.MapGrid, {"height": 5.0, "extent": 5.0, "step": 0.5}),
+        (mt.Uav, {"mass": 8.0}),
+        (mt.Dryden, {"wind_speed": 13.0}),
+        (mt.OokLink, {"bit_rate": 5e6}),
+        (mt.TriangleMesh, {"vertices": corners, "faces": [(0, 1, 2), (0, 2, 3)]}),
+        (surfaces.JonswapSea, {"wind_speed": 5.0, "fetch": 30e3, "seed": 7, "omega_max": 6.0}),
+        (surfaces.TiltedPlane, {"slope_x": 0.1, "slope_y": 0.0}),
+        (surfaces.from_trimesh, {"source": (corners, [(0, 1, 2), (0, 2, 3)])}),
+        *[(mt.simulate, run)] * 6,
+        *[(mt.simulate, {**run, "estimator": "analog", "rtol": 0.5, "max_events": 1000})] * 3,
+        *[(mt.time_series, {**many, "times": [0.0, 0.5]})] * 3,
+        *[(mt.ensemble, {**many, "n_realizations": 2})] * 2,
+        (mt.trace_paths, {"link": link, "surface": sea, "n": 4, "seed": 1}),
+        (mt.link_performance, {**many, "bit_rate": 5e6, "realizations": 2}),
+        (mt.coverage_map, {**many, "step": 5.0, "extent": 5.0}),
+    ]  # fmt: skip
+
+
+def arguments(random, folder):
+    """Python calls with one or two arguments replaced."""
+    import inspect
+
+    function, sound = random.choice(_calls())
+    if inspect.isfunction(function):
+        sound = {k: v for k, v in sound.items() if k in inspect.signature(function).parameters}
+    given = dict(sound)
+    # another type in place of a link or a sea is left to Python
+    names = sorted(set(sound) - {"link", "surface", "sea"})
+    for name in random.sample(names, min(len(names), random.choice([1, 1, 2]))):
+        given[name] = random.choice([*VALUES, *ARRAYS])
+    shown = {name: given[name] for name in given if given[name] is not sound[name]}
+
+    def call():
+        result = function(**given)
+        if hasattr(result, "photons") and getattr(result, "gain", None) is not None:
+            return result.gain, result.gain_stderr
+        return None
+
+    return f"{function.__name__}({shown!r:.200})", call
+
+
+OPTIONS = {
+    "run": ["--photons", "--rtol", "--seed", "--estimator", "--threads", "--set", "-o"],
+    "series": ["--times", "--photons", "--seed", "--set", "-o"],
+    "ensemble": ["-n", "--photons", "--seed", "--set", "-o"],
+    "ber": ["--wind", "--bit-rates", "--depths", "--limit", "--uav", "--preset", "-n", "--set"],
+    "converge": ["--spacings", "--time-steps", "--omega-max", "--tolerance", "--set"],
+    "view": ["--html", "--spacing", "--extent", "--time", "--color", "--paths", "--set"],
+    "figures": ["--only", "--seed", "--threads"],
+    "sweep": ["--store", "--workers", "-o"],
+    "bench": ["-o"],
+}
+FEW = {
+    "run": ["--photons", "64"],
+    "series": ["--photons", "16", "--times", "0,1"],
+    "ensemble": ["--photons", "16", "-n", "2"],
+    "ber": ["--photons", "16", "-n", "2"],
+    "converge": ["--photons", "16", "--placements", "1"],
+    "view": ["--html", "a.html", "--paths", "0"],
+    "figures": ["--list"],
+    "sweep": ["none.toml"],
+    "bench": ["none.toml"],
+}
+SETTINGS = ["wind_speed", "water.a", "water.b", "transmitter.depth", "receiver.height",
+            "receiver.radius", "receiver.fov_deg", "sea.spacing", "sea.time", "run.estimator",
+            "sea.spectrum", "n_air", "bubbles", "no.such.key", ""]  # fmt: skip
+
+
+def commands(random, folder):
+    """Command lines with hostile words."""
+    name = random.choice(list(OPTIONS))
+    words = [str(value) for value in VALUES]
+    words += 4 * ["1", "2", "0.5", "1,2", "5e6", "flat", "4,3,2,1", "a.nc", "a.html", "0:2:1"]
+    words += ["0:1:0", "1:2:nan", "0:1e9:1", "1,2,", "9:1:1", "/dev/null", ".", "/", "-", "--"]
+    line = [name, *FEW[name]]
+    for option in random.sample(OPTIONS[name], min(len(OPTIONS[name]), random.choice([1, 1, 2]))):
+        word = random.choice(words)
+        if option == "--set":
+            word = f"{random.choice(SETTINGS)}={word}"
+        line += [option, word]
+    line = [word.replace("\x00", "\ufffd") for word in line]  # no argument can hold it
+    if random.random() < 0.1:
+        line.insert(random.randrange(len(line)), random.choice(words).replace("\x00", ""))
+
+    def call():
+        return invoke(line, folder)
+
+    return shlex.join(line)[:300], call
+
+
+def invoke(line, folder):
+    """Run a command line in this process; return its numbers or raise what it printed."""
+    from typer.testing import CliRunner
+
+    from meshtrace import cli
+
+    with contextlib.chdir(folder):
+        done = CliRunner().invoke(cli.app, line)
+    return judged(done.exit_code, done.stdout, done.stderr, done.exception)
+
+
+class Wrong(Exception):
+    """A failure of a command that is no refusal."""
+
+
+class Line(ValueError):
+    """The only line of a refused command."""
+
+
+def judged(code, stdout, stderr, error=None):
+    """Return nothing for a command that succeeded; raise its refusal, or what is wrong with it."""
+    if error is not None and not isinstance(error, SystemExit):
+        raise error
+    if code < 0 or code not in (0, 2) or "Traceback" in stderr:
+        raise Wrong(f"exit code {code}: {stderr[-300:]}")
+    lines = [line for line in stderr.splitlines() if not line.startswith(("warning", "compiling"))]
+    if code == 2:
+        if len(lines) != 1 or stdout or not lines[0].startswith("error: "):
+            raise Wrong(f"not one line: {stdout[:100]!r} {stderr[-300:]!r}")
+        raise Line(f"{lines[0]} (allowed)")
+    if any(word.strip("[],()") in ("nan", "+-nan") for word in stdout.split()):
+        raise Wrong(f"nan in {stdout[:300]!r}")
+
+
+def _mesh():
+    from meshtrace.surfaces import JonswapSea
+
+    return JonswapSea(wind_speed=5.0, seed=7).mesh(extent=15.0, spacing=1.5)
+
+
+def meshes(random, folder):
+    """Meshes with hostile arrays, or in damaged files."""
+    import meshtrace as mt
+    from meshtrace.scenario import Scenario
+    from meshtrace.surfaces import from_trimesh
+
+    mesh = _mesh()
+    if random.random() < 0.5:
+        suffix = random.choice(["stl", "ply", "obj"])
+        path = folder / f"sea.{suffix}"
+        mesh.to_trimesh().export(path)
+        content, how = _damage(random, path.read_bytes(), text=suffix == "obj")
+        path.write_bytes(content)
+        config = {"sea": {"mesh": str(path)}, "run": {"estimator": "analog"}}
+        return f"{suffix}: {how}", lambda: short(Scenario.from_config(config))
+    vertices, faces = mesh.vertices.copy(), mesh.faces.astype(np.int64)
+    how = random.choice(["value", "scale", "shift", "face", "order", "shape", "height"])
+    with np.errstate(all="ignore"):
+        if how == "value":
+            x = float(random.choice([v for v in NUMBERS if abs(v) < 1e301 or v != v]))
+            vertices[random.randrange(len(vertices)), random.randrange(3)] = x
+        elif how in ("scale", "shift", "height"):
+            x = random.choice([0.0, -1.0, 1e-30, 1e-6, 1e-3, 1e3, 1e6, 1e12, 1e30, 1e300])
+            if how == "scale":
+                vertices *= x
+            elif how == "shift":
+                vertices += x
+            else:
+                vertices[:, 2] *= x
+        elif how == "face":
+            x = random.choice([-1, len(vertices), 2**31, -(2**31), 0])
+            faces[random.randrange(len(faces)), random.randrange(3)] = x
+        elif how == "order":
+            x = None
+            faces = faces[:, ::-1]
+        else:
+            x = random.randrange(4)
+            faces = [faces[:0], faces[:, :2], faces.ravel(), faces[:1]][x]
+
+    def call():
+        estimator = random.choice(["forced", "analog"])
+        made = random.choice([from_trimesh, lambda pair: mt.TriangleMesh(*pair)])((vertices, faces))
+        result = mt.simulate(mt.Link(), made, estimator=estimator, photons=64, threads=1)
+        return result.gain, result.gain_stderr
+
+    return f"arrays: {how} {x!r}", call
+
+
+@cache
+def _spectrum():
+    import xarray as xr
+
+    freq, direction = np.linspace(0.05, 0.5, 8), np.arange(0.0, 360.0, 30.0)
+    efth = np.outer(np.exp(-(((freq - 0.2) / 0.05) ** 2)), np.ones(12)) * 1e-3
+    return xr.Dataset({"efth": (("freq", "dir"), efth)}, {"freq": freq, "dir": direction})
+
+
+def spectra(random, folder):
+    """Files of directional spectra with damaged bytes or hostile numbers."""
+    from meshtrace.surfaces.measured import from_wavespectra
+
+    data = _spectrum().copy(deep=True)
+    path = folder / "spectrum.nc"
+    if random.random() < 0.5:
+        name = random.choice(["efth", "freq", "dir"])
+        values = data[name].values.copy()
+        x = float(random.choice(NUMBERS[:-1]))
+        values.ravel()[random.randrange(values.size)] = x
+        how = f"{name} = {x!r}"
+        data = data.assign({name: (data[name].dims, values)})
+        data.to_netcdf(path, engine="h5netcdf")
+    else:
+        data.to_netcdf(path, engine="h5netcdf")
+        content, how = _damage(random, path.read_bytes())
+        path.write_bytes(content)
+    return how, lambda: from_wavespectra(path).elevation(np.zeros(3), np.arange(3.0))
+
+
+@cache
+def _results(folder):
+    import meshtrace as mt
+    from meshtrace.surfaces import FlatSea, JonswapSea
+
+    folder.mkdir(exist_ok=True)
+    link, sea = mt.Link(), JonswapSea(wind_speed=5.0, seed=7)
+    one = mt.simulate(link, FlatSea(), photons=16, threads=1)
+    series = mt.time_series(link, sea, [0.0, 1.0], photons=16, threads=1)
+    made = {}
+    for kind, result in ((mt.GainResult, one), (mt.GainSeries, series)):
+        path = folder / f"{kind.__name__}.nc"
+        result.save(path)
+        made[kind] = path.read_bytes(), np.asarray(result.gain)
+    return made
+
+
+def results(random, folder):
+    """Damaged result files; one that loads must hold the gains that were saved."""
+    made = _results(folder.parent / "results")
+    kind = random.choice(list(made))
+    content, gain = made[kind]
+    content, how = _damage(random, content)
+    path = folder / "result.nc"
+    path.write_bytes(content)
+
+    def call():
+        loaded = np.asarray(kind.load(path).gain)
+        if not np.array_equal(loaded, gain):
+            raise Wrong(f"silently changed: {loaded} for {gain}")
+
+    return f"{kind.__name__}: {how}", call
+
+
+SWEEP = {"parameters": {"transmitter.depth": [5.0, 10.0], "wind_speed": [5.0, 9.0]}}
+
+
+def _sweep(path, gain):
+    """Open a store, filled with a gain where it waits for one, and return its gains."""
+    import importlib
+
+    module = importlib.import_module("meshtrace.studies.sweep.sweep")
+    original = module.compute
+
+    def fill(study, group, tasks, *rest, **options):
+        for task in tasks:
+            group["gain"][task.region] = gain
+            group["done"][task.region] = np.int8(1)
+
+    module.compute = fill
+    try:
+        link = {"bubbles": "none"}
+        return module.sweep(link, **SWEEP, store=path, photons=16, rtol=None, progress=False)
+    finally:
+        module.compute = original
+
+
+@cache
+def _store(folder):
+    _sweep(folder, 3e-5)
+    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def stores(random, folder):
+    """Damaged stores of sweeps; gains that are read must be those that were written."""
+    files = _store(folder.parent / "store.zarr")
+    name = random.choice(sorted(files))
+    content, how = _damage(random, files[name])
+    store = folder / "store.zarr"
+    for file, sound in files.items():
+        (store / file).parent.mkdir(parents=True, exist_ok=True)
+        (store / file).write_bytes(content if file == name else sound)
+
+    def call():
+        gain = np.asarray(_sweep(store, 3e-5)["gain"])
+        if not np.array_equal(gain, np.full((2, 2, 1), 3e-5)):
+            raise Wrong(f"silently changed: {gain.ravel()}")
+
+    return f"{name}: {how}", call
+
+
+def studies(random, folder):
+    """Study files with values replaced, or letters."""
+    import importlib
+
+    import tomli_w
+
+    module = importlib.import_module("meshtrace.studies.sweep.sweep")
+    table = {"realizations": 2, "photons": 16, "seed": 1, "rtol": 0.1, **SWEEP}
+    config = {"wind_speed": 5.0, "transmitter": {"depth": 5.0}, "sweep": table}
+    config = json.loads(json.dumps(config))
+    if random.random() < 0.5:
+        how = _replace(random, config, [v for v in VALUES if v is not None])
+        text = tomli_w.dumps(config)
+    else:
+        content, how = _damage(random, tomli_w.dumps(config).encode(), text=True)
+        text = content.decode(errors="replace")
+    path = folder / "study.toml"
+    path.write_text(text, encoding="utf-8", newline="")
+
+    def call():
+        original, module.compute = module.compute, lambda *rest, **options: None
+        try:
+            module.sweep_file(path, progress=False)
+        finally:
+            module.compute = original
+
+    return str(how), call
+
+
+NAMES = ["HOME", "XDG_CACHE_HOME", "MESHTRACE_CACHE_DIR", "NUMBA_CACHE_DIR", "TMPDIR", "COLUMNS",
+         "TERM", "LANG", "LC_ALL", "PYTHONIOENCODING", "PYTHONOPTIMIZE", "PYTHONHASHSEED", "TZ",
+         "NO_COLOR", "USER", "PATH", "OMP_NUM_THREADS", "XDG_CONFIG_HOME"]  # fmt: skip
+SETTING = ["", "/dev/null", "/proc", "~", "relative", "0", "1", "-1", "xx", "utf-8", "ascii", "C"]
+
+
+def environment(random, folder):
+    """Real processes in hostile environments."""
+    changes = {name: random.choice([*SETTING, None]) for name in random.sample(NAMES, 2)}
+    if changes.get("PYTHONHASHSEED") not in (None, "0", "1"):
+        changes["PYTHONHASHSEED"] = "0"  # Python itself refuses the rest
+    if changes.get("PYTHONIOENCODING") not in (None, "ascii", "utf-8"):
+        changes["PYTHONIOENCODING"] = "ascii"
+    closed = random.choice(["nothing", "nothing", "nothing", "stdin", "output to /dev/full"])
+    given = {**os.environ, **changes}
+    given = {name: value for name, value in given.items() if value is not None}
+
+    def call():
+        command = [sys.executable, "-P", "-m", "meshtrace", "run", "--photons", "16"]
+        with open("/dev/full", "w") as full:
+            done = subprocess.run(
+                command,
+                cwd=folder,
+                env=given,
+                stdin=None if closed == "stdin" else subprocess.DEVNULL,
+                stdout=full if closed == "output to /dev/full" else subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                errors="replace",
+                timeout=240,
+            )
+        return judged(done.returncode, done.stdout or "", done.stderr)
+
+    return f"{changes}, {closed}", call
+
+
+KINDS = {
+    function.__name__: function
+    for function in (
+        links, arguments, commands, meshes, spectra, results, stores, studies, environment
+    )
+}  # fmt: skip

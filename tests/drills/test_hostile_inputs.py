@@ -1,0 +1,50 @@
+"""Ten thousand hostile inputs of nine kinds: each is a number or one line of refusal.
+
+No traceback, no signal, no hang, no nan, and no damaged file that gives another number.
+`python tests/drills/drill.py KIND N N+1` repeats input N of a kind.
+"""
+
+import pytest
+from drill import drill
+
+pytestmark = [pytest.mark.drill, pytest.mark.process]
+
+SMALL = {"links": 40, "arguments": 60, "commands": 25, "meshes": 30, "spectra": 30,
+         "results": 30, "stores": 15, "studies": 30, "environment": 3}  # fmt: skip
+LARGE = {"links": 2000, "arguments": 2500, "commands": 1200, "meshes": 1500, "spectra": 1000,
+         "results": 1000, "stores": 200, "studies": 520, "environment": 80}  # fmt: skip
+
+
+def check(kind, first, last):
+    counts, failures = drill(kind, first, last)
+    shown = "\n".join(f"{text}\n    {found}" for text, found in failures[:20])
+    assert not failures, f"{len(failures)} of {last - first} inputs failed\n{shown}"
+    assert sum(counts.values()) == last - first
+    assert counts["refusal"] > 0 or kind == "environment"
+    assert counts["number"] > 0
+
+
+@pytest.mark.parametrize("kind", SMALL)
+def test_some_inputs(kind):
+    check(kind, 0, SMALL[kind])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", LARGE)
+def test_many_inputs(kind):
+    check(kind, SMALL[kind], LARGE[kind])
+
+
+def test_failures_are_found():
+    """The judge tells refusals from tracebacks and numbers from nan."""
+    from drill import outcome
+
+    def fail(error):
+        raise error
+
+    assert outcome(lambda: (1.0, 0.1)) == "number"
+    assert outcome(lambda: fail(ValueError("depth: -1, allowed: > 0"))) == "refusal"
+    assert outcome(lambda: (float("nan"), 0.1)).startswith("not finite")
+    assert "operands" in outcome(lambda: fail(ValueError("operands could not be broadcast")))
+    assert "KeyError" in outcome(lambda: fail(KeyError("depth, allowed")))
+    assert "line two" in outcome(lambda: fail(ValueError("allowed\nline two")))
