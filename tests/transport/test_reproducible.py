@@ -163,9 +163,9 @@ def test_a_photon_alone_is_the_photon_in_the_run(intersector, name):
     # and in the middle of a long run: the arrivals carry the ids
     long = run_analog(link, intersector, photons=30_000, seed=8, keep_arrivals=True)
     rows = np.concatenate(long.arrivals)
-    here = rows[(rows[:, 0] >= first) & (rows[:, 0] < first + n)]
+    here = rows[(rows["photon"] >= first) & (rows["photon"] < first + n)]
     inside = np.zeros(score.shape)
-    np.add.at(inside, (here[:, 0].astype(int) - first, here[:, 1].astype(int)), here[:, 2])
+    np.add.at(inside, (here["photon"] - first, here["receiver"]), here["weight"])
     receivers = len(link.receivers)
     np.testing.assert_array_equal(inside[:, :receivers], score[:, :receivers])
 
