@@ -26,6 +26,7 @@ from meshtrace.fading.gains import Reference, remove_noise
 from meshtrace.fading.gamma_gamma import gamma_gamma_cdf, gamma_gamma_pdf, sample_gamma_gamma
 from meshtrace.fading.intervals import Estimate
 from meshtrace.fading.scintillation import scintillation_index
+from meshtrace.fading.spectral import gain_autocovariance, scintillation_of_spectrum
 from meshtrace.fading.statistics import fading_statistics
 from meshtrace.fading.summary import FadingStatistics
 
@@ -45,6 +46,7 @@ __all__ = [
     "fading_statistics",
     "fit_gamma_gamma",
     "fit_lognormal",
+    "gain_autocovariance",
     "gain_cdf",
     "gain_pdf",
     "gamma_gamma_cdf",
@@ -56,4 +58,5 @@ __all__ = [
     "remove_noise",
     "sample_gamma_gamma",
     "scintillation_index",
+    "scintillation_of_spectrum",
 ]
