@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels.aiming import Target, height_on
 from meshtrace.kernels.chain_gain import intensity
-from meshtrace.kernels.facets import Surface, exposure, normal_at, plane_distance, slope_tilt, tilted
+from meshtrace.kernels.facets import (
+    Surface,
+    exposure,
+    normal_at,
+    plane_distance,
+    slope_tilt,
+    tilted,
+)
 from meshtrace.kernels.interface import (
     FOV_ANGLE,
     FRESNEL_PAPER_BOTH,
@@ -282,9 +289,7 @@ def _drawn_aside(lobe, axis, u, v, world):
     if norm(e) < 1e-9:
         return _turned(lobe, s, v)
     e = _unit(e)
-    f = Vec3(
-        lobe.y * e.z - lobe.z * e.y, lobe.z * e.x - lobe.x * e.z, lobe.x * e.y - lobe.y * e.x
-    )
+    f = Vec3(lobe.y * e.z - lobe.z * e.y, lobe.z * e.x - lobe.x * e.z, lobe.x * e.y - lobe.y * e.x)
     phi = rim.half * (2.0 * v - 1.0)
     p, q = sin * math.cos(phi), sin * math.sin(phi)
     return Vec3(
@@ -615,7 +620,9 @@ def _arrive(paths, i, checks, n, rays, world):
     else:
         s = sample_s(medium.phase_bubble if u_kind < share else medium.phase_water, u)
         plain = _turned(d, s, v)
-    n, rays = _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, rays, world)
+    n, rays = _connect(
+        paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, rays, world
+    )
     return n, rays
 
 

@@ -154,12 +154,17 @@ class AdjointPaths:
         ]
         with ThreadPoolExecutor(self.threads) as pool:
             blocks = list(
-                pool.map(lambda job: over.block(*job, min(_BLOCK, n - job[2])), jobs)
+                pool.map(
+                    lambda job: over.block(job[0], job[1], job[2], min(_BLOCK, n - job[2])), jobs
+                )
             )
         per_group = np.bincount(np.arange(n) % SHIFTS, minlength=SHIFTS)
         groups, orders = np.zeros((len(receivers), SHIFTS)), np.zeros((len(receivers), _ORDERS))
         scored, beside = np.zeros(len(receivers), np.int64), np.zeros(len(receivers))
-        square, total = np.zeros((len(receivers), len(share))), np.zeros_like(groups[:, : len(share)])
+        square, total = (
+            np.zeros((len(receivers), len(share))),
+            np.zeros_like(groups[:, : len(share)]),
+        )
         for (r, s, _), sums in zip(jobs, blocks, strict=True):
             groups[r] += share[s] * sums.groups / per_group
             orders[r] += share[s] * sums.orders / n
@@ -197,12 +202,13 @@ class _Over:
         bubble = angle_table(link.bubbles.phase_function()) if link.bubbles else water
         self._sources = []
         for t in link.transmitters:
+            assert isinstance(t, WaterSource)
             size = float(getattr(t, "waist", 0.0) or getattr(t, "radius", 0.0))
             rate = 1.0 / t.depth + medium.a + medium.b
             bubbly = link.bubbles is not None
             optics = Optics(_emitter(t), medium, sampled, water, bubble, bubbly, rate)
             self._sources.append((optics, size))
-        self._targets = [_target(r) for r in link.receivers]
+        self._targets = [_target(r) for r in link.receivers if isinstance(r, Receiver)]
 
     def _world(self, receiver: int, source: int, first: int) -> kernel.World:
         optics, size = self._sources[source]
@@ -269,7 +275,7 @@ class _Over:
         beside = kernel.enter(paths, self._intersector.facets(origins, directions), world)
         self._follow(paths, world)
         total = paths.score.sum(axis=1)
-        groups = np.bincount((first + np.arange(n)) % SHIFTS, total, SHIFTS)
+        groups = np.bincount((first + np.arange(n)) % SHIFTS, total, SHIFTS).astype(np.float64)
         return Sums(
             groups,
             paths.score.sum(axis=0),
