@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Refused
 from meshtrace.kernels import adjoint as kernel
+from meshtrace.kernels import adjoint_start as start
 from meshtrace.kernels import medium as medium_codes
 from meshtrace.kernels.interface import FOV_ANGLE
 from meshtrace.kernels.line_estimate import SMALLEST_ANGLE, AngleTable, Optics
@@ -265,14 +266,14 @@ class _Over:
             branches=np.empty(n, np.int64),
             score=np.zeros((n, _ORDERS)),
         )
-        kernel.begin(paths, starts, world)
+        start.begin(paths, starts, world)
         rounds = 1 if self._flat else _ROUNDS + sets - 1
         for k in range(rounds):
             facets = self._below(paths.root)
-            kernel.improve(paths, facets, k - (rounds - sets), world)
+            start.improve(paths, facets, k - (rounds - sets), world)
         origins, directions = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
-        kernel.look(paths, origins, directions, world)
-        beside = kernel.enter(paths, self._intersector.facets(origins, directions), world)
+        start.look(paths, origins, directions, world)
+        beside = start.enter(paths, self._intersector.facets(origins, directions), world)
         self._follow(paths, world)
         total = paths.score.sum(axis=1)
         groups = np.bincount((first + np.arange(n)) % SHIFTS, total, SHIFTS).astype(np.float64)

@@ -352,6 +352,7 @@ def test_angle_table(phase):
             math.log(theta),
             math.log(math.pi),
             limit=500,
+            epsrel=1e-4,
         )[0]
         assert tail(table, theta) == pytest.approx(expected, rel=1e-3)
 
