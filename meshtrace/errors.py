@@ -156,7 +156,7 @@ def show(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if getattr(value, "ndim", None) == 0:  # numpy's numbers
-        value = value.item()  # type: ignore[attr-defined]
+        value = value.item()
     try:
         text = one_line(repr(value))
     except ValueError:  # Python writes no integer of more than 4300 digits

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Annotated, Any, NoReturn, Self
+from typing import Annotated, Any, NoReturn, Self, get_args
 
 import pydantic
 from pydantic import Field
@@ -163,6 +163,8 @@ def _refuse(cls: type[pydantic.BaseModel], error: pydantic.ValidationError) -> N
         hint = did_you_mean(value, allowed.replace(" or ", ", ").split(", "))
     elif kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         allowed = _range(cls, path, context)
+    elif kind == "too_short":
+        allowed = f"at least {context['min_length']} of them"
     else:
         words = _WORDS.get(kind) or _WORDS.get(kind.partition("_")[0])
         allowed = words or str(own or first["msg"].removeprefix("Input should be "))
@@ -174,6 +176,8 @@ def _range(cls: type[pydantic.BaseModel], path: list[int | str], context: dict[s
     bounds: dict[str, Any] = context
     model: Any = cls
     for key in path:
+        if isinstance(key, int):  # an item of a tuple
+            model = next(iter(get_args(model)), None)
         field = getattr(model, "model_fields", {}).get(key)
         if field is not None:
             model, name = field.annotation, str(key)

@@ -13,7 +13,7 @@ import os
 import sys
 from collections.abc import Mapping
 from importlib.metadata import entry_points
-from typing import Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from meshtrace.errors import MISSING, Refused, did_you_mean
 from meshtrace.models import Model
@@ -39,6 +39,12 @@ class Family(Model, frozen=True):
     (Ball(kind='ball', radius=2.0), 1.0)
     """
 
+    if TYPE_CHECKING:
+
+        @property
+        def kind(self) -> str:
+            """Name of the class in plain data."""
+
     registered: ClassVar[dict[str, type[Any]]] = {}
     _default: ClassVar[str] = ""
     _closed: ClassVar[str] = ""
@@ -51,7 +57,7 @@ class Family(Model, frozen=True):
         if Family not in cls.__bases__ and "kind" not in own and not _is_ours(cls):
             kind = f"{cls.__module__}:{cls.__qualname__}"
             cls.__annotations__ = {**own, "kind": Literal[kind]}
-            cls.kind = kind  # type: ignore[attr-defined]
+            cls.kind = kind  # type: ignore[method-assign, assignment]
 
     @classmethod
     def __pydantic_init_subclass__(

@@ -17,7 +17,7 @@ def main(folder: Path) -> None:
     responses = {}
     for name, b in (("clear, b = 0.037 1/m", 0.037), ("turbid, b = 0.3 1/m", 0.3)):
         link = mt.Link(water=mt.Water(a=0.114, b=b))
-        result = mt.simulate(link, sea, photons=20_000, keep_arrivals=True)
+        result = mt.simulate(link, sea, photons=20_000, record=[mt.Arrivals()])
         responses[name] = mt.impulse_response(result, bin_width=2.5e-10)
     ax = viz.plot_impulse_response(responses)
     ax.figure.savefig(folder / "impulse_response.png")

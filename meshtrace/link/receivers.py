@@ -24,6 +24,7 @@ class Aperture(
 
     position: Position = (0.0, 0.0)
     radius: float = Field(0.05, gt=0.0, allow_inf_nan=False)
+    fov_deg: float = Field(180.0, gt=0.0, le=180.0, allow_inf_nan=False)
 
     @property
     @abstractmethod
@@ -97,7 +98,6 @@ class WaterAperture(Aperture, frozen=True):
 
     kind: Literal["water-aperture"] = "water-aperture"
     depth: float = Field(1.0, gt=0.0, allow_inf_nan=False)
-    fov_deg: float = Field(180.0, gt=0.0, le=180.0, allow_inf_nan=False)
     zenith_deg: float = Field(0.0, ge=0.0, le=180.0, allow_inf_nan=False)
     azimuth_deg: Finite = 0.0
 

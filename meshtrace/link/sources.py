@@ -39,6 +39,16 @@ class Source(
         """Centre of the source, or of the lit square at still water [m]."""
         return (*self.position, 0.0)
 
+    @property
+    def axis(self) -> tuple[float, float, float]:
+        """Unit vector along which the source shines: down, unless it is pointed."""
+        return (0.0, 0.0, -1.0)
+
+    @property
+    def size(self) -> float:
+        """Radius of the emitting disk, or half-width of the lit square [m]; 0 for a point."""
+        return 0.0
+
 
 class WaterSource(Source, frozen=True):
     """Base of the sources in the water, which have a depth and an axis."""
@@ -51,11 +61,6 @@ class WaterSource(Source, frozen=True):
     def center(self) -> tuple[float, float, float]:
         """Centre of the source [m]."""
         return (*self.position, -self.depth)
-
-    @property
-    def size(self) -> float:
-        """Radius of the emitting disk [m], 0 for a point."""
-        return 0.0
 
     @property
     def spread_deg(self) -> float:
@@ -174,6 +179,11 @@ class AirSource(Source, frozen=True):
 
     half_width: float = Field(5.0, gt=0.0, allow_inf_nan=False)
 
+    @property
+    def size(self) -> float:
+        """Half-width of the lit square [m]."""
+        return self.half_width
+
 
 class Sun(AirSource, frozen=True):
     """Collimated light from the air onto a square of the sea.
@@ -198,6 +208,12 @@ class Sun(AirSource, frozen=True):
     kind: Literal["sun"] = "sun"
     zenith_deg: float = Field(0.0, ge=0.0, lt=89.0, allow_inf_nan=False)
     azimuth_deg: Finite = 0.0
+
+    @property
+    def axis(self) -> tuple[float, float, float]:
+        """Unit vector along which the light travels."""
+        x, y, z = unit_vector(self.zenith_deg, self.azimuth_deg)
+        return x, y, -z
 
 
 class UniformSky(AirSource, frozen=True):

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.cache import cache_directory
+from meshtrace.errors import Described, Refused
 
 FloatArray = NDArray[np.float64]
 
@@ -75,13 +76,15 @@ class MieTable:
         theta, cdf = self.theta_edges, self.cdf
         rising = theta.ndim == 1 and theta.shape == cdf.shape and bool(np.all(np.diff(theta) > 0))
         if not rising or theta[0] != 0.0 or theta[-1] != np.pi:
-            raise ValueError(
-                "theta_edges: allowed edges increasing from 0 to pi, one cdf value each"
+            raise Refused(
+                "theta_edges",
+                Described(f"{theta.size} numbers"),
+                "edges increasing from 0 to pi, one cdf value each",
             )
         if not np.all(np.diff(cdf) >= 0) or cdf[0] != 0.0 or cdf[-1] != 1.0:
-            raise ValueError("cdf: allowed values increasing from 0 to 1")
+            raise Refused("cdf", Described(f"{cdf.size} numbers"), "values increasing from 0 to 1")
         if not np.all(np.isfinite([self.q_sca, self.g, self.closure])):
-            raise ValueError("q_sca, g, closure: allowed finite numbers")
+            raise Refused("q_sca, g, closure", (self.q_sca, self.g, self.closure), "finite numbers")
         # One table is shared by all who ask for it.
         theta.setflags(write=False)
         cdf.setflags(write=False)
@@ -108,7 +111,7 @@ def _size_parameter(x: ArrayLike) -> FloatArray:
     sizes = np.asarray(x, dtype=np.float64)
     bad = sizes[~(np.isfinite(sizes) & (sizes > 0))]
     if bad.size:
-        raise ValueError(f"x: {bad[0]}, allowed finite x > 0")
+        raise Refused("x", bad[0], "finite x > 0")
     return sizes
 
 
@@ -116,7 +119,7 @@ def _cosine(cos_theta: ArrayLike) -> FloatArray:
     cosine = np.asarray(cos_theta, dtype=np.float64)
     bad = cosine[~(np.abs(cosine) <= 1.0)]
     if bad.size:
-        raise ValueError(f"cos_theta: {bad[0]}, allowed -1 <= cos_theta <= 1")
+        raise Refused("cos_theta", bad[0], "-1 <= cos_theta <= 1")
     return cosine
 
 
@@ -301,7 +304,7 @@ def population_table(
     """
     sizes = np.sort(_size_parameter(x).ravel())[::-1]
     if rotations < 1:
-        raise ValueError(f"rotations: {rotations}, allowed rotations >= 1")
+        raise Refused("rotations", rotations, "rotations >= 1")
     edges = angular_edges() if theta_edges is None else np.array(theta_edges, dtype=np.float64)
     half = np.sin(edges / 2.0) ** 2
     width = np.diff(half)

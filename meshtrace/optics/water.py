@@ -11,7 +11,7 @@ import pydantic
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, did_you_mean
 from meshtrace.models import Model
 from meshtrace.optics.phase import AnyPhase, FournierForand, Petzold, Rayleigh
 
@@ -149,7 +149,7 @@ class Water(Model, frozen=True):
         Parameters
         ----------
         type : str
-            One of `WATER_TYPES`.
+            One of `WATER_TYPES`, in any spelling: "jerlov-II", "Jerlov II" or "ii".
         wavelength_nm : float
             Wavelength in vacuum [nm].
         **parameters
@@ -172,7 +172,7 @@ class Water(Model, frozen=True):
         0.0635
         """
         a, b = coefficients(type, wavelength_nm)
-        family, _, name = type.partition("-")
+        family, _, name = _water_type(type).partition("-")
         phase: Any = FournierForand()
         if family == "petzold":
             phase = Petzold.model_validate({"water": name})
@@ -187,7 +187,7 @@ def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Array, Array]:
     Parameters
     ----------
     type : str
-        One of `WATER_TYPES`.
+        One of `WATER_TYPES`, in any spelling: "jerlov-II", "Jerlov II" or "ii".
     wavelength_nm : array_like
         Wavelength in vacuum [nm].
 
@@ -221,9 +221,7 @@ def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Array, Array]:
     >>> float(a), float(b)
     (0.366, 1.824)
     """
-    if type not in WATER_TYPES:
-        raise Refused("type", type, ", ".join(WATER_TYPES))
-    family, _, name = type.partition("-")
+    family, _, name = _water_type(type).partition("-")
     wavelength = np.asarray(wavelength_nm, dtype=np.float64)
     if family == "petzold":
         a, b = _PETZOLD[name]
@@ -235,6 +233,15 @@ def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Array, Array]:
         _interpolate(wavelength, table[:, 0], table[:, 1]),
         _interpolate(wavelength, table[:, 0], table[:, 2]),
     )
+
+
+def _water_type(name: str) -> str:
+    """Return the type that a name spells, whatever its case, hyphens and leading family."""
+    word = "-".join(str(name).lower().replace("_", " ").replace("-", " ").split())
+    for known in WATER_TYPES:
+        if word in (known.lower(), known.lower().partition("-")[2]):
+            return known
+    raise Refused("type", name, ", ".join(WATER_TYPES), did_you_mean(name, WATER_TYPES))
 
 
 def pure_water_absorption(wavelength_nm: ArrayLike) -> Array:

@@ -25,7 +25,7 @@ MOST_FACTORS = 50_000_000
 """Waves times grid lines, at some 50 B each, beyond which a run is refused."""
 
 _SEA_ALIASES = {"sinusoidal": "sinusoid", "tilted-plane": "plane"}
-_SEA_KEYS = ("spectrum", "mesh", "time", "extent", "spacing")
+_SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "time", "extent", "spacing")
 
 
 class MeshFile(Model, frozen=True):
@@ -109,7 +109,8 @@ def _with_spectrum(
     from meshtrace.surfaces import Spectrum
 
     if isinstance(word, Mapping):
-        path, keys, own = ("sea", "spectrum"), _SEA_KEYS, {"kind": "jonswap", **word}
+        path: tuple[str, ...] = ("sea", "spectrum")
+        keys, own = _SEA_KEYS, {"kind": "jonswap", **word}
     else:
         fields = Spectrum.member(word).model_fields
         path, keys = ("sea",), (*_SEA_KEYS, *fields)

@@ -22,13 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
 from meshtrace.kernels import adjoint as kernel
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.line_estimate import SMALLEST_ANGLE, AngleTable, Optics
 from meshtrace.kernels.medium import DepthMode, Medium
 from meshtrace.kernels.vectors import Vec3
-from meshtrace.link import Link, Receiver, WaterSource
+from meshtrace.link import Link, Receiver, Source, WaterSource
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.phase import PhaseFunction
 from meshtrace.stored import SHIFTS
@@ -153,7 +153,9 @@ class AdjointPaths:
             for first in range(0, n, _BLOCK)
         ]
         with ThreadPoolExecutor(self.threads) as pool:
-            blocks = list(pool.map(lambda job: over.block(*job, min(_BLOCK, n - job[2])), jobs))
+            blocks = list(
+                pool.map(lambda j: over.block(j[0], j[1], j[2], min(_BLOCK, n - j[2])), jobs)
+            )
         per_group = np.bincount(np.arange(n) % SHIFTS, minlength=SHIFTS)
         groups, orders = np.zeros((len(receivers), SHIFTS)), np.zeros((len(receivers), _ORDERS))
         scored, beside = np.zeros(len(receivers), np.int64), np.zeros(len(receivers))
@@ -199,12 +201,13 @@ class _Over:
         bubble = angle_table(link.bubbles.phase_function()) if link.bubbles else water
         self._sources = []
         for t in link.transmitters:
-            size = float(getattr(t, "waist", 0.0) or getattr(t, "radius", 0.0)) / frame.unit
+            assert isinstance(t, WaterSource)
+            size = t.size / frame.unit
             rate = frame.unit / t.depth + medium.a + medium.b
             bubbly = link.bubbles is not None
             optics = Optics(emitter_of(t, frame), medium, sampled, water, bubble, bubbly, rate)
             self._sources.append((optics, size))
-        self._targets = [target_of(r, frame) for r in link.receivers]
+        self._targets = [target_of(r, frame) for r in link.receivers if isinstance(r, Receiver)]
 
     def _world(self, receiver: int, source: int, first: int) -> kernel.World:
         optics, size = self._sources[source]
@@ -272,7 +275,7 @@ class _Over:
         beside = kernel.enter(paths, self._intersector.facets(origins, directions), world)
         self._follow(paths, world)
         total = paths.score.sum(axis=1)
-        groups = np.bincount((first + np.arange(n)) % SHIFTS, total, SHIFTS)
+        groups = np.bincount((first + np.arange(n)) % SHIFTS, total, SHIFTS).astype(float)
         return Sums(
             groups,
             paths.score.sum(axis=0),
@@ -333,20 +336,19 @@ class _Over:
 
 
 def _require_followable(link: Link) -> None:
-    for t in link.transmitters:
-        if not isinstance(t, WaterSource):
-            raise Refused("transmitter", t.kind, "a source in the water")
-        for name in ("half_angle_deg", "divergence_deg"):
-            angle = getattr(t, name, _NARROWEST)
-            if angle < _NARROWEST:
-                raise Refused(f"{t.kind}.{name}", angle, f">= {_NARROWEST:g}")
-    for r in link.receivers:
-        if not isinstance(r, Receiver):
-            raise Refused("receiver", r.kind, "a receiver in the air")
+    for path, item in link.items():
+        if isinstance(item, WaterSource):
+            if item.spread_deg < _NARROWEST:
+                angle = Described(f"a half-angle of {item.spread_deg:g} deg")
+                raise Refused(path, angle, f">= {_NARROWEST:g} deg")
+        elif isinstance(item, Source):
+            raise Refused(path, Described(item.kind), "a source in the water")
+        elif not isinstance(item, Receiver):
+            raise Refused(path, Described(item.kind), "a receiver in the air")
     if not link.receivers:
         raise Refused("receiver", (), "at least one")
     if link.planes is not None:
-        raise Refused("planes", "given", "None")
+        raise Refused("planes", Described("given"), "None")
     p = link.physics
     for name, allowed in (("snell", "physical"), ("direction", "vector"), ("second_hit", "trace")):
         if getattr(p, name) != allowed:

@@ -13,7 +13,7 @@ from meshtrace.kernels.interface import Direction, FieldOfView, FresnelMode, Int
 from meshtrace.kernels.medium import Absorption, DepthMode, Medium
 from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import Apertures
-from meshtrace.link import GaussianBeam, Led, Link, Receiver, Sun, TopHatBeam, WaterSource
+from meshtrace.link import GaussianBeam, Led, Link, Receiver, TopHatBeam, WaterSource
 from meshtrace.mesh import TriangleMesh
 
 
@@ -70,24 +70,17 @@ def source_arrays(link: Link, top: float) -> Sources:
     position, axis = np.zeros((n, 3)), np.zeros((n, 3))
     spread, size = np.zeros(n), np.zeros(n)
     for i, t in enumerate(rows):
+        axis[i], size[i] = t.axis, t.size
         if isinstance(t, WaterSource):
-            position[i], axis[i] = (*t.position, -t.depth), t.axis
+            position[i] = t.center
         else:
-            axis[i] = (0.0, 0.0, -1.0)
-            if isinstance(t, Sun):
-                zenith, azimuth = math.radians(t.zenith_deg), math.radians(t.azimuth_deg)
-                across = math.sin(zenith)
-                axis[i] = across * math.cos(azimuth), across * math.sin(azimuth), -math.cos(zenith)
             # a slanted beam is started up-sun, so that it lights the square at still water
             back = top / axis[i, 2]
             position[i] = t.position[0] + back * axis[i, 0], t.position[1] + back * axis[i, 1], top
-            size[i] = t.half_width
         if isinstance(t, Led):
             spread[i] = t.order
-        elif isinstance(t, GaussianBeam):
-            spread[i], size[i] = math.radians(t.divergence_deg), t.waist
-        elif isinstance(t, TopHatBeam):
-            spread[i], size[i] = math.radians(t.divergence_deg), t.radius
+        elif isinstance(t, GaussianBeam | TopHatBeam):
+            spread[i] = math.radians(t.divergence_deg)
     power = np.array([t.power_mw for t in rows])
     return Sources(
         kind, position, axis, spread, size, kind < SourceKind.SUN, np.cumsum(power) / power.sum()

@@ -3,12 +3,13 @@ import itertools
 import warnings
 
 import numpy as np
+import pydantic
 import pytest
-from pydantic import ValidationError
 from scipy.integrate import quad
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import wrightomega
 
+from meshtrace.errors import Refused
 from meshtrace.optics import bubbles as module
 from meshtrace.optics.bubbles import HallNovarini
 
@@ -435,7 +436,7 @@ def test_round_trip():
 
 
 def test_frozen():
-    with pytest.raises(ValidationError, match="frozen"):
+    with pytest.raises(pydantic.ValidationError, match="frozen"):
         HallNovarini(wind_speed=5.0).wind_speed = 6.0
 
 
@@ -456,20 +457,20 @@ def test_scalars_and_arrays():
         ({"wind_speed": 61.0}, "wind_speed"),
         ({"r_min": 0.0}, "r_min"),
         ({"r_max": np.inf}, "r_max"),
-        ({"r_min": 1e-3}, r"r_min: 0.001, allowed r_min < r_max = 0.001 m"),
+        ({"r_min": 1e-3}, r"r_min: 0.001, allowed: r_min < r_max = 0.001 m"),
         ({"wavelength_nm": 470e-9}, "wavelength_nm"),
         ({"n_water": 1.0}, "n_water"),
         ({"psi": "approximate"}, "psi"),
-        ({"q": -1.0}, r'q: -1.0, allowed "mie" or 0 < q <= 10'),
-        ({"q": np.nan}, r'q: nan, allowed "mie"'),
+        ({"q": -1.0}, r'q: -1.0, allowed: "mie" or 0 < q <= 10'),
+        ({"q": np.nan}, r'q: nan, allowed: "mie"'),
         ({"q": "two"}, r"q: 'two', allowed"),
-        ({"q": True}, r"q: True, allowed"),
+        ({"q": True}, r"q: true, allowed"),
         ({"depth": "below"}, "depth"),
         ({"wind": 5.0}, "wind"),
     ],
 )
 def test_wrong_parameters(changed, message):
-    with pytest.raises(ValidationError, match=message):
+    with pytest.raises(Refused, match=message):
         HallNovarini(**{"wind_speed": 5.0, **changed})
 
 
@@ -477,25 +478,25 @@ def test_wrong_parameters(changed, message):
 def test_wrong_depths(depth):
     bubbles = model(5.0)
     for method in [bubbles.b, bubbles.r_ref, bubbles.number_density, bubbles.void_fraction]:
-        with pytest.raises(ValueError, match=r"^depth: .*, allowed finite depth >= 0 m$"):
+        with pytest.raises(ValueError, match=r"^depth: .*, allowed: finite depth >= 0 m$"):
             method(depth)
     with pytest.raises(ValueError, match=r"^depth: "):
         bubbles.optical_depth(0.0, depth)
 
 
 def test_mean_level_ends_above_the_highest_crest():
-    with pytest.raises(ValueError, match=r"^depth: -21.0, allowed finite depth >= -20 m$"):
+    with pytest.raises(ValueError, match=r"^depth: -21.0, allowed: finite depth >= -20 m$"):
         model(5.0, depth="mean_level").b(-21.0)
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"dz": 0.0}, r"^dz: 0.0, allowed finite dz > 0 m$"),
+        ({"dz": 0.0}, r"^dz: 0.0, allowed: finite dz > 0 m$"),
         ({"dz": np.nan}, r"^dz: nan"),
-        ({"dz": 0.1, "max_depth": -1.0}, r"^max_depth: -1.0, allowed max_depth > 0 m$"),
+        ({"dz": 0.1, "max_depth": -1.0}, r"^max_depth: -1.0, allowed: max_depth > 0 m$"),
         ({"dz": 0.1, "max_depth": np.nan}, r"^max_depth: nan"),
-        ({"dz": 0.1, "crest": 1.0}, r"^crest: 1.0, allowed 0 <= crest <= 0 m$"),
+        ({"dz": 0.1, "crest": 1.0}, r"^crest: 1.0, allowed: 0 <= crest <= 0 m$"),
     ],
 )
 def test_wrong_profile(arguments, message):
@@ -504,9 +505,9 @@ def test_wrong_profile(arguments, message):
 
 
 def test_other_wrong_arguments():
-    with pytest.raises(ValueError, match=r"^r: 0.0, allowed finite r > 0 m$"):
+    with pytest.raises(ValueError, match=r"^r: 0.0, allowed: finite r > 0 m$"):
         model(5.0).size_distribution([1e-5, 0.0], 0.0)
-    with pytest.raises(ValueError, match=r"^count: 0, allowed count >= 1$"):
+    with pytest.raises(ValueError, match=r"^count: 0, allowed: count >= 1$"):
         model(5.0).equal_area_radii(0)
-    with pytest.raises(ValidationError, match="n_water"):
+    with pytest.raises(Refused, match="n_water"):
         module.compute_bubble_phase(n_water=0.9)

@@ -138,21 +138,21 @@ def test_the_choice_of_backend_is_restored(monkeypatch):
 
 @pytest.mark.parametrize("x", [0.0, -1.0, np.nan, np.inf, [1.0, -2.0]])
 def test_wrong_size_parameters(x):
-    with pytest.raises(ValueError, match=r"^x: .*, allowed finite x > 0$"):
+    with pytest.raises(ValueError, match=r"^x: .*, allowed: finite x > 0$"):
         mie.efficiencies(M, x)
     with pytest.raises(ValueError, match=r"^x: "):
         mie.population_table(M, x)
 
 
 def test_wrong_cosine():
-    with pytest.raises(ValueError, match=r"^cos_theta: 1.5, allowed -1 <= cos_theta <= 1$"):
+    with pytest.raises(ValueError, match=r"^cos_theta: 1.5, allowed: -1 <= cos_theta <= 1$"):
         mie.phase_intensity(M, 10.0, [0.0, 1.5])
     with pytest.raises(ValueError, match=r"^cos_theta: nan"):
         mie.phase_intensity(M, 10.0, np.nan)
 
 
 def test_wrong_rotations():
-    with pytest.raises(ValueError, match=r"^rotations: 0, allowed rotations >= 1$"):
+    with pytest.raises(ValueError, match=r"^rotations: 0, allowed: rotations >= 1$"):
         mie.population_table(M, [10.0], rotations=0)
 
 

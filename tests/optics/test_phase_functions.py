@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from meshtrace.errors import Refused
 from meshtrace.optics.phase import (
     AnyPhase,
     FournierForand,
@@ -15,6 +16,7 @@ from meshtrace.optics.phase import (
     HistogramPhase,
     MixturePhase,
     Petzold,
+    PhaseFunction,
     Rayleigh,
     TabulatedPhase,
 )
@@ -325,12 +327,12 @@ def test_round_trip(phase):
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"kind": "fournier-forand", "n": 1.0}, "n\n.*greater than 1"),
-        ({"kind": "fournier-forand", "mu": float("nan")}, "mu\n.*finite"),
-        ({"kind": "fournier-forand", "mu": 5.0}, "mu\n.*less than 5"),
-        ({"kind": "henyey-greenstein", "g": 1.0}, "g\n.*less than 1"),
-        ({"kind": "rayleigh", "gamma": 1.5}, "gamma\n.*less than or equal to 1"),
-        ({"kind": "petzold", "water": "muddy"}, "water\n.*'average'"),
+        ({"kind": "fournier-forand", "n": 1.0}, "n: 1.0, allowed: 1 < n <= 1.5"),
+        ({"kind": "fournier-forand", "mu": float("nan")}, "mu: nan, allowed: finite"),
+        ({"kind": "fournier-forand", "mu": 5.0}, "mu: 5.0, allowed: 3.01 <= mu < 5"),
+        ({"kind": "henyey-greenstein", "g": 1.0}, "g: 1.0, allowed: -1 < g < 1"),
+        ({"kind": "rayleigh", "gamma": 1.5}, "gamma: 1.5, allowed: 0 <= gamma <= 1"),
+        ({"kind": "petzold", "water": "muddy"}, "water: 'muddy', allowed: average, clear"),
         ({"kind": "tabulated", "theta_deg": [1, 2], "value": [1]}, "2 and 1 numbers"),
         ({"kind": "tabulated", "theta_deg": [0, 2], "value": [1, 1]}, "at least two with"),
         ({"kind": "tabulated", "theta_deg": [2, 1], "value": [1, 1]}, "theta_deg: .*increasing"),
@@ -341,7 +343,7 @@ def test_round_trip(phase):
         ({"kind": "histogram", "theta_edges": [0, 1], "cdf": [0, 1]}, "theta_edges: .*0 to pi"),
         ({"kind": "histogram", "theta_edges": [0, np.pi], "cdf": [0, 2]}, "cdf: .*0 to 1"),
         ({"kind": "histogram", "theta_edges": [0], "cdf": [0]}, "at least two"),
-        ({"kind": "mixture", "components": [], "weights": []}, "components\n.*at least 1"),
+        ({"kind": "mixture", "components": [], "weights": []}, "components: .*at least 1"),
         (
             {"kind": "mixture", "components": [{"kind": "rayleigh"}], "weights": [0.0]},
             "weights: .*allowed",
@@ -351,15 +353,15 @@ def test_round_trip(phase):
     ],
 )
 def test_errors_name_field_value_and_what_is_allowed(kwargs, message):
-    with pytest.raises(pydantic.ValidationError, match=f"(?s){message}"):
-        pydantic.TypeAdapter(AnyPhase).validate_python(kwargs)
+    with pytest.raises(Refused, match=message):
+        PhaseFunction.read(kwargs)
 
 
 def test_angles_and_uniforms_are_checked():
     phase = HenyeyGreenstein()
     for theta in (-0.1, 3.2, float("nan")):
-        with pytest.raises(ValueError, match=r"theta: .*allowed 0 <= theta <= pi"):
+        with pytest.raises(ValueError, match=r"theta: .*allowed: 0 <= theta <= pi"):
             phase.pdf(theta)
     for u in (-0.1, 1.0, float("nan")):
-        with pytest.raises(ValueError, match=r"u: .*allowed 0 <= u < 1"):
+        with pytest.raises(ValueError, match=r"u: .*allowed: 0 <= u < 1"):
             phase.sample(u)
