@@ -92,12 +92,13 @@ class Paths(NamedTuple):
     lobe: NDArray[np.float64]  # (n, lobes, 3) directions from the aperture to crossings
     weight: NDArray[np.float64]  # (n,)
     length: NDArray[np.float64]  # (n,) of the segment, where a wave may cut it
+    water: NDArray[np.float64]  # (n,) way in the water up to `point`
     importance: NDArray[np.float64]  # (n,) of the crossing
     heaviest: NDArray[np.float64]  # (n,) weight behind the crossing
     state: NDArray[np.int64]  # (n,)
     order: NDArray[np.int64]  # (n,) scatterings so far
     event: NDArray[np.int64]  # (n,) draws so far
-    branch: NDArray[np.float64]  # (n, branches, 8) point, direction, weight, order of side paths
+    branch: NDArray[np.float64]  # (n, branches, 9) point, direction, weight, order, way
     branches: NDArray[np.int64]  # (n,) side paths that are left
     score: NDArray[np.float64]  # (n, orders)
 
@@ -120,9 +121,10 @@ class World(NamedTuple):
 
 
 class Checks(NamedTuple):
-    """Scores that a wave may cut off, and the paths to be checked."""
+    """Scores that a wave may cut off, and the paths to be checked; every score if `whole`."""
 
-    score: NDArray[np.float64]  # (m, 3) path, order, value
+    whole: bool
+    score: NDArray[np.float64]  # (m, 4) path, order, value, way in the water
     ray: NDArray[np.float64]  # (2 m, 8) score or -1 - path, origin, direction, length
 
 
@@ -176,6 +178,7 @@ def begin(paths, starts, world):
                 )
         paths.weight[i], paths.state[i] = 0.0, STARTED
         paths.order[i], paths.event[i], paths.branches[i] = 0, 0, 0
+        paths.water[i] = 0.0
 
 
 @inlined
@@ -483,10 +486,11 @@ def _score(paths, i, order, value, p, q, d, t, lamp, checks, n, rays, world):
     """Score light that goes from the source to q and on to p, or list it; return (n, rays)."""
     way = unit(minus(lamp, q))
     here, there = _is_clear(p, q, d, world.surface), _is_clear(q, lamp, way, world.surface)
-    if here and there:
+    if here and there and not checks.whole:
         paths.score[i, order] += value
         return n, rays
     checks.score[n, 0], checks.score[n, 1], checks.score[n, 2] = i, order, value
+    checks.score[n, 3] = paths.water[i] + t + norm(minus(lamp, q))
     if not here:
         rays = _list_ray(checks, rays, n, p, d, t)
     if not there:
@@ -552,7 +556,7 @@ def _resume(paths, i):
     b = paths.branch[i, paths.branches[i]]
     _put(paths.point, i, Vec3(b[0], b[1], b[2]))
     _put(paths.direction, i, Vec3(b[3], b[4], b[5]))
-    paths.weight[i], paths.order[i] = b[6], int(b[7])
+    paths.weight[i], paths.order[i], paths.water[i] = b[6], int(b[7]), b[8]
     paths.state[i] = WALKING
 
 
@@ -561,7 +565,7 @@ def _branch_off(paths, i, p, d, weight):
     """Keep a side path for later."""
     b = paths.branch[i, paths.branches[i]]
     b[0], b[1], b[2], b[3], b[4], b[5] = p.x, p.y, p.z, d.x, d.y, d.z
-    b[6], b[7] = weight, paths.order[i]
+    b[6], b[7], b[8] = weight, paths.order[i], paths.water[i]
     paths.branches[i] += 1
 
 
@@ -590,6 +594,7 @@ def _arrive(paths, i, checks, n, rays, world):
     p, d, t = row(paths.point, i), row(paths.direction, i), paths.length[i]
     lamp, weight = row(paths.lamp, i), paths.weight[i]
     at = along(p, d, t)
+    paths.water[i] += t
     on_bottom = d.z < 0.0 and t == _longest(p, d, world)
     weight *= math.exp(-optical_depth(medium, p, d, t))
     b, bubbles = coefficients(medium, at)
