@@ -73,6 +73,7 @@ STARTED, WALKING, WAITING, ENDED = range(4)
 
 _LOBES = 0.75  # share of directions drawn about unscattered arrivals inside the field of view
 _LOBES_OUTSIDE = 0.7  # the same, where all arrivals lie outside
+_PEAK = 0.3  # share of directions about a source or a lobe with a density as 1 / sin(theta / 2)
 _NEWTON = 4  # steps on the plane of one facet
 _LIGHT = 0.25  # importance over that of the crossing, below which roulette is played
 _ASIDE = 0.3  # [rad], beyond which a path does not head for the source
@@ -299,6 +300,26 @@ def _drawn_aside(lobe, axis, u, v, world):
     )
 
 
+@inlined
+def _peak(theta):
+    """Return a density [sr-1] as 1 / sin(theta / 2).
+
+    Light scattered once goes as the inverse distance of a line from the source: with a density
+    that stays finite there the variance is infinite.
+    """
+    return 1.0 / (8.0 * math.pi * max(math.sin(0.5 * theta), 1e-12))
+
+
+@inlined
+def _peaked_s(u, u_kind, share, medium):
+    """Draw sin^2(theta / 2) by the mixture of a phase function and `_peak`."""
+    if u_kind < _PEAK:
+        return u * u
+    if (u_kind - _PEAK) < share * (1.0 - _PEAK):
+        return sample_s(medium.phase_bubble, u)
+    return sample_s(medium.phase_water, u)
+
+
 @outlined
 def _lobe_density(w, lobe, axis, inside, world):
     """Return the density [sr-1] of directions of the cone that are drawn about a lobe."""
@@ -309,7 +330,7 @@ def _lobe_density(w, lobe, axis, inside, world):
     density = (1.0 - world.lobe_bubble) * phase_at(world.optics.water, theta)
     if world.lobe_bubble > 0.0:
         density += world.lobe_bubble * phase_at(world.optics.bubble, theta)
-    return density
+    return (1.0 - _PEAK) * density + _PEAK * _peak(theta)
 
 
 @outlined
@@ -317,9 +338,7 @@ def _drawn_about(lobe, axis, inside, u, v, u_kind, world):
     """Draw a direction about a lobe: by the phase function, or in the cone beside it."""
     if not inside:
         return _drawn_aside(lobe, axis, u, v, world)
-    if u_kind < world.lobe_bubble:
-        return turn(lobe, sample_s(world.optics.medium.phase_bubble, u), v)
-    return turn(lobe, sample_s(world.optics.medium.phase_water, u), v)
+    return turn(lobe, _peaked_s(u, u_kind, world.lobe_bubble, world.optics.medium), v)
 
 
 @entry
@@ -637,8 +656,7 @@ def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, r
     medium = optics.medium
     to_lamp = unit(minus(lamp, at))
     u_kind, u, v, u_side = uniforms(world.key, world.first + i, paths.event[i], _SIDE)
-    s = sample_s(medium.phase_bubble if u_kind < share else medium.phase_water, u)
-    aimed = turn(to_lamp, s, v)
+    aimed = turn(to_lamp, _peaked_s(u, u_kind, share, medium), v)
     u_a, v_a, u_b, v_b = uniforms(world.key, world.first + i, paths.event[i], _LINE)
     u, v, u_length, _ = uniforms(world.key, world.first + i, paths.event[i], _BEAM)
     lit = minus(point_of_beam(lamp, u, v, u_length, optics), at)
@@ -651,7 +669,7 @@ def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, r
         if not forward > 0.0:
             continue
         theta = angle_between(to_lamp, w)
-        towards = _mixed_phase(theta, share, optics)
+        towards = (1.0 - _PEAK) * _mixed_phase(theta, share, optics) + _PEAK * _peak(theta)
         longest = _longest(at, w, world)
         if k == 2:
             q = scattered_at(at, w, norm(lit), longest, lamp, optics)
