@@ -364,7 +364,7 @@ def test_angle_table(phase):
         (mt.Link(physics=mt.Physics(second_hit="ignore")), "physics.second_hit"),
         (mt.Link(transmitter=mt.Sun()), "transmitter"),
         (mt.Link(receiver=mt.WaterAperture()), "receiver"),
-        (mt.Link(transmitter=mt.GaussianBeam(divergence_deg=0.01)), "gaussian-beam.divergence_deg"),
+        (mt.Link(transmitter=mt.GaussianBeam(divergence_deg=0.01)), "transmitter"),
         (
             mt.Link(water=mt.Water(layers=LAYERS), physics=mt.Physics(absorption="paper")),
             "physics.absorption",

@@ -10,7 +10,10 @@ from mc_statistics import ALPHA, sidak, z_test
 import meshtrace as mt
 from meshtrace.surfaces import FlatSea
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning"),
+    pytest.mark.filterwarnings("ignore:.*brought light, worth:meshtrace.FewSamplesWarning"),
+]
 
 KILL = mt.Physics(reflected="kill")
 WIDE = mt.Receiver(radius=2.0, fov_deg=150.0)
