@@ -152,6 +152,7 @@ def test_the_bound_of_a_dark_link_is_that_of_analog_photons():
     assert r.gain_bound == pytest.approx(3e-3 * math.exp(-link.water.a * 10.0))
 
 
+@pytest.mark.filterwarnings("ignore:.*brought light, worth:meshtrace.FewSamplesWarning")
 def test_a_result_names_the_estimator_and_the_samples(tmp_path):
     near, away = mt.Receiver(), mt.Receiver(tilt_deg=60.0)
     r = mt.simulate(mt.Link(receiver=(near, away)), FlatSea(), photons=2048, seed=1)
@@ -164,6 +165,7 @@ def test_a_result_names_the_estimator_and_the_samples(tmp_path):
     assert mt.GainResult.load(tmp_path / "r.nc").scattered == r.scattered
 
 
+@pytest.mark.filterwarnings("ignore:.*brought light, worth:meshtrace.FewSamplesWarning")
 @pytest.mark.parametrize("aside", [0.0, 5.0])
 def test_arrivals_of_adjoint_paths_add_up_to_the_gain(aside):
     """Two receivers, one on chains; no way is shorter than the straight one."""
