@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 
 from meshtrace.files import atomic
+from meshtrace.paper.records import INDEX, read_record
 from meshtrace.paper.registry import FIGURES
-from meshtrace.paper.runner import INDEX, read_record
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1f2933; max-width: 68rem; margin: 2rem auto;

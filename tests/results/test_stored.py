@@ -20,7 +20,8 @@ from meshtrace.results.gain import bound_where_dark
 from meshtrace.results.provenance import _git_commit, environment
 from meshtrace.stored import FORMAT_VERSION, Stored, read_dataset, write_dataset
 from meshtrace.studies.convergence.exact import Reference
-from meshtrace.studies.convergence.study import ConvergenceStudy, Costs
+from meshtrace.studies.convergence.checks import Costs
+from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.surfaces import FlatSea
 
 OLD = Path(__file__).parents[1] / "data" / "v0.1"

@@ -11,11 +11,11 @@ over the exact sum of waves, with the same chains.
 """
 
 from meshtrace.studies.convergence.band_limit import REALIZATIONS, band_limit_study
-from meshtrace.studies.convergence.checks import Normals
+from meshtrace.studies.convergence.checks import Costs, Normals
 from meshtrace.studies.convergence.exact import Reference
 from meshtrace.studies.convergence.fit import Fit
 from meshtrace.studies.convergence.spacing import DEFAULT_SPACINGS, PLACEMENTS, convergence_study
-from meshtrace.studies.convergence.study import ConvergenceStudy, Costs
+from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.studies.convergence.time_step import time_step_study
 
 __all__ = [

@@ -13,10 +13,9 @@ from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Refused
 from meshtrace.parallel import ordered_map
 from meshtrace.results.gain import Fate
-from meshtrace.studies.convergence.checks import Floats, Normals, Progress, Unresolved
+from meshtrace.studies.convergence.checks import Costs, Floats, Normals, Progress, Unresolved
 from meshtrace.studies.convergence.exact import OverWaves, Reference
 from meshtrace.studies.convergence.meshes import probes
-from meshtrace.studies.convergence.study import Costs
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach

@@ -4,29 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from meshtrace.stored import Stored
-from meshtrace.studies.convergence.checks import Floats, Normals, positive
+from meshtrace.studies.convergence.checks import UNITS, Costs, Floats, Normals, Parameter, positive
 from meshtrace.studies.convergence.exact import Reference
 from meshtrace.studies.convergence.fit import Fit, fit_law, largest_step, stderr
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Parameter = Literal["spacing", "time_step", "omega_max"]
-
-UNITS: dict[Parameter, str] = {"spacing": "m", "time_step": "s", "omega_max": "rad s-1"}
-
-
-class Costs(NamedTuple):
-    """Seconds that one surface took, by kind of normals and step."""
-
-    mesh: Floats
-    bvh: Floats
-    evaluation: Floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -181,9 +169,9 @@ class ConvergenceStudy(Stored):
 
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> ConvergenceStudy:
-        from meshtrace.studies.convergence.tables import study_of
+        from meshtrace.studies.convergence.tables import fields_of
 
-        return study_of(data, provenance)
+        return cls(**fields_of(data), provenance=provenance)
 
     def _headline(self) -> str:
         found = ", ".join(f"{kind} {value:.3g}" for kind, value in self.recommended().items())

@@ -10,6 +10,7 @@ import numpy as np
 
 from meshtrace.errors import Refused
 from meshtrace.studies.convergence.checks import (
+    Costs,
     Floats,
     Normals,
     Progress,
@@ -20,7 +21,7 @@ from meshtrace.studies.convergence.checks import (
 )
 from meshtrace.studies.convergence.measure import CommonChains, over_cases
 from meshtrace.studies.convergence.meshes import crest_of
-from meshtrace.studies.convergence.study import ConvergenceStudy, Costs
+from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.studies.inputs import resolve_chains
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import Meshing
