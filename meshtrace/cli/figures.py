@@ -38,8 +38,9 @@ def figures(
 
     Figures that are there already are kept; an interrupted run goes on where it was.
     """
+    from meshtrace.paper.records import INDEX
     from meshtrace.paper.registry import FIGURES, Setting
-    from meshtrace.paper.records import INDEX, make_figures
+    from meshtrace.paper.runner import make_figures
 
     if names:
         typer.echo("\n".join(FIGURES))
