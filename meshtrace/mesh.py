@@ -1,4 +1,4 @@
-"""Triangle meshes of the sea surface, and what a surface model must offer to make one."""
+"""Triangle meshes of the sea surface, and the interface of the surface models."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class UnresolvedSlopes(NamedTuple):
     vertex : tuple of float
         What normals interpolated from the corners leave out.
     facet : tuple of float
-        What the facets' own normals leave out.
+        Slope variances that the facets' own normals leave out.
     direction_deg : float
         Direction the wind blows to, counter-clockwise from +x [deg].
     """

@@ -233,7 +233,7 @@ def read_dataset(path: str | PathLike[str]) -> xr.Dataset:
 
 
 def _is_damaged(path: str | PathLike[str]) -> bool:
-    """Whether a file ends in the digest of other bytes than it has."""
+    """Return whether the digest at the end of a file differs from that of its bytes."""
     size = Path(path).stat().st_size - _TRAILER
     with open(path, "rb") as file:
         digest = hashlib.sha256()

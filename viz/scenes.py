@@ -45,7 +45,7 @@ class SceneStyle:
     opacity : float
         Opacity of the surface.
     footprint : bool
-        With received light, draw where it crosses the surface.
+        With received light, draw its crossings of the surface.
     bubbles, uav, labels : bool
         Draw the bubbles, the aircraft, scale and texts.
     extent, spacing : float, optional
@@ -135,7 +135,7 @@ def scene(
     plotter.suppress_rendering = True  # once shown, it would be rendered after every part
     shown = shown_mesh(surface, stage, time, style.spacing)
     bubbles = link.bubbles if link is not None and style.bubbles else None
-    # from back to front: what is translucent is blended in this order
+    # from back to front: translucent parts are blended in this order
     if link is not None:
         add_bubbles(plotter, shown, bubbles)
         add_transmitter(plotter, link, shown)

@@ -21,7 +21,7 @@ from .style import FONT_FILE, INK, PALETTE, SKY, SLIDE
 VIEW_ANGLE_DEG = 24.0
 
 ROOM = ((-0.9, 0.7), (-0.86, 0.93))
-"""Where the stage is in the window, -1 to 1 across and up: bars stand beside it, the key below."""
+"""Place of the stage in the window, -1 to 1 across and up: bars beside it, the key below."""
 
 FROM_FILE = 4
 """VTK_FONT_FILE."""
@@ -49,7 +49,7 @@ class Stage(NamedTuple):
 
     @property
     def bounds(self) -> tuple[float, float, float, float, float, float]:
-        """Limits x, x, y, y, z, z [m] as pyvista wants them."""
+        """Limits x, x, y, y, z, z [m] in the order of pyvista."""
         (x, y), h = self.center, self.half
         return (x - h, x + h, y - h, y + h, self.bottom, self.top)
 
@@ -110,9 +110,9 @@ class Scene(pv.Plotter):
     key : dict of str to str
         Meaning of the colours, for the legend and the web page.
     texts : list of (ndarray, str, str)
-        Points [m], what is written there and on which side, for the web page.
+        Points [m] with their texts and sides, for the web page.
     shown : dict of str to TriangleMesh, PhotonPaths or CoverageMap
-        What is drawn, for `export_scene`.
+        Parts of the scene, for `export_scene`.
     """
 
     def __init__(

@@ -110,7 +110,7 @@ def required_gain(link: OokLink, ber: float) -> float:
 
 
 def ber_of_gains(link: OokLink, gain: FloatArray) -> FloatArray:
-    """Return the bit error rate of many gains, interpolated where that is worth it.
+    """Return the bit error rate of many gains, interpolated between nodes for long arrays.
 
     Parameters
     ----------

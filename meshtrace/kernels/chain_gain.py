@@ -278,7 +278,7 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
         if found:
             counters[Counter.SOLVED] += 1
             n = _add(roots, n, x, y, facet, shot.branch, 1.0)
-        # most chains that Newton gives up have no crossing: a quarter of them tells
+        # most chains that Newton gives up have no crossing: a quarter of them shows it
         audited = 1.0 if search.curvature * flat.lever > _FOCUSING else search.audit
         share = audited if found else max(audited, _AUDIT_FAILED)
         if audit >= share:

@@ -28,7 +28,7 @@ _TO_UNIT = 2.0**-32
 
 
 class Purpose(IntEnum):
-    """What a draw is for: each purpose is a random stream of its own."""
+    """Purpose of a draw: each one is a separate random stream."""
 
     LAUNCH = 0
     SOURCE = 1

@@ -54,9 +54,9 @@ class Whitecaps(Model, frozen=True):
 
 
 class Physics(Model, frozen=True):
-    """Switches where the right physics and the paper's printed form differ.
+    """Switches between the correct physics and the forms as published.
 
-    The first value is the physical default; `Physics.paper()` sets all printed forms.
+    The first value is the physical default; `Physics.paper()` sets all forms as published.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Air bubbles below a windy sea: the Hall-Novarini population and how it scatters light."""
+"""Air bubbles below a windy sea: the Hall-Novarini population and its scattering."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         return self._table().q_sca if self.q == "mie" else float(self.q)
 
     def r_ref(self, depth: ArrayLike) -> FloatArray:
-        """Return the reference radius [m], where the size distribution steepens, at a depth [m]."""
+        """Return the reference radius [m], the kink of the size distribution, at a depth [m]."""
         return _r_ref(self._checked(depth))
 
     def kappa(self, depth: ArrayLike) -> FloatArray:

@@ -78,7 +78,7 @@ class Water(Model, frozen=True):
     @pydantic.model_validator(mode="before")
     @classmethod
     def _surface_values(cls, data: Any) -> Any:
-        """Take a and b from the first layer where they are not given."""
+        """Take a and b from the first layer unless given."""
         if isinstance(data, dict) and data.get("layers") is not None:
             try:
                 layers = np.array(data["layers"], dtype=np.float64, ndmin=2)

@@ -56,7 +56,7 @@ def make_figures(
     -----
     Each figure has a key: a digest of its name and revision, the version, effort, seed and
     profiles. A figure whose record has the same key and whose files are all present is kept, so
-    that an interrupted run goes on where it was.
+    that an interrupted run resumes.
     """
     from meshtrace.paper.index import write_index
     from meshtrace.paper.profile_files import profiles_of

@@ -31,7 +31,7 @@ def _shot(scene: Any) -> Any:
 
 
 def link(setting: Setting, paths: int) -> FigureOutput:
-    """Draw lamp, sea, bubbles, light and UAV."""
+    """Draw LED, sea, bubbles, light and UAV."""
     made = mt.Link(bubbles=mt.HallNovarini(wind_speed=WIND))
     sea = JonswapSea(wind_speed=WIND, seed=setting.seed)
     light = mt.trace_paths(made, sea, paths, seed=setting.seed)
@@ -88,7 +88,7 @@ def _close_up(scene: Any, receiver: mt.Receiver) -> None:
 
 
 def offset(setting: Setting) -> FigureOutput:
-    """Draw the link with a receiver that is not above the lamp."""
+    """Draw the link with a receiver off the axis of the LED."""
     distance = 2.0
     made = mt.Link(receiver=mt.Receiver(position=(distance, 0.0)))
     sea = JonswapSea(seed=setting.seed)

@@ -1,4 +1,4 @@
-"""Figures of the stations, their temperature and salinity, and what these do to light."""
+"""Figures of the stations, their temperature and salinity, and the refraction by these."""
 
 from __future__ import annotations
 

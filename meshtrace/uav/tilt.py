@@ -265,7 +265,7 @@ class GammaTiltLaw(TiltLaw):
         Notes
         -----
         Defect of eq. final_f_h_alpha: the constant 1/K must be 1/K^a (a the Gamma shape), so the
-        printed form integrates to K^(a-1), some 1e-61 for the paper's UAV, and not to 1. Its
+        published form integrates to K^(a-1), some 1e-61 for the paper's UAV, and not to 1. Its
         support has no lower limit either. `h_pdf` is the right form.
         """
         from scipy.special import gammaln

@@ -41,14 +41,14 @@ class Check:
 
     @property
     def z(self) -> float:
-        """(got - expected) / hypot(stderr, tolerance); infinite where either is not finite."""
+        """(got - expected) / hypot(stderr, tolerance), infinite if either is not finite."""
         error = math.hypot(self.stderr, self.tolerance)
         difference = self.got - self.expected
         return difference / error if math.isfinite(difference) and error > 0.0 else math.inf
 
     @property
     def passed(self) -> bool:
-        """Whether |z| <= LIMIT."""
+        """True if |z| <= LIMIT."""
         return abs(self.z) <= LIMIT
 
     def as_data(self) -> dict[str, Any]:

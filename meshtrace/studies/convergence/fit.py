@@ -1,4 +1,4 @@
-"""The law g_0 + C h^p: its order, its limit, and how sure they are."""
+"""The law g_0 + C h^p: its order and its limit, with their intervals."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def fit_law(step: Floats, differences: Floats, anchor: float, spread: Floats | N
     differences : ndarray, shape (n, shifts)
         Gains less the anchor, of each shift of the chains.
     anchor : float
-        What they are differences from.
+        Reference of the differences.
     spread : ndarray, shape (n,), optional
         What else each mean may err by, at least and in proportion; by default the law leaves
         out something in proportion to h^2.

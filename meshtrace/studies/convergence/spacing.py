@@ -54,7 +54,7 @@ def convergence_study(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> ConvergenceStudy:
-    """Return how the gain over a sea depends on the spacing of its mesh.
+    """Study the dependence of the gain over a sea on the spacing of its mesh.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def convergence_study(
     Raises
     ------
     ValueError
-        If an option is out of range, or the exact surface is asked for and the sea is not a
+        If an option is out of range, or the exact surface is requested and the sea is not a
         sum of waves.
 
     Notes

@@ -66,7 +66,7 @@ def sweep(
         Key of the random numbers, 0 <= seed < 2^64. Points share them.
     store : path, optional
         Zarr store to keep finished points in. A second call with the same arguments and version
-        goes on where the first was stopped, however it was stopped.
+        resumes the first, however it was stopped.
     scheduler : str, optional
         Address of a running dask scheduler, as in "tcp://10.0.0.1:8786", or its scheduler file
         (.json); else a cluster is started on this machine.
