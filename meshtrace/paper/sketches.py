@@ -39,7 +39,7 @@ def link(setting: Setting, paths: int) -> FigureOutput:
     picture = _shot(scene)
     led, receiver = made.transmitters[0], made.receivers[0]
     values = (
-        ("depth of the lamp", getattr(led, "depth", np.nan), "depth"),
+        ("depth of the LED", getattr(led, "depth", np.nan), "depth"),
         ("height of the receiver", receiver.center[2], "height"),
         ("half angle at half power", getattr(led, "half_angle_deg", np.nan), "half-angle"),
         ("radius of the aperture", receiver.radius, "radius"),
