@@ -81,7 +81,7 @@ class UnresolvedSlopes(NamedTuple):
     Parameters
     ----------
     vertex : tuple of float
-        What normals interpolated from the corners leave out.
+        Slope variances that normals interpolated from the corners leave out.
     facet : tuple of float
         Slope variances that the facets' own normals leave out.
     direction_deg : float

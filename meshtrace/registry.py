@@ -89,7 +89,7 @@ class Family(Model, frozen=True):
         if found is None and isinstance(kind, str) and not cls._closed:
             try:
                 found = _imported(kind)
-            except Exception as error:  # whatever a module does when it is imported
+            except Exception as error:  # any failure of a module's import
                 raise Refused(key, kind, f"{allowed} ({error})") from error
         if inspect.isclass(found) and issubclass(found, cls):
             return found
@@ -102,7 +102,7 @@ class Family(Model, frozen=True):
         Parameters
         ----------
         value : model, mapping or str
-            A model of the family is returned as it is. The key `model` stands for `kind`, too.
+            A model of the family is returned unchanged. The key `model` stands for `kind`, too.
 
         Raises
         ------

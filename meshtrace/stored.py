@@ -227,7 +227,7 @@ def read_dataset(path: str | PathLike[str]) -> xr.Dataset:
                 found.attrs.get("_nc3_strict")
         with xr.open_dataset(path, engine=engine, decode_timedelta=False) as opened:
             return opened.load()
-    except Exception as error:  # the readers raise whatever they stumble over
+    except Exception as error:  # the readers raise any exception
         reason = one_line(str(error)) or type(error).__name__
         raise Refused(str(path), reason, _ALLOWED) from error
 

@@ -34,7 +34,7 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
     -------
     pyvista.PolyData or pyvista.ImageData
         Of a surface: triangles with elevation [m], slopes, and the exact normals at the
-        points. Of paths: lines with weight and what happened at the points, photon and end of
+        points. Of paths: lines with weight and the events at the points, photon and end of
         each line. Of a map: cells with gain and its standard error in the plane of the
         receiver.
 

@@ -124,7 +124,7 @@ def _exported(plotter: pv.Plotter) -> str:
 def _packed(window: Any) -> bytes:
     """Return a render window as the zip file that the viewer opens.
 
-    What pyvista's own export does, which however starts a web server for it.
+    Like pyvista's export, which however starts a web server.
     """
     initialize_serializers()
     context = SynchronizationContext()

@@ -38,7 +38,7 @@ def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") ->
     paths : PhotonPaths
         The paths.
     color : {"fate", "weight"}
-        Colour by what became of the photon, or by its weight along the path. Received light
+        Colour by the fate of the photon, or by its weight along the path. Received light
         is drawn thicker; dots mark scattering, rings of light the crossing of the surface.
 
     Returns

@@ -180,7 +180,7 @@ def _tint(z: np.ndarray, bottom: float, bubbles: HallNovarini | None) -> np.ndar
     color, alpha = light + deep * (dark - light), np.full_like(deep, 0.55)
     if bubbles is not None:
         depth = np.maximum(-z, 0.0)
-        # the root, so that the eye sees the layer down to a hundredth of its density
+        # the root, so that the layer is visible down to a hundredth of its density
         veil = np.sqrt(bubbles.b(depth) / float(bubbles.b(0.0)))[:, None]
         color = color + veil * (np.array(to_rgb(BUBBLE_COLOR)) - color)
         alpha = alpha + veil * (0.95 - alpha)

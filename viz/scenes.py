@@ -111,7 +111,7 @@ def scene(
     Returns
     -------
     Scene
-        A pyvista plotter: `show()`, `screenshot(...)`, or go on with `add_mesh(...)` and the
+        A pyvista plotter: `show()`, `screenshot(...)`, or continue with `add_mesh(...)` and the
         `add_` functions of this package.
 
     Raises
@@ -177,7 +177,7 @@ def scene(
 def shown_mesh(
     surface: SurfaceModel | TriangleMesh, stage: Stage, time: float, spacing: float | None
 ) -> TriangleMesh:
-    """Return the surface within the stage: a sea triangulated, a mesh as it is."""
+    """Return the surface within the stage: a triangulated sea, or the mesh."""
     if isinstance(surface, TriangleMesh):
         return surface
     step = spacing or stage.half / 100.0

@@ -92,7 +92,7 @@ def stage_of(link: Link | None, mesh: TriangleMesh | None, extent: float | None)
 
 
 class Scene(pv.Plotter):
-    """A pyvista plotter that knows its stage and keeps the key to its colours.
+    """A pyvista plotter with its stage and the key to its colours.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class Scene(pv.Plotter):
 
 
 def add_lights(scene: Scene) -> Scene:
-    """Light the waves from far behind, so that they glint, and all else from the front."""
+    """Light the waves from behind, so that they glint, and everything else from the front."""
     low_sun = pv.Light(position=(0.6, 1.0, 0.55), light_type="scene light", intensity=0.75)
     from_above = pv.Light(position=(-0.5, -0.4, 1.0), light_type="scene light", intensity=0.45)
     for light in (low_sun, from_above, pv.Light(light_type="headlight", intensity=0.35)):

@@ -166,7 +166,7 @@ def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float)
     Notes
     -----
     A count k is read as a one where the likelihood of a one is the larger, which the monotone
-    likelihood ratio makes a threshold. Each tail is summed by itself, never as 1 - cdf.
+    likelihood ratio makes a threshold. Each tail is summed separately, never as 1 - cdf.
 
     Examples
     --------

@@ -269,7 +269,7 @@ def aim_at(x, y, facet, shot, scene):
     """Return the `Aim` of a crossing over (x, y) on the plane of a facet.
 
     Array twin: see `land`.
-    Interpolated normals are continued beyond the facet, so that Newton sees a smooth map.
+    Interpolated normals are continued beyond the facet, so that the map for Newton is smooth.
     """
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))  # first: the rest waits for it
     n = UP

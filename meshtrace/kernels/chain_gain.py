@@ -262,7 +262,7 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
     radius = min(move + search.margin, search.widest)
     off = math.hypot(flat.x - target.center.x, flat.y - target.center.y)
     if off > target.reach + radius:
-        return n  # outside the field of view, whatever the waves do
+        return n  # outside the field of view for any waves
     if shot.branch > 0.0 and not _reaches(flat, radius, shot, scene):
         return n
     first, share = n, 1.0

@@ -308,7 +308,7 @@ def _scatter(q, world):
 
 @outlined
 def _bounce(q, world):
-    """Let a photon meet the bottom; not inlined, most links have none."""
+    """Apply the reflection or absorption at the bottom; not inlined, most links have none."""
     _fly_water(q, (world.medium.bottom_z - q.z) / q.dz, world)
     q.z = world.medium.bottom_z
     kept = q.weight * world.medium.bottom_albedo
@@ -381,7 +381,7 @@ def _roughened(q, n, world):
 
 @inlined
 def _cross(q, world):
-    """Let a photon on facet `q.facet` refract and reflect.
+    """Refract and reflect a photon on facet `q.facet`.
 
     The part that flies free through the air is scored at once; the part in the water goes on
     with its weight. Where the air part may meet the surface again one of the two is chosen.
@@ -531,7 +531,7 @@ def _settle_miss(q, seen, world):
 
 @inlined
 def _settle(q, facet, world):
-    """Settle the ray of a waiting photon: it crosses, collides before, or was missed."""
+    """Apply the result of a photon's ray: crossing, collision before it, or a miss."""
     q.status = Status.MOVING
     t = math.inf
     if facet >= 0:
@@ -596,7 +596,7 @@ def _move(q, world):
 
 @entry
 def advance(pool, n_waiting, facets, next_photon, last, world):
-    """Settle the rays of a pool, move its photons on, fill free slots; return the new rays.
+    """Apply the rays of a pool, advance its photons, fill free slots; return the new rays.
 
     Array twin: the plain tracer of `tests/benchmarks`.
     Photon ids run from `world.first` to `last`; a photon's result does not depend on its slot.

@@ -75,7 +75,7 @@ def gusts(wind: float, form: Form, height: float = 5.0) -> mt.Dryden:
 
 
 def mean_h_alpha(wind: float, form: Form, height: float = 5.0) -> float:
-    """Return the mean factor of the tilt; the printed law is that of the Gamma fit."""
+    """Return the mean factor of the tilt; the published law is the Gamma fit."""
     if wind == 0.0:
         return 1.0
     law = UAVS["dji-m300-rtk"].tilt_law(

@@ -65,7 +65,7 @@ class WaterProfile:
     latitude, longitude : float
         Where [degrees north, east]; nan if not known.
     name : str
-        What legends say.
+        Text of the legends.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def ray_deflection(
     Notes
     -----
     The direction in the air is that without layers, since n sin(theta) is the same all the way: a
-    receiver sees the same offset. A vertical ray is not bent. Turbulence and gradients along the
+    receiver has the same offset. A vertical ray is not bent. Turbulence and gradients along the
     horizontal are left out: profiles do not hold them.
 
     Examples

@@ -1,4 +1,4 @@
-"""Drawing of the figures into a folder; those that are there already are kept."""
+"""Drawing of the figures into a folder; finished ones are kept."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _digest(path: Path) -> str:
 
 
 def _kept(folder: Path, one: Figure, wanted: str) -> dict[str, Any] | None:
-    """Return the record of a figure that is there already."""
+    """Return the record of a finished figure."""
     record = read_record(folder / f"{one.name}.json")
     if record is None or record.get("key") != wanted:
         return None

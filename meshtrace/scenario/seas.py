@@ -59,7 +59,7 @@ class MeshFile(Model, frozen=True):
             return from_trimesh(self.file, extent=extent)
         except Refused as error:
             raise error.of(self.file).inside("sea", "mesh") from None
-        except Exception as error:  # the readers behind trimesh raise whatever they stumble over
+        except Exception as error:  # the readers behind trimesh raise any exception
             problem = Described(f"{self.file!r}: {error or type(error).__name__}")
             allowed = "a surface in an STL, PLY or OBJ file"
             raise Refused("sea.mesh", problem, allowed) from error
@@ -104,7 +104,7 @@ def _with_spectrum(
 ) -> tuple[Table, tuple[str, ...], bool]:
     """Return the table of a spectral sea, all keys of [sea], and a flag for no wind.
 
-    The spectrum is a table of its own, or a word with its parameters beside the sea's.
+    The spectrum is a separate table, or a word with its parameters beside the sea's.
     """
     from meshtrace.surfaces import Spectrum
 

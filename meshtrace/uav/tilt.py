@@ -253,7 +253,7 @@ class GammaTiltLaw(TiltLaw):
         )
 
     def h_pdf_printed(self, h: ArrayLike) -> FloatArray:
-        """Return the density of h_alpha exactly as printed in the paper, for comparison only.
+        """Return the density of h_alpha as published, for comparison only.
 
         f(h) = h^-(a+1) (1 - h^2)^((a-2)/2) exp(-sqrt(1-h^2) / (h K b)) / (K Gamma(a) b^a)
 

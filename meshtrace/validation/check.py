@@ -57,7 +57,7 @@ class Check:
 
 
 def half_digit(printed: str) -> float:
-    """Return half a unit of the last digit of a printed number.
+    """Return half a unit of the last digit of a published number.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def half_digit(printed: str) -> float:
 
 
 def printed(quantity: str, source: str, text: str, got: float, stderr: float = 0.0) -> Check:
-    """Return the check of a value against a printed number, good to half of its last digit."""
+    """Return the check of a value against a published number, good to half of its last digit."""
     return Check(quantity, source, float(text), float(got), stderr, half_digit(text))
 
 

@@ -1,4 +1,4 @@
-"""Tilt of the aircraft and electronics of the receiver against printed and derived values."""
+"""Tilt of the aircraft and electronics of the receiver against published and derived values."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def slab_link(
     Returns
     -------
     Link
-        Its receiver takes all that leaves upwards; its plane lies a hair above the floor.
+        Its receiver takes all that leaves upwards; its plane lies just above the floor.
     """
     return Link(
         water=Water(

@@ -102,7 +102,7 @@ def convergence_study(
 
     Notes
     -----
-    The aperture sees the unscattered light through a patch of a few centimetres, mostly on one
+    The aperture receives the unscattered light through a patch of a few centimetres, mostly on one
     facet. There the curvature of a mesh is wrong by O(h), up or down by chance of where the
     facet lies. The mean over placements is free of it and converges as h^2; what one
     placement errs by is `scatter`.
