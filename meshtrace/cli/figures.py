@@ -60,7 +60,7 @@ def figures(
 
 
 def _tell(name: str, record: dict[str, Any] | None) -> None:
-    """Say on stderr what goes on."""
+    """Report the progress on stderr."""
     if record is None:
         typer.echo(f"{name} ...", err=True)
     elif record["kept"]:

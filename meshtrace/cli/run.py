@@ -71,7 +71,7 @@ def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
     known = scenario.run.photons if scenario.run.rtol is None else None
     with progress(known, quiet) as (say, advance):
         if not kernels_are_compiled(scenario.run.estimator.kind):
-            scenario.mesh()  # so that a wrong link is told without waiting for the compiler
+            scenario.mesh()  # reports a wrong link before the kernels compile
             say(COMPILING)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -83,7 +83,7 @@ def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
 
 
 def _as_data(result: GainResult, wall_time: float) -> dict[str, Any]:
-    """Return a result as plain data for JSON, with null for what is not finite."""
+    """Return a result as plain data for JSON, with null for non-finite values."""
     return {
         "gain": finite(result.gain),
         "gain_stderr": finite(result.gain_stderr),

@@ -1,4 +1,4 @@
-"""Drawing of the figures into a folder; those that are there already are kept."""
+"""Drawing of the figures into a folder; finished ones are kept."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def make_figures(
     -----
     Each figure has a key: a digest of its name and revision, the version, effort, seed and
     profiles. A figure whose record has the same key and whose files are all present is kept, so
-    that an interrupted run goes on where it was.
+    that an interrupted run resumes.
     """
     from meshtrace.paper.profile_files import profiles_of
 
@@ -99,7 +99,7 @@ def _digest(path: Path) -> str:
 
 
 def _kept(folder: Path, one: Figure, wanted: str) -> dict[str, Any] | None:
-    """Return the record of a figure that is there already."""
+    """Return the record of a finished figure."""
     record = read_record(folder / f"{one.name}.json")
     if record is None or record.get("key") != wanted:
         return None

@@ -1,4 +1,4 @@
-"""Whether a gain still depends on the mesh, on the time step or on the band of waves.
+"""Convergence of a gain with the mesh, the time step or the band of waves.
 
 A study repeats one gain with a finer and finer discretisation and common random numbers: the
 same scattering chains are aimed over every surface, so that differences of 1e-4 show under a

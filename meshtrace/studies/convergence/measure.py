@@ -142,7 +142,7 @@ def _total_reflection(
         seed=seed,
         normals=kind,
     )
-    # a photon counts as landed if any of its light leaves: what counts as reflected left none
+    # a photon counts as landed if any of its light leaves: a reflected one left none
     reflected = int(sums.count[Fate.REFLECTED])
     met = reflected + int(sums.count[Fate.LANDED]) + int(sums.count[Fate.RECEIVED])
     return reflected / met if met else math.nan

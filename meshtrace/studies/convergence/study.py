@@ -24,7 +24,7 @@ class ConvergenceStudy(Stored):
     Attributes
     ----------
     parameter : {"spacing", "time_step", "omega_max"}
-        What was refined.
+        Refined parameter.
     values : ndarray, shape (n,)
         Its values, from coarse to fine: spacing [m], time step [s] or band limit [rad s-1].
     normals : tuple of str, shape (kinds,)
@@ -34,12 +34,12 @@ class ConvergenceStudy(Stored):
     ballistic : ndarray, shape (kinds, n, repeats)
         Unscattered gain.
     scatter : ndarray, shape (kinds, n)
-        What a single surface errs by around the mean error of its step: standard deviation over
+        Error of a single surface around the mean error of its step: standard deviation over
         placements of the mesh, or over realizations of the difference to the widest band, or
         rms error of linear interpolation in time.
     slope_variance, total_reflection : ndarray, shape (kinds, n)
         Mean square slope that light meets; share of the photons arriving from below that are
-        totally reflected. nan where it was not asked for.
+        totally reflected. nan unless requested.
     costs : Costs
         Seconds for mesh, BVH and gain of one surface.
     reference : Reference or None
@@ -100,12 +100,12 @@ class ConvergenceStudy(Stored):
 
     @property
     def difference_stderr(self) -> Floats:
-        """Standard error of `difference`: what the common chains leave of the Monte Carlo error."""
+        """Standard error of `difference`, the Monte Carlo error left by the common chains."""
         return stderr(self._differences)
 
     @cached_property
     def fits(self) -> dict[str, Fit]:
-        """The fitted law of each kind of normals, with the gain as `Fit.gain`.
+        """Fitted law of each kind of normals, with the gain as `Fit.gain`.
 
         Notes
         -----

@@ -48,7 +48,7 @@ def time_step_study(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> ConvergenceStudy:
-    """Return how the mean gain over a moving sea depends on the time step.
+    """Study the dependence of the mean gain over a moving sea on the time step.
 
     Parameters
     ----------
