@@ -68,6 +68,8 @@ def run(
 
 def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
     """Return the result of a scenario and its wall time [s], compiling beforehand if need be."""
+    from meshtrace.stored import SHIFTS
+
     known = scenario.run.photons if scenario.run.rtol is None else None
     with progress(known, quiet) as (say, advance):
         if not kernels_are_compiled(scenario.run.estimator.kind):
@@ -75,7 +77,7 @@ def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
             say(COMPILING)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                single = scenario.run.model_copy(update={"photons": 1, "rtol": None})
+                single = scenario.run.model_copy(update={"photons": SHIFTS, "rtol": None})
                 scenario.model_copy(update={"run": single}).simulate()
         start = time.perf_counter()
         result = scenario.simulate(advance)
@@ -96,6 +98,7 @@ def _as_data(result: GainResult, wall_time: float) -> dict[str, Any]:
         "wall_time": wall_time,
         "fates": {name: tally._asdict() for name, tally in result.fates.items()},
         "chains": result.chains,
+        "scattered": [row._asdict() for row in result.scattered],
         "misses": {"cast_again": result.misses[0], "given_up": result.misses[1]},
         "provenance": result.provenance,
     }
