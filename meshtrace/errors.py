@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import difflib
 import math
+import operator
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 LARGEST = 1e30
 """Magnitude of a number beyond which its square may overflow on the way to a gain."""
@@ -104,9 +108,22 @@ def require_word(value: Any, words: Iterable[str], path: str) -> None:
 
 def require_whole(value: Any, low: int, high: int, path: str) -> None:
     """Refuse all but integers from `low` to `high`; numpy's count, true and false do not."""
-    whole = hasattr(value, "__index__") and not isinstance(value, bool)
-    if not whole or not low <= value <= high:
+    try:
+        whole = None if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        whole = None
+    if whole is None or not low <= whole <= high:
         raise Refused(path, value, f"an integer {low} <= {path} <= {high}")
+
+
+def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> NDArray[Any]:
+    """Return a value as an array of a type; refuse what numpy cannot convert."""
+    import numpy as np
+
+    try:
+        return np.ascontiguousarray(value, dtype)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise Refused(path, value, allowed) from error
 
 
 def require_number(value: Any, path: str) -> None:
