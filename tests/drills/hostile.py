@@ -256,7 +256,7 @@ def judged(code, stdout, stderr, error=None):
     if code == 2:
         if len(lines) != 1 or stdout or not lines[0].startswith("error: "):
             raise Wrong(f"not one line: {stdout[:100]!r} {stderr[-300:]!r}")
-        raise Line(f"{lines[0]} (allowed)")
+        raise Line(f"{lines[0][:900]} (allowed: )")
     if any(word.strip("[],()") in ("nan", "+-nan") for word in stdout.split()):
         raise Wrong(f"nan in {stdout[:300]!r}")
 
