@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from meshtrace.errors import Described, Refused, require_keys
+from meshtrace.errors import Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
 from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
