@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import sys
 from typing import Annotated, Any
 
@@ -20,6 +22,8 @@ class _Commands(TyperGroup):
         standalone = extra.get("standalone_mode", True)
         try:
             code = super().main(*args, **{**extra, "standalone_mode": False}) or 0
+            if sys.stdout is not None:
+                sys.stdout.flush()
         except typer.Abort:
             code = INTERRUPTED
         except Exception as error:
@@ -52,6 +56,10 @@ def _message(error: Exception) -> str | None:
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        # the interpreter flushes again at its end, and would print a traceback
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stdout__.fileno())  # type: ignore[union-attr]
+        return f"standard output: {error.strerror}"
     return None
 
 

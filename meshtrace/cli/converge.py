@@ -147,7 +147,10 @@ def _values(given: dict[str, str]) -> tuple[str, list[float]]:
         first, second, *_ = (_LISTS[key] for key in given)
         raise Refused(second, given[list(given)[1]], f"not beside {first}")
     for key, text in given.items():
-        return key, numbers(_LISTS[key], text)
+        found = numbers(_LISTS[key], text)
+        if min(found) <= 0.0:
+            raise Refused(_LISTS[key], text, "numbers > 0")
+        return key, found
     return "spacing", list(DEFAULT_SPACINGS)
 
 

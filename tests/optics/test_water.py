@@ -177,7 +177,9 @@ def test_turbid_types_scatter_and_absorb_more():
 
 
 def test_unknown_types_and_wavelengths_are_refused():
-    with pytest.raises(ValueError, match=r"type: 'jerlov-X', did you mean .* allowed: pure-sea, petzold-clear"):
+    with pytest.raises(
+        ValueError, match=r"type: 'jerlov-X', did you mean .* allowed: pure-sea, petzold-clear"
+    ):
         Water.from_type("jerlov-X")
     with pytest.raises(ValueError, match=r"wavelength_nm: 675\.0, allowed: 300 <= .* <= 650 nm"):
         Water.from_type("jerlov-3C", wavelength_nm=675.0)

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from meshtrace.errors import Described, Refused, require_keys
+from meshtrace.errors import Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
 from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
+from meshtrace.scenario.files import parse_toml, read_text
 from meshtrace.studies.sweep.cluster import DEFAULT_TIMEOUT, compute
 from meshtrace.studies.sweep.lock import locked
-from meshtrace.studies.sweep.points import Study, one_line
+from meshtrace.studies.sweep.points import Study
 from meshtrace.studies.sweep.store import dataset, open_store, waiting_tasks
 from meshtrace.transport.options import Forced
 
@@ -206,13 +206,11 @@ def _stored(path: Path, table: Mapping[str, Any]) -> Path:
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the link of a study file and its table [sweep]."""
+    text = read_text(path)
     try:
-        config = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise Refused("", Described(error.strerror), "a TOML file", source=str(path)) from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        problem = Described(one_line(error))
-        raise Refused("", problem, "TOML in UTF-8", source=str(path)) from error
+        config = parse_toml(text)
+    except Refused as error:
+        raise error.of(str(path)) from error.__cause__
     table = config.pop("sweep", None)
     if not isinstance(table, dict):
         raise Refused("sweep", table, "a table", source=str(path))
