@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import difflib
 import math
+import operator
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 LARGEST = 1e30
 """Magnitude of a number beyond which its square may overflow on the way to a gain."""
@@ -31,7 +35,7 @@ MISSING = Described("missing")
 
 
 class Refused(ValueError):
-    """Input that is not accepted: one line that names the field, its value and what is allowed.
+    """Invalid input: one line with the field, its value and the allowed values.
 
     Parameters
     ----------
@@ -58,9 +62,10 @@ class Refused(ValueError):
     ) -> None:
         self.field, self.value, self.allowed = field, value, allowed
         self.hint, self.source = hint, source
-        head = ": ".join(part for part in (source, field, show(value)) if part)
+        parts = (_shortened(source), _shortened(field), show(value))
+        head = ": ".join(part for part in parts if part)
         # keys of a file may hold line ends and control characters
-        text = one_line(f"{head}, {f'{hint} ' if hint else ''}allowed: {allowed}")
+        text = one_line(f"{head}, {f'{hint} ' if hint else ''}allowed: {_shortened(allowed)}")
         shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
         super().__init__("".join(shown))
 
@@ -104,9 +109,42 @@ def require_word(value: Any, words: Iterable[str], path: str) -> None:
 
 def require_whole(value: Any, low: int, high: int, path: str) -> None:
     """Refuse all but integers from `low` to `high`; numpy's count, true and false do not."""
-    whole = hasattr(value, "__index__") and not isinstance(value, bool)
-    if not whole or not low <= value <= high:
+    try:
+        whole = None if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        whole = None
+    if whole is None or not low <= whole <= high:
         raise Refused(path, value, f"an integer {low} <= {path} <= {high}")
+
+
+def require_kind(value: Any, kind: type, path: str) -> None:
+    """Refuse all but instances of a class, and None."""
+    if value is not None and not isinstance(value, kind):
+        raise Refused(path, Described(type(value).__name__), f"a {kind.__name__}")
+
+
+def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> NDArray[Any]:
+    """Return a value as an array of a type; refuse what numpy cannot convert."""
+    import numpy as np
+
+    try:
+        return np.ascontiguousarray(value, dtype)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise Refused(path, value, allowed) from error
+
+
+def require_finite(value: Any, path: str, allowed: str) -> NDArray[Any]:
+    """Return a number or a list of numbers as an array (n,); refuse what is not finite."""
+    array = require_array(value, path, allowed)
+    if array.ndim > 1 or not array.size or not all(map(math.isfinite, array.flat)):
+        raise Refused(path, value, allowed)
+    return array.reshape(-1)
+
+
+def require_between(value: Any, low: float, high: float, path: str) -> None:
+    """Refuse all but numbers between two, these excluded."""
+    if not is_number(value) or not low < value < high:
+        raise Refused(path, value, f"{low:g} < {path} < {high:g}")
 
 
 def require_number(value: Any, path: str) -> None:
@@ -139,7 +177,7 @@ def join_path(path: str, *keys: int | str) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a number; true and false are none."""
+    """Return whether a value is a number; booleans are none."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
@@ -163,7 +201,14 @@ def show(value: Any) -> str:
         return "a huge integer"
     except RecursionError:
         return "tables nested too deeply"
-    return text if len(text) <= 60 or isinstance(value, Described) else f"{text[:57]}..."
+    if isinstance(value, Described):
+        return _shortened(text)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _shortened(text: str, most: int = 400) -> str:
+    """Return a text without its middle, if it is longer than the paths and lists in use."""
+    return text if len(text) <= most else f"{text[: most // 2]}...{text[-most // 2 :]}"
 
 
 def one_line(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Triangle meshes of the sea surface, and what a surface model must offer to make one."""
+"""Triangle meshes of the sea surface, and the interface of the surface models."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused, require_array
 
 if TYPE_CHECKING:
     import trimesh
@@ -81,9 +81,9 @@ class UnresolvedSlopes(NamedTuple):
     Parameters
     ----------
     vertex : tuple of float
-        What normals interpolated from the corners leave out.
+        Slope variances that normals interpolated from the corners leave out.
     facet : tuple of float
-        What the facets' own normals leave out.
+        Slope variances that the facets' own normals leave out.
     direction_deg : float
         Direction the wind blows to, counter-clockwise from +x [deg].
     """
@@ -91,6 +91,14 @@ class UnresolvedSlopes(NamedTuple):
     vertex: tuple[float, float]
     facet: tuple[float, float]
     direction_deg: float = 0.0
+
+
+def _array(value: Any, name: str, shape: str, least: int, dtype: Any = float) -> NDArray[Any]:
+    """Return rows of three numbers as an array."""
+    array = require_array(value, f"mesh.{name}", f"an array {shape}", dtype)
+    if array.ndim != 2 or array.shape[1] != 3 or len(array) < least:
+        raise Refused(f"mesh.{name}", Described(f"shape {array.shape}"), shape)
+    return array
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +120,7 @@ class TriangleMesh:
 
     Raises
     ------
-    ValueError
+    Refused
         If an array has the wrong shape, is not finite, or a normal does not point up.
     """
 
@@ -122,21 +130,16 @@ class TriangleMesh:
     unresolved: UnresolvedSlopes | None = None
 
     def __post_init__(self) -> None:
-        vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
-        faces = np.ascontiguousarray(self.faces, dtype=np.int32)
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 3:
-            raise ValueError(f"mesh.vertices: shape {vertices.shape}, allowed (n >= 3, 3)")
-        if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) < 1:
-            raise ValueError(f"mesh.faces: shape {faces.shape}, allowed (m >= 1, 3)")
+        vertices = _array(self.vertices, "vertices", "(n >= 3, 3)", 3)
+        faces = _array(self.faces, "faces", "(m >= 1, 3)", 1, None)
         largest = float(np.abs(vertices).max())  # nan and inf are refused, too
         if not largest <= _FARTHEST:
             raise Refused("mesh.vertices", largest, f"coordinates within {_FARTHEST:g} m")
-        if faces.min() < 0 or faces.max() >= len(vertices):
-            raise ValueError(
-                f"mesh.faces: indices {faces.min()}..{faces.max()}, allowed 0..{len(vertices) - 1}"
-            )
-        faces = faces.view()
-        faces.flags.writeable = False  # one type for all kernels, which compile once
+        low, high = faces.min(), faces.max()
+        if faces.dtype.kind not in "iu" or low < 0 or high >= len(vertices):
+            kind = Described(f"{faces.dtype} {low}..{high}")
+            raise Refused("mesh.faces", kind, f"integers 0..{len(vertices) - 1}")
+        faces = faces.astype(np.int32, copy=False)
         object.__setattr__(self, "vertices", vertices)
         # Kernels are compiled for one kind of array: faces of grids are shared and read-only.
         faces = faces.view()
@@ -144,20 +147,19 @@ class TriangleMesh:
         object.__setattr__(self, "faces", faces)
         up = self.face_normals[:, 2]
         if not up.min() > 0.0:
-            raise ValueError(
-                f"mesh.faces: {np.count_nonzero(~(up > 0.0))} facets do not face up, allowed "
-                "counter-clockwise facets of a height field (normal_z > 0)"
-            )
+            down = Described(f"{np.count_nonzero(~(up > 0.0))} facets do not face up")
+            allowed = "counter-clockwise facets of a height field (normal_z > 0)"
+            raise Refused("mesh.faces", down, allowed)
         normals = self.vertex_normals
         normals = self._area_weighted_normals() if normals is None else normals
-        normals = np.ascontiguousarray(normals, dtype=np.float64)
+        normals = _array(normals, "vertex_normals", f"{vertices.shape}", len(vertices))
         if normals.shape != vertices.shape:
-            raise ValueError(
-                f"mesh.vertex_normals: shape {normals.shape}, allowed {vertices.shape}"
-            )
+            shape = Described(f"shape {normals.shape}")
+            raise Refused("mesh.vertex_normals", shape, f"{vertices.shape}")
         length = np.linalg.norm(normals, axis=1)
         if not (np.abs(length - 1.0) < 1e-9).all() or not (normals[:, 2] > 0.0).all():
-            raise ValueError("mesh.vertex_normals: allowed unit vectors with normal_z > 0")
+            other = Described("other vectors")
+            raise Refused("mesh.vertex_normals", other, "unit vectors with normal_z > 0")
         object.__setattr__(self, "vertex_normals", normals)
 
     @cached_property

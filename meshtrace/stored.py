@@ -15,7 +15,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from meshtrace.errors import Refused, one_line
+from meshtrace.errors import Described, Refused, one_line
 from meshtrace.files import atomic
 
 if TYPE_CHECKING:
@@ -114,15 +114,18 @@ class Stored:
         Refused
             If the dataset is of another kind or of a later format, or incomplete.
         """
-        found = (dataset.attrs.get("kind"), dataset.attrs.get("format_version"))
-        if found[0] != cls.kind or found[1] not in range(1, FORMAT_VERSION + 1):
+        kind, version = dataset.attrs.get("kind"), dataset.attrs.get("format_version")
+        if kind != cls.kind or version not in range(1, FORMAT_VERSION + 1):
+            found = f"a {kind} of format_version {version}" if kind else "no result"
             allowed = f"{cls.kind} of format_version 1 to {FORMAT_VERSION}"
-            raise Refused(name, "kind and format_version {}, {}".format(*found), allowed)
+            raise Refused(name, Described(found), allowed)
         try:
             return cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
         except (KeyError, ValueError, TypeError, IndexError) as error:
             reason = f"{type(error).__name__}: {one_line(str(error))}"
-            raise Refused(name, reason, f"a complete result of kind {cls.kind}") from error
+            raise Refused(
+                name, Described(reason), f"a complete result of kind {cls.kind}"
+            ) from error
 
     def save(self, path: str | Path) -> None:
         """Write the result as netCDF, atomically."""
@@ -161,7 +164,8 @@ def load(path: str | Path) -> Stored:
     data = read_dataset(path)
     kind = data.attrs.get("kind")
     if kind not in _HOMES:
-        raise Refused(str(path), f"kind {kind}", f"results of kind {', '.join(_HOMES)}")
+        found = Described(f"kind {kind}" if kind else "no result")
+        raise Refused(str(path), found, f"results of kind {', '.join(_HOMES)}")
     import_module(_HOMES[kind])
     return Stored._classes[kind].from_dataset(data, str(path))
 
@@ -216,7 +220,7 @@ def read_dataset(path: str | PathLike[str]) -> xr.Dataset:
     import xarray as xr
 
     if not Path(path).is_file():
-        raise Refused(str(path), "no such file", _ALLOWED)
+        raise Refused(str(path), Described("no such file"), _ALLOWED)
     try:
         if _is_damaged(path):
             raise OSError("damaged: its checksum differs")
@@ -227,13 +231,13 @@ def read_dataset(path: str | PathLike[str]) -> xr.Dataset:
                 found.attrs.get("_nc3_strict")
         with xr.open_dataset(path, engine=engine, decode_timedelta=False) as opened:
             return opened.load()
-    except Exception as error:  # the readers raise whatever they stumble over
+    except Exception as error:  # the readers raise any exception
         reason = one_line(str(error)) or type(error).__name__
-        raise Refused(str(path), reason, _ALLOWED) from error
+        raise Refused(str(path), Described(reason), _ALLOWED) from error
 
 
 def _is_damaged(path: str | PathLike[str]) -> bool:
-    """Whether a file ends in the digest of other bytes than it has."""
+    """Return whether the digest at the end of a file differs from that of its bytes."""
     size = Path(path).stat().st_size - _TRAILER
     with open(path, "rb") as file:
         digest = hashlib.sha256()

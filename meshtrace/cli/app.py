@@ -1,7 +1,9 @@
-"""The command line itself: its name, its version, and how failures are told."""
+"""The command-line application: name, version and reporting of failures."""
 
 from __future__ import annotations
 
+import errno
+import os
 import sys
 from typing import Annotated, Any
 
@@ -20,6 +22,8 @@ class _Commands(TyperGroup):
         standalone = extra.get("standalone_mode", True)
         try:
             code = super().main(*args, **{**extra, "standalone_mode": False}) or 0
+            if sys.stdout is not None:
+                sys.stdout.flush()
         except typer.Abort:
             code = INTERRUPTED
         except Exception as error:
@@ -45,13 +49,17 @@ app = typer.Typer(
 
 
 def _message(error: Exception) -> str | None:
-    """Return what to tell the user, None for an error that is ours."""
-    if hasattr(error, "format_message"):  # how typer says that the arguments are wrong
+    """Return the message for the user, None for an internal error."""
+    if hasattr(error, "format_message"):  # typer's error for invalid arguments
         return str(error.format_message())
     if isinstance(error, Refused):
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        # the interpreter flushes again at its end, and would print a traceback
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stdout__.fileno())  # type: ignore[union-attr]
+        return f"standard output: {error.strerror}"
     return None
 
 

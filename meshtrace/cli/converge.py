@@ -1,4 +1,4 @@
-"""`meshtrace converge`: whether a gain still depends on mesh, time step or band of waves."""
+"""`meshtrace converge`: convergence of a gain with mesh, time step or band of waves."""
 
 from __future__ import annotations
 
@@ -140,14 +140,17 @@ def _draw(study: ConvergenceStudy, path: Path) -> None:
 
 
 def _values(given: dict[str, str]) -> tuple[str, list[float]]:
-    """Return what is refined, and its values."""
+    """Return the name and the values of the refined parameter."""
     from meshtrace.studies.convergence import DEFAULT_SPACINGS
 
     if len(given) > 1:
         first, second, *_ = (_LISTS[key] for key in given)
         raise Refused(second, given[list(given)[1]], f"not beside {first}")
     for key, text in given.items():
-        return key, numbers(_LISTS[key], text)
+        found = numbers(_LISTS[key], text)
+        if min(found) <= 0.0:
+            raise Refused(_LISTS[key], text, "numbers > 0")
+        return key, found
     return "spacing", list(DEFAULT_SPACINGS)
 
 

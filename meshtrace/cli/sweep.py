@@ -96,16 +96,18 @@ def _rows(data: xr.Dataset) -> list[str]:
     dims = [str(name) for name in gain.dims if name != "realization"]
     n = data.sizes["realization"]
     mean = gain.mean("realization").values
-    # chains are drawn anew for each realization: their errors are independent
+    # each realization draws its own chains: their errors are independent
     error = np.sqrt((stderr**2).sum("realization", skipna=False).values) / n
-    spread = gain.std("realization", ddof=1).values if n > 1 else np.full(mean.shape, np.nan)
+    spread = gain.std("realization", ddof=1).values if n > 1 else mean
     widths = [max(len(name), 12) + 2 for name in dims]
     head = "".join(f"{name:>{width}}" for name, width in zip(dims, widths, strict=True))
     lines = [f"{head}{'gain':>14}{'stderr':>10}{'scatter':>10}"]
+
     for index in list(np.ndindex(mean.shape))[:_MOST_ROWS]:
         labels = (_label(data, name, i) for name, i in zip(dims, index, strict=True))
+        scatter = f"{spread[index]:.1e}" if n > 1 else "-"
         row = "".join(f"{text:>{width}}" for text, width in zip(labels, widths, strict=True))
-        lines.append(f"{row}{mean[index]:>14.4e}{error[index]:>10.1e}{spread[index]:>10.1e}")
+        lines.append(f"{row}{mean[index]:>14.4e}{error[index]:>10.1e}{scatter:>10}")
     if mean.size > _MOST_ROWS:
         lines.append(f"... {mean.size - _MOST_ROWS} more")
     return lines

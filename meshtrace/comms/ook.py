@@ -19,7 +19,7 @@ from meshtrace.comms.decisions import non_negative, pattern_decision
 from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia
 from meshtrace.comms.pulses import Eye, PulseFilters
 from meshtrace.comms.receivers import ReceiverModel
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_word
 from meshtrace.link import Link, WaterAperture
 from meshtrace.models import Model
 
@@ -145,8 +145,7 @@ class OokLink(Model, frozen=True):
         Refused
             If the name is none of the three.
         """
-        if name not in get_args(Preset):
-            raise Refused("name", name, ", ".join(get_args(Preset)))
+        require_word(name, get_args(Preset), "name")
         preset: dict[str, Any] = {}
         if name != "physical":
             preset = {"model": "PC", "optics": OpticalFrontEnd(etendue_limited=False)}
@@ -208,7 +207,7 @@ class OokLink(Model, frozen=True):
         Parameters
         ----------
         link : Link
-            The link; returned as it is unless `calibration` is "paper-ranges".
+            The link; returned unchanged unless `calibration` is "paper-ranges".
         """
         factor, water = self.absorption_factor, link.water
         if factor == 1.0:

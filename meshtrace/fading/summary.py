@@ -60,7 +60,7 @@ class FadingStatistics(Stored):
     fits, goodness : tuple
         Fitted laws, and their tests.
     notes : tuple of str
-        What the reader must know.
+        Limitations of the numbers.
     lag, autocorrelation : ndarray, optional
         Lags [s] and autocorrelation [1] of a series.
     coherence_time : Estimate, optional
@@ -128,7 +128,9 @@ class FadingStatistics(Stored):
             lines.append(f"  {what:<20} outage {_text(self.outage[i])}")
             if self.level_crossing_rate:
                 lines.append(f"{'':<23}crossings {_text(self.level_crossing_rate[i])} per s")
-                lines.append(f"{'':<23}mean fade {_text(self.mean_fade_duration[i])} s")
+                fade = self.mean_fade_duration[i]
+                shown = "-" if math.isnan(fade.value) else f"{_text(fade)} s"
+                lines.append(f"{'':<23}mean fade {shown}")
         return lines
 
     def _fit_lines(self) -> list[str]:

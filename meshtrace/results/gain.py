@@ -35,7 +35,7 @@ FATE_MEANING = {
     Fate.LEAKED: "missed the surface inside the mesh",
     Fate.ROULETTE: "ended by roulette (net weight)",
     Fate.EVENT_LIMIT: "reached the limit of events",
-    Fate.DEEP: "went down for ever, in clear water without a floor",
+    Fate.DEEP: "escaped downwards (bottomless, non-absorbing water)",
 }
 
 
@@ -302,7 +302,7 @@ class GainResult(Stored):
 
 
 def like(gain: Values, array: Any) -> Any:
-    """Return an array of values of the receivers as a number where the gain is one."""
+    """Return values of the receivers, as a number for a single receiver."""
     return float(array[0]) if array is not None and np.ndim(gain) == 0 else array
 
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.link import Link, Receiver
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
@@ -64,10 +64,8 @@ def coverage_map(
     receiver = next((r for r in link.receivers if isinstance(r, Receiver)), None)
     if receiver is None:
         raise Refused("receiver", Described("none in the air"), "a link with one")
-    if not len(times):
-        raise Refused("times", times, "one or more times [s]")
-    if not 0.0 < step <= extent:
-        raise Refused("step", step, f"0 < step <= extent = {extent:g} m")
+    require_whole(photons, 1, 2**53, "photons")
+    at = require_finite(times, "times", "one or more times [s]").tolist()
     grid = IrradianceMap(
         height=receiver.height,
         extent=extent,
@@ -88,7 +86,7 @@ def coverage_map(
             record=[grid],
             progress=progress,
         )
-        for i, time in enumerate(times)
+        for i, time in enumerate(at)
     ]
     area = np.pi * receiver.radius**2
     maps = [r.map for r in runs if r.map is not None]
@@ -99,5 +97,5 @@ def coverage_map(
         maps[0].y,
         area * mean,
         area * error / np.sqrt(len(maps)),
-        {**runs[0].provenance, "times": [float(t) for t in times]},
+        {**runs[0].provenance, "times": at},
     )

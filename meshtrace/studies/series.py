@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused, require_whole
+from meshtrace.errors import Described, Refused, require_finite, require_kind, require_whole
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import RandomSea, SurfaceModel, TriangleMesh
@@ -101,9 +101,9 @@ def time_series(
         link, surface, photons=photons, seed=seed, normals=normals, extent=extent,
         spacing=spacing, threads=threads,
     )  # fmt: skip
-    at = np.atleast_1d(np.asarray(times, dtype=float))
-    if at.ndim != 1 or not at.size or not np.isfinite(at).all():
-        raise Refused("times", times, "finite times (n,) [s], n >= 1")
+    at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
+    require_kind(flight, Flight, "flight")
+    flight = flight and flight.checked()
     if inputs.scenario is not None and inputs.scenario.meshing.time != 0.0:
         raise Refused("sea.time", inputs.scenario.meshing.time, "0 with times")
     return over_times(inputs, at, flight, progress)

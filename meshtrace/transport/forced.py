@@ -53,6 +53,7 @@ from meshtrace.transport.forced_link import ForcedLink, crossing_reach, forced_l
 
 Scattered = Literal["auto", "chains", "adjoint"]
 
+_MOST_CHAINS = 2**22  # 1 kB each, and more with their order
 _CUT_CHAINS = 2048  # that show whether a mesh cuts off light
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
@@ -168,8 +169,9 @@ class ForcedDetection:
         search: Search = "usual",
         scattered: Scattered = "auto",
     ) -> None:
-        if photons < SHIFTS:
-            raise Refused("photons", photons, f"an integer >= {SHIFTS} for forced detection")
+        if not SHIFTS <= photons <= _MOST_CHAINS:
+            allowed = f"an integer {SHIFTS} <= photons <= {_MOST_CHAINS} for forced detection"
+            raise Refused("photons", photons, allowed)
         self.link = link
         self.arrays = forced_link(link)
         self._options = normals, threads

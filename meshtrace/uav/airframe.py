@@ -13,7 +13,7 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_between, require_kind
 from meshtrace.models import Model
 from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, squared_wind_moments
 from meshtrace.uav.wind import Dryden
@@ -181,6 +181,14 @@ class Flight(NamedTuple):
     wind: Dryden | None = None
     coupled: bool = False
     time_step: float = 0.5
+
+    def checked(self) -> Flight:
+        """Return the flight; refuse fields of other kinds."""
+        require_kind(self.uav, Uav, "flight.uav")
+        require_kind(self.wind, Dryden, "flight.wind")
+        require_kind(self.coupled, bool, "flight.coupled")
+        require_between(self.time_step, 0.0, 1e6, "flight.time_step")
+        return self
 
 
 UAVS: dict[str, Uav] = {

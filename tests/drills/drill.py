@@ -26,21 +26,18 @@ SEED = 20240229
 HANG = 90.0  # [s] for one input; most kernels are compiled before
 START = 400.0  # [s] to compile those
 MEMORY = 6 * 2**30  # [B]
+LONGEST = 1000  # letters of a refusal
 
 
 def outcome(call):
     """Return "number", "refusal" or a description of a failure."""
-    import pydantic
-
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             value = call()
-    except pydantic.ValidationError as error:
-        return "refusal" if error.error_count() else "no reason"
-    except (ValueError, TypeError) as error:
+    except ValueError as error:
         text = str(error)
-        if "allowed" in text and text.isprintable() and len(text) < 3000:
+        if "allowed: " in text and text.isprintable() and len(text) < LONGEST:
             return "refusal"
         return "".join(traceback.format_exception(error)[-3:])
     except BaseException as error:

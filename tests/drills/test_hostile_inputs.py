@@ -47,4 +47,6 @@ def test_failures_are_found():
     assert outcome(lambda: (float("nan"), 0.1)).startswith("not finite")
     assert "operands" in outcome(lambda: fail(ValueError("operands could not be broadcast")))
     assert "KeyError" in outcome(lambda: fail(KeyError("depth, allowed")))
-    assert "line two" in outcome(lambda: fail(ValueError("allowed\nline two")))
+    assert "line two" in outcome(lambda: fail(ValueError("allowed: 1\nline two")))
+    assert "letters" in outcome(lambda: fail(ValueError(f"allowed: {5000 * 'x'} letters")))
+    assert "AttributeError" in outcome(lambda: fail(AttributeError("link: 1, allowed: a Link")))

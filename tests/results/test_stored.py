@@ -19,8 +19,9 @@ from meshtrace.results import load
 from meshtrace.results.gain import bound_where_dark
 from meshtrace.results.provenance import _git_commit, environment
 from meshtrace.stored import FORMAT_VERSION, Stored, read_dataset, write_dataset
+from meshtrace.studies.convergence.checks import Costs
 from meshtrace.studies.convergence.exact import Reference
-from meshtrace.studies.convergence.study import ConvergenceStudy, Costs
+from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.surfaces import FlatSea
 
 OLD = Path(__file__).parents[1] / "data" / "v0.1"
@@ -31,7 +32,7 @@ FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)
 def results():
     """Return a small result of every kind."""
     link = mt.Link(receiver=mt.Receiver(radius=1.0))
-    gain = mt.simulate(link, FLAT, estimator="analog", photons=8192, keep_arrivals=True)
+    gain = mt.simulate(link, FLAT, estimator="analog", photons=8192, record=[mt.Arrivals()])
     forced = mt.simulate(mt.Link(), FlatSea(), photons=64)
     rng = np.random.default_rng(1)
     series = mt.GainSeries(

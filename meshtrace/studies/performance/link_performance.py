@@ -12,10 +12,15 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
-
 from meshtrace.comms.ook import OokLink, Preset
-from meshtrace.errors import Refused, require_keys, require_whole
+from meshtrace.errors import (
+    Refused,
+    require_between,
+    require_finite,
+    require_keys,
+    require_kind,
+    require_whole,
+)
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
 from meshtrace.scenario import Scenario
@@ -99,10 +104,10 @@ def link_performance(
     Intervals hold the spread of the seas (bootstrap for the error rate, Wilson for the outage) and
     the Monte Carlo error that all seas have in common, by evaluating the figures at gains shifted
     by that error; the two are added in quadrature. With a UAV, 50 tilts are drawn for each sea.
-    Of a coupled series as many times count as its gains are worth (`fading.effective_samples`).
+    A coupled series counts as its effective number of gains (`fading.effective_samples`).
 
-    Monte Carlo noise that the seas do not share acts like additional fading: 0.2 % of the gain with
-    the default chains, beside the 10 % that waves of 5 m/s cause.
+    Monte Carlo noise that differs between seas acts like additional fading: 0.2 % of the gain
+    with the default chains, beside the 10 % that waves of 5 m/s cause.
 
     All depths use the same phases and random numbers, so that curves are smooth.
 
@@ -115,6 +120,8 @@ def link_performance(
     """
     unknown = {name: value for name, value in shortcuts.items() if name not in _SHORTCUTS}
     require_keys(unknown, _SHORTCUTS)
+    require_kind(over, Realizations, "over")
+    require_kind(flight, Flight, "flight")
     over = _realizations(over or Realizations(), shortcuts)
     speed = shortcuts.get("wind_speed")
     if surface is None and speed is not None:
@@ -125,12 +132,13 @@ def link_performance(
     )  # fmt: skip
     link, scenario = inputs.link, inputs.scenario
     if scenario is not None:
-        ook = ook or scenario.detector
+        ook = scenario.detector if ook is None else ook
         flight = flight or (Flight(scenario.uav) if scenario.uav else None)
     flight = _flight(flight, shortcuts, speed, link)
     _check(limit, over.n, confidence)
-    rates = (None,) if bit_rate is None else [float(r) for r in np.atleast_1d(bit_rate)]
-    ooks = tuple(OokLink.of_link(link, ook or "physical", rate) for rate in rates)
+    rates = (None,) if bit_rate is None else require_finite(bit_rate, "bit_rate", "rates [bit s-1]")
+    ook = "physical" if ook is None else ook
+    ooks = tuple(OokLink.of_link(link, ook, rate) for rate in rates)
     ensemble = Ensemble(inputs, over.n, flight, progress)
     links = _links(ooks[0].channel(link), depths)
     fades = {depth: ensemble.samples(at) for depth, at in links.items()}
@@ -176,7 +184,7 @@ def _flight(
         if given.get("coupled"):
             raise Refused("coupled", True, "with an aircraft that tilts the receiver")
         return None
-    flight = (flight or Flight())._replace(**given)
+    flight = (flight or Flight())._replace(**given).checked()
     if flight.wind is None and wind_speed is not None:
         wind = Dryden(wind_speed=wind_speed, height=link.only_receiver.height)
         return flight._replace(wind=wind)
@@ -184,20 +192,19 @@ def _flight(
 
 
 def _check(limit: float, realizations: int, confidence: float) -> None:
-    if not 0.0 < limit < 0.5:
-        raise Refused("limit", limit, "0 < limit < 0.5")
+    require_between(limit, 0.0, 0.5, "limit")
     require_whole(realizations, 2, 10_000_000, "realizations")
-    if not 0.0 < confidence < 1.0:
-        raise Refused("confidence", confidence, "0 < confidence < 1")
+    require_between(confidence, 0.0, 1.0, "confidence")
 
 
 def _links(link: Link, depths: Sequence[float] | None) -> dict[float, Link]:
     """Return the link at each depth."""
     if depths is None:
         return {float(getattr(link.transmitters[0], "depth", math.nan)): link}
-    values = [float(d) for d in depths]
-    if not values or not all(a < b for a, b in pairwise(values)):
-        raise Refused("depths", depths, "at least one depth, strictly rising [m]")
+    allowed = "at least one depth, strictly rising [m]"
+    values = require_finite(depths, "depths", allowed).tolist()
+    if not all(a < b for a, b in pairwise(values)):
+        raise Refused("depths", depths, allowed)
     return {d: link.at_depth(d) for d in values}
 
 

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from meshtrace.errors import Described, Refused, require_keys
+from meshtrace.errors import Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel
 from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
+from meshtrace.scenario.files import parse_toml, read_text
 from meshtrace.studies.sweep.cluster import DEFAULT_TIMEOUT, compute
 from meshtrace.studies.sweep.lock import locked
-from meshtrace.studies.sweep.points import Study, one_line
+from meshtrace.studies.sweep.points import Study
 from meshtrace.studies.sweep.store import dataset, open_store, waiting_tasks
 from meshtrace.transport.options import Forced
 
@@ -47,7 +47,7 @@ def sweep(
     Parameters
     ----------
     link : Link, Scenario or mapping
-        What all points share: a link, a scenario, or the plain data of a link file. Options of
+        Common part of all points: a link, a scenario, or the plain data of a link file. Options of
         its run that are arguments here are left out.
     parameters : mapping of str to sequence
         Values of each parameter, by its dotted key in a link file: "wind_speed",
@@ -56,17 +56,17 @@ def sweep(
         The sea, or the [sea] table of a link file, in place of that of `link`; a `Link` alone
         goes with the default sea, which follows `wind_speed`.
     realizations : int
-        Surfaces of each point. One keeps the phases of the sea as they are; of several,
+        Surfaces of each point. One keeps the phases of the sea; of several,
         realization i has those of `numpy.random.SeedSequence([seed, i])`, as in `ensemble`.
     rtol : float, optional
-        Relative standard error to reach in every gain; None for `photons` as they are.
+        Relative standard error to reach in every gain; None for a fixed `photons`.
     photons : int, optional
         Chains (forced) or photons (analog) of every gain, with `rtol` the first guess.
     seed : int
         Key of the random numbers, 0 <= seed < 2^64. Points share them.
     store : path, optional
         Zarr store to keep finished points in. A second call with the same arguments and version
-        goes on where the first was stopped, however it was stopped.
+        resumes the first, however it was stopped.
     scheduler : str, optional
         Address of a running dask scheduler, as in "tcp://10.0.0.1:8786", or its scheduler file
         (.json); else a cluster is started on this machine.
@@ -83,7 +83,7 @@ def sweep(
     xarray.Dataset
         Dimensions are the parameters in their order and "realization" (and "receiver" for a
         link with a list of receivers); variables gain, gain_stderr, gain_ballistic, seconds and
-        error, the text of what went wrong, empty where nothing did.
+        error, the text of a failure or empty.
 
     Raises
     ------
@@ -186,7 +186,7 @@ def sweep_file(
 
 
 def store_of(path: str | Path) -> Path:
-    """Return the store that a study file names, or that of its own name beside it.
+    """Return the store named in a study file, or the default one beside the file.
 
     Raises
     ------
@@ -206,13 +206,11 @@ def _stored(path: Path, table: Mapping[str, Any]) -> Path:
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the link of a study file and its table [sweep]."""
+    text = read_text(path)
     try:
-        config = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise Refused("", Described(error.strerror), "a TOML file", source=str(path)) from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        problem = Described(one_line(error))
-        raise Refused("", problem, "TOML in UTF-8", source=str(path)) from error
+        config = parse_toml(text)
+    except Refused as error:
+        raise error.of(str(path)) from error.__cause__
     table = config.pop("sweep", None)
     if not isinstance(table, dict):
         raise Refused("sweep", table, "a table", source=str(path))
