@@ -122,7 +122,7 @@ def test_the_default_link_file_states_the_defaults():
 def test_the_default_link_file_shows_every_key():
     text = (ROOT / "examples" / "default_link.toml").read_text()
     config = Scenario.from_toml("").to_config()
-    del config["run"]["batch_size"], config["sea"]["alpha_coefficient"]
+    del config["sea"]["alpha_coefficient"]
     rare = {"first_photon", "max_events", "max_surface_events", "reflected_photons"}
     rare |= {"r_min", "r_max", "capillary", "jitter"}
     for section, table in config.items():
