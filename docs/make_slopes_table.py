@@ -1,4 +1,4 @@
-"""Measure how the mean gain hangs on band and spacing, and write it into slopes.md.
+"""Measure the dependence of the mean gain on band and spacing, and write it into slopes.md.
 
 The mean over seas of light that crosses once knows heights and slopes at one point only. Both are
 Gaussian and independent there, so a flat mesh whose slopes are all random, averaged over its

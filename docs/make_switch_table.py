@@ -66,7 +66,7 @@ CASES: list[tuple[str, str, dict[str, object]]] = [
     ("", "no bubbles", {"bubbles": None}),
     (
         "",
-        'all printed forms, `physics = "paper"`',
+        'all forms as published, `physics = "paper"`',
         {
             "physics": mt.Physics.paper(),
             "water": PAPER_WATER,

@@ -63,6 +63,7 @@ from .transport.options import IrradianceMap as IrradianceMap
 from .transport.options import MapGrid as MapGrid
 from .transport.options import Meshing as Meshing
 from .transport.outcome import DomainWarning as DomainWarning
+from .transport.outcome import FewSamplesWarning as FewSamplesWarning
 from .transport.paths import PhotonPaths as PhotonPaths
 from .transport.simulate import simulate as simulate
 from .transport.simulate import trace_paths as trace_paths

@@ -41,7 +41,7 @@ class Hits(NamedTuple):
 
 
 class Intersector(Protocol):
-    """What a tracer needs of an acceleration structure."""
+    """Interface of an acceleration structure, as the tracers use it."""
 
     mesh: TriangleMesh
 

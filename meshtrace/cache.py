@@ -1,4 +1,4 @@
-"""Folder of what is computed once for a user: compiled kernels and Mie tables."""
+"""Cache folder of a user: compiled kernels and Mie tables."""
 
 from __future__ import annotations
 

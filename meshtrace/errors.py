@@ -35,7 +35,7 @@ MISSING = Described("missing")
 
 
 class Refused(ValueError):
-    """Input that is not accepted: one line that names the field, its value and what is allowed.
+    """Invalid input: one line with the field, its value and the allowed values.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def join_path(path: str, *keys: int | str) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a number; true and false are none."""
+    """Return whether a value is a number; booleans are none."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 

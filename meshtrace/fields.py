@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 
 class Field(NamedTuple):
-    """What a variable is: UDUNITS `units`, `long_name`, and `symbol` as TeX without dollars."""
+    """Metadata of a variable: UDUNITS `units`, `long_name`, and `symbol` as TeX without dollars."""
 
     units: str
     long_name: str

@@ -1,4 +1,4 @@
-"""Output files: the check before the work, and atomic replacement of what stands there."""
+"""Output files: check before the run, and atomic replacement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Triangle meshes of the sea surface, and what a surface model must offer to make one."""
+"""Triangle meshes of the sea surface, and the interface of the surface models."""
 
 from __future__ import annotations
 
@@ -81,9 +81,9 @@ class UnresolvedSlopes(NamedTuple):
     Parameters
     ----------
     vertex : tuple of float
-        What normals interpolated from the corners leave out.
+        Slope variances that normals interpolated from the corners leave out.
     facet : tuple of float
-        What the facets' own normals leave out.
+        Slope variances that the facets' own normals leave out.
     direction_deg : float
         Direction the wind blows to, counter-clockwise from +x [deg].
     """

@@ -31,7 +31,7 @@ def ordered_map(
     threads : int
         Threads; 1 runs in the calling thread.
     ahead : int
-        Pending jobs per thread: what bounds the memory.
+        Pending jobs per thread, a bound of the memory.
 
     Examples
     --------

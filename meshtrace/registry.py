@@ -1,4 +1,4 @@
-"""Families of models that plain data tell apart by `kind`; most are open to a user's own parts.
+"""Families of models, identified by `kind` in plain data; most accept a user's own classes.
 
 A direct subclass of `Family` is the base of a family, and every concrete class below it joins by
 being defined. Plain data name a class by its `kind`, by its import path "module:Class", or by an
@@ -89,7 +89,7 @@ class Family(Model, frozen=True):
         if found is None and isinstance(kind, str) and not cls._closed:
             try:
                 found = _imported(kind)
-            except Exception as error:  # whatever a module does when it is imported
+            except Exception as error:  # any failure of a module's import
                 raise Refused(key, kind, f"{allowed} ({error})") from error
         if inspect.isclass(found) and issubclass(found, cls):
             return found
@@ -102,7 +102,7 @@ class Family(Model, frozen=True):
         Parameters
         ----------
         value : model, mapping or str
-            A model of the family is returned as it is. The key `model` stands for `kind`, too.
+            A model of the family is returned unchanged. The key `model` stands for `kind`, too.
 
         Raises
         ------

@@ -231,13 +231,13 @@ def read_dataset(path: str | PathLike[str]) -> xr.Dataset:
                 found.attrs.get("_nc3_strict")
         with xr.open_dataset(path, engine=engine, decode_timedelta=False) as opened:
             return opened.load()
-    except Exception as error:  # the readers raise whatever they stumble over
+    except Exception as error:  # the readers raise any exception
         reason = one_line(str(error)) or type(error).__name__
         raise Refused(str(path), Described(reason), _ALLOWED) from error
 
 
 def _is_damaged(path: str | PathLike[str]) -> bool:
-    """Whether a file ends in the digest of other bytes than it has."""
+    """Return whether the digest at the end of a file differs from that of its bytes."""
     size = Path(path).stat().st_size - _TRAILER
     with open(path, "rb") as file:
         digest = hashlib.sha256()

@@ -1,4 +1,4 @@
-"""Lines of tensor-product grids: uniform, or fine where the light is and coarse outside."""
+"""Lines of tensor-product grids: uniform, or fine at the light and coarse outside."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MAX_LINES = 20_001
 """Most lines of one axis; a finer grid is most likely a typing error."""
 
 DEFAULT_GROWTH = 1.1
-"""Ratio of neighbouring steps where a graded grid grows coarser."""
+"""Ratio of neighbouring steps in the coarsening part of a graded grid."""
 
 DEFAULT_COARSENING = 10.0
 """Largest step of a graded grid over its finest, unless given."""

@@ -133,7 +133,7 @@ class _BandedSea(RandomSea, frozen=True):
 
     @property
     def band_limits(self) -> Band:
-        """Frequencies and directions in use: those given, the default for the others."""
+        """Frequencies and directions in use: given values and defaults."""
         given = self.omega_min, self.omega_max, self.d_omega, self.d_theta
         return Band(
             *(d if g is None else g for g, d in zip(given, self._default_band(), strict=True))
@@ -258,7 +258,7 @@ class JonswapSea(_BandedSea, frozen=True):
         Factor of the fetch law for alpha, 0.075 in the paper, 0.076 in the literature.
     mss : {"cox-munk", "elfouhaily", "band"}
         Slope variance of the real sea: measured, or of a spectrum down to the capillaries. The
-        tracer tilts normals at random by what a mesh lacks of it (`Physics.unresolved`). "band":
+        tracer tilts normals at random by the rest that a mesh lacks (`Physics.unresolved`). "band":
         there are no waves beyond the band.
 
     Raises

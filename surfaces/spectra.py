@@ -80,7 +80,7 @@ class Spectrum(Family, ABC, frozen=True):
         """
 
     def _raised(self, omega: ArrayLike) -> Floats:
-        """Return the frequencies, raised to where the spectrum has underflowed to zero."""
+        """Return the frequencies, raised to the underflow of the spectrum at least."""
         return np.maximum(finite_array("omega", omega, 0.0), _LOWEST * self.omega_p)
 
 

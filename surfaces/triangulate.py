@@ -196,7 +196,7 @@ def _read(source: Any) -> tuple[Floats, NDArray[np.int64]]:
 
 
 def _loaded(path: str | PathLike[str]) -> trimesh.Trimesh:
-    """Read a mesh file, refusing what its reader stumbles over."""
+    """Read a mesh file; refuse files that its reader fails on."""
     import trimesh
 
     allowed = "an undamaged STL, PLY or OBJ file"

@@ -28,13 +28,13 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
     Parameters
     ----------
     source : TriangleMesh, PhotonPaths or CoverageMap
-        What is to be shown.
+        Result to show.
 
     Returns
     -------
     pyvista.PolyData or pyvista.ImageData
         Of a surface: triangles with elevation [m], slopes, and the exact normals at the
-        points. Of paths: lines with weight and what happened at the points, photon and end of
+        points. Of paths: lines with weight and the events at the points, photon and end of
         each line. Of a map: cells with gain and its standard error in the plane of the
         receiver.
 
@@ -93,7 +93,7 @@ def _(source: CoverageMap) -> pv.ImageData:
 
 
 def _height(source: CoverageMap) -> float:
-    """Return the height of the first receiver in the air [m], 0 if the map does not tell."""
+    """Return the height of the first receiver in the air [m], 0 if the map has none."""
     receivers = source.provenance.get("link", {}).get("receiver", [])
     for receiver in receivers if isinstance(receivers, list | tuple) else [receivers]:
         if "height" in receiver:
@@ -110,7 +110,7 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
     Parameters
     ----------
     source : TriangleMesh, PhotonPaths or CoverageMap
-        What is to be written; its arrays are those of `to_pyvista`.
+        Result to write; its arrays are those of `to_pyvista`.
     path : path
         File: .vtp or .vtu for surfaces and paths (surfaces also .ply, .stl), .vti for maps.
 
@@ -143,7 +143,7 @@ def export_scene(scene: Scene, folder: str | Path) -> list[Path]:
     Parameters
     ----------
     scene : Scene
-        What is drawn.
+        Drawing to export.
     folder : path
         Folder, made if it is not there: surface.vtp, paths.vtp, received.vtp, map.vti.
 
@@ -161,12 +161,12 @@ def export_scene(scene: Scene, folder: str | Path) -> list[Path]:
 
 
 def save_picture(plotter: pv.Plotter, path: str | Path, largest: int = 300_000) -> Path:
-    """Write what a plotter shows as a PNG of limited size.
+    """Write the image of a plotter as a PNG of limited size.
 
     Parameters
     ----------
     plotter : pyvista.Plotter
-        What to show.
+        Plotter or scene.
     path : path
         File, .png.
     largest : int

@@ -48,7 +48,7 @@ _POLICY = (
     "worker-src blob: data:; font-src data:"
 )
 
-# the viewer fits light and depth, by which it blends what is translucent, to the camera only
+# the viewer fits light and depth, by which it blends translucent parts, to the camera only
 # once the camera moves
 _LIGHTS = """<script>
   const waiting = setInterval(() => {
@@ -71,7 +71,7 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
     Parameters
     ----------
     plotter : Scene or pyvista.Plotter
-        What to show. Texts of a `Scene` are set into it, facing where the camera is now.
+        Plotter or scene. Texts of a `Scene` face the present camera.
     path : path
         File, .html.
     title : str
@@ -124,7 +124,7 @@ def _exported(plotter: pv.Plotter) -> str:
 def _packed(window: Any) -> bytes:
     """Return a render window as the zip file that the viewer opens.
 
-    What pyvista's own export does, which however starts a web server for it.
+    Like pyvista's export, which however starts a web server.
     """
     initialize_serializers()
     context = SynchronizationContext()
@@ -172,7 +172,7 @@ def _about(plotter: pv.Plotter, title: str) -> str:
         for label, color in key.items()
     )
     bars = "".join(_bar(name, bar) for name, bar in plotter.scalar_bars.items())
-    # the viewer empties what it is put into: with a room of its own the rest stays
+    # the viewer empties its container: in a container of its own the rest stays
     return (
         '<div class="content"></div>'
         f'<div id="about"><h1>{html.escape(title)}</h1>'

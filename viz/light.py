@@ -34,11 +34,11 @@ def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") ->
     Parameters
     ----------
     scene : Scene
-        Where to draw.
+        Scene to draw into.
     paths : PhotonPaths
         The paths.
     color : {"fate", "weight"}
-        Colour by what became of the photon, or by its weight along the path. Received light
+        Colour by the fate of the photon, or by its weight along the path. Received light
         is drawn thicker; dots mark scattering, rings of light the crossing of the surface.
 
     Returns
@@ -94,7 +94,7 @@ def _path_look(scene: Scene, color: PathColor, shade: str) -> dict[str, Any]:
 
 
 def _add_dots(scene: Scene, paths: PhotonPaths, what: Vertex, radius: float, color: str) -> None:
-    """Draw balls where something happened within the stage."""
+    """Draw balls at the events within the stage."""
     points = paths.vertex[paths.what == what]
     low, high = np.reshape(scene.stage.bounds, (3, 2)).T
     points = points[((points >= low) & (points <= high)).all(axis=1)]
@@ -105,16 +105,16 @@ def _add_dots(scene: Scene, paths: PhotonPaths, what: Vertex, radius: float, col
 
 
 FOOTPRINT_RANGE_DB = 20.0
-"""Where the colours of the footprint end, below its brightest spot."""
+"""Lower end of the colours of the footprint, below its brightest spot."""
 
 
 def add_footprint(scene: Scene, mesh: TriangleMesh, received: PhotonPaths) -> Scene:
-    """Draw where the received light crosses the surface, in decibels below its brightest spot.
+    """Draw the crossings of the received light, in decibels below the brightest spot.
 
     Parameters
     ----------
     scene : Scene
-        Where to draw.
+        Scene to draw into.
     mesh : TriangleMesh
         The surface.
     received : PhotonPaths

@@ -1,4 +1,4 @@
-"""The parts of a link in a scene: sea, bubbles, lamp, receiver and the aircraft."""
+"""The parts of a link in a scene: sea, bubbles, sources, receivers and the aircraft."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SURFACE_COLORS = {
     "slope_y": plain_label("slope_y"),
     "plain": "",
 }
-"""What the surface may be coloured by, with the titles of the colour bars."""
+"""Quantities that colour the surface, with the titles of the colour bars."""
 
 BUBBLE_COLOR = "#FFFFFF"
 WATER_COLORS = ("#8CC4D8", "#2F6690")
@@ -51,7 +51,7 @@ def add_surface(
     Parameters
     ----------
     scene : Scene
-        Where to draw.
+        Scene to draw into.
     mesh : TriangleMesh
         The surface.
     color : str
@@ -111,7 +111,7 @@ def add_surface(
 def add_bubbles(
     scene: Scene, mesh: TriangleMesh, bubbles: HallNovarini | None = None, *, near: bool = False
 ) -> Scene:
-    """Draw the block of water below the surface, milky where bubbles scatter.
+    """Draw the block of water below the surface, milky in the bubble layer.
 
     The far sides and the near ones, wherever one looks from, are two parts: all else is drawn
     between them.
@@ -119,7 +119,7 @@ def add_bubbles(
     Parameters
     ----------
     scene : Scene
-        Where to draw.
+        Scene to draw into.
     mesh : TriangleMesh
         The surface.
     bubbles : HallNovarini, optional
@@ -180,7 +180,7 @@ def _tint(z: np.ndarray, bottom: float, bubbles: HallNovarini | None) -> np.ndar
     color, alpha = light + deep * (dark - light), np.full_like(deep, 0.55)
     if bubbles is not None:
         depth = np.maximum(-z, 0.0)
-        # the root, so that the eye sees the layer down to a hundredth of its density
+        # the root, so that the layer is visible down to a hundredth of its density
         veil = np.sqrt(bubbles.b(depth) / float(bubbles.b(0.0)))[:, None]
         color = color + veil * (np.array(to_rgb(BUBBLE_COLOR)) - color)
         alpha = alpha + veil * (0.95 - alpha)
@@ -188,9 +188,9 @@ def _tint(z: np.ndarray, bottom: float, bubbles: HallNovarini | None) -> np.ndar
 
 
 def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
-    """Draw every source: a lamp with its cone of emission, or rays of the sun or sky.
+    """Draw every source: an LED or a beam with its cone, or rays of the sun or sky.
 
-    The cone ends at the surface; its half-angle is that of half power (lamp), of 1/e^2
+    The cone ends at the surface; its half-angle is that of half power (LED), of 1/e^2
     (Gaussian beam), or of the whole beam.
     """
     for source in link.transmitters:
@@ -203,8 +203,8 @@ def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
             _add_cone(scene, mesh, place, source.axis, half, LED_COLOR)
         if not scene.stage.contains(place):
             continue
-        lamp = pv.Sphere(radius=0.012 * scene.stage.size, center=place)
-        scene.add_mesh(lamp, color=LED_COLOR, ambient=0.7, specular=0.3)
+        ball = pv.Sphere(radius=0.012 * scene.stage.size, center=place)
+        scene.add_mesh(ball, color=LED_COLOR, ambient=0.7, specular=0.3)
         name = "LED" if source.kind == "led" else source.kind.replace("-", " ")
         angle = "" if half is None else f"\nhalf-angle {half:g}°"
         text = f"{name}, depth {source.depth:g} m{angle}"
@@ -214,7 +214,7 @@ def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
 
 
 def _add_sky(scene: Scene, source: Any) -> None:
-    """Draw the square of the sea that a sun or sky lights, and where its light comes from."""
+    """Draw the square of the sea that a sun or sky lights, with the direction of its light."""
     stage, w = scene.stage, source.half_width
     zenith = math.radians(getattr(source, "zenith_deg", 0.0))
     azimuth = math.radians(getattr(source, "azimuth_deg", 0.0))
@@ -235,7 +235,7 @@ def _add_sky(scene: Scene, source: Any) -> None:
 
 
 def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
-    """Draw every receiver: its disk, enlarged where it is too small to see, and field of view."""
+    """Draw every receiver: its disk, enlarged to be visible, and its field of view."""
     stage = scene.stage
     for receiver in link.receivers:
         x, y, z = receiver.axis
@@ -280,7 +280,7 @@ def _add_cone(
 def cone_rim(
     mesh: TriangleMesh, apex: Vector, axis: Vector, half_deg: float, longest: float
 ) -> np.ndarray:
-    """Return where the rays along a cone meet the surface, shape (97, 3) [m], first as last.
+    """Return the outline of a cone on the surface, closed, shape (97, 3) [m].
 
     Rays that have not met it after a `longest` way [m] end there.
     """

@@ -142,7 +142,7 @@ def plot_ber(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 
 
 def positive(values: ArrayLike) -> Floats:
-    """Return the values for a logarithmic axis, nan where they are not positive."""
+    """Return the values for a logarithmic axis, with nan for those that are not positive."""
     found = np.asarray(values, dtype=float)
     return np.where(found > 0.0, found, np.nan)
 

@@ -90,7 +90,7 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
 
 
 def _band(x: Floats, low: Floats, high: Floats, color: str) -> PathPatch:
-    """Return the area that many curves (curves, n) cover, in one tone where they overlap."""
+    """Return the area covered by many curves (curves, n), in one tone."""
     there, back = np.broadcast_to(x, low.shape), np.broadcast_to(x[::-1], low.shape)
     around = np.stack([np.hstack([there, back]), np.hstack([low, high[:, ::-1]])], axis=-1)
     closed = np.concatenate([around, around[:, :1]], axis=1)

@@ -45,7 +45,7 @@ class SceneStyle:
     opacity : float
         Opacity of the surface.
     footprint : bool
-        With received light, draw where it crosses the surface.
+        With received light, draw its crossings of the surface.
     bubbles, uav, labels : bool
         Draw the bubbles, the aircraft, scale and texts.
     extent, spacing : float, optional
@@ -111,7 +111,7 @@ def scene(
     Returns
     -------
     Scene
-        A pyvista plotter: `show()`, `screenshot(...)`, or go on with `add_mesh(...)` and the
+        A pyvista plotter: `show()`, `screenshot(...)`, or continue with `add_mesh(...)` and the
         `add_` functions of this package.
 
     Raises
@@ -135,7 +135,7 @@ def scene(
     plotter.suppress_rendering = True  # once shown, it would be rendered after every part
     shown = shown_mesh(surface, stage, time, style.spacing)
     bubbles = link.bubbles if link is not None and style.bubbles else None
-    # from back to front: what is translucent is blended in this order
+    # from back to front: translucent parts are blended in this order
     if link is not None:
         add_bubbles(plotter, shown, bubbles)
         add_transmitter(plotter, link, shown)
@@ -177,7 +177,7 @@ def scene(
 def shown_mesh(
     surface: SurfaceModel | TriangleMesh, stage: Stage, time: float, spacing: float | None
 ) -> TriangleMesh:
-    """Return the surface within the stage: a sea triangulated, a mesh as it is."""
+    """Return the surface within the stage: a triangulated sea, or the mesh."""
     if isinstance(surface, TriangleMesh):
         return surface
     step = spacing or stage.half / 100.0

@@ -90,7 +90,7 @@ def view(
     ------
     Refused
         If a file could not be written, there is no display to open a window on, or a movie of a
-        mesh is asked for.
+        mesh is requested.
     """
     _refuse_unwritable({"screenshot": screenshot, "html": html, "movie": movie, "export": export})
     window = not (screenshot or html or movie or export)

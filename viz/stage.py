@@ -21,7 +21,7 @@ from .style import FONT_FILE, INK, PALETTE, SKY, SLIDE
 VIEW_ANGLE_DEG = 24.0
 
 ROOM = ((-0.9, 0.7), (-0.86, 0.93))
-"""Where the stage is in the window, -1 to 1 across and up: bars stand beside it, the key below."""
+"""Place of the stage in the window, -1 to 1 across and up: bars beside it, the key below."""
 
 FROM_FILE = 4
 """VTK_FONT_FILE."""
@@ -49,7 +49,7 @@ class Stage(NamedTuple):
 
     @property
     def bounds(self) -> tuple[float, float, float, float, float, float]:
-        """Limits x, x, y, y, z, z [m] as pyvista wants them."""
+        """Limits x, x, y, y, z, z [m] in the order of pyvista."""
         (x, y), h = self.center, self.half
         return (x - h, x + h, y - h, y + h, self.bottom, self.top)
 
@@ -92,7 +92,7 @@ def stage_of(link: Link | None, mesh: TriangleMesh | None, extent: float | None)
 
 
 class Scene(pv.Plotter):
-    """A pyvista plotter that knows its stage and keeps the key to its colours.
+    """A pyvista plotter with its stage and the key to its colours.
 
     Parameters
     ----------
@@ -110,9 +110,9 @@ class Scene(pv.Plotter):
     key : dict of str to str
         Meaning of the colours, for the legend and the web page.
     texts : list of (ndarray, str, str)
-        Points [m], what is written there and on which side, for the web page.
+        Points [m] with their texts and sides, for the web page.
     shown : dict of str to TriangleMesh, PhotonPaths or CoverageMap
-        What is drawn, for `export_scene`.
+        Parts of the scene, for `export_scene`.
     """
 
     def __init__(
@@ -174,7 +174,7 @@ class Scene(pv.Plotter):
 
 
 def add_lights(scene: Scene) -> Scene:
-    """Light the waves from far behind, so that they glint, and all else from the front."""
+    """Light the waves from behind, so that they glint, and everything else from the front."""
     low_sun = pv.Light(position=(0.6, 1.0, 0.55), light_type="scene light", intensity=0.75)
     from_above = pv.Light(position=(-0.5, -0.4, 1.0), light_type="scene light", intensity=0.45)
     for light in (low_sun, from_above, pv.Light(light_type="headlight", intensity=0.35)):

@@ -1,4 +1,4 @@
-"""The default link over a sea at 13 m/s: lamp, surface, bubbles, and a tilted receiver."""
+"""The default link over a sea at 13 m/s: LED, surface, bubbles, and a tilted receiver."""
 
 from pathlib import Path
 

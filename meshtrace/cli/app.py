@@ -1,4 +1,4 @@
-"""The command line itself: its name, its version, and how failures are told."""
+"""The command-line application: name, version and reporting of failures."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ app = typer.Typer(
 
 
 def _message(error: Exception) -> str | None:
-    """Return what to tell the user, None for an error that is ours."""
-    if hasattr(error, "format_message"):  # how typer says that the arguments are wrong
+    """Return the message for the user, None for an internal error."""
+    if hasattr(error, "format_message"):  # typer's error for invalid arguments
         return str(error.format_message())
     if isinstance(error, Refused):
         return str(error)

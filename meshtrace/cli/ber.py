@@ -111,14 +111,14 @@ def ber(
 
 
 def _seas(scenario: Scenario, realizations: int, coupled: bool) -> int:
-    """Return how many surfaces a link's performance takes at one depth."""
+    """Return the number of surfaces per depth of a link's performance."""
     from meshtrace.mesh import RandomSea
 
     return realizations if coupled or isinstance(scenario.surface, RandomSea) else 1
 
 
 def _sweep(found: list[tuple[float, LinkPerformance]]) -> Any:
-    """Return what to save: one performance, or those of several winds."""
+    """Return the result to save: one performance, or those of several winds."""
     from meshtrace.studies.performance.tables import DepthSweep
 
     if len(found) == 1:

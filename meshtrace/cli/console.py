@@ -1,4 +1,4 @@
-"""What commands share while they run: link files, progress, warnings, plain data."""
+"""Services shared by the commands: link files, progress, warnings, plain data."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COMPILING = "compiling kernels (first run only)"
 
 @contextmanager
 def over_seas(seas: int, quiet: bool) -> Iterator[Callable[[int], None]]:
-    """Yield how to say that a sea is done."""
+    """Yield the callback that advances the progress bar by finished seas."""
     with progress(seas, quiet, "over the seas") as (say, advance):
         if not kernels_are_compiled("forced"):
             say(COMPILING)
@@ -62,7 +62,7 @@ def scenario_of(link: Path | None, settings: list[str], options: dict[str, str |
 def progress(
     total: int | None, quiet: bool, doing: str = "following photons"
 ) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
-    """Yield how to say what goes on, and how to say that photons or seas are done."""
+    """Yield two callbacks: set the status text, and advance the progress bar."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -109,7 +109,7 @@ def warnings_as_lines() -> Iterator[None]:
 
 
 def finite(value: Any) -> Any:
-    """Return numbers in tuples and arrays as plain data, with null for what is not finite."""
+    """Return numbers in tuples and arrays as plain data, with null for non-finite values."""
     import numpy as np
 
     if value is None:

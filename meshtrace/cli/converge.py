@@ -1,4 +1,4 @@
-"""`meshtrace converge`: whether a gain still depends on mesh, time step or band of waves."""
+"""`meshtrace converge`: convergence of a gain with mesh, time step or band of waves."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def _draw(study: ConvergenceStudy, path: Path) -> None:
 
 
 def _values(given: dict[str, str]) -> tuple[str, list[float]]:
-    """Return what is refined, and its values."""
+    """Return the name and the values of the refined parameter."""
     from meshtrace.studies.convergence import DEFAULT_SPACINGS
 
     if len(given) > 1:

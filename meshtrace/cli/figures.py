@@ -38,8 +38,9 @@ def figures(
 
     Figures that are there already are kept; an interrupted run goes on where it was.
     """
+    from meshtrace.paper.records import INDEX
     from meshtrace.paper.registry import FIGURES, Setting
-    from meshtrace.paper.runner import INDEX, make_figures
+    from meshtrace.paper.runner import make_figures
 
     if names:
         typer.echo("\n".join(FIGURES))
@@ -60,7 +61,7 @@ def figures(
 
 
 def _tell(name: str, record: dict[str, Any] | None) -> None:
-    """Say on stderr what goes on."""
+    """Report the progress on stderr."""
     if record is None:
         typer.echo(f"{name} ...", err=True)
     elif record["kept"]:

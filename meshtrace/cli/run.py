@@ -71,7 +71,7 @@ def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
     known = scenario.run.photons if scenario.run.rtol is None else None
     with progress(known, quiet) as (say, advance):
         if not kernels_are_compiled(scenario.run.estimator.kind):
-            scenario.mesh()  # so that a wrong link is told without waiting for the compiler
+            scenario.mesh()  # reports a wrong link before the kernels compile
             say(COMPILING)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -84,7 +84,7 @@ def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
 
 
 def _as_data(result: GainResult, wall_time: float) -> dict[str, Any]:
-    """Return a result as plain data for JSON, with null for what is not finite."""
+    """Return a result as plain data for JSON, with null for non-finite values."""
     return {
         "gain": finite(result.gain),
         "gain_stderr": finite(result.gain_stderr),
@@ -97,6 +97,7 @@ def _as_data(result: GainResult, wall_time: float) -> dict[str, Any]:
         "wall_time": wall_time,
         "fates": {name: tally._asdict() for name, tally in result.fates.items()},
         "chains": result.chains,
+        "scattered": [row._asdict() for row in result.scattered],
         "misses": {"cast_again": result.misses[0], "given_up": result.misses[1]},
         "provenance": result.provenance,
     }

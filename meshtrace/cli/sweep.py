@@ -96,7 +96,7 @@ def _rows(data: xr.Dataset) -> list[str]:
     dims = [str(name) for name in gain.dims if name != "realization"]
     n = data.sizes["realization"]
     mean = gain.mean("realization").values
-    # chains are drawn anew for each realization: their errors are independent
+    # each realization draws its own chains: their errors are independent
     error = np.sqrt((stderr**2).sum("realization", skipna=False).values) / n
     spread = gain.std("realization", ddof=1).values if n > 1 else mean
     widths = [max(len(name), 12) + 2 for name in dims]

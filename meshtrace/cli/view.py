@@ -34,7 +34,7 @@ MOST_FRAMES = 10_000
 
 
 class Subject(NamedTuple):
-    """What is looked at: a link over a surface at a time, and what a result says of it."""
+    """Subject of a view: a link over a surface at a time, with the data of a result."""
 
     surface: SurfaceModel | TriangleMesh
     link: Link | None = None
@@ -139,7 +139,7 @@ def view(
 
 
 def _refuse_numbers(positive: dict[str, float | None], time: float | None) -> None:
-    """Refuse what typer takes for a number and no picture can use."""
+    """Refuse numbers that typer accepts and no picture can use."""
     for option, value in positive.items():
         if value is not None and not 0.0 < value < math.inf:
             raise Refused(option, Described(f"{value:g}"), "numbers > 0")
@@ -149,7 +149,7 @@ def _refuse_numbers(positive: dict[str, float | None], time: float | None) -> No
 
 @contextmanager
 def _refusals() -> Iterator[None]:
-    """Turn what viz refuses, and what it lacks, into one line for the user."""
+    """Turn refusals and missing packages of viz into one line for the user."""
     try:
         yield
     except ImportError as error:
@@ -158,7 +158,7 @@ def _refusals() -> Iterator[None]:
 
 
 def _subject(file: Path | None, settings: list[str]) -> Subject:
-    """Return what a file holds."""
+    """Return the contents of a file."""
     from meshtrace.scenario import MeshFile
 
     suffix = ".toml" if file is None else file.suffix.lower()
@@ -186,7 +186,7 @@ def _of_scenario(scenario: Scenario) -> Subject:
 
 
 def _of_result(file: Path) -> Subject:
-    """Return what a result file was made of, with its map or its gain over time."""
+    """Return the inputs of a result file, with its map or its gain over time."""
     from meshtrace.results import load
     from meshtrace.results.coverage import CoverageMap
     from meshtrace.results.series import GainSeries

@@ -110,7 +110,7 @@ def required_gain(link: OokLink, ber: float) -> float:
 
 
 def ber_of_gains(link: OokLink, gain: FloatArray) -> FloatArray:
-    """Return the bit error rate of many gains, interpolated where that is worth it.
+    """Return the bit error rate of many gains, interpolated between nodes for long arrays.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def average_ber(
 
     Notes
     -----
-    The Monte Carlo noise of the gains acts like additional fading: free the gains from it first
+    The Monte Carlo noise of the gains acts like additional fading: remove it from the gains first
     (`fading.remove_noise`), or make it small against their spread.
     """
     g = np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))

@@ -1,4 +1,4 @@
-"""Rates that a fading channel carries: hard and soft decisions, outage, and the photon channel."""
+"""Rates of a fading channel: hard and soft decisions, outage, and the photon channel."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def hard_information(ber: ArrayLike) -> FloatArray:
 def capacity(
     link: OokLink, gain: ArrayLike, h_alpha: ArrayLike = 1.0, outage: float = 0.01
 ) -> Capacity:
-    """Return the rates that on-off keying at the link's bit rate carries over an ensemble of gains.
+    """Return the rates of on-off keying at the link's bit rate over an ensemble of gains.
 
     Parameters
     ----------

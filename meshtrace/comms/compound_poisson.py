@@ -101,7 +101,7 @@ def compound_poisson_decision(
 
 
 def _borel(branching: float) -> FloatArray:
-    """Probabilities of 1, 2, ... avalanches per primary, down to 1e-16, summing to 1."""
+    """Return the probabilities of 1, 2, ... avalanches per primary, down to 1e-16, of sum 1."""
     from scipy.special import gammaln
 
     m = np.arange(1, 400)
@@ -113,7 +113,7 @@ def _borel(branching: float) -> FloatArray:
 
 
 def _least_error(zero: FloatArray, one: FloatArray) -> tuple[float, int]:
-    """Error rate of the best threshold, and the lowest lattice point above it."""
+    """Return the error rate of the best threshold, and the lowest lattice point above it."""
     missed = np.concatenate(([0.0], np.cumsum(one)))
     false = np.concatenate((np.cumsum(zero[::-1])[::-1], [0.0]))
     index = int(np.argmin(missed + false))

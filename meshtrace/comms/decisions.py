@@ -31,7 +31,7 @@ def non_negative(name: str, value: ArrayLike) -> FloatArray:
 def gaussian_decision(m0: ArrayLike, m1: ArrayLike, v0: ArrayLike, v1: ArrayLike) -> Decision:
     """Decide between two Gaussian levels.
 
-    BER = [Q((m1 - th) / s1) + Q((th - m0) / s0)] / 2,  with th where the two densities cross
+    BER = [Q((m1 - th) / s1) + Q((th - m0) / s0)] / 2,  with th at the crossing of the densities
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: ArrayLike) -> Deci
 
 
 def generalized_poisson_logpmf(k: ArrayLike, primaries: float, branching: float) -> FloatArray:
-    """Log probability of k counts when Poisson primaries branch.
+    """Return the log probability of k counts when Poisson primaries branch.
 
     P(k) = N (N + k lam)^(k-1) exp(-N - k lam) / k!
 
@@ -131,7 +131,7 @@ def generalized_poisson_logpmf(k: ArrayLike, primaries: float, branching: float)
 
 
 def _error_free(n0: float, n1: float, branching: float) -> bool:
-    """Levels so far apart that the error rate underflows; spares sums over huge counts."""
+    """Return whether the error rate underflows, which spares sums over huge counts."""
     return (n1 - n0) ** 2 * (1.0 - branching) > 1e4 * n1
 
 
@@ -166,7 +166,7 @@ def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float)
     Notes
     -----
     A count k is read as a one where the likelihood of a one is the larger, which the monotone
-    likelihood ratio makes a threshold. Each tail is summed by itself, never as 1 - cdf.
+    likelihood ratio makes a threshold. Each tail is summed separately, never as 1 - cdf.
 
     Examples
     --------
@@ -195,7 +195,7 @@ def _count_decision(n0: float, n1: float, branching: float) -> tuple[float, floa
 
 
 def soft_information(n0: float, n1: float, branching: float) -> float:
-    """Mutual information of equally likely bits and the full count [bit per use].
+    """Return the mutual information of equally likely bits and the full count [bit per use].
 
     Parameters
     ----------

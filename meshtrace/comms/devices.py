@@ -331,7 +331,7 @@ class OpticalFrontEnd(Model, frozen=True):
     medium_index : float
         Refractive index n_medium in front of the aperture [1]: 1 in air, some 1.34 under water.
     etendue_limited : bool
-        Whether the concentration is held to what the conservation of etendue allows.
+        Whether the concentration is limited by the conservation of etendue.
     filter_transmission : float
         Transmission of the optical filter at the signal's wavelength [1].
     filter_width_nm : float

@@ -207,7 +207,7 @@ class OokLink(Model, frozen=True):
         Parameters
         ----------
         link : Link
-            The link; returned as it is unless `calibration` is "paper-ranges".
+            The link; returned unchanged unless `calibration` is "paper-ranges".
         """
         factor, water = self.absorption_factor, link.water
         if factor == 1.0:

@@ -1,4 +1,4 @@
-"""What the LED's and the receiver's filters make of a light pulse and of its shot noise.
+"""Light pulses and their shot noise behind the filters of LED and receiver.
 
 The light is shaped by the LED's pole. Each count is shaped by the SiPM's pole and, optionally, by
 an average over a window that ends at the sample: impulse response g(t), of unit area. The mean
@@ -46,11 +46,11 @@ class PulseFilters:
     window: float = 0.0
 
     def mean_step(self, t: ArrayLike) -> FloatArray:
-        """Mean signal a time `t` [s] after the light was switched to 1, int g(u) l(t - u) du."""
+        """Return the mean signal `t` [s] after the light is switched on, int g(u) l(t - u) du."""
         return self._step(t, self._mean_terms())
 
     def shot_step(self, t: ArrayLike) -> FloatArray:
-        """Shot-noise variance [s-1] a time `t` [s] after, int g(u)^2 l(t - u) du."""
+        """Return the shot-noise variance [s-1] `t` [s] after, int g(u)^2 l(t - u) du."""
         return self._step(t, self._shot_terms())
 
     @property
@@ -69,7 +69,7 @@ class PulseFilters:
         return -math.expm1(-self.window / self.tau_sipm) / self.window
 
     def ages_above(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Ages [s] between which a count's response g exceeds `level` [s-1], 0 < level <= peak."""
+        """Return the ages [s] between which a response exceeds 0 < `level` <= peak [s-1]."""
         with np.errstate(divide="ignore"):  # level = peak of a window much longer than the pole
             young = -self.tau_sipm * np.log1p(-self.window * level)
         return np.minimum(young, self.window), self.window + self.tau_sipm * np.log(
@@ -77,7 +77,7 @@ class PulseFilters:
         )
 
     def light_since(self, age: FloatArray, bits_ago: int, bit_time: float) -> FloatArray:
-        """Light of one bit that arrived within `age` [s] before the end of the present bit [s]."""
+        """Return the light [s] of one bit within `age` [s] before the end of the present bit."""
         from scipy.special import exprel
 
         def energy(t: FloatArray | float) -> FloatArray:
@@ -88,7 +88,7 @@ class PulseFilters:
         return energy(start) - energy(start - age) - energy(end) + energy(end - age)
 
     def mean_cursors(self, bit_time: float, count: int, phase: float = 1.0) -> FloatArray:
-        """Shares of the present and earlier bits in the sample of a bit.
+        """Return the shares of the present and earlier bits in the sample of a bit.
 
         w_0 = s(phase T),  w_k = s((k + phase) T) - s((k + phase - 1) T)
 
@@ -110,7 +110,7 @@ class PulseFilters:
         return np.diff(edges, prepend=0.0)
 
     def shot_cursors(self, bit_time: float, count: int, phase: float = 1.0) -> FloatArray:
-        """Shares v_k [s-1] of present and earlier bits in the shot noise; as `mean_cursors`."""
+        """Return the shares v_k [s-1] of these bits in the shot noise, as `mean_cursors`."""
         edges = self.shot_step((np.arange(count) + phase) * bit_time)
         return np.diff(edges, prepend=0.0)
 

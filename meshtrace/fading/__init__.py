@@ -1,7 +1,7 @@
 """Fading statistics of channel gains: ensembles of realizations and time series.
 
 Every function takes the gains as an array. `gain_stderr` is the Monte Carlo standard error of
-each gain, independent from one gain to the next; its variance is removed from what is measured.
+each gain, independent from one gain to the next; its variance is subtracted from the measured one.
 An error common to all gains (common random numbers) neither adds to their spread nor cancels in
 their mean: leave `gain_stderr` out, and pass it to `fading_statistics` as `common_stderr`.
 """

@@ -280,7 +280,7 @@ def _lagged_products(x: FloatArray, lags: int) -> Iterator[FloatArray]:
 
 
 def _first_crossing(rho: FloatArray) -> FloatArray:
-    """Return the first lag [samples] of 1/e along axis 0, interpolated; inf where there is none."""
+    """Return the first lag [samples] of 1/e along axis 0, interpolated; inf without a crossing."""
     level = math.exp(-1.0)
     below = rho <= level
     after = np.maximum(below.argmax(axis=0), 1)

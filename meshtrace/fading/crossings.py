@@ -1,4 +1,4 @@
-"""Fades of a time series: how often they begin and how long they last."""
+"""Fades of a time series: level-crossing rate and mean duration."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def level_crossing_rate(
     resamples: int = 999,
     seed: int = 1,
 ) -> Estimate:
-    r"""Return how often the gain falls through a threshold, with the interval.
+    r"""Return the level-crossing rate of a threshold, downwards, with its interval.
 
     .. math:: N(h_0) = \#\{i : g_i \ge h_0 > g_{i+1}\} / (t_n - t_1)
 

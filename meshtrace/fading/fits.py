@@ -143,7 +143,7 @@ def fit_gamma_gamma(
 
     Notes
     -----
-    The variance fixes one combination of the shapes; only the skewness tells them apart. The
+    The variance fixes one combination of the shapes; only the skewness separates them. The
     skewness of ln h lies between -sigma / 2 (alpha = beta) and -sigma (alpha infinite), with
     sigma^2 = ln(1 + SI), and is known to sqrt(6 / n). Below n sigma^2 = 96 that is too
     coarse at two standard errors: alpha = beta is fitted instead, and `note` says so. alpha is

@@ -77,10 +77,10 @@ gamma_gamma = GammaGamma(a=0.0, name="gamma_gamma", shapes="alpha, beta")
 
 
 class Likelihood(NamedTuple):
-    """Shapes and mean of greatest likelihood, its logarithm, and how well the shapes are known.
+    """Shapes and mean of greatest likelihood, its logarithm, and the precision of the shapes.
 
-    `known` is n ln(1 + SI), of which `SAMPLES_TIMES_SI` tells the shapes apart; `balance` is
-    4 alpha beta / (alpha + beta)^2.
+    `known` is n ln(1 + SI), which has to reach `SAMPLES_TIMES_SI` to separate the shapes;
+    `balance` is 4 alpha beta / (alpha + beta)^2.
     """
 
     alpha: float
@@ -144,7 +144,7 @@ def _law_by_law(
     alpha: FloatArray,
     beta: FloatArray,
 ) -> FloatArray:
-    """Apply a function of one law to runs of equal shapes, which is how scipy passes arrays."""
+    """Apply a function of one law to runs of equal shapes, as scipy passes them."""
     h, alpha, beta = np.broadcast_arrays(*(np.atleast_1d(a) for a in (h, alpha, beta)))
     h, alpha, beta = h.ravel(), alpha.ravel(), beta.ravel()
     new = np.flatnonzero((np.diff(alpha) != 0.0) | (np.diff(beta) != 0.0)) + 1
@@ -181,7 +181,7 @@ def _log_pdf(log_h: FloatArray, alpha: float, beta: float) -> FloatArray:
 
 
 def _log_kv(order: float, x: FloatArray) -> FloatArray:
-    """Return ln K_order(x), from the uniform expansion where the scaled function overflows."""
+    """Return ln K_order(x), by the uniform expansion if the scaled function overflows."""
     with np.errstate(divide="ignore", over="ignore"):
         scaled = special.kve(order, x)
     out = np.log(scaled, out=np.full_like(x, math.inf), where=np.isfinite(scaled)) - x

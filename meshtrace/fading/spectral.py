@@ -41,7 +41,7 @@ def scintillation_of_spectrum(
     Parameters
     ----------
     link : Link
-        A lamp that points upwards and one receiver above it that looks downwards.
+        One source under water that points upwards, and one receiver above it that looks down.
     sea : JonswapSea or SpectralSea
         The sea; its seed and its mesh do not matter.
     omega_max : float, optional
@@ -133,18 +133,20 @@ def gain_autocovariance(link: Any, sea: Any, lags: ArrayLike) -> Floats:
 def _lever(link: Any) -> Lever:
     """Return the paraxial geometry of a link on its axis."""
     if len(link.transmitters) != 1 or not hasattr(link.transmitters[0], "depth"):
-        raise Refused("transmitter", link.transmitter, "one lamp under water")
+        raise Refused("transmitter", link.transmitter, "one source under water")
     if len(link.receivers) != 1 or not hasattr(link.receivers[0], "height"):
         raise Refused("receiver", link.receiver, "one receiver in the air")
-    lamp, receiver = link.transmitters[0], link.receivers[0]
-    if tuple(lamp.position) != tuple(receiver.position):
-        raise Refused("receiver.position", receiver.position, f"that of the lamp, {lamp.position}")
-    if lamp.zenith_deg != 0.0:
-        raise Refused("transmitter.zenith_deg", lamp.zenith_deg, "0: the closed form is paraxial")
+    source, receiver = link.transmitters[0], link.receivers[0]
+    if tuple(source.position) != tuple(receiver.position):
+        raise Refused(
+            "receiver.position", receiver.position, f"that of the source, {source.position}"
+        )
+    if source.zenith_deg != 0.0:
+        raise Refused("transmitter.zenith_deg", source.zenith_deg, "0: the closed form is paraxial")
     if receiver.tilt_deg != 0.0:
         raise Refused("receiver.tilt_deg", receiver.tilt_deg, "0: the closed form is paraxial")
     n = link.water.n / link.n_air
-    d, h = lamp.depth, receiver.height
+    d, h = source.depth, receiver.height
     return Lever((n - 1.0) * h * d / (d + n * h), receiver.radius / (1.0 + n * h / d))
 
 
@@ -155,7 +157,7 @@ def _require_spectrum(sea: Any) -> None:
 
 
 def _require_view(link: Any, lever: Lever, slope: float) -> None:
-    """Require a field of view that holds what waves of an rms slope send in."""
+    """Require a field of view that covers the light deflected by waves of an rms slope."""
     receiver = link.receivers[0]
     edge = (3.0 * lever.beta * slope + lever.aperture) / receiver.height
     if math.tan(math.radians(min(receiver.fov_deg, 179.0)) / 2.0) < edge:

@@ -81,7 +81,7 @@ def fading_statistics(
     time : array_like, shape (n,), optional
         Equally spaced times [s]; without them the gains are independent realizations.
     common_stderr : float, optional
-        Standard error of the mean [1] from what all gains share (common random numbers).
+        Standard error of the mean [1] from random numbers common to all gains.
     thresholds : sequence of float, optional
         Thresholds [1] of outage, crossing rate and fade duration.
     relative_to : {"mean", "median", "absolute"}, optional

@@ -60,7 +60,7 @@ class FadingStatistics(Stored):
     fits, goodness : tuple
         Fitted laws, and their tests.
     notes : tuple of str
-        What the reader must know.
+        Limitations of the numbers.
     lag, autocorrelation : ndarray, optional
         Lags [s] and autocorrelation [1] of a series.
     coherence_time : Estimate, optional

@@ -73,6 +73,7 @@ STARTED, WALKING, WAITING, ENDED = range(4)
 
 _LOBES = 0.75  # share of directions drawn about unscattered arrivals inside the field of view
 _LOBES_OUTSIDE = 0.7  # the same, where all arrivals lie outside
+_PEAK = 0.3  # share of directions about a source or a lobe with a density as 1 / sin(theta / 2)
 _NEWTON = 4  # steps on the plane of one facet
 _LIGHT = 0.25  # importance over that of the crossing, below which roulette is played
 _ASIDE = 0.3  # [rad], beyond which a path does not head for the source
@@ -92,12 +93,13 @@ class Paths(NamedTuple):
     lobe: NDArray[np.float64]  # (n, lobes, 3) directions from the aperture to crossings
     weight: NDArray[np.float64]  # (n,)
     length: NDArray[np.float64]  # (n,) of the segment, where a wave may cut it
+    water: NDArray[np.float64]  # (n,) way in the water up to `point`
     importance: NDArray[np.float64]  # (n,) of the crossing
     heaviest: NDArray[np.float64]  # (n,) weight behind the crossing
     state: NDArray[np.int64]  # (n,)
     order: NDArray[np.int64]  # (n,) scatterings so far
     event: NDArray[np.int64]  # (n,) draws so far
-    branch: NDArray[np.float64]  # (n, branches, 8) point, direction, weight, order of side paths
+    branch: NDArray[np.float64]  # (n, branches, 9) point, direction, weight, order, way
     branches: NDArray[np.int64]  # (n,) side paths that are left
     score: NDArray[np.float64]  # (n, orders)
 
@@ -120,9 +122,10 @@ class World(NamedTuple):
 
 
 class Checks(NamedTuple):
-    """Scores that a wave may cut off, and the paths to be checked."""
+    """Scores that a wave may cut off, and the paths to be checked; every score if `whole`."""
 
-    score: NDArray[np.float64]  # (m, 3) path, order, value
+    whole: bool
+    score: NDArray[np.float64]  # (m, 4) path, order, value, way in the water
     ray: NDArray[np.float64]  # (2 m, 8) score or -1 - path, origin, direction, length
 
 
@@ -176,6 +179,7 @@ def begin(paths, starts, world):
                 )
         paths.weight[i], paths.state[i] = 0.0, STARTED
         paths.order[i], paths.event[i], paths.branches[i] = 0, 0, 0
+        paths.water[i] = 0.0
 
 
 @inlined
@@ -296,6 +300,26 @@ def _drawn_aside(lobe, axis, u, v, world):
     )
 
 
+@inlined
+def _peak(theta):
+    """Return a density [sr-1] as 1 / sin(theta / 2).
+
+    Light scattered once goes as the inverse distance of a line from the source: with a density
+    that stays finite there the variance is infinite.
+    """
+    return 1.0 / (8.0 * math.pi * max(math.sin(0.5 * theta), 1e-12))
+
+
+@inlined
+def _peaked_s(u, u_kind, share, medium):
+    """Draw sin^2(theta / 2) by the mixture of a phase function and `_peak`."""
+    if u_kind < _PEAK:
+        return u * u
+    if (u_kind - _PEAK) < share * (1.0 - _PEAK):
+        return sample_s(medium.phase_bubble, u)
+    return sample_s(medium.phase_water, u)
+
+
 @outlined
 def _lobe_density(w, lobe, axis, inside, world):
     """Return the density [sr-1] of directions of the cone that are drawn about a lobe."""
@@ -306,7 +330,7 @@ def _lobe_density(w, lobe, axis, inside, world):
     density = (1.0 - world.lobe_bubble) * phase_at(world.optics.water, theta)
     if world.lobe_bubble > 0.0:
         density += world.lobe_bubble * phase_at(world.optics.bubble, theta)
-    return density
+    return (1.0 - _PEAK) * density + _PEAK * _peak(theta)
 
 
 @outlined
@@ -314,9 +338,7 @@ def _drawn_about(lobe, axis, inside, u, v, u_kind, world):
     """Draw a direction about a lobe: by the phase function, or in the cone beside it."""
     if not inside:
         return _drawn_aside(lobe, axis, u, v, world)
-    if u_kind < world.lobe_bubble:
-        return turn(lobe, sample_s(world.optics.medium.phase_bubble, u), v)
-    return turn(lobe, sample_s(world.optics.medium.phase_water, u), v)
+    return turn(lobe, _peaked_s(u, u_kind, world.lobe_bubble, world.optics.medium), v)
 
 
 @entry
@@ -483,10 +505,11 @@ def _score(paths, i, order, value, p, q, d, t, lamp, checks, n, rays, world):
     """Score light that goes from the source to q and on to p, or list it; return (n, rays)."""
     way = unit(minus(lamp, q))
     here, there = _is_clear(p, q, d, world.surface), _is_clear(q, lamp, way, world.surface)
-    if here and there:
+    if here and there and not checks.whole:
         paths.score[i, order] += value
         return n, rays
     checks.score[n, 0], checks.score[n, 1], checks.score[n, 2] = i, order, value
+    checks.score[n, 3] = paths.water[i] + t + norm(minus(lamp, q))
     if not here:
         rays = _list_ray(checks, rays, n, p, d, t)
     if not there:
@@ -552,7 +575,7 @@ def _resume(paths, i):
     b = paths.branch[i, paths.branches[i]]
     _put(paths.point, i, Vec3(b[0], b[1], b[2]))
     _put(paths.direction, i, Vec3(b[3], b[4], b[5]))
-    paths.weight[i], paths.order[i] = b[6], int(b[7])
+    paths.weight[i], paths.order[i], paths.water[i] = b[6], int(b[7]), b[8]
     paths.state[i] = WALKING
 
 
@@ -561,7 +584,7 @@ def _branch_off(paths, i, p, d, weight):
     """Keep a side path for later."""
     b = paths.branch[i, paths.branches[i]]
     b[0], b[1], b[2], b[3], b[4], b[5] = p.x, p.y, p.z, d.x, d.y, d.z
-    b[6], b[7] = weight, paths.order[i]
+    b[6], b[7], b[8] = weight, paths.order[i], paths.water[i]
     paths.branches[i] += 1
 
 
@@ -590,6 +613,7 @@ def _arrive(paths, i, checks, n, rays, world):
     p, d, t = row(paths.point, i), row(paths.direction, i), paths.length[i]
     lamp, weight = row(paths.lamp, i), paths.weight[i]
     at = along(p, d, t)
+    paths.water[i] += t
     on_bottom = d.z < 0.0 and t == _longest(p, d, world)
     weight *= math.exp(-optical_depth(medium, p, d, t))
     b, bubbles = coefficients(medium, at)
@@ -632,8 +656,7 @@ def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, r
     medium = optics.medium
     to_lamp = unit(minus(lamp, at))
     u_kind, u, v, u_side = uniforms(world.key, world.first + i, paths.event[i], _SIDE)
-    s = sample_s(medium.phase_bubble if u_kind < share else medium.phase_water, u)
-    aimed = turn(to_lamp, s, v)
+    aimed = turn(to_lamp, _peaked_s(u, u_kind, share, medium), v)
     u_a, v_a, u_b, v_b = uniforms(world.key, world.first + i, paths.event[i], _LINE)
     u, v, u_length, _ = uniforms(world.key, world.first + i, paths.event[i], _BEAM)
     lit = minus(point_of_beam(lamp, u, v, u_length, optics), at)
@@ -646,7 +669,7 @@ def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, r
         if not forward > 0.0:
             continue
         theta = angle_between(to_lamp, w)
-        towards = _mixed_phase(theta, share, optics)
+        towards = (1.0 - _PEAK) * _mixed_phase(theta, share, optics) + _PEAK * _peak(theta)
         longest = _longest(at, w, world)
         if k == 2:
             q = scattered_at(at, w, norm(lit), longest, lamp, optics)

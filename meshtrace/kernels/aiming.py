@@ -45,7 +45,7 @@ FLAT_SEA = np.int64(-1)
 STEP = 1e-5  # [m], displacement of P for the derivatives
 _TOLERANCE = 1e-4  # [m], step of P behind which the error is its square
 _ITERATIONS = 12
-MARGIN = 1.3  # on first-order bounds, for what is beyond the first order
+MARGIN = 1.3  # on first-order bounds, for the higher orders
 
 FACET = np.dtype(
     [
@@ -93,7 +93,7 @@ ROOT = np.dtype(
 
 
 class Target(NamedTuple):
-    """An aperture, its plane, and where crossings to it can lie."""
+    """An aperture, its plane, and the region of crossings to it."""
 
     center: Vec3
     axis: Vec3
@@ -269,7 +269,7 @@ def aim_at(x, y, facet, shot, scene):
     """Return the `Aim` of a crossing over (x, y) on the plane of a facet.
 
     Array twin: see `land`.
-    Interpolated normals are continued beyond the facet, so that Newton sees a smooth map.
+    Interpolated normals are continued beyond the facet, so that the map for Newton is smooth.
     """
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))  # first: the rest waits for it
     n = UP
@@ -442,8 +442,8 @@ def _may_hold(facet, flat, tilt):
     """Return whether a crossing may lie on a facet, to first order in its slope and height.
 
     Array twin: `_facet_roots` without it finds the same roots.
-    The flat crossing moves by dP/dslope and dP/dz; half of the move is left for what is beyond
-    the first order, and the facet's size grows by its curvature.
+    The flat crossing moves by dP/dslope and dP/dz; half of the move is left for the
+    higher orders, and the facet's size grows by its curvature.
     """
     sx, sy = facet.slope_x + tilt.x, facet.slope_y + tilt.y
     dz = facet.z - flat.level
@@ -474,7 +474,7 @@ def _bin_of(x, start, step, n):
 
 @outlined
 def corner_shines(f, shot, scene):
-    """Return whether light gets out at a corner of a facet, where none does at its centroid.
+    """Return whether light leaves the water at a corner of a facet, but not at its centroid.
 
     Array twin: fine meshes of the same water in the tests.
     """

@@ -262,7 +262,7 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
     radius = min(move + search.margin, search.widest)
     off = math.hypot(flat.x - target.center.x, flat.y - target.center.y)
     if off > target.reach + radius:
-        return n  # outside the field of view, whatever the waves do
+        return n  # outside the field of view for any waves
     if shot.branch > 0.0 and not _reaches(flat, radius, shot, scene):
         return n
     first, share = n, 1.0
@@ -278,7 +278,7 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
         if found:
             counters[Counter.SOLVED] += 1
             n = _add(roots, n, x, y, facet, shot.branch, 1.0)
-        # most chains that Newton gives up have no crossing: a quarter of them tells
+        # most chains that Newton gives up have no crossing: a quarter of them shows it
         audited = 1.0 if search.curvature * flat.lever > _FOCUSING else search.audit
         share = audited if found else max(audited, _AUDIT_FAILED)
         if audit >= share:

@@ -1,4 +1,4 @@
-"""Scattering chains: everything that is random about a photon except where it was sent.
+"""Scattering chains: all random variables of a photon but its direction of emission.
 
 A chain of order K is the photon's history in the frame of its emission direction, taken as
 e_z from the origin: vertices q_1 .. q_K, the kind of scatterer at each, and the direction v_K

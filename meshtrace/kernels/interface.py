@@ -80,7 +80,7 @@ def refract(d, n, cos_i, n1, n2):
 
 @outlined
 def refract_as_printed(d, n, cos_i, n1, n2, interface):
-    """Return (cos_t, rho, direction) in the forms printed in the paper; cos_t < 0: reflected.
+    """Return (cos_t, rho, direction) in the forms of the paper; cos_t < 0: reflected.
 
     Array twin: none, the formulas are those of the paper (eqs. theta_r, mu_post_surface).
     Errata E2 (Snell upside-down) and E3 (sine of the components), each by its switch.
@@ -94,7 +94,7 @@ def refract_as_printed(d, n, cos_i, n1, n2, interface):
     theta_t = math.asin(sin_t)
     cos_t = math.cos(theta_t)
     if interface.snell == Snell.PAPER:
-        # the printed angles enter the printed Fresnel formula, which is symmetric in them
+        # the published angles enter the published Fresnel formula, which is symmetric in them
         rho = reflectance(cos_i, cos_t, n2, n1)
     else:
         rho = reflectance(cos_i, cos_t, n1, n2)

@@ -37,7 +37,7 @@ from numba.core.serialize import dumps
 from meshtrace.cache import cache_directory
 from meshtrace.files import atomic
 
-config: Any = numba.config  # numba's own stubs do not know its fields
+config: Any = numba.config  # numba's stubs lack its fields
 # nor the last two options and `_nrt`
 _bare: dict[str, Any] = {
     "_nrt": False,
@@ -194,7 +194,7 @@ def is_compiled(compiled: Any) -> bool:
 
 @contextlib.contextmanager
 def foreign_kernels() -> Iterator[None]:
-    """Let the kernels of a package that is imported here use this cache."""
+    """Use this cache for the kernels of a package that is imported here."""
     module: Any = dispatcher
     original = module.FunctionCache
     module.FunctionCache = KernelCache

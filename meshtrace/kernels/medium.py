@@ -242,7 +242,7 @@ def collide(medium, p, weight, u_kind, u_theta):
         elif mode == Absorption.IMPLICIT:
             weight *= albedo
             pick_b = pick * albedo
-        else:  # as printed in Algorithm 1: weighted at every interaction, turned in a few
+        else:  # Algorithm 1 as published: weighted at every interaction, turned in a few
             weight *= albedo
             if pick >= scatter:
                 return -1.0, weight

@@ -42,14 +42,14 @@ class PhaseTables(NamedTuple):
     cum_weight : ndarray of float64, shape (n,)
         Cumulative weight of the components; the last one is 1.
     start : ndarray of int64, shape (n + 1,)
-        Where the nodes of each component begin.
+        Index of the first node of each component.
     nodes : ndarray of float64
         `QUANTILES`: s^(1/e) at u = 0 ... k0/N, then s at u = k0/N ... 1.
         `BINS`: rows (F, s_hi, ratio, e); F is the CDF at the lower edge, s_hi the upper edge, and
         inside the bin s = s_hi (ratio + r (1 - ratio))^e, where r runs from 0 to 1; for e = 0,
         s = s_hi exp((r - 1) ratio). A last row holds F = 1.
     guide_start : ndarray of int64, shape (n + 1,)
-        Where the guide table of each component begins.
+        Index of the first entry of each component's guide table.
     guide : ndarray of int64
         `BINS`: the bin that holds u = j / (length of the guide table), for every j.
     """
@@ -137,7 +137,7 @@ def _component_s(tables: PhaseTables, j: int, u: float) -> float:
     """Sample component j.
 
     Array twin: `meshtrace.optics.phase.PhaseFunction.sample`.
-    The most used kind is asked for first.
+    The most frequent kind is tested first.
     """
     kind = tables.kind[j]
     if kind == Component.QUANTILES:

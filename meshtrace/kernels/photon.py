@@ -292,7 +292,7 @@ def _continue(q, u_path, world):
 
 @inlined
 def _scatter(q, world):
-    """Let a photon collide where it is."""
+    """Apply a collision at the position of a photon."""
     q.event += 1
     u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION)
     s, weight = collide(world.medium, _place(q), q.weight, u_kind, u_theta)
@@ -308,7 +308,7 @@ def _scatter(q, world):
 
 @outlined
 def _bounce(q, world):
-    """Let a photon meet the bottom; not inlined, most links have none."""
+    """Apply the reflection or absorption at the bottom; not inlined, most links have none."""
     _fly_water(q, (world.medium.bottom_z - q.z) / q.dz, world)
     q.z = world.medium.bottom_z
     kept = q.weight * world.medium.bottom_albedo
@@ -355,7 +355,7 @@ def _to_sky(q, d, weight, world):
 
 @outlined
 def _record_flight(q, flight, received, world):
-    """Record where a path in air meets the height of the first aperture."""
+    """Record the point of a path in air at the height of the first aperture."""
     p, d, t = flight.origin, flight.direction, 1.0
     if len(world.apertures.radius) > 0 and d.z > 0.0:
         t = max((world.apertures.center[0, 2] - p.z) / d.z, 0.0)
@@ -381,7 +381,7 @@ def _roughened(q, n, world):
 
 @inlined
 def _cross(q, world):
-    """Let a photon on facet `q.facet` refract and reflect.
+    """Refract and reflect a photon on facet `q.facet`.
 
     The part that flies free through the air is scored at once; the part in the water goes on
     with its weight. Where the air part may meet the surface again one of the two is chosen.
@@ -477,7 +477,7 @@ def _needs_ray(q, world):
 
 @inlined
 def _cast(q, slot, n_rays, pool, world):
-    """Write the ray of a waiting photon, started where it enters the slab of the surface."""
+    """Write the ray of a waiting photon from its entry into the slab of the surface."""
     t = 0.0
     if q.in_water == 1 and q.dz > 0.0:
         t = (world.surface.low[2] - q.z) / q.dz
@@ -531,7 +531,7 @@ def _settle_miss(q, seen, world):
 
 @inlined
 def _settle(q, facet, world):
-    """Settle the ray of a waiting photon: it crosses, collides before, or was missed."""
+    """Apply the result of a photon's ray: crossing, collision before it, or a miss."""
     q.status = Status.MOVING
     t = math.inf
     if facet >= 0:
@@ -582,7 +582,7 @@ def _move(q, world):
             return _enter_slab(q, world)
         if q.dz < 0.0 and q.z + q.free * q.dz < world.medium.bottom_z:
             fate = _bounce(q, world)
-        elif math.isinf(q.free):  # downwards for ever: without a bottom only absorption is left
+        elif math.isinf(q.free):  # descends without end: with no bottom only absorption is left
             low = _lowest(world)
             if q.z > low and q.dz < 0.0:
                 _fly_water(q, (low - q.z) / q.dz, world)
@@ -596,7 +596,7 @@ def _move(q, world):
 
 @entry
 def advance(pool, n_waiting, facets, next_photon, last, world):
-    """Settle the rays of a pool, move its photons on, fill free slots; return the new rays.
+    """Apply the rays of a pool, advance its photons, fill free slots; return the new rays.
 
     Array twin: the plain tracer of `tests/benchmarks`.
     Photon ids run from `world.first` to `last`; a photon's result does not depend on its slot.

@@ -28,7 +28,7 @@ _TO_UNIT = 2.0**-32
 
 
 class Purpose(IntEnum):
-    """What a draw is for: each purpose is a random stream of its own."""
+    """Purpose of a draw: each one is a separate random stream."""
 
     LAUNCH = 0
     SOURCE = 1
@@ -86,7 +86,7 @@ def uniforms(seed, photon, event, purpose):
 def realization_seed(seed: int, realization: int, word: int = 0) -> int:
     """Return the seed of a realization: a word of `numpy.random.SeedSequence([seed, i])`.
 
-    Word 0 seeds the phases of a sea, word 1 the photons of a run of its own.
+    Word 0 seeds the phases of a sea, word 1 the photons of a separate run.
     """
     sequence = np.random.SeedSequence([seed, realization])
     return int(sequence.generate_state(word + 1)[word])

@@ -1,4 +1,4 @@
-"""Where photons start: lamps and beams under water, sun and sky above it."""
+"""Emission of photons: sources under water, sun and sky above it."""
 
 from __future__ import annotations
 

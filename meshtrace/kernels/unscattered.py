@@ -130,7 +130,7 @@ def _light(x, y, f, shot, scene):
 
 @entry
 def image_gain(scene, stretch, lever, stack, gain, doubtful):
-    """Write the unscattered gain through each facet, and whether a wave may cut that light.
+    """Write the unscattered gain of each facet, with a flag for possible shadowing by waves.
 
     Array twin: quadrature over the aperture with the analytic sinusoid.
     The image of a part of a facet is taken for a triangle: its gain is the light in its solid

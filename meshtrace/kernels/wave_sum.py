@@ -1,4 +1,4 @@
-"""Aiming over the sum of waves itself: what meshes of it converge to.
+"""Aiming over the sum of waves itself, the limit of its meshes.
 
 Crossings found on a mesh of the same sea are the starts; Newton moves each to where the light
 crosses the exact surface, and the exact slopes and curvatures weigh it there.
@@ -27,7 +27,7 @@ from meshtrace.kernels.chain_gain import shot_of, straight_shot, weigh, weight_o
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.vectors import Vec2, Vec3, dot, row
 
-_TOLERANCE = 1e-8  # [m]: tells crossings apart that a caustic brings close together
+_TOLERANCE = 1e-8  # [m]: separates crossings that lie close together at a caustic
 _SAME = 1e-6  # [m], crossings nearer to each other are one
 _ITERATIONS = 40
 _STRIDE = 0.5  # [m], longest step of Newton
@@ -84,7 +84,7 @@ def shape_at(waves, x, y):
 
 @inlined
 def _aim_beside(x, y, dx, dy, s, shot, scene):
-    """Return the `Aim` of a crossing at (x + dx, y + dy), a hair from where the shape is known."""
+    """Return the `Aim` of a crossing at (x + dx, y + dy), close to a point of known shape."""
     slope_x, slope_y = s.zx + s.zxx * dx + s.zxy * dy, s.zy + s.zxy * dx + s.zyy * dy
     p = Vec3(x + dx, y + dy, s.z + s.zx * dx + s.zy * dy)
     return land_sloped(p, slope_x, slope_y, shot, scene)

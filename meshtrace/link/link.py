@@ -71,7 +71,7 @@ class Link(Model, frozen=True):
     n_air : float
         Refractive index of the air.
     physics : Physics, "physical" or "paper"
-        Switches between right physics and printed forms.
+        Switches between the correct physics and the published forms.
 
     Notes
     -----
@@ -198,13 +198,13 @@ class Link(Model, frozen=True):
         return (0.0, 0.0) if math.hypot(x, y) <= _NEAR * size else (x, y)
 
     def footprint(self) -> Footprint:
-        """Return where the surface must be meshed, and how finely.
+        """Return the extent and the spacing of the mesh that the link needs.
 
         Notes
         -----
-        The fine part covers where the unscattered light of a rough sea can cross to a
+        The fine part covers the region where unscattered light of a rough sea can cross to a
         receiver: a slope s moves the crossing by beta s with beta = (n-1) h d / (d + n h).
-        The extent reaches to where the water leaves e^-6 of the light that goes straight up.
+        The extent reaches to the rays of which the water leaves e^-6 of the vertical light.
         """
         scale = min(_SMALL * self.unit, 1.0)
         height = max((r.height for r in self.receivers if isinstance(r, Receiver)), default=1.0)
@@ -215,8 +215,8 @@ class Link(Model, frozen=True):
         share = depth / (depth + n * height)  # of the way to the receiver, in the water
         center, aside, far = self._middle(share, _ASIDE * scale)
         fine = max(2.5 * beta + radius + aside, scale)
-        lamps = any(hasattr(t, "depth") for t in self.transmitters)
-        reach = 10.0 * depth if lamps else 50.0
+        submerged = any(hasattr(t, "depth") for t in self.transmitters)
+        reach = 10.0 * depth if submerged else 50.0
         if self.water.a > 0.0:
             reach = min(reach, math.sqrt((depth + 6.0 / self.water.a) ** 2 - depth**2))
         width = max(

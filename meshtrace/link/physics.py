@@ -19,7 +19,7 @@ class Whitecaps(Model, frozen=True):
         U10 [m s-1], 0 <= U10 <= 30.
     model : str
         "w_0225": 1 - T_u = 1.2e-5 U^3.3, times (0.225 U - 0.99) above 9 m/s;
-        "paper_0255": the same with the printed 0.255; "monahan80": 2.95e-6 U^3.52.
+        "paper_0255": the same with the published 0.255; "monahan80": 2.95e-6 U^3.52.
 
     Notes
     -----
@@ -54,21 +54,21 @@ class Whitecaps(Model, frozen=True):
 
 
 class Physics(Model, frozen=True):
-    """Switches where the right physics and the paper's printed form differ.
+    """Switches between the correct physics and the forms as published.
 
-    The first value is the physical default; `Physics.paper()` sets all printed forms.
+    The first value is the physical default; `Physics.paper()` sets all forms as published.
 
     Parameters
     ----------
     snell : {"physical", "paper"}
-        sin theta_t = n1/n2 sin theta_i, or the printed n2/n1 (E2).
+        sin theta_t = n1/n2 sin theta_i, or the published n2/n1 (E2).
     direction : {"vector", "paper"}
         Vector form of the refracted direction, or the sine of its components (E3).
     fresnel : {"weight", "roulette", "paper_both"}
-        Transmittance as weight, as probability, or both as printed (E4).
+        Transmittance as weight, as probability, or both as published (E4).
     absorption : {"continuous", "implicit", "analog", "paper"}
         exp(-a path) with free paths from b; albedo as weight at each scattering; as
-        probability; or as printed in Algorithm 1, where every interaction weights by the
+        probability; or as in Algorithm 1, where every interaction weights by the
         albedo and turns only with that probability (E5).
     free_path : {"exact", "local_c"}
         Delta tracking, or c at the start of the path (E6).
@@ -77,7 +77,7 @@ class Physics(Model, frozen=True):
     second_hit : {"trace", "ignore"}
         Let light in the air meet another wave, or not (E15).
     fov : {"angle", "paper_position"}
-        Field of view by angle, or by the printed test of the position (E11).
+        Field of view by angle, or by the paper's test of the position (E11).
     unresolved : {"tilt", "none"}
         Tilt the normal at every crossing by random slopes of the waves that the mesh leaves out
         (`TriangleMesh.unresolved`), or bend light at the mesh alone, as in the paper.

@@ -74,7 +74,7 @@ class WaterSource(Source, frozen=True):
 
 
 class Led(WaterSource, frozen=True):
-    """Lambertian lamp under water, I(theta) = (m + 1) / (2 pi) cos^m(theta) per unit power.
+    """Lambertian LED under water, I(theta) = (m + 1) / (2 pi) cos^m(theta) per unit power.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class Led(WaterSource, frozen=True):
     position : tuple of float
         Horizontal position (x, y) [m].
     zenith_deg, azimuth_deg : float
-        Where the lamp points; 0 is straight up.
+        Direction of the axis; 0 is straight up.
     power_mw : float
         Emitted optical power [mW]; the weight of the source in a list of sources.
     wavelength_nm : float

@@ -1,4 +1,4 @@
-"""Air bubbles below a windy sea: the Hall-Novarini population and how it scatters light."""
+"""Air bubbles below a windy sea: the Hall-Novarini population and its scattering."""
 
 from __future__ import annotations
 
@@ -104,13 +104,13 @@ class HallNovarini(BubblePopulation, frozen=True):
     n_water : float
         Refractive index of the water; that of the air in the bubbles is 1.
     psi : {"exact", "paper"}
-        Integrals over size in closed form, or the printed approximations
+        Integrals over size in closed form, or the published approximations
         N_b = 1.6e10 r_ref^4/(3 r_min^3) (U/13)^3 exp(-z/L) and Psi = 3 pi r_min^2.
     q : "mie" or float
         Mean scattering efficiency: the Mie mean weighted by cross-section (2.0254 by default),
         or a number (the paper: 2.0).
     depth : {"local", "clamped", "mean_level"}
-        What transport takes for the depth under waves: the distance to the surface above the
+        Depth of the transport under waves: the distance to the surface above the
         point, max(0, -z), or -z even in crests. Only "mean_level" admits negative depths here.
 
     Raises
@@ -128,7 +128,7 @@ class HallNovarini(BubblePopulation, frozen=True):
     - Its eq. HN_S, Psi = 3 pi r_min^2, is 5.4 % too large at the surface and 12 % at 3 m
       (it counts r < r_ref up to infinity and omits r > r_ref); N_b is good to 0.2 %.
     - Its Q_sca = 2 is 1.3 % below the Mie mean.
-    - With depth "mean_level", as printed, exp(-z/L) exceeds 1 in crests: it is 1.87 at
+    - With depth "mean_level", as published, exp(-z/L) exceeds 1 in crests: it is 1.87 at
       0.25 m (5 m/s) and 2.07 at 0.75 m (13 m/s).
 
     The constants are those the paper prints (5 and 13 m/s); U^3 at far higher winds is
@@ -190,7 +190,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         return self._table().q_sca if self.q == "mie" else float(self.q)
 
     def r_ref(self, depth: ArrayLike) -> FloatArray:
-        """Return the reference radius [m], where the size distribution steepens, at a depth [m]."""
+        """Return the reference radius [m], the kink of the size distribution, at a depth [m]."""
         return _r_ref(self._checked(depth))
 
     def kappa(self, depth: ArrayLike) -> FloatArray:
@@ -369,7 +369,7 @@ class HallNovarini(BubblePopulation, frozen=True):
 
         Notes
         -----
-        Gauss-Legendre quadrature with 128 nodes, good to 1e-12; what lies 40 e-folding depths
+        Gauss-Legendre quadrature with 128 nodes, good to 1e-12; all that lies 40 e-folding depths
         below the upper end is left out.
         """
         ends = np.broadcast_arrays(self._checked(depth1), self._checked(depth2))

@@ -114,7 +114,7 @@ def refract(d: ArrayLike, n: ArrayLike, n1: float, n2: float) -> Array:
     -----
     The paper's Snell's law, sin(theta_r) = (n2 / n1) sin(theta_i), is upside-down against its own
     critical angle arcsin(n2 / n1), and the bracket of its refracted direction is misplaced, so that
-    the printed vector is not a unit vector. This is the right form.
+    the published vector is not a unit vector. This is the correct form.
 
     References
     ----------

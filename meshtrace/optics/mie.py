@@ -1,6 +1,6 @@
 """Mie scattering of spheres, and the phase function of a population of spheres.
 
-The series coefficients come from miepython; this module adds what a population needs: one
+The series coefficients come from miepython; this module adds the needs of a population: one
 table of the scattering angle, averaged over sizes, that is computed once and kept on disk.
 """
 
@@ -348,7 +348,7 @@ def cached_table(
     Notes
     -----
     Files are written whole under a temporary name and then renamed, so that parallel runs never
-    see half a file. A damaged file is computed anew with a warning; a cache that cannot be
+    see half a file. A damaged file is replaced with a warning; a cache that cannot be
     written costs a warning and the time to compute again.
     """
     text = json.dumps({**inputs, "format": _FORMAT}, sort_keys=True)
@@ -361,7 +361,7 @@ def cached_table(
                 with file.open("rb") as stream:
                     return _read(stream, text)
             except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as why:
-                warnings.warn(f"{file}: damaged, computed anew ({why})", stacklevel=2)
+                warnings.warn(f"{file}: damaged, computed again ({why})", stacklevel=2)
     _LOG.info("computing the Mie table %s (about 10 s, once)", name)
     table = compute()
     try:

@@ -44,7 +44,7 @@ class FournierForand(BuiltInPhase, frozen=True):
     mu : float
         Slope of the (Junge) size distribution, 3.01 <= mu < 5.
     cdf_coef : {"exact", "paper"}
-        Factor of the last term of the CDF: the exact K / 8 or the printed K / (16 pi).
+        Factor of the last term of the CDF: the exact K / 8 or the published K / (16 pi).
 
     Notes
     -----
@@ -52,7 +52,7 @@ class FournierForand(BuiltInPhase, frozen=True):
     at delta = 1. The paper prints K / (16 pi) cos sin^2 (equation of theta_s for FF); the integral
     of its own phase function has 1/8. The two differ by at most 9.7e-4 and have the same
     backscatter fraction and mean cosine. With ``cdf_coef="paper"`` `pdf` is the derivative of the
-    printed CDF, so that both still describe what is sampled.
+    published CDF, so that both still describe the samples.
     The phase function grows without bound, but integrably, as theta goes to 0. The defaults have
     the backscatter fraction 0.0183 of Petzold's average particle.
     The sampler meets the CDF within 5e-7 for the defaults, and within 2e-6 for n >= 1.01 and
@@ -280,7 +280,7 @@ class MixturePhase(BuiltInPhase, frozen=True):
 
 @lru_cache(maxsize=1)
 def _gauss_panels() -> tuple[Array, Array]:
-    """Nodes and weights of a composite Gauss rule on [0, 1], finer towards 0."""
+    """Return nodes and weights of a composite Gauss rule on [0, 1], finer towards 0."""
     x, weight = np.polynomial.legendre.leggauss(20)
     edges = np.linspace(0.0, 1.0, 41) ** 2
     width = np.diff(edges)[:, None]

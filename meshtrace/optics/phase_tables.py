@@ -104,7 +104,7 @@ def power_law_segments(s: Array, value: Array) -> Segments:
 
 
 def quantile_component(cdf_s: Callable[[Array], Array], exponent: float) -> Component:
-    """Tabulate s at equal steps of u, and s^(1/exponent) where s is a power of u.
+    """Tabulate s at equal steps of u, and s^(1/exponent) if s is a power of u.
 
     Linear interpolation of s in u errs in proportion to s''/s', which grows towards the forward
     peak; there y = s^(1/exponent) is nearly linear in u. The number of steps is doubled until the

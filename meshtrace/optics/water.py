@@ -78,7 +78,7 @@ class Water(Model, frozen=True):
     @pydantic.model_validator(mode="before")
     @classmethod
     def _surface_values(cls, data: Any) -> Any:
-        """Take a and b from the first layer where they are not given."""
+        """Take a and b from the first layer unless given."""
         if isinstance(data, dict) and data.get("layers") is not None:
             try:
                 layers = np.array(data["layers"], dtype=np.float64, ndmin=2)
@@ -144,7 +144,7 @@ class Water(Model, frozen=True):
 
     @classmethod
     def from_type(cls, type: str, wavelength_nm: float = 470.0, **parameters: Any) -> Self:
-        """Return the water of a type that `coefficients` knows.
+        """Return the water of a type in the tables of `coefficients`.
 
         Parameters
         ----------
@@ -205,7 +205,7 @@ def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Array, Array]:
     -----
     jerlov-*: 300 to 700 nm, linear between 17 wavelengths. a and b were not measured but derived
     from Jerlov's diffuse attenuation through a bio-optical model; their small-particle scattering
-    uses 1.513 m2/g where Haltrin (1999) has 1.151302. The printed table repeats rows for 3C (675
+    uses 1.513 m2/g where Haltrin (1999) has 1.151302. The published table repeats rows for 3C (675
     and 700 nm) and 5C (600 to 700 nm): these types end at 650 and 575 nm here.
     petzold-*: one wavelength, 514 nm; returned at every wavelength, as the paper does at 470 nm.
     pure-sea: 380 to 727.5 nm; absorption of pure water, scattering of sea water.
@@ -236,7 +236,7 @@ def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Array, Array]:
 
 
 def _water_type(name: str) -> str:
-    """Return the type that a name spells, whatever its case, hyphens and leading family."""
+    """Return the type of a name, ignoring case, hyphens and a leading family."""
     word = "-".join(str(name).lower().replace("_", " ").replace("-", " ").split())
     for known in WATER_TYPES:
         if word in (known.lower(), known.lower().partition("-")[2]):

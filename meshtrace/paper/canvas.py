@@ -35,7 +35,7 @@ def panels(
 
 
 def mark_printed(ax: Any, x: Sequence[float], y: Sequence[float]) -> None:
-    """Mark printed numbers by stars."""
+    """Mark published numbers by stars."""
     ax.plot(
         np.asarray(x),
         np.asarray(y),

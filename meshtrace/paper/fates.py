@@ -1,4 +1,4 @@
-"""Figure of what becomes of photons, for the paper's flow chart of its algorithm."""
+"""Figure of the fates of photons, for the paper's flow chart of its algorithm."""
 
 from __future__ import annotations
 

@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 
 from meshtrace.files import atomic
+from meshtrace.paper.records import INDEX, read_record
 from meshtrace.paper.registry import FIGURES
-from meshtrace.paper.runner import INDEX, read_record
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1f2933; max-width: 68rem; margin: 2rem auto;
@@ -30,7 +30,7 @@ td:nth-child(4), td:nth-child(5) { white-space: nowrap; font-variant-numeric: ta
 
 
 def write_index(folder: Path) -> None:
-    """Write the page of all figures in a folder, with what is still missing."""
+    """Write the page of all figures in a folder, with a list of the missing ones."""
     records = {name: read_record(folder / f"{name}.json") for name in FIGURES}
     found = [record for record in records.values() if record is not None]
     missing = [name for name, record in records.items() if record is None]
@@ -101,7 +101,7 @@ def _cells(row: dict[str, Any]) -> dict[str, str]:
 
 
 def number_text(number: list[float] | tuple[float, float] | None) -> str:
-    """Return a number with its standard error, rounded to what that leaves significant.
+    """Return a number with its standard error, rounded to the significant digits.
 
     Examples
     --------

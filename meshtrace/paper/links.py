@@ -21,14 +21,14 @@ FORM_NAMES = {"physical": "default", "paper": "paper preset"}
 
 
 class Mean(NamedTuple):
-    """A mean over seas: the gain over each of them, and what the chains add to its error."""
+    """Mean over seas: the gain over each sea, and the error common to all from the chains."""
 
     samples: Floats
     chain_error: float
 
     @property
     def number(self) -> Number:
-        """The mean with its standard error; one sea has no spread."""
+        """Mean with its standard error; one sea has no spread."""
         n = len(self.samples)
         spread = self.samples.std(ddof=1) / np.sqrt(n) if n > 1 else 0.0
         return Number(float(self.samples.mean()), float(np.hypot(spread, self.chain_error)))
@@ -70,12 +70,12 @@ def forced(wind: float, form: Form, **tables: Any) -> Scenario:
 
 
 def gusts(wind: float, form: Form, height: float = 5.0) -> mt.Dryden:
-    """Return the gusts at a height in the right or the printed form."""
+    """Return the gusts at a height in the correct or the published form."""
     return mt.Dryden.preset(form, wind_speed=wind, height=height)
 
 
 def mean_h_alpha(wind: float, form: Form, height: float = 5.0) -> float:
-    """Return the mean factor of the tilt; the printed law is that of the Gamma fit."""
+    """Return the mean factor of the tilt; the published law is the Gamma fit."""
     if wind == 0.0:
         return 1.0
     law = UAVS["dji-m300-rtk"].tilt_law(

@@ -42,7 +42,7 @@ def integrated_cdf(phase: mt.FournierForand, theta: Floats) -> Floats:
 
 
 def ff_cdf(setting: Setting) -> FigureOutput:
-    """Draw the Fournier-Forand CDF: quadrature, exact closed form, printed closed form."""
+    """Draw the Fournier-Forand CDF: quadrature, exact closed form, published closed form."""
     theta = np.linspace(0.0, np.pi, NODES)
     exact, printed = mt.FournierForand(), mt.FournierForand(cdf_coef="paper")
     curves = {

@@ -1,4 +1,4 @@
-"""Temperature and salinity over depth, and how such layers bend a ray of light.
+"""Temperature and salinity over depth, and refraction of a ray in such layers.
 
 Profiles come from netCDF files as the AODN portal and the Argo programme give them.
 """
@@ -44,7 +44,7 @@ _NAMES = {
 
 
 class Deflection(NamedTuple):
-    """What layers do to a ray: `offset` at the surface [m] and change of `angle` there [rad]."""
+    """Effect of layers on a ray: `offset` at the surface [m] and change of `angle` there [rad]."""
 
     offset: float
     angle: float
@@ -65,7 +65,7 @@ class WaterProfile:
     latitude, longitude : float
         Where [degrees north, east]; nan if not known.
     name : str
-        What legends say.
+        Text of the legends.
 
     Raises
     ------
@@ -125,7 +125,7 @@ class WaterProfile:
 def ray_deflection(
     profile: WaterProfile, depth: float, zenith: float, wavelength_nm: float = 470.0
 ) -> Deflection:
-    """Return by how much layered water bends a ray on its way up.
+    """Return the deflection of a ray on its way up through layered water.
 
     x = integral of tan(theta(z)) dz,  n(z) sin(theta(z)) = n(d) sin(theta(d))
 
@@ -134,7 +134,7 @@ def ray_deflection(
     profile : WaterProfile
         The layers.
     depth : float
-        Where the ray starts [m].
+        Depth of the start of the ray [m].
     zenith : float
         Its angle from the vertical there [rad], 0 ... 80 degrees.
     wavelength_nm : float
@@ -143,8 +143,8 @@ def ray_deflection(
     Returns
     -------
     Deflection
-        How much farther out it meets the surface than a straight ray, and by how much steeper
-        (negative) or flatter (positive) it runs there.
+        Horizontal offset at the surface from a straight ray, and change of the angle there:
+        negative if the ray is steeper, positive if it is flatter.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def ray_deflection(
     Notes
     -----
     The direction in the air is that without layers, since n sin(theta) is the same all the way: a
-    receiver sees the same offset. A vertical ray is not bent. Turbulence and gradients along the
+    receiver has the same offset. A vertical ray is not bent. Turbulence and gradients along the
     horizontal are left out: profiles do not hold them.
 
     Examples

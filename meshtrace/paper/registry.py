@@ -21,7 +21,7 @@ FIGURES = tuple(_TABLE["figures"])
 
 
 class Printed(NamedTuple):
-    """A printed number, its unit, and the place where the paper prints it."""
+    """A published number, its unit and its place in the paper."""
 
     value: float
     unit: str
@@ -36,7 +36,7 @@ PRINTED = {
 
 
 class Number(NamedTuple):
-    """A number of the run with its standard error, 0 where it has none."""
+    """A number of the run with its standard error, 0 if it has none."""
 
     value: float
     stderr: float = 0.0
@@ -50,9 +50,9 @@ class Row(NamedTuple):
     quantity, unit : str
         Name and unit of the quantity.
     printed : float or None
-        Printed number, None where the paper prints none.
+        Published number, None if there is none.
     place : str
-        Place where the paper prints it.
+        Place in the paper.
     default, paper : Number or None
         Numbers of right physics and of the forms as published.
     difference : str

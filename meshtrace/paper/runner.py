@@ -1,4 +1,4 @@
-"""Drawing of the figures into a folder; those that are there already are kept."""
+"""Drawing of the figures into a folder; finished ones are kept."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from meshtrace.files import atomic
+from meshtrace.paper.index import write_index
+from meshtrace.paper.records import read_record
 from meshtrace.paper.registry import FIGURES, Figure, FigureOutput, Row, Setting, load
 from meshtrace.stored import write_dataset
 
-INDEX = "index.html"
 _KINDS = (".png", ".nc", ".csv")
 
 
@@ -56,9 +57,8 @@ def make_figures(
     -----
     Each figure has a key: a digest of its name and revision, the version, effort, seed and
     profiles. A figure whose record has the same key and whose files are all present is kept, so
-    that an interrupted run goes on where it was.
+    that an interrupted run resumes.
     """
-    from meshtrace.paper.index import write_index
     from meshtrace.paper.profile_files import profiles_of
 
     setting, folder = setting or Setting(), Path(folder)
@@ -99,21 +99,13 @@ def _digest(path: Path) -> str:
 
 
 def _kept(folder: Path, one: Figure, wanted: str) -> dict[str, Any] | None:
-    """Return the record of a figure that is there already."""
+    """Return the record of a finished figure."""
     record = read_record(folder / f"{one.name}.json")
     if record is None or record.get("key") != wanted:
         return None
     if not all((folder / (one.name + kind)).is_file() for kind in _KINDS):
         return None
     return {**record, "kept": True}
-
-
-def read_record(path: Path) -> dict[str, Any] | None:
-    """Return the record of a figure, None if there is none that can be read."""
-    try:
-        return dict(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError):
-        return None
 
 
 def _made(folder: Path, one: Figure, setting: Setting, quick: bool) -> dict[str, Any]:

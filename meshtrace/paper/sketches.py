@@ -31,7 +31,7 @@ def _shot(scene: Any) -> Any:
 
 
 def link(setting: Setting, paths: int) -> FigureOutput:
-    """Draw lamp, sea, bubbles, light and UAV."""
+    """Draw LED, sea, bubbles, light and UAV."""
     made = mt.Link(bubbles=mt.HallNovarini(wind_speed=WIND))
     sea = JonswapSea(wind_speed=WIND, seed=setting.seed)
     light = mt.trace_paths(made, sea, paths, seed=setting.seed)
@@ -39,7 +39,7 @@ def link(setting: Setting, paths: int) -> FigureOutput:
     picture = _shot(scene)
     led, receiver = made.transmitters[0], made.receivers[0]
     values = (
-        ("depth of the lamp", getattr(led, "depth", np.nan), "depth"),
+        ("depth of the LED", getattr(led, "depth", np.nan), "depth"),
         ("height of the receiver", receiver.center[2], "height"),
         ("half angle at half power", getattr(led, "half_angle_deg", np.nan), "half-angle"),
         ("radius of the aperture", receiver.radius, "radius"),
@@ -88,7 +88,7 @@ def _close_up(scene: Any, receiver: mt.Receiver) -> None:
 
 
 def offset(setting: Setting) -> FigureOutput:
-    """Draw the link with a receiver that is not above the lamp."""
+    """Draw the link with a receiver off the axis of the LED."""
     distance = 2.0
     made = mt.Link(receiver=mt.Receiver(position=(distance, 0.0)))
     sea = JonswapSea(seed=setting.seed)

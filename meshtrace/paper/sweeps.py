@@ -104,7 +104,7 @@ def _loss(reference: list[Mean], other: list[Mean]) -> list[Number]:
 
 
 def gain_half_angle(setting: Setting, **effort: int) -> FigureOutput:
-    """Draw the mean gain over the lamp's half angle."""
+    """Draw the mean gain over the LED's half angle."""
     values = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0)
     gains = _one_by_one("half_angle_deg", "transmitter", values, setting=setting, **effort)
     narrow, wide = (_means(gains, values, 5.0, angle) for angle in (5.0, 60.0))
@@ -120,7 +120,7 @@ def gain_half_angle(setting: Setting, **effort: int) -> FigureOutput:
 
 
 def gain_depth(setting: Setting, **effort: int) -> FigureOutput:
-    """Draw the mean gain over the lamp's depth."""
+    """Draw the mean gain over the LED's depth."""
     values = (10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0)
     gains = _one_by_one("depth", "transmitter", values, setting=setting, **effort)
     numbers = [

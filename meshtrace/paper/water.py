@@ -1,4 +1,4 @@
-"""Figures of the stations, their temperature and salinity, and what these do to light."""
+"""Figures of the stations, their temperature and salinity, and the refraction by these."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def _name_axes(axes: Any) -> None:
     axes[2].locator_params(axis="x", nbins=4)
     for ax in axes[:3]:
         ax.invert_yaxis()
-    axes[3].set(xlabel="angle of the ray at the lamp [°]", ylabel="offset at the surface [mm]")
+    axes[3].set(xlabel="angle of the ray at the source [°]", ylabel="offset at the surface [mm]")
     axes[0].legend()
 
 

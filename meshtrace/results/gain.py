@@ -35,7 +35,7 @@ FATE_MEANING = {
     Fate.LEAKED: "missed the surface inside the mesh",
     Fate.ROULETTE: "ended by roulette (net weight)",
     Fate.EVENT_LIMIT: "reached the limit of events",
-    Fate.DEEP: "went down for ever, in clear water without a floor",
+    Fate.DEEP: "escaped downwards (bottomless, non-absorbing water)",
 }
 
 
@@ -44,6 +44,25 @@ class FateTally(NamedTuple):
 
     photons: int
     weight: float
+
+
+class ScatteredSamples(NamedTuple):
+    """Samples that the scattered gain of a receiver rests on.
+
+    Attributes
+    ----------
+    estimator : {"chains", "adjoint paths"}
+        Chains aimed at the aperture, or paths from it.
+    samples, scored : int
+        Number of samples, and of those that brought light.
+    effective : float
+        Number of equal samples that they are worth, (sum w)^2 / sum w^2 of their contributions w.
+    """
+
+    estimator: str
+    samples: int
+    scored: int
+    effective: float
 
 
 CHAIN_MEANING = {
@@ -77,7 +96,7 @@ class GainResult(Stored):
     gain, gain_stderr : float or ndarray, shape (receivers,)
         Fraction of the emitted power that each receiver collects, and its standard error.
     photons : int
-        Photons launched (analog) or chain samples (forced).
+        Photons launched (analog), or chains or adjoint paths (forced).
     fates : dict of str to FateTally
         Photons and weight by fate; empty for the forced estimator.
     gain_bound : same as gain, or None
@@ -96,6 +115,8 @@ class GainResult(Stored):
         Rays cast again, rays given up.
     chains : dict of str to int
         Forced only: numbers of chains by outcome (`CHAIN_MEANING`).
+    scattered : list of ScatteredSamples
+        Forced only: estimator and samples of the scattered gain of each receiver.
     arrivals : Arrivals, optional
         Arrivals with their path lengths.
     planes : Planes, optional
@@ -113,6 +134,7 @@ class GainResult(Stored):
     gain_scattered: Values | None = None
     misses: tuple[int, int] = (0, 0)
     chains: dict[str, int] = field(default_factory=dict)
+    scattered: list[ScatteredSamples] = field(default_factory=list)
     gain_bound: Values | None = None
     gain_reflected: Values | None = None
     gain_reflected_stderr: Values | None = None
@@ -145,9 +167,15 @@ class GainResult(Stored):
         for i, (gain, stderr) in enumerate(zip(self.gains, self.stderrs, strict=True)):
             bound = np.nan if self.gain_bound is None else np.atleast_1d(self.gain_bound)[i]
             known = f"gain {gain:.4e} +- {stderr:.1e}"
-            parts.append(f"gain below {bound:.2g}" if bound > 0.0 else known)
+            parts.append(f"dark to below {bound:.2g}" if bound > 0.0 else known)
         shown = parts[:4] + [f"{len(parts) - 4} more"] * (len(parts) > 4)
-        return ", ".join([*shown, f"{self.photons:,} {'photons' if self.fates else 'chains'}"])
+        return ", ".join([*shown, f"{self.photons:,} {self._samples}"])
+
+    @property
+    def _samples(self) -> str:
+        """Return the kind of the samples."""
+        kinds = dict.fromkeys(row.estimator for row in self.scattered)
+        return " or ".join(kinds) or ("photons" if self.fates else "chains")
 
     def summary(self, wall_time: float | None = None) -> str:
         """Return gain, fates and chains as text for a terminal.
@@ -165,7 +193,9 @@ class GainResult(Stored):
         lines = [
             *_heading(self.provenance),
             *self._gain_lines(),
-            _line("photons" if analog else "chains", f"{self.photons:,}{rate}"),
+            _line(
+                self._samples if len(self._samples) < 18 else "samples", f"{self.photons:,}{rate}"
+            ),
         ]
         if analog:
             cast, lost = self.misses
@@ -174,7 +204,7 @@ class GainResult(Stored):
             for name, (photons, weight) in self.fates.items():
                 meaning = FATE_MEANING[Fate[name.upper()]]
                 lines.append(f"{name:<12}{photons:>15,}{100.0 * weight:>12.4g}  {meaning}")
-        if self.chains:
+        if self.chains.get("chains"):
             lines += ["", f"{'chains':<12}{'number':>15}  meaning"]
             for name, number in self.chains.items():
                 lines.append(f"{name:<12}{number:>15,}  {CHAIN_MEANING.get(name, name)}")
@@ -187,8 +217,8 @@ class GainResult(Stored):
             name = "channel gain" if np.ndim(self.gain) == 0 else f"channel gain [{i}]"
             if not gain > 0.0:
                 bound = np.nan if self.gain_bound is None else np.atleast_1d(self.gain_bound)[i]
-                below = f", below {bound:.2g} at 95 % confidence" if bound > 0.0 else ""
-                lines.append(_line(name, f"0: no light received{below}"))
+                below = f" to below {bound:.2g} at 95 % confidence" if bound > 0.0 else ""
+                lines.append(_line(name, f"dark{below}: no light received"))
                 continue
             percent, decibel = 100.0 * stderr / gain, 10.0 / math.log(10.0) * stderr / gain
             lines.append(_line(name, f"{gain:.4e}  ({10.0 * math.log10(gain):.3f} dB optical)"))
@@ -199,6 +229,15 @@ class GainResult(Stored):
                 direct = np.atleast_1d(self.gain_ballistic)[i]
                 scattered = 100.0 * (1.0 - direct / gain)
                 lines.append(_line("", f"{direct:.4e} unscattered; scattered {scattered:.1f} %"))
+            if self.scattered:
+                by = self.scattered[i]
+                lines.append(
+                    _line(
+                        "",
+                        f"scattered light by {by.samples:,} {by.estimator}: {by.scored:,} brought "
+                        f"light, worth {by.effective:,.0f} equal ones",
+                    )
+                )
         return lines
 
     def _content(self) -> xr.Dataset:
@@ -225,6 +264,7 @@ class GainResult(Stored):
             "photons": self.photons,
             "misses": list(self.misses),
             "chains": json.dumps(self.chains),
+            "scattered": json.dumps(self.scattered),
             "scalar": int(np.ndim(self.gain) == 0),
         }
         return xr.Dataset(variables, coords, about)
@@ -253,13 +293,16 @@ class GainResult(Stored):
             provenance=provenance,
             misses=(cast, lost),
             chains=json.loads(data.attrs["chains"]),
+            scattered=[
+                ScatteredSamples(*row) for row in json.loads(data.attrs.get("scattered", "[]"))
+            ],
             gain_order=data["gain_order"].to_numpy() if "gain_order" in data else None,
             **{name: tally.read(data) for name, tally in _TALLIES.items()},  # type: ignore[arg-type]
         )
 
 
 def like(gain: Values, array: Any) -> Any:
-    """Return an array of values of the receivers as a number where the gain is one."""
+    """Return values of the receivers, as a number for a single receiver."""
     return float(array[0]) if array is not None and np.ndim(gain) == 0 else array
 
 

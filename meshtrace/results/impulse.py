@@ -167,7 +167,7 @@ def impulse_response(
     by_group = np.zeros((SHIFTS, n_bins))
     moments = np.zeros((SHIFTS, 3))
     for g in range(SHIFTS):
-        # what has no Monte Carlo error belongs to every group; the others share the gain
+        # parts without Monte Carlo error belong to every group; the others share the gain
         w = np.where(group < 0, weight, np.where(group == g, SHIFTS * weight, 0.0))
         by_group[g] = np.bincount(bins, w, n_bins)
         moments[g] = w.sum(), (w * delay).sum(), (w * delay**2).sum()

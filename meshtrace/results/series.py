@@ -74,10 +74,10 @@ class GainSeries(Stored):
 
         .. math:: \sigma_\mathrm{own}^2 = (\overline{s_i^2} - s_{\bar h}^2) \, n / (n - 1)
 
-        is what the Monte Carlo errors s_i add to the variance of the gains beyond the error
-        s_hbar of their mean, which is common to all. It is removed from an ensemble. On a moving
-        sea it moves as smoothly as the gain does and cannot be told from it by the correlation:
-        it stays, and a note says so where it counts.
+        is the contribution of the Monte Carlo errors s_i to the variance of the gains, beyond the
+        error s_hbar of their mean, which is common to all. It is removed from an ensemble. On a
+        moving sea it varies as smoothly as the gain, and the correlation cannot separate the two:
+        it stays, and a note says so if it matters.
 
         Parameters
         ----------

@@ -63,7 +63,7 @@ def _common(parts: Sequence[NDArray[Any]], n: NDArray[np.int64]) -> NDArray[Any]
 class Variable(NamedTuple):
     """Dimensions of a tally's array, its rule for merging and its name in files.
 
-    A mean merges together with its standard error, which has no rule of its own.
+    A mean merges together with its standard error, which has no separate rule.
     """
 
     dims: str

@@ -27,7 +27,7 @@ from meshtrace.uav.airframe import Uav
 
 
 class Scenario(Model, frozen=True):
-    """Everything that one run depends on; what a link file says.
+    """Complete description of a run, as in a link file.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class Scenario(Model, frozen=True):
         source : str, optional
             Name that errors begin with.
         folder : path
-            Where a mesh file is looked for.
+            Folder of mesh files.
         changes : mapping of str to value, optional
             See `load`.
 
@@ -144,7 +144,7 @@ class Scenario(Model, frozen=True):
 
         Notes
         -----
-        `physics="paper"` also sets the printed forms that lie outside `Physics`, where they are
+        `physics="paper"` also sets the published forms that lie outside `Physics`, where they are
         not given: `cdf_coef` of a Fournier-Forand phase function; psi, q and depth of the
         bubbles; whitecaps "paper_0255". The estimator is "forced" unless given, or "analog" for
         a link that forced detection cannot follow.
@@ -204,7 +204,7 @@ class Scenario(Model, frozen=True):
     def to_config(self) -> Table:
         """Return the full configuration as plain data, in the keys of a link file.
 
-        What follows `wind_speed`, the water or the transmitter is left to follow it.
+        Keys that follow `wind_speed`, the water or the transmitter are left out.
         """
         link, still = self.link, isinstance(self.surface, MeshFile)
         run = {**self.run.to_config(), "normals": self.meshing.normals}

@@ -1,7 +1,7 @@
 """The parts of a scenario except the sea: wind, link, detector, UAV.
 
-Each is read from its table of a link file, with what it shares with other tables filled in, and
-written back without what follows the wind, the water or the transmitter.
+Each is read from its table of a link file, with the values shared with other tables filled in, and
+written back without the keys that follow the wind, the water or the transmitter.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ def physics_config(physics: Physics) -> Any:
 
 
 def bubbles_config(link: Link, wind_speed: float) -> Table:
-    """Return [bubbles] without what follows the wind, the water or the transmitter."""
+    """Return [bubbles] without the keys that follow the wind, the water or the transmitter."""
     if link.bubbles is None:
         return {"model": "none"}
     config = without_shared_wind(link.bubbles.model_dump(mode="json"), wind_speed)

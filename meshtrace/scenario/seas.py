@@ -1,4 +1,4 @@
-"""The sea of a scenario: table [sea] to a surface model or a `MeshFile`, and how large it may be.
+"""The sea of a scenario: table [sea] to a surface model or a `MeshFile`, and limits on its size.
 
 Here the core meets `meshtrace.surfaces`, by late imports.
 """
@@ -62,7 +62,7 @@ class MeshFile(Model, frozen=True):
                 problem = Described(f"{self.file!r}: {error.value}")
                 raise Refused("sea.mesh", problem, error.allowed) from None
             raise error.of(self.file).inside("sea", "mesh") from None
-        except Exception as error:  # the readers behind trimesh raise whatever they stumble over
+        except Exception as error:  # the readers behind trimesh raise any exception
             problem = Described(f"{self.file!r}: {error or type(error).__name__}")
             allowed = "a surface in an STL, PLY or OBJ file"
             raise Refused("sea.mesh", problem, allowed) from error
@@ -105,9 +105,9 @@ def _named(word: Any) -> type[Family]:
 def _with_spectrum(
     word: Any, table: Table, wind_speed: float
 ) -> tuple[Table, tuple[str, ...], bool]:
-    """Return the table of a spectral sea, all keys of [sea], and whether there is no wind.
+    """Return the table of a spectral sea, all keys of [sea], and a flag for no wind.
 
-    The spectrum is a table of its own, or a word with its parameters beside the sea's.
+    The spectrum is a separate table, or a word with its parameters beside the sea's.
     """
     from meshtrace.surfaces import Spectrum
 
@@ -126,7 +126,7 @@ def _with_spectrum(
 
 
 def _driven(table: Table, wind_speed: float) -> tuple[Table, bool]:
-    """Return a table with its wind speed, and whether there is none: it is checked at 5 m/s."""
+    """Return a table with its wind speed, 5 m/s for the checks if there is none, and a flag."""
     speed = table.get("wind_speed", wind_speed)
     calm = speed == 0.0 and not isinstance(speed, bool)
     return {**table, "wind_speed": 5.0 if calm else speed}, calm

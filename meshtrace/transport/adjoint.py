@@ -53,6 +53,7 @@ class Sums(NamedTuple):
     square: float
     scored: int
     beside: int
+    arrivals: NDArray[np.float64] | None  # (arrivals, 4) weight, way in water and air, group
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,9 @@ class AdjointParts:
         Variance of the gain of one path.
     beside : ndarray, shape (receivers,)
         Share of the paths that passed beside the mesh, where no surface is known.
+    arrivals : list of ndarray, shape (arrivals, 4), or None
+        By receiver: weight, path in water, path in air [m] and group. The weights of a receiver
+        add up to its scattered gain.
     """
 
     scattered: NDArray[np.float64]
@@ -78,6 +82,7 @@ class AdjointParts:
     scored: NDArray[np.int64]
     variance: NDArray[np.float64]
     beside: NDArray[np.float64]
+    arrivals: list[NDArray[np.float64]] | None = None
 
     @property
     def gain(self) -> NDArray[np.float64]:
@@ -130,7 +135,10 @@ class AdjointPaths:
         self.threads = threads
 
     def evaluate(
-        self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None
+        self,
+        mesh: TriangleMesh,
+        intersector: EmbreeIntersector | None = None,
+        arrivals: bool = False,
     ) -> AdjointParts:
         """Return the scattered gain over a mesh.
 
@@ -140,8 +148,10 @@ class AdjointPaths:
             The surface.
         intersector : EmbreeIntersector, optional
             Embree scene of the mesh, if there is one.
+        arrivals : bool
+            Keep every contribution to the gain with its path lengths.
         """
-        over = _Over(self, mesh, intersector or EmbreeIntersector(mesh, 1))
+        over = _Over(self, mesh, intersector or EmbreeIntersector(mesh, 1), arrivals)
         receivers = range(len(self.link.receivers))
         share = np.array([t.power_mw for t in self.link.transmitters])
         share /= share.sum()
@@ -163,7 +173,12 @@ class AdjointPaths:
             np.zeros((len(receivers), len(share))),
             np.zeros_like(groups[:, : len(share)]),
         )
+        rows: list[list[NDArray[np.float64]]] = [[np.zeros((0, 4))] for _ in receivers]
         for (r, s, _), sums in zip(jobs, blocks, strict=True):
+            if sums.arrivals is not None:
+                per_arrival = share[s] / (SHIFTS * per_group[sums.arrivals[:, 3].astype(np.int64)])
+                sums.arrivals[:, 0] *= per_arrival
+                rows[r].append(sums.arrivals)
             groups[r] += share[s] * sums.groups / per_group
             orders[r] += share[s] * sums.orders / n
             scored[r] += sums.scored
@@ -171,19 +186,25 @@ class AdjointPaths:
             square[r, s] += sums.square / n
             total[r, s] += sums.groups.sum() / n
         variance = ((square - total**2) * share**2).sum(axis=1) * len(share)
-        return AdjointParts(groups, orders, scored, variance, beside)
+        kept = [np.concatenate(row) for row in rows] if arrivals else None
+        return AdjointParts(groups, orders, scored, variance, beside, kept)
 
 
 class _Over:
     """The paths over one mesh."""
 
     def __init__(
-        self, paths: AdjointPaths, mesh: TriangleMesh, intersector: EmbreeIntersector
+        self,
+        paths: AdjointPaths,
+        mesh: TriangleMesh,
+        intersector: EmbreeIntersector,
+        arrivals: bool,
     ) -> None:
         link, frame = paths.link, frame_of(paths.link)
         if frame != IDENTITY:
             mesh = frame.mesh(mesh)
             intersector = EmbreeIntersector(mesh, 1)
+        self._arrivals, self._unit = arrivals, frame.unit
         self._seed, self._smooth = paths.seed, paths.normals == "vertex"
         self._intersector = intersector
         surface = surface_arrays(mesh, paths.normals, link.physics.unresolved)
@@ -256,12 +277,13 @@ class _Over:
             lobe=np.empty((n, sets * len(starts), 3)),
             weight=np.empty(n),
             length=np.empty(n),
+            water=np.empty(n),
             importance=np.empty(n),
             state=np.empty(n, np.int64),
             heaviest=np.empty(n),
             order=np.empty(n, np.int64),
             event=np.empty(n, np.int64),
-            branch=np.empty((n, _BRANCHES, 8)),
+            branch=np.empty((n, _BRANCHES, 9)),
             branches=np.empty(n, np.int64),
             score=np.zeros((n, _ORDERS)),
         )
@@ -272,8 +294,10 @@ class _Over:
             kernel.improve(paths, facets, k - (rounds - sets), world)
         origins, directions = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
         kernel.look(paths, origins, directions, world)
+        start = paths.point.copy()
         beside = kernel.enter(paths, self._intersector.facets(origins, directions), world)
-        self._follow(paths, world)
+        air = np.linalg.norm(paths.point - start, axis=1)
+        scores = self._follow(paths, world)
         total = paths.score.sum(axis=1)
         groups = np.bincount((first + np.arange(n)) % SHIFTS, total, SHIFTS).astype(float)
         return Sums(
@@ -282,18 +306,27 @@ class _Over:
             float(total @ total),
             int(np.count_nonzero(total)),
             int(beside),
+            self._arrivals_of(scores, air, first) if self._arrivals else None,
         )
 
-    def _follow(self, paths: kernel.Paths, world: kernel.World) -> None:
-        """Follow paths to their ends; Embree is asked where a wave may cut a segment."""
+    def _arrivals_of(
+        self, scores: NDArray[np.float64], air: NDArray[np.float64], first: int
+    ) -> NDArray[np.float64]:
+        """Return weight, way in water and air [m] and group of scores."""
+        path = scores[:, 0].astype(np.int64)
+        ways = self._unit * scores[:, 3], self._unit * air[path]
+        return np.column_stack([scores[:, 2], *ways, (first + path) % SHIFTS])
+
+    def _follow(self, paths: kernel.Paths, world: kernel.World) -> NDArray[np.float64]:
+        """Follow paths to their ends, with rays where a wave may cut; return listed scores."""
         n = len(paths.weight)
         most = 6 * n + 64
-        checks = kernel.Checks(np.empty((most, 3)), np.empty((2 * most + n, 8)))
-        clear = np.zeros(n, bool)
+        checks = kernel.Checks(self._arrivals, np.empty((most, 4)), np.empty((2 * most + n, 8)))
+        clear, rows = np.zeros(n, bool), [np.zeros((0, 4))]
         while True:
             listed, rays = kernel.follow(paths, clear, checks, world)
             if listed == 0 and rays == 0:
-                return
+                return np.concatenate(rows)
             ray = checks.ray[:rays]
             cut = self._cut(ray)
             what = ray[:, 0].astype(np.int64)
@@ -301,6 +334,8 @@ class _Over:
             free = np.ones(listed, bool)
             free[what[(what >= 0) & cut]] = False
             kept = checks.score[:listed][free]
+            if self._arrivals:
+                rows.append(kept)
             np.add.at(
                 paths.score, (kept[:, 0].astype(np.int64), kept[:, 1].astype(np.int64)), kept[:, 2]
             )

@@ -18,7 +18,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import ordered_map
+from meshtrace.results.gain import ScatteredSamples
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.adjoint import AdjointParts, AdjointPaths
 from meshtrace.transport.aimed import AimedChains, Search
@@ -99,6 +100,12 @@ class Parts:
     samples: NDArray[np.int64]
     scored: NDArray[np.int64]
     effective: NDArray[np.float64]
+
+    def samples_by_receiver(self) -> list[ScatteredSamples]:
+        """Return the estimator and the samples of the scattered gain of each receiver."""
+        names = ["chains" if m == "chains" else "adjoint paths" for m in self.method]
+        rows = zip(names, self.samples, self.scored, self.effective, strict=True)
+        return [ScatteredSamples(name, int(n), int(k), float(e)) for name, n, k, e in rows]
 
     @property
     def ballistic(self) -> NDArray[np.float64]:
@@ -271,12 +278,8 @@ class ForcedDetection:
 
     def evaluate(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> Parts:
         """Return the gain over a mesh, in parts."""
-        top = float(mesh.bounds[1, 2])
-        if top > self._ceiling * self.arrays.frame.unit and "chains" in self.method:
-            # far higher than expected: chains that reach up there
-            higher = ForcedDetection(
-                self.link, *self._key, *self._options, top, self._search, self._wanted
-            )
+        higher = self._reaching(mesh)
+        if higher is not self:
             return higher.evaluate(mesh, intersector)
         aimed = self.over(mesh, intersector)
         sums = _Sums(self.arrays, self.method, self.sets(aimed))
@@ -289,6 +292,15 @@ class ForcedDetection:
         if self._adjoint is not None:
             sums.add_paths(self._adjoint.evaluate(mesh, intersector), self._adjoint.photons)
         return sums.parts(Counts(sums.chains, *(int(c) for c in aimed.counters)))
+
+    def _reaching(self, mesh: TriangleMesh) -> ForcedDetection:
+        """Return chains that reach up to a mesh: others where it is far higher than expected."""
+        top = float(mesh.bounds[1, 2])
+        if top <= self._ceiling * self.arrays.frame.unit or "chains" not in self.method:
+            return self
+        return ForcedDetection(
+            self.link, *self._key, *self._options, top, self._search, self._wanted
+        )
 
     def cut_share(self, mesh: TriangleMesh) -> NDArray[np.float64]:
         """Return the share of the light of a flat sea that crosses beside a mesh, by receiver."""
@@ -314,42 +326,47 @@ class ForcedDetection:
         The weights of a receiver add up to its gain. Unscattered light without random slopes
         is one row a facet, with shift -1: it has no Monte Carlo error.
         """
-        if "adjoint" in self.method:  # paths do not keep their arrivals
-            aimable = ForcedDetection(
-                self.link, *self._key, *self._options, self._crest, self._search, "chains"
-            )
-            return aimable.arrivals(mesh)
+        higher = self._reaching(mesh)
+        if higher is not self:
+            return higher.arrivals(mesh)
         aimed = self.over(mesh)
-        sets, unit = self.sets(aimed), self.arrays.frame.unit
-        result = []
-        for r, target in enumerate(self.arrays.targets):
-            rows = []
-            for s, emitter in enumerate(self.arrays.emitters):
-                power = self.arrays.power[s]
-                if not aimed.rough:
-                    gains = power * aimed.facet_gains(s, r)
-                    lit = np.flatnonzero(gains)
-                    crossing = aimed.centroids[lit]
-                    rows.append(
-                        np.column_stack(
-                            [
-                                gains[lit],
-                                unit * np.linalg.norm(crossing - emitter.position, axis=1),
-                                unit * np.linalg.norm(crossing - target.center, axis=1),
-                                np.full(len(lit), -1.0),
-                            ]
-                        )
-                    )
-                for chains in sets[s]:
-                    _, found = aimed.aim(s, r, chains, keep=True)
-                    n = len(chains.audit)
-                    shift = found["chain"] // (n // SHIFTS)
-                    weight = power * found["weight"] / n
-                    rows.append(
-                        np.column_stack([weight, unit * found["water"], unit * found["air"], shift])
-                    )
-            result.append(np.concatenate(rows))
+        result = [self._aimed_arrivals(aimed, r) for r in range(len(self.arrays.targets))]
+        if self._adjoint is not None:
+            found = self._adjoint.evaluate(mesh, arrivals=True).arrivals or []
+            for r, rows in zip(self._on_paths, found, strict=True):
+                result[r] = np.concatenate([result[r], rows])
         return result
+
+    @property
+    def _on_paths(self) -> list[int]:
+        """Receivers that rest on adjoint paths."""
+        return [r for r, m in enumerate(self.method) if m == "adjoint"]
+
+    def _aimed_arrivals(self, aimed: AimedChains, r: int) -> NDArray[np.float64]:
+        """Return arrivals of a receiver over facets and chains."""
+        unit, center = self.arrays.frame.unit, self.arrays.targets[r].center
+        rows = [np.zeros((0, 4))]
+        for s, (power, sets) in enumerate(zip(self.arrays.power, self.sets(aimed), strict=True)):
+            if not aimed.rough:
+                gains = power * aimed.facet_gains(s, r)
+                lit = np.flatnonzero(gains)
+                crossing = aimed.centroids[lit]
+                lamp = self.arrays.emitters[s].position
+                water, air = (np.linalg.norm(crossing - end, axis=1) for end in (lamp, center))
+                rows.append(_rows(gains[lit], unit * water, unit * air, np.full(len(lit), -1)))
+            for chains in sets:
+                if chains.order > 0 and self.method[r] == "adjoint":
+                    continue
+                _, found = aimed.aim(s, r, chains, keep=True)
+                n = len(chains.audit)
+                weight = power * found["weight"] / n
+                shift = found["chain"] // (n // SHIFTS)
+                rows.append(_rows(weight, unit * found["water"], unit * found["air"], shift))
+        return np.concatenate(rows)
+
+
+def _rows(*columns: NDArray[Any]) -> NDArray[np.float64]:
+    return np.column_stack(columns).astype(np.float64)
 
 
 class _Sums:

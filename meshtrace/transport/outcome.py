@@ -11,16 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.bvh import EmbreeIntersector
 from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link, WaterSource
 from meshtrace.mesh import TriangleMesh
+from meshtrace.parallel import default_threads
 from meshtrace.results.gain import Fate, FateTally, GainResult, bound_where_dark
 from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, standard_error
 from meshtrace.stored import SHIFTS
 from meshtrace.transport import options
-from meshtrace.transport.analog import Sums
+from meshtrace.transport.analog import Sums, run_analog
 from meshtrace.transport.forced import ForcedDetection, Parts
-from meshtrace.transport.options import Record
+from meshtrace.transport.options import Analog, Record, Run
 
 LEFT_DOMAIN_WARNING = 1e-4
 _RETURNED = 1e-3
@@ -71,18 +73,31 @@ def analog_result(
     return result
 
 
-def bound_of_dark(link: Link, gain: NDArray[np.float64], photons: int) -> Any:
+def bound_of_dark(
+    link: Link, mesh: TriangleMesh, gain: NDArray[np.float64], run: Run, normals: str
+) -> Any:
     """Return upper bounds of dark gains of forced detection, nan elsewhere; None if all are lit.
 
-    No light reaches an aperture on a way shorter than the depth: absorption alone leaves no more
-    than exp(-a depth). With scattering the bound is that of n photons without a hit, 3 / n of it.
+    As many analog photons are followed: samples aimed at light that is not there bound nothing.
+    None brings more than w = exp(-a d), d the height of the lowest trough above the source.
+    With mean m and standard error s of what the n photons bring, the bound is m + 2 s + 3 w / n:
+    3 w / n at 95 % confidence (rule of three) where none arrives.
     """
     if (gain > 0.0).all():
         return None
     water = link.water
     a = water.a if water.layers is None else min(row[1] for row in water.layers)
     depth = min(t.depth for t in link.transmitters if isinstance(t, WaterSource))
-    bound = max(3.0 / photons * math.exp(-a * depth), sys.float_info.min)
+    most = math.exp(-a * max(depth + float(mesh.bounds[0, 2]), 0.0))
+    bound = np.full(len(gain), sys.float_info.min)
+    if most > sys.float_info.min:
+        threads, n = default_threads(run.threads), run.photons
+        scene, walk = EmbreeIntersector(mesh, threads), Analog(roulette=1e-3 * most)
+        sums = run_analog(
+            link, scene, walk, photons=n, seed=run.seed, normals=normals, threads=threads
+        )
+        error = standard_error(sums.score, sums.score_squared, n)
+        bound = np.maximum(sums.score / n + 2.0 * error + 3.0 * most / n, bound)
     return per_receiver(link, np.where(gain > 0.0, np.nan, bound))
 
 

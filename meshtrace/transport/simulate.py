@@ -223,14 +223,15 @@ def _forced(
     return GainResult(
         gain=per_receiver(link, gain),
         gain_stderr=per_receiver(link, stderr),
-        gain_bound=bound_of_dark(link, gain, run.photons),
+        gain_bound=bound_of_dark(link, mesh, gain, run, normals),
         photons=run.photons,
         fates={},
-        provenance={**origin(run), "scattered": parts.method},
+        provenance=origin(run),
         gain_ballistic=per_receiver(link, parts.ballistic),
         gain_scattered=per_receiver(link, parts.scattered.mean(axis=1)),
         gain_order=parts.orders,
         chains=parts.counts._asdict(),
+        scattered=parts.samples_by_receiver(),
         **extra,
     )
 

@@ -1,4 +1,4 @@
-"""The aircraft that carries a receiver: gusts, tilt and airframe."""
+"""Aircraft with a receiver: gusts, tilt and airframe."""
 
 from meshtrace.uav.airframe import UAVS, Flight, FlightRecord, Uav
 from meshtrace.uav.wind import Dryden

@@ -253,7 +253,7 @@ class GammaTiltLaw(TiltLaw):
         )
 
     def h_pdf_printed(self, h: ArrayLike) -> FloatArray:
-        """Return the density of h_alpha exactly as printed in the paper, for comparison only.
+        """Return the density of h_alpha as published, for comparison only.
 
         f(h) = h^-(a+1) (1 - h^2)^((a-2)/2) exp(-sqrt(1-h^2) / (h K b)) / (K Gamma(a) b^a)
 
@@ -265,7 +265,7 @@ class GammaTiltLaw(TiltLaw):
         Notes
         -----
         Defect of eq. final_f_h_alpha: the constant 1/K must be 1/K^a (a the Gamma shape), so the
-        printed form integrates to K^(a-1), some 1e-61 for the paper's UAV, and not to 1. Its
+        published form integrates to K^(a-1), some 1e-61 for the paper's UAV, and not to 1. Its
         support has no lower limit either. `h_pdf` is the right form.
         """
         from scipy.special import gammaln

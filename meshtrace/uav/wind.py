@@ -1,4 +1,4 @@
-"""Mean wind and Dryden gusts over the sea, for whatever flies a few metres above it."""
+"""Mean wind and Dryden gusts a few metres above the sea."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Dryden(Model, frozen=True):
     height : float
         Flight height above still water [m].
     profile : LogProfile or PowerProfile
-        Law that carries the wind from 10 m to 20 feet and to the flight height.
+        Law that converts the wind from 10 m to 20 feet and to the flight height.
     w20 : float, optional
         Wind at 20 feet [m s-1]; None takes it from `wind_speed` and `profile`.
     wind_at_height : bool

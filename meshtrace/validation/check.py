@@ -41,14 +41,14 @@ class Check:
 
     @property
     def z(self) -> float:
-        """(got - expected) / hypot(stderr, tolerance); infinite where either is not finite."""
+        """(got - expected) / hypot(stderr, tolerance), infinite if either is not finite."""
         error = math.hypot(self.stderr, self.tolerance)
         difference = self.got - self.expected
         return difference / error if math.isfinite(difference) and error > 0.0 else math.inf
 
     @property
     def passed(self) -> bool:
-        """Whether |z| <= LIMIT."""
+        """True if |z| <= LIMIT."""
         return abs(self.z) <= LIMIT
 
     def as_data(self) -> dict[str, Any]:
@@ -57,7 +57,7 @@ class Check:
 
 
 def half_digit(printed: str) -> float:
-    """Return half a unit of the last digit of a printed number.
+    """Return half a unit of the last digit of a published number.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def half_digit(printed: str) -> float:
 
 
 def printed(quantity: str, source: str, text: str, got: float, stderr: float = 0.0) -> Check:
-    """Return the check of a value against a printed number, good to half of its last digit."""
+    """Return the check of a value against a published number, good to half of its last digit."""
     return Check(quantity, source, float(text), float(got), stderr, half_digit(text))
 
 

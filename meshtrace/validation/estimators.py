@@ -13,7 +13,7 @@ from meshtrace.validation.check import Check
 
 
 def estimator_checks(photons: int) -> list[Check]:
-    """Return analog gains against forced ones; photons is how many the analog runs take.
+    """Return analog gains against forced ones; `photons` for each analog run.
 
     An aperture of 0.25 m has 25 times the hits of the default one and the same physics. Light
     that the surface sends back is left out on both sides.

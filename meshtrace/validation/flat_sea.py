@@ -32,9 +32,9 @@ def unscattered_gain(
     Parameters
     ----------
     depth, height, radius : float
-        Depth of the lamp, height and radius of the aperture [m].
+        Depth of the LED, height and radius of the aperture [m].
     half_angle_deg : float
-        Half angle at half power of the lamp [degrees].
+        Half angle at half power of the LED [degrees].
     n : float
         Refractive index of the water; that of the air is 1.
     c : float
@@ -64,7 +64,7 @@ def unscattered_gain(
 
 
 def flat_sea_checks(photons: int) -> list[Check]:
-    """Return the default link over still water; photons is how many the analog run takes."""
+    """Return the default link over still water; `photons` for the analog run."""
     from meshtrace.surfaces import FlatSea
 
     sea = FlatSea()

@@ -56,7 +56,7 @@ def walsh_reflectance(n: float) -> float:
 
 
 def optics_checks(photons: int) -> list[Check]:
-    """Return what needs no transport; photons is how many scattering angles are drawn."""
+    """Return the checks without transport; `photons` scattering angles are drawn."""
     return [
         *_interface_checks(),
         *_phase_checks(photons),
@@ -114,7 +114,7 @@ def _bubble_checks() -> list[Check]:
         bubbles = HallNovarini(wind_speed=wind_speed, q=2.0)
 
         def cross_section(depth: float, bubbles: HallNovarini = bubbles) -> float:
-            # cut where the size distribution has its kink
+            # split at the kink of the size distribution
             cuts = (bubbles.r_min, float(bubbles.r_ref(depth)), bubbles.r_max)
             return sum(
                 quad(

@@ -1,4 +1,4 @@
-"""Tilt of the aircraft and electronics of the receiver against printed and derived values."""
+"""Tilt of the aircraft and electronics of the receiver against published and derived values."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TILTS = {
     ("physical", 5.0): 0.8482939811689599,
     ("physical", 13.0): 5.207172074235661,
 }
-# what a record of 1000 s scatters by
+# scatter of a record of 1000 s
 PRINTED_TILTS = {5.0: (0.479, 0.06), 13.0: (3.04, 0.034)}
 
 # receiver model: bit error rate at 1e-10 W and 1 and 5 Mbit/s, no saturation; relative accuracy

@@ -27,7 +27,7 @@ and index 1.5 at normal incidence: Giovanelli 1955, Opt. Acta 2, 153."""
 
 
 class SlabLight(NamedTuple):
-    """Light that a slab reflects and transmits, relative to what it receives."""
+    """Reflected and transmitted light of a slab, relative to the incident light."""
 
     reflectance: float
     reflectance_stderr: float
@@ -70,7 +70,7 @@ def slab_link(
     Returns
     -------
     Link
-        Its receiver takes all that leaves upwards; its plane lies a hair above the floor.
+        Its receiver takes all that leaves upwards; its plane lies just above the floor.
     """
     return Link(
         water=Water(
@@ -118,7 +118,7 @@ def slab_light(link: Link, photons: int, seed: int, threads: int | None = None) 
 
 
 def slab_checks(photons: int) -> list[Check]:
-    """Return the slabs against the tables; photons is how many the first one takes."""
+    """Return the slabs against the tables; `photons` for the first one."""
     light = slab_light(slab_link(2.0, 0.9, 0.75, 1.33, 1.33), photons, seed=31)
     source, name = "van de Hulst 1980, table 35", "slab, tau 2, albedo 0.9, g 0.75"
     checks = [

@@ -123,7 +123,7 @@ def test_hemispheric_reflectance():
 
 
 def test_errors():
-    with pytest.raises(ValueError, match=r"cos_i: .* allowed 0 <= cos_i <= 1"):
+    with pytest.raises(ValueError, match=r"cos_i: .* allowed: 0 <= cos_i <= 1"):
         fresnel_reflectance(-0.1, N, 1.0)
     with pytest.raises(ValueError, match=r"cos_i: .* allowed"):
         fresnel_reflectance(float("nan"), N, 1.0)

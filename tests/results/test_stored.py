@@ -19,8 +19,9 @@ from meshtrace.results import load
 from meshtrace.results.gain import bound_where_dark
 from meshtrace.results.provenance import _git_commit, environment
 from meshtrace.stored import FORMAT_VERSION, Stored, read_dataset, write_dataset
+from meshtrace.studies.convergence.checks import Costs
 from meshtrace.studies.convergence.exact import Reference
-from meshtrace.studies.convergence.study import ConvergenceStudy, Costs
+from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.surfaces import FlatSea
 
 OLD = Path(__file__).parents[1] / "data" / "v0.1"
@@ -31,7 +32,7 @@ FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)
 def results():
     """Return a small result of every kind."""
     link = mt.Link(receiver=mt.Receiver(radius=1.0))
-    gain = mt.simulate(link, FLAT, estimator="analog", photons=8192, keep_arrivals=True)
+    gain = mt.simulate(link, FLAT, estimator="analog", photons=8192, record=[mt.Arrivals()])
     forced = mt.simulate(mt.Link(), FlatSea(), photons=64)
     rng = np.random.default_rng(1)
     series = mt.GainSeries(
@@ -283,8 +284,8 @@ def test_no_light_is_a_bound_and_not_zero(tmp_path):
     assert dark.gain == 0.0
     assert dark.gain_bound == pytest.approx(3e-3)
     assert np.exp(-dark.gain_bound * 1000) == pytest.approx(0.05, rel=0.01)
-    assert "0: no light received, below 0.003 at 95 % confidence" in dark.summary()
-    assert "gain below 0.003" in repr(dark)
+    assert "dark to below 0.003 at 95 % confidence: no light received" in dark.summary()
+    assert "dark to below 0.003" in repr(dark)
     dark.save(tmp_path / "a.nc")
     assert mt.GainResult.load(tmp_path / "a.nc").gain_bound == dark.gain_bound
     again = mt.simulate(link, FLAT, estimator="analog", photons=2000, first_photon=1000)

@@ -44,9 +44,9 @@ def test_density_integrates_to_one_and_stays_in_its_half_range(spreading):
 @given(s=st.floats(1e-9, 300.0))
 @settings(max_examples=40, deadline=None, derandomize=True)
 def test_cos_2s_integrates_to_one(s):
-    assert np.trapezoid(density(Cos2sSpreading(s=s), CIRCLE), CIRCLE) == pytest.approx(
-        1.0, rel=1e-6
-    )
+    # the trapezoidal rule loses a little at the cusp of s < 1/2
+    whole = np.trapezoid(density(Cos2sSpreading(s=s), CIRCLE), CIRCLE)
+    assert whole == pytest.approx(1.0, rel=1e-6 if s >= 0.5 else 1e-4)
 
 
 def test_ittc_is_cos_2s_squeezed():
@@ -102,7 +102,7 @@ def test_folded_elfouhaily_keeps_the_slope_ratio():
     [
         (lambda: density(IttcSpreading(), math.nan), "theta: nan"),
         (lambda: direction_grid(math.pi / 2, 2.0), "d_theta: 2.0, allowed: 0 < d_theta <= 1.57"),
-        (lambda: Cos2sSpreading(s=-2.0), "greater than 0"),
+        (lambda: Cos2sSpreading(s=-2.0), "s: -2.0, allowed: > 0"),
         (lambda: MitsuyasuSpreading.exponent(1.0, 0.0, 5.0), "omega_p: 0.0, allowed: 0 < omega_p"),
     ],
 )

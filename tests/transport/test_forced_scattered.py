@@ -140,6 +140,53 @@ def test_a_dark_link_has_a_bound():
     r = mt.simulate(link, FlatSea(), photons=64, seed=1)
     assert r.gain == 0.0
     assert 0.0 < r.gain_bound < 1e-300
+    assert "+-" not in repr(r)
+    assert "dark to below" in r.summary()
+
+
+def test_the_bound_of_a_dark_link_is_that_of_analog_photons():
+    """3 / n of the light that absorption leaves on the shortest way."""
+    link = mt.Link(water=mt.Water(b=0.0), receiver=mt.Receiver(position=(3.0, 0.0), fov_deg=5.0))
+    r = mt.simulate(link, FlatSea(), photons=1000, seed=1)
+    assert r.gain == 0.0
+    assert r.gain_bound == pytest.approx(3e-3 * math.exp(-link.water.a * 10.0))
+
+
+def test_a_result_names_the_estimator_and_the_samples(tmp_path):
+    near, away = mt.Receiver(), mt.Receiver(tilt_deg=60.0)
+    r = mt.simulate(mt.Link(receiver=(near, away)), FlatSea(), photons=2048, seed=1)
+    assert [row.estimator for row in r.scattered] == ["chains", "adjoint paths"]
+    assert all(0 < row.scored <= row.samples for row in r.scattered)
+    assert all(0.0 < row.effective <= row.samples for row in r.scattered)
+    assert "scattered light by 2,048 adjoint paths" in r.summary()
+    assert repr(r).endswith("2,048 chains or adjoint paths>")
+    r.save(tmp_path / "r.nc")
+    assert mt.GainResult.load(tmp_path / "r.nc").scattered == r.scattered
+
+
+@pytest.mark.parametrize("aside", [0.0, 5.0])
+def test_arrivals_of_adjoint_paths_add_up_to_the_gain(aside):
+    """Two receivers, one on chains; no way is shorter than the straight one."""
+    away = mt.Receiver(tilt_deg=60.0, position=(aside, 0.0))
+    link = mt.Link(receiver=(mt.Receiver(), away))
+    plain = mt.simulate(link, FlatSea(), photons=2048, seed=3)
+    r = mt.simulate(link, FlatSea(), photons=2048, seed=3, record=["arrivals"])
+    np.testing.assert_allclose(r.gain, plain.gain, rtol=1e-12)
+    rows = r.arrivals
+    for k in range(2):
+        mine = rows.receiver == k
+        weight, group = rows.weight[mine], rows.group[mine]
+        assert weight.sum() == pytest.approx(r.gain[k], rel=1e-12)
+        drawn = group >= 0
+        shifts = 32.0 * np.bincount(group[drawn], weight[drawn], 32)
+        error = shifts.std(ddof=1) / math.sqrt(32.0)
+        assert error == pytest.approx(r.gain_stderr[k], rel=1e-9)
+    far = rows.receiver == 1
+    assert (rows.water_path[far] >= 10.0).all()
+    assert (rows.air_path[far] >= 5.0 - 0.05).all()
+    assert (rows.water_path[far] + rows.air_path[far] > math.hypot(15.0, aside) - 0.1).all()
+    # light scattered once at least, seen 30 deg or more off the nadir
+    assert rows.air_path[far].min() > 5.0 / math.cos(math.radians(29.0))
 
 
 def test_few_samples_are_said():

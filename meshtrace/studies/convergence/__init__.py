@@ -1,4 +1,4 @@
-"""Whether a gain still depends on the mesh, on the time step or on the band of waves.
+"""Convergence of a gain with the mesh, the time step or the band of waves.
 
 A study repeats one gain with a finer and finer discretisation and common random numbers: the
 same scattering chains are aimed over every surface, so that differences of 1e-4 show under a
@@ -11,11 +11,11 @@ over the exact sum of waves, with the same chains.
 """
 
 from meshtrace.studies.convergence.band_limit import REALIZATIONS, band_limit_study
-from meshtrace.studies.convergence.checks import Normals
+from meshtrace.studies.convergence.checks import Costs, Normals
 from meshtrace.studies.convergence.exact import Reference
 from meshtrace.studies.convergence.fit import Fit
 from meshtrace.studies.convergence.spacing import DEFAULT_SPACINGS, PLACEMENTS, convergence_study
-from meshtrace.studies.convergence.study import ConvergenceStudy, Costs
+from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.studies.convergence.time_step import time_step_study
 
 __all__ = [

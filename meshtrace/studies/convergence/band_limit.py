@@ -51,7 +51,7 @@ def band_limit_study(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> ConvergenceStudy:
-    """Return how the mean gain over a random sea depends on its shortest waves.
+    """Study the dependence of the mean gain over a random sea on its shortest waves.
 
     Parameters
     ----------

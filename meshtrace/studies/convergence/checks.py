@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,17 @@ Floats = NDArray[np.float64]
 Normals = Literal["vertex", "facet"]
 Unresolved = Literal["tilt", "none"]
 Progress = Callable[[int], None]
+Parameter = Literal["spacing", "time_step", "omega_max"]
+
+UNITS: dict[Parameter, str] = {"spacing": "m", "time_step": "s", "omega_max": "rad s-1"}
+
+
+class Costs(NamedTuple):
+    """Seconds that one surface took, by kind of normals and step."""
+
+    mesh: Floats
+    bvh: Floats
+    evaluation: Floats
 
 
 def descending(name: str, values: Sequence[float]) -> list[float]:

@@ -80,7 +80,7 @@ class OverWaves:
     def _finely_meshed(
         self, sea: WaveSum, time: float, source: int, crossings: Floats, spacing: float
     ) -> tuple[float, float]:
-        """Return the unscattered gain of two meshes where light crosses, the finer extrapolated.
+        """Return the unscattered gain of two meshes of the crossing region, extrapolated.
 
         The image of a mesh adds up at a caustic, where the light on a point has no bound.
         """

@@ -1,4 +1,4 @@
-"""The law g_0 + C h^p: its order, its limit, and how sure they are."""
+"""The law g_0 + C h^p: its order and its limit, with their intervals."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ def fit_law(step: Floats, differences: Floats, anchor: float, spread: Floats | N
     differences : ndarray, shape (n, shifts)
         Gains less the anchor, of each shift of the chains.
     anchor : float
-        What they are differences from.
+        Reference of the differences.
     spread : ndarray, shape (n,), optional
-        What else each mean may err by, at least and in proportion; by default the law leaves
+        Further error of each mean, absolute and in proportion; by default the law leaves
         out something in proportion to h^2.
 
     Returns
@@ -74,7 +74,7 @@ def _misfit(residual: Floats, noise: Floats, shape: Floats) -> float:
     """Return the m >= 0 of errors hypot(noise, m shape) that the residuals of the fit have.
 
     sum r^2 / (noise^2 + m^2 shape^2) = n - 3, as R. C. Paule and J. Mandel, J. Res. Natl.
-    Bur. Stand. 87, 377 (1982), doi:10.6028/jres.087.022: what is noise is not counted twice.
+    Bur. Stand. 87, 377 (1982), doi:10.6028/jres.087.022: noise is not counted twice.
     """
     freedom = len(residual) - 3
 

@@ -13,10 +13,9 @@ from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Refused
 from meshtrace.parallel import ordered_map
 from meshtrace.results.gain import Fate
-from meshtrace.studies.convergence.checks import Floats, Normals, Progress, Unresolved
+from meshtrace.studies.convergence.checks import Costs, Floats, Normals, Progress, Unresolved
 from meshtrace.studies.convergence.exact import OverWaves, Reference
 from meshtrace.studies.convergence.meshes import probes
-from meshtrace.studies.convergence.study import Costs
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
@@ -143,7 +142,7 @@ def _total_reflection(
         seed=seed,
         normals=kind,
     )
-    # a photon counts as landed if any of its light leaves: what counts as reflected left none
+    # a photon counts as landed if any of its light leaves: a reflected one left none
     reflected = int(sums.count[Fate.REFLECTED])
     met = reflected + int(sums.count[Fate.LANDED]) + int(sums.count[Fate.RECEIVED])
     return reflected / met if met else math.nan

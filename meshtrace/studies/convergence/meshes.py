@@ -33,7 +33,7 @@ def nested_mesh(
 
 
 def crest_of(link: Link, sea: SurfaceModel, time: float) -> float:
-    """Return about how high the sea rises where light crosses [m]."""
+    """Return the approximate height [m] of the sea in the region of the crossings."""
     return float(nested_mesh(link, sea, time, 0.5, np.zeros(2)).bounds[1, 2])
 
 

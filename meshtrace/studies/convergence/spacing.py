@@ -54,7 +54,7 @@ def convergence_study(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> ConvergenceStudy:
-    """Return how the gain over a sea depends on the spacing of its mesh.
+    """Study the dependence of the gain over a sea on the spacing of its mesh.
 
     Parameters
     ----------
@@ -97,12 +97,12 @@ def convergence_study(
     Raises
     ------
     ValueError
-        If an option is out of range, or the exact surface is asked for and the sea is not a
+        If an option is out of range, or the exact surface is requested and the sea is not a
         sum of waves.
 
     Notes
     -----
-    The aperture sees the unscattered light through a patch of a few centimetres, mostly on one
+    The aperture receives the unscattered light through a patch of a few centimetres, mostly on one
     facet. There the curvature of a mesh is wrong by O(h), up or down by chance of where the
     facet lies. The mean over placements is free of it and converges as h^2; what one
     placement errs by is `scatter`.

@@ -4,29 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from meshtrace.stored import Stored
-from meshtrace.studies.convergence.checks import Floats, Normals, positive
+from meshtrace.studies.convergence.checks import UNITS, Costs, Floats, Normals, Parameter, positive
 from meshtrace.studies.convergence.exact import Reference
 from meshtrace.studies.convergence.fit import Fit, fit_law, largest_step, stderr
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Parameter = Literal["spacing", "time_step", "omega_max"]
-
-UNITS: dict[Parameter, str] = {"spacing": "m", "time_step": "s", "omega_max": "rad s-1"}
-
-
-class Costs(NamedTuple):
-    """Seconds that one surface took, by kind of normals and step."""
-
-    mesh: Floats
-    bvh: Floats
-    evaluation: Floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -36,7 +24,7 @@ class ConvergenceStudy(Stored):
     Attributes
     ----------
     parameter : {"spacing", "time_step", "omega_max"}
-        What was refined.
+        Refined parameter.
     values : ndarray, shape (n,)
         Its values, from coarse to fine: spacing [m], time step [s] or band limit [rad s-1].
     normals : tuple of str, shape (kinds,)
@@ -46,12 +34,12 @@ class ConvergenceStudy(Stored):
     ballistic : ndarray, shape (kinds, n, repeats)
         Unscattered gain.
     scatter : ndarray, shape (kinds, n)
-        What a single surface errs by around the mean error of its step: standard deviation over
+        Error of a single surface around the mean error of its step: standard deviation over
         placements of the mesh, or over realizations of the difference to the widest band, or
         rms error of linear interpolation in time.
     slope_variance, total_reflection : ndarray, shape (kinds, n)
         Mean square slope that light meets; share of the photons arriving from below that are
-        totally reflected. nan where it was not asked for.
+        totally reflected. nan unless requested.
     costs : Costs
         Seconds for mesh, BVH and gain of one surface.
     reference : Reference or None
@@ -112,12 +100,12 @@ class ConvergenceStudy(Stored):
 
     @property
     def difference_stderr(self) -> Floats:
-        """Standard error of `difference`: what the common chains leave of the Monte Carlo error."""
+        """Standard error of `difference`, the Monte Carlo error left by the common chains."""
         return stderr(self._differences)
 
     @cached_property
     def fits(self) -> dict[str, Fit]:
-        """The fitted law of each kind of normals, with the gain as `Fit.gain`.
+        """Fitted law of each kind of normals, with the gain as `Fit.gain`.
 
         Notes
         -----
@@ -181,9 +169,9 @@ class ConvergenceStudy(Stored):
 
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> ConvergenceStudy:
-        from meshtrace.studies.convergence.tables import study_of
+        from meshtrace.studies.convergence.tables import fields_of
 
-        return study_of(data, provenance)
+        return cls(**fields_of(data), provenance=provenance)
 
     def _headline(self) -> str:
         found = ", ".join(f"{kind} {value:.3g}" for kind, value in self.recommended().items())

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from meshtrace.fields import attrs
-from meshtrace.studies.convergence.checks import Normals
+from meshtrace.studies.convergence.checks import UNITS, Costs, Normals
 from meshtrace.studies.convergence.exact import Reference
-from meshtrace.studies.convergence.study import UNITS, ConvergenceStudy, Costs
+
+if TYPE_CHECKING:
+    from meshtrace.studies.convergence.study import ConvergenceStudy
 
 
 def dataset(study: ConvergenceStudy) -> xr.Dataset:
@@ -57,8 +59,8 @@ def dataset(study: ConvergenceStudy) -> xr.Dataset:
     return xr.Dataset(variables, coordinates, about)
 
 
-def study_of(data: xr.Dataset, provenance: dict[str, Any]) -> ConvergenceStudy:
-    """Return the study that `dataset` wrote."""
+def fields_of(data: xr.Dataset) -> dict[str, Any]:
+    """Return the fields of the study that `dataset` wrote."""
     parameter, reference = data.attrs["parameter"], None
     if "exact_samples" in data:
         reference = Reference(
@@ -68,7 +70,7 @@ def study_of(data: xr.Dataset, provenance: dict[str, Any]) -> ConvergenceStudy:
             slope_variance=float(data["exact_mss"]),
             lost=int(data["exact_lost"]),
         )
-    return ConvergenceStudy(
+    return dict(
         parameter=parameter,
         values=data[parameter].to_numpy(),
         normals=tuple(data["normals"].values.tolist()),
@@ -80,7 +82,6 @@ def study_of(data: xr.Dataset, provenance: dict[str, Any]) -> ConvergenceStudy:
         costs=Costs(*(data[f"{name}_time"].to_numpy() for name in Costs._fields)),
         reference=reference,
         tolerance=float(data.attrs["tolerance"]),
-        provenance=provenance,
     )
 
 

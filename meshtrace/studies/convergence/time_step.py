@@ -10,6 +10,7 @@ import numpy as np
 
 from meshtrace.errors import Refused
 from meshtrace.studies.convergence.checks import (
+    Costs,
     Floats,
     Normals,
     Progress,
@@ -20,7 +21,7 @@ from meshtrace.studies.convergence.checks import (
 )
 from meshtrace.studies.convergence.measure import CommonChains, over_cases
 from meshtrace.studies.convergence.meshes import crest_of
-from meshtrace.studies.convergence.study import ConvergenceStudy, Costs
+from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.studies.inputs import resolve_chains
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import Meshing
@@ -47,7 +48,7 @@ def time_step_study(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> ConvergenceStudy:
-    """Return how the mean gain over a moving sea depends on the time step.
+    """Study the dependence of the mean gain over a moving sea on the time step.
 
     Parameters
     ----------

@@ -104,10 +104,10 @@ def link_performance(
     Intervals hold the spread of the seas (bootstrap for the error rate, Wilson for the outage) and
     the Monte Carlo error that all seas have in common, by evaluating the figures at gains shifted
     by that error; the two are added in quadrature. With a UAV, 50 tilts are drawn for each sea.
-    Of a coupled series as many times count as its gains are worth (`fading.effective_samples`).
+    A coupled series counts as its effective number of gains (`fading.effective_samples`).
 
-    Monte Carlo noise that the seas do not share acts like additional fading: 0.2 % of the gain with
-    the default chains, beside the 10 % that waves of 5 m/s cause.
+    Monte Carlo noise that differs between seas acts like additional fading: 0.2 % of the gain
+    with the default chains, beside the 10 % that waves of 5 m/s cause.
 
     All depths use the same phases and random numbers, so that curves are smooth.
 

@@ -116,7 +116,7 @@ def ber_of_samples(
 def outage_of_samples(
     ook: OokLink, samples: FadingSamples, limit: float, quantile: float, confidence: float
 ) -> Estimate:
-    """Return the outage; its Wilson interval counts what tilts and seas are worth together."""
+    """Return the outage; its Wilson interval uses the effective number of tilts and seas."""
     gains, needed = samples.samples, required_gain(ook, limit)
     missed = [
         gains * math.exp(step * samples.chain_error) < needed for step in (0.0, quantile, -quantile)

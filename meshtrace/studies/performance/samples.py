@@ -62,7 +62,7 @@ class FadingSamples:
 
 
 def independent(samples: FloatArray) -> FloatArray:
-    """Return the mean over the tilts of each sea, or over one sea every tilt by itself."""
+    """Return the mean over the tilts of each sea, or of each tilt over a single sea."""
     return samples.mean(axis=1) if len(samples) > 1 else samples[0]
 
 

@@ -44,7 +44,7 @@ class LinkPerformance(Stored):
     confidence : float
         Level of all intervals.
     status : str
-        What the calibration is worth; to be shown with every figure.
+        Status of the calibration, to be shown with every figure.
     provenance : dict
         Link, sea, receiver, seeds and versions.
     """
@@ -151,7 +151,7 @@ class LinkPerformance(Stored):
         return "\n".join([*lines, "", *self._overloads(), self.status])
 
     def _overloads(self) -> list[str]:
-        """Say where more counts fall into the dead time of the cells than are passed on."""
+        """Return a warning about depths with most counts in the dead time of the cells."""
         ook, lines = self.ooks[0], []
         if not ook.saturation:
             return []

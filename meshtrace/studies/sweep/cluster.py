@@ -164,7 +164,7 @@ def _other_worker(address: str, found: Any) -> Refused:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep what distributed logs about lost connections off the terminal."""
+    """Keep distributed's messages about lost connections off the terminal."""
     names = [name for name in logging.root.manager.loggerDict if name.startswith(_CHATTY)]
     loggers = [logging.getLogger(name) for name in names]
     levels = [logger.level for logger in loggers]

@@ -75,7 +75,7 @@ def _owner(handle: int) -> dict[str, Any]:
 
 
 def _lives_elsewhere(owner: dict[str, Any]) -> bool:
-    """Whether the owner in a free lock may still run: on another host, or without its lock."""
+    """Return whether the owner in a free lock may still run, elsewhere or without its lock."""
     import psutil
 
     if not owner or owner.get("pid") == os.getpid():

@@ -35,7 +35,7 @@ class Task(NamedTuple):
 
     @property
     def region(self) -> tuple[Any, ...]:
-        """The chunk of the task in arrays (parameters..., realization)."""
+        """Chunk of the task in arrays (parameters..., realization)."""
         return (*self.point, slice(self.first, self.last))
 
 
@@ -128,7 +128,7 @@ class Study:
 
     @cached_property
     def listed(self) -> bool:
-        """Whether the receivers are a list, and a dimension of the result."""
+        """Return whether the receivers are a list, and a dimension of the result."""
         return isinstance(self.scenario({}).link.receiver, tuple)
 
     def identity(self) -> dict[str, Any]:

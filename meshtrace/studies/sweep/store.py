@@ -60,7 +60,7 @@ def open_store(study: Study, store: str | Path | None) -> zarr.Group:
     for name, values in {**labels, "realization": np.arange(study.realizations)}.items():
         try:
             whole = np.array_equal(_array(group, name)[...], values)
-        except Exception as error:  # codecs and file systems raise what they like
+        except Exception as error:  # codecs and file systems raise any exception
             raise _damaged(path / name, one_line(error)) from error
         if not whole:
             raise _damaged(path / name, "other values")
@@ -119,7 +119,7 @@ def _canonical(content: Any) -> bytes:
 
 
 def _difference(there: Any, here: Any, path: str = "") -> str:
-    """Return where two trees of plain data first differ, as text, empty if nowhere."""
+    """Return the first difference of two trees of plain data as text, empty if none."""
     if isinstance(there, dict) and isinstance(here, dict):
         for key in sorted({*there, *here}):
             inner = f"{path}.{key}" if path else key
@@ -225,7 +225,7 @@ def _discard_damaged(array: Any, folder: Path, tasks: list[Task]) -> None:
         array[...]
     except OSError as error:
         raise _damaged(folder, one_line(error)) from error
-    except Exception:  # codecs raise what they like
+    except Exception:  # codecs raise any exception
         for task in tasks:
             try:
                 array[task.region]

@@ -47,7 +47,7 @@ def sweep(
     Parameters
     ----------
     link : Link, Scenario or mapping
-        What all points share: a link, a scenario, or the plain data of a link file. Options of
+        Common part of all points: a link, a scenario, or the plain data of a link file. Options of
         its run that are arguments here are left out.
     parameters : mapping of str to sequence
         Values of each parameter, by its dotted key in a link file: "wind_speed",
@@ -56,17 +56,17 @@ def sweep(
         The sea, or the [sea] table of a link file, in place of that of `link`; a `Link` alone
         goes with the default sea, which follows `wind_speed`.
     realizations : int
-        Surfaces of each point. One keeps the phases of the sea as they are; of several,
+        Surfaces of each point. One keeps the phases of the sea; of several,
         realization i has those of `numpy.random.SeedSequence([seed, i])`, as in `ensemble`.
     rtol : float, optional
-        Relative standard error to reach in every gain; None for `photons` as they are.
+        Relative standard error to reach in every gain; None for a fixed `photons`.
     photons : int, optional
         Chains (forced) or photons (analog) of every gain, with `rtol` the first guess.
     seed : int
         Key of the random numbers, 0 <= seed < 2^64. Points share them.
     store : path, optional
         Zarr store to keep finished points in. A second call with the same arguments and version
-        goes on where the first was stopped, however it was stopped.
+        resumes the first, however it was stopped.
     scheduler : str, optional
         Address of a running dask scheduler, as in "tcp://10.0.0.1:8786", or its scheduler file
         (.json); else a cluster is started on this machine.
@@ -83,7 +83,7 @@ def sweep(
     xarray.Dataset
         Dimensions are the parameters in their order and "realization" (and "receiver" for a
         link with a list of receivers); variables gain, gain_stderr, gain_ballistic, seconds and
-        error, the text of what went wrong, empty where nothing did.
+        error, the text of a failure or empty.
 
     Raises
     ------
@@ -186,7 +186,7 @@ def sweep_file(
 
 
 def store_of(path: str | Path) -> Path:
-    """Return the store that a study file names, or that of its own name beside it.
+    """Return the store named in a study file, or the default one beside the file.
 
     Raises
     ------

@@ -1,0 +1,17 @@
+"""Records of the figures that are drawn, and the name of their page."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+INDEX = "index.html"
+
+
+def read_record(path: Path) -> dict[str, Any] | None:
+    """Return the record of a figure, None if there is none that can be read."""
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError):
+        return None
