@@ -201,12 +201,12 @@ def _loaded(path: str | PathLike[str]) -> trimesh.Trimesh:
 
     allowed = "an undamaged STL, PLY or OBJ file"
     if not isfile(path):
-        raise Refused(str(path), "no such file", allowed)
+        raise Refused(str(path), Described("no such file"), allowed)
     try:
         return trimesh.load_mesh(path, process=False)
     except Exception as error:  # readers raise IndexError, KeyError, struct.error, ...
         reason = one_line(str(error)) or type(error).__name__
-        raise Refused(str(path), reason, allowed) from error
+        raise Refused(str(path), Described(reason), allowed) from error
 
 
 def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:

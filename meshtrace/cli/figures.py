@@ -52,7 +52,8 @@ def figures(
         with warnings_as_lines():
             made = make_figures(output, only, quick=quick, setting=setting, on_figure=_tell)
     except ImportError as error:  # the viz extra is not there
-        raise Refused("", Described(f"{error}"), "the extra packages") from error
+        allowed = 'pip install "meshtrace[viz]"'
+        raise Refused("viz", Described("extra packages are missing"), allowed) from error
     except OSError as error:
         raise Refused("--output", error, "a folder to write to") from error
     kept = sum(record["kept"] for record in made)

@@ -153,7 +153,8 @@ def _refusals() -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise Refused("", Described(f"{error}"), "the extra packages") from error
+        allowed = 'pip install "meshtrace[viz]"'
+        raise Refused("viz", Described("extra packages are missing"), allowed) from error
 
 
 def _subject(file: Path | None, settings: list[str]) -> Subject:

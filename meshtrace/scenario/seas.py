@@ -58,6 +58,9 @@ class MeshFile(Model, frozen=True):
         try:
             return from_trimesh(self.file, extent=extent)
         except Refused as error:
+            if error.field == self.file:  # of the reader
+                problem = Described(f"{self.file!r}: {error.value}")
+                raise Refused("sea.mesh", problem, error.allowed) from None
             raise error.of(self.file).inside("sea", "mesh") from None
         except Exception as error:  # the readers behind trimesh raise any exception
             problem = Described(f"{self.file!r}: {error or type(error).__name__}")

@@ -143,7 +143,8 @@ def test_a_coverage_map(tmp_path, asked):
 def test_a_missing_extra_is_a_hint(monkeypatch, missing):
     monkeypatch.delitem(sys.modules, "meshtrace.viz", raising=False)
     monkeypatch.setitem(sys.modules, missing, None)
-    assert refusal() == 'viz needs extra packages: pip install "meshtrace[viz]"'
+    missing = 'extra packages are missing, allowed: pip install "meshtrace[viz]"'
+    assert refusal() == f"viz: {missing}"
 
 
 @pytest.mark.parametrize(

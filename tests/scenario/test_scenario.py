@@ -274,7 +274,7 @@ def test_a_mesh_file_is_looked_for_beside_the_link_file(mesh_file):
 @pytest.mark.parametrize(
     ("link", "words"),
     [
-        ("[receiver]\nposition = [40.0, 0.0]", ["sea.mesh", "extent", "covers", "-30..30"]),
+        ("[receiver]\nposition = [40.0, 0.0]", ["mesh: ", "covers", "-30..30"]),
         ("[sea]\nextent = 31.0", ["sea.mesh", "31.0 m", "covers"]),
         ("[transmitter]\ndepth = 0.01\n[sea]\nmesh='deep.ply'", ["transmitter.depth", "0.01"]),
     ],
@@ -299,7 +299,7 @@ def test_a_file_that_is_no_mesh_is_refused(tmp_path, content):
 
 
 def test_a_mesh_without_file_cannot_be_loaded_back():
-    result = mt.simulate(mt.Link(), FlatSea().mesh(extent=60.0, spacing=5.0), photons=10)
+    result = mt.simulate(mt.Link(), FlatSea().mesh(extent=60.0, spacing=5.0), photons=32)
     with pytest.raises(ScenarioError, match="surface: 'mesh', allowed: "):
         Scenario.from_provenance(result.provenance)
 
