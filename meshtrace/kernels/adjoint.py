@@ -408,6 +408,8 @@ def enter(paths, facets, world):
         _put(paths.direction, i, d)
         paths.weight[i] *= weight
         paths.importance[i] = paths.weight[i] * _importance(p, row(paths.lamp, i), medium)
+        if paths.importance[i] == 0.0:  # what it may score underflows
+            continue
         paths.heaviest[i] = paths.weight[i]
         paths.state[i] = WALKING
     return beside
