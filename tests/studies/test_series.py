@@ -23,7 +23,8 @@ TIMES = (0.0, 0.7, 1.9, 2.0, 6.5)
 
 def meshes(link, sea, times):
     reach = crossing_reach(link)
-    return [mesh_for(link, sea, t, OPTIONS["extent"], OPTIONS["spacing"], reach)[0] for t in times]
+    still = mt.Meshing(extent=OPTIONS["extent"], spacing=OPTIONS["spacing"])
+    return [mesh_for(link, sea, still.replace(time=t), reach)[0] for t in times]
 
 
 @pytest.fixture(scope="module")
