@@ -155,7 +155,6 @@ def test_algebra_against_numpy():
     ]
     np.testing.assert_allclose(out, expected, atol=1e-15)
     area = np.linalg.det([a[:2], b[:2]])
-    np.testing.assert_allclose(
-        scalars[:4], [a @ b, np.linalg.norm(a), a[:2] @ b[:2], area], rtol=1e-14
-    )
+    products = [a @ b, np.linalg.norm(a), a[:2] @ b[:2], area]
+    np.testing.assert_allclose(scalars[:4], products, atol=1e-15, rtol=1e-15)
     np.testing.assert_array_equal(scalars[4], (a - b)[:2])
