@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import warnings_as_lines
+from meshtrace.cli.console import VIZ, warnings_as_lines
 from meshtrace.errors import Described, Refused
 
 
@@ -51,7 +51,7 @@ def figures(
         with warnings_as_lines():
             made = make_figures(output, only, quick=quick, setting=setting, on_figure=_tell)
     except ImportError as error:  # the viz extra is not there
-        raise Refused("", Described(f"{error}"), "the extra packages") from error
+        raise Refused("figures", Described("packages are missing"), VIZ) from error
     except OSError as error:
         raise Refused("--output", error, "a folder to write to") from error
     kept = sum(record["kept"] for record in made)

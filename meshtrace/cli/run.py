@@ -75,8 +75,8 @@ def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
             say(COMPILING)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                single = scenario.run.model_copy(update={"photons": 1, "rtol": None})
-                scenario.model_copy(update={"run": single}).simulate()
+                few = scenario.run.estimator.least_photons
+                scenario.replace(run=scenario.run.replace(photons=few, rtol=None)).simulate()
         start = time.perf_counter()
         result = scenario.simulate(advance)
         return result, time.perf_counter() - start

@@ -98,14 +98,15 @@ def _rows(data: xr.Dataset) -> list[str]:
     mean = gain.mean("realization").values
     # chains are drawn anew for each realization: their errors are independent
     error = np.sqrt((stderr**2).sum("realization", skipna=False).values) / n
-    spread = gain.std("realization", ddof=1).values if n > 1 else np.full(mean.shape, np.nan)
+    spread = gain.std("realization", ddof=1).values if n > 1 else None
     widths = [max(len(name), 12) + 2 for name in dims]
     head = "".join(f"{name:>{width}}" for name, width in zip(dims, widths, strict=True))
     lines = [f"{head}{'gain':>14}{'stderr':>10}{'scatter':>10}"]
     for index in list(np.ndindex(mean.shape))[:_MOST_ROWS]:
         labels = (_label(data, name, i) for name, i in zip(dims, index, strict=True))
         row = "".join(f"{text:>{width}}" for text, width in zip(labels, widths, strict=True))
-        lines.append(f"{row}{mean[index]:>14.4e}{error[index]:>10.1e}{spread[index]:>10.1e}")
+        scatter = "-" if spread is None else f"{spread[index]:.1e}"
+        lines.append(f"{row}{mean[index]:>14.4e}{error[index]:>10.1e}{scatter:>10}")
     if mean.size > _MOST_ROWS:
         lines.append(f"... {mean.size - _MOST_ROWS} more")
     return lines

@@ -13,6 +13,7 @@ import typer
 from meshtrace.cli.app import app
 from meshtrace.cli.console import (
     COMPILING,
+    VIZ,
     kernels_are_compiled,
     progress,
     scenario_of,
@@ -153,7 +154,7 @@ def _refusals() -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise Refused("", Described(f"{error}"), "the extra packages") from error
+        raise Refused("view", Described("packages are missing"), VIZ) from error
 
 
 def _subject(file: Path | None, settings: list[str]) -> Subject:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from meshtrace.errors import Described, Refused, did_you_mean
+from meshtrace.errors import Described, Refused, did_you_mean, show
 from meshtrace.link import Footprint, Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Model
@@ -58,7 +58,9 @@ class MeshFile(Model, frozen=True):
         try:
             return from_trimesh(self.file, extent=extent)
         except Refused as error:
-            raise error.of(self.file).inside("sea", "mesh") from None
+            what = "" if error.field == self.file else f"{error.field}: "
+            problem = Described(f"{self.file!r}: {what}{show(error.value)}")
+            raise Refused("sea.mesh", problem, error.allowed) from error
         except Exception as error:  # the readers behind trimesh raise whatever they stumble over
             problem = Described(f"{self.file!r}: {error or type(error).__name__}")
             allowed = "a surface in an STL, PLY or OBJ file"

@@ -128,7 +128,7 @@ def test_a_mesh_too_small_for_its_link_is_refused(tmp_path, link_file):
 
 def test_errors_of_a_file_begin_with_its_name(link_file):
     file = link_file("[transmitter]\ndepth = -3.0")
-    assert refusal("run", file) == f"{file}: transmitter.depth: -3.0, allowed: greater than 0"
+    assert refusal("run", file) == f"{file}: transmitter.depth: -3.0, allowed: 0 < depth <= 12000"
 
 
 def test_our_own_failures_keep_their_traceback(monkeypatch):
@@ -172,7 +172,7 @@ def test_a_real_process_runs_and_fails(tmp_path):
     with command("run", "--set", "transmitter.depth=-1", cwd=tmp_path) as process:
         assert process.communicate() == (
             "",
-            "error: transmitter.depth: -1, allowed: greater than 0\n",
+            "error: transmitter.depth: -1, allowed: 0 < depth <= 12000\n",
         )
     assert process.returncode == 2
 

@@ -23,7 +23,7 @@ OUTPUTS = {
     "ensemble": "ensemble -n 6 --photons 256",
     "ber": "ber --wind 0,13 -n 3 --bit-rates 1e6,5e6 --photons 256",
     "ber-ranges": "ber --preset paper-ranges --wind 0 --depths 45:55:5 --bit-rates 1e6 --photons 256",
-    "converge": "converge --spacings 4,3,2,1 --normals vertex --photons 16 --placements 2",
+    "converge": "converge --spacings 4,3,2,1 --normals vertex --photons 32 --placements 2",
     "figures-list": "figures --list",
 }
 

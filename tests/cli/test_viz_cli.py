@@ -143,7 +143,7 @@ def test_a_coverage_map(tmp_path, asked):
 def test_a_missing_extra_is_a_hint(monkeypatch, missing):
     monkeypatch.delitem(sys.modules, "meshtrace.viz")
     monkeypatch.setitem(sys.modules, missing, None)
-    assert refusal() == 'viz needs extra packages: pip install "meshtrace[viz]"'
+    assert refusal() == 'view: packages are missing, allowed: pip install "meshtrace[viz]"'
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_a_missing_extra_is_a_hint(monkeypatch, missing):
         (["--extent", "nan"], "--extent: nan, allowed: numbers > 0"),
         (["--frame-rate", "0"], "--frame-rate: 0, allowed: numbers > 0"),
         (["--time", "inf"], "--time: inf, allowed: finite numbers [s]"),
-        (["--spacing", "1e-9"], "spacing: 1e-09 m, allowed: >= 0.00"),
+        (["--spacing", "1e-9"], "spacing: 1e-09, allowed: >= 0.00"),
         (["--frames", "1"], "Invalid value for '--frames'"),
         (["--paths", "-1"], "Invalid value for '--paths'"),
     ],
@@ -192,7 +192,7 @@ def test_refusals_are_one_line(tmp_path, monkeypatch, arguments, line):
 
 def test_a_window_needs_a_display(monkeypatch):
     monkeypatch.setattr("meshtrace.viz.show.has_display", lambda: False)
-    assert refusal().startswith("view: no display to open a window on")
+    assert refusal().startswith("view: no display, allowed: screenshot")
 
 
 def test_results_of_later_formats_are_refused(tmp_path):

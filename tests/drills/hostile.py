@@ -352,8 +352,8 @@ def _results(folder):
 
     folder.mkdir(exist_ok=True)
     link, sea = mt.Link(), JonswapSea(wind_speed=5.0, seed=7)
-    one = mt.simulate(link, FlatSea(), photons=16, threads=1)
-    series = mt.time_series(link, sea, [0.0, 1.0], photons=16, threads=1)
+    one = mt.simulate(link, FlatSea(), photons=32, threads=1)
+    series = mt.time_series(link, sea, [0.0, 1.0], photons=32, threads=1)
     made = {}
     for kind, result in ((mt.GainResult, one), (mt.GainSeries, series)):
         path = folder / f"{kind.__name__}.nc"
@@ -397,7 +397,7 @@ def _sweep(path, gain):
     module.compute = fill
     try:
         link = {"bubbles": "none"}
-        return module.sweep(link, **SWEEP, store=path, photons=16, rtol=None, progress=False)
+        return module.sweep(link, **SWEEP, store=path, photons=32, rtol=None, progress=False)
     finally:
         module.compute = original
 

@@ -18,10 +18,10 @@ KILLS = 30
 
 WRITERS = {
     "gain.nc": "run --photons 64 --set sea.spacing=0.5 -o {}",
-    "series.nc": "series --photons 16 --times 0,1,2,3 -o {}",
-    "ensemble.nc": "ensemble --photons 16 -n 4 -o {}",
-    "ber.nc": "ber --photons 16 -n 2 --bit-rates 5e6 -o {}",
-    "converge.nc": "converge --spacings 4,3,2,1 --normals vertex --photons 16 --placements 2 -o {}",
+    "series.nc": "series --photons 32 --times 0,1,2,3 -o {}",
+    "ensemble.nc": "ensemble --photons 32 -n 4 -o {}",
+    "ber.nc": "ber --photons 32 -n 2 --bit-rates 5e6 -o {}",
+    "converge.nc": "converge --spacings 4,3,2,1 --normals vertex --photons 32 --placements 2 -o {}",
     "view.png": "view --paths 0 --spacing 0.5 --screenshot {}",
     "view.html": "view --paths 0 --spacing 0.5 --html {}",
     "bench.json": "bench --quick -o {}",

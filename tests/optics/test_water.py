@@ -73,7 +73,7 @@ def test_round_trip(water):
         ({"n": 1.0}, "n: 1.0, allowed: 1 < n <= 2"),
         ({"bottom_depth": 0.0}, "bottom_depth: 0.0, allowed: > 0"),
         ({"bottom_albedo": 1.1}, "bottom_albedo: 1.1, allowed: 0 <= bottom_albedo <= 1"),
-        ({"phase": {"kind": "mist"}}, "phase.kind: 'mist', .*allowed: fournier-forand"),
+        ({"phase": {"kind": "mist"}}, "phase.kind: 'mist', .*allowed: .*fournier-forand"),
         ({"layers": [(1.0, 0.1, 0.1)]}, "layers: depths .*increasing from 0"),
         ({"layers": [(0.0, 0.1, 0.1), (0.0, 0.1, 0.1)]}, "layers: depths"),
         (
@@ -84,8 +84,8 @@ def test_round_trip(water):
         ({"layers": [(0.0, 0.1)]}, "layers: .*rows of"),
         ({"layers": [(0.0, 0.1, 0.1), (1.0,)]}, "layers: .*rows of"),
         ({"salt": 35.0}, "salt: 35.0, no such key"),
-        ({"a": "0.1"}, "numbers without quotes"),
-        ({"a": True}, "neither true nor false"),
+        ({"a": "0.1"}, "a: '0.1', allowed: numbers without quotes"),
+        ({"a": True}, "a: true, allowed: neither true nor false"),
     ],
 )
 def test_errors_name_field_value_and_what_is_allowed(kwargs, message):
@@ -177,7 +177,9 @@ def test_turbid_types_scatter_and_absorb_more():
 
 
 def test_unknown_types_and_wavelengths_are_refused():
-    with pytest.raises(ValueError, match=r"type: 'jerlov-X', allowed: pure-sea, petzold-clear"):
+    with pytest.raises(
+        ValueError, match=r"type: 'jerlov-X', did you mean .*allowed: pure-sea, petzold-clear"
+    ):
         Water.from_type("jerlov-X")
     with pytest.raises(ValueError, match=r"wavelength_nm: 675\.0, allowed: 300 <= .* <= 650 nm"):
         Water.from_type("jerlov-3C", wavelength_nm=675.0)

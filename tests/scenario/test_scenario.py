@@ -1,6 +1,8 @@
 """Link files: defaults, what drives what, round trips, and errors of one line."""
 
 import math
+import os
+import time
 
 import numpy as np
 import pytest
@@ -274,7 +276,7 @@ def test_a_mesh_file_is_looked_for_beside_the_link_file(mesh_file):
 @pytest.mark.parametrize(
     ("link", "words"),
     [
-        ("[receiver]\nposition = [40.0, 0.0]", ["sea.mesh", "extent", "covers", "-30..30"]),
+        ("[receiver]\nposition = [40.0, 0.0]", ["mesh", "covers", "-30..30", "receiver at (40"]),
         ("[sea]\nextent = 31.0", ["sea.mesh", "31.0 m", "covers"]),
         ("[transmitter]\ndepth = 0.01\n[sea]\nmesh='deep.ply'", ["transmitter.depth", "0.01"]),
     ],
@@ -299,7 +301,7 @@ def test_a_file_that_is_no_mesh_is_refused(tmp_path, content):
 
 
 def test_a_mesh_without_file_cannot_be_loaded_back():
-    result = mt.simulate(mt.Link(), FlatSea().mesh(extent=60.0, spacing=5.0), photons=10)
+    result = mt.simulate(mt.Link(), FlatSea().mesh(extent=60.0, spacing=5.0), photons=32)
     with pytest.raises(ScenarioError, match="surface: 'mesh', allowed: "):
         Scenario.from_provenance(result.provenance)
 
@@ -453,3 +455,16 @@ def test_a_scenario_takes_surfaces_only():
     scenario = read("")
     with pytest.raises(ValueError, match="surface: int, allowed: a sea"):
         Scenario.model_validate({**dict(scenario), "surface": 3})
+
+
+def test_endless_and_huge_inputs_are_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "pipe.toml")
+    (tmp_path / "huge.toml").write_bytes(b"#" * (17 * 2**20))
+    started = time.perf_counter()
+    for path in ("/dev/zero", tmp_path / "pipe.toml", tmp_path, tmp_path / "huge.toml"):
+        with pytest.raises(ScenarioError, match=r"(regular file|MB), allowed: "):
+            Scenario.load(path)
+    for text in ("." * 200_000, "a." * 20_000 + "a = 1", "[" + "a." * 5000 + "a]",
+                 "a = " + "[" * 1000 + "]" * 1000, "a = 1" + "0" * 5000, "a=" + "{a=" * 1000):  # fmt: skip
+        assert "allowed: " in problem(text)
+    assert time.perf_counter() - started < 20.0
