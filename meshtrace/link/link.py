@@ -217,7 +217,7 @@ class Link(Model, frozen=True):
         fine = max(2.5 * beta + radius + aside, scale)
         lamps = any(hasattr(t, "depth") for t in self.transmitters)
         reach = 10.0 * depth if lamps else 50.0
-        if self.water.a > 0.0:
+        if self.water.a * reach > 6.0:  # else absorption does not limit it
             reach = min(reach, math.sqrt((depth + 6.0 / self.water.a) ** 2 - depth**2))
         width = max(
             (t.half_width for t in self.transmitters if hasattr(t, "half_width")), default=0

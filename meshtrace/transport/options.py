@@ -245,7 +245,7 @@ class Run(Model, frozen=True):
 def run_keys() -> list[str]:
     """Return the keys of [run]: those of `Run`, of the estimators, and `normals`."""
     options = (key for e in Estimator.registered.values() for key in e.model_fields)
-    return list(dict.fromkeys([*Run.model_fields, "normals", *options]))
+    return [key for key in dict.fromkeys([*Run.model_fields, "normals", *options]) if key != "kind"]
 
 
 def read_records(record: Iterable[Any], estimator: Estimator) -> dict[str, Record]:

@@ -31,7 +31,7 @@ FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)
 def results():
     """Return a small result of every kind."""
     link = mt.Link(receiver=mt.Receiver(radius=1.0))
-    gain = mt.simulate(link, FLAT, estimator="analog", photons=8192, keep_arrivals=True)
+    gain = mt.simulate(link, FLAT, estimator="analog", photons=8192, record=[mt.Arrivals()])
     forced = mt.simulate(mt.Link(), FlatSea(), photons=64)
     rng = np.random.default_rng(1)
     series = mt.GainSeries(
