@@ -15,6 +15,7 @@ from meshtrace.mesh import UnresolvedSlopes
 
 from .dispersion import wavenumber
 from .parameters import Alpha, Depth, Fetch, Finite, Floats, Gamma, Positive, Seed, WindSpeed
+from .slope_spectrum import SlopeSpectrum
 from .spectra import ALPHA_COEFFICIENT, AnySpectrum, Jonswap, Spectrum
 from .spreading import AnySpreading, IttcSpreading, direction_grid, direction_weights
 from .statistics import (
@@ -184,15 +185,34 @@ class _BandedSea(RandomSea, frozen=True):
         heading = theta + math.radians(self.wind_direction_deg)
         return _flat_components(amplitude, omega, k, heading, phase)
 
-    def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
-        """Return the slope variances that a mesh of this spacing [m] leaves out of `mss`."""
+    def slope_spectrum(self, omega_max: float | None = None) -> SlopeSpectrum:
+        """Return the slopes of all waves of the spectrum, or of those up to a frequency [rad/s]."""
+        depth, spectrum = self._water_depth(), self._sampled_spectrum()
+        return SlopeSpectrum.of(spectrum, self.spreading, omega_max, depth, self.capillary)
+
+    @property
+    def slope_variance(self) -> tuple[float, float] | None:
+        """Slope variances along and across the wind of the real sea, by `mss`."""
         if self.mss == "band":
             return None
-        wind_speed = self._sampled_spectrum().wind_speed
-        model = cox_munk if self.mss == "cox-munk" else elfouhaily_slope_variance
-        target = model(wind_speed)
+        spectrum = self._sampled_spectrum()
+        if self.mss == "cox-munk":
+            return cox_munk(spectrum.wind_speed)
+        return elfouhaily_slope_variance(spectrum.wind_speed, getattr(spectrum, "fetch", None))
+
+    def slopes_beyond(self, omega_max: float) -> tuple[float, float]:
+        """Return the slope variances along and across the wind beyond a frequency [rad/s]."""
+        if self.slope_variance is None:
+            return 0.0, 0.0
+        resolved = self.slope_spectrum(omega_max).along_and_across
+        return unresolved_slope_variance(self.slope_variance, resolved)
+
+    def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
+        """Return the slope variances that a mesh of this spacing [m] leaves out of `mss`."""
+        if self.slope_variance is None:
+            return None
         vertex, facet = (
-            unresolved_slope_variance(target, resolved)
+            unresolved_slope_variance(self.slope_variance, resolved)
             for resolved in meshed_slope_variance(self.components, spacing, self.wind_direction_deg)
         )
         return UnresolvedSlopes(vertex, facet, self.wind_direction_deg)

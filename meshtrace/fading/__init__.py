@@ -27,6 +27,7 @@ from meshtrace.fading.fits import (
 from meshtrace.fading.gains import Reference, remove_noise
 from meshtrace.fading.intervals import Estimate
 from meshtrace.fading.scintillation import scintillation_index
+from meshtrace.fading.spectral import gain_autocovariance, scintillation_of_spectrum
 from meshtrace.fading.statistics import fading_statistics
 from meshtrace.fading.summary import FadingStatistics
 
@@ -46,6 +47,7 @@ __all__ = [
     "fading_statistics",
     "fit_gamma_gamma",
     "fit_lognormal",
+    "gain_autocovariance",
     "gain_cdf",
     "gain_pdf",
     "gamma_gamma",
@@ -55,6 +57,7 @@ __all__ = [
     "outage",
     "remove_noise",
     "scintillation_index",
+    "scintillation_of_spectrum",
 ]
 
 

@@ -1,0 +1,224 @@
+"""Closed forms of the fading of unscattered light over a Gaussian sea of any spectrum.
+
+In paraxial geometric optics, light that crosses the surface at P lands at P + beta s(P), in
+coordinates of the surface, with the slope s and the lever beta = (n - 1) h d / (d + n h). Over a
+homogeneous Gaussian sea the covariance of the gains at two times is an integral over the
+distance R of two crossings of the density with which both reach the aperture.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meshtrace.errors import Refused
+
+_DISTANCES = 260
+_AZIMUTHS = 24  # Gauss nodes in a quadrant
+_DISK_WIDTHS = np.geomspace(0.02, 0.5, 8)
+
+Floats = NDArray[np.float64]
+
+
+class Lever(NamedTuple):
+    """Paraxial geometry of a link."""
+
+    beta: float  # [m], displacement of the landing point per slope, at the surface
+    aperture: float  # [m], radius of the aperture, at the surface
+
+
+def scintillation_of_spectrum(
+    link: Any, sea: Any, omega_max: float | None = None, tilts: bool = True
+) -> float:
+    r"""Compute the scintillation index of unscattered light from the spectrum of the sea.
+
+    .. math:: 1 + SI = \int d^2R \sum_m w_m N(R; 0, \beta^2 D(R) + v_m a^2 I)
+
+    Parameters
+    ----------
+    link : Link
+        A lamp that points upwards and one receiver above it that looks downwards.
+    sea : JonswapSea or SpectralSea
+        The sea; its seed and its mesh do not matter.
+    omega_max : float, optional
+        Highest frequency of the waves [rad s-1]; all waves down to 1.3 mm by default.
+    tilts : bool
+        Whether slopes beyond `omega_max`, up to those of `sea.mss`, tilt the surface at random
+        at every crossing, as in `Physics(unresolved="tilt")`.
+
+    Returns
+    -------
+    float
+        Variance of the unscattered gain over its squared mean.
+
+    Raises
+    ------
+    Refused
+        If the link is off its axis, has several sources or receivers, or a field of view that
+        cuts the footprint; if the sea has no spectrum; if `omega_max` is not positive.
+
+    See Also
+    --------
+    gain_autocovariance : The same at a time lag.
+
+    Notes
+    -----
+    beta = (n - 1) h d / (d + n h) with depth d and height h, a = r / (1 + n h / d) is the
+    aperture at the surface, and D_ij(R) = 2 (C_ij(0) - C_ij(R)) is the structure tensor of the
+    slopes, with C_ij(R) = int k_i k_j Psi(k) cos(k . R) d^2k. The sum is a mixture of Gaussians
+    for the autocorrelation of the disk (2 % off at its centre, less than 1 % in SI). Caustics
+    are included; heights of crests, that is, absorption and distance, are not: with
+    a = 0.114 m-1 they take a fifth of an index as small as 0.0046, and next to nothing above 0.1.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> from meshtrace.surfaces import Elfouhaily, SpectralSea
+    >>> spectrum = Elfouhaily(wind_speed=5.0, fetch=30e3)
+    >>> sea = SpectralSea(spectrum=spectrum, spreading="elfouhaily", mss="elfouhaily")
+    >>> round(scintillation_of_spectrum(mt.Link(), sea), 2)
+    0.32
+    """
+    if omega_max is not None and not (math.isfinite(omega_max) and omega_max > 0.0):
+        raise Refused("omega_max", omega_max, "a frequency > 0 rad/s, or None")
+    _require_spectrum(sea)
+    lever, spectrum = _lever(link), sea.slope_spectrum(omega_max)
+    missing = _missing_slopes(sea, omega_max) if tilts else (0.0, 0.0)
+    _require_view(link, lever, math.sqrt(max(spectrum.along_and_across) + max(missing)))
+    return float(_covariance(lever, spectrum, missing, np.zeros(1))[0])
+
+
+def gain_autocovariance(link: Any, sea: Any, lags: ArrayLike) -> Floats:
+    r"""Compute the autocovariance of the unscattered gain over time, over its squared mean.
+
+    The integral of `scintillation_of_spectrum` with C_ij(R, tau) = int k_i k_j Psi(k)
+    cos(k . R - omega tau) d^2k. Waves up to the highest frequency of the sea are resolved; slopes
+    beyond it tilt the surface as `sea.mss` says.
+
+    Parameters
+    ----------
+    link : Link
+        As for `scintillation_of_spectrum`.
+    sea : JonswapSea or SpectralSea
+        The sea, with its band of frequencies.
+    lags : array_like
+        Time lags tau [s].
+
+    Returns
+    -------
+    ndarray
+        Covariance of gain(t) and gain(t + tau) over the squared mean, in the shape of `lags`; at
+        lag 0 it is the scintillation index.
+
+    Raises
+    ------
+    Refused
+        As `scintillation_of_spectrum`, or if a lag is not finite.
+    """
+    tau = np.asarray(lags, dtype=float)
+    if not np.isfinite(tau).all():
+        raise Refused("lags", lags, "finite times [s]")
+    _require_spectrum(sea)
+    omega_max = sea.band_limits.omega_max
+    lever, spectrum = _lever(link), sea.slope_spectrum(omega_max)
+    missing = _missing_slopes(sea, omega_max)
+    _require_view(link, lever, math.sqrt(max(spectrum.along_and_across) + max(missing)))
+    return _covariance(lever, spectrum, missing, tau.ravel()).reshape(tau.shape)
+
+
+def _lever(link: Any) -> Lever:
+    """Return the paraxial geometry of a link on its axis."""
+    if len(link.transmitters) != 1 or not hasattr(link.transmitters[0], "depth"):
+        raise Refused("transmitter", link.transmitter, "one lamp under water")
+    if len(link.receivers) != 1 or not hasattr(link.receivers[0], "height"):
+        raise Refused("receiver", link.receiver, "one receiver in the air")
+    lamp, receiver = link.transmitters[0], link.receivers[0]
+    if tuple(lamp.position) != tuple(receiver.position):
+        raise Refused("receiver.position", receiver.position, f"that of the lamp, {lamp.position}")
+    if lamp.zenith_deg != 0.0:
+        raise Refused("transmitter.zenith_deg", lamp.zenith_deg, "0: the closed form is paraxial")
+    if receiver.tilt_deg != 0.0:
+        raise Refused("receiver.tilt_deg", receiver.tilt_deg, "0: the closed form is paraxial")
+    n = link.water.n / link.n_air
+    d, h = lamp.depth, receiver.height
+    return Lever((n - 1.0) * h * d / (d + n * h), receiver.radius / (1.0 + n * h / d))
+
+
+def _require_spectrum(sea: Any) -> None:
+    """Require a sea with a spectrum and a spreading."""
+    if not hasattr(sea, "slope_spectrum"):
+        raise Refused("sea", type(sea).__name__, "a sea with a spectrum: JonswapSea, SpectralSea")
+
+
+def _require_view(link: Any, lever: Lever, slope: float) -> None:
+    """Require a field of view that holds what waves of an rms slope send in."""
+    receiver = link.receivers[0]
+    edge = (3.0 * lever.beta * slope + lever.aperture) / receiver.height
+    if math.tan(math.radians(min(receiver.fov_deg, 179.0)) / 2.0) < edge:
+        least = 2.0 * math.degrees(math.atan(edge))
+        raise Refused("receiver.fov_deg", receiver.fov_deg, f">= {least:.3g}, the whole footprint")
+
+
+def _missing_slopes(sea: Any, omega_max: float | None) -> tuple[float, float]:
+    """Return the slope variances along and across the wind that a band leaves out."""
+    if omega_max is None:
+        return 0.0, 0.0
+    return sea.slopes_beyond(omega_max)
+
+
+def _covariance(lever: Lever, spectrum: Any, missing: tuple[float, float], lags: Floats) -> Floats:
+    """Integrate the density of pairs of crossings, less that of independent ones, over R."""
+    variance = np.array(spectrum.along_and_across)
+    scale = math.sqrt(lever.beta**2 * (variance.max() + max(missing)) + lever.aperture**2)
+    distance = np.geomspace(1e-4 * min(scale, lever.aperture), 25.0 * scale, _DISTANCES)
+    nodes, weights = np.polynomial.legendre.leggauss(_AZIMUTHS)
+    # the sea is symmetric about the wind; at a lag it has a forward direction
+    span = 0.5 * math.pi if not lags.any() else math.pi
+    repeat = round(span / (0.5 * math.pi))
+    azimuth = np.concatenate(
+        [0.25 * math.pi * (nodes + 1.0) + i * 0.5 * math.pi for i in range(repeat)]
+    )
+    weight = np.tile(weights, repeat) * 0.25 * math.pi * 2.0 * math.pi / span
+    covariance = spectrum.covariance(distance, azimuth, lags)
+    still = 2.0 * (variance + np.array(missing))
+    spread = [still[0] - 2.0 * covariance[0], still[1] - 2.0 * covariance[1], -2.0 * covariance[2]]
+    x = distance[:, None] * np.cos(azimuth)
+    y = distance[:, None] * np.sin(azimuth)
+    b2, share, width = lever.beta**2, *_disk_mixture()
+    excess = np.zeros(covariance.shape[1:])
+    for w, v in zip(share, width * lever.aperture**2, strict=True):
+        pair = _normal_density(x, y, b2 * spread[0] + v, b2 * spread[1] + v, b2 * spread[2])
+        alone = _normal_density(x, y, b2 * still[0] + v, b2 * still[1] + v, 0.0)
+        excess += w * (pair - alone)
+    # d^2R = R^2 d(ln R) dp
+    over_azimuth = (excess * weight).sum(axis=2) * distance**2
+    return np.trapezoid(over_azimuth, np.log(distance), axis=1)
+
+
+def _normal_density(x: Floats, y: Floats, xx: Any, yy: Any, xy: Any) -> Floats:
+    """Return the density of a normal law of mean 0 and the covariance (xx, yy, xy)."""
+    det = np.maximum(xx * yy - xy * xy, 1e-300)
+    form = (yy * x**2 - 2.0 * xy * x * y + xx * y**2) / det
+    return np.exp(-0.5 * form) / (2.0 * math.pi * np.sqrt(det))
+
+
+@cache
+def _disk_mixture() -> tuple[Floats, Floats]:
+    """Return weights and variances of Gaussians that sum to the autocorrelation of the unit disk.
+
+    Least squares over 0 < r < 2, with the integral 1 and the second moment 1/2 of each axis.
+    """
+    r = np.linspace(0.0, 2.0, 401)
+    disk = 2.0 / math.pi**2 * (np.arccos(r / 2.0) - r / 2.0 * np.sqrt(1.0 - r**2 / 4.0))
+    v = _DISK_WIDTHS
+    basis = np.exp(-0.5 * r[:, None] ** 2 / v) / (2.0 * math.pi * v)
+    weight = r[:, None] + 0.05  # area elements, without losing the centre
+    gram = basis.T @ (weight * basis)
+    constraint = np.stack([np.ones_like(v), v])
+    system = np.block([[gram, constraint.T], [constraint, np.zeros((2, 2))]])
+    right = np.concatenate([basis.T @ (weight[:, 0] * disk), [1.0, 0.5]])
+    return np.linalg.lstsq(system, right, rcond=1e-12)[0][: len(v)], v

@@ -1,0 +1,122 @@
+"""Covariance of the slopes of a Gaussian sea, from its spectrum and its spreading."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .dispersion import GRAVITY, angular_frequency
+from .parameters import Floats
+from .spectra import Spectrum
+from .spreading import Spreading
+
+SHORTEST = 5000.0
+"""Largest wavenumber [rad m-1]: waves of 1.3 mm, beyond which no spectrum has slopes."""
+
+_WAVENUMBERS = 12_000
+_HARMONICS = 12  # of the spreading, beyond which the covariance of the slopes has no share
+_NEGLIGIBLE = 1e-6  # harmonic of a spreading that is left out
+_SPREADING_NODES = 720
+_SPREADING_WAVENUMBERS = 400  # the spreading changes slowly with k
+
+
+class SlopeSpectrum(NamedTuple):
+    """Slope variance over wavenumber, with the cosine harmonics of the spreading.
+
+    Attributes
+    ----------
+    k, omega : ndarray, shape (n,)
+        Wavenumber [rad m-1] and angular frequency [rad s-1] of the nodes.
+    variance : ndarray, shape (n,)
+        Slope variance of each node, k^2 S d(omega).
+    harmonics : ndarray, shape (15, n)
+        int D(theta) cos(m theta) d(theta) for m = 0, 1, ..., with theta from the wind.
+    """
+
+    k: Floats
+    omega: Floats
+    variance: Floats
+    harmonics: Floats
+
+    @classmethod
+    def of(
+        cls,
+        spectrum: Spectrum,
+        spreading: Spreading,
+        omega_max: float | None = None,
+        depth: float | None = None,
+        capillary: bool = True,
+    ) -> SlopeSpectrum:
+        """Return the slopes of waves up to a frequency, or of all waves down to 1.3 mm."""
+        low = 1e-2 * spectrum.omega_p**2 / GRAVITY
+        k = np.geomspace(low, SHORTEST, _WAVENUMBERS)
+        omega = angular_frequency(k, depth, capillary)
+        if omega_max is not None:
+            k = np.geomspace(low, np.interp(omega_max, omega, k), _WAVENUMBERS)
+            omega = angular_frequency(k, depth, capillary)
+        weight = np.full(len(k), math.log(k[1] / k[0]))
+        weight[[0, -1]] *= 0.5
+        variance = weight * np.gradient(omega, np.log(k)) * k**2 * spectrum(omega)
+        theta = (np.arange(_SPREADING_NODES) + 0.5) * 2.0 * math.pi / _SPREADING_NODES - math.pi
+        some = np.unique(np.linspace(0, len(k) - 1, _SPREADING_WAVENUMBERS).astype(int))
+        density = spreading.density(
+            omega[some, None], theta, omega_p=spectrum.omega_p, wind_speed=spectrum.wind_speed
+        )
+        density = density / density.sum(axis=1, keepdims=True)
+        rows = np.cos(np.arange(_HARMONICS + 3)[:, None] * theta) @ density.T
+        harmonics = np.stack([np.interp(np.log(k), np.log(k[some]), row) for row in rows])
+        return cls(k, omega, variance, harmonics)
+
+    @property
+    def along_and_across(self) -> tuple[float, float]:
+        """Slope variances along and across the wind."""
+        along = 0.5 * float(np.sum(self.variance * (1.0 + self.harmonics[2])))
+        return along, float(np.sum(self.variance)) - along
+
+    def covariance(self, distance: Floats, azimuth: Floats, lags: Floats) -> Floats:
+        r"""Compute the covariance of the slopes at two places and times.
+
+        .. math:: C_{ij}(R, \tau) = \int k_i k_j \Psi(k) \cos(k \cdot R - \omega \tau) d^2k
+
+        Parameters
+        ----------
+        distance : ndarray, shape (nr,)
+            Distances [m].
+        azimuth : ndarray, shape (np,)
+            Azimuths of the distance from the direction of the wind [rad].
+        lags : ndarray, shape (nt,)
+            Time lags [s].
+
+        Returns
+        -------
+        ndarray, shape (3, nt, nr, np)
+            Components xx, yy, xy with x along the wind.
+
+        Notes
+        -----
+        With z = k R, cos(z cos(theta - p) - omega tau) = sum_n e_n Re(i^n exp(-i omega tau))
+        J_n(z) cos n(theta - p), e_0 = 1 and e_n = 2: even orders carry cos(omega tau), odd ones
+        sin(omega tau).
+        """
+        from scipy.special import jv
+
+        z = np.outer(distance, self.k)
+        in_phase = np.cos(np.outer(self.omega, lags))
+        quadrature = np.sin(np.outer(self.omega, lags))
+        parts = np.zeros((3, len(lags), len(distance), len(azimuth)))
+        for n in range(_HARMONICS + 1):
+            turn = quadrature if n % 2 else in_phase
+            lower, upper = self.harmonics[abs(n - 2)], self.harmonics[n + 2]
+            shares = np.stack([self.harmonics[n], 0.5 * (lower + upper), 0.5 * (lower - upper)])
+            if not turn.any() or np.abs(shares).max() < _NEGLIGIBLE:
+                continue
+            weight = (-1.0) ** (n // 2) * (2.0 if n else 1.0) * self.variance
+            around = np.cos(n * azimuth), np.cos(n * azimuth), np.sin(n * azimuth)
+            columns = np.hstack([(weight * share)[:, None] * turn for share in shares])
+            moments = (jv(n, z) @ columns).T.reshape(3, len(lags), len(distance))
+            for i in range(3):
+                parts[i] += moments[i][:, :, None] * around[i]
+        total, difference, cross = parts
+        return np.stack([0.5 * (total + difference), 0.5 * (total - difference), 0.5 * cross])

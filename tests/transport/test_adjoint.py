@@ -1,0 +1,383 @@
+"""Adjoint paths against a quadrature, forced detection, analog photons, and themselves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mc_statistics import ALPHA, sidak, z_test
+from numba import njit
+from scipy.integrate import quad
+from scipy.stats import chi2
+from transport.single_scattering import Setting, single_scattering
+
+import meshtrace as mt
+from meshtrace.errors import Refused
+from meshtrace.kernels.line_estimate import tail_at
+from meshtrace.mesh import UnresolvedSlopes
+from meshtrace.surfaces import FlatSea, JonswapSea
+from meshtrace.transport.adjoint import SHIFTS, AdjointPaths, angle_table
+from meshtrace.transport.forced import ForcedDetection
+
+FLAT = FlatSea().mesh(extent=60.0, spacing=10.0)
+ONCE = 1e-6  # b [m-1] so small that light is scattered once or never
+
+# no direct light: receivers that look away, stand aside, view narrowly, lamps that point away
+DARK = [
+    {"tilt_deg": 33.0},
+    {"tilt_deg": 40.0},
+    {"tilt_deg": 60.0},
+    {"tilt_deg": 75.0},
+    {"tilt_deg": 50.0, "azimuth_deg": 70.0, "offset": 3.0, "g": 0.924},
+    {"half_angle_deg": 60.0, "fov_deg": 20.0, "offset": 10.0},
+    {"half_angle_deg": 60.0, "fov_deg": 60.0, "offset": 20.0},
+    {"fov_deg": 5.0, "offset": 3.0},
+    {"half_angle_deg": None, "offset": 8.0, "fov_deg": 20.0},
+    {"lamp_zenith_deg": 80.0, "half_angle_deg": 15.0},
+    {"g": 0.0, "tilt_deg": 45.0},
+    {"height": 0.5, "depth": 1.0, "radius": 0.02, "tilt_deg": 50.0, "half_angle_deg": 45.0},
+]
+DARKER = [
+    {"tilt_deg": 31.0},
+    {"tilt_deg": 45.0, "azimuth_deg": 200.0, "offset": 2.0},
+    {"tilt_deg": 70.0, "half_angle_deg": 40.0},
+    {"tilt_deg": 80.0, "half_angle_deg": 40.0, "height": 1.0},
+    {"fov_deg": 20.0, "offset": 6.0, "half_angle_deg": 30.0},
+    {
+        "offset": 15.0,
+        "tilt_deg": 30.0,
+        "azimuth_deg": 180.0,
+        "fov_deg": 10.0,
+        "half_angle_deg": 60.0,
+    },
+    {"a": 0.366, "depth": 3.0, "tilt_deg": 45.0},
+    {"n": 1.5, "tilt_deg": 55.0, "half_angle_deg": 30.0},
+]
+
+
+def link_of(setting, **water):
+    phase = {} if setting.g is None else {"phase": mt.HenyeyGreenstein(g=setting.g)}
+    if setting.half_angle_deg is None:
+        lamp = mt.IsotropicSource(depth=setting.depth)
+    else:
+        lamp = mt.Led(
+            depth=setting.depth,
+            half_angle_deg=setting.half_angle_deg,
+            zenith_deg=setting.lamp_zenith_deg,
+        )
+    return mt.Link(
+        water=mt.Water(**{"a": setting.a, "b": setting.b, "n": setting.n, **phase, **water}),
+        transmitter=lamp,
+        receiver=mt.Receiver(
+            height=setting.height,
+            radius=setting.radius,
+            fov_deg=setting.fov_deg,
+            position=(setting.offset, 0.0),
+            tilt_deg=setting.tilt_deg,
+            tilt_azimuth_deg=setting.azimuth_deg,
+        ),
+    )
+
+
+def evaluate(link, photons, seed=1, mesh=FLAT, normals="vertex", threads=2):
+    return AdjointPaths(link, photons, seed, normals, threads).evaluate(mesh)
+
+
+def against_quadrature(case, photons, seed):
+    setting = Setting(b=ONCE, **case)
+    expected = single_scattering(setting, 48)
+    assert expected == pytest.approx(single_scattering(setting, 32), rel=3e-3)
+    found = evaluate(link_of(setting), photons, seed)
+    return (found.gain[0] - expected) / math.hypot(found.stderr[0], 1e-3 * expected)
+
+
+def test_quadrature_has_the_known_values():
+    """Values of three links with the default water, converged to 0.3 %."""
+    for case, expected in zip(
+        (DARK[1], DARK[2], DARK[5]), (5.20e-8, 1.99e-10, 2.10e-10), strict=True
+    ):
+        assert single_scattering(Setting(**case), 48) == pytest.approx(expected, rel=4e-3)
+
+
+@pytest.mark.parametrize("case", DARK, ids=str)
+def test_light_scattered_once(case):
+    assert abs(against_quadrature(case, 32768, 1)) < 3.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", DARK + DARKER, ids=str)
+def test_light_scattered_once_by_many_seeds(case):
+    z = [against_quadrature(case, 65536, seed) for seed in range(8)]
+    assert np.abs(z).max() < 3.5
+    assert chi2.sf(np.square(z).sum(), len(z)) > sidak(ALPHA, 20)
+
+
+@pytest.mark.parametrize("case", DARK[1:3] + DARK[5:6], ids=str)
+def test_no_seed_lies_below_the_light_scattered_once(case):
+    setting = Setting(**case)
+    floor = single_scattering(setting, 32)
+    for seed in range(8):
+        found = evaluate(link_of(setting), 8192, seed)
+        assert found.gain[0] > floor - 3.5 * found.stderr[0]
+
+
+def test_default_link():
+    """Scattered light 1.4556e-5 and its first order 1.2587e-5, both to 0.1 %."""
+    found = evaluate(mt.Link(), 131072)
+    assert z_test(found.gain[0], found.stderr[0], 1.4556e-5, 1.5e-8) > ALPHA
+    assert found.orders[0].sum() == pytest.approx(found.gain[0], rel=1e-12)
+    assert found.orders[0, 0] == pytest.approx(1.2587e-5, rel=0.02)
+    assert found.variance[0] == pytest.approx(131072 * found.stderr[0] ** 2, rel=1.0)
+    assert 0.8 < found.scored[0] / 131072 <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("link", "total"),
+    [
+        (mt.Link(water=mt.Water(a=0.05, b=0.2)), 7.72e-5),
+        (mt.Link(transmitter=mt.Led(depth=47.0)), 6.40e-8),
+    ],
+    ids=["b 0.2", "47 m"],
+)
+def test_flat_references(link, total):
+    """Values by two other estimators that agree within 0.3 %."""
+    direct = ForcedDetection(link, 256, 1).evaluate(FLAT).ballistic[0]
+    found = evaluate(link, 131072)
+    assert z_test(found.gain[0] + direct, found.stderr[0], total, 4e-3 * total) > sidak(ALPHA, 2)
+
+
+LAYERS = ((0.0, 0.1, 0.02), (4.0, 0.12, 0.1), (6.0, 0.12, 0.1), (8.0, 0.1, 0.03))
+
+
+@pytest.mark.parametrize(
+    ("wind_speed", "normals", "link"),
+    [
+        (5.0, "vertex", mt.Link()),
+        (13.0, "vertex", mt.Link()),
+        (13.0, "facet", mt.Link(physics=mt.Physics(unresolved="none"))),
+        (13.0, "vertex", mt.Link(bubbles=mt.HallNovarini(wind_speed=13.0))),
+        (13.0, "vertex", mt.Link(water=mt.Water(layers=LAYERS))),
+        (0.0, "vertex", mt.Link(bubbles=mt.HallNovarini(wind_speed=13.0))),
+        (0.0, "vertex", mt.Link(water=mt.Water(layers=LAYERS))),
+    ],
+    ids=["5 m/s", "13 m/s", "facets", "bubbles", "layers", "flat bubbles", "flat layers"],
+)
+def test_forced_detection_agrees(wind_speed, normals, link):
+    mesh = FLAT
+    if wind_speed > 0.0:
+        mesh = JonswapSea(wind_speed=wind_speed).mesh(
+            extent=15.0, spacing=0.1, fine_extent=4.0, coarse_spacing=1.0
+        )
+    chains = ForcedDetection(link, 8192, 2, normals).evaluate(mesh).scattered[0]
+    found = evaluate(link, 65536, 1, mesh, normals)
+    stderr = chains.std(ddof=1) / math.sqrt(SHIFTS)
+    assert found.stderr[0] < 0.01 * found.gain[0]
+    assert z_test(found.gain[0], found.stderr[0], chains.mean(), stderr) > sidak(ALPHA, 7)
+
+
+WIDE = {"radius": 1.0, "fov_deg": 120.0}
+TURBID = mt.Water(a=0.1, b=0.3)
+SEA = JonswapSea(wind_speed=13.0).mesh(extent=25.0, spacing=0.2)
+SLOPES = UnresolvedSlopes((0.06, 0.03), (0.06, 0.03), 30.0)
+THIN = ((0.0, 0.05, 0.05), (2.0, 0.05, 0.05), (2.1, 0.05, 5.0), (2.5, 0.05, 5.0), (2.6, 0.05, 0.05))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("water", "lamp", "receiver", "mesh", "normals"),
+    [
+        (
+            mt.Water(a=0.05, b=0.1, bottom_depth=5.0, bottom_albedo=0.5),
+            mt.Led(depth=4.0, zenith_deg=180.0, half_angle_deg=30.0),
+            mt.Receiver(**WIDE),
+            FLAT,
+            "vertex",
+        ),
+        (
+            TURBID,
+            mt.TopHatBeam(depth=5.0, divergence_deg=5.0, radius=0.5),
+            mt.Receiver(radius=1.0, height=2.0, fov_deg=90.0, position=(4.0, 0.0)),
+            FLAT,
+            "vertex",
+        ),
+        (
+            mt.Water(),
+            mt.GaussianBeam(depth=5.0, divergence_deg=2.0),
+            mt.Receiver(radius=1.0, height=2.0, fov_deg=180.0, position=(2.0, 0.0)),
+            FLAT,
+            "vertex",
+        ),
+        (
+            mt.Water(layers=THIN, phase=mt.HenyeyGreenstein(g=0.9)),
+            mt.Led(depth=6.0, zenith_deg=60.0),
+            mt.Receiver(radius=1.0),
+            FLAT,
+            "vertex",
+        ),
+        (
+            TURBID,
+            mt.Led(depth=5.0, half_angle_deg=20.0),
+            mt.Receiver(position=(1.0, 0.0), **WIDE),
+            mt.TriangleMesh(FLAT.vertices, FLAT.faces, FLAT.vertex_normals, SLOPES),
+            "vertex",
+        ),
+        (
+            TURBID,
+            mt.Led(depth=5.0, half_angle_deg=20.0),
+            mt.Receiver(position=(1.0, 0.0), **WIDE),
+            SEA,
+            "vertex",
+        ),
+        (
+            TURBID,
+            mt.Led(depth=5.0, half_angle_deg=20.0),
+            mt.Receiver(
+                radius=1.0, fov_deg=120.0, position=(1.0, 0.0), tilt_deg=40.0, tilt_azimuth_deg=90.0
+            ),
+            SEA,
+            "facet",
+        ),
+        (
+            mt.Water(a=0.1, b=0.5),
+            mt.Led(depth=0.8, half_angle_deg=40.0, zenith_deg=180.0),
+            mt.Receiver(radius=1.0, height=2.0, fov_deg=140.0),
+            JonswapSea(wind_speed=8.0).mesh(extent=25.0, spacing=0.2),
+            "vertex",
+        ),
+    ],
+    ids=["bottom", "extended", "beam", "thin layer", "rough", "sea", "facets", "crest"],
+)
+@pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning")
+def test_analog_agrees(water, lamp, receiver, mesh, normals):
+    """Light that the surface sends back is left out by both."""
+    physics = mt.Physics(reflected="kill")
+    link = mt.Link(water=water, transmitter=lamp, receiver=receiver, physics=physics)
+    photons = mt.simulate(
+        link, mesh, estimator="analog", photons=2_000_000, seed=3, normals=normals
+    )
+    direct = 0.0
+    if getattr(lamp, "half_angle_deg", None) == 20.0:
+        direct = ForcedDetection(link, 20000, 1, normals).evaluate(mesh).ballistic[0]
+    found = evaluate(link, 200_000, 7, mesh, normals)
+    gain, stderr = found.gain[0] + direct, found.stderr[0]
+    assert stderr < 0.05 * gain
+    assert z_test(gain, stderr, photons.gain, photons.gain_stderr) > sidak(ALPHA, 8)
+
+
+@pytest.mark.parametrize(
+    "link",
+    [mt.Link(), mt.Link(receiver=mt.Receiver(tilt_deg=40.0))],
+    ids=["default", "tilted"],
+)
+def test_errors_are_true(link):
+    """Scatter of 64 seeds over the errors stated."""
+    found = [evaluate(link, 4096, seed) for seed in range(64)]
+    gains, errors = (np.array([getattr(f, name)[0] for f in found]) for name in ("gain", "stderr"))
+    square = ((gains - gains.mean()) ** 2 / np.mean(errors**2)).sum()
+    assert chi2.ppf(1e-3, 63) < square < chi2.isf(1e-3, 63)
+
+
+@pytest.mark.parametrize("mesh", [FLAT, SEA], ids=["flat", "sea"])
+def test_threads_change_nothing(mesh):
+    one, three = (evaluate(mt.Link(), 12_345, 3, mesh, threads=t) for t in (1, 3))
+    for name in ("scattered", "orders", "scored", "variance", "beside"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(three, name))
+
+
+def test_a_receiver_does_not_know_the_others():
+    near, far = mt.Receiver(), mt.Receiver(tilt_deg=60.0, radius=0.2, position=(3.0, 1.0))
+    alone = evaluate(mt.Link(receiver=near), 5000)
+    both = evaluate(mt.Link(receiver=(near, far)), 5000)
+    np.testing.assert_array_equal(alone.scattered[0], both.scattered[0])
+    twice = evaluate(mt.Link(receiver=(near, near)), 5000)
+    assert abs(np.corrcoef(twice.scattered)[0, 1]) < 0.6
+
+
+def scaled(link, mesh, k):
+    water, lamp, receiver = link.water, link.transmitter, link.receiver
+    smaller = mt.Link(
+        water=mt.Water(a=water.a / k, b=water.b / k),
+        transmitter=lamp.model_copy(update={"depth": lamp.depth * k}),
+        receiver=receiver.model_copy(
+            update={"height": receiver.height * k, "radius": receiver.radius * k}
+        ),
+    )
+    return smaller, mt.TriangleMesh(
+        mesh.vertices * k, mesh.faces, mesh.vertex_normals, mesh.unresolved
+    )
+
+
+@pytest.mark.parametrize("mesh", [FLAT, SEA], ids=["flat", "sea"])
+@pytest.mark.parametrize("link", [mt.Link(), mt.Link(receiver=mt.Receiver(tilt_deg=40.0))])
+def test_lengths_scale(link, mesh):
+    """A tank of 1 cm has the gain of the sea, path by path."""
+    full = evaluate(link, 8192, 1, mesh)
+    small = evaluate(*scaled(link, mesh, 1e-3)[:1], 8192, 1, scaled(link, mesh, 1e-3)[1])
+    # single precision finds another facet or another side of a crest for a few rays
+    np.testing.assert_allclose(small.gain, full.gain, rtol=1e-6 if mesh is FLAT else 1e-3)
+
+
+def test_sources_share_the_light_by_their_power():
+    lamps = (mt.Led(power_mw=300.0), mt.Led(power_mw=100.0, position=(4.0, 0.0)))
+    both = evaluate(mt.Link(transmitter=lamps), 65536)
+    parts = [evaluate(mt.Link(transmitter=lamp), 65536, 2) for lamp in lamps]
+    expected = 0.75 * parts[0].gain[0] + 0.25 * parts[1].gain[0]
+    stderr = math.hypot(0.75 * parts[0].stderr[0], 0.25 * parts[1].stderr[0])
+    assert z_test(both.gain[0], both.stderr[0], expected, stderr) > ALPHA
+
+
+def test_no_scatterers_no_light():
+    dark = evaluate(mt.Link(water=mt.Water(b=0.0)), 256)
+    assert dark.gain[0] == 0.0
+    assert dark.scored[0] == 0
+
+
+@njit
+def tail(table, theta):
+    return tail_at(table, theta)
+
+
+@pytest.mark.parametrize(
+    "phase", [mt.FournierForand(), mt.HenyeyGreenstein(g=0.9), mt.Petzold()], ids=lambda p: p.kind
+)
+def test_angle_table(phase):
+    table = angle_table(phase)
+    assert np.sum(table.beta * 2.0 * np.pi * -np.diff(np.cos(table.edge))) == pytest.approx(
+        1.0, rel=2e-4
+    )
+    for theta in (1e-6, 1e-3, 0.1, 1.0, 3.0):
+        expected = quad(
+            lambda x: float(phase.pdf(math.exp(x))) * math.exp(x),
+            math.log(theta),
+            math.log(math.pi),
+            limit=500,
+            epsrel=1e-4,
+        )[0]
+        assert tail(table, theta) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("link", "field"),
+    [
+        (mt.Link(physics="paper"), "physics.snell"),
+        (mt.Link(physics=mt.Physics(second_hit="ignore")), "physics.second_hit"),
+        (mt.Link(transmitter=mt.Sun()), "transmitter"),
+        (mt.Link(receiver=mt.WaterAperture()), "receiver"),
+        (mt.Link(transmitter=mt.GaussianBeam(divergence_deg=0.01)), "gaussian-beam.divergence_deg"),
+        (
+            mt.Link(water=mt.Water(layers=LAYERS), physics=mt.Physics(absorption="paper")),
+            "physics.absorption",
+        ),
+    ],
+    ids=["snell", "second hit", "sun", "aperture", "narrow", "absorption"],
+)
+def test_refuses_what_it_does_not_follow(link, field):
+    with pytest.raises(Refused, match="allowed") as refused:
+        AdjointPaths(link, 1000, 1)
+    assert refused.value.field == field
+
+
+def test_refuses_too_few_paths():
+    with pytest.raises(Refused, match="photons: 31"):
+        AdjointPaths(mt.Link(), 31, 1)
