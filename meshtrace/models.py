@@ -184,8 +184,15 @@ def _range(cls: type[pydantic.BaseModel], path: list[int | str], context: dict[s
             found = {key: getattr(part, key) for part in field.metadata for key in _BOUNDS
                      if getattr(part, key, None) is not None}  # fmt: skip
             bounds = found if context.items() <= found.items() else context
-    low = next((f"{v:g} {_BOUNDS[k]}" for k, v in bounds.items() if k in ("gt", "ge")), "")
-    high = next((f"{_BOUNDS[k]} {v:g}" for k, v in bounds.items() if k in ("lt", "le")), "")
+    bounds = {key: _bound(value) for key, value in bounds.items()}
+    low = next((f"{v} {_BOUNDS[k]}" for k, v in bounds.items() if k in ("gt", "ge")), "")
+    high = next((f"{_BOUNDS[k]} {v}" for k, v in bounds.items() if k in ("lt", "le")), "")
     if low and high:
         return f"{low} {name} {high}"
     return high or f"{low.split()[1].replace('<', '>')} {low.split()[0]}"
+
+
+def _bound(value: Any) -> str:
+    """Return a bound as text, in powers of two where they are meant."""
+    power = isinstance(value, int) and value > 2**20 and value & (value - 1) == 0
+    return f"2^{value.bit_length() - 1}" if power else f"{value:g}"

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 COMPILING = "compiling kernels (first run only)"
 
+VIZ = 'pip install "meshtrace[viz]"'
+
 
 @contextmanager
 def over_seas(seas: int, quiet: bool) -> Iterator[Callable[[int], None]]:

@@ -11,6 +11,7 @@ import typer
 from meshtrace.cli.app import app
 from meshtrace.cli.console import (
     COMPILING,
+    VIZ,
     kernels_are_compiled,
     numbers,
     progress,
@@ -120,8 +121,7 @@ def _refuse_undrawable(path: Path) -> None:
     try:
         from matplotlib.figure import Figure
     except ModuleNotFoundError as error:
-        missing = Described(f"{error.name} is missing")
-        raise Refused("--plot", missing, 'pip install "meshtrace[viz]"') from error
+        raise Refused("--plot", Described("packages are missing"), VIZ) from error
     kinds = Figure().canvas.get_supported_filetypes()
     if path.suffix[1:].lower() not in kinds:
         raise Refused("--plot", str(path), f"a file .{', .'.join(sorted(kinds))}")

@@ -245,7 +245,8 @@ class Scenario(Model, frozen=True):
             return Case(self.link, surface, self.run, self.meshing)
         footprint = self.link.footprint()
         if isinstance(self.surface, MeshFile):
-            mesh = self.surface.load(self.meshing.extent or footprint.fine_extent)
+            needed = footprint.fine_extent + max(map(abs, footprint.center))
+            mesh = self.surface.load(self.meshing.extent or needed)
             origin = {"mesh_file": self.surface.file}
             return Case(self.link, mesh, self.run, self.meshing, origin)
         seas.require_modest(self.surface, footprint, self.meshing)

@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 from meshtrace.errors import Refused, require_keys
 from meshtrace.models import Finite, Model
 from meshtrace.registry import Family
+from meshtrace.stored import SHIFTS
 
 BLOCK = 4096
 """Photons whose scores are added first: fixed, so that sums do not depend on the chunks."""
@@ -48,6 +49,7 @@ class Estimator(
     """Base of the estimators' options."""
 
     default_photons: ClassVar[int]
+    least_photons: ClassVar[int] = 1
     most_photons: ClassVar[int]  # that a relative tolerance may ask for
 
 
@@ -69,6 +71,7 @@ class Forced(Estimator, frozen=True):
     reflected_photons: _Count = 0
 
     default_photons: ClassVar[int] = 10_000
+    least_photons: ClassVar[int] = SHIFTS
     most_photons: ClassVar[int] = 2**20
 
 
@@ -180,7 +183,7 @@ class Run(Model, frozen=True):
     estimator : Forced or Analog, or "forced" or "analog"
         Estimator with its options.
     photons : int
-        Chains (forced, 10 000 by default) or photons (analog, 1 000 000), 1 to 2^53.
+        Chains (forced, 10 000 by default, >= 32) or photons (analog, 1 000 000), up to 2^53.
     rtol : float, optional
         Relative standard error to reach in every gain, 1e-6 to 1; `photons` is then the
         first guess.
@@ -226,6 +229,10 @@ class Run(Model, frozen=True):
         if self.photons is None:
             # not through the model: the field stays unset and follows another estimator
             self.__dict__["photons"] = self.estimator.default_photons
+        least = self.estimator.least_photons
+        if self.photons < least:
+            kind = self.estimator.kind
+            raise Refused("photons", self.photons, f"an integer >= {least} for {kind} detection")
         return self
 
     def to_config(self) -> dict[str, Any]:
@@ -238,7 +245,7 @@ class Run(Model, frozen=True):
 def run_keys() -> list[str]:
     """Return the keys of [run]: those of `Run`, of the estimators, and `normals`."""
     options = (key for e in Estimator.registered.values() for key in e.model_fields)
-    return list(dict.fromkeys([*Run.model_fields, "normals", *options]))
+    return [key for key in dict.fromkeys([*Run.model_fields, "normals", *options]) if key != "kind"]
 
 
 def read_records(record: Iterable[Any], estimator: Estimator) -> dict[str, Record]:

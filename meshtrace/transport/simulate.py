@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from functools import partial
 from typing import Any, Literal, Unpack
 
 import numpy as np
@@ -18,7 +17,7 @@ from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
 from meshtrace.results.tallies import Arrivals, standard_error
 from meshtrace.transport.analog import run_analog
-from meshtrace.transport.case import HasCase, resolve
+from meshtrace.transport.case import Case, HasCase, resolve
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
@@ -113,33 +112,37 @@ def simulate(
     6.0
     """
     given = {"estimator": estimator, "photons": photons, "rtol": rtol, "seed": seed}
-    given = {
-        key: value for key, value in {**given, "threads": threads}.items() if value is not None
-    }
+    given = {key: v for key, v in {**given, "threads": threads}.items() if v is not None}
     case = resolve(link, surface).with_options(mesh, **given, **options)
-    run = case.run.replace(threads=default_threads(case.run.threads))
-    records = read_records(record, run.estimator)
-    reach = None if isinstance(run.estimator, Analog) else crossing_reach(case.link)
-    made, config = mesh_for(case.link, case.surface, case.meshing, reach)
-
-    def origin(run: Run) -> dict[str, Any]:
-        recorded = [r.model_dump(mode="json") for r in records.values()]
-        whole = {**run.to_config(), **case.meshing.model_dump(), "record": recorded}
-        return {**provenance(case.link, config, whole), **case.origin}
-
-    engine = _analog if isinstance(run.estimator, Analog) else _forced
-    evaluate = partial(
-        engine, case.link, made, normals=case.meshing.normals, records=records,
-        origin=origin, progress=progress,
-    )  # fmt: skip
+    case = case._replace(run=case.run.replace(threads=default_threads(case.run.threads)))
     try:
-        result = _to_tolerance(evaluate, run)
+        result = _simulated(case, read_records(record, case.run.estimator), progress)
     except ArithmeticError as error:
         raise Refused("link", Described(f"{error}"), "numbers that do not overflow") from error
     if not np.isfinite(result.gain).all():
         gain = Described(f"a gain of {result.gain}")
         raise Refused("link", gain, "numbers that do not overflow")
     return result
+
+
+def _simulated(
+    case: Case, records: dict[str, Record], progress: Callable[[int], None] | None
+) -> GainResult:
+    """Return the result of a case whose options have been checked."""
+    analog = isinstance(case.run.estimator, Analog)
+    reach = None if analog else crossing_reach(case.link)
+    mesh, config = mesh_for(case.link, case.surface, case.meshing, reach)
+
+    def origin(run: Run) -> dict[str, Any]:
+        recorded = [r.model_dump(mode="json") for r in records.values()]
+        whole = {**run.to_config(), **case.meshing.model_dump(), "record": recorded}
+        return {**provenance(case.link, config, whole), **case.origin}
+
+    def evaluate(run: Run) -> GainResult:
+        inputs = case.link, mesh, run, case.meshing.normals, records, origin(run)
+        return _analog(*inputs, progress) if analog else _forced(*inputs)
+
+    return _to_tolerance(evaluate, case.run)
 
 
 def _to_tolerance(evaluate: _Evaluate, run: Run) -> GainResult:
@@ -171,10 +174,9 @@ def _analog(
     link: Link,
     mesh: TriangleMesh,
     run: Run,
-    *,
     normals: str,
     records: dict[str, Record],
-    origin: Callable[[Run], dict[str, Any]],
+    origin: dict[str, Any],
     progress: Callable[[int], None] | None,
 ) -> GainResult:
     assert isinstance(run.estimator, Analog)
@@ -189,18 +191,16 @@ def _analog(
         record=records.values(),
         progress=progress,
     )
-    return analog_result(link, sums, origin(run), records)
+    return analog_result(link, sums, origin, records)
 
 
 def _forced(
     link: Link,
     mesh: TriangleMesh,
     run: Run,
-    *,
     normals: str,
     records: dict[str, Record],
-    origin: Callable[[Run], dict[str, Any]],
-    progress: Callable[[int], None] | None,
+    origin: dict[str, Any],
 ) -> GainResult:
     assert isinstance(run.estimator, Forced)
     crest, threads = float(mesh.bounds[1, 2]), default_threads(run.threads)

@@ -1,6 +1,8 @@
 """Link files: defaults, what drives what, round trips, and errors of one line."""
 
 import math
+import os
+import time
 
 import numpy as np
 import pytest
@@ -453,3 +455,16 @@ def test_a_scenario_takes_surfaces_only():
     scenario = read("")
     with pytest.raises(ValueError, match="surface: int, allowed: a sea"):
         Scenario.model_validate({**dict(scenario), "surface": 3})
+
+
+def test_endless_and_huge_inputs_are_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "pipe.toml")
+    (tmp_path / "huge.toml").write_bytes(b"#" * (17 * 2**20))
+    started = time.perf_counter()
+    for path in ("/dev/zero", tmp_path / "pipe.toml", tmp_path, tmp_path / "huge.toml"):
+        with pytest.raises(ScenarioError, match=r"(regular file|MB), allowed: "):
+            Scenario.load(path)
+    for text in ("." * 200_000, "a." * 20_000 + "a = 1", "[" + "a." * 5000 + "a]",
+                 "a = " + "[" * 1000 + "]" * 1000, "a = 1" + "0" * 5000, "a=" + "{a=" * 1000):  # fmt: skip
+        assert "allowed: " in problem(text)
+    assert time.perf_counter() - started < 20.0

@@ -32,7 +32,7 @@ def test_options_of_an_estimator_stand_beside_the_others_in_plain_data():
 def test_photons_follow_the_estimator_unless_given():
     assert Run().photons == mt.Forced.default_photons
     assert Run().replace(estimator="analog").photons == mt.Analog.default_photons
-    assert Run(photons=7).replace(estimator="analog").photons == 7
+    assert Run(photons=70).replace(estimator="analog").photons == 70
 
 
 @pytest.mark.parametrize(
@@ -40,6 +40,7 @@ def test_photons_follow_the_estimator_unless_given():
     [
         ({"photons": 0}, "photons: 0, allowed: 1 <= photons"),
         ({"photons": 1.5}, "photons: 1.5, allowed: an integer"),
+        ({"photons": 31}, "photons: 31, allowed: an integer >= 32 for forced detection"),
         ({"seed": -1}, "seed: -1, allowed: 0 <= seed"),
         ({"rtol": 2.0}, "rtol: 2.0, allowed: 1e-06 <= rtol <= 1"),
         ({"threads": 0}, "threads: 0, allowed: 1 <= threads <= 1024"),
