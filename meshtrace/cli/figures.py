@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import VIZ, warnings_as_lines
+from meshtrace.cli.console import warnings_as_lines
 from meshtrace.errors import Described, Refused
 
 

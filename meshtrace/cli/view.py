@@ -13,7 +13,6 @@ import typer
 from meshtrace.cli.app import app
 from meshtrace.cli.console import (
     COMPILING,
-    VIZ,
     kernels_are_compiled,
     progress,
     scenario_of,

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from meshtrace.errors import Described, Refused, did_you_mean, show
+from meshtrace.errors import Described, Refused, did_you_mean
 from meshtrace.link import Footprint, Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Model

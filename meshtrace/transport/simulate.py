@@ -226,7 +226,7 @@ def _forced(
         gain_bound=bound_of_dark(link, mesh, gain, run, normals),
         photons=run.photons,
         fates={},
-        provenance=origin(run),
+        provenance=origin,
         gain_ballistic=per_receiver(link, parts.ballistic),
         gain_scattered=per_receiver(link, parts.scattered.mean(axis=1)),
         gain_order=parts.orders,
