@@ -20,6 +20,7 @@ PILOT_PATHS = 2048
 
 _EFFICIENT = 4.0  # relative variance of a chain up to which no other estimator is tried
 _COST = 3.0  # time of a chain over that of an adjoint path
+_HALF = 0.5  # of the light of the paths: chains that see less are not trusted, however sure
 _SURE = 10.0  # means over standard errors: that of 100 equal samples
 _DOUBT = 3.5  # standard errors by which the pilots may differ: beyond, chains miss light
 
@@ -54,10 +55,11 @@ def is_clear(chains: ScatteredPilot) -> NDArray[np.bool_]:
 def choose(chains: ScatteredPilot, paths: ScatteredPilot) -> list[Method]:
     """Return the estimator of each receiver: the smaller variance times time.
 
-    Chains that miss much of the light have a small variance: where the paths find more light
-    than chance allows, or few chains bring all of it, chains are not trusted.
+    Chains that miss much of the light have a small variance: where the paths find twice
+    the light or more than chance allows, or few chains bring all of it, chains are not trusted.
     """
     missed = paths.mean - chains.mean > _DOUBT * np.hypot(paths.stderr, chains.stderr)
+    missed |= chains.mean < _HALF * paths.mean
     slower = chains.variance * _COST > paths.variance
     few = chains.mean < _SURE * chains.stderr
     surer = paths.stderr * chains.mean < chains.stderr * paths.mean

@@ -105,6 +105,7 @@ def test_light_scattered_once(case):
     assert abs(against_quadrature(case, 32768, 1)) < 3.5
 
 
+@pytest.mark.campaign
 @pytest.mark.slow
 @pytest.mark.parametrize("case", DARK + DARKER, ids=str)
 def test_light_scattered_once_by_many_seeds(case):
@@ -183,6 +184,7 @@ SLOPES = UnresolvedSlopes((0.06, 0.03), (0.06, 0.03), 30.0)
 THIN = ((0.0, 0.05, 0.05), (2.0, 0.05, 0.05), (2.1, 0.05, 5.0), (2.5, 0.05, 5.0), (2.6, 0.05, 0.05))
 
 
+@pytest.mark.campaign
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("water", "lamp", "receiver", "mesh", "normals"),

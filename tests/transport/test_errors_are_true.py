@@ -102,6 +102,7 @@ def test_errors_are_true(name):
     assert 42.0 < square_of_scatter(name, 512) < 90.0
 
 
+@pytest.mark.campaign
 @pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", LINKS)
