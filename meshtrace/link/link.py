@@ -218,7 +218,8 @@ class Link(Model, frozen=True):
         submerged = any(hasattr(t, "depth") for t in self.transmitters)
         reach = 10.0 * depth if submerged else 50.0
         if self.water.a > 0.0:
-            reach = min(reach, math.sqrt((depth + 6.0 / self.water.a) ** 2 - depth**2))
+            clear = 6.0 / self.water.a  # sqrt((depth + clear)^2 - depth^2), which may not overflow
+            reach = min(reach, math.sqrt(clear) * math.sqrt(2.0 * depth + clear))
         width = max(
             (t.half_width for t in self.transmitters if hasattr(t, "half_width")), default=0
         )

@@ -98,7 +98,8 @@ class _Worker:
             command, stdout=subprocess.PIPE, stderr=self.errors, stdin=subprocess.DEVNULL, text=True
         )
         self.lines = queue.Queue()
-        threading.Thread(target=self._read, daemon=True).start()
+        self.reader = threading.Thread(target=self._read, daemon=True)
+        self.reader.start()
 
     def _read(self):
         for line in self.process.stdout:
@@ -113,8 +114,11 @@ class _Worker:
         """End the process, and return its exit code and the end of what it wrote to stderr."""
         self.process.kill()
         code = self.process.wait()
-        self.errors.seek(0)
-        return code, self.errors.read().decode(errors="replace")[-2000:]
+        self.reader.join()
+        self.process.stdout.close()
+        with self.errors:
+            self.errors.seek(0)
+            return code, self.errors.read().decode(errors="replace")[-2000:]
 
 
 def drill(kind, first, last):

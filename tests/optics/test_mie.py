@@ -237,7 +237,7 @@ def test_damaged_file_is_computed_anew(cache, how):
     recipe.table()
     (file,) = cache.iterdir()
     file.write_bytes(damaged(file.read_bytes(), how))
-    with pytest.warns(UserWarning, match="damaged, computed anew"):
+    with pytest.warns(UserWarning, match="damaged, computed again"):
         assert_is_the_recipe(recipe.table())
     assert recipe.calls == 2
     assert_is_the_recipe(recipe.table())
@@ -255,7 +255,7 @@ def test_file_with_wrong_content_is_computed_anew(cache, changed):
     with np.load(file) as data:
         content = {**data, **changed}
     np.savez(file, **{name: value for name, value in content.items() if value is not None})
-    with pytest.warns(UserWarning, match="damaged, computed anew"):
+    with pytest.warns(UserWarning, match="damaged, computed again"):
         assert_is_the_recipe(recipe.table())
     assert recipe.calls == 2
 

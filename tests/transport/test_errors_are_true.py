@@ -64,7 +64,7 @@ LINKS = {
         FlatSea(),
     ),
 }
-QUICK = ("default", "tilt 40", "isotropic scattering")
+QUICK = ("default", "tilt 40", "5 m aside")
 SEEDS = 64
 
 

@@ -158,7 +158,7 @@ def interpolated_variance(mesh, direction_deg, rng):
 def test_variances_add_up_to_those_of_the_real_sea():
     for kind, target in (
         ("cox-munk", cox_munk(13.0)),
-        ("elfouhaily", elfouhaily_slope_variance(13.0)),
+        ("elfouhaily", elfouhaily_slope_variance(13.0, 30e3)),  # of the fetch of the sea
     ):
         sea = JonswapSea(wind_speed=13.0, mss=kind)
         mesh = sea.mesh(extent=5.0, spacing=0.5)
