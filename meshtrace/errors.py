@@ -134,7 +134,7 @@ def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> ND
 
 
 def require_finite(value: Any, path: str, allowed: str) -> NDArray[Any]:
-    """Return a number or a list of numbers as an array (n,); refuse what is not finite."""
+    """Return one or more finite numbers as an array (n,); refuse any other value."""
     array = require_array(value, path, allowed)
     if array.ndim > 1 or not array.size or not all(map(math.isfinite, array.flat)):
         raise Refused(path, value, allowed)

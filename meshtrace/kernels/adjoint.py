@@ -105,7 +105,7 @@ class Paths(NamedTuple):
 
 
 class World(NamedTuple):
-    """What the paths of one source and one receiver share."""
+    """Inputs common to the paths of one source and one receiver."""
 
     optics: Optics
     target: Target
@@ -466,7 +466,7 @@ def _crossed(p, d, f, g, tilt_x, tilt_y, world):
 
 @inlined
 def _importance(p, lamp, medium):
-    """Return what a path at p may still score, up to a factor."""
+    """Return the expected score of a path at p, up to a factor."""
     r = norm(minus(lamp, p))
     if r == 0.0:
         return 1.0
@@ -710,7 +710,7 @@ def _mixed_phase(theta, share, optics):
 
 @inlined
 def _roulette(weight, at, lamp, theta, u, paths, i, optics):
-    """Return the weight behind Russian roulette, 0 where it ends the path.
+    """Return the weight after Russian roulette, 0 for a terminated path.
 
     A path that heads for the source scores in proportion to the phase function: it is light
     because that direction was drawn often, and must not be made heavy by roulette.

@@ -215,7 +215,7 @@ def distance_at(medium, p, d, tau, most, scale):
 
 @inlined
 def _beam(emitter, cos_along, cos_foot):
-    """Return (theta_c, half, width): where the source shines on the points of a line.
+    """Return (theta_c, half, width) of the part of a line inside the beam of the source.
 
     The source shines between theta_c - half and theta_c + half only (half < 0: nowhere); width
     is the scale of the logistic law that follows its intensity, 0 for none.
