@@ -19,6 +19,7 @@ from meshtrace.studies.sweep import BLOCK, Study, Task, store_of, sweep, sweep_f
 from meshtrace.studies.sweep.store import dataset, note, open_store, waiting_tasks, write
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
 
+dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 zarr = pytest.importorskip("zarr")
 
@@ -363,3 +364,11 @@ def test_study_of_the_examples_is_allowed():
 def test_missing_study_file_is_told(tmp_path):
     with pytest.raises(ValueError, match=r"No such file"):
         sweep_file(tmp_path / "none.toml")
+
+
+def test_settings_of_dask_are_left_alone(address):
+    before = dask.config.get("scheduler", None)
+    run({"water.b": [0.0]}, address, link={"bubbles": "none"}, photons=64)
+    assert dask.config.get("scheduler", None) == before
+    with dask.config.set(scheduler="dask.distributed"):  # of a client that has closed
+        run({"water.b": [0.0]}, address, link={"bubbles": "none"}, photons=64)

@@ -96,7 +96,7 @@ def test_killed_worker_loses_nothing(expected, tmp_path):
         def call():
             result.append(sweep(LINK, PARAMETERS, store=store, scheduler=address, **OPTIONS))
 
-        with distributed.Client(address) as client:
+        with distributed.Client(address, set_as_default=False) as client:
             (worker,) = client.run(os.getpid).values()
         thread = threading.Thread(target=call)
         thread.start()

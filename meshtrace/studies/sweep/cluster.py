@@ -74,7 +74,7 @@ def _finished(
     import distributed
 
     done, without_worker = 0, 0.0
-    completed = distributed.as_completed(futures)
+    completed = distributed.as_completed(futures, loop=client.loop)
     while not completed.is_empty():
         if completed.has_ready():
             yield next(completed)
@@ -198,14 +198,14 @@ def _client(
                 local_directory=scratch,
                 silence_logs=logging.ERROR,
             ) as cluster,
-            distributed.Client(cluster) as client,
+            distributed.Client(cluster, set_as_default=False) as client,
         ):
             client.register_plugin(_leave_interrupts())
             yield client
         return
     where = {"scheduler_file": scheduler} if scheduler.endswith(".json") else {"address": scheduler}
     try:
-        client = distributed.Client(**where, timeout=timeout)
+        client = distributed.Client(**where, timeout=timeout, set_as_default=False)
     except (OSError, ValueError) as error:
         problem = Described(f"{scheduler!r}: {one_line(error)}")
         raise Refused("scheduler", problem, "the address of a running dask scheduler") from error

@@ -273,7 +273,8 @@ def dataset(group: zarr.Group) -> xr.Dataset:
     """Return the arrays of a sweep as a Dataset in memory."""
     import xarray as xr
 
-    data = xr.open_zarr(group.store, consolidated=False, decode_timedelta=False).load()
+    # without dask arrays, whose scheduler is a setting of the process
+    data = xr.open_zarr(group.store, consolidated=False, decode_timedelta=False, chunks=None).load()
     for name in [name for name in data.variables if data[name].dtype.kind == "T"]:
         data[name] = data[name].dims, np.array(data[name].values.tolist(), str), data[name].attrs
     data.attrs = {k: v for k, v in data.attrs.items() if not k.startswith("digest")}
