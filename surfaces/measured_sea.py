@@ -47,6 +47,8 @@ class MeasuredSea(RandomSea, frozen=True):
     current : (float, float), optional
         Uniform current [m s-1]. The table holds frequencies at a fixed point, so that the current
         changes wavenumbers: sigma(k) + k.U = omega.
+    choppy, order, order_omega_max
+        Nonlinear seas, see `RandomSea`.
     mss : {"cox-munk", "elfouhaily", "band"}
         Slope variance of the real sea, see `JonswapSea`; "band", the default, has no waves beyond
         the table.
@@ -102,7 +104,7 @@ class MeasuredSea(RandomSea, frozen=True):
                 allowed = "only with three or more directions in equal steps round the circle"
                 raise Refused("d_theta", self.d_theta, allowed)
         if self.current is not None:
-            _ = self.components  # refuses a current that stops a wave
+            _ = self.free_waves  # refuses a current that stops a wave
         return self
 
     @property
@@ -111,8 +113,8 @@ class MeasuredSea(RandomSea, frozen=True):
         return real_slope_variance(self.mss, self.wind_speed or 5.0)
 
     @cached_property
-    def components(self) -> WaveComponents:
-        """The plane waves as plain arrays, direction by direction at each frequency."""
+    def free_waves(self) -> WaveComponents:
+        """The waves of first order, direction by direction at each frequency."""
         theta, variance = self._split()
         rng = np.random.default_rng(self.seed)
         phase = 2.0 * math.pi * rng.random(variance.shape)

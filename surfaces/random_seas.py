@@ -13,6 +13,7 @@ from pydantic import model_validator
 from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
 
+from .bound_waves import with_bound_waves
 from .dispersion import wavenumber
 from .parameters import (
     Alpha,
@@ -55,6 +56,8 @@ PAPER_BANDS = {
 }
 """The paper's table of bands, by wind speed [m s-1]; its fetch is 30 km."""
 
+_ORDER_OMEGA_MAX = 3.0  # highest frequency of waves that make bound waves, over the peak's
+
 
 def scaled_band(omega_p: float) -> Band:
     """Return the band that moves with the peak: 0.6 to 2.1 omega_p in 21 steps, 21 directions.
@@ -83,13 +86,70 @@ def scaled_band(omega_p: float) -> Band:
 class RandomSea(WaveSurface, frozen=True):
     """A sum of waves with random phases, one realization per seed.
 
+    Parameters
+    ----------
+    seed : int
+        Seed of the random phases.
+    choppy : bool
+        First order in Lagrangian coordinates, with sharper crests; see `WaveSurface`.
+    order : {1, 2}
+        2 adds the bound waves of second order at fixed points, see `with_bound_waves`: crests
+        are higher and troughs flatter, and the elevation is skewed. For deep water.
+    order_omega_max : float, optional
+        Highest frequency of waves that make bound waves [rad s-1], by default 3 times that of the
+        peak. The second order diverges for short waves on long ones: waves beyond it are
+        superposed linearly.
+
+    Raises
+    ------
+    Refused
+        If `order` is 2 for a choppy sea or in water of finite depth.
+
     Notes
     -----
     Phases are 2 pi `numpy.random.default_rng(seed).random((n_omega, n_theta))`, frequencies
-    along the first axis.
+    along the first axis. A subclass defines `free_waves`.
     """
 
     seed: Seed = 0
+    order: Literal[1, 2] = 1
+    order_omega_max: Positive | None = None
+
+    most_components: ClassVar[int] = 1_000_000
+
+    @property
+    @abstractmethod
+    def free_waves(self) -> WaveComponents:
+        """The plane waves of first order."""
+
+    @cached_property
+    def components(self) -> WaveComponents:
+        """The plane waves as plain arrays: the free ones and, with `order` 2, the bound ones.
+
+        Bound waves are sums and differences of two waves: they do not follow the dispersion.
+        """
+        free = self.free_waves
+        if self.order == 1:
+            return free
+        limit = self.order_omega_max or _ORDER_OMEGA_MAX * self._peak_frequency()
+        return with_bound_waves(free, limit, self.most_components)
+
+    def _peak_frequency(self) -> float:
+        """Return the frequency of the largest wave [rad s-1]."""
+        waves = self.free_waves
+        return float(waves.omega[np.argmax(waves.amplitude)])
+
+    @model_validator(mode="after")
+    def _check_order(self) -> Self:
+        if self.order == 1:
+            if self.order_omega_max is not None:
+                raise Refused("order_omega_max", self.order_omega_max, "only with order = 2")
+            return self
+        if self.choppy:
+            raise Refused("order", 2, "1 with choppy = true: both sharpen the same crests")
+        if self._water_depth() is not None:
+            raise Refused("order", 2, "1 with depth: bound waves are those of deep water")
+        return self
 
     def with_seed(self, seed: int) -> Self:
         """Return another realization of the same sea, which shares the grid factors.
@@ -153,8 +213,6 @@ class _BandedSea(RandomSea, frozen=True):
     current: Current | None = None
     mss: Mss = "cox-munk"
 
-    most_components: ClassVar[int] = 1_000_000
-
     @abstractmethod
     def _sampled_spectrum(self) -> Spectrum:
         """Return the spectrum S(omega) of the sea."""
@@ -162,8 +220,8 @@ class _BandedSea(RandomSea, frozen=True):
     def _default_band(self) -> Band:
         return scaled_band(self._sampled_spectrum().omega_p)
 
-    def _water_depth(self) -> float | None:
-        return self.depth
+    def _peak_frequency(self) -> float:
+        return self._sampled_spectrum().omega_p
 
     @property
     def band_limits(self) -> Band:
@@ -189,8 +247,8 @@ class _BandedSea(RandomSea, frozen=True):
         return self
 
     @cached_property
-    def components(self) -> WaveComponents:
-        """The plane waves as plain arrays, direction by direction at each frequency."""
+    def free_waves(self) -> WaveComponents:
+        """The waves of first order, direction by direction at each frequency."""
         band, spectrum = self.band_limits, self._sampled_spectrum()
         centers = band.omega_min + band.d_omega * np.arange(_frequency_count(band))
         theta = direction_grid(self.spreading.half_range, band.d_theta)
@@ -274,6 +332,8 @@ class JonswapSea(_BandedSea, frozen=True):
         Significant wave height [m] and peak period [s], which replace those of the fetch law.
     alpha_coefficient : float
         Factor of the fetch law for alpha, 0.075 in the paper, 0.076 in the literature.
+    choppy, order, order_omega_max
+        Nonlinear seas, see `RandomSea`.
     mss : {"cox-munk", "elfouhaily", "band"}
         Slope variance of the real sea: measured, or of a spectrum down to the capillaries. The
         tracer tilts normals at random by the rest that a mesh lacks (`Physics.unresolved`). "band":
@@ -353,6 +413,8 @@ class SpectralSea(_BandedSea, frozen=True):
         `Spreading` of your own.
     seed, omega_min, omega_max, d_omega, d_theta, wind_direction_deg, jitter, current, mss
         See `JonswapSea`; the default band is `scaled_band`.
+    choppy, order, order_omega_max
+        See `RandomSea`.
     depth : float, optional
         Water depth [m]; None is the depth of the spectrum (`Tma`), or else deep water.
     capillary : bool

@@ -19,6 +19,8 @@ def _part(value: Any) -> RandomSea:
     sea = Surface.read(value)
     if not isinstance(sea, RandomSea):
         raise Refused("parts", getattr(sea, "kind", value), "random seas only")
+    if sea.choppy or sea.order != 1:
+        raise Refused("parts", sea.kind, "choppy and order of the sum, not of its parts")
     return sea
 
 
@@ -33,11 +35,13 @@ class SumSea(RandomSea, frozen=True):
         Seas, or their plain data; their own seeds do not matter.
     seed : int
         Seed of all phases.
+    choppy, order, order_omega_max
+        Nonlinear seas, see `RandomSea`: the waves of all parts interact.
 
     Raises
     ------
     pydantic.ValidationError
-        If a part is no random sea.
+        If a part is no random sea, or choppy or of second order itself.
 
     Notes
     -----
@@ -72,12 +76,16 @@ class SumSea(RandomSea, frozen=True):
     def _slopes_along_deg(self) -> float:
         return self._windiest._slopes_along_deg
 
+    def _water_depth(self) -> float | None:
+        depths = [part._water_depth() for part in self.parts]
+        return min((depth for depth in depths if depth is not None), default=None)
+
     @cached_property
-    def components(self) -> WaveComponents:
-        """The plane waves of all parts."""
+    def free_waves(self) -> WaveComponents:
+        """The waves of first order of all parts."""
         seeds = (np.random.SeedSequence([self.seed, i]) for i in range(len(self.parts)))
         waves = [
-            part.with_seed(int(seed.generate_state(1)[0])).components
+            part.with_seed(int(seed.generate_state(1)[0])).free_waves
             for part, seed in zip(self.parts, seeds, strict=True)
         ]
         return WaveComponents(*(np.concatenate(rows) for rows in zip(*waves, strict=True)))
