@@ -266,7 +266,10 @@ class _BandedSea(RandomSea, frozen=True):
         return unresolved_slope_variance(self.slope_variance, resolved)
 
     def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
-        """Return the slope variances that a mesh of this spacing [m] leaves out of `mss`."""
+        """Return the slope variances that a mesh of this spacing [m] leaves out of `mss`.
+
+        The slopes of a choppy mesh are taken as those of its labels, off by O(mss).
+        """
         if self.slope_variance is None:
             return None
         vertex, facet = (
