@@ -48,8 +48,8 @@ def interaction_kernels(
 
     References
     ----------
-    Longuet-Higgins (1963), doi:10.1017/S0022112063001452. Sharma and Dean (1981),
-    doi:10.2118/8584-PA.
+    Longuet-Higgins (1963), J. Fluid Mech. 17, 459-480. Sharma and Dean (1981), Soc. Petroleum
+    Eng. J. 21, 129-140.
 
     Examples
     --------

@@ -52,8 +52,8 @@ class WaveSurface(Surface, frozen=True):
     stays at z = 0 (k^ = k / |k|; in water of finite depth D is wider by 1 / tanh(k depth)). To
     second order in the slopes the elevation of a random sea has the mean 0, the variance of the
     linear sea and no skewness: sets of waves lie deeper. Crests are sharper rather than higher: the
-    curvature at the crest of one wave is -a k^2 / (1 - a k)^2. Waves seen at fixed points have a spectrum that differs
-    a little from that of the components, and is not corrected: their slope variance is larger by
+    curvature at the crest of one wave is -a k^2 / (1 - a k)^2. The spectrum at fixed points differs
+    a little from that of the components, and is not corrected: the slope variance is larger by
     0.4 % in the paper's band at 5 m/s, and by 2 % at 13 m/s up to 9 rad/s. The sheet is single as
     long as J > 0, the ratio of an area of the map to that of its labels; else it is refused.
 
