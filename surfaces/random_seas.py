@@ -187,7 +187,10 @@ class RandomSea(WaveSurface, frozen=True):
         return getattr(self, "wind_direction_deg", 0.0)
 
     def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
-        """Return the slope variances that a mesh of this spacing [m] leaves out of `mss`."""
+        """Return the slope variances that a mesh of this spacing [m] leaves out of `mss`.
+
+        The slopes of a choppy mesh are taken as those of its labels, off by O(mss).
+        """
         if self.slope_variance is None:
             return None
         wind = self._slopes_along_deg

@@ -50,10 +50,10 @@ class WaveSurface(Surface, frozen=True):
     With `choppy` the point of the label r = (x0, y0) sits at (r + D, eta(r) + s) with
     D = sum a k^ sin(phi), the sum eta of all waves and s = sum a^2 k / 2, by which still water
     stays at z = 0 (k^ = k / |k|; in water of finite depth D is wider by 1 / tanh(k depth)). To
-    second order in the slopes its elevation has the mean 0, the variance of the linear sea and no
-    skewness: sets of waves lie deeper. Crests are sharper, not higher: the curvature at the crest
-    of one wave is -a k^2 / (1 - a k)^2. Waves seen at fixed points have a spectrum that differs
-    a little from that of the components, and is not corrected: their slope variance is larger by
+    second order in the slopes the elevation of a random sea has the mean 0, the variance of the
+    linear sea and no skewness: sets of waves lie deeper. Crests are sharper rather than higher: the
+    curvature at the crest of one wave is -a k^2 / (1 - a k)^2. The spectrum at fixed points differs
+    a little from that of the components, and is not corrected: the slope variance is larger by
     0.4 % in the paper's band at 5 m/s, and by 2 % at 13 m/s up to 9 rad/s. The sheet is single as
     long as J > 0, the ratio of an area of the map to that of its labels; else it is refused.
 
@@ -63,7 +63,7 @@ class WaveSurface(Surface, frozen=True):
 
     References
     ----------
-    Nouguier, Guerin and Chapron (2009), doi:10.1029/2008JC005117.
+    Nouguier, Guerin and Chapron (2009), doi:10.1029/2008JC004984.
     """
 
     choppy: bool = False
