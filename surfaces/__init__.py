@@ -2,7 +2,7 @@
 
 from .measured import from_wavespectra
 from .random_seas import JonswapSea, MeasuredSea, RandomSea, SpectralSea
-from .seas import sea_from_config, sea_in_wind
+from .seas import resolved_sea, sea_from_config, sea_in_wind
 from .spectra import Elfouhaily, Jonswap, PiersonMoskowitz, Spectrum, Tma
 from .spreading import (
     Cos2sSpreading,
@@ -39,6 +39,7 @@ __all__ = [
     "WaveSurface",
     "from_trimesh",
     "from_wavespectra",
+    "resolved_sea",
     "sea_from_config",
     "sea_in_wind",
 ]
