@@ -123,10 +123,11 @@ class _BandedSea(RandomSea, frozen=True):
         """Give seas of version 0.1, whose files hold `jitter` and no band, the band they had."""
         if not isinstance(data, Mapping) or "jitter" not in data or "band" in data:
             return data
-        return {**data, "band": cls._band_of_version_0_1(data)}
+        return {**data, "band": cls.equally_spaced_band(data)}
 
     @classmethod
-    def _band_of_version_0_1(cls, data: Mapping[str, Any]) -> str:
+    def equally_spaced_band(cls, config: Mapping[str, Any]) -> str:
+        """Return the default band of version 0.1 for the parameters of a sea."""
         return "scaled"
 
     @abstractmethod
@@ -363,8 +364,9 @@ class JonswapSea(_BandedSea, frozen=True):
     band: Literal["natural", "paper", "scaled"] = "natural"  # type: ignore[assignment]
 
     @classmethod
-    def _band_of_version_0_1(cls, data: Mapping[str, Any]) -> str:
-        return paper_band(data.get("wind_speed", 5.0), data.get("fetch", PAPER_FETCH))
+    def equally_spaced_band(cls, config: Mapping[str, Any]) -> str:
+        """Return "paper" for the sea states of the paper, or else "scaled"."""
+        return paper_band(config.get("wind_speed", 5.0), config.get("fetch", PAPER_FETCH))
 
     @property
     def spectrum(self) -> Jonswap:

@@ -34,7 +34,7 @@ class BandFading(NamedTuple):
     ----------
     omega_max : float
         Highest frequency of the band [rad s-1].
-    index : float
+    index_of_band : float
         Scintillation index over the band, with tilts beyond it as in `sea.mss`.
     index_of_all : float
         Scintillation index over all waves, of Elfouhaily's spectrum where the tail of the sea's
@@ -44,7 +44,7 @@ class BandFading(NamedTuple):
     """
 
     omega_max: float
-    index: float
+    index_of_band: float
     index_of_all: float
     needed: float | None = None
 
@@ -54,7 +54,7 @@ class BandFading(NamedTuple):
             return None
         return (
             f"omega_max: {self.omega_max:.3g} rad/s shows a scintillation index of "
-            f"{self.index:.2g}, all waves {self.index_of_all:.2g}; allowed for fading: "
+            f"{self.index_of_band:.2g}, all waves {self.index_of_all:.2g}; allowed for fading: "
             f"omega_max = {self.needed:.3g} rad/s"
         )
 
@@ -79,7 +79,7 @@ def band_fading(link: Any, sea: Any) -> BandFading | None:
         found = BandFading(
             omega_max, _index(link, sea, omega_max, True), _index(link, whole, None, True)
         )
-        if found.index >= (1.0 - SHORT) * found.index_of_all:
+        if found.index_of_band >= (1.0 - SHORT) * found.index_of_all:
             return found
         return found._replace(needed=_cached_band(link, whole))
     except Refused:
