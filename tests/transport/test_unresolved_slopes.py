@@ -172,6 +172,7 @@ def test_variances_add_up_to_those_of_the_real_sea():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:omega_max")
 def test_the_mean_gain_does_not_hang_on_band_and_spacing():
     """A lens of 2 m over 60 seas of 13 m/s, whose own waves bend the light too little."""
     link = mt.Link(receiver=mt.Receiver(radius=2.0))
@@ -199,23 +200,34 @@ BEAM = mt.Link(
 BATCHES, SEAS = 10, 16
 
 
-def mean_without_seas(sea):
-    """Return the mean gain of BEAM, for the chains of each batch.
+def mean_without_seas(sea, link=BEAM, photons=1024, seeds=range(BATCHES)):
+    """Return the mean gain of a link, for the chains of each seed.
 
     Heights and slopes of a Gaussian sea are independent at one point, and light that crosses once
     knows no more of it: a flat mesh with random slopes, averaged over its height, is enough.
     """
     flat, slopes = FlatSea().mesh(extent=12.0, spacing=1.0), cox_munk(sea.wind_speed)
     nodes, weights = np.polynomial.hermite_e.hermegauss(7)
-    total = np.zeros(BATCHES)
+    total = np.zeros(len(seeds))
     for node, weight in zip(nodes, weights / weights.sum(), strict=True):
         level = [0.0, 0.0, node * components_hs(sea.components) / 4.0]
         mesh = mt.TriangleMesh(
             flat.vertices + level, flat.faces, flat.vertex_normals, UnresolvedSlopes(slopes, slopes)
         )
-        for batch in range(BATCHES):
-            total[batch] += weight * mt.simulate(BEAM, mesh, photons=1024, seed=batch).gain
+        for i, seed in enumerate(seeds):
+            total[i] += weight * mt.simulate(link, mesh, photons=photons, seed=seed).gain
     return total
+
+
+@pytest.mark.statistical
+def test_default_sea_has_the_closed_mean():
+    """40 seas of the default link, with the chains of the closed mean."""
+    sea = JonswapSea()
+    gain = mt.ensemble(mt.Link(), 40, sea, photons=512, seed=1).gain
+    stderr = gain.std(ddof=1) / math.sqrt(len(gain))
+    closed = float(mean_without_seas(sea, mt.Link(), 512, [1])[0])
+    assert stderr < 0.015 * closed
+    assert abs(gain.mean() - closed) < 1.5 * stderr
 
 
 def mean_over_seas(sea, link):
