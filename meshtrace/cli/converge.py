@@ -219,7 +219,7 @@ def _study(
         "omega_max": len(values) * options.get("realizations", convergence.REALIZATIONS),
     }
     if parameter == "spacing":
-        exact = isinstance(scenario.surface, WaveSum) and options.get("unresolved") != "tilt"
+        exact = isinstance(scenario.case().surface, WaveSum) and options.get("unresolved") != "tilt"
         options["reference"] = "analytic" if exact else None
     with (
         warnings_as_lines(),
