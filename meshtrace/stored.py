@@ -36,6 +36,7 @@ _HOMES = {
     "performance": "meshtrace.studies.performance.tables",
     "depth-sweep": "meshtrace.studies.performance.tables",
     "convergence": "meshtrace.studies.convergence.study",
+    "fading-convergence": "meshtrace.studies.convergence.fading",
 }
 """Modules of the results by kind, imported when a file asks for them."""
 

@@ -41,7 +41,7 @@ def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
     Refused
         If the sea is not a random one, or forced detection refuses the link.
     """
-    link, sea = scenario.link, scenario.surface
+    link, sea = scenario.link, scenario.case().surface
     if not hasattr(sea, "with_seed"):
         raise Refused("sea", Described(type(sea).__name__), "a random sea")
     mesh, _ = mesh_for(link, sea)

@@ -14,16 +14,18 @@ from meshtrace.cli.console import (
     VIZ,
     kernels_are_compiled,
     numbers,
+    over_seas,
     progress,
     scenario_of,
     warnings_as_lines,
 )
 from meshtrace.cli.options import LinkFile, Output, Seed, Settings, Threads
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_word
 from meshtrace.files import atomic, check_writable
 
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
+    from meshtrace.stored import Stored
     from meshtrace.studies.convergence import ConvergenceStudy
 
 _LISTS = {"spacing": "--spacings", "time_step": "--time-steps", "omega_max": "--omega-max"}
@@ -32,6 +34,9 @@ _LISTS = {"spacing": "--spacings", "time_step": "--time-steps", "omega_max": "--
 @app.command()
 def converge(
     link: LinkFile = None,
+    what: Annotated[
+        str, typer.Option(metavar="WORD", help="gain, or fading over the band of waves.")
+    ] = "gain",
     spacings: Annotated[
         str | None,
         typer.Option(metavar="M,M,...", help="Mesh spacings [m]; 2, 1, ... 0.0625 by default."),
@@ -57,7 +62,9 @@ def converge(
     ] = None,
     realizations: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, max=10**5, help="Seas of each band [default: 16]."),
+        typer.Option(
+            metavar="N", min=1, max=10**5, help="Seas of each band [default: 16; of fading: 0]."
+        ),
     ] = None,
     duration: Annotated[
         float | None,
@@ -85,11 +92,15 @@ def converge(
 
     All meshes get the same chains. The table shows gains, their differences, the fitted order,
     the value at vanishing spacing beside that of the exact sum of waves, and the spacing that a
-    tolerance asks for.
+    tolerance asks for. With --what fading it shows the scintillation index in closed form, and
+    over --realizations seas as well.
     """
+    require_word(what, ("gain", "fading"), "--what")
     scenario = scenario_of(link, settings or [], {"seed": seed, "threads": threads})
     given = {"spacing": spacings, "time_step": time_steps, "omega_max": omega_max}
-    parameter, values = _values({key: text for key, text in given.items() if text is not None})
+    parameter, values = _values(
+        what, {key: text for key, text in given.items() if text is not None}
+    )
     options = {
         "placements": placements,
         "realizations": realizations,
@@ -100,17 +111,24 @@ def converge(
     }
     options = {key: value for key, value in options.items() if value is not None}
     _refuse_other_options(parameter, options)
+    if what == "fading":
+        _refuse_gain_options({**options, "plot": plot})
     for path in (output, plot):
         if path is not None:
             check_writable(path, [link], "--output" if path is output else "--plot")
     if plot is not None:
         _refuse_undrawable(plot)
-    study = _study(scenario, parameter, values, {**options, "photons": photons})
+    options["photons"] = photons
+    study: Stored
+    if what == "fading":
+        study = _fading(scenario, values, options)
+    else:
+        study = gain_study = _study(scenario, parameter, values, options)
     typer.echo(study.summary())
     if output is not None:
         study.save(output)
     if plot is not None:
-        _draw(study, plot)
+        _draw(gain_study, plot)
     for path in (output, plot):
         if path is not None:
             typer.echo(f"\nwritten to {path}")
@@ -139,10 +157,15 @@ def _draw(study: ConvergenceStudy, path: Path) -> None:
     plt.close()
 
 
-def _values(given: dict[str, str]) -> tuple[str, list[float]]:
+def _values(what: str, given: dict[str, str]) -> tuple[str, list[float]]:
     """Return the name and the values of the refined parameter."""
     from meshtrace.studies.convergence import DEFAULT_SPACINGS
+    from meshtrace.studies.convergence.fading import DEFAULT_BANDS
 
+    if what == "fading":
+        for key in given.keys() - {"omega_max"}:
+            raise Refused(_LISTS[key], given[key], "--omega-max with --what fading")
+        given = {"omega_max": ",".join(map(str, DEFAULT_BANDS)), **given}
     if len(given) > 1:
         first, second, *_ = (_LISTS[key] for key in given)
         raise Refused(second, given[list(given)[1]], f"not beside {first}")
@@ -160,6 +183,22 @@ def _refuse_other_options(parameter: str, options: dict[str, Any]) -> None:
     for name, other in belongs.items():
         if name in options and other != parameter:
             raise Refused(f"--{name}", options[name], f"only with {_LISTS[other]}")
+
+
+def _refuse_gain_options(options: dict[str, Any]) -> None:
+    """Refuse options that a study of the fading has not."""
+    for name in ("unresolved", "normals", "plot"):
+        if options.get(name) is not None:
+            raise Refused(f"--{name}", str(options[name]), "only with --what gain")
+
+
+def _fading(scenario: Scenario, values: list[float], options: dict[str, Any]) -> Stored:
+    """Return the study of the fading of a scenario, with a bar while it runs."""
+    from meshtrace.studies.convergence import fading_study
+
+    seas = len(values) * options.get("realizations", 0)
+    with warnings_as_lines(), over_seas(seas, quiet=not seas) as step:
+        return fading_study(scenario, None, values, progress=step, **options)
 
 
 def _study(
@@ -180,7 +219,7 @@ def _study(
         "omega_max": len(values) * options.get("realizations", convergence.REALIZATIONS),
     }
     if parameter == "spacing":
-        exact = is_wave_sum(scenario.surface) and options.get("unresolved") != "tilt"
+        exact = is_wave_sum(scenario.case().surface) and options.get("unresolved") != "tilt"
         options["reference"] = "analytic" if exact else None
     with (
         warnings_as_lines(),

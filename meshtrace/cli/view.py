@@ -181,7 +181,7 @@ def _of_scenario(scenario: Scenario) -> Subject:
     from meshtrace.scenario import MeshFile
 
     still = isinstance(scenario.surface, MeshFile)
-    surface = scenario.mesh() if still else scenario.surface
+    surface = scenario.mesh() if still else scenario.case().surface
     return Subject(surface, scenario.link, scenario.meshing.time)
 
 

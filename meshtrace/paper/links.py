@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 import meshtrace as mt
 from meshtrace.paper.registry import Number, Setting
 from meshtrace.scenario import Scenario
+from meshtrace.surfaces.bands import paper_band
 from meshtrace.uav.airframe import UAVS
 
 Form = Literal["physical", "paper"]
@@ -56,7 +57,8 @@ def scenario(wind: float, form: Form, **tables: Any) -> Scenario:
     **tables
         Keys of a link file that replace those of the paper's link.
     """
-    config: dict[str, Any] = {"wind_speed": wind, "physics": form, **tables}
+    sea = {"band": paper_band(wind), **tables.pop("sea", {})}
+    config: dict[str, Any] = {"wind_speed": wind, "physics": form, "sea": sea, **tables}
     if wind == 0.0:
         config |= {"whitecaps": "none", "bubbles": {"model": "none"}, "sea": {"spectrum": "flat"}}
     return Scenario.from_config(config)

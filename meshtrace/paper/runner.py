@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -115,7 +116,9 @@ def _made(folder: Path, one: Figure, setting: Setting, quick: bool) -> dict[str,
     record_path = folder / f"{one.name}.json"
     record_path.unlink(missing_ok=True)  # written last, so its presence marks the figure complete
     wall, cpu = time.perf_counter(), time.process_time()
-    with style():
+    with style(), warnings.catch_warnings():
+        # the paper's bands are meant, and their figures say what they leave out
+        warnings.filterwarnings("ignore", "omega_max: .* shows a scintillation index")
         output = one.make(setting, **one.effort(quick))
         rows = one.table(output)
         _write(folder / one.name, output, rows)

@@ -23,7 +23,7 @@ def surfaces(setting: Setting, seas: int) -> FigureOutput:
     picture, axes = panels(2, 2, width=5.6, height=4.0)
     elevation, numbers = [], []
     for j, wind in enumerate(WINDS):
-        sea = JonswapSea(wind_speed=wind, seed=setting.seed)
+        sea = JonswapSea(wind_speed=wind, seed=setting.seed, band="paper")
         elevation.append(sea.grid(axis, axis)[0])
         mesh = sea.mesh(extent=HALF_WIDTH, spacing=0.5)
         limit = float(np.abs(elevation[-1]).max())

@@ -33,7 +33,7 @@ def _shot(scene: Any) -> Any:
 def link(setting: Setting, paths: int) -> FigureOutput:
     """Draw LED, sea, bubbles, light and UAV."""
     made = mt.Link(bubbles=mt.HallNovarini(wind_speed=WIND))
-    sea = JonswapSea(wind_speed=WIND, seed=setting.seed)
+    sea = JonswapSea(wind_speed=WIND, seed=setting.seed, band="paper")
     light = mt.trace_paths(made, sea, paths, seed=setting.seed)
     scene = viz.scene(made, sea, paths=light, received=40, seed=setting.seed, style=STYLE)
     picture = _shot(scene)
@@ -91,7 +91,7 @@ def offset(setting: Setting) -> FigureOutput:
     """Draw the link with a receiver off the axis of the LED."""
     distance = 2.0
     made = mt.Link(receiver=mt.Receiver(position=(distance, 0.0)))
-    sea = JonswapSea(seed=setting.seed)
+    sea = JonswapSea(seed=setting.seed, band="paper")
     scene = viz.scene(made, sea, received=25, seed=setting.seed, style=STYLE)
     height = mt.Receiver().height
     line = pv.Line((0.0, 0.0, height), (distance, 0.0, height))

@@ -132,10 +132,23 @@ class GainSeries(Stored):
                 lines.append("".join(f"{value:>12.4e}" for value in np.percentile(gain, shares)))
                 lines.append("")
             lines.append(self._statistics(receiver))
+            lines += self._closed_form()
             if gain.any():
                 percent = 100.0 * stderr / gain.mean()
                 lines.append(f"  chains               mean gain +- {percent:.2g} %")
         return "\n".join(lines)
+
+    def _closed_form(self) -> list[str]:
+        """Return the scintillation index of unscattered light, measured and in closed form."""
+        found, light = self.provenance.get("closed_form"), self.gain_ballistic
+        if not found or not light.any():
+            return []
+        measured = light.var(ddof=1) / light.mean() ** 2
+        return [
+            f"  unscattered light    scintillation index {measured:.3g}, closed form "
+            f"{found['index_of_band']:.3g} up to {found['omega_max']:.3g} rad/s, "
+            f"{found['index_of_all']:.3g} with all waves"
+        ]
 
     def _statistics(self, receiver: int) -> str:
         """Return the fading of a receiver, or the first gains of a series that has none."""

@@ -13,6 +13,7 @@ over the exact sum of waves, with the same chains.
 from meshtrace.studies.convergence.band_limit import REALIZATIONS, band_limit_study
 from meshtrace.studies.convergence.checks import Costs, Normals
 from meshtrace.studies.convergence.exact import Reference
+from meshtrace.studies.convergence.fading import FadingConvergence, fading_study
 from meshtrace.studies.convergence.fit import Fit
 from meshtrace.studies.convergence.spacing import DEFAULT_SPACINGS, PLACEMENTS, convergence_study
 from meshtrace.studies.convergence.study import ConvergenceStudy
@@ -24,10 +25,12 @@ __all__ = [
     "REALIZATIONS",
     "ConvergenceStudy",
     "Costs",
+    "FadingConvergence",
     "Fit",
     "Normals",
     "Reference",
     "band_limit_study",
     "convergence_study",
+    "fading_study",
     "time_step_study",
 ]

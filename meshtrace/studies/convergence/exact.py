@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -136,7 +136,7 @@ def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> analytic.Wav
     )
 
 
-def is_wave_sum(sea: SurfaceModel) -> TypeGuard[WaveSum]:
+def is_wave_sum(sea: Any) -> TypeGuard[WaveSum]:
     """Return whether the elevation of a sea is a sum of waves; that of a choppy sea is not."""
     return isinstance(sea, WaveSum) and not getattr(sea, "choppy", False)
 
