@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from meshtrace.kernels.facets import Triangles, facet_hits
 from meshtrace.kernels.jit import allocating_entry
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 
 
 class Hits(NamedTuple):
@@ -35,9 +36,9 @@ class Hits(NamedTuple):
     """
 
     facet: NDArray[np.int32]
-    distance: NDArray[np.float64]
-    u: NDArray[np.float64]
-    v: NDArray[np.float64]
+    distance: Floats
+    u: Floats
+    v: Floats
 
 
 class Intersector(Protocol):

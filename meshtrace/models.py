@@ -6,13 +6,16 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Annotated, Any, NoReturn, Self, get_args
 
+import numpy as np
 import pydantic
+from numpy.typing import NDArray
 from pydantic import Field
 
 from meshtrace.errors import MISSING, Refused, did_you_mean, require_keys, require_number
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Position = tuple[Finite, Finite]
+Floats = NDArray[np.float64]
 
 _BOUNDS = {"gt": "<", "ge": "<=", "lt": "<", "le": "<="}
 _WORDS = {

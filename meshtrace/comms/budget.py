@@ -10,15 +10,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from meshtrace import fading
 from meshtrace.comms.decisions import non_negative
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Refused, require_whole
 from meshtrace.fading import Estimate
-
-FloatArray = NDArray[np.float64]
+from meshtrace.models import Floats
 
 FEC_LIMITS: dict[str, float] = {"uncoded": 1e-3, "paper": 2e-3, "hard-7-percent": 3.8e-3}
 """Bit error rates before decoding that count as success: the figure usual without a code, the
@@ -37,17 +36,17 @@ class LinkBudget(NamedTuple):
     """
 
     transmitted_dbm: float
-    gain_db: FloatArray
-    tilt_db: FloatArray
+    gain_db: Floats
+    tilt_db: Floats
     concentration_db: float
     filter_db: float
-    received_dbm: FloatArray
+    received_dbm: Floats
     required_dbm: float
-    margin_optical_db: FloatArray
-    margin_electrical_db: FloatArray
+    margin_optical_db: Floats
+    margin_electrical_db: Floats
 
 
-def _db(ratio: ArrayLike) -> FloatArray:
+def _db(ratio: ArrayLike) -> Floats:
     with np.errstate(divide="ignore"):
         return 10.0 * np.log10(np.asarray(ratio, dtype=float))
 
@@ -109,7 +108,7 @@ def required_gain(link: OokLink, ber: float) -> float:
     return link.required_power(ber) / float(link.received_power(1.0))
 
 
-def ber_of_gains(link: OokLink, gain: FloatArray) -> FloatArray:
+def ber_of_gains(link: OokLink, gain: Floats) -> Floats:
     """Return the bit error rate of many gains, interpolated between nodes for long arrays.
 
     Parameters
@@ -203,7 +202,7 @@ def average_ber(
 
 
 def bootstrapped_mean(
-    ber: FloatArray, n_effective: float, confidence: float, resamples: int, seed: int
+    ber: Floats, n_effective: float, confidence: float, resamples: int, seed: int
 ) -> Estimate:
     """Return the mean of bit error rates with a percentile bootstrap of its logarithm.
 

@@ -6,13 +6,11 @@ import math
 
 import numpy as np
 import pydantic
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import constants
 
 from meshtrace.errors import Refused
-from meshtrace.models import Model
-
-FloatArray = NDArray[np.float64]
+from meshtrace.models import Floats, Model
 
 
 def photon_energy(wavelength: float) -> float:
@@ -106,7 +104,7 @@ class SiPM(Model, frozen=True):
         """Time constant of the first-order response [s]."""
         return 1.0 / (2.0 * math.pi * self.bandwidth)
 
-    def count_rate(self, power: ArrayLike, wavelength: float) -> FloatArray:
+    def count_rate(self, power: ArrayLike, wavelength: float) -> Floats:
         """Return the primary counts per second under light, PDE P / E_ph, before saturation.
 
         Parameters
@@ -118,7 +116,7 @@ class SiPM(Model, frozen=True):
         """
         return self.pde * np.asarray(power, dtype=float) / photon_energy(wavelength)
 
-    def saturated_rate(self, rate: ArrayLike) -> FloatArray:
+    def saturated_rate(self, rate: ArrayLike) -> Floats:
         """Return the counts that the cells pass on at a high rate, r / (1 + r tau / N).
 
         Parameters
@@ -133,7 +131,7 @@ class SiPM(Model, frozen=True):
         r = np.asarray(rate, dtype=float)
         return r / (1.0 + r * self.recovery_time / self.n_spads)
 
-    def fired_cells(self, photons: ArrayLike) -> FloatArray:
+    def fired_cells(self, photons: ArrayLike) -> Floats:
         """Return the mean number of cells fired by a flash shorter than the dead time.
 
         N_fired = N (1 - exp(-PDE n_ph / N))
@@ -146,7 +144,7 @@ class SiPM(Model, frozen=True):
         n = self.n_spads
         return -n * np.expm1(-self.pde * np.asarray(photons, dtype=float) / n)
 
-    def bias_current(self, rate: ArrayLike) -> FloatArray:
+    def bias_current(self, rate: ArrayLike) -> Floats:
         """Return the mean current [A] of primary counts r [s-1], G e F r."""
         current = self.gain * constants.e * self.excess_noise_factor
         return current * self.saturated_rate(rate)
@@ -295,7 +293,7 @@ class LedDriver(Model, frozen=True):
         """Time constant of the first-order response [s]."""
         return 1.0 / (2.0 * math.pi * self.bandwidth)
 
-    def levels(self, value: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def levels(self, value: ArrayLike) -> tuple[Floats, Floats]:
         """Return the levels of a zero and a one for a power or count rate in the sense of `power`.
 
         x1 = 2 x / (1 + xi), or x if `power_is_peak`;  x0 = xi x1

@@ -21,9 +21,8 @@ from meshtrace.comms.pulses import Eye, PulseFilters
 from meshtrace.comms.receivers import ReceiverModel
 from meshtrace.errors import Refused, require_word
 from meshtrace.link import Link, WaterAperture
-from meshtrace.models import Model
+from meshtrace.models import Floats, Model
 
-FloatArray = NDArray[np.float64]
 Preset = Literal["physical", "paper", "paper-ranges"]
 
 _BLOCK = 256
@@ -254,7 +253,7 @@ class OokLink(Model, frozen=True):
         window = self.averaging_window
         return PulseFilters(self.led.time_constant, self.sipm.time_constant, window)
 
-    def received_power(self, gain: ArrayLike) -> FloatArray:
+    def received_power(self, gain: ArrayLike) -> Floats:
         """Return the optical power on the SiPM for a channel gain [W], in the sense of `led.power`.
 
         Parameters
@@ -265,7 +264,7 @@ class OokLink(Model, frozen=True):
         g = non_negative("gain", gain)
         return self.led.power * self.optics.efficiency(self.sipm.area) * g
 
-    def levels(self, power: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def levels(self, power: ArrayLike) -> tuple[Floats, Floats]:
         """Return the primary count rates of long zeros and long ones [s-1], with dark counts.
 
         Parameters
@@ -286,7 +285,7 @@ class OokLink(Model, frozen=True):
         count = max(1, int(np.count_nonzero(cursors > _NEGLIGIBLE_CURSOR)))
         return np.array(np.unravel_index(np.arange(2**count), (2,) * count)).T.astype(bool)
 
-    def moments(self, power: ArrayLike, phase: float = 1.0) -> tuple[FloatArray, FloatArray]:
+    def moments(self, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
         """Return mean and variance of the sample for every bit pattern.
 
         Parameters
@@ -304,7 +303,7 @@ class OokLink(Model, frozen=True):
         """
         return self.receiver.moments(self, power, phase)
 
-    def ber(self, power: ArrayLike) -> FloatArray:
+    def ber(self, power: ArrayLike) -> Floats:
         """Return the bit error rate at a constant received power.
 
         Parameters

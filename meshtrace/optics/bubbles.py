@@ -9,17 +9,17 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_validator
 
 from meshtrace.errors import Refused
+from meshtrace.models import Floats
 from meshtrace.optics.mie import MieTable, cached_table, population_table
 from meshtrace.registry import Family
 
 if TYPE_CHECKING:
     from meshtrace.optics.phase import HistogramPhase, PhaseFunction
 
-FloatArray = NDArray[np.float64]
 
 # Constants of the model as the paper prints them, lengths in m (errata: E9).
 DENSITY = 1.6e10  # m-4, at the surface for a wind of WIND
@@ -36,17 +36,17 @@ HIGHEST = 20.0
 SIZES, ROTATIONS = 6144, 32
 
 
-def _r_ref(depth: FloatArray) -> FloatArray:
+def _r_ref(depth: Floats) -> Floats:
     return R_REF + R_REF_SLOPE * depth
 
 
-def _kappa(depth: FloatArray) -> FloatArray:
+def _kappa(depth: Floats) -> Floats:
     return KAPPA + (depth / KAPPA_DEPTH) ** 2
 
 
 def _integrate(
-    function: Callable[[FloatArray], FloatArray], lower: FloatArray, upper: FloatArray, nodes: int
-) -> FloatArray:
+    function: Callable[[Floats], Floats], lower: Floats, upper: Floats, nodes: int
+) -> Floats:
     """Return the integral of `function` from `lower` to `upper` by Gauss-Legendre quadrature."""
     node, weight = np.polynomial.legendre.leggauss(nodes)
     half = (upper - lower) / 2.0
@@ -72,7 +72,7 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         """Depth scale of the layer [m]: b is tabulated in steps of 1/64 of it, down to 12."""
 
     @abstractmethod
-    def b(self, depth: ArrayLike) -> FloatArray:
+    def b(self, depth: ArrayLike) -> Floats:
         """Return the scattering coefficient [m-1] at depths [m]."""
 
     @abstractmethod
@@ -171,7 +171,7 @@ class HallNovarini(BubblePopulation, frozen=True):
             raise Refused("r_min", self.r_min, f"r_min < r_max = {self.r_max} m")
         return self
 
-    def _checked(self, depth: ArrayLike) -> FloatArray:
+    def _checked(self, depth: ArrayLike) -> Floats:
         values = np.asarray(depth, dtype=np.float64)
         lowest = -HIGHEST if self.depth == "mean_level" else 0.0
         bad = values[~(np.isfinite(values) & (values >= lowest))]
@@ -189,19 +189,19 @@ class HallNovarini(BubblePopulation, frozen=True):
         """Mean scattering efficiency Q: the Mie mean weighted by cross-section, or the number."""
         return self._table().q_sca if self.q == "mie" else float(self.q)
 
-    def r_ref(self, depth: ArrayLike) -> FloatArray:
+    def r_ref(self, depth: ArrayLike) -> Floats:
         """Return the reference radius [m], the kink of the size distribution, at a depth [m]."""
         return _r_ref(self._checked(depth))
 
-    def kappa(self, depth: ArrayLike) -> FloatArray:
+    def kappa(self, depth: ArrayLike) -> Floats:
         """Return the exponent of the size distribution above `r_ref` at a depth [m]."""
         return _kappa(self._checked(depth))
 
-    def _density(self, depth: FloatArray) -> FloatArray:
+    def _density(self, depth: Floats) -> Floats:
         """Return n / G [m-4]."""
         return DENSITY * (self.wind_speed / WIND) ** 3 * np.exp(-depth / self.e_folding)
 
-    def _moment(self, power: int, depth: FloatArray) -> FloatArray:
+    def _moment(self, power: int, depth: Floats) -> Floats:
         """Return the integral of G r^power dr over all sizes [m^(power + 1)].
 
         r_ref^(p+1) [(r_min/r_ref)^(p-3) - 1]/(3-p) + r_ref^(p+1) [1 - (r_ref/r_max)^(kappa-p-1)]
@@ -218,7 +218,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         large = (ends[0] ** tail - ends[1] ** tail) / -tail
         return r_ref ** (power + 1) * (small + large)
 
-    def size_distribution(self, r: ArrayLike, depth: ArrayLike) -> FloatArray:
+    def size_distribution(self, r: ArrayLike, depth: ArrayLike) -> Floats:
         """Return the number of bubbles per volume and radius.
 
         n(r, z) = 1.6e10 G(r, z) (U/13)^3 exp(-z/L)
@@ -250,7 +250,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         shape = np.where(ratio <= 1.0, ratio**-4.0, np.maximum(ratio, 1.0) ** -_kappa(z))
         return np.where(present, self._density(z) * shape, 0.0)[()]
 
-    def number_density(self, depth: ArrayLike) -> FloatArray:
+    def number_density(self, depth: ArrayLike) -> Floats:
         """Return the number of bubbles per volume.
 
         N_b(z) = integral of n(r, z) dr;  psi="paper": 1.6e10 r_ref^4/(3 r_min^3) (U/13)^3 exp(-z/L)
@@ -275,7 +275,7 @@ class HallNovarini(BubblePopulation, frozen=True):
             return self._density(z) * _r_ref(z) ** 4 / (3.0 * self.r_min**3)
         return self._density(z) * self._moment(0, z)
 
-    def mean_cross_section(self, depth: ArrayLike) -> FloatArray:
+    def mean_cross_section(self, depth: ArrayLike) -> Floats:
         """Return the mean geometric cross-section of a bubble.
 
         Psi(z) = integral of n pi r^2 dr / N_b;  psi="paper": 3 pi r_min^2
@@ -300,7 +300,7 @@ class HallNovarini(BubblePopulation, frozen=True):
             return np.full(z.shape, 3.0 * np.pi * self.r_min**2)[()]
         return np.pi * self._moment(2, z) / self._moment(0, z)
 
-    def b(self, depth: ArrayLike) -> FloatArray:
+    def b(self, depth: ArrayLike) -> Floats:
         """Return the scattering coefficient of the bubbles.
 
         b(z) = N_b(z) Q Psi(z)
@@ -324,7 +324,7 @@ class HallNovarini(BubblePopulation, frozen=True):
             self.number_density(depth) * self.scattering_efficiency * self.mean_cross_section(depth)
         )
 
-    def void_fraction(self, depth: ArrayLike) -> FloatArray:
+    def void_fraction(self, depth: ArrayLike) -> Floats:
         """Return the volume of air per volume of water and air.
 
         integral of n (4/3) pi r^3 dr (always exact)
@@ -347,7 +347,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         z = self._checked(depth)
         return 4.0 / 3.0 * np.pi * self._density(z) * self._moment(3, z)
 
-    def optical_depth(self, depth1: ArrayLike, depth2: ArrayLike) -> FloatArray:
+    def optical_depth(self, depth1: ArrayLike, depth2: ArrayLike) -> Floats:
         """Return the vertical optical depth of the bubbles between two depths.
 
         tau = |integral of b(z) dz from depth1 to depth2|
@@ -378,7 +378,7 @@ class HallNovarini(BubblePopulation, frozen=True):
 
     def profile(
         self, dz: float, max_depth: float = math.inf, crest: float = 0.0
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    ) -> tuple[Floats, Floats, Floats]:
         """Return b and its integral on a uniform grid of depths, as transport kernels read them.
 
         Parameters
@@ -431,7 +431,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         steps = _integrate(self.b, depth[:-1], depth[1:], 16)
         return depth, self.b(depth), np.concatenate(([0.0], np.cumsum(steps)))
 
-    def equal_area_radii(self, count: int, depth: float = 0.0) -> FloatArray:
+    def equal_area_radii(self, count: int, depth: float = 0.0) -> Floats:
         """Return radii that each stand for the same share of the geometric cross-section.
 
         The quantiles (k + 1/2)/count, k = 0 .. count - 1, of the weight G r^2.
@@ -475,7 +475,7 @@ class HallNovarini(BubblePopulation, frozen=True):
     def _table(self) -> MieTable:
         return _bubble_phase(self.n_water, self.wavelength_nm, self.r_min, self.r_max)
 
-    def phase_table(self) -> tuple[FloatArray, FloatArray]:
+    def phase_table(self) -> tuple[Floats, Floats]:
         """Return the bin edges of the scattering angle [rad] and the CDF at them.
 
         See `phase_function`.

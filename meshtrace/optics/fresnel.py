@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from meshtrace.errors import Described, Refused
+from meshtrace.models import Floats
 
-Array = NDArray[np.float64]
 
-
-def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Array:
+def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Floats:
     r"""Return the reflectance of unpolarised light that goes from medium 1 to medium 2.
 
     .. math::
@@ -61,7 +60,7 @@ def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Array:
     return np.where(total, 1.0, 0.5 * (r_s**2 + r_p**2))
 
 
-def reflect(d: ArrayLike, n: ArrayLike) -> Array:
+def reflect(d: ArrayLike, n: ArrayLike) -> Floats:
     """Mirror directions at a plane, d' = d - 2 (d . n) n.
 
     Parameters
@@ -85,7 +84,7 @@ def reflect(d: ArrayLike, n: ArrayLike) -> Array:
     return d - 2.0 * np.sum(d * n, axis=-1, keepdims=True) * n
 
 
-def refract(d: ArrayLike, n: ArrayLike, n1: float, n2: float) -> Array:
+def refract(d: ArrayLike, n: ArrayLike, n1: float, n2: float) -> Floats:
     r"""Refract directions by Snell's law in vector form.
 
     .. math:: d' = \eta d + (c_t - \eta c_i) n, \quad

@@ -24,12 +24,11 @@ from types import ModuleType
 from typing import IO, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from meshtrace.cache import cache_directory
 from meshtrace.errors import Described, Refused
-
-FloatArray = NDArray[np.float64]
+from meshtrace.models import Floats
 
 _LOG = logging.getLogger(__name__)
 # Raise when the recipe of `population_table` changes: tables kept on disk are then left behind.
@@ -42,9 +41,9 @@ _BIN_STEP = 0.7548776662466927
 class Efficiencies(NamedTuple):
     """Mie efficiencies of spheres (cross-section / geometric cross-section) and mean cosine."""
 
-    q_ext: FloatArray
-    q_sca: FloatArray
-    g: FloatArray
+    q_ext: Floats
+    q_sca: Floats
+    g: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +65,8 @@ class MieTable:
         the size of the averaging error before `cdf` was normalised.
     """
 
-    theta_edges: FloatArray
-    cdf: FloatArray
+    theta_edges: Floats
+    cdf: Floats
     q_sca: float
     g: float
     closure: float
@@ -107,7 +106,7 @@ def _miepython() -> ModuleType:
             os.environ["MIEPYTHON_USE_JIT"] = before
 
 
-def _size_parameter(x: ArrayLike) -> FloatArray:
+def _size_parameter(x: ArrayLike) -> Floats:
     sizes = np.asarray(x, dtype=np.float64)
     bad = sizes[~(np.isfinite(sizes) & (sizes > 0))]
     if bad.size:
@@ -115,7 +114,7 @@ def _size_parameter(x: ArrayLike) -> FloatArray:
     return sizes
 
 
-def _cosine(cos_theta: ArrayLike) -> FloatArray:
+def _cosine(cos_theta: ArrayLike) -> Floats:
     cosine = np.asarray(cos_theta, dtype=np.float64)
     bad = cosine[~(np.abs(cosine) <= 1.0)]
     if bad.size:
@@ -165,7 +164,7 @@ def efficiencies(m: complex, x: ArrayLike) -> Efficiencies:
     return Efficiencies(*(np.asarray(q).reshape(sizes.shape)[()] for q in (q_ext, q_sca, g)))
 
 
-def phase_intensity(m: complex, x: float, cos_theta: ArrayLike) -> FloatArray:
+def phase_intensity(m: complex, x: float, cos_theta: ArrayLike) -> Floats:
     """Return the unpolarised scattered intensity of one sphere.
 
     i(theta) = (|S1|^2 + |S2|^2) / 2,   integral of i over solid angle = pi x^2 Q_sca
@@ -213,7 +212,7 @@ def phase_intensity(m: complex, x: float, cos_theta: ArrayLike) -> FloatArray:
     return np.asarray(intensity).reshape(cosine.shape)[()]
 
 
-def angular_edges() -> FloatArray:
+def angular_edges() -> Floats:
     """Return the 2501 bin edges of the scattering angle [rad].
 
     0, then 750 edges in geometric progression from 0.001 to 5 deg, where diffraction of bubbles
@@ -225,8 +224,8 @@ def angular_edges() -> FloatArray:
 
 
 def _angular_blocks(
-    cosine: FloatArray, orders: int, block: int = 256
-) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+    cosine: Floats, orders: int, block: int = 256
+) -> Iterator[tuple[int, Floats, Floats]]:
     """Yield first order - 1, and pi_n, tau_n times (2n+1)/(n(n+1)), by blocks of orders."""
     before, now = np.zeros_like(cosine), np.ones_like(cosine)
     for start in range(0, orders, block):
@@ -241,7 +240,7 @@ def _angular_blocks(
         yield start, pi, tau
 
 
-def _intensities(m: complex, x: FloatArray, cosine: FloatArray) -> FloatArray:
+def _intensities(m: complex, x: Floats, cosine: Floats) -> Floats:
     """Return `phase_intensity` of many spheres, shape (angles, spheres), x in falling order.
 
     The spheres share their angles, so pi_n and tau_n are summed with the coefficients of all of

@@ -12,11 +12,12 @@ from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, SerializeAsAny
 
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.phase import PhaseTables
+from meshtrace.models import Floats
 from meshtrace.optics.phase_tables import (
     Component,
     Segments,
@@ -26,8 +27,6 @@ from meshtrace.optics.phase_tables import (
     sample_s,
 )
 from meshtrace.registry import Family
-
-Array = NDArray[np.float64]
 
 
 class PhaseFunction(Family, frozen=True, default="fournier-forand"):
@@ -50,7 +49,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
     0.852
     """
 
-    def pdf(self, theta: ArrayLike) -> Array:
+    def pdf(self, theta: ArrayLike) -> Floats:
         """Return the phase function.
 
         Parameters
@@ -70,7 +69,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
         """
         return self._pdf_s(s_of(theta))
 
-    def cdf(self, theta: ArrayLike) -> Array:
+    def cdf(self, theta: ArrayLike) -> Floats:
         """Return the probability of a scattering angle up to theta.
 
         Parameters
@@ -90,7 +89,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
         """
         return self._cdf_s(s_of(theta))
 
-    def sample(self, u: ArrayLike) -> Array:
+    def sample(self, u: ArrayLike) -> Floats:
         """Map uniforms to scattering angles by the tables that the photon kernels use.
 
         Parameters
@@ -129,18 +128,18 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
         return _tables(self)
 
     @abstractmethod
-    def density(self, theta: Array) -> Array:
+    def density(self, theta: Floats) -> Floats:
         """Return the phase function at angles [rad], in any unit: > 0 where theta > 0."""
 
     def _segments(self) -> Segments:
         """Return the pieces in the order of s, by default from `density`."""
         return _density_segments(self)
 
-    def _pdf_s(self, s: Array) -> Array:
+    def _pdf_s(self, s: Floats) -> Floats:
         """Return the phase function [1/sr] at s."""
         return self._segments().pdf(s)
 
-    def _cdf_s(self, s: Array) -> Array:
+    def _cdf_s(self, s: Floats) -> Floats:
         """Return the share of light that is scattered to s or less."""
         return self._segments().cdf(s)
 
@@ -156,7 +155,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
 class BuiltInPhase(PhaseFunction, frozen=True):
     """Base of the phase functions that define their pieces, or more, in closed form."""
 
-    def density(self, theta: Array) -> Array:
+    def density(self, theta: Floats) -> Floats:
         """Return the phase function [1/sr] at angles [rad]."""
         return self.pdf(theta)
 
@@ -182,7 +181,7 @@ AnyPhase = Annotated[SerializeAsAny[PhaseFunction], BeforeValidator(PhaseFunctio
 """A phase function, or plain data with its `kind`."""
 
 
-def s_of(theta: ArrayLike) -> Array:
+def s_of(theta: ArrayLike) -> Floats:
     """Return sin^2(theta / 2) of checked angles."""
     theta = np.asarray(theta, dtype=np.float64)
     if not np.all((theta >= 0.0) & (theta <= np.pi)):

@@ -8,14 +8,12 @@ from typing import Any, Self
 
 import numpy as np
 import pydantic
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field
 
 from meshtrace.errors import Described, Refused, did_you_mean
-from meshtrace.models import Model
+from meshtrace.models import Floats, Model
 from meshtrace.optics.phase import AnyPhase, FournierForand, Petzold, Rayleigh
-
-Array = NDArray[np.float64]
 
 _JERLOV = ("I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
 _PETZOLD = {"clear": (0.114, 0.037), "coastal": (0.179, 0.219), "harbour": (0.366, 1.824)}
@@ -119,7 +117,7 @@ class Water(Model, frozen=True):
         """Single-scattering albedo b / c (of layered water: at the surface); 0 where c is 0."""
         return self.b / self.c if self.c > 0.0 else 0.0
 
-    def profile(self, depth: ArrayLike) -> tuple[Array, Array]:
+    def profile(self, depth: ArrayLike) -> tuple[Floats, Floats]:
         """Return a and b at given depths.
 
         Parameters
@@ -181,7 +179,7 @@ class Water(Model, frozen=True):
         return cls(**{"a": float(a), "b": float(b), "phase": phase, **parameters})
 
 
-def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Array, Array]:
+def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Floats, Floats]:
     """Return the absorption and scattering coefficients of a type of water.
 
     Parameters
@@ -244,7 +242,7 @@ def _water_type(name: str) -> str:
     raise Refused("type", name, ", ".join(WATER_TYPES), did_you_mean(name, WATER_TYPES))
 
 
-def pure_water_absorption(wavelength_nm: ArrayLike) -> Array:
+def pure_water_absorption(wavelength_nm: ArrayLike) -> Floats:
     """Return the absorption coefficient of pure water.
 
     Parameters
@@ -279,7 +277,7 @@ def pure_water_absorption(wavelength_nm: ArrayLike) -> Array:
     return _interpolate(np.asarray(wavelength_nm, dtype=np.float64), table[:, 0], table[:, 1])
 
 
-def sea_water_scattering(wavelength_nm: ArrayLike) -> Array:
+def sea_water_scattering(wavelength_nm: ArrayLike) -> Floats:
     r"""Return the scattering coefficient of pure sea water (salinity 35 to 39).
 
     .. math:: b = 16.06 \cdot 4.72 \times 10^{-4} (400 / \lambda)^{4.32}
@@ -321,7 +319,7 @@ def sea_water_scattering(wavelength_nm: ArrayLike) -> Array:
 
 def quan_fry(
     wavelength_nm: ArrayLike, temperature_c: ArrayLike = 20.0, salinity: ArrayLike = 35.0
-) -> Array:
+) -> Floats:
     r"""Return the refractive index of sea water at atmospheric pressure.
 
     .. math::
@@ -365,19 +363,19 @@ def quan_fry(
     return 1.31405 + salt - 2.02e-6 * t**2 + dispersion
 
 
-def _interpolate(wavelength: Array, nodes: Array, values: Array) -> Array:
+def _interpolate(wavelength: Floats, nodes: Floats, values: Floats) -> Floats:
     _check_range("wavelength_nm", wavelength, nodes[0], nodes[-1], "nm")
     return np.interp(wavelength, nodes, values)
 
 
-def _check_range(name: str, value: Array, low: float, high: float, unit: str) -> None:
+def _check_range(name: str, value: Floats, low: float, high: float, unit: str) -> None:
     if not np.all((value >= low) & (value <= high)):
         bad = value[~((value >= low) & (value <= high))].flat[0]
         raise Refused(name, bad, f"{low:g} <= {name} <= {high:g} {unit}")
 
 
 @lru_cache(maxsize=4)
-def _read(file: str) -> Array:
+def _read(file: str) -> Floats:
     text = (resources.files("meshtrace.optics") / "data" / file).read_text(encoding="utf-8")
     return np.loadtxt(text.splitlines(), delimiter=",")
 
@@ -389,6 +387,6 @@ def _jerlov_rows() -> list[list[str]]:
     return [line.split(",") for line in lines if not line.startswith("#")]
 
 
-def _jerlov_table(name: str) -> Array:
+def _jerlov_table(name: str) -> Floats:
     """Return rows of wavelength [nm], a and b of one type."""
     return np.array([row[1:] for row in _jerlov_rows() if row[0] == name], dtype=np.float64)

@@ -10,17 +10,17 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.fields import attrs
 from meshtrace.kernels.tally import Fate
+from meshtrace.models import Floats
 from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, Tally, merged_mean
 from meshtrace.stored import Stored
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Values = float | NDArray[np.float64]
+Values = float | Floats
 """A number, or one for each of a list of receivers."""
 
 
@@ -138,7 +138,7 @@ class GainResult(Stored):
     gain_bound: Values | None = None
     gain_reflected: Values | None = None
     gain_reflected_stderr: Values | None = None
-    gain_order: NDArray[np.float64] | None = None
+    gain_order: Floats | None = None
     arrivals: Arrivals | None = None
     planes: Planes | None = None
     map: IrradianceMap | None = None
@@ -147,12 +147,12 @@ class GainResult(Stored):
     title: ClassVar[str] = "meshtrace channel gain"
 
     @property
-    def gains(self) -> NDArray[np.float64]:
+    def gains(self) -> Floats:
         """Gain of each receiver, shape (receivers,), of a single one, too."""
         return np.atleast_1d(self.gain)
 
     @property
-    def stderrs(self) -> NDArray[np.float64]:
+    def stderrs(self) -> Floats:
         """Standard error of each gain, shape (receivers,)."""
         return np.atleast_1d(self.gain_stderr)
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from meshtrace.errors import Refused
 from meshtrace.fields import attrs
+from meshtrace.models import Floats
 from meshtrace.stored import Stored
 
 if TYPE_CHECKING:
@@ -43,9 +44,9 @@ class GainSeries(Stored):
 
     along: Literal["time", "realization"]
     coordinate: NDArray[Any]
-    gain: NDArray[np.float64]
-    gain_stderr: NDArray[np.float64]
-    gain_ballistic: NDArray[np.float64]
+    gain: Floats
+    gain_stderr: Floats
+    gain_ballistic: Floats
     mean_stderr: Any
     provenance: dict[str, Any] = field(default_factory=dict)
 
@@ -53,17 +54,17 @@ class GainSeries(Stored):
     title: ClassVar[str] = "meshtrace gain series"
 
     @property
-    def gains(self) -> NDArray[np.float64]:
+    def gains(self) -> Floats:
         """Gains, shape (n, receivers), of a single receiver, too."""
         return self.gain.reshape(len(self.coordinate), -1)
 
     @property
-    def mean_stderrs(self) -> NDArray[np.float64]:
+    def mean_stderrs(self) -> Floats:
         """Standard error of the mean gain of each receiver, shape (receivers,)."""
         return np.atleast_1d(self.mean_stderr)
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> Floats:
         """Times [s] of a moving sea."""
         if self.along != "time":
             raise Refused("along", self.along, "time, for a property of time series")

@@ -14,6 +14,7 @@ from meshtrace.errors import Described, Refused, require_finite, require_kind, r
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import RandomSea, SurfaceModel, TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import SHIFTS
@@ -111,7 +112,7 @@ def time_series(
 
 def over_times(
     inputs: Inputs,
-    times: NDArray[np.float64],
+    times: Floats,
     flight: Flight | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> GainSeries:
@@ -204,9 +205,7 @@ def _common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[P
     return ordered_map(forced.evaluate, chain(first, meshes), inputs.threads)
 
 
-def _tilted_frames(
-    inputs: Inputs, times: NDArray[np.float64], uav: Uav, wind: Dryden
-) -> Iterator[Parts]:
+def _tilted_frames(inputs: Inputs, times: Floats, uav: Uav, wind: Dryden) -> Iterator[Parts]:
     """Yield the parts of the gain at each time of a flight, with chains of the same numbers."""
     link, sea, run, normals = inputs.link, inputs.surface, inputs.run, inputs.meshing.normals
     receiver = link.only_receiver

@@ -11,16 +11,14 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import pydantic
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from meshtrace.errors import Described, Refused, require_between, require_kind
-from meshtrace.models import Model
+from meshtrace.models import Floats, Model
 from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, squared_wind_moments
 from meshtrace.uav.wind import Dryden
 
 GRAVITY = 9.81  # [m s-2], the paper's value
-
-FloatArray = NDArray[np.float64]
 
 
 class Tilt(NamedTuple):
@@ -30,15 +28,15 @@ class Tilt(NamedTuple):
     down-wind: it points along (sin angle cos azimuth, sin angle sin azimuth, -cos angle).
     """
 
-    angle: FloatArray
-    azimuth: FloatArray
+    angle: Floats
+    azimuth: Floats
 
 
 class FlightRecord(NamedTuple):
     """Record of a flight: times (n,) [s], wind (n, 3) [m s-1], tilt of the receiver (n,) [rad]."""
 
-    times: FloatArray
-    wind: FloatArray
+    times: Floats
+    wind: Floats
     tilt: Tilt
 
 

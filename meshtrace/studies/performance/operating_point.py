@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.comms.budget import (
     ber_of_gains,
@@ -19,9 +18,8 @@ from meshtrace.comms.capacity import Capacity, capacity
 from meshtrace.comms.devices import photon_energy
 from meshtrace.comms.ook import OokLink
 from meshtrace.fading import Estimate
+from meshtrace.models import Floats
 from meshtrace.studies.performance.samples import FadingSamples, independent
-
-FloatArray = NDArray[np.float64]
 
 _RESAMPLES = 1000
 _QUANTILES = 500  # that stand for the law of the gain in the capacity
@@ -142,7 +140,7 @@ def _joined(value: float, low: float, high: float, brighter: float, darker: floa
     )
 
 
-def _capacity(ook: OokLink, gain: FloatArray) -> Capacity:
+def _capacity(ook: OokLink, gain: Floats) -> Capacity:
     """Return the capacity; of very many gains, from the quantiles of their law."""
     if gain.size > _QUANTILES:
         gain = np.quantile(gain, (np.arange(_QUANTILES) + 0.5) / _QUANTILES)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.comms.budget import depth_at
 from meshtrace.comms.capacity import Capacity
@@ -15,14 +14,13 @@ from meshtrace.comms.ook import OokLink
 from meshtrace.comms.pulses import Eye
 from meshtrace.errors import Refused
 from meshtrace.fading import Estimate
+from meshtrace.models import Floats
 from meshtrace.stored import Stored
 from meshtrace.studies.performance.operating_point import OperatingPoint
 from meshtrace.studies.performance.samples import FadingSamples
 
 if TYPE_CHECKING:
     import xarray as xr
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,7 +83,7 @@ class LinkPerformance(Stored):
         column = _index("bit_rate", self.bit_rates, bit_rate)
         return self.figures[row * len(self.ooks) + column]
 
-    def estimates(self, name: str) -> FloatArray:
+    def estimates(self, name: str) -> Floats:
         """Return a figure with its limits as an array.
 
         Parameters
@@ -266,7 +264,7 @@ def _range_text(found: Estimate) -> str:
     return f"{found.value:.1f} m  ({found.low:.1f}..{found.high:.1f})"
 
 
-def _range(depths: tuple[float, ...], ber: FloatArray, target: float) -> float:
+def _range(depths: tuple[float, ...], ber: Floats, target: float) -> float:
     from scipy.special import ndtri
 
     quality = -ndtri(np.clip(ber, 1e-300, 0.5 - 1e-12))
@@ -303,7 +301,7 @@ class DepthSweep(Stored):
         winds = ", ".join(f"{speed:g}" for speed in self.wind_speeds)
         return f"winds {winds} m/s, {len(self.performances[0].depths)} depths"
 
-    def range_at_ber(self, ber: float | None = None) -> FloatArray:
+    def range_at_ber(self, ber: float | None = None) -> Floats:
         """Return ranges with their limits [m].
 
         Parameters
