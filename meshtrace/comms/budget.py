@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from meshtrace import fading
 from meshtrace.comms.decisions import non_negative
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Refused, require_whole
+from meshtrace.errors import Refused, require_between, require_whole
 from meshtrace.fading import Estimate
 from meshtrace.models import Floats
 
@@ -108,6 +108,11 @@ def required_gain(link: OokLink, ber: float) -> float:
     return link.required_power(ber) / float(link.received_power(1.0))
 
 
+def faded_gains(gain: ArrayLike, h_alpha: ArrayLike) -> Floats:
+    """Return gains times tilt factors as an array (n,); refuse negative ones."""
+    return np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
+
+
 def ber_of_gains(link: OokLink, gain: Floats) -> Floats:
     """Return the bit error rate of many gains, interpolated between nodes for long arrays.
 
@@ -191,12 +196,11 @@ def average_ber(
     The Monte Carlo noise of the gains acts like additional fading: remove it from the gains first
     (`fading.remove_noise`), or make it small against their spread.
     """
-    g = np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
+    g = faded_gains(gain, h_alpha)
     n = float(g.size) if n_effective is None else n_effective
     if not 1.0 <= n <= g.size:
         raise Refused("n_effective", n_effective, f"1 <= n_effective <= {g.size}")
-    if not 0.0 < confidence < 1.0:
-        raise Refused("confidence", confidence, "0 < confidence < 1")
+    require_between(confidence, 0.0, 1.0, "confidence")
     require_whole(resamples, 1, 10**7, "resamples")
     return bootstrapped_mean(ber_of_gains(link, g), n, confidence, resamples, seed)
 
@@ -259,7 +263,7 @@ def outage(
     Estimate
         Probability with its Wilson interval.
     """
-    g = np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
+    g = faded_gains(gain, h_alpha)
     threshold = min(required_gain(link, ber), float(np.finfo(float).max))
     return fading.outage(
         g, threshold, relative_to="absolute", n_effective=n_effective, confidence=confidence

@@ -173,11 +173,8 @@ def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float)
     n0, n1 = np.broadcast_arrays(non_negative("n0", n0), non_negative("n1", n1))
     if np.any(n0 > n1) or not 0.0 <= branching < 1.0:
         raise Refused("n0, n1, branching", (n0, n1, branching), "n0 <= n1, 0 <= branching < 1")
-
-    flat = [
-        _count_decision(float(a), float(b), branching)
-        for a, b in zip(n0.flat, n1.flat, strict=True)
-    ]
+    pairs = zip(n0.flat, n1.flat, strict=True)
+    flat = [_count_decision(float(a), float(b), branching) for a, b in pairs]
     ber, threshold = np.array(flat).reshape(-1, 2).T
     return Decision(ber.reshape(n0.shape), threshold.reshape(n0.shape))
 

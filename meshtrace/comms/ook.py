@@ -19,7 +19,7 @@ from meshtrace.comms.decisions import non_negative, pattern_decision
 from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia
 from meshtrace.comms.pulses import Eye, PulseFilters
 from meshtrace.comms.receivers import ReceiverModel
-from meshtrace.errors import Refused, require_word
+from meshtrace.errors import Refused, require_between, require_word
 from meshtrace.link import Link, WaterAperture
 from meshtrace.models import Floats, Model
 
@@ -184,19 +184,13 @@ class OokLink(Model, frozen=True):
         aperture: Any = link.receivers[0]
         first = link.transmitters[0]
         base = base if isinstance(base, OokLink) else cls.preset(base)
-        led = {
-            "power": 1e-3 * sum(t.power_mw for t in link.transmitters),
-            "wavelength": 1e-9 * first.wavelength_nm,
-        }
-        optics = {
-            "radius": aperture.radius,
-            "fov_deg": aperture.fov_deg,
-            "medium_index": link.water.n if isinstance(aperture, WaterAperture) else link.n_air,
-        }
+        power = 1e-3 * sum(t.power_mw for t in link.transmitters)
+        index = link.water.n if isinstance(aperture, WaterAperture) else link.n_air
+        view = {"radius": aperture.radius, "fov_deg": aperture.fov_deg, "medium_index": index}
         changes = {
             "bit_rate": base.bit_rate if bit_rate is None else bit_rate,
-            "led": base.led.model_copy(update=led),
-            "optics": base.optics.model_copy(update=optics),
+            "led": base.led.replace(power=power, wavelength=1e-9 * first.wavelength_nm),
+            "optics": base.optics.replace(**view),
         }
         return cls.model_validate({**dict(base), **changes})
 
@@ -372,8 +366,7 @@ class OokLink(Model, frozen=True):
         Refused
             If the target is outside of its range.
         """
-        if not 0.0 < ber < 0.5:
-            raise Refused("ber", ber, "0 < ber < 0.5")
+        require_between(ber, 0.0, 0.5, "ber")
         return _required_power(self, ber)
 
     def overload_power(self, ber: float) -> float:
@@ -422,8 +415,8 @@ class OokLink(Model, frozen=True):
         bits = self.patterns()
         phases = np.arange(1, points + 1) / points
         moments = [self.moments(power, float(phase)) for phase in phases]
-        level = np.stack([mean for mean, _ in moments])
-        std = np.sqrt(np.stack([variance for _, variance in moments]))
+        level, variance = (np.stack(part) for part in zip(*moments, strict=True))
+        std = np.sqrt(variance)
         ber = pattern_decision(level, std, bits[:, 0]).ber
         low, high = self.levels(power)
         return Eye(phases * self.bit_time, level.T, std.T, bits, ber, float(high - low))

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from meshtrace.comms.ook import OokLink
 
 
+Moments = tuple[Floats, Floats]
+"""Mean and variance of the sample for each bit pattern."""
+
 _DESIGN_BER = 1e-3
 
 
@@ -119,10 +122,13 @@ class SampledPulses(ReceiverModel):
 
     def pattern_means(self, link: OokLink, power: ArrayLike, phase: float) -> Floats:
         """Return the mean of the sample for each bit pattern, behind the equaliser [s-1]."""
+        return self._means(link, power, phase, link.equalizer == "dfe")
+
+    def _means(self, link: OokLink, power: ArrayLike, phase: float, equalized: bool) -> Floats:
         low, high = (level[..., None] for level in link.levels(power))
         bits = link.patterns()
         w = link.filters.mean_cursors(link.bit_time, bits.shape[1], phase)
-        heard = w if link.equalizer == "none" else w * (np.arange(len(w)) == 0)
+        heard = w * (np.arange(len(w)) == 0) if equalized else w
         return low + (high - low) * (bits @ heard)
 
     def decide(self, link: OokLink, power: Floats) -> Decision:
@@ -138,12 +144,9 @@ class PatternNoise(SampledPulses):
 
     def moments(self, link: OokLink, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
         """Return the moments of filtered pulses with noise in a fixed bandwidth."""
-        low, high = (level[..., None] for level in link.levels(power))
-        bits = link.patterns()
-        w = link.filters.mean_cursors(link.bit_time, bits.shape[1], phase)
         bandwidth = min(0.5 * link.bit_rate, 0.5 * math.pi * link.sipm.bandwidth)
         f, thermal = link.sipm.excess_noise_factor, link.tia.thermal_noise(link.sipm.gain)
-        variance = (2.0 * f * (low + (high - low) * (bits @ w)) + thermal) * bandwidth
+        variance = (2.0 * f * self._means(link, power, phase, False) + thermal) * bandwidth
         return self.pattern_means(link, power, phase), variance
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Refused, require_all
 from meshtrace.models import Floats
 
 
@@ -31,7 +31,7 @@ def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Floats:
 
     Raises
     ------
-    ValueError
+    Refused
         If a cos_i lies outside 0 ... 1 or an index is not a positive number.
 
     Notes
@@ -49,8 +49,7 @@ def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Floats:
     0.02005931
     """
     cos_i = np.asarray(cos_i, dtype=np.float64)
-    if not np.all((cos_i >= 0.0) & (cos_i <= 1.0)):
-        raise Refused("cos_i", Described(f"{cos_i.min()} ... {cos_i.max()}"), "0 <= cos_i <= 1")
+    require_all(cos_i, (cos_i >= 0.0) & (cos_i <= 1.0), "cos_i", "0 <= cos_i <= 1")
     _check_indices(n1, n2)
     sin2_t = (n1 / n2) ** 2 * (1.0 - cos_i**2)
     total = sin2_t >= 1.0
@@ -106,7 +105,7 @@ def refract(d: ArrayLike, n: ArrayLike, n1: float, n2: float) -> Floats:
 
     Raises
     ------
-    ValueError
+    Refused
         If an index is not a positive number.
 
     Notes
@@ -151,7 +150,7 @@ def hemispheric_reflectance(n1: float, n2: float) -> float:
 
     Raises
     ------
-    ValueError
+    Refused
         If an index is not a positive number.
 
     Notes

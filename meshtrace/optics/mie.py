@@ -12,7 +12,6 @@ import importlib.resources
 import json
 import logging
 import os
-import uuid
 import warnings
 import zipfile
 import zlib
@@ -27,7 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.cache import cache_directory
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_all
+from meshtrace.files import atomic
 from meshtrace.models import Floats
 
 _LOG = logging.getLogger(__name__)
@@ -75,11 +75,8 @@ class MieTable:
         theta, cdf = self.theta_edges, self.cdf
         rising = theta.ndim == 1 and theta.shape == cdf.shape and bool(np.all(np.diff(theta) > 0))
         if not rising or theta[0] != 0.0 or theta[-1] != np.pi:
-            raise Refused(
-                "theta_edges",
-                Described(f"{theta.size} numbers"),
-                "edges increasing from 0 to pi, one cdf value each",
-            )
+            allowed = "edges increasing from 0 to pi, one cdf value each"
+            raise Refused("theta_edges", Described(f"{theta.size} numbers"), allowed)
         if not np.all(np.diff(cdf) >= 0) or cdf[0] != 0.0 or cdf[-1] != 1.0:
             raise Refused("cdf", Described(f"{cdf.size} numbers"), "values increasing from 0 to 1")
         if not np.all(np.isfinite([self.q_sca, self.g, self.closure])):
@@ -100,26 +97,15 @@ def _miepython() -> ModuleType:
         with foreign_kernels():
             return importlib.import_module("miepython")
     finally:
-        if before is None:
-            del os.environ["MIEPYTHON_USE_JIT"]
-        else:
+        del os.environ["MIEPYTHON_USE_JIT"]
+        if before is not None:
             os.environ["MIEPYTHON_USE_JIT"] = before
 
 
 def _size_parameter(x: ArrayLike) -> Floats:
     sizes = np.asarray(x, dtype=np.float64)
-    bad = sizes[~(np.isfinite(sizes) & (sizes > 0))]
-    if bad.size:
-        raise Refused("x", bad[0], "finite x > 0")
+    require_all(sizes, np.isfinite(sizes) & (sizes > 0), "x", "finite x > 0")
     return sizes
-
-
-def _cosine(cos_theta: ArrayLike) -> Floats:
-    cosine = np.asarray(cos_theta, dtype=np.float64)
-    bad = cosine[~(np.abs(cosine) <= 1.0)]
-    if bad.size:
-        raise Refused("cos_theta", bad[0], "-1 <= cos_theta <= 1")
-    return cosine
 
 
 def efficiencies(m: complex, x: ArrayLike) -> Efficiencies:
@@ -141,7 +127,7 @@ def efficiencies(m: complex, x: ArrayLike) -> Efficiencies:
 
     Raises
     ------
-    ValueError
+    Refused
         If a size parameter is not positive and finite.
 
     Notes
@@ -185,7 +171,7 @@ def phase_intensity(m: complex, x: float, cos_theta: ArrayLike) -> Floats:
 
     Raises
     ------
-    ValueError
+    Refused
         If `x` is not positive or `cos_theta` leaves [-1, 1].
 
     Notes
@@ -207,7 +193,8 @@ def phase_intensity(m: complex, x: float, cos_theta: ArrayLike) -> Floats:
     2.232265
     """
     size = float(_size_parameter(x))
-    cosine = _cosine(cos_theta)
+    cosine = np.asarray(cos_theta, dtype=np.float64)
+    require_all(cosine, np.abs(cosine) <= 1.0, "cos_theta", "-1 <= cos_theta <= 1")
     intensity = _miepython().i_unpolarized(m, size, cosine.ravel(), norm="wiscombe")
     return np.asarray(intensity).reshape(cosine.shape)[()]
 
@@ -288,7 +275,7 @@ def population_table(
 
     Raises
     ------
-    ValueError
+    Refused
         If a size parameter is not positive, or `rotations` is below 1.
 
     Notes
@@ -346,9 +333,9 @@ def cached_table(
 
     Notes
     -----
-    Files are written whole under a temporary name and then renamed, so that parallel runs never
-    see half a file. A damaged file is replaced with a warning; a cache that cannot be
-    written costs a warning and the time to compute again.
+    Files are replaced atomically (`files.atomic`), so that parallel runs see whole files. A
+    damaged file is replaced with a warning; a cache that cannot be written costs a warning and
+    the time to compute again.
     """
     text = json.dumps({**inputs, "format": _FORMAT}, sort_keys=True)
     name = f"{stem}-{hashlib.sha256(text.encode()).hexdigest()[:16]}.npz"
@@ -374,21 +361,11 @@ def _read(stream: IO[bytes], text: str) -> MieTable:
     with np.load(stream, allow_pickle=False) as data:
         if str(data["inputs"]) != text:
             raise ValueError("made from other inputs")
-        return MieTable(
-            theta_edges=data["theta_edges"],
-            cdf=data["cdf"],
-            q_sca=float(data["q_sca"]),
-            g=float(data["g"]),
-            closure=float(data["closure"]),
-        )
+        numbers = (float(data[name]) for name in ("q_sca", "g", "closure"))
+        return MieTable(data["theta_edges"], data["cdf"], *numbers)
 
 
 def _write(path: Path, table: MieTable, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.{uuid.uuid4().hex}.part")
-    try:
-        with part.open("xb") as stream:
-            np.savez(stream, inputs=np.array(text), **vars(table))
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with atomic(path) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, inputs=np.array(text), **vars(table))

@@ -250,11 +250,8 @@ class MixturePhase(BuiltInPhase, frozen=True):
     @pydantic.model_validator(mode="after")
     def _check(self) -> Self:
         if len(self.weights) != len(self.components) or min(self.weights) <= 0.0:
-            raise Refused(
-                "weights",
-                self.weights,
-                f"{len(self.components)} numbers > 0, one for each of the components",
-            )
+            allowed = f"{len(self.components)} numbers > 0, one for each of the components"
+            raise Refused("weights", self.weights, allowed)
         return self
 
     @property

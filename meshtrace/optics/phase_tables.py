@@ -87,13 +87,9 @@ def power_law_segments(s: Floats, value: Floats) -> Segments:
     p[np.abs(p) < 1e-7] = 0.0
     p[np.abs(p - 1.0) < 1e-7] = 1.0
     if p[0] <= 0.0:
-        raise Refused(
-            "value",
-            Described(
-                f"{value[0]:g}, {value[1]:g}, ... rise towards 0 as theta^{2.0 * p[0] - 2.0:.3g}"
-            ),
-            "less steeply than theta^-2, else it has no integral",
-        )
+        law = f"theta^{2.0 * p[0] - 2.0:.3g}"
+        rise = Described(f"{value[0]:g}, {value[1]:g}, ... rise towards 0 as {law}")
+        raise Refused("value", rise, "less steeply than theta^-2, else it has no integral")
     s_lo, s_hi = np.concatenate([[0.0], s]), np.concatenate([s, [1.0]])
     at_hi = np.concatenate([value, value[-1:] * s[-1] ** -slope[-1]])
     keep = s_lo < s_hi
@@ -116,10 +112,8 @@ def quantile_component(cdf_s: Callable[[Floats], Floats], exponent: float) -> Co
         s, middle = y**exponent, 0.5 * (u[:-1] + u[1:])
         error_s = np.abs(cdf_s(0.5 * (s[:-1] + s[1:])) - middle)
         error_y = np.abs(cdf_s((0.5 * (y[:-1] + y[1:])) ** exponent) - middle)
-        forward = slice(0, intervals // 2)
-        better = np.flatnonzero(
-            (error_s > _QUANTILE_TOLERANCE)[forward] & (error_y < error_s)[forward]
-        )
+        coarse = (error_s > _QUANTILE_TOLERANCE) & (error_y < error_s)
+        better = np.flatnonzero(coarse[: intervals // 2])
         k0 = int(better[-1]) + 1 if better.size else 0
         worst = max(error_y[:k0].max(initial=0.0), error_s[k0:].max(initial=0.0))
         if worst <= _QUANTILE_TOLERANCE or intervals == _MOST_INTERVALS:
@@ -152,9 +146,8 @@ def bin_component(seg: Segments) -> Component:
     end = np.array([[1.0, 1.0, 0.0, 1.0]])
     steps = np.arange(_GUIDE_PER_BIN * len(low)) / (_GUIDE_PER_BIN * len(low))
     guide = np.searchsorted(low, steps, side="right") - 1
-    return Component(
-        1.0, kernel.Component.BINS, (float(len(low)),), np.vstack([rows, end]).ravel(), guide
-    )
+    nodes = np.vstack([rows, end]).ravel()
+    return Component(1.0, kernel.Component.BINS, (float(len(low)),), nodes, guide)
 
 
 def joined(parts: Sequence[Component]) -> PhaseTables:

@@ -8,10 +8,10 @@ from typing import Any, Self
 
 import numpy as np
 import pydantic
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from meshtrace.errors import Described, Refused, did_you_mean
+from meshtrace.errors import Described, Refused, did_you_mean, require_all
 from meshtrace.models import Floats, Model
 from meshtrace.optics.phase import AnyPhase, FournierForand, Petzold, Rayleigh
 
@@ -99,12 +99,9 @@ class Water(Model, frozen=True):
         if depth[0] != 0.0 or np.any(np.diff(depth) <= 0.0):
             raise Refused("layers", Described(f"depths {depth}"), "increasing from 0")
         if (self.a, self.b) != self.layers[0][1:]:
-            raise Refused(
-                "a, b",
-                Described(f"{self.a}, {self.b}"),
-                "with layers: nothing, or those of the first node, "
-                f"{self.layers[0][1]} and {self.layers[0][2]}",
-            )
+            first = f"{self.layers[0][1]} and {self.layers[0][2]}"
+            allowed = f"with layers: nothing, or those of the first node, {first}"
+            raise Refused("a, b", Described(f"{self.a}, {self.b}"), allowed)
         return self
 
     @property
@@ -161,7 +158,7 @@ class Water(Model, frozen=True):
 
         Raises
         ------
-        ValueError
+        Refused
             If the type is not known or not tabulated at the wavelength.
 
         Examples
@@ -196,7 +193,7 @@ def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Floats, Floats]:
 
     Raises
     ------
-    ValueError
+    Refused
         If the type is not known or not tabulated at a wavelength.
 
     Notes
@@ -226,11 +223,9 @@ def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Floats, Floats]:
         return np.full_like(wavelength, a), np.full_like(wavelength, b)
     if family == "pure":
         return pure_water_absorption(wavelength), sea_water_scattering(wavelength)
-    table = _jerlov_table(name)
-    return (
-        _interpolate(wavelength, table[:, 0], table[:, 1]),
-        _interpolate(wavelength, table[:, 0], table[:, 2]),
-    )
+    rows = _read("jerlov_iop.csv", str)
+    nodes, a, b = rows[rows[:, 0] == name, 1:].astype(np.float64).T
+    return _interpolate(wavelength, nodes, a), _interpolate(wavelength, nodes, b)
 
 
 def _water_type(name: str) -> str:
@@ -257,7 +252,7 @@ def pure_water_absorption(wavelength_nm: ArrayLike) -> Floats:
 
     Raises
     ------
-    ValueError
+    Refused
         If a wavelength lies outside the table.
 
     Notes
@@ -273,8 +268,8 @@ def pure_water_absorption(wavelength_nm: ArrayLike) -> Floats:
     >>> round(float(pure_water_absorption(470.0)), 4)
     0.0106
     """
-    table = _read("pure_water_absorption.csv")
-    return _interpolate(np.asarray(wavelength_nm, dtype=np.float64), table[:, 0], table[:, 1])
+    wavelength = np.asarray(wavelength_nm, dtype=np.float64)
+    return _interpolate(wavelength, *_read("pure_water_absorption.csv").T)
 
 
 def sea_water_scattering(wavelength_nm: ArrayLike) -> Floats:
@@ -294,7 +289,7 @@ def sea_water_scattering(wavelength_nm: ArrayLike) -> Floats:
 
     Raises
     ------
-    ValueError
+    Refused
         If a wavelength lies outside 350 ... 800 nm.
 
     Notes
@@ -342,7 +337,7 @@ def quan_fry(
 
     Raises
     ------
-    ValueError
+    Refused
         If an argument lies outside the range of the fit.
 
     References
@@ -369,24 +364,11 @@ def _interpolate(wavelength: Floats, nodes: Floats, values: Floats) -> Floats:
 
 
 def _check_range(name: str, value: Floats, low: float, high: float, unit: str) -> None:
-    if not np.all((value >= low) & (value <= high)):
-        bad = value[~((value >= low) & (value <= high))].flat[0]
-        raise Refused(name, bad, f"{low:g} <= {name} <= {high:g} {unit}")
+    good = (value >= low) & (value <= high)
+    require_all(value, good, name, f"{low:g} <= {name} <= {high:g} {unit}")
 
 
 @lru_cache(maxsize=4)
-def _read(file: str) -> Floats:
+def _read(file: str, dtype: type = float) -> NDArray[Any]:
     text = (resources.files("meshtrace.optics") / "data" / file).read_text(encoding="utf-8")
-    return np.loadtxt(text.splitlines(), delimiter=",")
-
-
-@lru_cache(maxsize=1)
-def _jerlov_rows() -> list[list[str]]:
-    path = resources.files("meshtrace.optics") / "data" / "jerlov_iop.csv"
-    lines = path.read_text(encoding="utf-8").splitlines()
-    return [line.split(",") for line in lines if not line.startswith("#")]
-
-
-def _jerlov_table(name: str) -> Floats:
-    """Return rows of wavelength [nm], a and b of one type."""
-    return np.array([row[1:] for row in _jerlov_rows() if row[0] == name], dtype=np.float64)
+    return np.loadtxt(text.splitlines(), delimiter=",", dtype=dtype)

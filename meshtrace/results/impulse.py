@@ -138,16 +138,17 @@ def impulse_response(
         moments[g] = w.sum(), (w * delay).sum(), (w * delay**2).sum()
     mean, spread = _delays(moments.mean(axis=0))
     others = (moments.sum(axis=0) - moments) / (SHIFTS - 1)  # jackknife: all groups but one
-    errors = (SHIFTS - 1) / np.sqrt(SHIFTS) * np.std([_delays(m) for m in others], axis=0)
+    factor = (SHIFTS - 1) / np.sqrt(SHIFTS)
+    errors = [float(factor * v.std()) for v in np.array([_delays(m) for m in others]).T]
     return ImpulseResponse(
         edges=edges,
         h=by_group.mean(axis=0) / bin_width,
         h_stderr=by_group.std(axis=0, ddof=1) / np.sqrt(SHIFTS) / bin_width,
         first_arrival=first,
         mean_delay=mean,
-        mean_delay_stderr=float(errors[0]),
+        mean_delay_stderr=errors[0],
         rms_delay_spread=spread,
-        rms_delay_spread_stderr=float(errors[1]),
+        rms_delay_spread_stderr=errors[1],
         delay=delay,
         weight=weight,
         provenance=result.provenance,

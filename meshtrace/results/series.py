@@ -101,17 +101,16 @@ class GainSeries(Stored):
         stderr = self.gain_stderr.reshape(n, -1)[:, receiver]
         noise = float(np.mean(stderr**2))
         own = max(noise - common**2, 0.0) * n / max(n - 1, 1)
-        if self.along == "time":
-            found = fading_statistics(gain, time=self.time, common_stderr=common, **options)
-            found = replace(found, provenance=self.provenance)
-            share = own / max(float(gain.var()), own, 1e-300)
-            if share < _MOST_NOISE:
-                return found
+        if self.along == "realization":
+            options["gain_stderr"] = (np.sqrt(own / noise) if noise > 0.0 else 0.0) * stderr
+        else:
+            options["time"] = self.time
+        found = fading_statistics(gain, common_stderr=common, **options)
+        notes, share = found.notes, own / max(float(gain.var()), own, 1e-300)
+        if self.along == "time" and share >= _MOST_NOISE:
             note = f"Monte Carlo noise makes {100.0 * share:.0f} % of the variance: more chains"
-            return replace(found, notes=(*found.notes, note))
-        scale = np.sqrt(own / noise) if noise > 0.0 else 0.0
-        found = fading_statistics(gain, scale * stderr, common_stderr=common, **options)
-        return replace(found, provenance=self.provenance)
+            notes = (*notes, note)
+        return replace(found, provenance=self.provenance, notes=notes)
 
     def _headline(self) -> str:
         means = self.gains.mean(axis=0)

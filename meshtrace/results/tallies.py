@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.results.variables import Described, Variable, Variables
+from meshtrace.results.variables import Variable, Variables, WithArrays
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -56,7 +56,7 @@ def _common(parts: Sequence[NDArray[Any]], n: NDArray[np.int64]) -> NDArray[Any]
     return parts[0]
 
 
-class Tally(Described):
+class Tally(WithArrays):
     """Arrays with names, dimensions and merging rules; subclasses are dataclasses of them."""
 
     def __repr__(self) -> str:

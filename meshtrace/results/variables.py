@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, get_type_hints
 
+import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.fields import attrs
@@ -27,7 +28,7 @@ class Variable(NamedTuple):
     name: str = ""
 
 
-class Described:
+class WithArrays:
     """Base of the dataclasses with fields of type ``Annotated[array, Variable(...)]``."""
 
     @classmethod
@@ -39,11 +40,12 @@ class Described:
 
     def variables(self) -> Variables:
         """Return the arrays by their names in files, with dimensions and attributes."""
-        return {
-            name: (tuple(variable.dims.split()), getattr(self, attribute), attrs(name))
-            for attribute, name, variable in self._described()
-            if getattr(self, attribute) is not None
-        }
+        found: Variables = {}
+        for attribute, name, variable in self._described():
+            value, dims = getattr(self, attribute), tuple(variable.dims.split())
+            if value is not None:
+                found[name] = (dims, np.atleast_1d(value) if dims else value, attrs(name))
+        return found
 
     @classmethod
     def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
@@ -55,7 +57,7 @@ class Described:
         }
 
 
-class StoredArrays(Described, Stored):
+class StoredArrays(WithArrays, Stored):
     """Base of the results that consist of described arrays and their provenance."""
 
     def _content(self) -> xr.Dataset:

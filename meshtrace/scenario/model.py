@@ -157,15 +157,14 @@ class Scenario(Model, frozen=True):
         surface = seas.read_surface(sea, wind_speed, meshing, Path(folder))
         link = parts.read_link(config, wind_speed)
         normals = {"normals": run.pop("normals")} if "normals" in run else {}
+        run = {"estimator": parts.default_estimator(link), **run}
         checked = validated(Meshing, normals, "run")
         return cls(
             wind_speed=wind_speed,
             link=link,
             surface=surface,
             meshing=validated(Meshing, {**checked.model_dump(), **meshing}, "sea"),
-            run=validated(
-                Run, {"estimator": parts.default_estimator(link), **run}, "run", run_keys()
-            ),
+            run=validated(Run, run, "run", run_keys()),
             detector=parts.read_detector(config["detector"]) if "detector" in config else None,
             uav=parts.read_uav(config["uav"]) if "uav" in config else None,
         )
@@ -188,7 +187,7 @@ class Scenario(Model, frozen=True):
         -----
         The number of threads, on which no result depends, is not taken over.
         """
-        options = provenance["run"]
+        options: Table = provenance["run"]
         link = Link.model_validate(provenance["link"])
         surface = seas.surface_from_provenance(provenance)
         estimator = Estimator.member(options["estimator"])

@@ -234,17 +234,16 @@ def _series(
 ) -> GainSeries:
     """Return the series of the parts over each surface."""
     n, n_rx = len(coordinate), len(link.receivers)
-    gain, stderr, ballistic = (np.empty((n, n_rx)) for _ in range(3))
-    shifts = np.zeros((n_rx, SHIFTS))
+    columns, shifts = np.empty((3, n, n_rx)), np.zeros((n_rx, SHIFTS))
     for i, part in enumerate(parts):
-        gain[i], stderr[i], ballistic[i] = part.gain, part.stderr, part.ballistic
+        columns[:, i] = part.gain, part.stderr, part.ballistic
         shifts += part.shifts
         if progress is not None:
             progress(1)
     mean_stderr = (shifts / max(n, 1)).std(axis=1, ddof=1) / np.sqrt(SHIFTS)
     kept: Any = slice(None) if isinstance(link.receiver, tuple) else 0
-    columns = (gain[:, kept], stderr[:, kept], ballistic[:, kept])
-    return GainSeries(along, coordinate, *columns, mean_stderr[kept], origin)
+    gain, stderr, ballistic = columns[..., kept]
+    return GainSeries(along, coordinate, gain, stderr, ballistic, mean_stderr[kept], origin)
 
 
 class CoupledSeries(NamedTuple):

@@ -13,7 +13,7 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Described, Refused, require_between, require_kind
+from meshtrace.errors import Described, Refused, require_between, require_kind, require_word
 from meshtrace.models import Floats, Model
 from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, squared_wind_moments
 from meshtrace.uav.wind import Dryden
@@ -146,15 +146,13 @@ class Uav(Model, frozen=True):
         Refused
             If the tilt does not vary (gimbal or calm), or `law` is not one of the two names.
         """
+        require_word(law, ("exact", "gamma"), "law")
         if self.gimbal or not np.all(wind.std > 0.0):
             raise Refused("tilt_law", Described("constant tilt"), "no gimbal, a wind with gusts")
         mean_wind, std = wind.mean_wind, wind.std
         if law == "exact":
-            return ExactTiltLaw(
-                self.tilt_coefficient, float(mean_wind[0]), float(std[0]), float(std[2])
-            )
-        if law != "gamma":
-            raise Refused("law", law, "exact, gamma")
+            speed, along, _, up = map(float, (mean_wind[0], *std))
+            return ExactTiltLaw(self.tilt_coefficient, speed, along, up)
         mean, variance = squared_wind_moments(mean_wind, std)
         return GammaTiltLaw(self.tilt_coefficient, mean**2 / variance, variance / mean)
 

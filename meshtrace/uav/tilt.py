@@ -6,7 +6,7 @@ import abc
 import dataclasses
 import functools
 import math
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -87,16 +87,20 @@ class TiltLaw(abc.ABC):
     tilt_coefficient: float
 
     @abc.abstractmethod
+    def _squared_wind(self, v2: ArrayLike, function: Literal["pdf", "cdf", "sf"]) -> Floats:
+        """Return one of the functions of V^2, with full relative precision in both tails."""
+
     def squared_wind_pdf(self, v2: ArrayLike) -> Floats:
         """Return the density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
+        return self._squared_wind(v2, "pdf")
 
-    @abc.abstractmethod
     def squared_wind_cdf(self, v2: ArrayLike) -> Floats:
         """Return P(V^2 <= v2), with full relative precision in the lower tail."""
+        return self._squared_wind(v2, "cdf")
 
-    @abc.abstractmethod
     def squared_wind_sf(self, v2: ArrayLike) -> Floats:
         """Return P(V^2 > v2), with full relative precision in the upper tail."""
+        return self._squared_wind(v2, "sf")
 
     @abc.abstractmethod
     def _bulk(self) -> tuple[float, float]:
@@ -224,32 +228,17 @@ class GammaTiltLaw(TiltLaw):
     shape: float
     scale: float
 
-    def squared_wind_pdf(self, v2: ArrayLike) -> Floats:
-        """Return the density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
-        from scipy.special import gammaln, xlogy
+    @functools.cached_property
+    def _law(self) -> Any:
+        from scipy.stats import gamma
 
-        x = np.asarray(v2, dtype=float) / self.scale
-        return np.exp(xlogy(self.shape - 1.0, x) - x - gammaln(self.shape)) / self.scale
+        return gamma(self.shape, scale=self.scale)
 
-    def squared_wind_cdf(self, v2: ArrayLike) -> Floats:
-        """Return P(V^2 <= v2)."""
-        from scipy.special import gammainc
-
-        return np.asarray(gammainc(self.shape, np.asarray(v2, dtype=float) / self.scale))
-
-    def squared_wind_sf(self, v2: ArrayLike) -> Floats:
-        """Return P(V^2 > v2)."""
-        from scipy.special import gammaincc
-
-        return np.asarray(gammaincc(self.shape, np.asarray(v2, dtype=float) / self.scale))
+    def _squared_wind(self, v2: ArrayLike, function: Literal["pdf", "cdf", "sf"]) -> Floats:
+        return np.asarray(getattr(self._law, function)(v2))
 
     def _bulk(self) -> tuple[float, float]:
-        from scipy.special import gammainccinv, gammaincinv
-
-        return (
-            float(gammaincinv(self.shape, 1e-17)) * self.scale,
-            float(gammainccinv(self.shape, 1e-17)) * self.scale,
-        )
+        return float(self._law.ppf(1e-17)), float(self._law.isf(1e-17))
 
     def h_pdf_printed(self, h: ArrayLike) -> Floats:
         """Return the density of h_alpha as published, for comparison only.
@@ -304,22 +293,17 @@ class ExactTiltLaw(TiltLaw):
     std_horizontal: float
     std_vertical: float
 
-    def squared_wind_pdf(self, v2: ArrayLike) -> Floats:
-        """Return the density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
-        return self._over_vertical_gust(v2, "pdf") / self.std_horizontal**2
-
-    def squared_wind_cdf(self, v2: ArrayLike) -> Floats:
-        """Return P(V^2 <= v2)."""
-        return self._over_vertical_gust(v2, "cdf")
-
-    def squared_wind_sf(self, v2: ArrayLike) -> Floats:
-        """Return P(V^2 > v2)."""
+    def _squared_wind(self, v2: ArrayLike, function: Literal["pdf", "cdf", "sf"]) -> Floats:
         from scipy.special import erfc
 
-        vertical = np.sqrt(0.5 * np.asarray(v2, dtype=float)) / self.std_vertical
-        return self._over_vertical_gust(v2, "sf") + erfc(vertical)
+        part = self._over_vertical_gust(v2, function)
+        if function == "pdf":
+            return part / self.std_horizontal**2
+        if function == "cdf":
+            return part
+        return part + erfc(np.sqrt(0.5 * np.asarray(v2, dtype=float)) / self.std_vertical)
 
-    def _over_vertical_gust(self, v2: ArrayLike, method: str) -> Floats:
+    def _over_vertical_gust(self, v2: ArrayLike, function: str) -> Floats:
         from scipy.stats import ncx2
 
         v2 = np.asarray(v2, dtype=float)[..., None]
@@ -330,7 +314,7 @@ class ExactTiltLaw(TiltLaw):
             math.sqrt(2.0 * math.pi) * self.std_vertical
         )
         rest = np.maximum(v2 - w * w, 0.0) / self.std_horizontal**2
-        horizontal = getattr(ncx2, method)(rest, 2, (self.mean_speed / self.std_horizontal) ** 2)
+        horizontal = getattr(ncx2, function)(rest, 2, (self.mean_speed / self.std_horizontal) ** 2)
         return np.sum(reach * weight * gauss * horizontal, axis=-1)
 
     def _bulk(self) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_word
 from meshtrace.models import Floats, Model
 
 FOOT = 0.3048  # [m]
@@ -130,8 +130,7 @@ class Dryden(Model, frozen=True):
             "physical": {},
             "paper": {"altitude_unit": "metre", "gust_variance": "sigma^2/pi"},
         }
-        if physics not in forms:
-            raise Refused("physics", physics, ", ".join(forms))
+        require_word(physics, forms, "physics")
         return cls(**(forms[physics] | fields))
 
     @property
@@ -143,9 +142,8 @@ class Dryden(Model, frozen=True):
     @property
     def sigma(self) -> Floats:
         """Turbulence intensities sigma_u, sigma_v, sigma_w of the specification (3,) [m s-1]."""
-        w20 = self.w20
-        if w20 is None:
-            w20 = self.wind_speed * self.profile.ratio(HEIGHT_20FT)
+        derived = self.wind_speed * self.profile.ratio(HEIGHT_20FT)
+        w20 = derived if self.w20 is None else self.w20
         horizontal = 0.1 * w20 * self._bracket**-0.4
         return np.array([horizontal, horizontal, 0.1 * w20])
 
