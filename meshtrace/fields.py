@@ -1,4 +1,4 @@
-"""One registry of variables: CF units, long name and symbol, read by results, plots and docs."""
+"""Registry of variables: CF units, long name and symbol for results, plots and docs."""
 
 from __future__ import annotations
 

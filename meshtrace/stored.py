@@ -73,7 +73,7 @@ class Stored(abc.ABC):
 
     @abc.abstractmethod
     def _content(self) -> xr.Dataset:
-        """Return everything but kind, version and provenance."""
+        """Return the Dataset without kind, version and provenance."""
 
     @classmethod
     @abc.abstractmethod

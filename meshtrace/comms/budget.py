@@ -52,7 +52,7 @@ def _db(ratio: ArrayLike) -> Floats:
 
 
 def link_budget(link: OokLink, gain: ArrayLike, ber: float, h_alpha: ArrayLike = 1.0) -> LinkBudget:
-    """Add up a link in decibels.
+    """Compute the link budget in decibels.
 
     P_rx = P_Tx + G + h_alpha + eta_conc + T_filter,  margin = P_rx - P_req(ber)
 
@@ -282,7 +282,7 @@ def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
     value : array_like
         Gain, bit error rate or any other positive quantity at these depths (n,).
     limit : float
-        Value looked for, > 0.
+        Limit, > 0.
 
     Returns
     -------

@@ -21,7 +21,7 @@ from meshtrace.comms.pulses import Eye, PulseFilters
 from meshtrace.comms.receivers import ReceiverModel
 from meshtrace.errors import Refused, require_between, require_word
 from meshtrace.link import Link, WaterAperture
-from meshtrace.models import Floats, Model
+from meshtrace.models import Floats, Model, NonNegative
 
 Preset = Literal["physical", "paper", "paper-ranges"]
 
@@ -107,7 +107,7 @@ class OokLink(Model, frozen=True):
     tia: Tia = Tia()
     optics: OpticalFrontEnd = OpticalFrontEnd()
     model: str | pydantic.SerializeAsAny[ReceiverModel] = "W"
-    background_rate: float = pydantic.Field(default=0.0, ge=0.0, allow_inf_nan=False)
+    background_rate: NonNegative = 0.0
     saturation: bool = True
     memory: int = pydantic.Field(default=8, ge=1, le=12)
     window: float | None = pydantic.Field(default=None, ge=0.0, allow_inf_nan=False)

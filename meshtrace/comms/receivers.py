@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from meshtrace.comms.ook import OokLink
 
 
-Moments = tuple[Floats, Floats]
-"""Mean and variance of the sample for each bit pattern."""
-
 _DESIGN_BER = 1e-3
 
 

@@ -30,7 +30,7 @@ from meshtrace.registry import Family
 
 
 class PhaseFunction(Family, frozen=True, default="fournier-forand"):
-    """Base of the phase functions: a subclass defines `density`, and all else follows from it.
+    """Base of the phase functions: a subclass defines `density` alone.
 
     Notes
     -----

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from meshtrace.errors import Described, Refused, did_you_mean, require_all
-from meshtrace.models import Floats, Model
+from meshtrace.models import Floats, Model, NonNegative
 from meshtrace.optics.phase import AnyPhase, FournierForand, Petzold, Rayleigh
 
 _JERLOV = ("I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
@@ -23,7 +23,7 @@ WATER_TYPES = (
     *(f"petzold-{name}" for name in _PETZOLD),
     *(f"jerlov-{name}" for name in _JERLOV),
 )
-"""Types of water that `Water.from_type` knows."""
+"""Types of water of `Water.from_type`."""
 
 
 class Water(Model, frozen=True):
@@ -65,8 +65,8 @@ class Water(Model, frozen=True):
     (0.151, 0.245033)
     """
 
-    a: float = Field(default=0.114, ge=0.0, allow_inf_nan=False)
-    b: float = Field(default=0.037, ge=0.0, allow_inf_nan=False)
+    a: NonNegative = 0.114
+    b: NonNegative = 0.037
     n: float = Field(default=1.33, gt=1.0, le=2.0, allow_inf_nan=False)
     phase: AnyPhase = FournierForand()
     bottom_depth: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)

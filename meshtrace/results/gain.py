@@ -56,7 +56,7 @@ class ScatteredSamples(NamedTuple):
     estimator : {"chains", "adjoint paths"}
         Chains aimed at the aperture, or paths from it.
     samples, scored : int
-        Number of samples, and of those that brought light.
+        Number of samples, and of samples with a contribution.
     effective : float
         Number of equal samples that they are worth, (sum w)^2 / sum w^2 of their contributions w.
     """

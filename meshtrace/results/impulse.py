@@ -103,7 +103,7 @@ def impulse_response(
 
     Raises
     ------
-    ValueError
+    Refused
         If the run kept no arrivals, or none came.
 
     Notes
@@ -126,22 +126,13 @@ def impulse_response(
     weight, group = arrivals.weight[mine], arrivals.group[mine]
     first = float(time.min())
     delay = time - first
-    n_bins = int(delay.max() / bin_width) + 1
-    edges = bin_width * np.arange(n_bins + 1, dtype=np.float64)
-    bins = np.minimum((delay / bin_width).astype(int), n_bins - 1)
-    by_group = np.zeros((SHIFTS, n_bins))
-    moments = np.zeros((SHIFTS, 3))
-    for g in range(SHIFTS):
-        # parts without Monte Carlo error belong to every group; the others share the gain
-        w = np.where(group < 0, weight, np.where(group == g, SHIFTS * weight, 0.0))
-        by_group[g] = np.bincount(bins, w, n_bins)
-        moments[g] = w.sum(), (w * delay).sum(), (w * delay**2).sum()
+    by_group, moments = _by_group(delay, weight, group, bin_width)
     mean, spread = _delays(moments.mean(axis=0))
     others = (moments.sum(axis=0) - moments) / (SHIFTS - 1)  # jackknife: all groups but one
     factor = (SHIFTS - 1) / np.sqrt(SHIFTS)
     errors = [float(factor * v.std()) for v in np.array([_delays(m) for m in others]).T]
     return ImpulseResponse(
-        edges=edges,
+        edges=bin_width * np.arange(by_group.shape[1] + 1, dtype=np.float64),
         h=by_group.mean(axis=0) / bin_width,
         h_stderr=by_group.std(axis=0, ddof=1) / np.sqrt(SHIFTS) / bin_width,
         first_arrival=first,
@@ -153,6 +144,21 @@ def impulse_response(
         weight=weight,
         provenance=result.provenance,
     )
+
+
+def _by_group(
+    delay: Floats, weight: Floats, group: NDArray[np.int64], bin_width: float
+) -> tuple[Floats, Floats]:
+    """Return weights by group and bin, and sums of w, w t, w t^2 by group."""
+    n_bins = int(delay.max() / bin_width) + 1
+    bins = np.minimum((delay / bin_width).astype(int), n_bins - 1)
+    by_group, moments = np.zeros((SHIFTS, n_bins)), np.zeros((SHIFTS, 3))
+    for g in range(SHIFTS):
+        # parts without Monte Carlo error belong to every group; the others share the gain
+        w = np.where(group < 0, weight, np.where(group == g, SHIFTS * weight, 0.0))
+        by_group[g] = np.bincount(bins, w, n_bins)
+        moments[g] = w.sum(), (w * delay).sum(), (w * delay**2).sum()
+    return by_group, moments
 
 
 def _delays(moments: Floats) -> tuple[float, float]:

@@ -83,7 +83,7 @@ class Scenario(Model, frozen=True):
         Parameters
         ----------
         path : path
-            TOML file; a mesh file that it names is looked for beside it.
+            TOML file; paths of mesh files are relative to its folder.
         changes : mapping of str to value, optional
             Values that replace those of the file, by dotted key such as "transmitter.depth".
 
@@ -240,16 +240,15 @@ class Scenario(Model, frozen=True):
             If a mesh file cannot be read or does not cover the link, or the mesh would fill the
             memory.
         """
-        if surface is not None:
-            return Case(self.link, surface, self.run, self.meshing)
-        footprint = self.link.footprint()
-        if isinstance(self.surface, MeshFile):
+        origin, footprint = {}, self.link.footprint()
+        if surface is None and isinstance(self.surface, MeshFile):
             needed = footprint.fine_extent + max(map(abs, footprint.center))
-            mesh = self.surface.load(self.meshing.extent or needed)
+            surface = self.surface.load(self.meshing.extent or needed)
             origin = {"mesh_file": self.surface.file}
-            return Case(self.link, mesh, self.run, self.meshing, origin)
-        seas.require_modest(self.surface, footprint, self.meshing)
-        return Case(self.link, self.surface, self.run, self.meshing)
+        elif surface is None:
+            surface = self.surface
+            seas.require_modest(self.surface, footprint, self.meshing)
+        return Case(self.link, surface, self.run, self.meshing, origin)
 
     def mesh(self) -> TriangleMesh:
         """Return the surface as the run needs it.

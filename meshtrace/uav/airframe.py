@@ -1,4 +1,4 @@
-"""A hovering UAV: the tilt of the receiver it carries, in a given wind, in time, and as a law.
+"""Airframe of a hovering UAV: tilt of its receiver in a given wind, over time, and as a law.
 
 The airframe leans into the wind until thrust balances drag. `Uav.tilt` maps winds to tilts,
 `Uav.simulate_flight` gives records in time for a joint run with the sea, and `Uav.tilt_law` the
@@ -14,7 +14,7 @@ import pydantic
 from numpy.typing import ArrayLike
 
 from meshtrace.errors import Described, Refused, require_between, require_kind, require_word
-from meshtrace.models import Floats, Model
+from meshtrace.models import Floats, Model, Positive
 from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, squared_wind_moments
 from meshtrace.uav.wind import Dryden
 
@@ -73,9 +73,9 @@ class Uav(Model, frozen=True):
     0.001574723
     """
 
-    mass: float = pydantic.Field(default=8.37, gt=0.0, allow_inf_nan=False)
-    drag_coefficient: float = pydantic.Field(default=0.8, gt=0.0, allow_inf_nan=False)
-    area: float = pydantic.Field(default=0.25, gt=0.0, allow_inf_nan=False)
+    mass: Positive = 8.37
+    drag_coefficient: Positive = 0.8
+    area: Positive = 0.25
     air_density: float = pydantic.Field(default=1.293, gt=0.0, le=2.0, allow_inf_nan=False)
     gimbal: bool = False
 

@@ -103,9 +103,9 @@ def convergence_study(
     Notes
     -----
     The aperture receives the unscattered light through a patch of a few centimetres, mostly on one
-    facet. There the curvature of a mesh is wrong by O(h), up or down by chance of where the
-    facet lies. The mean over placements is free of it and converges as h^2; what one
-    placement errs by is `scatter`.
+    facet. There the curvature of a mesh is wrong by O(h), with a sign that depends on the place of
+    the facet. The mean over placements is free of this error and converges as h^2; `scatter` is
+    the error of one placement.
 
     Examples
     --------

@@ -49,7 +49,7 @@ class Stacked(NamedTuple):
 
 
 class CommonChains:
-    """One set of chains for every surface of a study."""
+    """Set of chains that all surfaces of a study share."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""From a link to its performance: gains over many seas, tilt of the receiver, bits.
+"""Performance of a link over a random sea, and curves of the bit error rate over depth.
 
 `link_performance` joins the channel gain (`ensemble`, forced detection) with the receiver
 (`meshtrace.comms`) and the aircraft (`meshtrace.uav`); `depth_sweep` gives the curves of the bit
@@ -137,35 +137,22 @@ def link_performance(
     require_whole(over.n, 2, 10_000_000, "realizations")
     require_between(confidence, 0.0, 1.0, "confidence")
     rates = (None,) if bit_rate is None else require_finite(bit_rate, "bit_rate", "rates [bit s-1]")
-    ook = "physical" if ook is None else ook
-    ooks = tuple(OokLink.of_link(link, ook, rate) for rate in rates)
+    base = "physical" if ook is None else ook
+    ooks = tuple(OokLink.of_link(link, base, rate) for rate in rates)
     ensemble = Ensemble(inputs, over.n, flight, progress)
     links = _links(ooks[0].channel(link), depths)
     fades = {depth: ensemble.samples(at) for depth, at in links.items()}
-    seed = inputs.run.seed
     points = [
-        operating_point(one, depth, samples, limit, confidence, seed)
+        operating_point(one, depth, samples, limit, confidence, inputs.run.seed)
         for depth, samples in fades.items()
         for one in ooks
     ]
-    origin = {
-        **next(iter(fades.values())).series.provenance,
-        "ook": [one.model_dump(mode="json") for one in ooks],
-        "uav": flight.uav.model_dump(mode="json") if flight else None,
-        "wind": inputs.wind_of(flight).model_dump(mode="json") if flight else None,
-        "coupled": flight is not None and flight.coupled,
-        "realizations": over.n,
-    }
+    origin = {"ook": [one.model_dump(mode="json") for one in ooks], **ensemble.provenance()}
+    origin = {**next(iter(fades.values())).series.provenance, **origin}
     return LinkPerformance(
-        depths=tuple(fades),
-        ooks=ooks,
-        figures=tuple(points),
-        fades=tuple(fades.values()),
-        limit=limit,
-        confidence=confidence,
-        status=ooks[0].status,
-        provenance=origin,
-    )
+        tuple(fades), ooks, tuple(points), tuple(fades.values()), limit, confidence,
+        ooks[0].status, origin,
+    )  # fmt: skip
 
 
 def _with(base: NamedTuple, shortcuts: dict[str, Any]) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -94,6 +94,16 @@ class Ensemble(NamedTuple):
     n: int
     flight: Flight | None
     progress: Callable[[int], None] | None
+
+    def provenance(self) -> dict[str, Any]:
+        """Return the aircraft, its wind and the number of realizations."""
+        flight = self.flight
+        return {
+            "uav": flight.uav.model_dump(mode="json") if flight else None,
+            "wind": self.inputs.wind_of(flight).model_dump(mode="json") if flight else None,
+            "coupled": flight is not None and flight.coupled,
+            "realizations": self.n,
+        }
 
     def samples(self, link: Link) -> FadingSamples:
         """Return gains and tilt factors of a link."""
