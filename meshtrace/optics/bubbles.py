@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -405,5 +405,5 @@ def _bubble_phase(n_water: float, wavelength_nm: float, r_min: float, r_max: flo
         "n_water": n_water, "wavelength_nm": wavelength_nm, "r_min": r_min, "r_max": r_max,
         "r_ref": R_REF, "kappa": KAPPA, "sizes": SIZES, "rotations": ROTATIONS,
     }  # fmt: skip
-    compute = partial(compute_bubble_phase, n_water, wavelength_nm, r_min, r_max)
-    return cached_table("bubble_phase", inputs, compute)
+    keys = n_water, wavelength_nm, r_min, r_max
+    return cached_table("bubble_phase", inputs, lambda: compute_bubble_phase(*keys))

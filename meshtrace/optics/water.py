@@ -371,4 +371,5 @@ def _check_range(name: str, value: Floats, low: float, high: float, unit: str) -
 @lru_cache(maxsize=4)
 def _read(file: str, dtype: type = float) -> NDArray[Any]:
     text = (resources.files("meshtrace.optics") / "data" / file).read_text(encoding="utf-8")
-    return np.loadtxt(text.splitlines(), delimiter=",", dtype=dtype)
+    rows = (line for line in text.splitlines() if not line.startswith("#"))
+    return np.loadtxt(rows, delimiter=",", dtype=dtype)

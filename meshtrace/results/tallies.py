@@ -56,6 +56,9 @@ def _common(parts: Sequence[NDArray[Any]], n: NDArray[np.int64]) -> NDArray[Any]
     return parts[0]
 
 
+_CELLS = "map_axis_x map_axis_y"
+
+
 class Tally(WithArrays):
     """Arrays with names, dimensions and merging rules; subclasses are dataclasses of them."""
 
@@ -211,7 +214,5 @@ class IrradianceMap(Tally):
 
     x: Annotated[Floats, Variable("map_axis_x", _common, "map_x")]
     y: Annotated[Floats, Variable("map_axis_y", _common, "map_y")]
-    irradiance: Annotated[Floats, Variable("map_axis_x map_axis_y", merged_mean, "map_irradiance")]
-    irradiance_stderr: Annotated[
-        Floats, Variable("map_axis_x map_axis_y", None, "map_irradiance_stderr")
-    ]
+    irradiance: Annotated[Floats, Variable(_CELLS, merged_mean, "map_irradiance")]
+    irradiance_stderr: Annotated[Floats, Variable(_CELLS, None, "map_irradiance_stderr")]
