@@ -159,9 +159,8 @@ def resolve_band(link: Any, sea: Any) -> Any:
     Examples
     --------
     >>> import meshtrace as mt
-    >>> from meshtrace.surfaces import Elfouhaily, SpectralSea
-    >>> sea = SpectralSea(spectrum=Elfouhaily(), spreading="elfouhaily", omega_max="fading")
-    >>> 16.0 < resolve_band(mt.Link(), sea).omega_max < 32.0
+    >>> from meshtrace.surfaces import resolved_sea
+    >>> 16.0 < resolve_band(mt.Link(), resolved_sea(5.0)).omega_max < 32.0
     True
     """
     if getattr(sea, "omega_max", None) != FADING:
