@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from meshtrace.transport.simulate import DomainWarning
@@ -19,7 +19,7 @@ from meshtrace.validation.slabs import slab_checks
 class Family(NamedTuple):
     """Checks that belong together, and the photons that they take."""
 
-    checks: Callable[[int], list[Check]]
+    checks: Callable[[int], Iterable[Check]]
     photons: int
     quick_photons: int
 
