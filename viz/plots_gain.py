@@ -13,7 +13,7 @@ from meshtrace import fading
 from meshtrace.errors import Described, Refused
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
 
-from .style import INK, PALETTE, axes, axis_label, label_of
+from .style import INK, PALETTE, axes, axis_label, draw_map, label_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -249,8 +249,5 @@ def plot_coverage(
         with np.errstate(divide="ignore"):
             gain, label = 10.0 * np.log10(gain), f"{label} [dB]"
         gain = np.where(np.isfinite(gain), gain, np.nan)
-    image = ax.pcolormesh(x, y, gain.T, shading="nearest", rasterized=True)
-    ax.figure.colorbar(image, ax=ax, label=label)
-    ax.set(aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
-    ax.grid(visible=False)
+    draw_map(ax, x, y, gain, label)
     return ax

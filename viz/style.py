@@ -91,6 +91,14 @@ def axes(ax: Axes | None) -> Axes:
         return plt.subplots()[1]
 
 
+def draw_map(ax: Axes, x: Any, y: Any, values: Any, label: str, **options: Any) -> None:
+    """Draw values (x, y) in colours over equal axes [m], with a colour bar."""
+    image = ax.pcolormesh(x, y, values.T, shading="nearest", rasterized=True, **options)
+    ax.figure.colorbar(image, ax=ax, label=label)
+    ax.set(aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
+    ax.grid(visible=False)
+
+
 def axis_label(name: str) -> str:
     r"""Return the label of an axis: long name, symbol and units of a registered variable.
 

@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 STEEPEST = math.radians(80.0)
 """Largest angle from the vertical that `ray_deflection` follows."""
 
-_GOOD = {1, 2, 5, 8}
+_GOOD = ("1", "2", "5", "8")
 """Flags of the Argo and IMOS conventions for good, probably good, changed and interpolated."""
 
 _NAMES = {
@@ -248,27 +248,23 @@ def load_profiles(path: str | Path) -> list[WaterProfile]:
 
 
 def _profiles(data: xr.Dataset, path: str) -> Iterator[WaterProfile]:
-    temperature = _variable(data, "temperature", path)
-    salinity = _variable(data, "salinity", path)
-    vertical = _optional(data, "depth")
-    is_depth = vertical is not None
-    if vertical is None:
-        vertical = _variable(data, "pressure", path)
-    latitude, longitude = (_optional(data, name) for name in ("latitude", "longitude"))
-    count = math.prod(temperature.shape[:-1])
-    adjusted = _adjusted(data, count)
-    for i in range(count):
-        columns = [_column(data, v, temperature, i, adjusted[i]) for v in (temperature, salinity)]
-        z = _column(data, vertical, temperature, i, adjusted[i])
-        lat, lon = _place(latitude, i), _place(longitude, i)
-        if not is_depth:
+    like = _variable(data, "temperature", path)
+    depth = _optional(data, "depth")
+    vertical = _variable(data, "pressure", path) if depth is None else depth
+    names = [str(v.name) for v in (vertical, like, _variable(data, "salinity", path))]
+    levels = [_levels(data, name, like) for name in names]
+    count = len(levels[0])
+    latitudes, longitudes = (_places(_optional(data, k), count) for k in ("latitude", "longitude"))
+    for i, (z, *columns) in enumerate(zip(*levels, strict=True)):
+        lat, lon = latitudes[i], longitudes[i]
+        if depth is None:
             z = depth_of_pressure(z, lat if math.isfinite(lat) else 0.0)
         good = np.isfinite(np.array([z, *columns])).all(axis=0) & (z >= 0.0)
-        depth, first = np.unique(z[good], return_index=True)
-        if len(depth) >= 2:
+        rising, first = np.unique(z[good], return_index=True)
+        if len(rising) >= 2:
             warm, salt = (column[good][first] for column in columns)
             name = Path(path).stem + (f" {i + 1}" if count > 1 else "")
-            yield WaterProfile(depth, warm, salt, lat, lon, name)
+            yield WaterProfile(rising, warm, salt, lat, lon, name)
 
 
 def _optional(data: xr.Dataset, what: str) -> xr.DataArray | None:
@@ -286,50 +282,41 @@ def _variable(data: xr.Dataset, what: str, path: str) -> xr.DataArray:
     return found
 
 
-def _adjusted(data: xr.Dataset, count: int) -> list[bool]:
-    """Return which profiles Argo has adjusted, by their mode of data."""
-    if "DATA_MODE" not in data:
-        return [False] * count
-    modes = np.atleast_1d(data["DATA_MODE"].to_numpy()).ravel()
-    return [_text(mode) in ("A", "D") for mode in modes]
+def _levels(data: xr.Dataset, name: str, like: xr.DataArray) -> Floats:
+    """Return a variable (profiles, levels), nan where its flag is not good.
+
+    Profiles that Argo has adjusted, by their mode of data, hold the adjusted values.
+    """
+    found = _good(data, name, like)
+    adjusted = np.isin(_texts(data.get("DATA_MODE", "")), ("A", "D")).reshape(-1, 1)
+    if f"{name}_ADJUSTED" in data and adjusted.any():
+        found = np.where(adjusted, _good(data, f"{name}_ADJUSTED", like), found)
+    return found
 
 
-def _column(
-    data: xr.Dataset, variable: xr.DataArray, like: xr.DataArray, i: int, adjusted: bool
-) -> Floats:
-    """Return profile i of a variable, nan where its flag is not good."""
-    key = str(variable.name)
-    if adjusted and f"{key}_ADJUSTED" in data:
-        key = f"{key}_ADJUSTED"
-    values = _row(data[key], like, i).astype(float)
-    for flag in (f"{key}_QC", f"{key}_quality_control"):
+def _good(data: xr.Dataset, name: str, like: xr.DataArray) -> Floats:
+    """Return a variable (profiles, levels), nan where its flag is not good."""
+
+    def table(key: str) -> NDArray[Any]:
+        full = data[key].broadcast_like(like).transpose(*like.dims)
+        return full.to_numpy().reshape(-1, like.shape[-1])
+
+    values = table(name).astype(float)
+    for flag in (f"{name}_QC", f"{name}_quality_control"):
         if flag in data:
-            codes = _row(data[flag], like, i)
-            values = np.where([_code(code) in _GOOD for code in codes], values, np.nan)
+            # characters (Argo) or numbers (IMOS), blank if there is none
+            codes = np.char.partition(np.char.strip(_texts(table(flag))), ".")[..., 0]
+            values = np.where(np.isin(codes, _GOOD), values, np.nan)
     return values
 
 
-def _row(variable: xr.DataArray, like: xr.DataArray, i: int) -> NDArray[Any]:
-    """Return the values of profile i along the levels."""
-    full = variable.broadcast_like(like).transpose(*like.dims)
-    return full.to_numpy().reshape(-1, like.shape[-1])[i]
+def _places(variable: xr.DataArray | None, count: int) -> list[float]:
+    """Return the coordinate of each profile [degrees]; one value holds for all profiles."""
+    found = np.ravel(math.nan if variable is None else variable.to_numpy()).astype(float)
+    return np.resize(found, count).tolist() if len(found) < count else found.tolist()
 
 
-def _place(variable: xr.DataArray | None, i: int) -> float:
-    if variable is None:
-        return math.nan
-    values = np.atleast_1d(variable.to_numpy()).ravel()
-    return float(values[min(i, len(values) - 1)])
-
-
-def _text(value: Any) -> str:
-    return value.decode() if isinstance(value, bytes) else str(value)
-
-
-def _code(flag: Any) -> int:
-    """Return a flag as a number, -1 for none: Argo writes characters, IMOS bytes."""
-    text = _text(flag).strip()
-    try:
-        return int(float(text))
-    except ValueError:
-        return -1
+def _texts(values: Any) -> NDArray[np.str_]:
+    """Return values as text; bytes are decoded."""
+    found = np.asarray(values)
+    return np.char.decode(found.astype("S")) if found.dtype.kind in "SO" else found.astype(str)

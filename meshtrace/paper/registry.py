@@ -132,6 +132,11 @@ class Setting:
     threads: int | None = None
     profiles: tuple[Path, ...] = ()
 
+    @property
+    def run(self) -> dict[str, Any]:
+        """Options of every simulation: seed and threads."""
+        return {"seed": self.seed, "threads": self.threads}
+
 
 @dataclass(frozen=True)
 class Figure:

@@ -101,9 +101,8 @@ def _digest(path: Path) -> str:
 def _kept(folder: Path, one: Figure, wanted: str) -> dict[str, Any] | None:
     """Return the record of a finished figure."""
     record = read_record(folder / f"{one.name}.json")
-    if record is None or record.get("key") != wanted:
-        return None
-    if not all((folder / (one.name + kind)).is_file() for kind in _KINDS):
+    whole = all((folder / (one.name + kind)).is_file() for kind in _KINDS)
+    if record is None or record.get("key") != wanted or not whole:
         return None
     return {**record, "kept": True}
 

@@ -137,11 +137,9 @@ def wind(setting: Setting, duration: float) -> FigureOutput:
         means = [float(records[form][:, i].mean()) for form in FORMS]
         numbers.append(row("mean", map(Number, means, errors), axis=axis))
     numbers.append(row("std", stds))
+    dims, units = ("time", "component"), {"units": "m s-1"}
     data = xr.Dataset(
-        {
-            f"wind_{form}": (("time", "component"), record, {"units": "m s-1"})
-            for form, record in records.items()
-        },
+        {f"wind_{form}": (dims, record, units) for form, record in records.items()},
         {"time": ("time", times, {"units": "s"}), "component": ["x", "y"]},
     )
     return FigureOutput(picture, data, numbers)

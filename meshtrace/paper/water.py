@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -42,23 +43,19 @@ def stations(setting: Setting) -> FigureOutput:
     for i, (x, y) in enumerate(STATIONS, start=1):
         ax.annotate(f"station {i}", (x, y), (8, 6), textcoords="offset points")
     if given:
-        places = np.array([(p.longitude, p.latitude) for p in given])
-        ax.plot(*places.T, "o", color=PALETTE["blue"], label="files of profiles")
+        measured = np.array([(p.longitude, p.latitude) for p in given])
+        ax.plot(*measured.T, "o", color=PALETTE["blue"], label="files of profiles")
         ax.legend()
     ax.set(xlabel="longitude [° E]", ylabel="latitude [° N]")
     ax.set_aspect(1.0 / np.cos(np.radians(lat.mean())))
     ax.margins(0.25)
-    pairs = ((0, 1), (0, 2), (1, 2))
     numbers = [
-        row("distance", (None, _distance(STATIONS[i], STATIONS[j])), i=i + 1, j=j + 1)
-        for i, j in pairs
+        row("distance", (None, _distance(p, q)), i=i, j=j)
+        for (i, p), (j, q) in itertools.combinations(enumerate(STATIONS, start=1), 2)
     ]
-    data = xr.Dataset(
-        {
-            "longitude": ("station", lon, {"units": "degrees_east"}),
-            "latitude": ("station", lat, {"units": "degrees_north"}),
-        }
-    )
+    degrees = {"units": "degrees_east"}, {"units": "degrees_north"}
+    places = {"longitude": ("station", lon, degrees[0]), "latitude": ("station", lat, degrees[1])}
+    data = xr.Dataset(places)
     circles = "Circles: where the given files were measured. " if given else ""
     return FigureOutput(picture, data, numbers, {"circles": circles})
 
@@ -75,22 +72,20 @@ def temperature_salinity(setting: Setting) -> FigureOutput:
     """Draw profiles, the refractive index that follows, and the deflection of rays."""
     profiles = profiles_of(setting)
     picture, axes = panels(1, 4, width=4.0)
-    depths = [min(DEEPEST, float(p.depth[-1])) for p in profiles]
-    offsets = [
-        np.array([ray_deflection(p, d, float(t)).offset for t in ZENITHS])
-        for p, d in zip(profiles, depths, strict=True)
-    ]
-    for profile, depth, offset in zip(profiles, depths, offsets, strict=True):
+    depths, offsets, numbers = [], [], []
+    for profile in profiles:
+        depth = min(DEEPEST, float(profile.depth[-1]))
+        offset = np.array([ray_deflection(profile, depth, float(t)).offset for t in ZENITHS])
         shown = profile.depth <= depth
         z = profile.depth[shown]
         axes[0, 0].plot(profile.temperature[shown], z, label=profile.name)
         axes[0, 1].plot(profile.salinity[shown], z)
         axes[0, 2].plot(profile.n(z), z)
         axes[0, 3].plot(np.degrees(ZENITHS), 1e3 * offset)
-    _name_axes(axes[0])
-    numbers = []
-    for profile, depth, offset in zip(profiles, depths, offsets, strict=True):
         numbers += _numbers(profile, depth, offset)
+        depths.append(depth)
+        offsets.append(offset)
+    _name_axes(axes[0])
     source = "Profiles of the given files." if setting.profiles else STAND_INS
     data = _dataset(profiles, depths, offsets)
     return FigureOutput(picture, data, numbers, {"source": source})
