@@ -8,6 +8,7 @@ import json
 import re
 import zipfile
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
@@ -28,41 +29,10 @@ from meshtrace.files import atomic
 from .stage import Scene
 from .style import INK
 
-_STYLE = f"""
-  .content {{ position: absolute; inset: 0; }}
-  #about {{ position: absolute; right: 0; top: 0; padding: 14px 18px; max-width: 260px;
-    pointer-events: none;
-    font: 14px/1.5 system-ui, sans-serif; color: {INK}; }}
-  #about h1 {{ font-size: 17px; margin: 0 0 6px; }}
-  #about p, #about ul {{ margin: 0 0 8px; padding: 0; list-style: none; }}
-  #about i {{ display: inline-block; width: 12px; height: 12px; margin-right: 8px;
-    border: 1px solid #8895A0; vertical-align: -1px; }}
-  #about .bar {{ width: 190px; height: 12px; margin-top: 2px; }}
-  #about .ends {{ display: flex; width: 190px; justify-content: space-between; }}
-"""
-
-# nothing may be loaded from anywhere: all that the page needs is inside
-_POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob: data:; "
-    "style-src 'unsafe-inline'; img-src data: blob:; connect-src data: blob:; "
-    "worker-src blob: data:; font-src data:"
+_HEAD, _LIGHTS = (
+    (Path(__file__).parent / f"page_{part}.html").read_text(encoding="utf-8")
+    for part in ("head", "lights")
 )
-
-# the viewer fits light and depth, by which it blends translucent parts, to the camera only
-# once the camera moves
-_LIGHTS = """<script>
-  const waiting = setInterval(() => {
-    const drawn = window.global.renderWindow;
-    if (!drawn || drawn.getRenderers().length < 2) return;
-    clearInterval(waiting);
-    drawn.getRenderers().forEach((r) => {
-      r.resetCameraClippingRange();
-      r.updateLightsGeometryToFollowCamera();
-    });
-    drawn.render();
-  }, 100);
-</script>
-"""
 
 
 def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -> Path:
@@ -91,12 +61,8 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
     if path.suffix not in (".html", ".htm"):
         raise Refused("path", str(path), "a file name in .html")
     page = _exported(plotter)
-    head = (
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}" />\n'
-        f'<link rel="icon" href="data:," />\n<style>{_STYLE}</style>\n'
-    )
-    heading = f"<title>{html.escape(title)}</title>"
-    page = re.sub(r"<title>.*?</title>", lambda _: f"{heading}\n{head}", page, count=1)
+    head = Template(_HEAD).substitute(title=html.escape(title), ink=INK)
+    page = re.sub(r"<title>.*?</title>", lambda _: head, page, count=1)
     page = re.sub(r"https://kitware\.github\.io/vtk-js/icon/[^`\"']*", "data:,", page)
     body = _about(plotter, title)
     page = page.replace("<body>", f"<body>\n{body}", 1).replace("</body>", f"{_LIGHTS}</body>")
@@ -185,14 +151,16 @@ def _bar(title: str, bar: Any) -> str:
     """Return a colour bar, whichever colours it has, as HTML."""
     table = bar.GetLookupTable()
     low, high = table.GetRange()
-    shades = []
-    for value in np.linspace(low, high, 12):
-        rgb = [0.0, 0.0, 0.0]
-        table.GetColor(float(value), rgb)
-        shades.append(to_hex((rgb[0], rgb[1], rgb[2])))
+    shades = [to_hex(_color(table, float(value))) for value in np.linspace(low, high, 12)]
     gradient = f"linear-gradient(to right, {', '.join(shades)})"
     return (
         f"<p>{html.escape(' '.join(title.split()))}"
         f'<span class="bar" style="display:block;background:{gradient}"></span>'
         f'<span class="ends"><span>{low:.3g}</span><span>{high:.3g}</span></span></p>'
     )
+
+
+def _color(table: Any, value: float) -> tuple[float, float, float]:
+    """Return the colour of a value, red, green and blue from 0 to 1."""
+    red, green, blue, _ = table.MapValue(value)
+    return red / 255.0, green / 255.0, blue / 255.0

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 from matplotlib.colors import to_rgb
+from scipy.spatial.transform import Rotation
 
 from meshtrace.errors import Refused
 from meshtrace.link import CardioidalSky, Link, Sun, UniformSky
@@ -84,27 +85,12 @@ def add_surface(
         clim = round_range(float(values.min()), float(values.max()))
         if color_limit is not None:
             clim = (0.0 if color == "slope" else -color_limit, color_limit)
-        look = {
-            "scalars": color,
-            "clim": clim,
-            "cmap": water_map(),
-            "scalar_bar_args": scene.bar(SURFACE_COLORS[color]),
-        }
-    scene.add_mesh(
-        data,
-        smooth_shading=True,
-        show_edges=edges,
-        edge_color="white",
-        edge_opacity=0.5,
-        line_width=1.2,
-        opacity=opacity,
-        ambient=0.3,
-        diffuse=0.75,
-        specular=0.2,
-        specular_power=30.0,
-        name="surface",
-        **look,
-    )
+        bar = scene.bar(SURFACE_COLORS[color])
+        look = {"scalars": color, "clim": clim, "cmap": water_map(), "scalar_bar_args": bar}
+    lines = {"show_edges": edges, "edge_color": "white", "edge_opacity": 0.5, "line_width": 1.2}
+    shine = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.2, "specular_power": 30.0}
+    look |= lines | shine
+    scene.add_mesh(data, smooth_shading=True, opacity=opacity, name="surface", **look)
     return scene
 
 
@@ -133,12 +119,11 @@ def add_bubbles(
         The same scene.
     """
     ring, bottom = _outline(mesh), scene.stage.bottom
-    share = np.linspace(0.0, 1.0, 60) ** 2  # finer near the surface, where the bubbles are
-    z = ring[:, 2] + share[:, None] * (bottom - ring[:, 2])
+    share = np.linspace(0.0, 1.0, 60)[:, None] ** 2  # finer near the surface, in the bubbles
+    z = ring[:, 2] + share * (bottom - ring[:, 2])
     x, y = (np.broadcast_to(column, z.shape) for column in ring[:, :2].T)
-    block = pv.StructuredGrid(x[..., None], y[..., None], z[..., None]).extract_surface(
-        algorithm=None
-    )
+    grid = pv.StructuredGrid(x[..., None], y[..., None], z[..., None])
+    block = grid.extract_surface(algorithm=None)
     if not near:
         foot = np.column_stack([ring[:-1, :2], np.full(len(ring) - 1, bottom)])
         scene.add_mesh(pv.lines_from_points(foot, close=True), color=WATER_COLORS[1], opacity=0.6)
@@ -148,14 +133,8 @@ def add_bubbles(
     if near:
         tint[:, 3] = np.rint(NEAR_OPACITY * tint[:, 3])
     block.point_data["tint"] = tint
-    scene.add_mesh(
-        block,
-        scalars="tint",
-        rgb=True,
-        lighting=False,
-        culling="back" if near else "front",
-        name="near water" if near else "water",
-    )
+    name, culled = ("near water", "back") if near else ("water", "front")
+    scene.add_mesh(block, scalars="tint", rgb=True, lighting=False, culling=culled, name=name)
     if bubbles is not None:
         scene.key[f"bubbles, {float(bubbles.b(0.0)):.2g} 1/m at the surface"] = BUBBLE_COLOR
     return scene
@@ -218,13 +197,8 @@ def _add_sky(scene: Scene, source: Any) -> None:
     stage, w = scene.stage, source.half_width
     zenith = math.radians(getattr(source, "zenith_deg", 0.0))
     azimuth = math.radians(getattr(source, "azimuth_deg", 0.0))
-    along = np.array(
-        [
-            math.sin(zenith) * math.cos(azimuth),
-            math.sin(zenith) * math.sin(azimuth),
-            -math.cos(zenith),
-        ]
-    )
+    across = math.sin(zenith)
+    along = np.array([across * math.cos(azimuth), across * math.sin(azimuth), -math.cos(zenith)])
     target = np.array([*source.position, 0.0])
     square = pv.Plane(center=target, i_size=2.0 * w, j_size=2.0 * w).extract_feature_edges()
     scene.add_mesh(square.tube(radius=0.002 * stage.size), color=LED_COLOR, lighting=False)
@@ -327,13 +301,6 @@ def _quadcopter(arm: float) -> pv.PolyData:
 
 def _rotation_from_z(normal: Vector) -> np.ndarray:
     """Return a rotation (3, 3) that turns +z to a unit vector, about a horizontal axis."""
-    x, y, z = normal
-    if z < -1.0 + 1e-12:
+    if normal[2] < -1.0 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])
-    return np.array(
-        [
-            [1.0 - x * x / (1.0 + z), -x * y / (1.0 + z), x],
-            [-x * y / (1.0 + z), 1.0 - y * y / (1.0 + z), y],
-            [-x, -y, z],
-        ]
-    )
+    return Rotation.align_vectors([normal], [Z])[0].as_matrix()

@@ -12,7 +12,7 @@ import pyvista as pv
 
 from meshtrace.errors import Refused
 from meshtrace.link import Link
-from meshtrace.mesh import TriangleMesh
+from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths
 
@@ -54,41 +54,33 @@ class Stage(NamedTuple):
         return (x - h, x + h, y - h, y + h, self.bottom, self.top)
 
 
-def stage_of(link: Link | None, mesh: TriangleMesh | None, extent: float | None) -> Stage:
+def stage_of(
+    link: Link | None, surface: SurfaceModel | TriangleMesh, extent: float | None
+) -> Stage:
     """Return a box around sources, receivers and the surface between them.
 
     Without a link it is that of the mesh. `extent` [m] replaces its half-width, and makes a
     close-up of the surface where it is smaller than depth or height.
     """
     if link is None:
-        if mesh is None:
+        if not isinstance(surface, TriangleMesh):
             raise Refused("link", None, "a link, or a mesh")
-        low, high = mesh.bounds
-        middle = 0.5 * (low + high)
-        half = 0.5 * float((high - low)[:2].max())
-        edge = 0.1 * half
-        return Stage(
-            (float(middle[0]), float(middle[1])),
-            extent or half,
-            float(low[2]) - edge,
-            float(high[2]) + edge,
-        )
+        (x0, y0, low), (x1, y1, high) = surface.bounds.tolist()
+        half = 0.5 * max(x1 - x0, y1 - y0)
+        center = (0.5 * (x0 + x1), 0.5 * (y0 + y1))
+        return Stage(center, extent or half, low - 0.1 * half, high + 0.1 * half)
     items = (*link.transmitters, *link.receivers)
     places = np.array([item.position for item in items])
-    low, high = places.min(axis=0), places.max(axis=0)
+    west, east = places.min(axis=0), places.max(axis=0)
     bottom = -max((getattr(item, "depth", 0.0) for item in items), default=0.0)
     top = max((getattr(item, "height", 0.0) for item in items), default=0.0)
     tall = max(top - bottom, 1.0)
-    half = 0.5 * float((high - low).max()) + 0.62 * tall
-    center = 0.5 * (low + high)
-    stage = Stage(
-        (float(center[0]), float(center[1])), half, bottom - 0.04 * tall, top + 0.08 * tall
-    )
+    x, y = (0.5 * (west + east)).tolist()
+    half = 0.5 * float((east - west).max()) + 0.62 * tall
+    bottom, top = bottom - 0.04 * tall, top + 0.08 * tall
     if extent is None:
-        return stage
-    return stage._replace(
-        half=extent, bottom=max(stage.bottom, -extent), top=min(stage.top, extent)
-    )
+        return Stage((x, y), half, bottom, top)
+    return Stage((x, y), extent, max(bottom, -extent), min(top, extent))
 
 
 class Scene(pv.Plotter):
@@ -116,11 +108,7 @@ class Scene(pv.Plotter):
     """
 
     def __init__(
-        self,
-        stage: Stage,
-        *,
-        off_screen: bool | None = None,
-        window_size: tuple[int, int] = SLIDE,
+        self, stage: Stage, *, off_screen: bool | None = None, window_size: tuple[int, int] = SLIDE
     ) -> None:
         with pv.vtk_verbosity("off"):
             # without a display VTK says so, then renders all the same
@@ -248,14 +236,8 @@ def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0
     angle = math.radians(direction_deg)
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
     middle = np.array([s.center[0] - 0.5 * s.half, s.center[1] - 1.15 * s.half, 0.0])
-    arrow = pv.Arrow(
-        start=middle - 0.5 * length * along,
-        direction=along,
-        scale=length,
-        tip_length=0.3,
-        tip_radius=0.07,
-        shaft_radius=0.025,
-    )
+    shape: Any = {"scale": length, "tip_length": 0.3, "tip_radius": 0.07, "shaft_radius": 0.025}
+    arrow = pv.Arrow(start=middle - 0.5 * length * along, direction=along, **shape)
     scene.add_mesh(arrow, color=PALETTE["orange"], ambient=0.4)
     text = "down-wind" if wind_speed is None else f"wind {wind_speed:g} m/s"
     add_labels(scene, [middle - 0.035 * s.size * Z], [text])
@@ -271,14 +253,9 @@ def add_key(scene: Scene) -> Scene:
             left, bottom = 0.02, bottom + 1.6 * scene.font_size / scene.window_size[1]
         swatch = (0.0, "\N{BLACK SQUARE}", color), (0.0, "\N{WHITE SQUARE}", INK)
         for shift, text, shade in (*swatch, (2.3, label, INK)):
-            scene.add_text(
-                text,
-                position=(left + shift * letter, bottom),
-                viewport=True,
-                font_size=round(0.5 * scene.font_size),
-                font_file=FONT_FILE,
-                color=shade,
-            )
+            font: Any = {"font_size": round(0.5 * scene.font_size), "font_file": FONT_FILE}
+            place = left + shift * letter, bottom
+            scene.add_text(text, position=place, viewport=True, color=shade, **font)
         left += (len(label) + 4.3) * letter
     return scene
 
@@ -288,21 +265,11 @@ def add_labels(
 ) -> Scene:
     """Write texts at points, always upright and in front."""
     scene.texts += [(point, text, align) for point, text in zip(points, texts, strict=True)]
-    scene.add_point_labels(
-        np.array(points),
-        texts,
-        font_size=scene.font_size,
-        text_color=INK,
-        font_file=FONT_FILE,
-        bold=False,
-        shape=None,
-        background_color=SKY,
-        background_opacity=0.55,
-        show_points=False,
-        always_visible=True,
-        justification_horizontal=align,
-        justification_vertical="center",
-    )
+    font: Any = {"font_size": scene.font_size, "font_file": FONT_FILE, "bold": False}
+    place: Any = {"justification_horizontal": align, "justification_vertical": "center"}
+    back: Any = {"shape": None, "background_color": SKY, "background_opacity": 0.55}
+    shown: Any = {"show_points": False, "always_visible": True, "text_color": INK}
+    scene.add_point_labels(np.array(points), texts, **font, **place, **back, **shown)
     return scene
 
 

@@ -16,7 +16,7 @@ from meshtrace.viz import plot_ber
 RATES = (1e6, 5e6, 1e7)
 PRESETS = ("physical", "paper-ranges")
 LIMIT = 1e-3
-"""Bit error rate of the ranges that the paper prints."""
+"""Bit error rate of the published ranges."""
 
 _PRINTED = {1e6: ("range-13-1", 13.0), 5e6: ("range-0-5", 0.0), 1e7: ("range-0-10", 0.0)}
 """Published range and its wind, for each bit rate."""

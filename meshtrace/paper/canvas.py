@@ -35,7 +35,7 @@ def panels(
 
 
 def form_panels(**options: Any) -> tuple[Figure, dict[Form, Any]]:
-    """Return a figure and its axes by form: right physics beside the forms as published."""
+    """Return a figure and its axes by form: correct physics beside the forms as published."""
     picture, axes = panels(1, len(FORMS), **options)
     for ax, form in zip(axes[0], FORMS, strict=True):
         ax.set_title(FORM_NAMES[form])
@@ -43,7 +43,7 @@ def form_panels(**options: Any) -> tuple[Figure, dict[Form, Any]]:
 
 
 def mark_printed(ax: Any, x: Sequence[float], y: Sequence[float]) -> None:
-    """Mark published numbers by stars."""
+    """Mark published numbers with stars."""
     look: Any = {"color": PALETTE["orange"], "markeredgecolor": INK, "markersize": 13}
     ax.plot(x, y, "*", zorder=5, label="printed", **look)
 

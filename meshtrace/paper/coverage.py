@@ -18,13 +18,13 @@ EXTENT = 5.0
 """Half-width of the maps [m]."""
 
 DEPTH = 15.0
-"""Depth of the colours [dB]."""
+"""Range of the colours below 0 dB [dB]."""
 
 CENTRE = 1.0
-"""Radius about the axis that counts as the centre [m]."""
+"""Radius of the central disk [m]."""
 
 RING = (3.0, 4.0)
-"""Distances from the axis between which the fall of the gain is taken [m]."""
+"""Inner and outer radius of the ring whose gain is compared with the centre [m]."""
 
 
 def coverage_half_angle(setting: Setting, **effort: Any) -> FigureOutput:

@@ -16,7 +16,7 @@ from meshtrace.viz import plot_fates
 
 WIND = 13.0
 RADIUS = 0.25
-"""Radius of an aperture that photons followed one by one meet often enough [m]."""
+"""Radius of an aperture large enough for the analog estimator [m]."""
 
 
 def fates(setting: Setting, photons: int) -> FigureOutput:

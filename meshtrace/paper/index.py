@@ -1,4 +1,4 @@
-"""The page that reads through all figures."""
+"""Index page of all figures."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _cells(row: dict[str, Any]) -> dict[str, str]:
     return {
         "quantity": html.escape(row["quantity"]),
         "unit": html.escape(row["unit"]),
-        "the paper prints": printed,
+        "published": printed,
         "default": number_text(row["default"]),
         "paper preset": number_text(row["paper"]),
         "difference": html.escape(row["difference"]),

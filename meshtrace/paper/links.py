@@ -1,4 +1,4 @@
-"""Links of the paper in a wind, with right physics or the forms as published, and their means."""
+"""Links of the paper in a wind, with correct physics or the forms as published, and their means."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def scenario(wind: float, form: Form, **tables: Any) -> Scenario:
     wind : float
         Wind at 10 m [m s-1]; 0 is a flat sea without foam and bubbles.
     form : {"physical", "paper"}
-        Right physics, or every form as published.
+        Correct physics, or every form as published.
     **tables
         Keys of a link file that replace those of the paper's link.
     """

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Described, Refused
 from meshtrace.optics.water import quan_fry
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ _NAMES = {
     "latitude": ("LATITUDE", "LAT", "latitude"),
     "longitude": ("LONGITUDE", "LON", "longitude"),
 }
-"""Names or CF standard names of the variables, the first that is there."""
+"""Names or CF standard names of the variables; the first one present is used."""
 
 
 class Deflection(NamedTuple):
@@ -57,20 +58,20 @@ class WaterProfile:
     Parameters
     ----------
     depth : ndarray, shape (n,)
-        Depths [m], strictly rising, n >= 2.
+        Depths [m], strictly increasing, n >= 2.
     temperature : ndarray, shape (n,)
         Temperature [degree Celsius].
     salinity : ndarray, shape (n,)
         Practical salinity [1], taken as g/kg.
     latitude, longitude : float
-        Where [degrees north, east]; nan if not known.
+        Place [degrees north, east]; nan if unknown.
     name : str
-        Text of the legends.
+        Name in legends.
 
     Raises
     ------
-    ValueError
-        If the arrays do not match, are not finite, or the depths do not rise.
+    Refused
+        If the arrays do not match or are not finite, or the depths do not increase.
     """
 
     depth: Floats
@@ -84,11 +85,12 @@ class WaterProfile:
         columns = (self.depth, self.temperature, self.salinity)
         shapes = [np.shape(values) for values in columns]
         if len(set(shapes)) != 1 or len(shapes[0]) != 1 or shapes[0][0] < 2:
-            raise ValueError(f"depth, temperature, salinity: {shapes}, allowed (n,) of n >= 2")
+            raise Refused("depth, temperature, salinity", shapes, "shapes (n,) of n >= 2")
         if not np.isfinite(np.array(columns)).all():
-            raise ValueError("depth, temperature, salinity: nan or inf, allowed finite values")
+            described = Described("nan or inf")
+            raise Refused("depth, temperature, salinity", described, "finite values")
         if self.depth[0] < 0.0 or not (np.diff(self.depth) > 0.0).all():
-            raise ValueError("depth: allowed depths >= 0 m that rise strictly")
+            raise Refused("depth", self.depth.tolist(), "strictly increasing depths >= 0 m")
 
     def n(self, depth: ArrayLike, wavelength_nm: float = 470.0) -> Floats:
         """Return the refractive index at depths, linear between the samples, even above them.
@@ -107,8 +109,8 @@ class WaterProfile:
 
         Raises
         ------
-        ValueError
-            If a depth lies below the profile or a temperature outside of 0 ... 30 degrees.
+        Refused
+            If a depth lies below the profile or a temperature outside 0 ... 30 degrees Celsius.
 
         Notes
         -----
@@ -117,7 +119,7 @@ class WaterProfile:
         """
         z = np.asarray(depth, dtype=float)
         if not ((z >= 0.0) & (z <= self.depth[-1])).all():
-            raise ValueError(f"depth: {z}, allowed 0 <= depth <= {self.depth[-1]:g} m")
+            raise Refused("depth", z.tolist(), f"0 <= depth <= {self.depth[-1]:g} m")
         fresh, salt = (quan_fry(wavelength_nm, self.temperature, s) for s in (0.0, 35.0))
         return np.interp(z, self.depth, fresh + self.salinity / 35.0 * (salt - fresh))
 
@@ -144,19 +146,19 @@ def ray_deflection(
     -------
     Deflection
         Horizontal offset at the surface from a straight ray, and change of the angle there:
-        negative if the ray is steeper, positive if it is flatter.
+        negative for a steeper ray, positive for a flatter one.
 
     Raises
     ------
-    ValueError
+    Refused
         If the start lies below the profile, the angle is not allowed, or a layer reflects the
         ray.
 
     Notes
     -----
-    The direction in the air is that without layers, since n sin(theta) is the same all the way: a
-    receiver has the same offset. A vertical ray is not bent. Turbulence and gradients along the
-    horizontal are left out: profiles do not hold them.
+    The direction in the air is that without layers, since n sin(theta) is conserved: the offset at
+    the receiver is that at the surface. A vertical ray is not deflected. Turbulence and horizontal
+    gradients are neglected.
 
     Examples
     --------
@@ -168,9 +170,9 @@ def ray_deflection(
     '1.6 mm'
     """
     if not 0.0 <= zenith <= STEEPEST:
-        raise ValueError(f"zenith: {zenith}, allowed 0 <= zenith <= {STEEPEST:.3f} rad")
+        raise Refused("zenith", zenith, f"0 <= zenith <= {STEEPEST:.3f} rad")
     if not 0.0 < depth <= profile.depth[-1]:
-        raise ValueError(f"depth: {depth}, allowed 0 < depth <= {profile.depth[-1]:g} m")
+        raise Refused("depth", depth, f"0 < depth <= {profile.depth[-1]:g} m")
     invariant = float(profile.n(depth, wavelength_nm)) * math.sin(zenith)
     inner = profile.depth[(profile.depth > 0.0) & (profile.depth < depth)]
     edges = np.concatenate([[0.0], inner, [depth]])
@@ -179,7 +181,7 @@ def ray_deflection(
     sine = invariant / profile.n(edges[:-1, None] + half * (x + 1.0), wavelength_nm)
     at_surface = invariant / float(profile.n(0.0, wavelength_nm))
     if max(float(sine.max()), at_surface) >= 1.0:
-        raise ValueError(f"zenith: {zenith}, allowed angles that no layer reflects")
+        raise Refused("zenith", zenith, "angles without total reflection in a layer")
     slope = sine / np.sqrt(1.0 - sine**2) - math.tan(zenith)
     return Deflection(float(np.sum(half * weight * slope)), math.asin(at_surface) - zenith)
 
@@ -225,12 +227,12 @@ def load_profiles(path: str | Path) -> list[WaterProfile]:
     Returns
     -------
     list of WaterProfile
-        Good samples by the flags of the file, sorted by depth; adjusted values where Argo has
-        them. Profiles of fewer than two good samples are left out.
+        Samples with a good quality flag, sorted by depth; adjusted values of Argo where present.
+        Profiles with fewer than two good samples are omitted.
 
     Raises
     ------
-    ValueError
+    Refused
         If the file cannot be read, lacks a variable, or has no good profile.
     """
     import xarray as xr
@@ -239,11 +241,11 @@ def load_profiles(path: str | Path) -> list[WaterProfile]:
         with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
             data = opened.load()
     except (OSError, ValueError) as error:
-        text = " ".join(str(error).split())
-        raise ValueError(f"{path}: {text}, allowed a netCDF-4 file") from error
+        raise Refused("", Described(error), "a netCDF-4 file", source=str(path)) from error
     found = list(_profiles(data, str(path)))
     if not found:
-        raise ValueError(f"{path}: no good samples, allowed a profile of two or more")
+        described = Described("no good samples")
+        raise Refused("", described, "a profile of two or more samples", source=str(path))
     return found
 
 
@@ -278,7 +280,7 @@ def _optional(data: xr.Dataset, what: str) -> xr.DataArray | None:
 def _variable(data: xr.Dataset, what: str, path: str) -> xr.DataArray:
     found = _optional(data, what)
     if found is None:
-        raise ValueError(f"{path}: no {what}, allowed a file with {' or '.join(_NAMES[what])}")
+        raise Refused("", Described(f"no {what}"), " or ".join(_NAMES[what]), source=path)
     return found
 
 

@@ -27,7 +27,7 @@ def make_figures(
     setting: Setting | None = None,
     on_figure: Callable[[str, dict[str, Any] | None], None] | None = None,
 ) -> list[dict[str, Any]]:
-    """Draw figures of the paper into a folder, with one page to read through.
+    """Draw figures of the paper into a folder, with an index page.
 
     Parameters
     ----------
@@ -40,8 +40,8 @@ def make_figures(
     setting : Setting, optional
         Seed, threads, files of temperature and salinity.
     on_figure : callable, optional
-        Called with the name of each figure and None before it is made, and with its record when
-        it is done.
+        Called with the name of each figure and None before it is drawn, and with its record
+        afterwards.
 
     Returns
     -------

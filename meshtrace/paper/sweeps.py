@@ -43,7 +43,7 @@ class Sweep(NamedTuple):
     def output(
         self, numbers: list[Entry], printed: Sequence[tuple[float, str]] = ()
     ) -> FigureOutput:
-        """Return the figure: right physics beside the forms as published."""
+        """Return the figure: correct physics beside the forms as published."""
         coords = {"form": FORMS, "wind_speed": WINDS, self.name: self.values}
         columns = {
             key: [[self.column(f, u, i) for u in WINDS] for f in FORMS]

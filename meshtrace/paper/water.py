@@ -1,4 +1,4 @@
-"""Figures of the stations, their temperature and salinity, and the refraction by these."""
+"""Figures of the stations, their temperature and salinity, and the resulting refraction."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ EARTH_RADIUS = 6371.0
 """Mean radius [km]."""
 
 DEEPEST = 50.0
-"""The depths of interest end here [m]."""
+"""Largest depth of interest [m]."""
 
 STAND_INS = (
-    "NOT the paper's data, which cannot be shipped: made-up profiles, from a mixed layer "
-    "to a thermocline far sharper than the paper reports. Give files of the AODN portal or of "
-    "Argo with --profiles."
+    "NOT the paper's data, which cannot be distributed: invented profiles, from a mixed layer "
+    "to a thermocline far sharper than the paper reports. Use --profiles for files of the AODN "
+    "portal or of Argo."
 )
 
 ZENITHS = np.radians(np.linspace(0.0, 40.0, 41))
@@ -56,7 +56,7 @@ def stations(setting: Setting) -> FigureOutput:
     degrees = {"units": "degrees_east"}, {"units": "degrees_north"}
     places = {"longitude": ("station", lon, degrees[0]), "latitude": ("station", lat, degrees[1])}
     data = xr.Dataset(places)
-    circles = "Circles: where the given files were measured. " if given else ""
+    circles = "Circles: places of the given profiles. " if given else ""
     return FigureOutput(picture, data, numbers, {"circles": circles})
 
 
@@ -69,7 +69,7 @@ def _distance(p: tuple[float, float], q: tuple[float, float]) -> float:
 
 
 def temperature_salinity(setting: Setting) -> FigureOutput:
-    """Draw profiles, the refractive index that follows, and the deflection of rays."""
+    """Draw temperature, salinity and refractive index over depth, and the deflection of rays."""
     profiles = profiles_of(setting)
     picture, axes = panels(1, 4, width=4.0)
     depths, offsets, numbers = [], [], []
