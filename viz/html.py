@@ -151,16 +151,10 @@ def _bar(title: str, bar: Any) -> str:
     """Return a colour bar, whichever colours it has, as HTML."""
     table = bar.GetLookupTable()
     low, high = table.GetRange()
-    shades = [to_hex(_color(table, float(value))) for value in np.linspace(low, high, 12)]
+    shades = [to_hex(table.map_value(float(value))) for value in np.linspace(low, high, 12)]
     gradient = f"linear-gradient(to right, {', '.join(shades)})"
     return (
         f"<p>{html.escape(' '.join(title.split()))}"
         f'<span class="bar" style="display:block;background:{gradient}"></span>'
         f'<span class="ends"><span>{low:.3g}</span><span>{high:.3g}</span></span></p>'
     )
-
-
-def _color(table: Any, value: float) -> tuple[float, float, float]:
-    """Return the colour of a value, red, green and blue from 0 to 1."""
-    red, green, blue, _ = table.MapValue(value)
-    return red / 255.0, green / 255.0, blue / 255.0

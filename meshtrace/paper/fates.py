@@ -33,7 +33,7 @@ def fates(setting: Setting, photons: int) -> FigureOutput:
     numbers = [
         row(
             "share",
-            [Number(s, float(np.sqrt(max(s, 0.0) / photons))) for s in both],
+            [Number(s, float(np.sqrt(max(s * photons, 0.0)) / photons)) for s in both],
             fate=FATE_MEANING[Fate[str(name).upper()]],
         )
         for name, both in zip(table.index, table.to_numpy(), strict=True)
