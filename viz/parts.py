@@ -166,7 +166,7 @@ def _tint(z: np.ndarray, bottom: float, bubbles: HallNovarini | None) -> np.ndar
     return np.rint(255.0 * np.hstack([color, alpha])).astype(np.uint8)
 
 
-def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
+def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool = True) -> Scene:
     """Draw every source: an LED or a beam with its cone, or rays of the sun or sky.
 
     The cone ends at the surface; its half-angle is that of half power (LED), of 1/e^2
@@ -174,7 +174,7 @@ def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
     """
     for source in link.transmitters:
         if isinstance(source, Sun | UniformSky | CardioidalSky):
-            _add_sky(scene, source)
+            _add_sky(scene, source, labels)
             continue
         place = (*source.position, -source.depth)
         half = getattr(source, "half_angle_deg", getattr(source, "divergence_deg", None))
@@ -187,12 +187,12 @@ def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
         name = "LED" if source.kind == "led" else source.kind.replace("-", " ")
         angle = "" if half is None else f"\nhalf-angle {half:g}°"
         text = f"{name}, depth {source.depth:g} m{angle}"
-        beside = np.array(place) + np.array([0.03, 0.0, 0.0]) * scene.stage.size
-        add_labels(scene, [beside], [text], align="left")
+        if labels:
+            _label(scene, place, 0.03, text)
     return scene
 
 
-def _add_sky(scene: Scene, source: Any) -> None:
+def _add_sky(scene: Scene, source: Any, labels: bool) -> None:
     """Draw the square of the sea that a sun or sky lights, with the direction of its light."""
     stage, w = scene.stage, source.half_width
     zenith = math.radians(getattr(source, "zenith_deg", 0.0))
@@ -205,10 +205,11 @@ def _add_sky(scene: Scene, source: Any) -> None:
     length = 0.2 * stage.size
     arrow = pv.Arrow(start=target - length * along, direction=along, scale=length)
     scene.add_mesh(arrow, color=LED_COLOR, ambient=0.5)
-    add_labels(scene, [target - 1.1 * length * along], [source.kind.replace("-", " ")])
+    if labels:
+        add_labels(scene, [target - 1.1 * length * along], [source.kind.replace("-", " ")])
 
 
-def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
+def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool = True) -> Scene:
     """Draw every receiver: its disk, enlarged to be visible, and its field of view."""
     stage = scene.stage
     for receiver in link.receivers:
@@ -225,9 +226,15 @@ def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
         scale = radius / receiver.radius
         drawn = "" if scale == 1.0 else f" (drawn {scale:.2g}x)"
         text = f"receiver, radius {receiver.radius:g} m{drawn}\nfield of view {receiver.fov_deg:g}°"
-        beside = np.array(receiver.center) + np.array([0.06, 0.0, 0.0]) * stage.size
-        add_labels(scene, [beside], [text], align="left")
+        if labels:
+            _label(scene, receiver.center, 0.06, text)
     return scene
+
+
+def _label(scene: Scene, place: Vector, shift: float, text: str) -> None:
+    """Write a text beside a place [m], at a distance relative to the size of the stage."""
+    beside = np.array(place) + np.array([shift * scene.stage.size, 0.0, 0.0])
+    add_labels(scene, [beside], [text], align="left")
 
 
 def _add_cone(

@@ -140,7 +140,7 @@ def scene(
     # from back to front: translucent parts are blended in this order
     if link is not None:
         add_bubbles(plotter, shown, bubbles)
-        add_transmitter(plotter, link, shown)
+        add_transmitter(plotter, link, shown, labels=style.labels)
     look_of: Any = {
         key: getattr(style, key) for key in ("color", "color_limit", "edges", "opacity")
     }
@@ -154,7 +154,7 @@ def scene(
                 add_paths(plotter, drawn, color=style.path_color)
         if light is not None and style.footprint:
             add_footprint(plotter, shown, light)
-        add_receiver(plotter, link, shown)
+        add_receiver(plotter, link, shown, labels=style.labels)
         if style.uav:
             add_uav(plotter, link)
         add_bubbles(plotter, shown, bubbles, near=True)
