@@ -62,6 +62,7 @@ def make_figures(
     from meshtrace.paper.profile_files import profiles_of
 
     setting, folder = setting or Setting(), Path(folder)
+    report = on_figure or (lambda name, record: None)
     figures = [load(name) for name in only or FIGURES]
     if any(one.reads_profiles for one in figures):
         profiles_of(setting)  # refused before anything is drawn
@@ -70,12 +71,10 @@ def make_figures(
     for one in figures:
         record = _kept(folder, one, key(one, setting, quick))
         if record is None:
-            if on_figure is not None:
-                on_figure(one.name, None)
+            report(one.name, None)
             record = _made(folder, one, setting, quick)
             write_index(folder)
-        if on_figure is not None:
-            on_figure(one.name, record)
+        report(one.name, record)
         records.append(record)
     write_index(folder)
     return records
@@ -120,9 +119,7 @@ def _made(folder: Path, one: Figure, setting: Setting, quick: bool) -> dict[str,
         _write(folder / one.name, output, rows)
     record = {
         "key": key(one, setting, quick),
-        "name": one.name,
-        "number": one.number,
-        "title": one.title,
+        **{name: getattr(one, name) for name in ("name", "number", "title")},
         "caption": one.text(output),
         "quick": quick,
         "effort": one.effort(quick),

@@ -115,23 +115,18 @@ def _numbers(profile: WaterProfile, depth: float, offset: Any) -> list[Entry]:
 
 
 def _dataset(profiles: list[WaterProfile], depths: list[float], offsets: list[Any]) -> xr.Dataset:
-    grid = np.linspace(0.0, min(depths), 101)
-    dims = ("profile", "depth")
+    grid, dims = np.linspace(0.0, min(depths), 101), ("profile", "depth")
 
     def on_grid(values: str) -> list[Any]:
         return [np.interp(grid, p.depth, getattr(p, values)) for p in profiles]
 
-    return xr.Dataset(
-        {
-            "temperature": (dims, on_grid("temperature"), {"units": "degree_Celsius"}),
-            "salinity": (dims, on_grid("salinity"), {"units": "1"}),
-            "n_water": (dims, [p.n(grid) for p in profiles], {"units": "1"}),
-            "offset": (("profile", "zenith"), offsets, {"units": "m"}),
-            "start_depth": ("profile", depths, {"units": "m"}),
-        },
-        {
-            "profile": [p.name for p in profiles],
-            "depth": ("depth", grid, attrs("depth")),
-            "zenith": ("zenith", ZENITHS, {"units": "rad"}),
-        },
-    )
+    variables = {
+        "temperature": (dims, on_grid("temperature"), {"units": "degree_Celsius"}),
+        "salinity": (dims, on_grid("salinity"), {"units": "1"}),
+        "n_water": (dims, [p.n(grid) for p in profiles], {"units": "1"}),
+        "offset": (("profile", "zenith"), offsets, {"units": "m"}),
+        "start_depth": ("profile", depths, {"units": "m"}),
+    }
+    zenith, names = ("zenith", ZENITHS, {"units": "rad"}), [p.name for p in profiles]
+    depth = ("depth", grid, attrs("depth"))
+    return xr.Dataset(variables, {"profile": names, "depth": depth, "zenith": zenith})
