@@ -1,4 +1,4 @@
-"""A scene as one web page that turns under the mouse and needs no network."""
+"""Export of a scene as a self-contained interactive web page."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
     Raises
     ------
     Refused
-        If the suffix is another.
+        If the suffix is not .html or .htm.
     """
     path = Path(path)
     if path.suffix not in (".html", ".htm"):
@@ -72,7 +72,7 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
 
 
 def _exported(plotter: pv.Plotter) -> str:
-    """Return the viewer with the scene, its flat texts as solid ones and without bars."""
+    """Return the viewer page with the scene, texts as 3D letters, without colour bars."""
     bars = list(plotter.scalar_bars.values())
     for bar in bars:
         bar.SetVisibility(False)
@@ -88,9 +88,9 @@ def _exported(plotter: pv.Plotter) -> str:
 
 
 def _packed(window: Any) -> bytes:
-    """Return a render window as the zip file that the viewer opens.
+    """Return a render window as a zip file for the viewer.
 
-    Like pyvista's export, which however starts a web server.
+    The export of pyvista does the same but starts a web server.
     """
     initialize_serializers()
     context = SynchronizationContext()
@@ -148,7 +148,7 @@ def _about(plotter: pv.Plotter, title: str) -> str:
 
 
 def _bar(title: str, bar: Any) -> str:
-    """Return a colour bar, whichever colours it has, as HTML."""
+    """Return a colour bar as HTML."""
     table = bar.GetLookupTable()
     low, high = table.GetRange()
     shades = [to_hex(table.map_value(float(value))) for value in np.linspace(low, high, 12)]

@@ -1,4 +1,4 @@
-"""A moving sea with the gain drawn beside it."""
+"""Movies of a moving sea with its gain."""
 
 from __future__ import annotations
 
@@ -78,7 +78,8 @@ def save_movie(
     Raises
     ------
     Refused
-        If the suffix is another, there are fewer than two times, or the gain is of others.
+        If the suffix is not .mp4 or .gif, there are fewer than two times, or the gain has other
+        times.
     """
     from imageio import v2 as imageio
 
@@ -117,7 +118,7 @@ def _writer_options(path: Path, frame_rate: float) -> dict[str, Any]:
 
 
 class _Frame:
-    """A figure with the scene on its left and the gain, with the current time, on its right."""
+    """Figure with the scene on the left and the gain with a time marker on the right."""
 
     @mpl.rc_context(RC)
     def __init__(self, gain: GainSeries) -> None:

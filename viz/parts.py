@@ -97,10 +97,10 @@ def add_surface(
 def add_bubbles(
     scene: Scene, mesh: TriangleMesh, bubbles: HallNovarini | None = None, *, near: bool = False
 ) -> Scene:
-    """Draw the block of water below the surface, milky in the bubble layer.
+    """Draw the block of water below the surface, with white bubble layer.
 
-    The far sides and the near ones, wherever one looks from, are two parts: all else is drawn
-    between them.
+    Far and near sides, as seen from the camera, are two parts; all other parts are drawn between
+    them.
 
     Parameters
     ----------
@@ -109,9 +109,9 @@ def add_bubbles(
     mesh : TriangleMesh
         The surface.
     bubbles : HallNovarini, optional
-        The bubbles; clear water without.
+        The bubbles; clear water by default.
     near : bool
-        Draw the near sides, clearer, instead of the far ones.
+        Draw the near sides, with lower opacity, instead of the far ones.
 
     Returns
     -------
@@ -167,7 +167,7 @@ def _tint(z: np.ndarray, bottom: float, bubbles: HallNovarini | None) -> np.ndar
 
 
 def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool = True) -> Scene:
-    """Draw every source: an LED or a beam with its cone, or rays of the sun or sky.
+    """Draw every source: an LED or a beam with its cone, or the light of the sun or sky.
 
     The cone ends at the surface; its half-angle is that of half power (LED), of 1/e^2
     (Gaussian beam), or of the whole beam.
@@ -193,7 +193,7 @@ def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: boo
 
 
 def _add_sky(scene: Scene, source: Any, labels: bool) -> None:
-    """Draw the square of the sea that a sun or sky lights, with the direction of its light."""
+    """Draw the square of the sea lit by a sun or sky, with the direction of the light."""
     stage, w = scene.stage, source.half_width
     zenith = math.radians(getattr(source, "zenith_deg", 0.0))
     azimuth = math.radians(getattr(source, "azimuth_deg", 0.0))
@@ -210,7 +210,7 @@ def _add_sky(scene: Scene, source: Any, labels: bool) -> None:
 
 
 def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool = True) -> Scene:
-    """Draw every receiver: its disk, enlarged to be visible, and its field of view."""
+    """Draw every receiver: its disk, enlarged for visibility, and its field of view."""
     stage = scene.stage
     for receiver in link.receivers:
         x, y, z = receiver.axis
@@ -240,7 +240,7 @@ def _label(scene: Scene, place: Vector, shift: float, text: str) -> None:
 def _add_cone(
     scene: Scene, mesh: TriangleMesh, apex: Vector, axis: Vector, half_deg: float, color: str
 ) -> None:
-    """Draw a cone from its apex to the surface, its rim in line; none wider than the stage."""
+    """Draw a cone from its apex to its rim on the surface, unless it is wider than the stage."""
     if not 0.0 < half_deg < 85.0:
         return
     stage = scene.stage
@@ -263,7 +263,7 @@ def cone_rim(
 ) -> np.ndarray:
     """Return the outline of a cone on the surface, closed, shape (97, 3) [m].
 
-    Rays that have not met it after a `longest` way [m] end there.
+    Rays without a crossing within `longest` [m] end there.
     """
     azimuth = np.linspace(0.0, 2.0 * math.pi, 97)
     half = math.radians(half_deg)
@@ -280,7 +280,7 @@ def cone_rim(
 
 
 def add_uav(scene: Scene, link: Link) -> Scene:
-    """Draw a quadcopter above every receiver in the air, leaning as the receiver does."""
+    """Draw a quadcopter above every receiver in the air, tilted as the receiver."""
     for receiver in link.receivers:
         if receiver.kind == "receiver" and scene.stage.contains(receiver.center):
             glyph = _quadcopter(0.05 * scene.stage.size)

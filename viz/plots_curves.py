@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 BER_SHOWN = (1e-9, 1.0)
-"""Error ratios of the axis; curves run on to their last value that is not 0."""
+"""Limits of the axis of error ratios."""
 
 
 def plot_curves(

@@ -21,13 +21,13 @@ from .stage import Scene, Stage, add_compass, add_key, add_scale, look, stage_of
 from .style import SLIDE
 
 RECEIVED_SHOWN = 40
-"""Paths of received light among those shown."""
+"""Number of paths of received light shown with other paths."""
 
 MOST_CELLS = 1000
-"""Mesh cells along the half-width of the sea beyond which none is drawn."""
+"""Largest number of mesh cells along the half-width of the sea."""
 
 FOOTPRINT_PATHS = 2000
-"""Paths of received light that make the footprint."""
+"""Number of paths of received light for the footprint."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def scene(
     style : SceneStyle
         Colours, parts, extent and window.
     plotter : Scene, optional
-        Scene to draw again on, with its camera.
+        Scene to redraw, with its camera.
 
     Returns
     -------
@@ -201,7 +201,7 @@ def received_light(
     paths: PhotonPaths | None,
     received: PhotonPaths | int | None,
 ) -> tuple[PhotonPaths | None, PhotonPaths | None]:
-    """Return the received light that makes the footprint, and its paths to draw."""
+    """Return the received light for the footprint, and the paths to draw."""
     if isinstance(received, PhotonPaths):
         return received, received
     if paths is None and received is None:

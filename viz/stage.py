@@ -123,7 +123,7 @@ class Scene(pv.Plotter):
         look(self)
 
     def wipe(self) -> None:
-        """Remove all that is drawn; camera and lights stay."""
+        """Remove all parts; camera and lights stay."""
         self.clear_actors()
         for drawn in (self.scalar_bars, self.key, self.texts, self.shown):
             drawn.clear()
@@ -162,7 +162,7 @@ class Scene(pv.Plotter):
 
 
 def add_lights(scene: Scene) -> Scene:
-    """Light the waves from behind, so that they glint, and everything else from the front."""
+    """Add a low sun behind the waves for glint, and light from the front."""
     low_sun = pv.Light(position=(0.6, 1.0, 0.55), light_type="scene light", intensity=0.75)
     from_above = pv.Light(position=(-0.5, -0.4, 1.0), light_type="scene light", intensity=0.45)
     for light in (low_sun, from_above, pv.Light(light_type="headlight", intensity=0.35)):
@@ -172,10 +172,9 @@ def add_lights(scene: Scene) -> Scene:
 
 
 def look(scene: Scene, azimuth_deg: float = -68.0, elevation_deg: float = 11.0) -> Scene:
-    """Point the camera at the stage from an azimuth and elevation, so that it fills the window.
+    """Point the camera at the stage from an azimuth and elevation; the stage fills the window.
 
-    By default low enough to see the surface from above and, under its near edge, what is in
-    the water.
+    By default low enough to show the surface from above and the water below its near edge.
     """
     azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
     x, y, across = math.cos(azimuth), math.sin(azimuth), math.cos(elevation)
@@ -205,7 +204,7 @@ def look(scene: Scene, azimuth_deg: float = -68.0, elevation_deg: float = 11.0) 
 def add_scale(scene: Scene) -> Scene:
     """Draw a ruler of z at the left edge of the stage and a bar of round length in front.
 
-    A stage as flat as a wide sea has no ruler: its colours tell z.
+    A stage as flat as a wide sea has no ruler; its colours show z.
     """
     s = scene.stage
     (x, y), half = s.center, s.half
@@ -230,7 +229,7 @@ def add_scale(scene: Scene) -> Scene:
 
 
 def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0.0) -> Scene:
-    """Draw an arrow down-wind before the near edge of the sea, with the wind speed [m s-1]."""
+    """Draw a down-wind arrow in front of the near edge of the sea, with the wind speed [m s-1]."""
     s = scene.stage
     length = 0.16 * s.size
     angle = math.radians(direction_deg)
@@ -245,7 +244,7 @@ def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0
 
 
 def add_key(scene: Scene) -> Scene:
-    """Write the meaning of the colours in rows along the lower edge."""
+    """Draw the legend of the colours along the lower edge."""
     left, bottom = 0.02, 0.02
     letter = 0.53 * scene.font_size / scene.window_size[0]
     for label, color in scene.key.items():
@@ -263,7 +262,7 @@ def add_key(scene: Scene) -> Scene:
 def add_labels(
     scene: Scene, points: list[np.ndarray], texts: list[str], align: Any = "center"
 ) -> Scene:
-    """Write texts at points, always upright and in front."""
+    """Draw texts at points, upright and in front of all other parts."""
     scene.texts += [(point, text, align) for point, text in zip(points, texts, strict=True)]
     font: Any = {"font_size": scene.font_size, "font_file": FONT_FILE, "bold": False}
     place: Any = {"justification_horizontal": align, "justification_vertical": "center"}
@@ -274,7 +273,7 @@ def add_labels(
 
 
 def round_length(length: float) -> float:
-    """Return the largest of 1, 2, 5 times a power of ten that is not longer.
+    """Return the largest of 1, 2, 5 times a power of ten up to a length.
 
     Examples
     --------
@@ -286,7 +285,7 @@ def round_length(length: float) -> float:
 
 
 def round_range(low: float, high: float) -> tuple[float, float]:
-    """Return the closest limits around two values whose middle has one digit, as they have.
+    """Return the closest limits around two values, with one digit for limits and middle.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Photons and rays per second, the figure of merit, and the cost of a new sea."""
+"""Photons and rays per second, figure of merit, and cost of a new sea."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Rays = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 
 
 class RayRecorder(EmbreeIntersector):
-    """An intersector that records the rays cast on it."""
+    """Intersector that records its rays."""
 
     def __init__(self, mesh: TriangleMesh, threads: int) -> None:
         super().__init__(mesh, threads)
@@ -41,7 +41,7 @@ class RayRecorder(EmbreeIntersector):
 
 
 def best_of(rounds: int, *jobs: Callable[[], Any]) -> list[float]:
-    """Return the shortest time of each job [s]; they take turns."""
+    """Return the shortest time of each job [s], over interleaved rounds."""
     best = [math.inf] * len(jobs)
     for _ in range(rounds):
         for i, job in enumerate(jobs):
@@ -66,7 +66,7 @@ def analog_rate(
 ) -> dict[str, Any]:
     """Return photons per second against raw Embree rays per second on the same mesh.
 
-    Raw rays are those that the engine cast, replayed in its own chunks on all threads.
+    Raw rays are the rays of the engine, replayed in the same chunks on all threads.
 
     Parameters
     ----------

@@ -84,9 +84,9 @@ def worker_scaling(
     rounds: int = 1,
     most: int | None = None,
 ) -> dict[str, Any]:
-    """Return the rates at which one, two, four, ... processes compute a sweep.
+    """Return the rates of a sweep with one, two, four, ... processes.
 
-    The start of the processes counts: a sweep pays for it once.
+    The time includes the start of the processes.
 
     Parameters
     ----------

@@ -81,22 +81,16 @@ def progress(
 
     Warnings become lines of stderr. The status says so if kernels of `estimators` will compile.
     """
+    from rich import progress as rich
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeRemainingColumn,
-    )
 
     console = Console(stderr=True)
-    text = TextColumn("{task.description}")
-    columns = (text, BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    text, share = rich.TextColumn("{task.description}"), rich.TaskProgressColumn()
+    columns = (text, rich.BarColumn(), share, rich.TimeRemainingColumn())
     shown = console.is_terminal and not quiet
     with (
         warnings_as_lines(),
-        Progress(*columns, console=console, transient=True, disable=not shown) as bar,
+        rich.Progress(*columns, console=console, transient=True, disable=not shown) as bar,
     ):
         task = bar.add_task("building the sea", total=None)
 

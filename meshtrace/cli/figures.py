@@ -1,4 +1,4 @@
-"""`meshtrace figures`: every figure of the paper, redrawn."""
+"""`meshtrace figures`: redraw the figures of the paper."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ MOST_FRAMES = 10_000
 
 
 class Subject(NamedTuple):
-    """Subject of a view: a link over a surface at a time, with the data of a result."""
+    """Subject of a view: a link over a surface at a time, and the data of a result."""
 
     surface: SurfaceModel | TriangleMesh
     link: Link | None = None

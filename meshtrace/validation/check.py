@@ -23,7 +23,7 @@ class Check:
     Parameters
     ----------
     quantity : str
-        Quantity that is compared.
+        Quantity compared.
     source : str
         Source of the reference.
     expected, got : float

@@ -17,8 +17,8 @@ from meshtrace.validation.check import Check, simulated
 def estimator_checks(photons: int) -> Iterator[Check]:
     """Yield analog gains against forced ones; `photons` for each analog run.
 
-    An aperture of 0.25 m has 25 times the hits of the default one and the same physics. Light
-    that the surface sends back is left out on both sides.
+    An aperture of 0.25 m has 25 times the hits of the default one and the same physics. Both sides
+    neglect light reflected downwards by the surface.
     """
     from meshtrace.surfaces import FlatSea, JonswapSea
 

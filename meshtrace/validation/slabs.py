@@ -39,7 +39,7 @@ class SlabLight(NamedTuple):
 
 @cache
 def wide_mesh() -> TriangleMesh:
-    """Return still water that light hardly leaves sideways."""
+    """Return still water wide enough for a negligible loss of light at its sides."""
     from meshtrace.surfaces import FlatSea
 
     return FlatSea().mesh(extent=3000.0, spacing=1000.0)
@@ -71,7 +71,7 @@ def slab_link(
     Returns
     -------
     Link
-        Its receiver takes all that leaves upwards; its plane lies just above the floor.
+        The receiver collects all light leaving upwards; the plane lies just above the floor.
     """
     medium: Any = {"a": 1.0 - albedo, "b": albedo, "n": n_water, "phase": HenyeyGreenstein(g=g)}
     return Link(

@@ -17,7 +17,7 @@ from meshtrace.validation.slabs import slab_checks
 
 
 class Family(NamedTuple):
-    """Checks that belong together, and the photons that they take."""
+    """Group of checks, with their numbers of photons."""
 
     checks: Callable[[int], Iterable[Check]]
     photons: int
@@ -50,7 +50,7 @@ def validate(
     Returns
     -------
     tuple of Check
-        Seeds are fixed: on one machine the same numbers come out each time.
+        Seeds are fixed: results on one machine are reproducible.
 
     Examples
     --------
