@@ -208,7 +208,7 @@ def received_light(
         return None, None
     try:
         light = trace(max(received or 0, FOOTPRINT_PATHS), received_only=True)
-    except ValueError:
+    except Refused:
         if received is not None:
             raise
         return None, None  # only analog photons follow this link: theirs are shown

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
+from meshtrace.parallel import default_threads
 from meshtrace.results.tallies import standard_error
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection
@@ -87,7 +87,7 @@ def analog_rate(
         `photons_per_s`, `rays_per_s`, `ratio` (photons per raw ray), `rays_per_photon`,
         `threads`, `facets`, `seconds`.
     """
-    threads = threads or os.cpu_count() or 1
+    threads = default_threads(threads)
     intersector, recorder = EmbreeIntersector(mesh, threads), RayRecorder(mesh, threads)
     recorded = min(photons, 2**18)
     run_analog(link, recorder, photons=recorded, seed=1)
@@ -131,7 +131,7 @@ def figure_of_merit(
         `ratio` and `ratio_stderr`; `forced_variance`, `forced_seconds`, `analog_variance`,
         `analog_seconds`, `setup_seconds` of one set of chains; gains and standard errors.
     """
-    threads = threads or os.cpu_count() or 1
+    threads = default_threads(threads)
     intersector = EmbreeIntersector(mesh, threads)
     crest = float(mesh.bounds[1, 2])
     gains, setup = [], []
@@ -191,7 +191,7 @@ def new_sea(
     dict
         `seconds` (median), `mesh_seconds`, `bvh_seconds`, `rtol` reached (largest), `chains`.
     """
-    threads = threads or os.cpu_count() or 1
+    threads = default_threads(threads)
     reach, chains = crossing_reach(link), 64
     rows = []
     for seed in range(rounds + 1):  # the first warms up
