@@ -54,19 +54,12 @@ def ber(
     from meshtrace.studies.performance.link_performance import link_performance
     from meshtrace.studies.performance.tables import DepthSweep
 
-    changes = {"detector.preset": preset, "uav.preset": uav}
-    speeds = [None] if winds is None else numbers("--wind", winds)
-    scenarios = [
-        scenario_of(
-            link,
-            (settings or [])
-            + [f"{k}={v}" for k, v in {**changes, "wind_speed": u}.items() if v is not None],
-            photons=photons,
-            seed=seed,
-            threads=threads,
-        )
-        for u in speeds
-    ]
+    run = {"photons": photons, "seed": seed, "threads": threads}
+    scenarios = []
+    for speed in [None] if winds is None else numbers("--wind", winds):
+        given = {"detector.preset": preset, "uav.preset": uav, "wind_speed": speed}
+        changes = [f"{key}={value}" for key, value in given.items() if value is not None]
+        scenarios.append(scenario_of(link, [*(settings or []), *changes], **run))
     check_output(output, link)
     if realizations is None:
         realizations = 200 if depths is None else 50
@@ -86,9 +79,9 @@ def ber(
     else:
         texts = [f"wind {speed:g} m/s\n\n{p.summary()}" for speed, p in found]
         typer.echo("\n\n".join(texts))
-    winds_of, performances = zip(*found, strict=True)
-    one = len(found) == 1
-    save(performances[0] if one else DepthSweep(winds_of, performances), output, as_json)
+    speeds, performances = zip(*found, strict=True)
+    result = performances[0] if len(found) == 1 else DepthSweep(speeds, performances)
+    save(result, output, as_json)
 
 
 def _plain(speed: float, performance: LinkPerformance) -> dict[str, Any]:
