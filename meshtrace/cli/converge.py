@@ -136,13 +136,13 @@ def _study(
     scenario: Scenario, parameter: str, values: list[float], options: dict[str, Any]
 ) -> ConvergenceStudy:
     """Return the study of a scenario, with a progress bar."""
-    from meshtrace.mesh import WaveSum
     from meshtrace.studies import convergence
+    from meshtrace.studies.convergence.exact import is_wave_sum
 
     if parameter == "spacing":
         study: Any = convergence.convergence_study
         surfaces = len(values) * options.get("placements", convergence.PLACEMENTS)
-        exact = isinstance(scenario.surface, WaveSum) and options.get("unresolved") != "tilt"
+        exact = is_wave_sum(scenario.surface) and options.get("unresolved") != "tilt"
         options["reference"] = "analytic" if exact else None
     elif parameter == "time_step":
         study = convergence.time_step_study
