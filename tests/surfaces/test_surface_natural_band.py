@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from meshtrace.results import load
 from meshtrace.surfaces import (
     Elfouhaily,
     JonswapSea,
@@ -200,6 +202,13 @@ def test_seas_of_version_0_1_load_to_the_same_bits(change, count, expected):
     band = "scaled" if sea.wind_speed == 8.0 else "paper"
     named = JonswapSea(**{"band": band, **{k: v for k, v in change.items()}, "seed": sea.seed})
     np.testing.assert_array_equal(named.components, sea.components)
+
+
+@pytest.mark.parametrize("name", ["series", "ensemble"])
+def test_seas_in_files_of_version_0_1(name):
+    folder = Path(__file__).parents[1] / "data" / "v0.1"
+    sea = sea_from_config(load(folder / f"{name}.nc").provenance["surface"])
+    assert sea == JonswapSea(seed=2, band="paper")
 
 
 def test_paper_band_to_the_same_bits():
