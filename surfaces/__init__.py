@@ -1,5 +1,6 @@
 """Sea surfaces: wave spectra, random seas, and the triangle meshes made of them."""
 
+from .leaning import LeaningWave
 from .measured import from_wavespectra
 from .random_seas import JonswapSea, MeasuredSea, RandomSea, SpectralSea
 from .seas import sea_from_config, sea_in_wind
@@ -24,6 +25,7 @@ __all__ = [
     "IttcSpreading",
     "Jonswap",
     "JonswapSea",
+    "LeaningWave",
     "MeasuredSea",
     "MitsuyasuSpreading",
     "PiersonMoskowitz",

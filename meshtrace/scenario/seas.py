@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from meshtrace.errors import Described, Refused, did_you_mean
 from meshtrace.link import Footprint, Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Model
 from meshtrace.registry import Family
 from meshtrace.scenario.tables import Table, validated, without_shared_wind
@@ -51,12 +51,12 @@ class MeshFile(Model, frozen=True):
         Raises
         ------
         Refused
-            If it cannot be read, is not a surface facing up, or does not cover the square.
+            If it cannot be read, is not a surface under air, or does not cover the square.
         """
         from meshtrace.surfaces import from_trimesh
 
         try:
-            return from_trimesh(self.file, extent=extent)
+            return from_trimesh(self.file, extent=extent, overhangs=True)
         except Refused as error:
             if error.field == self.file:  # of the reader
                 problem = Described(f"{self.file!r}: {error.value}")
@@ -142,7 +142,7 @@ def _mesh_file(table: Table, sampling: Mapping[str, Any], folder: Path) -> MeshF
     return MeshFile(file=str((folder / name).resolve()))
 
 
-def surface_from_provenance(provenance: Mapping[str, Any]) -> SurfaceModel | MeshFile:
+def surface_from_provenance(provenance: Mapping[str, Any]) -> MeshSource | MeshFile:
     """Return the surface of a result."""
     from meshtrace.surfaces import sea_from_config
 
@@ -162,7 +162,7 @@ def wind_of(link: Link, surface: Any) -> float:
     return (link.wind_speed or 0.0) if spectrum is None else spectrum.wind_speed
 
 
-def surface_config(surface: SurfaceModel | MeshFile, wind_speed: float) -> Table:
+def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
     """Return [sea] of a surface, without the wind speed that it shares."""
     if isinstance(surface, MeshFile):
         return {"mesh": surface.file}
@@ -174,7 +174,12 @@ def surface_config(surface: SurfaceModel | MeshFile, wind_speed: float) -> Table
     return {"spectrum": kind, **without_shared_wind(config, wind_speed)}
 
 
-def require_modest(surface: SurfaceModel, footprint: Footprint, meshing: Meshing) -> None:
+def may_overhang(surface: MeshSource | MeshFile) -> bool:
+    """Return whether a surface overhangs, or only its meshes tell."""
+    return not (isinstance(surface, SurfaceModel) and getattr(surface, "single_valued", True))
+
+
+def require_modest(surface: MeshSource, footprint: Footprint, meshing: Meshing) -> None:
     """Refuse meshes and wave sums that would fill the memory."""
     from meshtrace.surfaces.gridding import grid_axis
 
