@@ -4,6 +4,7 @@ from .leaning import LeaningWave
 from .measured import from_wavespectra
 from .random_seas import JonswapSea, MeasuredSea, RandomSea, SpectralSea
 from .seas import sea_from_config, sea_in_wind
+from .sequence import MeshSequence
 from .spectra import Elfouhaily, Jonswap, PiersonMoskowitz, Spectrum, Tma
 from .spreading import (
     Cos2sSpreading,
@@ -27,6 +28,7 @@ __all__ = [
     "JonswapSea",
     "LeaningWave",
     "MeasuredSea",
+    "MeshSequence",
     "MitsuyasuSpreading",
     "PiersonMoskowitz",
     "RandomSea",

@@ -158,7 +158,7 @@ def from_trimesh(
     >>> len(from_trimesh((corners, [(0, 1, 2), (0, 2, 3)])).faces)
     2
     """
-    vertices, faces = _merged(*_read(source))
+    vertices, faces = _merged(*read_mesh(source))
     _refuse_degenerate(vertices, faces)
     outline = _outline(vertices, faces, overhangs)
     _refuse_folds(vertices, outline, overhangs)
@@ -183,8 +183,8 @@ def _grid_vertices(x_axis: Floats, y_axis: Floats, z: Floats) -> Floats:
     return vertices.reshape(-1, 3)
 
 
-def _read(source: Any) -> tuple[Floats, NDArray[np.int64]]:
-    """Return vertices and facets of any source, with their shapes checked."""
+def read_mesh(source: Any) -> tuple[Floats, NDArray[np.int64]]:
+    """Return vertices and facets of any source of `from_trimesh`, with their shapes checked."""
     if isinstance(source, str | PathLike):
         source = _loaded(source)
     if isinstance(source, tuple | list) and len(source) == 3:

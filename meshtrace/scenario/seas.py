@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from meshtrace.errors import Described, Refused, did_you_mean
+from meshtrace.errors import Described, Refused, did_you_mean, require_keys
 from meshtrace.link import Footprint, Link
 from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Model
@@ -25,7 +25,7 @@ MOST_FACTORS = 50_000_000
 """Waves times grid lines, at some 50 B each, beyond which a run is refused."""
 
 _SEA_ALIASES = {"sinusoidal": "sinusoid", "tilted-plane": "plane"}
-_SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "time", "extent", "spacing")
+_SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "meshes", "time", "extent", "spacing")
 
 
 class MeshFile(Model, frozen=True):
@@ -72,6 +72,8 @@ def read_surface(table: Table, wind_speed: float, sampling: Mapping[str, Any], f
     """Return the surface of [sea], of which `sampling` has been taken out."""
     if "mesh" in table:
         return _mesh_file(table, sampling, folder)
+    if "meshes" in table:
+        return _mesh_sequence(table, folder)
     from meshtrace.surfaces import FlatSea, Surface
 
     word = table.pop("spectrum", table.pop("kind", "jonswap"))
@@ -142,6 +144,24 @@ def _mesh_file(table: Table, sampling: Mapping[str, Any], folder: Path) -> MeshF
     return MeshFile(file=str((folder / name).resolve()))
 
 
+def _mesh_sequence(table: Table, folder: Path) -> Any:
+    """Return the meshes in time of a folder or a pattern, beside the link file if relative."""
+    from meshtrace.surfaces import MeshSequence
+
+    source = table.pop("meshes")
+    names = source if isinstance(source, list) else [source]
+    if not names or not all(isinstance(name, str) for name in names):
+        raise Refused("sea.meshes", source, "a folder, a pattern or a file")
+    whole = [str(folder.resolve() / name) for name in names]
+    keys = [key for key in MeshSequence.model_fields if key not in ("kind", "source")]
+    require_keys(table, ["meshes", *keys, "time"], "sea")
+    try:
+        return MeshSequence(whole if isinstance(source, list) else whole[0], **table)
+    except Refused as error:
+        field = "meshes" if error.field == "source" else error.field
+        raise Refused(f"sea.{field}", error.value, error.allowed, error.hint) from error.__cause__
+
+
 def surface_from_provenance(provenance: Mapping[str, Any]) -> MeshSource | MeshFile:
     """Return the surface of a result."""
     from meshtrace.surfaces import sea_from_config
@@ -168,6 +188,8 @@ def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
         return {"mesh": surface.file}
     config = dict(surface.to_config())
     kind = config.pop("kind")
+    if kind == "meshes":
+        return {"meshes": config.pop("source"), **config}
     if kind == "spectral":
         config["spectrum"] = without_shared_wind(config["spectrum"], wind_speed)
         return config
@@ -181,8 +203,11 @@ def may_overhang(surface: MeshSource | MeshFile) -> bool:
 
 def require_modest(surface: MeshSource, footprint: Footprint, meshing: Meshing) -> None:
     """Refuse meshes and wave sums that would fill the memory."""
+    from meshtrace.surfaces import Surface
     from meshtrace.surfaces.gridding import grid_axis
 
+    if not isinstance(surface, Surface):
+        return
     spacing = meshing.spacing or footprint.spacing
     try:
         if meshing.extent is None:
