@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.studies.coverage import coverage_map
 from meshtrace.transport.paths import PhotonPaths
@@ -74,7 +74,7 @@ class SceneStyle:
 
 def scene(
     link: Link | None,
-    surface: SurfaceModel | TriangleMesh,
+    surface: MeshSource | TriangleMesh,
     *,
     time: float = 0.0,
     paths: PhotonPaths | int | None = None,
@@ -90,7 +90,7 @@ def scene(
     ----------
     link : Link or None
         The link; None shows the surface alone.
-    surface : SurfaceModel or TriangleMesh
+    surface : MeshSource or TriangleMesh
         The sea, or a mesh.
     time : float
         Time of the sea [s].
@@ -175,7 +175,7 @@ def scene(
 
 
 def shown_mesh(
-    surface: SurfaceModel | TriangleMesh, stage: Stage, time: float, spacing: float | None
+    surface: MeshSource | TriangleMesh, stage: Stage, time: float, spacing: float | None
 ) -> TriangleMesh:
     """Return the surface within the stage: a triangulated sea, or the mesh."""
     if isinstance(surface, TriangleMesh):
@@ -189,7 +189,7 @@ def shown_mesh(
 
 def coverage_of(
     link: Link | None,
-    surface: SurfaceModel | TriangleMesh,
+    surface: MeshSource | TriangleMesh,
     stage: Stage,
     photons: int,
     *,
@@ -203,7 +203,7 @@ def coverage_of(
     return coverage_map(link, surface, half, half / 20.0, times=(time,), photons=photons, seed=seed)
 
 
-def wind_of(surface: SurfaceModel | TriangleMesh) -> tuple[float | None, float]:
+def wind_of(surface: MeshSource | TriangleMesh) -> tuple[float | None, float]:
     """Return the wind speed [m s-1] of a surface, if it has one, and the wind direction [deg]."""
     spectrum = getattr(surface, "spectrum", None)
     speed = getattr(surface, "wind_speed", getattr(spectrum, "wind_speed", None))
@@ -212,7 +212,7 @@ def wind_of(surface: SurfaceModel | TriangleMesh) -> tuple[float | None, float]:
 
 def received_light(
     link: Link,
-    surface: SurfaceModel | TriangleMesh,
+    surface: MeshSource | TriangleMesh,
     paths: PhotonPaths | None,
     received: PhotonPaths | int | None,
     *,

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, TriangleMesh
+from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.parallel import default_threads
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import MeshFile, Scenario
@@ -34,6 +34,20 @@ class Inputs(NamedTuple):
     def threads(self) -> int:
         """Number of threads, all cores by default."""
         return default_threads(self.run.threads)
+
+    @property
+    def sea(self) -> SurfaceModel:
+        """The surface, of any spacing and time.
+
+        Raises
+        ------
+        Refused
+            If it is one of given meshes.
+        """
+        if not isinstance(self.surface, SurfaceModel):
+            kind = Described(type(self.surface).__name__)
+            raise Refused("surface", kind, "a sea (SurfaceModel), of any spacing")
+        return self.surface
 
     def mesh(self, link: Link, surface: MeshSource, time: float) -> TriangleMesh:
         """Return the mesh of a surface at a time, as far as light can cross to a receiver."""

@@ -126,7 +126,7 @@ def convergence_study(
     if known_unresolved(unresolved) == "tilt" and reference:
         raise Refused("reference", reference, "None beside random slopes")
     inputs = resolve_chains(link, surface, photons=photons, seed=seed, time=time, threads=threads)
-    link, sea, seed = inputs.link, inputs.surface, inputs.run.seed
+    link, sea, seed = inputs.link, inputs.sea, inputs.run.seed
     exact = wave_sum(sea) if reference else None
     crest = crest_of(link, sea, inputs.meshing.time)
     chains = CommonChains(link, photons, seed, kinds, receiver, crest, unresolved)

@@ -83,7 +83,7 @@ def time_step_study(
     inputs = resolve_chains(
         link, surface, photons=photons, seed=seed, time=start, spacing=spacing, threads=threads
     )
-    link, sea, seed = inputs.link, inputs.surface, inputs.run.seed
+    link, sea, seed = inputs.link, inputs.sea, inputs.run.seed
     begin, step = inputs.meshing.time, inputs.meshing.spacing
     chains = CommonChains(link, photons, seed, kinds, receiver, crest_of(link, sea, begin))
 
