@@ -1,8 +1,10 @@
 """Sea surfaces: wave spectra, random seas, and the triangle meshes made of them."""
 
+from .double_peaked import OchiHubble, Torsethaugen
 from .leaning import LeaningWave
 from .measured import from_wavespectra
-from .random_seas import JonswapSea, MeasuredSea, RandomSea, SpectralSea
+from .measured_sea import MeasuredSea
+from .random_seas import JonswapSea, RandomSea, SpectralSea
 from .seas import sea_from_config, sea_in_wind
 from .sequence import MeshSequence
 from .spectra import Elfouhaily, Jonswap, PiersonMoskowitz, Spectrum, Tma
@@ -13,6 +15,7 @@ from .spreading import (
     MitsuyasuSpreading,
     Spreading,
 )
+from .sum_sea import SumSea
 from .surface import FlatSea, Surface, TiltedPlane
 from .triangulate import from_trimesh
 from .wave_surface import SinusoidalSea, WaveSurface
@@ -30,15 +33,18 @@ __all__ = [
     "MeasuredSea",
     "MeshSequence",
     "MitsuyasuSpreading",
+    "OchiHubble",
     "PiersonMoskowitz",
     "RandomSea",
     "SinusoidalSea",
     "SpectralSea",
     "Spectrum",
     "Spreading",
+    "SumSea",
     "Surface",
     "TiltedPlane",
     "Tma",
+    "Torsethaugen",
     "WaveComponents",
     "WaveSurface",
     "from_trimesh",

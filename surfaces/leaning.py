@@ -15,7 +15,7 @@ from meshtrace.mesh import TriangleMesh
 from .gridding import grid_axis
 from .parameters import TIME, Floats, Positive, finite_array
 from .surface import Surface
-from .triangulate import grid_faces
+from .triangulate import mesh_of_sheet
 
 _STEPS = 60  # of Newton and bisection for the label over a place
 
@@ -121,6 +121,20 @@ class LeaningWave(Surface, frozen=True):
             s = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
         return s
 
+    def sheet(
+        self, x_axis: ArrayLike, y_axis: ArrayLike, time: float = 0.0
+    ) -> tuple[Floats, Floats]:
+        """Return points and normals over a tensor grid of labels s and y; see `Surface.sheet`."""
+        TIME.check(time)
+        s, y = finite_array("x_axis", x_axis), finite_array("y_axis", y_axis)
+        (x, z), (dx, dz) = self.profile(s), self._tangent(s)
+        length = np.hypot(dx, dz)
+        shape = (len(s), len(y), 3)
+        vertices, normals = np.empty(shape), np.zeros(shape)
+        vertices[..., 0], vertices[..., 1], vertices[..., 2] = x[:, None], y, z[:, None]
+        normals[..., 0], normals[..., 2] = (-dz / length)[:, None], (dx / length)[:, None]
+        return vertices, normals
+
     def mesh(
         self,
         time: float = 0.0,
@@ -135,17 +149,9 @@ class LeaningWave(Surface, frozen=True):
 
         The mesh covers |x - xc|, |y - yc| <= extent, and up to `lean` more of x.
         """
-        TIME.check(time)
         half = 0.5 * self.lean
         inner = None if fine_extent is None else fine_extent + half
         s = grid_axis(center[0] - half, extent + half, spacing, inner, coarse_spacing)
         y = grid_axis(center[1], extent, spacing, fine_extent, coarse_spacing)
-        (x, z), (dx, dz) = self.profile(s), self._tangent(s)
-        length = np.hypot(dx, dz)
-        shape = (len(s), len(y), 3)
-        vertices, normals = np.empty(shape), np.zeros(shape)
-        vertices[..., 0], vertices[..., 1], vertices[..., 2] = x[:, None], y, z[:, None]
-        normals[..., 0], normals[..., 2] = (-dz / length)[:, None], (dx / length)[:, None]
-        faces = grid_faces(len(s), len(y))
-        flat = vertices.reshape(-1, 3), faces, normals.reshape(-1, 3)
-        return TriangleMesh(*flat, overhangs=not self.single_valued)
+        overhangs = not self.single_valued
+        return mesh_of_sheet(*self.sheet(s, y, time), overhangs=overhangs)

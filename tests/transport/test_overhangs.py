@@ -14,7 +14,8 @@ from meshtrace.kernels.vectors import row
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.scenario import Scenario
-from meshtrace.surfaces import LeaningWave, Surface, from_trimesh
+from meshtrace.surfaces import LeaningWave, from_trimesh
+from meshtrace.surfaces.triangulate import triangulate
 from meshtrace.transport.arrays import medium_arrays, with_raster
 
 pytestmark = pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
@@ -223,8 +224,9 @@ def test_a_gentle_lean_is_a_height_field():
     wave = LeaningWave(amplitude=0.3, wavelength=4.0, lean=0.4)
     assert wave.single_valued
     link = LAMP.replace(water=mt.Water(a=0.05, b=0.1))
-    kept = {"extent": 20.0, "spacing": 0.05}
-    meshes = wave.mesh(**kept), Surface.mesh(wave, **kept)
+    axis = np.linspace(-20.0, 20.0, 801)
+    on_grid = triangulate(axis, axis, *wave.grid(axis, axis))
+    meshes = wave.mesh(extent=20.0, spacing=0.05), on_grid
     assert all(mesh.single_valued for mesh in meshes)
     sheared, field = (mt.simulate(link, mesh, photons=2048) for mesh in meshes)
     assert sheared.provenance["run"]["estimator"] == "forced"
