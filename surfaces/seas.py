@@ -8,13 +8,14 @@ from typing import Any
 from meshtrace.errors import Refused
 
 from .random_seas import JonswapSea, SpectralSea
+from .sequence import MeshSequence
 from .spectra import Elfouhaily
 from .spreading import ElfouhailySpreading
 from .surface import FlatSea, Surface
 
 
-def sea_from_config(config: Mapping[str, Any]) -> Surface:
-    """Return the sea that `Surface.to_config` described.
+def sea_from_config(config: Mapping[str, Any]) -> Surface | MeshSequence:
+    """Return the sea that its `to_config` described.
 
     Parameters
     ----------
@@ -24,7 +25,7 @@ def sea_from_config(config: Mapping[str, Any]) -> Surface:
 
     Returns
     -------
-    Surface
+    Surface or MeshSequence
         An equal sea, with bitwise the same meshes.
 
     Raises
@@ -39,6 +40,8 @@ def sea_from_config(config: Mapping[str, Any]) -> Surface:
     """
     if "kind" not in config:
         raise Refused("kind", "missing", ", ".join(Surface.registered))
+    if config["kind"] == "meshes":
+        return MeshSequence.model_validate(config)
     found: Surface = Surface.read(config)
     return found
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel
+from meshtrace.mesh import MeshSource
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.series import time_series
@@ -34,7 +34,7 @@ _SCENE_SHARE = 0.64
 
 def save_movie(
     link: Link,
-    sea: SurfaceModel,
+    sea: MeshSource,
     times: ArrayLike,
     path: str | Path,
     *,
@@ -53,7 +53,7 @@ def save_movie(
     ----------
     link : Link
         The link.
-    sea : SurfaceModel
+    sea : MeshSource
         The sea.
     times : array_like, shape (n,)
         Times of the frames [s], n >= 2.

@@ -9,7 +9,7 @@ from typing import Any
 
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.studies.coverage import coverage_map
 from meshtrace.transport.paths import PhotonPaths
@@ -77,7 +77,7 @@ class SceneStyle:
 
 def scene(
     link: Link | None,
-    surface: SurfaceModel | TriangleMesh,
+    surface: MeshSource | TriangleMesh,
     *,
     time: float = 0.0,
     paths: PhotonPaths | int | None = None,
@@ -93,7 +93,7 @@ def scene(
     ----------
     link : Link or None
         The link; None shows the surface alone.
-    surface : SurfaceModel or TriangleMesh
+    surface : MeshSource or TriangleMesh
         The sea, or a mesh.
     time : float
         Time of the sea [s].
@@ -177,7 +177,7 @@ def scene(
 
 
 def shown_mesh(
-    surface: SurfaceModel | TriangleMesh, stage: Stage, time: float, spacing: float | None
+    surface: MeshSource | TriangleMesh, stage: Stage, time: float, spacing: float | None
 ) -> TriangleMesh:
     """Return the surface within the stage: a triangulated sea, or the mesh."""
     if isinstance(surface, TriangleMesh):
@@ -189,7 +189,7 @@ def shown_mesh(
     return surface.mesh(time, stage.half, step, center=stage.center)
 
 
-def wind_of(surface: SurfaceModel | TriangleMesh) -> tuple[float | None, float]:
+def wind_of(surface: MeshSource | TriangleMesh) -> tuple[float | None, float]:
     """Return the wind speed [m s-1] of a surface, if it has one, and the wind direction [deg]."""
     spectrum = getattr(surface, "spectrum", None)
     speed = getattr(surface, "wind_speed", getattr(spectrum, "wind_speed", None))

@@ -15,7 +15,7 @@ import pyvista as pv
 from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic, check_writable
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
 from meshtrace.transport.paths import PhotonPaths
@@ -34,7 +34,7 @@ FRAME_RATE = 10.0
 
 def view(
     link: Link | None,
-    surface: SurfaceModel | TriangleMesh,
+    surface: MeshSource | TriangleMesh,
     *,
     time: float = 0.0,
     paths: PhotonPaths | int | None = 100,
@@ -58,7 +58,7 @@ def view(
     ----------
     link : Link or None
         The link; None shows the surface alone.
-    surface : SurfaceModel or TriangleMesh
+    surface : MeshSource or TriangleMesh
         The sea, or a mesh.
     time : float
         Time of the sea [s], at which the movie begins.
@@ -115,7 +115,7 @@ def view(
         if window:
             plotter.show(title=title)
         plotter.close()
-    if movie and isinstance(link, Link) and isinstance(surface, SurfaceModel):
+    if movie and isinstance(link, Link) and isinstance(surface, MeshSource):
         times, rate = _frames(gain, time, frames, frame_rate)
         frames_of: Any = {"gain": gain, "frame_rate": rate, "progress": progress}
         light = {"received": received or RECEIVED_SHOWN, "coverage": coverage, "seed": seed}

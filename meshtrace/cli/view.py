@@ -16,7 +16,7 @@ from meshtrace.errors import Described, Refused
 
 if TYPE_CHECKING:
     from meshtrace.link import Link
-    from meshtrace.mesh import SurfaceModel, TriangleMesh
+    from meshtrace.mesh import MeshSource, TriangleMesh
     from meshtrace.results.coverage import CoverageMap
     from meshtrace.results.series import GainSeries
     from meshtrace.scenario import Scenario
@@ -29,7 +29,7 @@ MOST_FRAMES = 10_000
 class Subject(NamedTuple):
     """Subject of a view: a link over a surface at a time, and the data of a result."""
 
-    surface: SurfaceModel | TriangleMesh
+    surface: MeshSource | TriangleMesh
     link: Link | None = None
     time: float = 0.0
     coverage: CoverageMap | int | None = None

@@ -12,7 +12,7 @@ from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Described, Refused, require_keys
 from meshtrace.fading.resolving import resolve_band
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model
 from meshtrace.results.gain import GainResult
 from meshtrace.scenario import parts, seas
@@ -36,8 +36,8 @@ class Scenario(Model, frozen=True):
         Wind speed at 10 m [m s-1]; the sea, bubbles and whitecaps of a link file follow it.
     link : Link
         The link.
-    surface : SurfaceModel or MeshFile
-        The sea.
+    surface : MeshSource or MeshFile
+        The sea: a model, meshes in time, or one mesh.
     meshing : Meshing
         Time and resolution at which the sea is triangulated.
     run : Run
@@ -72,9 +72,9 @@ class Scenario(Model, frozen=True):
     @field_validator("surface")
     @classmethod
     def _known_surface(cls, surface: Any) -> Any:
-        if not isinstance(surface, SurfaceModel | MeshFile):
+        if not isinstance(surface, MeshSource | MeshFile):
             kind = Described(type(surface).__name__)
-            raise Refused("surface", kind, "a sea (SurfaceModel) or a MeshFile")
+            raise Refused("surface", kind, "a sea (MeshSource) or a MeshFile")
         return surface
 
     @classmethod
@@ -148,7 +148,7 @@ class Scenario(Model, frozen=True):
         `physics="paper"` also sets the published forms that lie outside `Physics`, where they are
         not given: `cdf_coef` of a Fournier-Forand phase function; psi, q and depth of the
         bubbles; whitecaps "paper_0255"; equally spaced bands of the sea. The estimator is "forced"
-        unless given, or "analog" for a link that forced detection cannot follow.
+        unless given, or "analog" for a link or a surface that forced detection cannot follow.
 
         `fading = true` in [run] stands for `omega_max = "fading"` in [sea], and that for the
         spectrum, spreading and slope variance of Elfouhaily unless the table names others.
@@ -163,7 +163,7 @@ class Scenario(Model, frozen=True):
         surface = seas.read_surface(sea, wind_speed, meshing, Path(folder), printed)
         link = parts.read_link(config, wind_speed)
         normals = {"normals": run.pop("normals")} if "normals" in run else {}
-        run = {"estimator": parts.default_estimator(link), **run}
+        run = {**parts.default_estimator(link), **run}
         checked = validated(Meshing, normals, "run")
         return cls(
             wind_speed=wind_speed,
@@ -213,6 +213,8 @@ class Scenario(Model, frozen=True):
         """
         link, still = self.link, isinstance(self.surface, MeshFile)
         run = {**self.run.to_config(), "normals": self.meshing.normals}
+        if "estimator" not in self.run.model_fields_set and seas.may_overhang(self.surface):
+            run = {k: v for k, v in run.items() if k in self.run.model_fields_set | {"normals"}}
         still_too = {"normals", "time"} if still else {"normals"}
         sampling = self.meshing.model_dump(exclude_none=True, exclude=still_too)
         return {
@@ -237,7 +239,7 @@ class Scenario(Model, frozen=True):
 
         return tomli_w.dumps(self.to_config())
 
-    def case(self, surface: SurfaceModel | TriangleMesh | None = None) -> Case:
+    def case(self, surface: MeshSource | TriangleMesh | None = None) -> Case:
         """Return link, surface and options of the run, over another surface if one is given.
 
         Raises

@@ -45,13 +45,13 @@ def read_link(config: Mapping[str, Any], wind_speed: float) -> Link:
     )
 
 
-def default_estimator(link: Link) -> str:
-    """Return "forced", or "analog" for a link that forced detection cannot follow."""
+def default_estimator(link: Link) -> Table:
+    """Return the estimator of a link that forced detection cannot follow, else nothing."""
     try:
         crossing_reach(link)
     except Refused:
-        return "analog"
-    return "forced"
+        return {"estimator": "analog"}
+    return {}
 
 
 def _water(value: Any, wavelength_nm: float, printed: bool) -> Water:

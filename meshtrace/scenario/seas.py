@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from meshtrace.errors import Described, Refused, did_you_mean
+from meshtrace.errors import Described, Refused, did_you_mean, require_keys
 from meshtrace.fading.resolving import FADING
 from meshtrace.link import Footprint, Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Model
 from meshtrace.registry import Family
 from meshtrace.scenario.tables import Table, as_table, validated, without_shared_wind
@@ -28,7 +28,7 @@ MOST_FACTORS = 50_000_000
 _SEA_ALIASES = {"sinusoidal": "sinusoid", "tilted-plane": "plane"}
 _SHORT_WAVES = "elfouhaily"  # spectrum, spreading and slopes of a sea that makes light fade
 _FETCH = 30e3  # of that sea, as of the JONSWAP sea [m]
-_SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "time", "extent", "spacing")
+_SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "meshes", "time", "extent", "spacing")
 
 
 class MeshFile(Model, frozen=True):
@@ -54,12 +54,12 @@ class MeshFile(Model, frozen=True):
         Raises
         ------
         Refused
-            If it cannot be read, is not a surface facing up, or does not cover the square.
+            If it cannot be read, is not a surface under air, or does not cover the square.
         """
         from meshtrace.surfaces import from_trimesh
 
         try:
-            return from_trimesh(self.file, extent=extent)
+            return from_trimesh(self.file, extent=extent, overhangs=True)
         except Refused as error:
             if error.field == self.file:  # of the reader
                 problem = Described(f"{self.file!r}: {error.value}")
@@ -76,7 +76,7 @@ def read_fading(run: Table, sea: Table) -> None:
     fading = run.pop("fading", False)
     if not isinstance(fading, bool):
         raise Refused("run.fading", fading, "true or false")
-    if fading and "mesh" in sea:
+    if fading and ("mesh" in sea or "meshes" in sea):
         raise Refused("run.fading", fading, "a sea model")
     if fading and sea.setdefault("omega_max", FADING) != FADING:
         raise Refused("sea.omega_max", sea["omega_max"], f'"{FADING}" with run.fading = true')
@@ -91,6 +91,8 @@ def read_surface(
     """
     if "mesh" in table:
         return _mesh_file(table, sampling, folder)
+    if "meshes" in table:
+        return _mesh_sequence(table, folder)
     from meshtrace.surfaces import FlatSea, Surface
 
     if "part" in table:
@@ -194,7 +196,25 @@ def _mesh_file(table: Table, sampling: Mapping[str, Any], folder: Path) -> MeshF
     return MeshFile(file=str((folder / name).resolve()))
 
 
-def surface_from_provenance(provenance: Mapping[str, Any]) -> SurfaceModel | MeshFile:
+def _mesh_sequence(table: Table, folder: Path) -> Any:
+    """Return the meshes in time of a folder or a pattern, beside the link file if relative."""
+    from meshtrace.surfaces import MeshSequence
+
+    source = table.pop("meshes")
+    names = source if isinstance(source, list) else [source]
+    if not names or not all(isinstance(name, str) for name in names):
+        raise Refused("sea.meshes", source, "a folder, a pattern or a file")
+    whole = [str(folder.resolve() / name) for name in names]
+    keys = [key for key in MeshSequence.model_fields if key not in ("kind", "source")]
+    require_keys(table, ["meshes", *keys, "time"], "sea")
+    try:
+        return MeshSequence(whole if isinstance(source, list) else whole[0], **table)
+    except Refused as error:
+        field = "meshes" if error.field == "source" else error.field
+        raise Refused(f"sea.{field}", error.value, error.allowed, error.hint) from error.__cause__
+
+
+def surface_from_provenance(provenance: Mapping[str, Any]) -> MeshSource | MeshFile:
     """Return the surface of a result."""
     from meshtrace.surfaces import sea_from_config
 
@@ -217,7 +237,7 @@ def wind_of(link: Link, surface: Any) -> float:
     return (link.wind_speed or 0.0) if spectrum is None else spectrum.wind_speed
 
 
-def surface_config(surface: SurfaceModel | MeshFile, wind_speed: float) -> Table:
+def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
     """Return [sea] of a surface, without the wind speed that it shares."""
     if isinstance(surface, MeshFile):
         return {"mesh": surface.file}
@@ -225,6 +245,8 @@ def surface_config(surface: SurfaceModel | MeshFile, wind_speed: float) -> Table
 
     config = dict(surface.to_config())
     kind = config.pop("kind")
+    if kind == "meshes":
+        return {"meshes": config.pop("source"), **config}
     if isinstance(surface, SumSea):
         parts = [surface_config(part, wind_speed) for part in surface.parts]
         del config["parts"]
@@ -237,10 +259,18 @@ def surface_config(surface: SurfaceModel | MeshFile, wind_speed: float) -> Table
     return {"spectrum": kind, **config}
 
 
-def require_modest(surface: SurfaceModel, footprint: Footprint, meshing: Meshing) -> None:
+def may_overhang(surface: MeshSource | MeshFile) -> bool:
+    """Return whether a surface overhangs, or only its meshes tell."""
+    return not (isinstance(surface, SurfaceModel) and getattr(surface, "single_valued", True))
+
+
+def require_modest(surface: MeshSource, footprint: Footprint, meshing: Meshing) -> None:
     """Refuse meshes and wave sums that would fill the memory."""
+    from meshtrace.surfaces import Surface
     from meshtrace.surfaces.gridding import grid_axis
 
+    if not isinstance(surface, Surface):
+        return
     spacing = meshing.spacing or footprint.spacing
     try:
         if meshing.extent is None:

@@ -15,7 +15,7 @@ from meshtrace.errors import Described, Refused, require_finite, require_kind, r
 from meshtrace.fading.resolving import band_fading
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
-from meshtrace.mesh import RandomSea, SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, RandomSea, SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.results.series import GainSeries
@@ -34,7 +34,7 @@ _CREST_MARGIN = 1.5  # over the highest crest of the first surfaces: later ones 
 
 def time_series(
     link: Link | Scenario,
-    surface: SurfaceModel | None = None,
+    surface: MeshSource | None = None,
     times: ArrayLike | None = None,
     *,
     flight: Flight | None = None,
@@ -53,8 +53,8 @@ def time_series(
     link : Link or Scenario
         The link, or a scenario: `time_series(scenario, times)`. Options that are not given are
         those of the scenario.
-    surface : SurfaceModel, optional
-        The sea; its phases stay, time moves its waves.
+    surface : MeshSource, optional
+        The sea, whose phases stay while time moves its waves, or meshes in time.
     times : array_like, shape (n,)
         Times [s]; evenly spaced with a flight.
     flight : Flight, optional
@@ -103,7 +103,7 @@ def time_series(
     >>> (flown.gain < level.gain).all()
     np.True_
     """
-    if times is None and not isinstance(surface, SurfaceModel):
+    if times is None and not isinstance(surface, MeshSource):
         surface, times = None, surface
     inputs = resolve_chains(
         link, surface, photons=photons, seed=seed, normals=normals, extent=extent,

@@ -9,7 +9,7 @@ from typing import Any
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.link.link import Footprint
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.transport.options import Meshing
 
 _MOST_FACETS = 8e6
@@ -17,7 +17,7 @@ _MOST_FACETS = 8e6
 
 def mesh_for(
     link: Link,
-    surface: SurfaceModel | TriangleMesh,
+    surface: MeshSource | TriangleMesh,
     meshing: Meshing = Meshing(),  # noqa: B008 - frozen
     reach: float | None = None,
 ) -> tuple[TriangleMesh, dict[str, Any]]:
@@ -27,8 +27,8 @@ def mesh_for(
     ----------
     link : Link
         The link.
-    surface : SurfaceModel or TriangleMesh
-        A sea, triangulated over the link's footprint, or a mesh taken as it is.
+    surface : MeshSource or TriangleMesh
+        A sea, triangulated over the link's footprint, meshes in time, or a mesh taken as it is.
     meshing : Meshing
         Time and resolution.
     reach : float, optional
@@ -43,7 +43,7 @@ def mesh_for(
     """
     if isinstance(surface, TriangleMesh):
         mesh, config = surface, _identity(surface)
-    elif isinstance(surface, SurfaceModel):
+    elif isinstance(surface, MeshSource):
         mesh, config = _triangulated(link, surface, meshing, reach), surface.to_config()
     else:
         kind = Described(type(surface).__name__)
@@ -60,7 +60,7 @@ def _identity(mesh: TriangleMesh) -> dict[str, Any]:
 
 
 def _triangulated(
-    link: Link, surface: SurfaceModel, meshing: Meshing, reach: float | None
+    link: Link, surface: MeshSource, meshing: Meshing, reach: float | None
 ) -> TriangleMesh:
     f = link.footprint()
     if reach is not None:

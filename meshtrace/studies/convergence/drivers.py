@@ -126,9 +126,9 @@ def convergence_study(
     if unresolved == "tilt" and reference:
         raise Refused("reference", reference, "None beside random slopes")
     inputs = resolve_chains(link, surface, photons=photons, seed=seed, time=time, threads=threads)
-    exact = wave_sum(inputs.surface) if reference else None
+    exact = wave_sum(inputs.sea) if reference else None
     chains = _chains(inputs, normals, receiver, unresolved)
-    link, sea, at = inputs.link, inputs.surface, inputs.meshing.time
+    link, sea, at = inputs.link, inputs.sea, inputs.meshing.time
     pairs = product(values, placement_shifts(placements))
     cases = [partial(nested_mesh, link, sea, at, spacing, shift) for spacing, shift in pairs]
     found = chains.over(cases, len(values), inputs.threads, progress)
@@ -189,7 +189,7 @@ def band_limit_study(
     inputs = resolve_chains(
         link, surface, photons=photons, seed=seed, time=time, spacing=spacing, threads=threads
     )
-    sea: Any = inputs.surface
+    sea: Any = inputs.sea
     if not {"omega_max", "seed"} <= set(getattr(type(sea), "model_fields", {})):
         raise Refused("surface", Described(type(sea).__name__), "a random sea with omega_max")
     step = positive("spacing", inputs.meshing.spacing or 0.1)
@@ -267,7 +267,7 @@ def time_step_study(
 
     def mesh(i: int) -> TriangleMesh:
         meshing = Meshing(time=begin + i * finest, spacing=width)
-        return mesh_for(chains.link, inputs.surface, meshing, chains.reach)[0]
+        return mesh_for(chains.link, inputs.sea, meshing, chains.reach)[0]
 
     cases = [partial(mesh, i) for i in range(n + 1)]
     frames = chains.over(cases, 1, inputs.threads, progress, photons=0)
@@ -295,7 +295,7 @@ def _chains(
     """Return the chains of a study, for crests no higher than those of the highest sea."""
     require_word(unresolved, ("tilt", "none"), "unresolved")
     kinds, run = checks.normal_kinds(normals), inputs.run
-    crest = crest_of(inputs.link, highest or inputs.surface, inputs.meshing.time)
+    crest = crest_of(inputs.link, highest or inputs.sea, inputs.meshing.time)
     return CommonChains(inputs.link, run.photons, run.seed, kinds, receiver, crest, unresolved)
 
 

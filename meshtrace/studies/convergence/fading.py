@@ -169,7 +169,7 @@ def fading_study(
         link, surface, photons=photons, seed=seed, spacing=spacing, threads=threads
     )
     link = inputs.link
-    sea = getattr(inputs.surface, "short_waves", inputs.surface)
+    sea = getattr(inputs.sea, "short_waves", inputs.sea)
     all_waves = scintillation_of_spectrum(link, sea)
     both = [[scintillation_of_spectrum(link, sea, w, t) for w in values] for t in (True, False)]
     try:
@@ -198,7 +198,7 @@ def _measured(
     inputs: Inputs, omega_max: float, realizations: int, progress: Progress | None
 ) -> tuple[float, float]:
     """Return the index of unscattered light over an ensemble, and its standard error."""
-    sea: Any = inputs.surface
+    sea: Any = inputs.sea
     sea = sea.model_copy(update={"omega_max": omega_max})
     meshing = inputs.meshing
     if meshing.spacing is None:
