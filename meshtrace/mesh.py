@@ -248,8 +248,10 @@ class TriangleMesh:
     @cached_property
     def bounds(self) -> Floats:
         """Lowest and highest coordinates [m], shape (2, 3)."""
-        used = self.vertices[np.unique(self.faces)]
-        return np.stack([used.min(axis=0), used.max(axis=0)])
+        used = np.zeros(len(self.vertices), bool)
+        used[self.faces] = True
+        corners = self.vertices[used]
+        return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
     @cached_property
     def max_slope(self) -> float:

@@ -13,6 +13,7 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.transport.options import Meshing
 
 _MOST_FACETS = 8e6
+_ASIDE = 5.0  # [m], beyond which the forced estimator has fine facets at the crossings alone
 
 
 def mesh_for(
@@ -62,7 +63,7 @@ def _identity(mesh: TriangleMesh) -> dict[str, Any]:
 def _triangulated(
     link: Link, surface: MeshSource, meshing: Meshing, reach: float | None
 ) -> TriangleMesh:
-    f = link.footprint()
+    f = link.footprint() if reach is None else link.footprint(_ASIDE)
     if reach is not None:
         far = math.dist(f.center, link.origin)
         wide = min(reach + far + 20.0 * f.spacing, f.extent)

@@ -309,8 +309,9 @@ def trace_paths(
     n : int
         Photons, 1 <= n <= 100 000.
     received_only : bool
-        Paths of light that reaches the first receiver, sampled by forced detection in
-        proportion to the light they carry, instead of the first n analog photons.
+        Paths of light that reaches the first receiver, sampled by the chains of forced detection
+        in proportion to the light they carry, instead of the first n analog photons. Where the
+        gain rests on adjoint paths, chains miss part of the light scattered by large angles.
     max_vertices : int
         Vertices kept of a photon, >= 2.
     **options

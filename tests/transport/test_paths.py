@@ -126,3 +126,11 @@ def test_nothing_to_receive_is_said():
 def test_number_of_paths_is_checked(n):
     with pytest.raises(ValueError, match="n:"):
         mt.trace_paths(LINK, MESH, n)
+
+
+def test_received_paths_where_the_gain_rests_on_adjoint_paths():
+    """No chains were drawn for such a receiver: its light was refused as none."""
+    link = mt.Link(receiver=mt.Receiver(tilt_deg=40.0))
+    paths = mt.trace_paths(link, FlatSea(), 20, received_only=True, seed=1)
+    assert paths.received.all()
+    assert (paths.length >= 4).all()  # scattered once at least
