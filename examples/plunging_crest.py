@@ -1,7 +1,8 @@
 """Light in a plunging crest: an overhanging mesh, traced by the analog estimator, as a picture.
 
-The crest is drawn by hand around a tube, the ellipse of axes 1 : sqrt 3 after A. L. New, "A class
-of elliptical free-surface flows", Journal of Fluid Mechanics 130 (1983); no flow was computed.
+The crest is drawn by hand around a tube, an ellipse as in A. L. New, "A class of elliptical
+free-surface flows", Journal of Fluid Mechanics 130 (1983), with axes of 1 : sqrt 3 for its looks;
+no flow was computed.
 A fan of beams starts under its back. Light that meets the water's surface beyond the critical
 angle of 48.75 degrees stays in the jet (gold), the rest is refracted into the air (blue).
 
