@@ -205,8 +205,8 @@ def _study(
     scenario: Scenario, parameter: str, values: list[float], options: dict[str, Any]
 ) -> ConvergenceStudy:
     """Return the study of a scenario, with a bar while it runs."""
-    from meshtrace.mesh import WaveSum
     from meshtrace.studies import convergence
+    from meshtrace.studies.convergence.exact import is_wave_sum
 
     studies: dict[str, Callable[..., ConvergenceStudy]] = {
         "spacing": convergence.convergence_study,
@@ -219,7 +219,8 @@ def _study(
         "omega_max": len(values) * options.get("realizations", convergence.REALIZATIONS),
     }
     if parameter == "spacing":
-        exact = isinstance(scenario.case().surface, WaveSum) and options.get("unresolved") != "tilt"
+        surface: Any = scenario.case().surface
+        exact = is_wave_sum(surface) and options.get("unresolved") != "tilt"
         options["reference"] = "analytic" if exact else None
     with (
         warnings_as_lines(),
