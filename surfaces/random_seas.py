@@ -450,8 +450,6 @@ class JonswapSea(_BandedSea, frozen=True):
     @classmethod
     def equally_spaced_band(cls, config: Mapping[str, Any]) -> str:
         """Return "paper" for the sea states of the paper, or else "scaled"."""
-        if config.get("tp") is not None:
-            return "scaled"
         return paper_band(config.get("wind_speed", 5.0), config.get("fetch", PAPER_FETCH))
 
     @property
@@ -489,10 +487,9 @@ class SpectralSea(_BandedSea, frozen=True):
     spreading : Spreading
         `IttcSpreading`, `Cos2sSpreading`, `MitsuyasuSpreading`, `ElfouhailySpreading` or a
         `Spreading` of your own.
-    band, seed, omega_min, omega_max, d_omega, d_theta, spacing_law, wind_direction_deg
+    band, seed, omega_min, omega_max, d_omega, d_theta, spacing_law, wind_direction_deg, jitter,
+    current, mss
         See `JonswapSea`, without the band "paper".
-    jitter, current, mss
-        See `JonswapSea`.
     choppy, order, order_omega_max
         See `RandomSea`.
     depth : float, optional

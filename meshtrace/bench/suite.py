@@ -19,14 +19,14 @@ from meshtrace.transport.meshing import mesh_for
 
 
 def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
-    """Return all measurements on a link over a random sea, with the environment they are of.
+    """Return all measurements on a link over a random sea, with the environment.
 
     Parameters
     ----------
     scenario : Scenario
         Link and sea.
     quick : bool
-        A quarter of the photons.
+        Use a quarter of the photons.
 
     Returns
     -------

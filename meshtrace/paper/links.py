@@ -1,4 +1,4 @@
-"""Links of the paper in a wind, with right physics or the forms as published, and their means."""
+"""Links of the paper in a wind, with correct physics or the forms as published, and their means."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def scenario(wind: float, form: Form, **tables: Any) -> Scenario:
     wind : float
         Wind at 10 m [m s-1]; 0 is a flat sea without foam and bubbles.
     form : {"physical", "paper"}
-        Right physics, or every form as published.
+        Correct physics, or every form as published.
     **tables
         Keys of a link file that replace those of the paper's link.
     """
@@ -80,20 +80,13 @@ def mean_h_alpha(wind: float, form: Form, height: float = 5.0) -> float:
     """Return the mean factor of the tilt; the published law is the Gamma fit."""
     if wind == 0.0:
         return 1.0
-    law = UAVS["dji-m300-rtk"].tilt_law(
-        gusts(wind, form, height), "exact" if form == "physical" else "gamma"
-    )
+    kind: Literal["exact", "gamma"] = "exact" if form == "physical" else "gamma"
+    law = UAVS["dji-m300-rtk"].tilt_law(gusts(wind, form, height), kind)
     return law.h_moment(1, np.radians(mt.Receiver().fov_deg))
 
 
 def mean_gain(
-    wind: float,
-    form: Form,
-    setting: Setting,
-    *,
-    realizations: int,
-    photons: int,
-    **tables: Any,
+    wind: float, form: Form, setting: Setting, *, realizations: int, photons: int, **tables: Any
 ) -> list[Mean]:
     """Return the gain of each receiver, averaged over seas and tilts.
 
@@ -114,7 +107,7 @@ def mean_gain(
         Standard errors join the spread of the seas and that of the chains.
     """
     made = forced(wind, form, **tables)
-    options: Any = {"seed": setting.seed, "threads": setting.threads}
+    options = setting.run
     if wind == 0.0:
         result = mt.simulate(made.link, made.surface, photons=10 * photons, **options)
         gains, chains = np.atleast_2d(result.gain), np.atleast_1d(result.gain_stderr)

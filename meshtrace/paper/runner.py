@@ -28,7 +28,7 @@ def make_figures(
     setting: Setting | None = None,
     on_figure: Callable[[str, dict[str, Any] | None], None] | None = None,
 ) -> list[dict[str, Any]]:
-    """Draw figures of the paper into a folder, with one page to read through.
+    """Draw figures of the paper into a folder, with an index page.
 
     Parameters
     ----------
@@ -41,8 +41,8 @@ def make_figures(
     setting : Setting, optional
         Seed, threads, files of temperature and salinity.
     on_figure : callable, optional
-        Called with the name of each figure and None before it is made, and with its record when
-        it is done.
+        Called with the name of each figure and None before it is drawn, and with its record
+        afterwards.
 
     Returns
     -------
@@ -63,6 +63,7 @@ def make_figures(
     from meshtrace.paper.profile_files import profiles_of
 
     setting, folder = setting or Setting(), Path(folder)
+    report = on_figure or (lambda name, record: None)
     figures = [load(name) for name in only or FIGURES]
     if any(one.reads_profiles for one in figures):
         profiles_of(setting)  # refused before anything is drawn
@@ -71,12 +72,10 @@ def make_figures(
     for one in figures:
         record = _kept(folder, one, key(one, setting, quick))
         if record is None:
-            if on_figure is not None:
-                on_figure(one.name, None)
+            report(one.name, None)
             record = _made(folder, one, setting, quick)
             write_index(folder)
-        if on_figure is not None:
-            on_figure(one.name, record)
+        report(one.name, record)
         records.append(record)
     write_index(folder)
     return records
@@ -102,9 +101,8 @@ def _digest(path: Path) -> str:
 def _kept(folder: Path, one: Figure, wanted: str) -> dict[str, Any] | None:
     """Return the record of a finished figure."""
     record = read_record(folder / f"{one.name}.json")
-    if record is None or record.get("key") != wanted:
-        return None
-    if not all((folder / (one.name + kind)).is_file() for kind in _KINDS):
+    whole = all((folder / (one.name + kind)).is_file() for kind in _KINDS)
+    if record is None or record.get("key") != wanted or not whole:
         return None
     return {**record, "kept": True}
 
@@ -124,9 +122,7 @@ def _made(folder: Path, one: Figure, setting: Setting, quick: bool) -> dict[str,
         _write(folder / one.name, output, rows)
     record = {
         "key": key(one, setting, quick),
-        "name": one.name,
-        "number": one.number,
-        "title": one.title,
+        **{name: getattr(one, name) for name in ("name", "number", "title")},
         "caption": one.text(output),
         "quick": quick,
         "effort": one.effort(quick),

@@ -84,7 +84,7 @@ class Scenario(Model, frozen=True):
         Parameters
         ----------
         path : path
-            TOML file; a mesh file that it names is looked for beside it.
+            TOML file; paths of mesh files are relative to its folder.
         changes : mapping of str to value, optional
             Values that replace those of the file, by dotted key such as "transmitter.depth".
 
@@ -163,18 +163,14 @@ class Scenario(Model, frozen=True):
         surface = seas.read_surface(sea, wind_speed, meshing, Path(folder), printed)
         link = parts.read_link(config, wind_speed)
         normals = {"normals": run.pop("normals")} if "normals" in run else {}
+        run = {"estimator": parts.default_estimator(link), **run}
         checked = validated(Meshing, normals, "run")
         return cls(
             wind_speed=wind_speed,
             link=link,
             surface=surface,
             meshing=validated(Meshing, {**checked.model_dump(), **meshing}, "sea"),
-            run=validated(
-                Run,
-                {"estimator": parts.default_estimator(link), **run},
-                "run",
-                (*run_keys(), "fading"),
-            ),
+            run=validated(Run, run, "run", (*run_keys(), "fading")),
             detector=parts.read_detector(config["detector"]) if "detector" in config else None,
             uav=parts.read_uav(config["uav"]) if "uav" in config else None,
         )
@@ -197,7 +193,7 @@ class Scenario(Model, frozen=True):
         -----
         The number of threads, on which no result depends, is not taken over.
         """
-        options = provenance["run"]
+        options: Table = provenance["run"]
         link = Link.model_validate(provenance["link"])
         surface = seas.surface_from_provenance(provenance)
         estimator = Estimator.member(options["estimator"])
@@ -250,17 +246,17 @@ class Scenario(Model, frozen=True):
             If a mesh file cannot be read or does not cover the link, or the mesh would fill the
             memory.
         """
+        origin, footprint = {}, self.link.footprint()
         if surface is not None:
-            return Case(self.link, resolve_band(self.link, surface), self.run, self.meshing)
-        footprint = self.link.footprint()
-        if isinstance(self.surface, MeshFile):
+            surface = resolve_band(self.link, surface)
+        elif isinstance(self.surface, MeshFile):
             needed = footprint.fine_extent + max(map(abs, footprint.center))
-            mesh = self.surface.load(self.meshing.extent or needed)
+            surface = self.surface.load(self.meshing.extent or needed)
             origin = {"mesh_file": self.surface.file}
-            return Case(self.link, mesh, self.run, self.meshing, origin)
-        sea = resolve_band(self.link, self.surface)
-        seas.require_modest(sea, footprint, self.meshing)
-        return Case(self.link, sea, self.run, self.meshing)
+        else:
+            surface = sea = resolve_band(self.link, self.surface)
+            seas.require_modest(sea, footprint, self.meshing)
+        return Case(self.link, surface, self.run, self.meshing, origin)
 
     def mesh(self) -> TriangleMesh:
         """Return the surface as the run needs it.

@@ -105,7 +105,7 @@ def read_surface(
     if not issubclass(model, Surface) or isinstance(word, Mapping):
         table, keys, calm = _with_spectrum(word, table, wind_speed)
         model = Surface.member("spectral")
-    elif "wind_speed" in model.model_fields:
+    elif _follows_wind(model):
         table, calm = _driven(table, wind_speed)
     if printed and "band" in model.model_fields:
         banded: Any = model
@@ -130,6 +130,12 @@ def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:
             refused = Refused(own, error.value, error.allowed, error.hint)
             raise refused.inside("sea", "part", i) from None
     return validated(SumSea, {**table, "parts": tuple(seas)}, "sea", ("part", *_SEA_KEYS))
+
+
+def _follows_wind(model: Any) -> bool:
+    """Return whether the waves of a sea follow the wind; those of a measured one do not."""
+    field = model.model_fields.get("wind_speed")
+    return field is not None and field.default is not None
 
 
 def _named(word: Any) -> type[Family]:
@@ -221,11 +227,14 @@ def surface_config(surface: SurfaceModel | MeshFile, wind_speed: float) -> Table
     kind = config.pop("kind")
     if isinstance(surface, SumSea):
         parts = [surface_config(part, wind_speed) for part in surface.parts]
-        return {"part": parts, "seed": config["seed"]}
+        del config["parts"]
+        return {**config, "part": parts}
     if kind == "spectral":
         config["spectrum"] = without_shared_wind(config["spectrum"], wind_speed)
         return config
-    return {"spectrum": kind, **without_shared_wind(config, wind_speed)}
+    if _follows_wind(type(surface)):
+        config = without_shared_wind(config, wind_speed)
+    return {"spectrum": kind, **config}
 
 
 def require_modest(surface: SurfaceModel, footprint: Footprint, meshing: Meshing) -> None:

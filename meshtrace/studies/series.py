@@ -16,6 +16,7 @@ from meshtrace.fading.resolving import band_fading
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import RandomSea, SurfaceModel, TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import SHIFTS
@@ -119,7 +120,7 @@ def time_series(
 
 def over_times(
     inputs: Inputs,
-    times: NDArray[np.float64],
+    times: Floats,
     flight: Flight | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> GainSeries:
@@ -231,9 +232,7 @@ def _common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[P
     return ordered_map(forced.evaluate, chain(first, meshes), inputs.threads)
 
 
-def _tilted_frames(
-    inputs: Inputs, times: NDArray[np.float64], uav: Uav, wind: Dryden
-) -> Iterator[Parts]:
+def _tilted_frames(inputs: Inputs, times: Floats, uav: Uav, wind: Dryden) -> Iterator[Parts]:
     """Yield the parts of the gain at each time of a flight, with chains of the same numbers."""
     link, sea, run, normals = inputs.link, inputs.surface, inputs.run, inputs.meshing.normals
     receiver = link.only_receiver
@@ -262,17 +261,16 @@ def _series(
 ) -> GainSeries:
     """Return the series of the parts over each surface."""
     n, n_rx = len(coordinate), len(link.receivers)
-    gain, stderr, ballistic = (np.empty((n, n_rx)) for _ in range(3))
-    shifts = np.zeros((n_rx, SHIFTS))
+    columns, shifts = np.empty((3, n, n_rx)), np.zeros((n_rx, SHIFTS))
     for i, part in enumerate(parts):
-        gain[i], stderr[i], ballistic[i] = part.gain, part.stderr, part.ballistic
+        columns[:, i] = part.gain, part.stderr, part.ballistic
         shifts += part.shifts
         if progress is not None:
             progress(1)
     mean_stderr = (shifts / max(n, 1)).std(axis=1, ddof=1) / np.sqrt(SHIFTS)
     kept: Any = slice(None) if isinstance(link.receiver, tuple) else 0
-    columns = (gain[:, kept], stderr[:, kept], ballistic[:, kept])
-    return GainSeries(along, coordinate, *columns, mean_stderr[kept], origin)
+    gain, stderr, ballistic = columns[..., kept]
+    return GainSeries(along, coordinate, gain, stderr, ballistic, mean_stderr[kept], origin)
 
 
 class CoupledSeries(NamedTuple):
