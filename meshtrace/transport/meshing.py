@@ -6,13 +6,16 @@ import hashlib
 import math
 from typing import Any
 
+import numpy as np
+
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.link.link import Footprint
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import SurfaceModel, TriangleMesh, WaveSum
 from meshtrace.transport.options import Meshing
 
 _MOST_FACETS = 8e6
+_MOST_LIT = 2e6
 
 
 def mesh_for(
@@ -68,6 +71,8 @@ def _triangulated(
         wide = min(reach + far + 20.0 * f.spacing, f.extent)
         wide = max(wide, f.fine_extent + 10.0 * f.spacing)
         f = f._replace(extent=wide, coarse_spacing=4.0 * f.spacing)
+        if isinstance(surface, WaveSum) and meshing.spacing is None and meshing.extent is None:
+            f = _resolving(link, surface, f)
     spacing = meshing.spacing or f.spacing
     _require_size(f, meshing)
     if meshing.extent is not None:
@@ -80,6 +85,36 @@ def _triangulated(
         fine_extent=f.fine_extent,
         coarse_spacing=max(f.coarse_spacing, meshing.spacing or 0.0),
     )
+
+
+def _resolving(link: Link, surface: WaveSum, f: Footprint) -> Footprint:
+    """Return a mesh fine enough for the shortest waves where unscattered light crosses.
+
+    Notes
+    -----
+    With the spacing h = kappa / k_max, kappa = 0.9, random slopes beyond the mesh leave an error of
+    0.5 % in a gain and 0.1 % in the mean. Without them caustics are sharp: kappa = 0.45 leaves 1 %.
+    The lines move apart by 10 % each outside. Where that takes more than `_MOST_LIT` facets the
+    mesh stays as it is.
+    """
+    waves = surface.components
+    k2 = np.square(waves.kx) + np.square(waves.ky)
+    lit = np.square(waves.amplitude) * k2
+    shortest = math.sqrt(float(k2[lit > 0.0].max(initial=0.0)))
+    if shortest * f.spacing <= 0.45:
+        return f
+    blurred = link.physics.unresolved == "tilt" and hasattr(surface, "unresolved_slopes")
+    missing = surface.unresolved_slopes(0.9 / shortest) if blurred else None
+    kappa = 0.45 if missing is None or min(missing.vertex) <= 0.0 else 0.9
+    if shortest * f.spacing <= kappa:
+        return f
+    spacing = kappa / shortest
+    variance = 0.5 * float(lit.sum()) + (sum(missing.vertex) if missing else 0.0)
+    center, half = link.lit_patch(math.sqrt(0.5 * variance))
+    if 2.0 * (2.0 * half / spacing) ** 2 > _MOST_LIT:
+        return f
+    extent = f.extent + math.dist(center, f.center)
+    return Footprint(center, extent, spacing, half, f.coarse_spacing)
 
 
 def _require_size(f: Footprint, meshing: Meshing) -> None:
