@@ -350,7 +350,5 @@ def _weigh(chains, i, flat, p, facet, shot, spread, scene):
 def _emission_at(x, y, facet, shot, scene):
     """Return the direction of emission through the plane of a facet over (x, y)."""
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))
-    _, _, w, _ = emission_through(
-        shot.q, shot.v, minus(p, scene.emitter.position), shot.branch
-    )
+    _, _, w, _ = emission_through(shot.q, shot.v, minus(p, scene.emitter.position), shot.branch)
     return w

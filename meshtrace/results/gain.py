@@ -72,6 +72,7 @@ CHAIN_MEANING = {
     "enumerated": "searched through all facets",
     "extra_roots": "further crossings found",
     "blocked": "blocked by a wave",
+    "sampled": "pairs of source and receiver with sampled unscattered light",
 }
 
 _TALLIES: dict[str, type[Tally]] = {"arrivals": Arrivals, "planes": Planes, "map": IrradianceMap}

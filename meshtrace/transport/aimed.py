@@ -276,10 +276,12 @@ class AimedChains:
 def _disk_rule(blur: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return points of the unit disk and their shares of its area.
 
-    Rings at Gauss's nodes of the area: 1e-3 of the light of a Gaussian spot anywhere, whose standard
-    deviation is 1 / blur of the radius.
+    Rings at Gauss's nodes of the area: 1e-3 of the light of a Gaussian spot anywhere, whose
+    standard deviation is 1 / blur of the radius.
     """
-    rings, around = (1, 4) if blur < 0.5 else (math.ceil(1 + 1.05 * blur), math.ceil(4 + 1.9 * blur))
+    rings, around = 1, 4
+    if blur > 0.5:
+        rings, around = math.ceil(1.0 + 1.05 * blur), math.ceil(4.0 + 1.9 * blur)
     nodes, weights = np.polynomial.legendre.leggauss(rings)
     azimuth = 2.0 * math.pi * (np.arange(around) + 0.5 * (np.arange(rings)[:, None] % 2)) / around
     circle = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)

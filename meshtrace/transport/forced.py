@@ -69,6 +69,10 @@ class Counts(NamedTuple):
     blocked: int
     sampled: int = 0  # pairs of source and receiver whose unscattered light is sampled
 
+    def by_outcome(self) -> dict[str, int]:
+        """Return the numbers by name, `sampled` only where there are any."""
+        return {name: n for name, n in self._asdict().items() if n or name != "sampled"}
+
 
 @dataclass(frozen=True)
 class Parts:
@@ -385,10 +389,7 @@ class _Sums:
         receivers = len(method)
         self.pairs = [(s, r) for s in range(len(link.emitters)) for r in range(receivers)]
         self.jobs = [
-            (s, r, chains)
-            for s, r in self.pairs
-            for chains in sets[s]
-            if method[r] == "chains"
+            (s, r, chains) for s, r in self.pairs for chains in sets[s] if method[r] == "chains"
         ]
         self.chains = sum(len(chains.audit) for row in sets for chains in row)
         self._orders = max((chains.order for row in sets for chains in row), default=0)
