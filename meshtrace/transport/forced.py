@@ -293,7 +293,8 @@ class ForcedDetection:
         sums.add_chains(ordered_map(lambda job: aimed.score(*job), sums.jobs, self._options[1]))
         if self._adjoint is not None:
             sums.add_paths(self._adjoint.evaluate(mesh, intersector), self._adjoint.photons)
-        return sums.parts(Counts(sums.chains, *(int(c) for c in aimed.counters), sampled))
+        counts = Counts(sums.chains, *(int(c) for c in aimed.counters))
+        return sums.parts(counts._replace(sampled=sampled))
 
     def _direct(self, aimed: AimedChains, s: int, r: int) -> NDArray[np.float64]:
         """Return the unscattered gain of a source and a receiver: one number, or one a shift."""
