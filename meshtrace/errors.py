@@ -214,3 +214,10 @@ def _shortened(text: str, most: int = 400) -> str:
 def one_line(text: str) -> str:
     """Return a text without its line ends."""
     return " ".join(text.split())
+
+
+class DomainWarning(UserWarning):
+    """Light escaped through the sides of the mesh or a hole in it, or was left out.
+
+    Measured spectra without their short waves warn alike: light meets too few slopes.
+    """
