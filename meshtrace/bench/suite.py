@@ -35,8 +35,8 @@ def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
     dict
         Plain data: `environment`, `cores`; `analog` and `analog_tilted` of `analog_rate`, without
         and with tilts for unresolved slopes; `merit` of `figure_of_merit`; `new_sea`;
-        `resolved_sea`; `peak_memory_mib` of this process; `thread_scaling`, `worker_scaling`, the latter None
-        where dask is not installed.
+        `resolved_sea`; `peak_memory_mib` of this process; `thread_scaling`, `worker_scaling`, the
+        latter None where dask is not installed.
 
     Raises
     ------

@@ -12,8 +12,8 @@ from meshtrace.bench import (
     bench,
     figure_of_merit,
     new_sea,
-    resolved_sea,
     report,
+    resolved_sea,
     thread_scaling,
     worker_scaling,
 )
