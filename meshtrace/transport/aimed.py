@@ -29,7 +29,7 @@ Search = Literal["usual", "thorough"]
 _ROOTS = 64  # crossings of one chain at most
 _NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's, that blurs
 _WIDEST = 20.0  # radius of an aperture over the blur: a wider one takes too many points
-_SPREAD = 1.2  # width of the law of crossings that are tried, over that of the slopes
+_SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
 _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
 
 
