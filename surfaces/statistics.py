@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -288,6 +289,7 @@ def unresolved_slope_variance(
     return along, across
 
 
+@cache
 def elfouhaily_slope_variance(wind_speed: float, fetch: float | None = None) -> tuple[float, float]:
     """Return the slope variances of the Elfouhaily spectrum, capillaries included.
 

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
-from meshtrace.parallel import default_threads
+from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.results.tallies import standard_error
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.meshing import FADING_SPACING, mesh_for
 
 Rays = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 
@@ -217,4 +217,56 @@ def new_sea(
         "rtol": max(row[-1] for row in rows[1:]),
         "chains": parts.counts.chains,
         "facets": len(mesh.faces),
+    }
+
+
+def resolved_sea(
+    link: Link,
+    sea: Any,
+    rtol: float = 0.01,
+    rounds: int = 3,
+    realizations: int = 16,
+    threads: int | None = None,
+) -> dict[str, Any]:
+    """Return the cost of a sea that is resolved down to the waves that light can feel.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    sea : SurfaceModel with seed
+        A random sea of many waves.
+    rtol : float
+        Relative standard error of a gain.
+    rounds : int
+        New seas of which the median counts.
+    realizations : int
+        Seas of the ensemble.
+
+    Returns
+    -------
+    dict
+        `gain` of `new_sea`, which has seconds and facets; `seconds_per_realization` of an ensemble
+        with as many chains, its `facets`, and `direct_seconds` of the unscattered light alone.
+    """
+    threads = threads or os.cpu_count() or 1
+    gain = new_sea(link, sea, rtol, rounds, threads)
+    reach, chains = crossing_reach(link), gain["chains"]
+    mesh, _ = mesh_for(link, sea, reach=reach, per_wave=FADING_SPACING)
+    forced = ForcedDetection(link, chains, 1, threads=1, crest=1.5 * float(mesh.bounds[1, 2]))
+    aimed = forced.over(mesh)
+    (direct,) = best_of(3, lambda: aimed.direct_gains(0, 0))
+    start = perf_counter()
+    meshes = (
+        mesh_for(link, sea.with_seed(2000 + i), reach=reach, per_wave=FADING_SPACING)[0]
+        for i in range(realizations)
+    )
+    found = list(ordered_map(forced.evaluate, meshes, threads))
+    each = (perf_counter() - start) / len(found)
+    return {
+        "gain": gain,
+        "seconds_per_realization": each,
+        "direct_seconds": direct,
+        "facets": len(mesh.faces),
+        "rtol": max(float(p.stderr[0] / p.gain[0]) for p in found),
     }

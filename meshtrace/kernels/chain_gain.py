@@ -202,7 +202,7 @@ def contributions(chains, flat, audits, search, scene, out):
                 continue
             first = n_rays
             if not steep:
-                n_rays = _list_paths(chains, i, aim, p, n_doubt, scene, out.rays, n_rays)
+                n_rays = list_paths(chains, i, aim, p, n_doubt, scene, out.rays, n_rays)
             if n_arrivals < len(out.arrivals):
                 a = out.arrivals[n_arrivals]
                 a.chain, a.weight = i, w
@@ -431,9 +431,10 @@ def _transmit(chains, i, m, p, scene):
 
 
 @outlined
-def _list_paths(chains, i, m, p, crossing, scene, rays, n):
+def list_paths(chains, i, m, p, crossing, scene, rays, n):
     """List the straight parts of a path that a wave may cut; return the number of rays.
 
+    Array twin: none, a list for Embree.
     A vertex above the highest crest needs no ray of its own: the path to it or from it is cut.
     """
     low, high, slope = scene.surface.low[2], scene.surface.high[2], scene.surface.max_slope

@@ -141,7 +141,7 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
     shot = straight_shot(0.0, 0.0)
     depth = -scene.emitter.position.z
     edge = min(max(_EDGE * depth, 0.005), 0.1)
-    fine = min(edge, _BEAM_SHARE * _beam_width(scene.emitter) * depth)
+    fine = min(edge, _BEAM_SHARE * beam_width(scene.emitter) * depth)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         large = 2.0 * facet.radius > _FEW * edge
@@ -163,7 +163,7 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
 
 
 @inlined
-def _beam_width(emitter):
+def beam_width(emitter):
     """Return the angle over which the intensity of a source changes [rad].
 
     Array twin: none, a scale.
@@ -207,7 +207,7 @@ def _large_facet_gain(f, n, image, stack, shot, scene):
 @outlined
 def _may_shine(f, nodes, i, j, side, image, shot, scene):
     """Return whether unscattered light may cross a part of a facet to the aperture."""
-    p = _node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
+    p = node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
     size = scene.facets[f].radius * abs(side) / nodes
     target = scene.target
     if math.hypot(p.x - target.center.x, p.y - target.center.y) - size > target.reach:
@@ -218,7 +218,7 @@ def _may_shine(f, nodes, i, j, side, image, shot, scene):
     if m.ok:
         return math.hypot(m.at.x, m.at.y) <= target.radius + size * image.stretch
     for k in range(3):
-        q = _node(f, nodes, i + (side if k == 1 else 0), j + (side if k == 2 else 0), scene.surface)
+        q = node(f, nodes, i + (side if k == 1 else 0), j + (side if k == 2 else 0), scene.surface)
         if aim_at(q.x, q.y, f, shot, scene).ok:
             return True
     return False
@@ -257,7 +257,11 @@ def _facet_gain(f, n, shot, scene):
 
 
 @inlined
-def _node(f, n, i, j, surface):
+def node(f, n, i, j, surface):
+    """Return the point (i, j) of the n parts along two edges of a facet.
+
+    Array twin: barycentrics (i / n, j / n).
+    """
     a, b, c = corners(surface.vertices, f, surface.faces)
     return blend(i / n, j / n, a, b, c)
 
@@ -265,9 +269,9 @@ def _node(f, n, i, j, surface):
 @outlined
 def _triangle_gain(f, n, i, j, side, shot, scene):
     """Return (gain, steep) of the part with the nodes (i, j), (i + side, j), (i, j + side)."""
-    p = _node(f, n, i, j, scene.surface)
-    q = _node(f, n, i + side, j, scene.surface)
-    r = _node(f, n, i, j + side, scene.surface)
+    p = node(f, n, i, j, scene.surface)
+    q = node(f, n, i + side, j, scene.surface)
+    r = node(f, n, i, j + side, scene.surface)
     a = aim_at(p.x, p.y, f, shot, scene)
     b = aim_at(q.x, q.y, f, shot, scene)
     c = aim_at(r.x, r.y, f, shot, scene)

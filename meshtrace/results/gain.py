@@ -74,6 +74,7 @@ CHAIN_MEANING = {
     "enumerated": "searched through all facets",
     "extra_roots": "further crossings found",
     "blocked": "blocked by a wave",
+    "sampled": "pairs of source and receiver with sampled unscattered light",
 }
 
 _EACH = Variable("receiver")

@@ -12,7 +12,7 @@ from meshtrace.results.provenance import provenance
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.transport.case import resolve
 from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.meshing import FADING_SPACING, mesh_for
 from meshtrace.transport.options import Forced, Meshing, Run
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
@@ -51,7 +51,8 @@ class Inputs(NamedTuple):
 
     def mesh(self, link: Link, surface: MeshSource, time: float) -> TriangleMesh:
         """Return the mesh of a surface at a time, as far as light can cross to a receiver."""
-        return mesh_for(link, surface, self.meshing.replace(time=time), crossing_reach(link))[0]
+        meshing, reach = self.meshing.replace(time=time), crossing_reach(link)
+        return mesh_for(link, surface, meshing, reach, FADING_SPACING)[0]
 
     def provenance(self, **more: Any) -> dict[str, Any]:
         """Return the provenance of the study."""

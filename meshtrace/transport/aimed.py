@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.kernels import aiming
+from meshtrace.kernels import aiming, blurred
 from meshtrace.kernels import chain_gain as kernel
 from meshtrace.kernels import unscattered as image
-from meshtrace.kernels.facets import Surface
+from meshtrace.kernels.facets import Roughness, Surface
+from meshtrace.kernels.interface import Direction, Snell
 from meshtrace.kernels.medium import DepthMode
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.arrays import surface_arrays, with_raster
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 Search = Literal["usual", "thorough"]
 
 _ROOTS = 64  # crossings of one chain at most
+_NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's, that blurs
+_WIDEST = 20.0  # radius of an aperture over the blur: a wider one takes too many points
+_SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
 _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
 
 
@@ -66,6 +70,7 @@ class AimedChains:
         self.surface: Surface = surface_arrays(self._mesh, normals, unresolved)
         rough = self.surface.roughness
         self.rough = rough.along > 0.0 or rough.across > 0.0
+        self.blurred = self._blurs()
         self.facets = np.empty(len(mesh.faces), aiming.FACET)
         aiming.facet_summary(self.surface, self.facets)
         self.medium = link.medium
@@ -78,6 +83,29 @@ class AimedChains:
     @cached_property
     def _intersector(self) -> EmbreeIntersector:
         return self._given or EmbreeIntersector(self._mesh, 1)
+
+    def _blurs(self) -> bool:
+        """Return whether random slopes are wide enough in both directions to be integrated over.
+
+        Refraction has to be physical: the slope between two directions is then known.
+        """
+        interface, rough = self._link.interface, self.surface.roughness
+        physical = (interface.snell, interface.direction) == (Snell.PHYSICAL, Direction.VECTOR)
+        narrowest = min(rough.along, rough.across)
+        return physical and narrowest > _NARROWEST * math.sqrt(self._mesh_slopes)
+
+    @cached_property
+    def _mesh_slopes(self) -> float:
+        """Mean square slope of the mesh, of one component."""
+        n = self.surface.vertex_normals
+        return float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
+
+    @cached_property
+    def _spread(self) -> Roughness:
+        """Law of all slopes, widened: what it tries too rarely would be noisy."""
+        rough, mesh = self.surface.roughness, self._mesh_slopes
+        along, across = (_SPREAD * math.hypot(s, math.sqrt(mesh)) for s in rough[:2])
+        return rough._replace(along=along, across=across)
 
     @property
     def centroids(self) -> NDArray[np.float64]:
@@ -133,14 +161,13 @@ class AimedChains:
             counters=np.zeros(len(kernel.Counter), np.int64),
             roots=np.zeros(_ROOTS, aiming.ROOT),
         )
-        n_doubt, n_rays, n_arrivals = kernel.contributions(
-            chains.chains,
-            chains.flat[receiver],
-            chains.audit,
-            self._search(target),
-            self.scene(emitter, target),
-            out,
-        )
+        scene, flat = self.scene(emitter, target), chains.flat[receiver]
+        if self.blurred:
+            found = blurred.blurred_contributions(chains.chains, flat, self._spread, scene, out)
+        else:
+            search = self._search(target)
+            found = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
+        n_doubt, n_rays, n_arrivals = found
         arrivals = out.arrivals[:n_arrivals]
         if n_doubt:
             cut = np.zeros(n_doubt, bool)
@@ -168,6 +195,33 @@ class AimedChains:
         start = origins + hair[:, None] * directions
         hits = self._intersector.intersect(start, directions)
         return hits.distance < lengths - 3.0 * hair
+
+    def direct_gains(self, source: int, receiver: int) -> NDArray[np.float64] | None:
+        """Return the unscattered gain through each facet, without noise.
+
+        None where it has to be sampled: random slopes are too narrow to be integrated over, for
+        the facets or for the aperture.
+        """
+        if not self.rough:
+            return self.facet_gains(source, receiver)
+        return self._blurred_gains(source, receiver) if self.blurred else None
+
+    def _blurred_gains(self, source: int, receiver: int) -> NDArray[np.float64] | None:
+        """Return the unscattered gain through each facet of a mesh with random slopes."""
+        emitter, target = self._link.emitters[source], self._link.targets[receiver]
+        n = self.medium.n_water / self.medium.n_air
+        lever = (n - 1.0) * max(target.center[2] - float(self.surface.high[2]), 1e-6)
+        blur = target.radius / (lever * min(self.surface.roughness[:2]))
+        if blur > _WIDEST:
+            return None
+        gain = np.zeros(len(self._mesh.faces))
+        doubtful = np.zeros(len(gain), bool)
+        disk = blurred.Disk(*_disk_rule(blur), blur)
+        if not blurred.blurred_gain(self.scene(emitter, target), disk, gain, doubtful):
+            return None
+        if doubtful.any():
+            gain[self._hidden(emitter, target, np.flatnonzero(doubtful))] = 0.0
+        return gain
 
     def facet_gains(self, source: int, receiver: int) -> NDArray[np.float64]:
         """Return the unscattered gain through each facet."""
@@ -215,6 +269,24 @@ class AimedChains:
         paths[:, 1] = crossings
         paths[:, 2] = on_disk(target, disk)
         return paths[found]
+
+
+@cache
+def _disk_rule(blur: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return points of the unit disk and their shares of its area.
+
+    Rings at Gauss's nodes of the area: 1e-3 of the light of a Gaussian spot anywhere, whose
+    standard deviation is 1 / blur of the radius.
+    """
+    rings, around = 1, 4
+    if blur > 0.5:
+        rings, around = math.ceil(1.0 + 1.05 * blur), math.ceil(4.0 + 1.9 * blur)
+    nodes, weights = np.polynomial.legendre.leggauss(rings)
+    azimuth = 2.0 * math.pi * (np.arange(around) + 0.5 * (np.arange(rings)[:, None] % 2)) / around
+    circle = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
+    points = np.sqrt(0.5 * (nodes + 1.0))[:, None, None] * circle
+    shares = np.repeat(0.5 * weights / around, around)
+    return points.reshape(-1, 2), shares
 
 
 def on_disk(target: aiming.Target, disk: NDArray[np.float64]) -> NDArray[np.float64]:

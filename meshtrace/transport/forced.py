@@ -72,6 +72,11 @@ class Counts(NamedTuple):
     enumerated: int
     extra_roots: int
     blocked: int
+    sampled: int = 0  # pairs of source and receiver whose unscattered light is sampled
+
+    def by_outcome(self) -> dict[str, int]:
+        """Return the numbers by name, `sampled` only where there are any."""
+        return {name: n for name, n in self._asdict().items() if n or name != "sampled"}
 
 
 @dataclass(frozen=True)
@@ -294,16 +299,21 @@ class ForcedDetection:
         if higher is not self:
             return higher.evaluate(mesh, intersector)
         aimed = self.over(mesh, intersector)
-        sums = _Sums(self.arrays, self.method, self.sets(aimed))
-        if not aimed.rough:
-            gains = ordered_map(
-                lambda pair: aimed.facet_gains(*pair).sum(), sums.pairs, self._options[1]
-            )
-            sums.add_direct(gains)
+        sums = _Sums(self.arrays, self.method, self.scattered_sets)
+        gains = ordered_map(lambda pair: self._direct(aimed, *pair), sums.pairs, self._options[1])
+        sampled = sums.add_direct(gains)
         sums.add_chains(ordered_map(lambda job: aimed.score(*job), sums.jobs, self._options[1]))
         if self._adjoint is not None:
             sums.add_paths(self._adjoint.evaluate(mesh, intersector), self._adjoint.photons)
-        return sums.parts(Counts(sums.chains, *(int(c) for c in aimed.counters)))
+        counts = Counts(sums.chains, *(int(c) for c in aimed.counters))
+        return sums.parts(counts._replace(sampled=sampled))
+
+    def _direct(self, aimed: AimedChains, s: int, r: int) -> NDArray[np.float64]:
+        """Return the unscattered gain of a source and a receiver: one number, or one a shift."""
+        gains = aimed.direct_gains(s, r)
+        if gains is not None:
+            return gains.sum(keepdims=True)
+        return aimed.score(s, r, self._unscattered[s]).reshape(SHIFTS, -1).mean(axis=1)
 
     def _reaching(self, mesh: TriangleMesh) -> ForcedDetection:
         """Return chains that reach up to a mesh: others where it is far higher than expected."""
@@ -358,22 +368,25 @@ class ForcedDetection:
         """Return arrivals of a receiver over facets and chains."""
         unit, center = self.arrays.frame.unit, self.arrays.targets[r].center
         rows = [np.zeros((0, 4))]
-        for s, (power, sets) in enumerate(zip(self.arrays.power, self.sets(aimed), strict=True)):
-            if not aimed.rough:
-                gains = power * aimed.facet_gains(s, r)
+        for s, (power, sets) in enumerate(zip(self.arrays.power, self.scattered_sets, strict=True)):
+            found = aimed.direct_gains(s, r)
+            if found is not None:
+                gains = power * found
                 lit = np.flatnonzero(gains)
                 crossing = aimed.centroids[lit]
                 lamp = self.arrays.emitters[s].position
                 water, air = (np.linalg.norm(crossing - end, axis=1) for end in (lamp, center))
                 rows.append(_rows(gains[lit], unit * water, unit * air, np.full(len(lit), -1)))
+            else:
+                sets = [self._unscattered[s], *sets]
             for chains in sets:
                 if chains.order > 0 and self.method[r] == "adjoint":
                     continue
-                _, found = aimed.aim(s, r, chains, keep=True)
+                _, light = aimed.aim(s, r, chains, keep=True)
                 n = len(chains.audit)
-                weight = power * found["weight"] / n
-                shift = found["chain"] // (n // SHIFTS)
-                rows.append(_rows(weight, unit * found["water"], unit * found["air"], shift))
+                weight = power * light["weight"] / n
+                shift = light["chain"] // (n // SHIFTS)
+                rows.append(_rows(weight, unit * light["water"], unit * light["air"], shift))
         return np.concatenate(rows)
 
 
@@ -389,10 +402,7 @@ class _Sums:
         receivers = len(method)
         self.pairs = [(s, r) for s in range(len(link.emitters)) for r in range(receivers)]
         self.jobs = [
-            (s, r, chains)
-            for s, r in self.pairs
-            for chains in sets[s]
-            if chains.order == 0 or method[r] == "chains"
+            (s, r, chains) for s, r in self.pairs for chains in sets[s] if method[r] == "chains"
         ]
         self.chains = sum(len(chains.audit) for row in sets for chains in row)
         self._orders = max((chains.order for row in sets for chains in row), default=0)
@@ -402,18 +412,18 @@ class _Sums:
         self._samples, self._scored = np.zeros((2, receivers), np.int64)
         self._paths: tuple[AdjointParts, int] | None = None
 
-    def add_direct(self, gains: Iterable[float]) -> None:
-        """Add the unscattered gain of each pair of source and receiver."""
+    def add_direct(self, gains: Iterable[NDArray[np.float64]]) -> int:
+        """Add the unscattered gain of each pair; return the number of sampled ones."""
+        sampled = 0
         for (s, r), gain in zip(self.pairs, gains, strict=True):
             self._direct[r] += self._link.power[s] * gain
+            sampled += len(gain) > 1
+        return sampled
 
     def add_chains(self, scores: Iterable[NDArray[np.float64]]) -> None:
         """Add the scores of each job."""
         for (s, r, chains), score in zip(self.jobs, scores, strict=True):
             means = self._link.power[s] * score.reshape(SHIFTS, -1).mean(axis=1)
-            if chains.order == 0:
-                self._direct[r] += means
-                continue
             self._scattered[r, chains.order - 1] += means
             self._samples[r] += len(score)
             self._scored[r] += np.count_nonzero(score)

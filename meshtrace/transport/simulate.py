@@ -248,7 +248,7 @@ def _forced(
         gain_ballistic=per_receiver(link, parts.ballistic),
         gain_scattered=per_receiver(link, parts.scattered.mean(axis=1)),
         gain_order=parts.orders,
-        chains=parts.counts._asdict(),
+        chains=parts.counts.by_outcome(),
         scattered=parts.samples_by_receiver(),
         **extra,
     )

@@ -13,6 +13,7 @@ from meshtrace.bench import (
     figure_of_merit,
     new_sea,
     report,
+    resolved_sea,
     thread_scaling,
     worker_scaling,
 )
@@ -73,6 +74,7 @@ def measured(meshes, threads):
         "analog_tilted": analog_rate(LINK, meshes[0], photons=20_000, rounds=1),
         "merit": figure_of_merit(LINK, meshes[1], 256, 50_000, rounds=1, seeds=3),
         "new_sea": new_sea(LINK, SEA, rtol=0.2, rounds=1),
+        "resolved_sea": resolved_sea(LINK, SEA, rtol=0.2, rounds=1, realizations=2),
         "peak_memory_mib": 1.0,
         "thread_scaling": threads,
         "worker_scaling": {

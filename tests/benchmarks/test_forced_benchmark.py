@@ -1,8 +1,9 @@
 """Figure of merit 1 / (variance x time) of forced over analog, and the time of 1 % on a new sea.
 
 Run with `pytest tests/benchmarks --benchmark-only` on a quiet machine. The bounds are those that
-the project sets itself: 20 000 times analog at 20 000 samples, 0.15 s for 1 % on a new sea, and
-10 000 realizations of the default link, each at 1 %, in 15 minutes, all on two cores.
+the project sets itself: 20 000 times analog at 20 000 samples, 0.15 s for 1 % on a new sea,
+10 000 realizations of the default link, each at 1 %, in 15 minutes, and as many of a sea resolved up
+to 24 rad/s in 30 minutes, all on two cores.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from time import perf_counter
 import pytest
 
 import meshtrace as mt
-from meshtrace.bench import figure_of_merit, new_sea
-from meshtrace.surfaces import JonswapSea
+from meshtrace.bench import figure_of_merit, new_sea, resolved_sea
+from meshtrace.surfaces import Elfouhaily, JonswapSea, SpectralSea
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 
@@ -47,3 +48,19 @@ def test_realizations_at_one_per_cent(benchmark, realizations):
     benchmark.extra_info.update({"seconds_per_realization": seconds, "worst_stderr": worst})
     assert worst <= 0.01
     assert 10_000 * seconds <= 15 * 60
+
+
+def test_realizations_of_a_resolved_sea(benchmark):
+    sea = SpectralSea(
+        spectrum=Elfouhaily(wind_speed=5.0, fetch=30e3),
+        spreading="elfouhaily",
+        mss="elfouhaily",
+        omega_max=24.0,
+        d_omega=0.2,
+        d_theta=0.1,
+    )
+    info = benchmark.pedantic(resolved_sea, (mt.Link(), sea), {"threads": 2}, rounds=1)
+    benchmark.extra_info.update(info)
+    assert info["facets"] < 60_000, info
+    assert info["direct_seconds"] <= 0.02, info
+    assert 10_000 * info["seconds_per_realization"] <= 30 * 60, info

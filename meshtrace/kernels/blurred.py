@@ -1,0 +1,354 @@
+"""Light through a surface with random slopes: the slope that brings it to a point is known.
+
+Light that arrives at a crossing P with the direction d leaves it towards a point x of an aperture
+if the normal of the surface is parallel to n_w d - n_a r, r the direction from P to x. That slope
+s*(P, x) is unique, so the light at x is the density of the random slopes at s* - s(P), times
+|det ds*/dx|, s(P) the slope of the mesh: no search for roots, no caustics.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.kernels.aiming import (
+    STEP,
+    Aim,
+    Jacobian,
+    emission_through,
+    height_on,
+    locate,
+)
+from meshtrace.kernels.chain_gain import (
+    Counter,
+    accepted,
+    intensity,
+    is_steep,
+    list_paths,
+    shot_of,
+    transmittance,
+    weight_of,
+)
+from meshtrace.kernels.facets import corners, exposure, normal_at, slope_tilt
+from meshtrace.kernels.interface import reflectance
+from meshtrace.kernels.jit import entry, inlined, outlined
+from meshtrace.kernels.medium import absorption_path, scattering_path
+from meshtrace.kernels.unscattered import beam_width, node, solid_angle
+from meshtrace.kernels.vectors import (
+    UP,
+    Vec2,
+    Vec3,
+    along,
+    blend,
+    dot,
+    dot2,
+    minus,
+    minus2,
+    norm,
+    plus,
+    row,
+    scaled,
+    write,
+)
+
+_CUT = 7.0  # standard deviations beyond which a slope does not occur
+_SMOOTH = 0.7  # standard deviations by which the slope may change over a part of a facet
+_BEAM_SHARE = 0.2  # longest edge of a part over the width of the beam
+MOST_PARTS = 48
+"""Parts along an edge of a facet; facets with more are too large for the blur."""
+
+
+class Slope(NamedTuple):
+    """A random slope that brings light to a point, in standard deviations, and its density."""
+
+    along: float
+    across: float
+    tilt: Vec2  # the slope, along x and y
+    density: float  # of landing points [m-2], exposure left out
+    aim: Aim
+
+
+@inlined
+def whitened(roughness, tilt):
+    """Return a slope along and across the wind in standard deviations.
+
+    Array twin: the inverse of `slope_tilt`.
+    """
+    return Vec2(
+        (roughness.cos * tilt.x + roughness.sin * tilt.y) / roughness.along,
+        (roughness.cos * tilt.y - roughness.sin * tilt.x) / roughness.across,
+    )
+
+
+@inlined
+def _normal_to(p, d, goal, scene):
+    """Return (N, r, flight): N = n_w d - n_a r is along the normal that sends light to a point."""
+    target, medium = scene.target, scene.medium
+    at = along(along(target.center, target.e1, goal.x), target.e2, goal.y)
+    way = minus(at, p)
+    flight = norm(way)
+    r = scaled(1.0 / flight, way)
+    return along(scaled(medium.n_water, d), r, -medium.n_air), r, flight
+
+
+@outlined
+def slope_towards(p, n, w, d, length, goal, scene):
+    """Return the `Slope` that sends light from P to a point of the aperture's plane.
+
+    Array twin: `aiming.land` of the tilted normal, and its derivatives by the tilt.
+    n is the normal of the mesh, w the direction of emission, d that of arrival.
+    """
+    big, r, flight = _normal_to(p, d, goal, scene)
+    size = norm(big)
+    cos_i, cos_t = dot(big, d) / size, dot(big, r) / size
+    aim = Aim(False, goal, w, d, r, 1.0, length, flight)
+    none = Slope(math.inf, math.inf, Vec2(0.0, 0.0), 0.0, aim)
+    if big.z <= 0.0 or cos_t <= 0.0 or dot(r, scene.target.axis) <= 1e-9:
+        return none
+    tilt = Vec2(n.x / n.z - big.x / big.z, n.y / n.z - big.y / big.z)
+    roughness = scene.surface.roughness
+    u = whitened(roughness, tilt)
+    square = u.x * u.x + u.y * u.y
+    if square > _CUT * _CUT:
+        return none
+    # dr/dx = (e - r (r.e)) / flight for either axis e of the aperture
+    k = scene.medium.n_air / (flight * big.z * big.z)
+    a = along(scene.target.e1, r, -dot(r, scene.target.e1))
+    b = along(scene.target.e2, r, -dot(r, scene.target.e2))
+    det = (a.x * big.z - big.x * a.z) * (b.y * big.z - big.y * b.z)
+    det -= (a.y * big.z - big.y * a.z) * (b.x * big.z - big.x * b.z)
+    density = math.exp(-0.5 * square) / (2.0 * math.pi * roughness.along * roughness.across)
+    rho = reflectance(cos_i, cos_t, scene.medium.n_water, scene.medium.n_air)
+    aim = Aim(True, goal, w, d, r, rho, length, flight)
+    return Slope(u.x, u.y, tilt, density * k * k * abs(det), aim)
+
+
+class Disk(NamedTuple):
+    """Quadrature over an aperture."""
+
+    points: NDArray[np.float64]  # (n, 2) of the unit disk
+    shares: NDArray[np.float64]  # (n,) of its area
+    blur: float  # radius over the smallest standard deviation of the landing points
+
+
+@entry
+def blurred_gain(scene, disk, gain, doubtful):
+    """Write the unscattered gain of each facet, with a flag for possible shadowing by waves.
+
+    Returns False if a lit facet is too large for the blur: the gains are then incomplete.
+
+    Array twin: chains without scatterings.
+    gain = int dOmega I exp(-tau) int_A dx p(s* - s) |det ds*/dx| E T over the facet, E its
+    exposure. A facet is cut into parts over which the slope s* - s changes by a fraction of its
+    standard deviation.
+    """
+    edge = _BEAM_SHARE * beam_width(scene.emitter) * -scene.emitter.position.z
+    for f in range(len(scene.surface.faces)):
+        near, change = _slope_range(f, scene)
+        reach = _CUT + change + disk.blur
+        if near > reach * reach:
+            continue
+        n = math.ceil(max(change / _SMOOTH, 2.0 * scene.facets[f].radius / edge, 1.0))
+        if n > MOST_PARTS:
+            return False
+        steep = True
+        for i in range(n):
+            for j in range(n - i):
+                g, s = _part_gain(f, n, i, j, 1, disk, scene)
+                gain[f] += g
+                steep = steep and s
+                if i + j <= n - 2:
+                    g, s = _part_gain(f, n, i + 1, j + 1, -1, disk, scene)
+                    gain[f] += g
+                    steep = steep and s
+        doubtful[f] = gain[f] > 0.0 and not steep
+    return True
+
+
+@outlined
+def _slope_range(f, scene):
+    """Return size squared of the slope that sends light from a facet to the aperture, its change.
+
+    In standard deviations: at the mean of the corners, and between corners.
+    """
+    a, b, c = corners(scene.surface.vertices, f, scene.surface.faces)
+    u, v, w = _needed(a, f, 0, scene), _needed(b, f, 1, scene), _needed(c, f, 2, scene)
+    x, y = (u.x + v.x + w.x) / 3.0, (u.y + v.y + w.y) / 3.0
+    p, q, r = minus2(u, v), minus2(v, w), minus2(w, u)
+    change = max(dot2(p, p), dot2(q, q), dot2(r, r))
+    return x * x + y * y, math.sqrt(change) if change < math.inf else 0.0
+
+
+@inlined
+def _needed(p, f, corner, scene):
+    """Return the random slope at a corner that sends light to the centre of the aperture."""
+    surface = scene.surface
+    way = minus(p, scene.emitter.position)
+    big, _, _ = _normal_to(p, scaled(1.0 / norm(way), way), Vec2(0.0, 0.0), scene)
+    n = row(surface.face_normals, f)
+    if surface.interpolate:
+        n = row(surface.vertex_normals, surface.faces[f, corner])
+    if big.z <= 0.0:
+        return Vec2(math.inf, math.inf)
+    tilt = Vec2(n.x / n.z - big.x / big.z, n.y / n.z - big.y / big.z)
+    return whitened(surface.roughness, tilt)
+
+
+@outlined
+def _part_gain(f, n, i, j, side, disk, scene):
+    """Return (gain, steep) of the part with the nodes (i, j), (i + side, j), (i, j + side)."""
+    surface, source = scene.surface, scene.emitter.position
+    p = minus(node(f, n, i, j, surface), source)
+    q = minus(node(f, n, i + side, j, surface), source)
+    r = minus(node(f, n, i, j + side, surface), source)
+    way = blend(1.0 / 3.0, 1.0 / 3.0, p, q, r)
+    length = norm(way)
+    w = scaled(1.0 / length, way)
+    middle = plus(source, way)
+    normal = normal_at(middle.x, middle.y, f, surface)
+    facing = dot(w, row(surface.face_normals, f))
+    light = intensity(scene.emitter, w) if facing > 0.0 else 0.0
+    total, steep = 0.0, True
+    radius = scene.target.radius
+    if light == 0.0:
+        return 0.0, True
+    for k in range(len(disk.points)):
+        goal = Vec2(radius * disk.points[k, 0], radius * disk.points[k, 1])
+        s = slope_towards(middle, normal, w, w, length, goal, scene)
+        if s.density > 0.0 and accepted(s.aim, middle, scene.target, scene.interface.fov):
+            share = exposure(w, normal, s.tilt) * transmittance(s.aim, scene.interface)
+            total += disk.shares[k] * s.density * share
+            steep = steep and is_steep(s.aim, scene)
+    if total == 0.0:
+        return 0.0, True
+    tau = absorption_path(scene.medium, source.z, middle.z, length)
+    tau += scattering_path(scene.medium, source, middle, length)
+    area = math.pi * radius * radius
+    return area * light * math.exp(-tau) * solid_angle(p, q, r) * total, steep
+
+
+@entry
+def blurred_contributions(chains, flat, spread, scene, out):
+    """Write the light that each chain brings into the aperture.
+
+    Returns (doubtful crossings, rays, arrivals).
+
+    Array twin: `chain_gain.contributions`, which finds the crossings of a chosen slope.
+    Here the crossing is chosen, as that of a flat sea moved by slopes of the law `spread`, and the
+    slope follows: one evaluation a crossing. Crossings that several flat ones may lead to count
+    by the sum of their densities.
+    """
+    n_doubt = n_rays = n_arrivals = 0
+    for i in range(len(chains.last)):
+        if flat[i, 0].branch == 0.0:
+            out.counters[Counter.NO_FLAT] += 1
+        for k in range(len(flat[i])):
+            if flat[i, k].branch == 0.0:
+                break
+            x, y = _moved(flat[i, k], chains.tilt[i, 0], chains.tilt[i, 1], spread, scene)
+            facet = locate(scene.locator, scene.surface, x, y)
+            if facet < 0:
+                continue
+            p = Vec3(x, y, height_on(x, y, facet, scene.surface))
+            shot = shot_of(chains, i, scene.target, flat[i, k].branch, scene.surface.roughness)
+            w, steep, aim = _weigh(chains, i, flat[i], p, facet, shot, spread, scene)
+            if w <= 0.0:
+                continue
+            out.counters[Counter.SOLVED] += 1
+            first = n_rays
+            if not steep:
+                n_rays = list_paths(chains, i, aim, p, n_doubt, scene, out.rays, n_rays)
+            if n_arrivals < len(out.arrivals):
+                a = out.arrivals[n_arrivals]
+                a.chain, a.weight = i, w
+                a.water, a.air = chains.path[i] + aim.length, aim.flight
+                a.doubt = n_doubt if n_rays > first else -1
+                write(a.point, p)
+                write(a.emission, aim.w)
+                n_arrivals += 1
+            if n_rays > first:
+                out.doubtful[n_doubt].chain, out.doubtful[n_doubt].weight = i, w
+                n_doubt += 1
+            else:
+                out.score[i] += w
+    return n_doubt, n_rays, n_arrivals
+
+
+@inlined
+def _lifted(flat, scene):
+    """Return the crossing of a flat sea at the height that the surface has there."""
+    facet = locate(scene.locator, scene.surface, flat.x, flat.y)
+    rise = 0.0
+    if facet >= 0:
+        rise = height_on(flat.x, flat.y, facet, scene.surface) - flat.level
+    return flat.x + flat.h1 * rise, flat.y + flat.h2 * rise
+
+
+@inlined
+def _moved(flat, first, second, spread, scene):
+    """Return the crossing that a slope of standard normal parts moves a flat one to."""
+    x, y = _lifted(flat, scene)
+    s = slope_tilt(spread, first, second)
+    return x + flat.m11 * s.x + flat.m12 * s.y, y + flat.m21 * s.x + flat.m22 * s.y
+
+
+@outlined
+def _density(flat, x, y, branch, spread, scene):
+    """Return the density of the crossings tried at (x, y) [m-2], on one branch."""
+    total = 0.0
+    for k in range(len(flat)):
+        if flat[k].branch == 0.0:
+            break
+        det = flat[k].m11 * flat[k].m22 - flat[k].m12 * flat[k].m21
+        if flat[k].branch != branch or det == 0.0:
+            continue
+        x0, y0 = _lifted(flat[k], scene)
+        dx, dy = (x - x0) / det, (y - y0) / det
+        s = Vec2(flat[k].m22 * dx - flat[k].m12 * dy, flat[k].m11 * dy - flat[k].m21 * dx)
+        u = whitened(spread, s)
+        law = math.exp(-0.5 * (u.x * u.x + u.y * u.y))
+        total += law / (2.0 * math.pi * spread.along * spread.across * abs(det))
+    return total
+
+
+@outlined
+def _weigh(chains, i, flat, p, facet, shot, spread, scene):
+    """Return (weight, steep, aim) of chain i through P: its light over the density of P."""
+    source = scene.emitter.position
+    ok, length, w, d = emission_through(shot.q, shot.v, minus(p, source), shot.branch)
+    n = normal_at(p.x, p.y, facet, scene.surface)
+    none = Aim(False, shot.goal, w, d, UP, 1.0, length, 0.0)
+    if not ok or dot(d, row(scene.surface.face_normals, facet)) <= 0.0:
+        return 0.0, True, none
+    s = slope_towards(p, n, w, d, length, shot.goal, scene)
+    density = _density(flat, p.x, p.y, shot.branch, spread, scene)
+    if s.density == 0.0 or density == 0.0:
+        return 0.0, True, none
+    x = _emission_at(p.x + STEP, p.y, facet, shot, scene)
+    y = _emission_at(p.x, p.y + STEP, facet, shot, scene)
+    h = 1.0 / STEP
+    j = Jacobian(
+        True,
+        s.aim,
+        density / s.density,
+        0.0,
+        0.0,
+        1.0,
+        (x.x - w.x) * h,
+        (y.x - w.x) * h,
+        (x.y - w.y) * h,
+        (y.y - w.y) * h,
+    )
+    weight, deep = weight_of(chains, i, p, j, facet, s.tilt, scene)
+    return weight, is_steep(s.aim, scene) and deep, s.aim
+
+
+@inlined
+def _emission_at(x, y, facet, shot, scene):
+    """Return the direction of emission through the plane of a facet over (x, y)."""
+    p = Vec3(x, y, height_on(x, y, facet, scene.surface))
+    _, _, w, _ = emission_through(shot.q, shot.v, minus(p, scene.emitter.position), shot.branch)
+    return w
