@@ -22,6 +22,7 @@ _WORDS = {
     "mapping_type": "a table",
     "dict_type": "a table",
     "model_type": "a table",
+    "model_attributes_type": "a table",
     "string_type": "a text",
     "bool": "true or false",
     "float": "a number",

@@ -9,6 +9,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.errors import Refused, require_finite
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.registry import Family
 
@@ -121,6 +122,8 @@ class Surface(Family, ABC, frozen=True):
         (25, 3)
         """
         lines = extent, spacing, fine_extent, coarse_spacing
+        if len(require_finite(center, "center", "two coordinates [m]")) != 2:
+            raise Refused("center", center, "two coordinates [m]")
         x_axis, y_axis = (grid_axis(middle, *lines) for middle in center)
         grid = self.grid(x_axis, y_axis, time)
         return triangulate(x_axis, y_axis, *grid, self.unresolved_slopes(spacing))

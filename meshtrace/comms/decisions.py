@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_array
 
 FloatArray = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ class Decision(NamedTuple):
 
 def non_negative(name: str, value: ArrayLike) -> FloatArray:
     """Return `value` as an array of finite numbers >= 0, or refuse it by name."""
-    array = np.asarray(value, dtype=float)
+    array = require_array(value, name, "finite numbers >= 0")
     if not np.all(np.isfinite(array) & (array >= 0.0)):
         raise Refused(name, value, "finite numbers >= 0")
     return array

@@ -19,7 +19,7 @@ from meshtrace.comms.decisions import non_negative, pattern_decision
 from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia
 from meshtrace.comms.pulses import Eye, PulseFilters
 from meshtrace.comms.receivers import ReceiverModel
-from meshtrace.errors import Refused, require_word
+from meshtrace.errors import Refused, require_between, require_kind, require_whole, require_word
 from meshtrace.link import Link, WaterAperture
 from meshtrace.models import Model
 
@@ -209,6 +209,7 @@ class OokLink(Model, frozen=True):
         link : Link
             The link; returned unchanged unless `calibration` is "paper-ranges".
         """
+        require_kind(link, Link, "link")
         factor, water = self.absorption_factor, link.water
         if factor == 1.0:
             return link
@@ -373,9 +374,7 @@ class OokLink(Model, frozen=True):
         Refused
             If the target is outside of its range.
         """
-        if not 0.0 < ber < 0.5:
-            raise Refused("ber", ber, "0 < ber < 0.5")
-        return _required_power(self, ber)
+        return _required_power(self, require_between(ber, 0.0, 0.5, "ber"))
 
     def overload_power(self, ber: float) -> float:
         """Return the highest optical power on the SiPM that still reaches a bit error rate.
@@ -418,8 +417,8 @@ class OokLink(Model, frozen=True):
         """
         if not self.receiver.has_pulses:
             raise Refused("model", self.model, "a model with pulses, as W, A, CP, PC")
-        if not 0.0 < power < math.inf:
-            raise Refused("power", power, "0 < power W")
+        power = require_between(power, 0.0, math.inf, "power")
+        require_whole(points, 1, 10_000, "points")
         bits = self.patterns()
         phases = np.arange(1, points + 1) / points
         moments = [self.moments(power, float(phase)) for phase in phases]

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_array, require_between
 
 _DISTANCES = 260
 _AZIMUTHS = 24  # Gauss nodes in a quadrant
@@ -83,8 +83,8 @@ def scintillation_of_spectrum(
     >>> round(scintillation_of_spectrum(mt.Link(), sea), 2)
     0.32
     """
-    if omega_max is not None and not (math.isfinite(omega_max) and omega_max > 0.0):
-        raise Refused("omega_max", omega_max, "a frequency > 0 rad/s, or None")
+    if omega_max is not None:
+        require_between(omega_max, 0.0, math.inf, "omega_max")
     _require_spectrum(sea)
     lever, spectrum = _lever(link), sea.slope_spectrum(omega_max)
     missing = _missing_slopes(sea, omega_max) if tilts else (0.0, 0.0)
@@ -119,7 +119,7 @@ def gain_autocovariance(link: Any, sea: Any, lags: ArrayLike) -> Floats:
     Refused
         As `scintillation_of_spectrum`, or if a lag is not finite.
     """
-    tau = np.asarray(lags, dtype=float)
+    tau = require_array(lags, "lags", "finite times [s]")
     if not np.isfinite(tau).all():
         raise Refused("lags", lags, "finite times [s]")
     _require_spectrum(sea)

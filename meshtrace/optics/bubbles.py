@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_validator
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_array, require_between, require_real
 from meshtrace.optics.mie import MieTable, cached_table, population_table
 from meshtrace.registry import Family
 
@@ -30,6 +30,7 @@ E_FOLDING, E_FOLDING_SLOPE, E_FOLDING_WIND = 0.4, 0.115, 7.5  # m, s, m s-1
 
 # Depth of the layer in e-folding depths: `HallNovarini.profile` ends there.
 LAYER = 12.0
+_MOST_NODES = 10**7
 # Highest crest [m] to which the model is continued upwards with depth="mean_level".
 HIGHEST = 20.0
 # Sizes and node sets of the phase table, see `compute_bubble_phase`.
@@ -172,11 +173,12 @@ class HallNovarini(BubblePopulation, frozen=True):
         return self
 
     def _checked(self, depth: ArrayLike) -> FloatArray:
-        values = np.asarray(depth, dtype=np.float64)
         lowest = -HIGHEST if self.depth == "mean_level" else 0.0
+        allowed = f"finite depth >= {lowest:g} m"
+        values = require_array(depth, "depth", allowed)
         bad = values[~(np.isfinite(values) & (values >= lowest))]
         if bad.size:
-            raise Refused("depth", bad[0], f"finite depth >= {lowest:g} m")
+            raise Refused("depth", bad[0], allowed)
         return values
 
     @property
@@ -241,7 +243,7 @@ class HallNovarini(BubblePopulation, frozen=True):
             If a depth is not allowed or a radius is not positive and finite.
         """
         z = self._checked(depth)
-        radius = np.asarray(r, dtype=np.float64)
+        radius = require_array(r, "r", "finite r > 0 m")
         bad = radius[~(np.isfinite(radius) & (radius > 0.0))]
         if bad.size:
             raise Refused("r", bad[0], "finite r > 0 m")
@@ -419,14 +421,17 @@ class HallNovarini(BubblePopulation, frozen=True):
         >>> round(float(cumulative[1000]), 7)
         0.0989773
         """
-        if not (0.0 < dz < math.inf):
-            raise Refused("dz", dz, "finite dz > 0 m")
-        if not max_depth > 0.0:
+        dz = require_between(dz, 0.0, math.inf, "dz")
+        if not require_real(max_depth, "max_depth", "max_depth > 0 m") > 0.0:
             raise Refused("max_depth", max_depth, "max_depth > 0 m")
         highest = HIGHEST if self.depth == "mean_level" else 0.0
-        if not 0.0 <= crest <= highest:
-            raise Refused("crest", crest, f"0 <= crest <= {highest:g} m")
-        cells = math.ceil((min(max_depth, LAYER * self.e_folding) + crest) / dz)
+        allowed = f"0 <= crest <= {highest:g} m"
+        if not 0.0 <= require_real(crest, "crest", allowed) <= highest:
+            raise Refused("crest", crest, allowed)
+        most = min(max_depth, LAYER * self.e_folding) + crest
+        if most / dz > _MOST_NODES:
+            raise Refused("dz", dz, f"at most {_MOST_NODES} nodes over {most:g} m")
+        cells = math.ceil(most / dz)
         depth = dz * np.arange(cells + 1, dtype=np.float64) - crest
         steps = _integrate(self.b, depth[:-1], depth[1:], 16)
         return depth, self.b(depth), np.concatenate(([0.0], np.cumsum(steps)))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, SerializeAsAny
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_array
 from meshtrace.kernels.phase import PhaseTables
 from meshtrace.optics.phase_tables import (
     Component,
@@ -108,7 +108,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
         ValueError
             If a u lies outside [0, 1).
         """
-        u = np.asarray(u, dtype=np.float64)
+        u = require_array(u, "u", "0 <= u < 1")
         if not np.all((u >= 0.0) & (u < 1.0)):
             bad = u[~((u >= 0.0) & (u < 1.0))].flat[0]
             raise Refused("u", bad, "0 <= u < 1")
@@ -184,7 +184,7 @@ AnyPhase = Annotated[SerializeAsAny[PhaseFunction], BeforeValidator(PhaseFunctio
 
 def s_of(theta: ArrayLike) -> Array:
     """Return sin^2(theta / 2) of checked angles."""
-    theta = np.asarray(theta, dtype=np.float64)
+    theta = require_array(theta, "theta", "0 <= theta <= pi rad")
     if not np.all((theta >= 0.0) & (theta <= np.pi)):
         bad = theta[~((theta >= 0.0) & (theta <= np.pi))].flat[0]
         raise Refused("theta", bad, "0 <= theta <= pi rad")

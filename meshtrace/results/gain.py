@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.errors import Described, Refused
 from meshtrace.fields import attrs
 from meshtrace.kernels.tally import Fate
 from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, Tally, merged_mean
@@ -348,17 +349,20 @@ def merge(results: Sequence[GainResult]) -> GainResult:
     ValueError
         If the configurations differ, photon ids overlap, or a run is not analog.
     """
-    if not results:
-        raise ValueError("results: empty, allowed at least one")
-    results = sorted(results, key=_ranges)
-    for r in results:
+    if not isinstance(results, Sequence) or not results:
+        raise Refused("results", results, "a list of one or more GainResult")
+    for i, r in enumerate(results):
+        if not isinstance(r, GainResult):
+            raise Refused(f"results[{i}]", Described(type(r).__name__), "a GainResult")
         if r.provenance["run"]["estimator"] != "analog":
-            raise ValueError("results: a forced result, allowed analog runs")
+            raise Refused(f"results[{i}]", Described("a forced result"), "analog runs")
         if _identity(r) != _identity(results[0]):
-            raise ValueError("results: configurations differ, allowed runs of one configuration")
+            found = Described("another configuration")
+            raise Refused(f"results[{i}]", found, "runs of one configuration")
+    results = sorted(results, key=_ranges)
     ranges = sorted(span for r in results for span in _ranges(r))
     if any(a[1] > b[0] for a, b in pairwise(ranges)):
-        raise ValueError("results: photon ids overlap, allowed disjoint runs")
+        raise Refused("results", Described("photon ids overlap"), "disjoint runs")
     n = np.array([r.photons for r in results])
     gains, stderrs = merged_mean([r.gains for r in results], [r.stderrs for r in results], n)
     gain = like(results[0].gain, gains)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused, require_between, require_finite, require_whole
 from meshtrace.fields import attrs
 from meshtrace.results.gain import GainResult
 from meshtrace.stored import SHIFTS, Stored
@@ -16,6 +17,7 @@ from meshtrace.stored import SHIFTS, Stored
 if TYPE_CHECKING:
     import xarray as xr
 
+_MOST_BINS = 10**7
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum [m s-1] (exact)."""
 
@@ -109,7 +111,7 @@ class ImpulseResponse(Stored):
 
     def transfer_function(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return H(f) = sum w exp(-2 pi i f t) / sum w at frequencies [Hz]; H(0) = 1."""
-        f = np.atleast_1d(np.asarray(frequency, dtype=float))
+        f = require_finite(frequency, "frequency", "finite frequencies [Hz]")
         out = np.empty(len(f), complex)
         for i, value in enumerate(f):
             out[i] = (self.weight * np.exp(-2j * np.pi * value * self.delay)).sum()
@@ -147,11 +149,12 @@ def impulse_response(
     photon ids modulo 32). The phase index stands for the group index, which is some 3 %
     larger in sea water; it is common to all arrivals.
     """
-    arrivals = result.arrivals
+    arrivals = getattr(result, "arrivals", None)
     if arrivals is None:
-        raise Refused("result", "no arrivals", "one of simulate(..., record=[Arrivals()])")
-    if not bin_width > 0.0:
-        raise Refused("bin_width", bin_width, "> 0 s")
+        found = Described("no arrivals")
+        raise Refused("result", found, "a result of simulate(..., record=[Arrivals()])")
+    bin_width = require_between(bin_width, 0.0, math.inf, "bin_width")
+    require_whole(receiver, 0, 2**31, "receiver")
     mine = arrivals.receiver == receiver
     if not mine.any():
         raise Refused("receiver", receiver, "a receiver where light arrived")
@@ -161,7 +164,11 @@ def impulse_response(
     weight, group = arrivals.weight[mine], arrivals.group[mine]
     first = float(time.min())
     delay = time - first
-    n_bins = int(delay.max() / bin_width) + 1
+    longest = float(delay.max())
+    if not longest / bin_width < _MOST_BINS:
+        allowed = f"at most {_MOST_BINS} bins over {longest:.3g} s"
+        raise Refused("bin_width", bin_width, allowed)
+    n_bins = int(longest / bin_width) + 1
     edges = bin_width * np.arange(n_bins + 1, dtype=np.float64)
     bins = np.minimum((delay / bin_width).astype(int), n_bins - 1)
     by_group = np.zeros((SHIFTS, n_bins))

@@ -188,6 +188,8 @@ class Scenario(Model, frozen=True):
         -----
         The number of threads, on which no result depends, is not taken over.
         """
+        if not isinstance(provenance, Mapping) or not {"run", "link"} <= provenance.keys():
+            raise Refused("provenance", provenance, "a table with run, link and surface")
         options = provenance["run"]
         link = Link.model_validate(provenance["link"])
         surface = seas.surface_from_provenance(provenance)

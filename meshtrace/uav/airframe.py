@@ -13,7 +13,7 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused, require_between, require_kind
+from meshtrace.errors import Described, Refused, require_array, require_between, require_kind
 from meshtrace.models import Model
 from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, squared_wind_moments
 from meshtrace.uav.wind import Dryden
@@ -99,7 +99,9 @@ class Uav(Model, frozen=True):
         Tilt
             Angle and azimuth (...) [rad]; zeros behind a gimbal.
         """
-        v = np.asarray(wind, dtype=float)
+        v = require_array(wind, "wind", "wind vectors (..., 3) [m/s]")
+        if v.ndim == 0 or v.shape[-1] != 3:
+            raise Refused("wind", Described(f"shape {v.shape}"), "wind vectors (..., 3) [m/s]")
         if self.gimbal:
             return Tilt(np.zeros(v.shape[:-1]), np.zeros(v.shape[:-1]))
         angle = np.arctan(self.tilt_coefficient * np.sum(v * v, axis=-1))

@@ -132,7 +132,7 @@ def drill(kind, first, last):
             while True:
                 line = worker.answer(timeout)
                 if line is None:
-                    worker.process.wait(10.0)
+                    worker.process.wait(START)
                     break
                 timeout = HANG
                 if "input" in line:

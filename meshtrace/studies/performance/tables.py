@@ -13,7 +13,7 @@ from meshtrace.comms.budget import depth_at
 from meshtrace.comms.capacity import Capacity
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.pulses import Eye
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_between
 from meshtrace.fading import Estimate
 from meshtrace.stored import Stored
 from meshtrace.studies.performance.operating_point import OperatingPoint
@@ -120,9 +120,7 @@ class LinkPerformance(Stored):
         The argument q of BER = Q(q) is interpolated over depth (PCHIP of ln q): it follows the
         gain and is far smoother than the error rate.
         """
-        target = self.limit if ber is None else ber
-        if not 0.0 < target < 0.5:
-            raise Refused("ber", ber, "0 < ber < 0.5")
+        target = require_between(self.limit if ber is None else ber, 0.0, 0.5, "ber")
         curves = self.estimates("ber")
         ranges = []
         for i in range(len(self.ooks)):
