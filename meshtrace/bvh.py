@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Described, Refused
 from meshtrace.kernels.facets import Triangles, facet_hits
 from meshtrace.kernels.jit import allocating_entry
 from meshtrace.mesh import TriangleMesh
@@ -69,9 +70,9 @@ def _hits(intersector: Intersector, origins: ArrayLike, directions: ArrayLike) -
     d = np.ascontiguousarray(directions, dtype=np.float64)
     for name, array in (("origins", o), ("directions", d)):
         if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
-            raise ValueError(f"{name}: shape {array.shape}, allowed finite (n, 3)")
+            raise Refused(name, Described(f"shape {array.shape}"), "finite (n, 3)")
     if o.shape != d.shape:
-        raise ValueError(f"directions: shape {d.shape}, allowed that of origins {o.shape}")
+        raise Refused("directions", Described(f"shape {d.shape}"), f"that of origins, {o.shape}")
     facet = intersector.facets(o.astype(np.float32), d.astype(np.float32))
     mesh = intersector.mesh
     triangles = Triangles(mesh.vertices, mesh.faces, mesh.face_normals)

@@ -9,7 +9,14 @@ from typing import Annotated, Any, NoReturn, Self, get_args
 import pydantic
 from pydantic import Field
 
-from meshtrace.errors import MISSING, Refused, did_you_mean, require_keys, require_number
+from meshtrace.errors import (
+    MISSING,
+    Refused,
+    did_you_mean,
+    require_keys,
+    require_kind,
+    require_number,
+)
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Position = tuple[Finite, Finite]
@@ -88,6 +95,7 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid"):
         Traceback (most recent call last):
         meshtrace.errors.Refused: receiver.hieght: 10.0, no such key, did you mean height? ...
         """
+        require_kind(path, str, "path")
         fields = {name: getattr(self, name) for name in self.model_fields_set}
         for key, new in ({**({} if path is None else {path: value}), **updates}).items():
             head, *rest = key.split(".")
@@ -166,6 +174,8 @@ def _refuse(cls: type[pydantic.BaseModel], error: pydantic.ValidationError) -> N
         allowed = _range(cls, path, context)
     elif kind == "too_short":
         allowed = f"at least {context['min_length']} of them"
+    elif kind == "too_long":
+        allowed = f"at most {context['max_length']} of them"
     else:
         words = _WORDS.get(kind) or _WORDS.get(kind.partition("_")[0])
         allowed = words or str(own or first["msg"].removeprefix("Input should be "))
@@ -182,6 +192,8 @@ def _range(cls: type[pydantic.BaseModel], path: list[int | str], context: dict[s
         field = getattr(model, "model_fields", {}).get(key)
         if field is not None:
             model, name = field.annotation, str(key)
+            parts = [part for part in get_args(model) if hasattr(part, "model_fields")]
+            model = parts[0] if len(parts) == 1 else model  # a part, or none
             found = {key: getattr(part, key) for part in field.metadata for key in _BOUNDS
                      if getattr(part, key, None) is not None}  # fmt: skip
             bounds = found if context.items() <= found.items() else context

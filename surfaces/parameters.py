@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field
 
-from meshtrace.errors import Refused, require_array, require_real
+from meshtrace.errors import Described, Refused, require_array, require_real
 
 Floats = NDArray[np.float64]
 
@@ -63,3 +63,14 @@ def finite_array(name: str, value: ArrayLike, minimum: float = -math.inf) -> Flo
     if wrong.size:
         raise Refused(name, float(wrong[0]), allowed)
     return array
+
+
+def points(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+    """Return the coordinates of points as float64, broadcast; raise `Refused` if they cannot."""
+    found = finite_array("x", x), finite_array("y", y)
+    try:
+        px, py = np.broadcast_arrays(*found)
+    except ValueError as error:
+        shapes = Described(f"shape {found[1].shape}")
+        raise Refused("y", shapes, f"one that fits that of x, {found[0].shape}") from error
+    return px, py

@@ -14,7 +14,7 @@ from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.registry import Family
 
 from .gridding import grid_axis
-from .parameters import TIME, Finite, Floats, finite_array
+from .parameters import TIME, Finite, Floats, finite_array, points
 from .triangulate import triangulate
 
 
@@ -74,6 +74,7 @@ class Surface(Family, ABC, frozen=True):
         z, sx, sy : ndarray, shape (nx, ny)
             Elevation [m] and slopes at (x_axis[i], y_axis[j]).
         """
+        x_axis, y_axis = finite_array("x_axis", x_axis), finite_array("y_axis", y_axis)
         x, y = np.meshgrid(x_axis, y_axis, indexing="ij")
         return self.elevation(x, y, time), *self.slopes(x, y, time)
 
@@ -164,7 +165,7 @@ class _Plane(Surface, frozen=True):
         """Return z [m]; see `Surface.elevation`."""
         TIME.check(time)
         slope_x, slope_y = self.gradient
-        x, y = finite_array("x", x), finite_array("y", y)
+        x, y = points(x, y)
         return np.asarray(self.height + slope_x * x + slope_y * y)
 
     def slopes(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> tuple[Floats, Floats]:

@@ -20,11 +20,12 @@ class Decision(NamedTuple):
     threshold: FloatArray
 
 
-def non_negative(name: str, value: ArrayLike) -> FloatArray:
-    """Return `value` as an array of finite numbers >= 0, or refuse it by name."""
-    array = require_array(value, name, "finite numbers >= 0")
-    if not np.all(np.isfinite(array) & (array >= 0.0)):
-        raise Refused(name, value, "finite numbers >= 0")
+def non_negative(name: str, value: ArrayLike, most: float = math.inf) -> FloatArray:
+    """Return `value` as an array of finite numbers from 0 to `most`, or refuse it by name."""
+    allowed = "finite numbers >= 0" if math.isinf(most) else f"numbers from 0 to {most:g}"
+    array = require_array(value, name, allowed)
+    if not np.all(np.isfinite(array) & (array >= 0.0) & (array <= most)):
+        raise Refused(name, value, allowed)
     return array
 
 

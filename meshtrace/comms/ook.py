@@ -19,7 +19,14 @@ from meshtrace.comms.decisions import non_negative, pattern_decision
 from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia
 from meshtrace.comms.pulses import Eye, PulseFilters
 from meshtrace.comms.receivers import ReceiverModel
-from meshtrace.errors import Refused, require_between, require_kind, require_whole, require_word
+from meshtrace.errors import (
+    Refused,
+    require_between,
+    require_kind,
+    require_real,
+    require_whole,
+    require_word,
+)
 from meshtrace.link import Link, WaterAperture
 from meshtrace.models import Model
 
@@ -28,6 +35,7 @@ Preset = Literal["physical", "paper", "paper-ranges"]
 
 _BLOCK = 256
 _NEGLIGIBLE_CURSOR = 1e-9
+_MOST_POWER = 1e9  # [W]
 
 
 class OokLink(Model, frozen=True):
@@ -180,6 +188,7 @@ class OokLink(Model, frozen=True):
         >>> OokLink.of_link(Link(transmitter=Led(power_mw=50.0)), bit_rate=5e6).led.power
         0.05
         """
+        require_kind(link, Link, "link")
         if len(link.receivers) != 1:
             raise Refused("receiver", f"{len(link.receivers)} apertures", "one aperture")
         aperture: Any = link.receivers[0]
@@ -274,7 +283,7 @@ class OokLink(Model, frozen=True):
         power : array_like
             Optical power on the SiPM [W], any shape.
         """
-        light = self.sipm.count_rate(non_negative("power", power), self.led.wavelength)
+        light = self.sipm.count_rate(non_negative("power", power, _MOST_POWER), self.led.wavelength)
         dark = self.sipm.dark_count_rate + self.background_rate
         low, high = (level + dark for level in self.led.levels(light))
         if not self.saturation:
@@ -303,6 +312,9 @@ class OokLink(Model, frozen=True):
             Mean [s-1] and variance [s-2], shape of `power` with a last axis over `patterns`; the
             two patterns 0 and 1 for the models without intersymbol interference.
         """
+        allowed = "0 < phase <= 1"
+        if not 0.0 < require_real(phase, "phase", allowed) <= 1.0:
+            raise Refused("phase", phase, allowed)
         return self.receiver.moments(self, power, phase)
 
     def ber(self, power: ArrayLike) -> FloatArray:
@@ -324,7 +336,7 @@ class OokLink(Model, frozen=True):
         Refused
             If a power is negative or not finite.
         """
-        p = non_negative("power", power)
+        p = non_negative("power", power, _MOST_POWER)
         flat = p.ravel()
         out = np.full(flat.shape, 0.5)
         lit = np.flatnonzero(flat > 0.0)
@@ -352,8 +364,7 @@ class OokLink(Model, frozen=True):
         Refused
             If the power is not positive and finite.
         """
-        if not 0.0 < power < math.inf:
-            raise Refused("power", power, "0 < power W")
+        power = require_between(power, 0.0, _MOST_POWER, "power")
         return float(self.receiver.decide(self, np.array([power])).threshold[0])
 
     def required_power(self, ber: float) -> float:
@@ -417,7 +428,7 @@ class OokLink(Model, frozen=True):
         """
         if not self.receiver.has_pulses:
             raise Refused("model", self.model, "a model with pulses, as W, A, CP, PC")
-        power = require_between(power, 0.0, math.inf, "power")
+        power = require_between(power, 0.0, _MOST_POWER, "power")
         require_whole(points, 1, 10_000, "points")
         bits = self.patterns()
         phases = np.arange(1, points + 1) / points

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Refused, require_array, require_between
+from meshtrace.errors import Described, Refused, require_array, require_between
 
 _DISTANCES = 260
 _AZIMUTHS = 24  # Gauss nodes in a quadrant
@@ -132,6 +132,8 @@ def gain_autocovariance(link: Any, sea: Any, lags: ArrayLike) -> Floats:
 
 def _lever(link: Any) -> Lever:
     """Return the paraxial geometry of a link on its axis."""
+    if not hasattr(link, "transmitters"):
+        raise Refused("link", Described(type(link).__name__), "a Link")
     if len(link.transmitters) != 1 or not hasattr(link.transmitters[0], "depth"):
         raise Refused("transmitter", link.transmitter, "one source under water")
     if len(link.receivers) != 1 or not hasattr(link.receivers[0], "height"):

@@ -8,7 +8,7 @@ from typing import Annotated, Any, NamedTuple, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_kind
 from meshtrace.link.physics import Physics, Whitecaps
 from meshtrace.link.receivers import AnyAperture, Aperture, IrradiancePlanes, Receiver
 from meshtrace.link.sources import AnySource, Led, Source, WaterSource
@@ -246,4 +246,5 @@ class Link(Model, frozen=True):
 
 def in_wind(link: Link, wind_speed: float) -> Link:
     """Return a link with the whitecaps and bubbles of a wind, see `Link.in_wind`."""
+    require_kind(link, Link, "link")
     return link.in_wind(wind_speed)

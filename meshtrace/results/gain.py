@@ -311,11 +311,11 @@ def bound_where_dark(gain: Values, photons: int) -> Values | None:
     """Return the upper bound 3 / n of analog gains at 95 % confidence, None if all are known.
 
     An event that none of n independent trials shows has a probability below 3 / n (rule of three);
-    a photon brings a weight of at most 1.
+    a photon brings a weight of at most 1, and no gain is above 1.
     """
     gains = np.atleast_1d(gain)
     dark = ~(gains > 0.0)
-    return like(gain, np.where(dark, 3.0 / photons, np.nan)) if dark.any() else None
+    return like(gain, np.where(dark, min(3.0 / photons, 1.0), np.nan)) if dark.any() else None
 
 
 def _heading(provenance: dict[str, Any]) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any, Self
 from pydantic import field_validator
 
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Described, Refused, require_keys
+from meshtrace.errors import Described, Refused, require_keys, require_kind
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Model
@@ -122,6 +122,7 @@ class Scenario(Model, frozen=True):
         Refused
             If the text is not TOML or a value is not allowed.
         """
+        require_kind(changes, Mapping, "changes")
         try:
             config = parse_toml(text)
             for key, value in (changes or {}).items():

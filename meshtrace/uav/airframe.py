@@ -124,6 +124,7 @@ class Uav(Model, frozen=True):
         FlightRecord
             Times, wind and tilt.
         """
+        require_kind(wind, Dryden, "wind")
         record = wind.simulate_wind(times, seed)
         return FlightRecord(np.asarray(times, dtype=float), record, self.tilt(record))
 
@@ -150,6 +151,7 @@ class Uav(Model, frozen=True):
         Refused
             If the tilt does not vary (gimbal or calm), or `law` is not one of the two names.
         """
+        require_kind(wind, Dryden, "wind")
         if self.gimbal or not np.all(wind.std > 0.0):
             raise Refused("tilt_law", Described("constant tilt"), "no gimbal, a wind with gusts")
         mean_wind, std = wind.mean_wind, wind.std

@@ -9,7 +9,7 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Refused, require_finite, require_seed, require_whole
+from meshtrace.errors import Refused, require_array, require_finite, require_seed, require_whole
 from meshtrace.models import Model
 
 FOOT = 0.3048  # [m]
@@ -187,7 +187,7 @@ class Dryden(Model, frozen=True):
         ndarray
             Autocovariance [m2 s-2], shape of `lag` with a last axis of 3 (x, y, z).
         """
-        x = np.abs(np.asarray(lag, dtype=float))[..., None] / self.correlation_times
+        x = np.abs(require_array(lag, "lag", "times [s]"))[..., None] / self.correlation_times
         return self.std**2 * np.exp(-x) * (1.0 - 0.5 * x * np.array([0.0, 1.0, 1.0]))
 
     def sample_wind(self, size: int, seed: int) -> FloatArray:

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.errors import Refused, require_word
+from meshtrace.errors import Refused, require_between, require_word
 
 Floats = NDArray[np.float64]
 Normals = Literal["vertex", "facet"]
@@ -52,9 +52,7 @@ def known_unresolved(word: Unresolved) -> Unresolved:
 
 def positive(name: str, value: float) -> float:
     """Return a number that is finite and > 0."""
-    if not (math.isfinite(value) and value > 0.0):
-        raise Refused(name, value, "finite, > 0")
-    return float(value)
+    return require_between(value, 0.0, math.inf, name)
 
 
 def multiple_of(name: str, ratio: float) -> int:

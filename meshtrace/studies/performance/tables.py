@@ -13,7 +13,7 @@ from meshtrace.comms.budget import depth_at
 from meshtrace.comms.capacity import Capacity
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.pulses import Eye
-from meshtrace.errors import Refused, require_between
+from meshtrace.errors import Refused, require_between, require_word
 from meshtrace.fading import Estimate
 from meshtrace.stored import Stored
 from meshtrace.studies.performance.operating_point import OperatingPoint
@@ -98,6 +98,8 @@ class LinkPerformance(Stored):
         ndarray, shape (depths, bit_rates, 3)
             Value, lower and upper limit.
         """
+        names = [k for k, v in self.figures[0]._asdict().items() if isinstance(v, Estimate)]
+        require_word(name, names, "name")
         flat = np.array([getattr(f, name) for f in self.figures])
         return flat.reshape(len(self.depths), len(self.ooks), 3)
 
