@@ -357,7 +357,7 @@ def merge(results: Sequence[GainResult]) -> GainResult:
         if r.provenance["run"]["estimator"] != "analog":
             raise Refused(f"results[{i}]", Described("a forced result"), "analog runs")
         if _identity(r) != _identity(results[0]):
-            found = Described("another configuration")
+            found = Described("configurations differ")
             raise Refused(f"results[{i}]", found, "runs of one configuration")
     results = sorted(results, key=_ranges)
     ranges = sorted(span for r in results for span in _ranges(r))
