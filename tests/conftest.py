@@ -23,6 +23,9 @@ settings.register_profile("ci", _profile, max_examples=100)
 settings.register_profile("dev", _profile, max_examples=10)
 settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
+# first, so that no worker is left with one of their files at the end
+LONGEST = ("viz", "transport", "studies", "drills")
+
 GOLDEN = Path(__file__).parent / "cli" / "golden"
 
 
@@ -32,14 +35,12 @@ def pytest_addoption(parser):
     )
 
 
-@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark tests that use statistics; tests of a file, and those with processes, share a worker."""
+    """Mark tests that use statistics, and put the folders that take longest first."""
     for item in items:
         if any(name in vars(item.module) for name in ("z_test", "chi2_test", "sidak")):
             item.add_marker("statistical")
-        apart = item.get_closest_marker("process") and not item.get_closest_marker("slow")
-        item.add_marker(pytest.mark.xdist_group("processes" if apart else str(item.path)))
+    items.sort(key=lambda item: item.path.parent.name not in LONGEST)
 
 
 @pytest.fixture
