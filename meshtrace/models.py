@@ -192,8 +192,8 @@ def _range(cls: type[pydantic.BaseModel], path: list[int | str], context: dict[s
         field = getattr(model, "model_fields", {}).get(key)
         if field is not None:
             model, name = field.annotation, str(key)
-            parts = [part for part in get_args(model) if hasattr(part, "model_fields")]
-            model = parts[0] if len(parts) == 1 else model  # a part, or none
+            if type(None) in get_args(model):  # a part, or none
+                model = next(part for part in get_args(model) if part is not type(None))
             found = {key: getattr(part, key) for part in field.metadata for key in _BOUNDS
                      if getattr(part, key, None) is not None}  # fmt: skip
             bounds = found if context.items() <= found.items() else context

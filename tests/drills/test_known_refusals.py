@@ -112,6 +112,36 @@ def test_methods_refuse_in_one_line(field, call):
     check(field, call)
 
 
+@pytest.mark.parametrize("content", [None, "x", "{}", '{"address": 5}', '{"address": "tcp://a"}'])
+def test_a_wrong_scheduler_is_refused_without_a_client(content, tmp_path):
+    """A client of a wrong address once wrote a traceback when it was deleted."""
+    pytest.importorskip("distributed")
+    from meshtrace.studies.sweep.cluster import _client
+
+    file = tmp_path / "scheduler.json"
+    if content is not None:
+        file.write_text(content)
+    for scheduler in (str(file), "nonsense", "tcp://", "foo://1:2", "tcp://1.2.3.4"):
+        with pytest.raises(Refused, match="allowed: the address of a running dask scheduler"):
+            with _client(scheduler, None, 0.1):
+                pass
+
+
+def test_an_unreadable_cache_folder_counts_as_empty(monkeypatch):
+    """The home of another user: once an error of the command."""
+    from pathlib import Path
+
+    from meshtrace.kernels import chain_gain, jit
+
+    def denied(self, pattern):
+        raise PermissionError(13, "Permission denied", str(self))
+        yield
+
+    monkeypatch.setattr(Path, "glob", denied)
+    assert chain_gain.contributions._cache.files() == []
+    jit.is_compiled(chain_gain.contributions)
+
+
 def test_ranges_of_optional_parts_are_whole():
     with pytest.raises(Refused, match=r"31\.0, allowed: 0 <= wind_speed <= 30"):
         mt.Link(whitecaps={"wind_speed": 31.0})

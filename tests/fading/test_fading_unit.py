@@ -460,7 +460,10 @@ GOOD = [1.0, 2.0, 1.5, 1.2]
         (lambda: fading.outage(GOOD, 0.5, relative_to="max"), "relative_to: 'max', allowed"),
         (lambda: fading.outage(GOOD, 0.5, n_effective=5.0), "n_effective: 5.0, allowed"),
         (lambda: fading.gain_cdf(GOOD, n_effective=0.0), "n_effective: 0.0, allowed"),
-        (lambda: fading.scintillation_index(GOOD, block=3), "block: 3, allowed: an integer 1 <= block"),
+        (
+            lambda: fading.scintillation_index(GOOD, block=3),
+            "block: 3, allowed: an integer 1 <= block",
+        ),
         (lambda: fading.coherence_time(np.arange(4.0), GOOD, block=0), "block: 0, allowed"),
         (lambda: fading.autocorrelation(GOOD, max_lag=4), "max_lag: 4, allowed"),
         (lambda: fading.autocorrelation(GOOD, 1.0), "gain: variance .* Monte Carlo noise"),
