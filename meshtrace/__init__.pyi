@@ -6,6 +6,7 @@ from . import viz as viz
 from .bvh import BruteForceIntersector as BruteForceIntersector
 from .bvh import EmbreeIntersector as EmbreeIntersector
 from .comms.ook import OokLink as OokLink
+from .errors import DomainWarning as DomainWarning
 from .errors import Refused as Refused
 from .link import CardioidalSky as CardioidalSky
 from .link import GaussianBeam as GaussianBeam
@@ -62,7 +63,6 @@ from .transport.options import Forced as Forced
 from .transport.options import IrradianceMap as IrradianceMap
 from .transport.options import MapGrid as MapGrid
 from .transport.options import Meshing as Meshing
-from .transport.outcome import DomainWarning as DomainWarning
 from .transport.outcome import FewSamplesWarning as FewSamplesWarning
 from .transport.paths import PhotonPaths as PhotonPaths
 from .transport.simulate import simulate as simulate

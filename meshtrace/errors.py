@@ -94,7 +94,9 @@ class Refused(ValueError):
 
 
 def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:
-    """Refuse all but certain keys."""
+    """Refuse all but tables with certain keys."""
+    if not isinstance(table, Mapping):
+        raise Refused(path, Described(type(table).__name__), "a table")
     for key, value in table.items():
         if key not in keys:
             hint = f"no such key, {did_you_mean(key, keys)}".rstrip()
@@ -235,3 +237,10 @@ def _shortened(text: str, most: int = 400) -> str:
 def one_line(text: str) -> str:
     """Return a text without its line ends."""
     return " ".join(text.split())
+
+
+class DomainWarning(UserWarning):
+    """Light escaped through the sides of the mesh or a hole in it, or was left out.
+
+    Measured spectra without their short waves warn alike: light meets too few slopes.
+    """

@@ -1,7 +1,9 @@
 """Sea surfaces: wave spectra, random seas, and the triangle meshes made of them."""
 
+from .double_peaked import OchiHubble, Torsethaugen
 from .measured import from_wavespectra
-from .random_seas import JonswapSea, MeasuredSea, RandomSea, SpectralSea
+from .measured_sea import MeasuredSea
+from .random_seas import JonswapSea, RandomSea, SpectralSea
 from .seas import sea_from_config, sea_in_wind
 from .spectra import Elfouhaily, Jonswap, PiersonMoskowitz, Spectrum, Tma
 from .spreading import (
@@ -11,6 +13,7 @@ from .spreading import (
     MitsuyasuSpreading,
     Spreading,
 )
+from .sum_sea import SumSea
 from .surface import FlatSea, Surface, TiltedPlane
 from .triangulate import from_trimesh
 from .wave_surface import SinusoidalSea, WaveSurface
@@ -26,15 +29,18 @@ __all__ = [
     "JonswapSea",
     "MeasuredSea",
     "MitsuyasuSpreading",
+    "OchiHubble",
     "PiersonMoskowitz",
     "RandomSea",
     "SinusoidalSea",
     "SpectralSea",
     "Spectrum",
     "Spreading",
+    "SumSea",
     "Surface",
     "TiltedPlane",
     "Tma",
+    "Torsethaugen",
     "WaveComponents",
     "WaveSurface",
     "from_trimesh",

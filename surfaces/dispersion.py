@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.errors import Described, Refused
+
 from .parameters import DEPTH, Floats, finite_array
 
 GRAVITY = 9.81
@@ -107,6 +109,71 @@ def wavenumber(omega: ArrayLike, depth: float | None = None, capillary: bool = F
     result = np.zeros_like(omega)
     result[moving] = _newton(k, target, depth, capillary)
     return result
+
+
+def wavenumber_in_current(
+    omega: ArrayLike,
+    theta: ArrayLike,
+    current: tuple[float, float] | None = None,
+    depth: float | None = None,
+    capillary: bool = False,
+) -> Floats:
+    """Return the wavenumber of a wave in a uniform current.
+
+    sigma(k) + k (U_x cos theta + U_y sin theta) = omega, sigma(k) of `angular_frequency`
+
+    Parameters
+    ----------
+    omega : array_like
+        Angular frequency at a fixed point [rad s-1], omega >= 0.
+    theta : array_like
+        Direction the wave travels to, counter-clockwise from +x [rad]; broadcasts with `omega`.
+    current : (float, float), optional
+        Velocity (U_x, U_y) [m s-1]; None is still water.
+
+    Returns
+    -------
+    ndarray
+        Wavenumber [rad m-1], broadcast shape: the root that still water continues to, where
+        the group speed over ground c_g + U.k / k is positive.
+
+    Raises
+    ------
+    Refused
+        If an opposing current stops a wave: there is no such root.
+
+    Notes
+    -----
+    Newton's method from the root of still water. In deep water an opposing current stops waves
+    beyond omega = -g / (4 U.k / k).
+
+    Examples
+    --------
+    >>> float(wavenumber_in_current(1.0, 0.0, current=(1.0, 0.0)).round(6))
+    0.08529
+    """
+    still = wavenumber(omega, depth, capillary)
+    if current is None:
+        return still
+    omega, theta, k = np.broadcast_arrays(finite_array("omega", omega, 0.0), theta, still)
+    along = current[0] * np.cos(theta) + current[1] * np.sin(theta)
+    k, tiny = k.copy(), np.finfo(float).tiny
+    for _ in range(_NEWTON_STEPS):
+        squared, slope = _squared_frequency(k, depth, capillary)
+        sigma = np.sqrt(squared)
+        rate = 0.5 * slope / np.maximum(sigma, tiny) + along
+        stopped = (rate <= 0.0) & (k > 0.0)
+        if stopped.any():
+            first = np.argmax(stopped)
+            wave = float(omega.flat[first]), np.degrees(np.asarray(theta).flat[first])
+            problem = Described(f"{current} m/s")
+            allowed = "a current that lets the wave of {:g} rad/s towards {:g} deg pass"
+            raise Refused("current", problem, allowed.format(*wave))
+        step = np.where(k > 0.0, (sigma + k * along - omega) / rate, 0.0)
+        k = k - step
+        if (np.abs(step) <= 1e-15 * k).all():
+            break
+    return k
 
 
 def phase_speed(k: ArrayLike, depth: float | None = None, capillary: bool = False) -> Floats:

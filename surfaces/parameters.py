@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,6 +52,8 @@ Gamma = Annotated[float, AfterValidator(GAMMA.check)]
 Alpha = Annotated[float, AfterValidator(ALPHA.check)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Current = tuple[Finite, Finite]
+Mss = Literal["cox-munk", "elfouhaily", "band"]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 

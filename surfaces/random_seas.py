@@ -5,23 +5,35 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from functools import cached_property
-from typing import Annotated, ClassVar, Literal, NamedTuple, Self
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
 
+from .bound_waves import with_bound_waves
 from .dispersion import wavenumber
-from .parameters import Alpha, Depth, Fetch, Finite, Floats, Gamma, Positive, Seed, WindSpeed
+from .parameters import (
+    Alpha,
+    Current,
+    Depth,
+    Fetch,
+    Finite,
+    Floats,
+    Gamma,
+    Mss,
+    Positive,
+    Seed,
+    WindSpeed,
+)
 from .slope_spectrum import SlopeSpectrum
 from .spectra import ALPHA_COEFFICIENT, AnySpectrum, Jonswap, Spectrum
 from .spreading import AnySpreading, IttcSpreading, direction_grid, direction_weights
 from .statistics import (
-    cox_munk,
-    elfouhaily_slope_variance,
     meshed_slope_variance,
+    real_slope_variance,
     unresolved_slope_variance,
 )
 from .wave_surface import WaveSurface
@@ -43,6 +55,8 @@ PAPER_BANDS = {
     13.0: Band(0.9, 3.0, 0.1, math.pi / 20),
 }
 """The paper's table of bands, by wind speed [m s-1]; its fetch is 30 km."""
+
+_ORDER_OMEGA_MAX = 3.0  # highest frequency of waves that make bound waves, over the peak's
 
 
 def scaled_band(omega_p: float) -> Band:
@@ -72,13 +86,70 @@ def scaled_band(omega_p: float) -> Band:
 class RandomSea(WaveSurface, frozen=True):
     """A sum of waves with random phases, one realization per seed.
 
+    Parameters
+    ----------
+    seed : int
+        Seed of the random phases.
+    choppy : bool
+        First order in Lagrangian coordinates, with sharper crests; see `WaveSurface`.
+    order : {1, 2}
+        2 adds the bound waves of second order at fixed points, see `with_bound_waves`: crests
+        are higher and troughs flatter, and the elevation is skewed. For deep water.
+    order_omega_max : float, optional
+        Highest frequency of waves that make bound waves [rad s-1], by default 3 times that of the
+        peak. The second order diverges for short waves on long ones: waves beyond it are
+        superposed linearly.
+
+    Raises
+    ------
+    Refused
+        If `order` is 2 for a choppy sea or in water of finite depth.
+
     Notes
     -----
     Phases are 2 pi `numpy.random.default_rng(seed).random((n_omega, n_theta))`, frequencies
-    along the first axis.
+    along the first axis. A subclass defines `free_waves`.
     """
 
     seed: Seed = 0
+    order: Literal[1, 2] = 1
+    order_omega_max: Positive | None = None
+
+    most_components: ClassVar[int] = 1_000_000
+
+    @property
+    @abstractmethod
+    def free_waves(self) -> WaveComponents:
+        """The plane waves of first order."""
+
+    @cached_property
+    def components(self) -> WaveComponents:
+        """The plane waves as plain arrays: the free ones and, with `order` 2, the bound ones.
+
+        Bound waves are sums and differences of two waves: they do not follow the dispersion.
+        """
+        free = self.free_waves
+        if self.order == 1:
+            return free
+        limit = self.order_omega_max or _ORDER_OMEGA_MAX * self._peak_frequency()
+        return with_bound_waves(free, limit, self.most_components)
+
+    def _peak_frequency(self) -> float:
+        """Return the frequency of the largest wave [rad s-1]."""
+        waves = self.free_waves
+        return float(waves.omega[np.argmax(waves.amplitude)])
+
+    @model_validator(mode="after")
+    def _check_order(self) -> Self:
+        if self.order == 1:
+            if self.order_omega_max is not None:
+                raise Refused("order_omega_max", self.order_omega_max, "only with order = 2")
+            return self
+        if self.choppy:
+            raise Refused("order", 2, "1 with choppy = true: both sharpen the same crests")
+        if self._water_depth() is not None:
+            raise Refused("order", 2, "1 with depth: bound waves are those of deep water")
+        return self
 
     def with_seed(self, seed: int) -> Self:
         """Return another realization of the same sea, which shares the grid factors.
@@ -92,7 +163,7 @@ class RandomSea(WaveSurface, frozen=True):
         -------
         RandomSea
             The same parameters with the new seed. Its meshes on a grid that this sea has used
-            cost a matrix product only.
+            cost a matrix product only, unless `jitter` draws new frequencies.
 
         Examples
         --------
@@ -101,8 +172,33 @@ class RandomSea(WaveSurface, frozen=True):
         True
         """
         other = self.model_copy(update={"seed": seed})
-        other._factors.share(self._factors)
+        if not getattr(self, "jitter", False):  # which draws new wave vectors
+            other._factors.share(self._factors)
         return other
+
+    @property
+    def slope_variance(self) -> tuple[float, float] | None:
+        """Slope variances of the real sea along and across the wind; None if not known."""
+        return None
+
+    @property
+    def _slopes_along_deg(self) -> float:
+        """Direction of the first of the slope variances."""
+        return getattr(self, "wind_direction_deg", 0.0)
+
+    def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
+        """Return the slope variances that a mesh of this spacing [m] leaves out of `mss`.
+
+        The slopes of a choppy mesh are taken as those of its labels, off by O(mss).
+        """
+        if self.slope_variance is None:
+            return None
+        wind = self._slopes_along_deg
+        vertex, facet = (
+            unresolved_slope_variance(self.slope_variance, resolved)
+            for resolved in meshed_slope_variance(self.components, spacing, wind)
+        )
+        return UnresolvedSlopes(vertex, facet, wind)
 
 
 class _BandedSea(RandomSea, frozen=True):
@@ -117,9 +213,8 @@ class _BandedSea(RandomSea, frozen=True):
     depth: Depth | None = None
     capillary: bool = False
     jitter: bool = False
-    mss: Literal["cox-munk", "elfouhaily", "band"] = "cox-munk"
-
-    most_components: ClassVar[int] = 1_000_000
+    current: Current | None = None
+    mss: Mss = "cox-munk"
 
     @abstractmethod
     def _sampled_spectrum(self) -> Spectrum:
@@ -128,8 +223,8 @@ class _BandedSea(RandomSea, frozen=True):
     def _default_band(self) -> Band:
         return scaled_band(self._sampled_spectrum().omega_p)
 
-    def _water_depth(self) -> float | None:
-        return self.depth
+    def _peak_frequency(self) -> float:
+        return self._sampled_spectrum().omega_p
 
     @property
     def band_limits(self) -> Band:
@@ -154,16 +249,9 @@ class _BandedSea(RandomSea, frozen=True):
             raise Refused("d_omega", band.d_omega, allowed)
         return self
 
-    def with_seed(self, seed: int) -> Self:
-        """Return another realization of the same sea; see `RandomSea.with_seed`.
-
-        With `jitter` the frequencies are new as well, and no grid factors are shared.
-        """
-        return self.model_copy(update={"seed": seed}) if self.jitter else super().with_seed(seed)
-
     @cached_property
-    def components(self) -> WaveComponents:
-        """The plane waves as plain arrays, direction by direction at each frequency."""
+    def free_waves(self) -> WaveComponents:
+        """The waves of first order, direction by direction at each frequency."""
         band, spectrum = self.band_limits, self._sampled_spectrum()
         centers = band.omega_min + band.d_omega * np.arange(_frequency_count(band))
         theta = direction_grid(self.spreading.half_range, band.d_theta)
@@ -183,7 +271,7 @@ class _BandedSea(RandomSea, frozen=True):
         amplitude = np.sqrt(2.0 * spectrum(omega) * band.d_omega * shares)
         k = wavenumber(omega, self._water_depth(), self.capillary)
         heading = theta + math.radians(self.wind_direction_deg)
-        return _flat_components(amplitude, omega, k, heading, phase)
+        return flat_components(amplitude, omega, k, heading, phase, self.current)
 
     def slope_spectrum(self, omega_max: float | None = None) -> SlopeSpectrum:
         """Return the slopes of all waves of the spectrum, or of those up to a frequency [rad/s]."""
@@ -193,12 +281,8 @@ class _BandedSea(RandomSea, frozen=True):
     @property
     def slope_variance(self) -> tuple[float, float] | None:
         """Slope variances along and across the wind of the real sea, by `mss`."""
-        if self.mss == "band":
-            return None
         spectrum = self._sampled_spectrum()
-        if self.mss == "cox-munk":
-            return cox_munk(spectrum.wind_speed)
-        return elfouhaily_slope_variance(spectrum.wind_speed, getattr(spectrum, "fetch", None))
+        return real_slope_variance(self.mss, spectrum.wind_speed, getattr(spectrum, "fetch", None))
 
     def slopes_beyond(self, omega_max: float) -> tuple[float, float]:
         """Return the slope variances along and across the wind beyond a frequency [rad/s]."""
@@ -206,16 +290,6 @@ class _BandedSea(RandomSea, frozen=True):
             return 0.0, 0.0
         resolved = self.slope_spectrum(omega_max).along_and_across
         return unresolved_slope_variance(self.slope_variance, resolved)
-
-    def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
-        """Return the slope variances that a mesh of this spacing [m] leaves out of `mss`."""
-        if self.slope_variance is None:
-            return None
-        vertex, facet = (
-            unresolved_slope_variance(self.slope_variance, resolved)
-            for resolved in meshed_slope_variance(self.components, spacing, self.wind_direction_deg)
-        )
-        return UnresolvedSlopes(vertex, facet, self.wind_direction_deg)
 
 
 class JonswapSea(_BandedSea, frozen=True):
@@ -252,10 +326,17 @@ class JonswapSea(_BandedSea, frozen=True):
     jitter : bool
         Draw every wave's frequency uniformly within its bin. Equally spaced frequencies make
         the sea repeat after 2 pi / d_omega (31 s in the paper's band at 5 m/s); drawn ones do not.
+    current : (float, float), optional
+        Uniform current (U_x, U_y) [m s-1] that carries the waves: omega = sigma(k) + k.U. The
+        spectrum is that of an observer who drifts with the current, so wavenumbers stay.
     gamma : float
         Peak enhancement.
+    hs, tp : float, optional
+        Significant wave height [m] and peak period [s], which replace those of the fetch law.
     alpha_coefficient : float
         Factor of the fetch law for alpha, 0.075 in the paper, 0.076 in the literature.
+    choppy, order, order_omega_max
+        Nonlinear seas, see `RandomSea`.
     mss : {"cox-munk", "elfouhaily", "band"}
         Slope variance of the real sea: measured, or of a spectrum down to the capillaries. The
         tracer tilts normals at random by the rest that a mesh lacks (`Physics.unresolved`). "band":
@@ -294,6 +375,8 @@ class JonswapSea(_BandedSea, frozen=True):
     fetch: Fetch = PAPER_FETCH
     gamma: Gamma = 3.3
     alpha_coefficient: Alpha = ALPHA_COEFFICIENT
+    hs: Positive | None = None
+    tp: Positive | None = None
     band: Literal["paper", "scaled"] | None = None
 
     @property
@@ -304,6 +387,8 @@ class JonswapSea(_BandedSea, frozen=True):
             fetch=self.fetch,
             gamma=self.gamma,
             alpha_coefficient=self.alpha_coefficient,
+            hs=self.hs,
+            tp=self.tp,
         )
 
     def _sampled_spectrum(self) -> Spectrum:
@@ -313,7 +398,8 @@ class JonswapSea(_BandedSea, frozen=True):
         tabulated = PAPER_BANDS.get(self.wind_speed)
         if self.band == "paper" and tabulated is None:
             raise Refused("band", "paper", "at 5 and 13 m/s only; 'scaled' takes any wind")
-        chosen = self.band == "paper" or (self.band is None and self.fetch == PAPER_FETCH)
+        usual = self.band is None and self.fetch == PAPER_FETCH and self.tp is None
+        chosen = self.band == "paper" or usual
         return tabulated if tabulated and chosen else super()._default_band()
 
 
@@ -328,8 +414,10 @@ class SpectralSea(_BandedSea, frozen=True):
     spreading : Spreading
         `IttcSpreading`, `Cos2sSpreading`, `MitsuyasuSpreading`, `ElfouhailySpreading` or a
         `Spreading` of your own.
-    seed, omega_min, omega_max, d_omega, d_theta, wind_direction_deg, jitter, mss
+    seed, omega_min, omega_max, d_omega, d_theta, wind_direction_deg, jitter, current, mss
         See `JonswapSea`; the default band is `scaled_band`.
+    choppy, order, order_omega_max
+        See `RandomSea`.
     depth : float, optional
         Water depth [m]; None is the depth of the spectrum (`Tma`), or else deep water.
     capillary : bool
@@ -366,72 +454,27 @@ class SpectralSea(_BandedSea, frozen=True):
         return getattr(self.spectrum, "depth", self.depth)
 
 
-class MeasuredSea(RandomSea, frozen=True):
-    """Random sea from a table of variance over frequency and direction.
-
-    Parameters
-    ----------
-    omega : sequence of float, length m
-        Angular frequencies [rad s-1].
-    theta : sequence of float, length n
-        Directions the waves travel to, counter-clockwise from +x [rad].
-    variance : sequence of sequences of float, m by n
-        Elevation variance of each bin [m2].
-    seed : int
-        Seed of the random phases.
-    depth : float, optional
-        Water depth [m]; None is deep water.
-    capillary : bool
-        Surface tension in the dispersion.
-
-    Raises
-    ------
-    pydantic.ValidationError
-        If a parameter is out of range or the table has not m by n values.
-
-    Examples
-    --------
-    >>> sea = MeasuredSea(omega=[1.0, 2.0], theta=[0.0], variance=[[0.02], [0.005]])
-    >>> sea.components.amplitude.round(12)
-    array([0.2, 0.1])
-    """
-
-    kind: Literal["measured"] = "measured"
-    omega: tuple[Positive, ...] = Field(min_length=1)
-    theta: tuple[Finite, ...] = Field(min_length=1)
-    variance: tuple[tuple[Annotated[float, Field(ge=0.0, allow_inf_nan=False)], ...], ...]
-    depth: Depth | None = None
-    capillary: bool = True
-
-    @model_validator(mode="after")
-    def _check_shape(self) -> Self:
-        lengths = sorted({len(row) for row in self.variance})
-        if len(self.variance) != len(self.omega) or lengths != [len(self.theta)]:
-            raise Refused(
-                "variance",
-                f"{len(self.variance)} rows of {lengths} values",
-                f"{len(self.omega)} rows (omega) of {len(self.theta)} (theta)",
-            )
-        return self
-
-    @cached_property
-    def components(self) -> WaveComponents:
-        """The plane waves as plain arrays, one per bin."""
-        amplitude = np.sqrt(2.0 * np.array(self.variance))
-        phase = 2.0 * math.pi * np.random.default_rng(self.seed).random(amplitude.shape)
-        omega = np.broadcast_to(np.array(self.omega)[:, None], amplitude.shape)
-        k = wavenumber(omega, self.depth, self.capillary)
-        return _flat_components(amplitude, omega, k, np.array(self.theta), phase)
-
-
 def _frequency_count(band: Band) -> int:
     # The tolerance keeps 1.2, 1.4, ..., 4.0 at 15 whatever the last bit of the quotient.
     return math.floor((band.omega_max - band.omega_min) / band.d_omega + 1e-9) + 1
 
 
-def _flat_components(
-    amplitude: Floats, omega: Floats, k: Floats, heading: Floats, phase: Floats
+def flat_components(
+    amplitude: Floats,
+    omega: Floats,
+    k: Floats,
+    heading: Floats,
+    phase: Floats,
+    current: tuple[float, float] | None = None,
 ) -> WaveComponents:
-    """Return tables over frequency and direction as plain arrays."""
-    table = amplitude, omega, k * np.cos(heading), k * np.sin(heading), phase
-    return WaveComponents(*(np.ravel(a).copy() for a in table))
+    """Return tables over frequency and direction as plain arrays.
+
+    Parameters
+    ----------
+    omega : ndarray
+        Frequencies seen by an observer who moves with the current [rad s-1].
+    """
+    kx, ky = k * np.cos(heading), k * np.sin(heading)
+    if current is not None:
+        omega = omega + kx * current[0] + ky * current[1]
+    return WaveComponents(*(np.ravel(a).copy() for a in (amplitude, omega, kx, ky, phase)))

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Annotated, Literal
+from functools import cached_property
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, SerializeAsAny
+from pydantic import BeforeValidator, SerializeAsAny, model_validator
+from scipy.integrate import quad
 
 from meshtrace.errors import Refused
 from meshtrace.registry import Family
@@ -101,6 +103,10 @@ class Jonswap(Spectrum, frozen=True):
         Peak enhancement, 1 to 20.
     alpha : float, optional
         Energy scale, by default alpha_coefficient X^-0.22.
+    hs : float, optional
+        Significant wave height [m], which replaces alpha: 16 int S d(omega) = hs^2.
+    tp : float, optional
+        Peak period [s], which replaces that of the fetch law: omega_p = 2 pi / tp.
     alpha_coefficient : float
         0.075 as in the paper; 0.076 in Hasselmann et al. (1973).
     sigma_a, sigma_b : float
@@ -130,22 +136,48 @@ class Jonswap(Spectrum, frozen=True):
     alpha_coefficient: Alpha = ALPHA_COEFFICIENT
     sigma_a: Positive = 0.07
     sigma_b: Positive = 0.09
+    hs: Positive | None = None
+    tp: Positive | None = None
     kind: Literal["jonswap"] = "jonswap"
+
+    @model_validator(mode="after")
+    def _check_scale(self) -> Self:
+        if None not in (self.hs, self.alpha):
+            raise Refused("alpha", self.alpha, "either alpha or hs")
+        return self
 
     @property
     def omega_p(self) -> float:
         """Peak angular frequency of the deep-water spectrum [rad s-1]."""
+        if self.tp is not None:
+            return 2.0 * math.pi / self.tp
         X = _dimensionless_fetch(self.wind_speed, self.fetch)
         return 22.0 * (GRAVITY / self.wind_speed) * X**-0.33
+
+    @cached_property
+    def energy_scale(self) -> float:
+        """Factor alpha in use: given, of the wave height, or of the fetch law."""
+        if self.alpha is not None:
+            return self.alpha
+        if self.hs is None:
+            X = _dimensionless_fetch(self.wind_speed, self.fetch)
+            return self.alpha_coefficient * X**-0.22
+        # deep-water variance for alpha = 1, with x = omega / omega_p
+        total = sum(
+            quad(lambda x: float(self._shape(np.array(x))), *limits, epsabs=0.0, epsrel=1e-12)[0]
+            for limits in ((0.1, 1.0), (1.0, 2.0), (2.0, math.inf))
+        )
+        return self.hs**2 * self.omega_p**4 / (16.0 * GRAVITY**2 * total)
+
+    def _shape(self, x: Floats) -> Floats:
+        enhanced = peak_enhancement(x, self.gamma, self.sigma_a, self.sigma_b)
+        return x**-5.0 * np.exp(-1.25 * x**-4.0) * enhanced
 
     def __call__(self, omega: ArrayLike) -> Floats:
         """Return S(omega) [m2 s rad-1]."""
         omega_p, omega = self.omega_p, self._raised(omega)
-        X = _dimensionless_fetch(self.wind_speed, self.fetch)
-        alpha = self.alpha_coefficient * X**-0.22 if self.alpha is None else self.alpha
-        sigma = np.where(omega <= omega_p, self.sigma_a, self.sigma_b)
-        r = np.exp(-((omega / omega_p - 1.0) ** 2) / (2.0 * sigma**2))
-        return _phillips_tail(omega, omega_p, alpha) * self.gamma**r
+        enhanced = peak_enhancement(omega / omega_p, self.gamma, self.sigma_a, self.sigma_b)
+        return _phillips_tail(omega, omega_p, self.energy_scale) * enhanced
 
 
 class Tma(Jonswap, frozen=True):
@@ -314,6 +346,14 @@ class Elfouhaily(Spectrum, frozen=True):
         B_l = 0.003 * math.sqrt(age) * (c_p / c) * np.exp(-age / math.sqrt(10.0) * root)
         B_h = 0.5 * alpha_m * (c_m / c) * np.exp(-0.25 * (k / CAPILLARY_WAVENUMBER - 1.0) ** 2)
         return peak * (B_l + B_h) / k**3
+
+
+def peak_enhancement(
+    x: Floats, gamma: float, sigma_a: float = 0.07, sigma_b: float = 0.09
+) -> Floats:
+    """Return the factor gamma^exp(-(x - 1)^2 / (2 sigma^2)) at x = omega / omega_p."""
+    sigma = np.where(x <= 1.0, sigma_a, sigma_b)
+    return gamma ** np.exp(-((x - 1.0) ** 2) / (2.0 * sigma**2))
 
 
 AnySpectrum = Annotated[SerializeAsAny[Spectrum], BeforeValidator(Spectrum.read)]

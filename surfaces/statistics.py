@@ -11,7 +11,7 @@ from meshtrace.errors import Refused
 from meshtrace.mesh import TriangleMesh
 
 from .dispersion import angular_frequency, wavenumber
-from .parameters import WIND_SPEED, Floats, Range
+from .parameters import WIND_SPEED, Floats, Mss, Range
 from .spectra import Elfouhaily, Spectrum, elfouhaily_delta
 from .waves import WaveComponents
 
@@ -332,6 +332,17 @@ def elfouhaily_slope_variance(wind_speed: float, fetch: float | None = None) -> 
     mss = weights * k**2 * spectrum(omega)
     delta = elfouhaily_delta(k, wind_speed, spectrum.omega_p)
     return float(np.sum(mss * (0.5 + 0.25 * delta))), float(np.sum(mss * (0.5 - 0.25 * delta)))
+
+
+def real_slope_variance(
+    mss: Mss, wind_speed: float, fetch: float | None = None
+) -> tuple[float, float] | None:
+    """Return the slope variances of the real sea along and across the wind, None for "band"."""
+    if mss == "band":
+        return None
+    return (
+        cox_munk(wind_speed) if mss == "cox-munk" else elfouhaily_slope_variance(wind_speed, fetch)
+    )
 
 
 def meshed_slope_variance(

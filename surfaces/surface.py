@@ -15,7 +15,7 @@ from meshtrace.registry import Family
 
 from .gridding import grid_axis
 from .parameters import TIME, Finite, Floats, finite_array, points
-from .triangulate import triangulate
+from .triangulate import height_field, mesh_of_sheet
 
 
 class Surface(Family, ABC, frozen=True):
@@ -78,6 +78,27 @@ class Surface(Family, ABC, frozen=True):
         x, y = np.meshgrid(x_axis, y_axis, indexing="ij")
         return self.elevation(x, y, time), *self.slopes(x, y, time)
 
+    def sheet(
+        self, x_axis: ArrayLike, y_axis: ArrayLike, time: float = 0.0
+    ) -> tuple[Floats, Floats]:
+        """Return the points of the surface and their normals for a tensor grid of labels.
+
+        Parameters
+        ----------
+        x_axis : array_like, shape (nx,)
+            Labels [m]; of a height field the positions themselves.
+        y_axis : array_like, shape (ny,)
+            Labels [m].
+        time : float
+            Time [s].
+
+        Returns
+        -------
+        points, normals : ndarray, shape (nx, ny, 3)
+            Positions [m], and unit normals that point to the air.
+        """
+        return height_field(x_axis, y_axis, *self.grid(x_axis, y_axis, time))
+
     def mesh(
         self,
         time: float = 0.0,
@@ -126,8 +147,7 @@ class Surface(Family, ABC, frozen=True):
         if len(require_finite(center, "center", "two coordinates [m]")) != 2:
             raise Refused("center", center, "two coordinates [m]")
         x_axis, y_axis = (grid_axis(middle, *lines) for middle in center)
-        grid = self.grid(x_axis, y_axis, time)
-        return triangulate(x_axis, y_axis, *grid, self.unresolved_slopes(spacing))
+        return mesh_of_sheet(*self.sheet(x_axis, y_axis, time), self.unresolved_slopes(spacing))
 
     def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
         """Return the slope variances that a mesh of this spacing [m] leaves out.

@@ -71,18 +71,33 @@ def triangulate(
     >>> triangulate([0.0, 1.0, 2.0], [0.0, 1.0], flat, flat, flat).faces.tolist()
     [[0, 2, 3], [0, 3, 1], [2, 4, 3], [4, 5, 3]]
     """
+    return mesh_of_sheet(*height_field(x_axis, y_axis, z, sx, sy), unresolved)
+
+
+def height_field(
+    x_axis: ArrayLike, y_axis: ArrayLike, z: ArrayLike, sx: ArrayLike, sy: ArrayLike
+) -> tuple[Floats, Floats]:
+    """Return points and unit normals, shapes (nx, ny, 3), of a height field; see `triangulate`."""
     x_axis, y_axis = _increasing("x_axis", x_axis), _increasing("y_axis", y_axis)
     shape = len(x_axis), len(y_axis)
     z, sx, sy = (np.asarray(a, dtype=np.float64) for a in (z, sx, sy))
     for name, array in (("z", z), ("sx", sx), ("sy", sy)):
         if array.shape != shape:
             raise Refused(name, array.shape, f"the shape {shape} of these axes")
-    vertices = _grid_vertices(x_axis, y_axis, z)
-    normals = np.empty_like(vertices)
+    points = _grid_vertices(x_axis, y_axis, z).reshape(*shape, 3)
+    normals = np.empty_like(points)
     upward = 1.0 / np.sqrt(1.0 + sx**2 + sy**2)
     for column, values in enumerate((-sx * upward, -sy * upward, upward)):
-        normals[:, column] = values.ravel()
-    return TriangleMesh(vertices, grid_faces(*shape), normals, unresolved)
+        normals[..., column] = values
+    return points, normals
+
+
+def mesh_of_sheet(
+    points: Floats, normals: Floats, unresolved: UnresolvedSlopes | None = None
+) -> TriangleMesh:
+    """Return the mesh of points and unit normals, shapes (nx, ny, 3); see `triangulate`."""
+    faces = grid_faces(*points.shape[:2])
+    return TriangleMesh(points.reshape(-1, 3), faces, normals.reshape(-1, 3), unresolved)
 
 
 @lru_cache(maxsize=8)

@@ -166,8 +166,8 @@ def _study(
     scenario: Scenario, parameter: str, values: list[float], options: dict[str, Any]
 ) -> ConvergenceStudy:
     """Return the study of a scenario, with a bar while it runs."""
-    from meshtrace.mesh import WaveSum
     from meshtrace.studies import convergence
+    from meshtrace.studies.convergence.exact import is_wave_sum
 
     studies: dict[str, Callable[..., ConvergenceStudy]] = {
         "spacing": convergence.convergence_study,
@@ -180,7 +180,7 @@ def _study(
         "omega_max": len(values) * options.get("realizations", convergence.REALIZATIONS),
     }
     if parameter == "spacing":
-        exact = isinstance(scenario.surface, WaveSum) and options.get("unresolved") != "tilt"
+        exact = is_wave_sum(scenario.surface) and options.get("unresolved") != "tilt"
         options["reference"] = "analytic" if exact else None
     with (
         warnings_as_lines(),

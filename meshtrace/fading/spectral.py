@@ -43,7 +43,8 @@ def scintillation_of_spectrum(
     link : Link
         One source under water that points upwards, and one receiver above it that looks down.
     sea : JonswapSea or SpectralSea
-        The sea; its seed and its mesh do not matter.
+        The sea; its seed and its mesh do not matter. The index is that of the linear sea: `choppy`
+        and `order` are left out (docs/nonlinear.md).
     omega_max : float, optional
         Highest frequency of the waves [rad s-1]; all waves down to 1.3 mm by default.
     tilts : bool
@@ -104,7 +105,7 @@ def gain_autocovariance(link: Any, sea: Any, lags: ArrayLike) -> Floats:
     link : Link
         As for `scintillation_of_spectrum`.
     sea : JonswapSea or SpectralSea
-        The sea, with its band of frequencies.
+        The sea, with its band of frequencies; `choppy` and `order` are left out.
     lags : array_like
         Time lags tau [s].
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_validator
 
-from meshtrace.errors import Refused, require_array, require_between, require_real
+from meshtrace.errors import Refused, require_array, require_between, require_real, require_whole
 from meshtrace.optics.mie import MieTable, cached_table, population_table
 from meshtrace.registry import Family
 
@@ -463,8 +463,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         >>> float(HallNovarini(wind_speed=5.0).equal_area_radii(1)[0].round(7))
         1.9e-05
         """
-        if count < 1:
-            raise Refused("count", count, "count >= 1")
+        require_whole(count, 1, _MOST_NODES, "count")
         z = self._checked(depth)
         r_ref, power = float(_r_ref(z)), 3.0 - float(_kappa(z))
         low, high = self.r_min / r_ref, self.r_max / r_ref

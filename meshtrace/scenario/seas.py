@@ -15,7 +15,7 @@ from meshtrace.link import Footprint, Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Model
 from meshtrace.registry import Family
-from meshtrace.scenario.tables import Table, validated, without_shared_wind
+from meshtrace.scenario.tables import Table, as_table, validated, without_shared_wind
 from meshtrace.transport.options import Meshing
 
 MOST_VERTICES = 10_000_000
@@ -74,6 +74,8 @@ def read_surface(table: Table, wind_speed: float, sampling: Mapping[str, Any], f
         return _mesh_file(table, sampling, folder)
     from meshtrace.surfaces import FlatSea, Surface
 
+    if "part" in table:
+        return _sum(table, wind_speed, folder)
     word = table.pop("spectrum", table.pop("kind", "jonswap"))
     model = Surface.member("spectral") if isinstance(word, Mapping) else _named(word)
     keys, calm = _SEA_KEYS, False
@@ -84,6 +86,24 @@ def read_surface(table: Table, wind_speed: float, sampling: Mapping[str, Any], f
         table, calm = _driven(table, wind_speed)
     surface = validated(model, table, "sea", keys)
     return FlatSea() if calm else surface
+
+
+def _sum(table: Table, wind_speed: float, folder: Path) -> Any:
+    """Return the sum of the seas of [[sea.part]]."""
+    from meshtrace.surfaces import SumSea
+
+    parts = table.pop("part")
+    if not isinstance(parts, list) or not parts:
+        raise Refused("sea.part", parts, "tables [[sea.part]]")
+    seas = []
+    for i, part in enumerate(parts):
+        try:
+            seas.append(read_surface(as_table(part, "sea"), wind_speed, {}, folder))
+        except Refused as error:
+            own = error.field.removeprefix("sea").removeprefix(".")
+            refused = Refused(own, error.value, error.allowed, error.hint)
+            raise refused.inside("sea", "part", i) from None
+    return validated(SumSea, {**table, "parts": tuple(seas)}, "sea", ("part", *_SEA_KEYS))
 
 
 def _named(word: Any) -> type[Family]:
@@ -158,6 +178,9 @@ def surface_from_provenance(provenance: Mapping[str, Any]) -> SurfaceModel | Mes
 
 def wind_of(link: Link, surface: Any) -> float:
     """Return the wind speed of the first part that has one, 0 for a calm sea."""
+    parts = getattr(surface, "parts", ())
+    if parts:
+        return max(wind_of(link, part) for part in parts)
     spectrum = getattr(surface, "spectrum", None)
     return (link.wind_speed or 0.0) if spectrum is None else spectrum.wind_speed
 
@@ -166,8 +189,13 @@ def surface_config(surface: SurfaceModel | MeshFile, wind_speed: float) -> Table
     """Return [sea] of a surface, without the wind speed that it shares."""
     if isinstance(surface, MeshFile):
         return {"mesh": surface.file}
+    from meshtrace.surfaces import SumSea
+
     config = dict(surface.to_config())
     kind = config.pop("kind")
+    if isinstance(surface, SumSea):
+        parts = [surface_config(part, wind_speed) for part in surface.parts]
+        return {"part": parts, "seed": config["seed"]}
     if kind == "spectral":
         config["spectrum"] = without_shared_wind(config["spectrum"], wind_speed)
         return config

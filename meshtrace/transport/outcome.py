@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
+from meshtrace.errors import DomainWarning
 from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link, WaterSource
 from meshtrace.mesh import TriangleMesh
@@ -29,10 +30,6 @@ _RETURNED = 1e-3
 _FEW = 100.0  # effective samples below which an error is uncertain itself
 _FEW_SHARE = 0.1  # of the samples: a run of few photons rests on few, and shows it
 _SMALL = 0.01  # share of the gain below which its scattered part does not matter
-
-
-class DomainWarning(UserWarning):
-    """Light escaped through the sides of the mesh or a hole in it, or was left out."""
 
 
 class FewSamplesWarning(UserWarning):

@@ -31,7 +31,6 @@ from meshtrace.transport.options import (
     Shortcuts,
     read_records,
 )
-from meshtrace.transport.outcome import DomainWarning as DomainWarning
 from meshtrace.transport.outcome import FewSamplesWarning as FewSamplesWarning
 from meshtrace.transport.outcome import (
     analog_result,

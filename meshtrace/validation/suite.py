@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
-from meshtrace.transport.simulate import DomainWarning
+from meshtrace.errors import DomainWarning
 from meshtrace.validation.check import Check
 from meshtrace.validation.estimators import estimator_checks
 from meshtrace.validation.flat_sea import flat_sea_checks

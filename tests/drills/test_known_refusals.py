@@ -74,6 +74,8 @@ METHODS = [
     ("theta", lambda: mt.HenyeyGreenstein(g=0.9).pdf(b"x")),
     ("dz", lambda: mt.HallNovarini(wind_speed=5.0).profile(None)),
     ("dz", lambda: mt.HallNovarini(wind_speed=5.0).profile(1e-12)),
+    ("count", lambda: mt.HallNovarini(wind_speed=5.0).equal_area_radii(range(3))),
+    ("", lambda: mt.Scenario.from_config({1})),
     ("gain", lambda: fading.remove_noise({1})),
     ("gain_stderr", lambda: fading.remove_noise(GAINS, len)),
     ("seed", lambda: fading.scintillation_index(GAINS, seed=1e-8)),

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.errors import Refused
+from meshtrace.errors import DomainWarning, Refused
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.surfaces import FlatSea
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import Meshing
-from meshtrace.transport.outcome import DomainWarning
 
 
 def scaled(k, x=0.0):

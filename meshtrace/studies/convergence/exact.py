@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -136,8 +136,14 @@ def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> analytic.Wav
     )
 
 
+def is_wave_sum(sea: SurfaceModel) -> TypeGuard[WaveSum]:
+    """Return whether the elevation of a sea is a sum of waves; that of a choppy sea is not."""
+    return isinstance(sea, WaveSum) and not getattr(sea, "choppy", False)
+
+
 def wave_sum(sea: SurfaceModel) -> WaveSum:
     """Return a sea that is a sum of waves; refuse others."""
-    if not isinstance(sea, WaveSum):
-        raise Refused("reference", f"analytic for {type(sea).__name__}", "None: not a sum of waves")
+    if not is_wave_sum(sea):
+        kind = "a choppy sea" if getattr(sea, "choppy", False) else type(sea).__name__
+        raise Refused("reference", f"analytic for {kind}", "None: not a sum of waves")
     return sea

@@ -1,0 +1,235 @@
+"""Choppy seas: sums of waves of first order in Lagrangian coordinates.
+
+Each point of the sheet moves on its orbit about a label r = (x0, y0):
+
+    x = r + D(r, t),  z = eta(r, t) + s,  D = sum a k^ sin(phi) = grad sum (a / k) cos(phi)
+
+with the elevation eta = sum a cos(phi) of the linear sea, phi = omega t - k . r + phase, and
+k^ = k / |k|. Under crests the labels are drawn together: crests are sharp and troughs are flat.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from meshtrace.errors import Described, Refused
+
+from .parameters import Floats
+from .waves import (
+    GridFactors,
+    WaveComponents,
+    sum_elevation,
+    sum_second_derivatives,
+    sum_slopes,
+)
+
+_TOLERANCE = 1e-12  # [m], of a label
+_ROUNDING = 1e-14  # of a position, relative
+_STEPS = 60
+_RARE = 6.0  # standard deviations that no displacement exceeds
+
+
+class Sheet(NamedTuple):
+    """The sheet at some labels: positions and what its area and its slopes follow from.
+
+    Parameters
+    ----------
+    x, y, z : ndarray
+        Positions [m].
+    zx, zy : ndarray
+        Derivatives of the elevation by the labels.
+    dxx, dxy, dyy : ndarray
+        Derivatives of the displacement D by the labels.
+    """
+
+    x: Floats
+    y: Floats
+    z: Floats
+    zx: Floats
+    zy: Floats
+    dxx: Floats
+    dxy: Floats
+    dyy: Floats
+
+    @property
+    def jacobian(self) -> Floats:
+        """Horizontal area over that of the labels, J = (1 + Dxx)(1 + Dyy) - Dxy^2."""
+        return (1.0 + self.dxx) * (1.0 + self.dyy) - self.dxy**2
+
+    @property
+    def slopes(self) -> tuple[Floats, Floats]:
+        """Slopes dz/dx and dz/dy at the positions, -N_x / J and -N_y / J."""
+        area = self.jacobian
+        return (
+            (self.zx * (1.0 + self.dyy) - self.dxy * self.zy) / area,
+            (self.zy * (1.0 + self.dxx) - self.dxy * self.zx) / area,
+        )
+
+    @property
+    def normals(self) -> Floats:
+        """Unit normals, shape (..., 3), of the cross product of both tangents.
+
+        N = (Dxy zy - zx (1 + Dyy), Dxy zx - zy (1 + Dxx), J)
+        """
+        normal = np.stack(
+            [
+                self.dxy * self.zy - self.zx * (1.0 + self.dyy),
+                self.dxy * self.zx - self.zy * (1.0 + self.dxx),
+                self.jacobian,
+            ],
+            axis=-1,
+        )
+        return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+
+    def require_single(self) -> Sheet:
+        """Return the sheet; refuse it where it has passed through itself."""
+        area = self.jacobian
+        lowest = int(np.argmin(area)) if area.size else 0
+        if area.size and not area.flat[lowest] > 0.0:
+            place = f"({self.x.flat[lowest]:.6g}, {self.y.flat[lowest]:.6g}) m"
+            found = Described(f"J = {area.flat[lowest]:.3g} at {place}")
+            allowed = "J > 0: the waves are too steep; lower omega_max or choppy = false"
+            raise Refused("choppy", found, allowed)
+        return self
+
+
+class ChoppyWaves:
+    """A sum of plane waves of first order in Lagrangian coordinates.
+
+    Parameters
+    ----------
+    waves : WaveComponents
+        The plane waves, over the labels.
+    depth : float, optional
+        Water depth [m]: orbits are a / tanh(k depth) wide; None is deep water, circles.
+
+    Notes
+    -----
+    The mean of eta over the *map*, where a label counts by its area J, is -sum a^2 k / 2: points
+    under crests are closer together. `rise` adds it, so that still water stays at z = 0.
+    """
+
+    def __init__(self, waves: WaveComponents, depth: float | None = None) -> None:
+        k = np.hypot(waves.kx, waves.ky)
+        width = waves.amplitude if depth is None else waves.amplitude / np.tanh(k * depth)
+        self._waves = waves
+        self._potential = waves._replace(amplitude=width / k)
+        self._towards_x = self._potential.amplitude * waves.kx
+        self._towards_y = self._potential.amplitude * waves.ky
+        self.rise = 0.5 * float(np.sum(waves.amplitude * width * k))
+        rms = math.sqrt(0.5 * float(np.sum(width**2)))
+        self.reach = min(_RARE * rms, float(np.sum(np.abs(width))))
+
+    def on_grid(self, factors: GridFactors, x_axis: Floats, y_axis: Floats, time: float) -> Sheet:
+        """Return the sheet of the labels of a tensor grid, shapes (nx, ny)."""
+        waves = self._waves
+        turn = np.exp(1j * (waves.omega * time + waves.phase))
+        z, zx, zy = factors.evaluate(waves.amplitude * turn)
+        # d/dx cos(phi) = kx sin(phi) = Re(-i kx exp(i phi))
+        dx, dxx, dxy = factors.evaluate(-1j * self._towards_x * turn)
+        dy, _, dyy = factors.evaluate(-1j * self._towards_y * turn)
+        x, y = x_axis[:, None] + dx, y_axis + dy
+        return Sheet(x, y, z + self.rise, zx, zy, dxx, dxy, dyy).require_single()
+
+    def at(self, x: Floats, y: Floats, time: float) -> Sheet:
+        """Return the sheet at fixed points of the map, shape of x."""
+        r = self.labels(x, y, time)
+        return self._over(*r, time).require_single()
+
+    def _over(self, x: Floats, y: Floats, time: float) -> Sheet:
+        """Return the sheet of some labels."""
+        dx, dy = sum_slopes(self._potential, x, y, time)
+        z = sum_elevation(self._waves, x, y, time) + self.rise
+        slopes = sum_slopes(self._waves, x, y, time)
+        return Sheet(
+            x + dx, y + dy, z, *slopes, *sum_second_derivatives(self._potential, x, y, time)
+        )
+
+    def second_derivatives(
+        self, x: Floats, y: Floats, time: float
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return the second derivatives zxx, zxy, zyy [m-1] at fixed points of the map.
+
+        H = M^-1 (Hess eta - s_x Hess D_x - s_y Hess D_y) M^-1,  M = I + grad D
+        """
+        r = self.labels(x, y, time)
+        sheet = self._over(*r, time).require_single()
+        quarter = self._potential.phase - 0.5 * math.pi  # d/dx cos(phi) = kx cos(phi - pi/2)
+        bent = np.stack(sum_second_derivatives(self._waves, *r, time))
+        for slope, towards in zip(sheet.slopes, (self._towards_x, self._towards_y), strict=True):
+            part = self._potential._replace(amplitude=towards, phase=quarter)
+            bent = bent - slope * np.stack(sum_second_derivatives(part, *r, time))
+        p, q, o = 1.0 + sheet.dyy, 1.0 + sheet.dxx, -sheet.dxy  # of the inverse of M, times J
+        xx, xy, yy = bent / sheet.jacobian**2
+        return (
+            p * p * xx + 2.0 * p * o * xy + o * o * yy,
+            p * o * xx + (p * q + o * o) * xy + o * q * yy,
+            o * o * xx + 2.0 * o * q * xy + q * q * yy,
+        )
+
+    def labels(self, x: Floats, y: Floats, time: float) -> tuple[Floats, Floats]:
+        """Return the labels of fixed points, r + D(r) = (x, y).
+
+        Raises
+        ------
+        Refused
+            If there is no label within 1e-12 m after 60 steps.
+
+        Notes
+        -----
+        r <- (x, y) - D(r) once, then Newton's method; a step that leads away is halved. Where
+        J > 0, grad D is symmetric and I + grad D positive definite, hence the label unique.
+        """
+        target = np.stack([np.ravel(x), np.ravel(y)], axis=1)
+        r, step = target.copy(), self._displacement(target, time)
+        error = np.full(len(r), np.inf)
+        enough = _TOLERANCE + _ROUNDING * np.abs(target).max(axis=1, initial=0.0)
+        open_ = np.arange(len(r))
+        for _ in range(_STEPS):
+            trial = r[open_] - step[open_]
+            miss = trial + self._displacement(trial, time) - target[open_]
+            size = np.hypot(*miss.T)
+            nearer = size < error[open_]
+            ahead = open_[nearer]
+            r[ahead], error[ahead] = trial[nearer], size[nearer]
+            step[ahead] = self._newton_step(trial[nearer], miss[nearer], time)
+            step[open_[~nearer]] *= 0.5
+            open_ = open_[error[open_] > enough[open_]]
+            if not open_.size:
+                return r[:, 0].reshape(np.shape(x)), r[:, 1].reshape(np.shape(x))
+        place = f"({target[open_[0], 0]:.6g}, {target[open_[0], 1]:.6g}) m"
+        allowed = "waves with one point of the sheet over each place; lower omega_max"
+        raise Refused("choppy", Described(f"no label of {place}"), allowed)
+
+    def _displacement(self, r: Floats, time: float) -> Floats:
+        return np.stack(sum_slopes(self._potential, r[:, 0], r[:, 1], time), axis=1)
+
+    def _newton_step(self, r: Floats, miss: Floats, time: float) -> Floats:
+        """Return (I + grad D)^-1 miss, or the miss itself where the sheet is folded."""
+        dxx, dxy, dyy = sum_second_derivatives(self._potential, r[:, 0], r[:, 1], time)
+        area = (1.0 + dxx) * (1.0 + dyy) - dxy**2
+        upright = (area > 0.0) & (dxx > -1.0)
+        area = np.where(upright, area, 1.0)
+        newton = np.stack(
+            [
+                ((1.0 + dyy) * miss[:, 0] - dxy * miss[:, 1]) / area,
+                ((1.0 + dxx) * miss[:, 1] - dxy * miss[:, 0]) / area,
+            ],
+            axis=1,
+        )
+        return np.where(upright[:, None], newton, miss)
+
+
+def with_straight_rim(points: Floats) -> Floats:
+    """Return the points of a sheet, shape (nx, ny, 3), with the rim moved out to a rectangle.
+
+    The mesh then covers its bounds: no light passes between both. Facets at the rim are stretched.
+    """
+    points = points.copy()
+    for axis in (0, 1):
+        rows = np.moveaxis(points, axis, 0)
+        rows[0, :, axis], rows[-1, :, axis] = rows[..., axis].min(), rows[..., axis].max()
+    return points

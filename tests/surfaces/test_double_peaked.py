@@ -1,0 +1,91 @@
+"""Spectra with two peaks, by quadrature and by the published limits."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from meshtrace.surfaces import Jonswap, JonswapSea, OchiHubble, Spectrum, Torsethaugen
+from meshtrace.surfaces.double_peaked import LONGEST_SWELL
+
+
+def variance(spectrum):
+    """Integrate a spectrum between its decades, apart from the functions of the package."""
+    edges = spectrum.omega_p * np.array([0.05, 0.3, 0.6, 0.9, 1, 1.1, 1.5, 2, 3, 5, 10, 100, 2000])
+    return sum(
+        quad(lambda omega: float(spectrum(omega)), a, b, epsrel=1e-11, limit=200)[0]
+        for a, b in pairwise(edges)
+    )
+
+
+@pytest.mark.parametrize(
+    ("hs", "tp", "lam"),
+    [((2.0, 1.0), (12.0, 5.0), (3.0, 1.5)), ((0.5, 0.5), (9.0, 4.0), (6.0, 1.0))],
+)
+def test_ochi_hubble_has_its_variance(hs, tp, lam):
+    spectrum = OchiHubble(hs=hs, tp=tp, lam=lam)
+    assert variance(spectrum) == pytest.approx((hs[0] ** 2 + hs[1] ** 2) / 16.0, rel=1e-8)
+
+
+def test_ochi_hubble_with_lambda_1_is_a_bretschneider_spectrum():
+    both = OchiHubble(hs=(1.0, 1.0), tp=(7.0, 7.0), lam=(1.0, 1.0))
+    omega, omega_p = np.array([0.5, 0.9, 2.0]), 2.0 * math.pi / 7.0
+    bretschneider = (
+        5.0 / 16.0 * 2.0 * omega_p**4 / omega**5 * np.exp(-1.25 * (omega_p / omega) ** 4)
+    )
+    np.testing.assert_allclose(both(omega), bretschneider, rtol=1e-12)
+    assert both.omega_p == pytest.approx(omega_p)
+
+
+@pytest.mark.parametrize(("hs", "tp"), [(4.0, 9.0), (2.0, 14.0), (0.3, 2.0), (1.0, 30.0)])
+def test_torsethaugen_has_its_height_and_peak(hs, tp):
+    spectrum = Torsethaugen(hs=hs, tp=tp)
+    first, second = spectrum.peaks
+    assert 4.0 * math.sqrt(variance(spectrum)) == pytest.approx(hs, rel=1e-8)
+    assert math.hypot(first.hs, second.hs) == pytest.approx(hs, rel=1e-12)
+    omega = np.linspace(0.9, 1.1, 2001) * 2.0 * math.pi / tp
+    assert omega[spectrum(omega).argmax()] == pytest.approx(2.0 * math.pi / tp, rel=0.02)
+
+
+def test_torsethaugen_at_the_border_of_wind_sea_and_swell():
+    separation = 6.6 * 2.0 ** (1.0 / 3.0)
+    omega = np.linspace(0.3, 3.0, 50)
+    below, above = (Torsethaugen(hs=2.0, tp=separation * f)(omega) for f in (1 - 1e-9, 1 + 1e-9))
+    np.testing.assert_allclose(below, above, rtol=1e-6)
+    # all of the variance is in the first peak there
+    first, second = Torsethaugen(hs=2.0, tp=separation).peaks
+    assert (first.hs, second.hs) == (pytest.approx(2.0), 0.0)
+    assert first.gamma == pytest.approx(
+        35.0 * (2 * math.pi * 2.0 / (9.81 * separation**2)) ** 0.857
+    )
+    # far beyond, six tenths of the height is swell
+    swell, wind_sea = Torsethaugen(hs=2.0, tp=LONGEST_SWELL).peaks
+    assert swell.hs == pytest.approx(2.0 * (0.6 + 0.4 * math.exp(-1 / 0.09)))
+    assert wind_sea.tp == pytest.approx(6.6 * wind_sea.hs ** (1.0 / 3.0))
+
+
+def test_jonswap_by_height_and_period():
+    spectrum = Jonswap(hs=1.7, tp=6.0, gamma=5.0)
+    assert 4.0 * math.sqrt(variance(spectrum)) == pytest.approx(1.7, rel=1e-8)
+    assert spectrum.omega_p == pytest.approx(2.0 * math.pi / 6.0)
+    sea = JonswapSea(hs=1.7, tp=6.0, gamma=5.0)
+    assert sea.spectrum == spectrum
+    assert Spectrum.read(spectrum.model_dump()) == spectrum
+    with pytest.raises(ValueError, match=r"alpha: 0.01, allowed: either alpha or hs"):
+        Jonswap(hs=1.0, alpha=0.01)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: OchiHubble(hs=(1.0, -1.0), tp=(9.0, 5.0)), r"hs\[1\]: -1"),
+        (lambda: Torsethaugen(hs=60.0, tp=9.0), "hs: 60.0, allowed: 0 < hs < 50 m"),
+        (lambda: Torsethaugen(hs=1.0, tp=0.0), "tp: 0"),
+        (lambda: Jonswap(hs=math.nan), "hs: nan"),
+    ],
+)
+def test_refuses(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
