@@ -170,6 +170,12 @@ def require_seed(value: Any) -> None:
         raise Refused("seed", error.value, "an integer 0 <= seed < 2^64") from None
 
 
+def require_all(values: NDArray[Any], good: Any, path: str, allowed: str) -> None:
+    """Refuse an array by the first of its values that is not good."""
+    if not good.all():
+        raise Refused(path, values[~good].flat[0], allowed)
+
+
 def require_number(value: Any, path: str) -> None:
     """Refuse words for numbers, and numbers that overflow on the way to a gain."""
     if isinstance(value, bool):

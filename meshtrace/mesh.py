@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused, require_array
+from meshtrace.models import Floats
 
 if TYPE_CHECKING:
     import trimesh
@@ -25,13 +26,11 @@ class SurfaceModel(Protocol):
     All lengths in m, times in s; z is up and still water lies at z = 0.
     """
 
-    def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> NDArray[np.float64]:
+    def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> Floats:
         """Return the elevation [m] at (x, y, time)."""
         ...
 
-    def slopes(
-        self, x: ArrayLike, y: ArrayLike, time: float = 0.0
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def slopes(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> tuple[Floats, Floats]:
         """Return the slopes dz/dx and dz/dy at (x, y, time)."""
         ...
 
@@ -124,9 +123,9 @@ class TriangleMesh:
         If an array has the wrong shape, is not finite, or a normal does not point up.
     """
 
-    vertices: NDArray[np.float64]
+    vertices: Floats
     faces: NDArray[np.int32]
-    vertex_normals: NDArray[np.float64] = None  # type: ignore[assignment]
+    vertex_normals: Floats = None  # type: ignore[assignment]
     unresolved: UnresolvedSlopes | None = None
 
     def __post_init__(self) -> None:
@@ -163,20 +162,20 @@ class TriangleMesh:
         object.__setattr__(self, "vertex_normals", normals)
 
     @cached_property
-    def face_normals(self) -> NDArray[np.float64]:
+    def face_normals(self) -> Floats:
         """Unit normals of the facets, shape (m, 3), pointing to the air."""
         cross = self._face_cross
         with np.errstate(invalid="ignore"):
             return cross / np.linalg.norm(cross, axis=1)[:, None]
 
     @property
-    def _face_cross(self) -> NDArray[np.float64]:
+    def _face_cross(self) -> Floats:
         a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
         (ux, uy, uz), (vx, vy, vz) = (b - a).T, (c - a).T
         # by components: numpy.cross takes half of the time that a mesh takes to make
         return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=1)
 
-    def _area_weighted_normals(self) -> NDArray[np.float64]:
+    def _area_weighted_normals(self) -> Floats:
         normals = np.zeros_like(self.vertices)
         for corner in range(3):
             np.add.at(normals, self.faces[:, corner], self._face_cross)
@@ -186,7 +185,7 @@ class TriangleMesh:
         return normals / length[:, None]
 
     @cached_property
-    def bounds(self) -> NDArray[np.float64]:
+    def bounds(self) -> Floats:
         """Lowest and highest coordinates [m], shape (2, 3)."""
         used = self.vertices[np.unique(self.faces)]
         return np.stack([used.min(axis=0), used.max(axis=0)])

@@ -4,7 +4,7 @@ from .double_peaked import OchiHubble, Torsethaugen
 from .measured import from_wavespectra
 from .measured_sea import MeasuredSea
 from .random_seas import JonswapSea, RandomSea, SpectralSea
-from .seas import sea_from_config, sea_in_wind
+from .seas import resolved_sea, sea_from_config, sea_in_wind
 from .spectra import Elfouhaily, Jonswap, PiersonMoskowitz, Spectrum, Tma
 from .spreading import (
     Cos2sSpreading,
@@ -45,6 +45,7 @@ __all__ = [
     "WaveSurface",
     "from_trimesh",
     "from_wavespectra",
+    "resolved_sea",
     "sea_from_config",
     "sea_in_wind",
 ]

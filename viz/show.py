@@ -75,7 +75,7 @@ def view(
     frames : int
         Frames of the movie, unless a gain is given.
     frame_rate : float, optional
-        Frames per second; by default the sea moves as in nature.
+        Frames per second; by default real time.
     title : str
         Heading of the web page.
     progress : callable, optional
@@ -134,7 +134,7 @@ def _frames(
 
 
 def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
-    """Refuse files that could not be written, before anything is computed."""
+    """Check before the work that all outputs can be written."""
     for kind, name in outputs.items():
         if name is None:
             continue
@@ -150,7 +150,7 @@ def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
 
 
 def has_display() -> bool:
-    """Return whether a window can be opened; without a display VTK draws in memory."""
+    """Return True if a window can be opened; without a display VTK renders in memory."""
     if not sys.platform.startswith("linux"):
         return True
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):

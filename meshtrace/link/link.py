@@ -13,7 +13,8 @@ from meshtrace.link.physics import Physics, Whitecaps
 from meshtrace.link.receivers import AnyAperture, Aperture, IrradiancePlanes, Receiver
 from meshtrace.link.sources import AnySource, Led, Source, WaterSource
 from meshtrace.models import Model
-from meshtrace.optics.bubbles import AnyBubbles, HallNovarini
+from meshtrace.optics.bubble_base import AnyBubbles
+from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.optics.water import Water
 from meshtrace.registry import Family
 

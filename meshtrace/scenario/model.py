@@ -10,6 +10,7 @@ from pydantic import field_validator
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Described, Refused, require_keys, require_kind
+from meshtrace.fading.resolving import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Model
@@ -83,7 +84,7 @@ class Scenario(Model, frozen=True):
         Parameters
         ----------
         path : path
-            TOML file; a mesh file that it names is looked for beside it.
+            TOML file; paths of mesh files are relative to its folder.
         changes : mapping of str to value, optional
             Values that replace those of the file, by dotted key such as "transmitter.depth".
 
@@ -147,26 +148,30 @@ class Scenario(Model, frozen=True):
         -----
         `physics="paper"` also sets the published forms that lie outside `Physics`, where they are
         not given: `cdf_coef` of a Fournier-Forand phase function; psi, q and depth of the
-        bubbles; whitecaps "paper_0255". The estimator is "forced" unless given, or "analog" for
-        a link that forced detection cannot follow.
+        bubbles; whitecaps "paper_0255"; equally spaced bands of the sea. The estimator is "forced"
+        unless given, or "analog" for a link that forced detection cannot follow.
+
+        `fading = true` in [run] stands for `omega_max = "fading"` in [sea], and that for the
+        spectrum, spreading and slope variance of Elfouhaily unless the table names others.
         """
         require_keys(config, KEYS)
         wind_speed = parts.read_wind_speed(config)
         sea = as_table(config.get("sea", {}), "sea")
         run = as_table(config.get("run", {}), "run")
+        seas.read_fading(run, sea)
         meshing: Table = {key: sea.pop(key) for key in ("time", "extent", "spacing") if key in sea}
-        surface = seas.read_surface(sea, wind_speed, meshing, Path(folder))
+        printed = config.get("physics") == "paper"
+        surface = seas.read_surface(sea, wind_speed, meshing, Path(folder), printed)
         link = parts.read_link(config, wind_speed)
         normals = {"normals": run.pop("normals")} if "normals" in run else {}
+        run = {"estimator": parts.default_estimator(link), **run}
         checked = validated(Meshing, normals, "run")
         return cls(
             wind_speed=wind_speed,
             link=link,
             surface=surface,
             meshing=validated(Meshing, {**checked.model_dump(), **meshing}, "sea"),
-            run=validated(
-                Run, {"estimator": parts.default_estimator(link), **run}, "run", run_keys()
-            ),
+            run=validated(Run, run, "run", (*run_keys(), "fading")),
             detector=parts.read_detector(config["detector"]) if "detector" in config else None,
             uav=parts.read_uav(config["uav"]) if "uav" in config else None,
         )
@@ -191,7 +196,7 @@ class Scenario(Model, frozen=True):
         """
         if not isinstance(provenance, Mapping) or not {"run", "link"} <= provenance.keys():
             raise Refused("provenance", provenance, "a table with run, link and surface")
-        options = provenance["run"]
+        options: Table = provenance["run"]
         link = Link.model_validate(provenance["link"])
         surface = seas.surface_from_provenance(provenance)
         estimator = Estimator.member(options["estimator"])
@@ -244,16 +249,17 @@ class Scenario(Model, frozen=True):
             If a mesh file cannot be read or does not cover the link, or the mesh would fill the
             memory.
         """
+        origin, footprint = {}, self.link.footprint()
         if surface is not None:
-            return Case(self.link, surface, self.run, self.meshing)
-        footprint = self.link.footprint()
-        if isinstance(self.surface, MeshFile):
+            surface = resolve_band(self.link, surface)
+        elif isinstance(self.surface, MeshFile):
             needed = footprint.fine_extent + max(map(abs, footprint.center))
-            mesh = self.surface.load(self.meshing.extent or needed)
+            surface = self.surface.load(self.meshing.extent or needed)
             origin = {"mesh_file": self.surface.file}
-            return Case(self.link, mesh, self.run, self.meshing, origin)
-        seas.require_modest(self.surface, footprint, self.meshing)
-        return Case(self.link, self.surface, self.run, self.meshing)
+        else:
+            surface = sea = resolve_band(self.link, self.surface)
+            seas.require_modest(sea, footprint, self.meshing)
+        return Case(self.link, surface, self.run, self.meshing, origin)
 
     def mesh(self) -> TriangleMesh:
         """Return the surface as the run needs it.

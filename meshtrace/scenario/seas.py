@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from meshtrace.errors import Described, Refused, did_you_mean
+from meshtrace.fading.resolving import FADING
 from meshtrace.link import Footprint, Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Model
@@ -25,6 +26,8 @@ MOST_FACTORS = 50_000_000
 """Waves times grid lines, at some 50 B each, beyond which a run is refused."""
 
 _SEA_ALIASES = {"sinusoidal": "sinusoid", "tilted-plane": "plane"}
+_SHORT_WAVES = "elfouhaily"  # spectrum, spreading and slopes of a sea that makes light fade
+_FETCH = 30e3  # of that sea, as of the JONSWAP sea [m]
 _SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "time", "extent", "spacing")
 
 
@@ -68,27 +71,50 @@ class MeshFile(Model, frozen=True):
             raise Refused("sea.mesh", problem, allowed) from error
 
 
-def read_surface(table: Table, wind_speed: float, sampling: Mapping[str, Any], folder: Path) -> Any:
-    """Return the surface of [sea], of which `sampling` has been taken out."""
+def read_fading(run: Table, sea: Table) -> None:
+    """Move `fading` of [run] to `omega_max` of [sea]."""
+    fading = run.pop("fading", False)
+    if not isinstance(fading, bool):
+        raise Refused("run.fading", fading, "true or false")
+    if fading and "mesh" in sea:
+        raise Refused("run.fading", fading, "a sea model")
+    if fading and sea.setdefault("omega_max", FADING) != FADING:
+        raise Refused("sea.omega_max", sea["omega_max"], f'"{FADING}" with run.fading = true')
+
+
+def read_surface(
+    table: Table, wind_speed: float, sampling: Mapping[str, Any], folder: Path, printed: bool
+) -> Any:
+    """Return the surface of [sea], of which `sampling` has been taken out.
+
+    `printed` has the equally spaced bands of the paper unless the table names others.
+    """
     if "mesh" in table:
         return _mesh_file(table, sampling, folder)
     from meshtrace.surfaces import FlatSea, Surface
 
     if "part" in table:
-        return _sum(table, wind_speed, folder)
+        return _sum(table, wind_speed, folder, printed)
+    if table.get("omega_max") == FADING and table.get("spectrum", _SHORT_WAVES) == _SHORT_WAVES:
+        known = {"spectrum": _SHORT_WAVES, "spreading": _SHORT_WAVES, "mss": _SHORT_WAVES}
+        table = {**known, "fetch": _FETCH, **table}
+
     word = table.pop("spectrum", table.pop("kind", "jonswap"))
     model = Surface.member("spectral") if isinstance(word, Mapping) else _named(word)
     keys, calm = _SEA_KEYS, False
     if not issubclass(model, Surface) or isinstance(word, Mapping):
         table, keys, calm = _with_spectrum(word, table, wind_speed)
         model = Surface.member("spectral")
-    elif "wind_speed" in model.model_fields:
+    elif _follows_wind(model):
         table, calm = _driven(table, wind_speed)
+    if printed and "band" in model.model_fields:
+        banded: Any = model
+        table = {"band": banded.equally_spaced_band(table), **table}
     surface = validated(model, table, "sea", keys)
     return FlatSea() if calm else surface
 
 
-def _sum(table: Table, wind_speed: float, folder: Path) -> Any:
+def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:
     """Return the sum of the seas of [[sea.part]]."""
     from meshtrace.surfaces import SumSea
 
@@ -98,12 +124,18 @@ def _sum(table: Table, wind_speed: float, folder: Path) -> Any:
     seas = []
     for i, part in enumerate(parts):
         try:
-            seas.append(read_surface(as_table(part, "sea"), wind_speed, {}, folder))
+            seas.append(read_surface(as_table(part, "sea"), wind_speed, {}, folder, printed))
         except Refused as error:
             own = error.field.removeprefix("sea").removeprefix(".")
             refused = Refused(own, error.value, error.allowed, error.hint)
             raise refused.inside("sea", "part", i) from None
     return validated(SumSea, {**table, "parts": tuple(seas)}, "sea", ("part", *_SEA_KEYS))
+
+
+def _follows_wind(model: Any) -> bool:
+    """Return whether the waves of a sea follow the wind; those of a measured one do not."""
+    field = model.model_fields.get("wind_speed")
+    return field is not None and field.default is not None
 
 
 def _named(word: Any) -> type[Family]:
@@ -195,11 +227,14 @@ def surface_config(surface: SurfaceModel | MeshFile, wind_speed: float) -> Table
     kind = config.pop("kind")
     if isinstance(surface, SumSea):
         parts = [surface_config(part, wind_speed) for part in surface.parts]
-        return {"part": parts, "seed": config["seed"]}
+        del config["parts"]
+        return {**config, "part": parts}
     if kind == "spectral":
         config["spectrum"] = without_shared_wind(config["spectrum"], wind_speed)
         return config
-    return {"spectrum": kind, **without_shared_wind(config, wind_speed)}
+    if _follows_wind(type(surface)):
+        config = without_shared_wind(config, wind_speed)
+    return {"spectrum": kind, **config}
 
 
 def require_modest(surface: SurfaceModel, footprint: Footprint, meshing: Meshing) -> None:

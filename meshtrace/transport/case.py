@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from meshtrace.errors import Described, Refused, require_keys, require_kind
+from meshtrace.fading.resolving import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.transport.options import Meshing, Run, run_keys
@@ -56,7 +57,8 @@ def resolve(link: Link | HasCase, surface: SurfaceModel | TriangleMesh | None = 
     Raises
     ------
     Refused
-        If one of them is something else.
+        If one of them is something else, or a sea with `omega_max="fading"` has no closed form
+        over the link (`fading.resolve_band`).
     """
     if isinstance(link, HasCase):
         return link.case(surface)
@@ -67,4 +69,4 @@ def resolve(link: Link | HasCase, surface: SurfaceModel | TriangleMesh | None = 
 
         wind_speed = DEFAULT_WIND_SPEED if link.wind_speed is None else link.wind_speed
         surface = sea_in_wind(wind_speed)
-    return Case(link, surface)
+    return Case(link, resolve_band(link, surface))
