@@ -72,8 +72,7 @@ def _hits(intersector: Intersector, origins: ArrayLike, directions: ArrayLike) -
         if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
             raise Refused(name, Described(f"shape {array.shape}"), "finite (n, 3)")
     if o.shape != d.shape:
-        shape = Described(f"shape {d.shape}")
-        raise Refused("directions", shape, f"that of origins {o.shape}")
+        raise Refused("directions", Described(f"shape {d.shape}"), f"that of origins, {o.shape}")
     facet = intersector.facets(o.astype(np.float32), d.astype(np.float32))
     mesh = intersector.mesh
     triangles = Triangles(mesh.vertices, mesh.faces, mesh.face_normals)

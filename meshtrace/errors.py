@@ -94,7 +94,9 @@ class Refused(ValueError):
 
 
 def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:
-    """Refuse all but certain keys."""
+    """Refuse all but tables with certain keys."""
+    if not isinstance(table, Mapping):
+        raise Refused(path, Described(type(table).__name__), "a table")
     for key, value in table.items():
         if key not in keys:
             hint = f"no such key, {did_you_mean(key, keys)}".rstrip()
@@ -128,7 +130,7 @@ def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> ND
     import numpy as np
 
     try:
-        return np.ascontiguousarray(value, dtype)
+        return np.asarray(value, dtype, order="C")
     except (TypeError, ValueError, OverflowError) as error:
         raise Refused(path, value, allowed) from error
 
@@ -141,16 +143,37 @@ def require_finite(value: Any, path: str, allowed: str) -> NDArray[Any]:
     return array.reshape(-1)
 
 
+def require_between(value: Any, low: float, high: float, path: str) -> float:
+    """Return a number between two, these excluded; refuse any other value."""
+    allowed = f"{low:g} < {path} < {high:g}"
+    number = require_real(value, path, allowed)
+    if not low < number < high:
+        raise Refused(path, value, allowed)
+    return number
+
+
+def require_real(value: Any, path: str, allowed: str) -> float:
+    """Return a number as float; refuse any other value but nan."""
+    try:
+        if isinstance(value, str | bytes | bool) or getattr(value, "ndim", False):
+            raise TypeError
+        return float(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise Refused(path, value, allowed) from error
+
+
+def require_seed(value: Any) -> None:
+    """Refuse all but keys of random numbers."""
+    try:
+        require_whole(value, 0, 2**64 - 1, "seed")
+    except Refused as error:
+        raise Refused("seed", error.value, "an integer 0 <= seed < 2^64") from None
+
+
 def require_all(values: NDArray[Any], good: Any, path: str, allowed: str) -> None:
     """Refuse an array by the first of its values that is not good."""
     if not good.all():
         raise Refused(path, values[~good].flat[0], allowed)
-
-
-def require_between(value: Any, low: float, high: float, path: str) -> None:
-    """Refuse all but numbers between two, these excluded."""
-    if not is_number(value) or not low < value < high:
-        raise Refused(path, value, f"{low:g} < {path} < {high:g}")
 
 
 def require_number(value: Any, path: str) -> None:

@@ -16,7 +16,7 @@ from meshtrace.models import Floats
 if TYPE_CHECKING:
     import trimesh
 
-_FARTHEST = 1e6  # [m]: single precision and integers of bins hold such coordinates
+FARTHEST = 1e6  # [m]: single precision and integers of bins hold such coordinates
 
 
 @runtime_checkable
@@ -195,8 +195,8 @@ class TriangleMesh:
         vertices = _array(self.vertices, "vertices", "(n >= 3, 3)", 3)
         faces = _array(self.faces, "faces", "(m >= 1, 3)", 1, None)
         largest = float(np.abs(vertices).max())  # nan and inf are refused, too
-        if not largest <= _FARTHEST:
-            raise Refused("mesh.vertices", largest, f"coordinates within {_FARTHEST:g} m")
+        if not largest <= FARTHEST:
+            raise Refused("mesh.vertices", largest, f"coordinates within {FARTHEST:g} m")
         low, high = faces.min(), faces.max()
         if faces.dtype.kind not in "iu" or low < 0 or high >= len(vertices):
             kind = Described(f"{faces.dtype} {low}..{high}")

@@ -11,7 +11,14 @@ import pydantic
 from numpy.typing import NDArray
 from pydantic import Field
 
-from meshtrace.errors import MISSING, Refused, did_you_mean, require_keys, require_number
+from meshtrace.errors import (
+    MISSING,
+    Refused,
+    did_you_mean,
+    require_keys,
+    require_kind,
+    require_number,
+)
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -27,6 +34,7 @@ _WORDS = {
     "mapping_type": "a table",
     "dict_type": "a table",
     "model_type": "a table",
+    "model_attributes_type": "a table",
     "string_type": "a text",
     "bool": "true or false",
     "float": "a number",
@@ -92,6 +100,7 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid"):
         Traceback (most recent call last):
         meshtrace.errors.Refused: receiver.hieght: 10.0, no such key, did you mean height? ...
         """
+        require_kind(path, str, "path")
         fields = {name: getattr(self, name) for name in self.model_fields_set}
         for key, new in ({**({} if path is None else {path: value}), **updates}).items():
             head, *rest = key.split(".")
@@ -170,6 +179,8 @@ def _refuse(cls: type[pydantic.BaseModel], error: pydantic.ValidationError) -> N
         allowed = _range(cls, path, context)
     elif kind == "too_short":
         allowed = f"at least {context['min_length']} of them"
+    elif kind == "too_long":
+        allowed = f"at most {context['max_length']} of them"
     else:
         words = _WORDS.get(kind) or _WORDS.get(kind.partition("_")[0])
         allowed = words or str(own or first["msg"].removeprefix("Input should be "))
@@ -186,6 +197,8 @@ def _range(cls: type[pydantic.BaseModel], path: list[int | str], context: dict[s
         field = getattr(model, "model_fields", {}).get(key)
         if field is not None:
             model, name = field.annotation, str(key)
+            if type(None) in get_args(model):  # a part, or none
+                model = next(part for part in get_args(model) if part is not type(None))
             found = {key: getattr(part, key) for part in field.metadata for key in _BOUNDS
                      if getattr(part, key, None) is not None}  # fmt: skip
             bounds = found if context.items() <= found.items() else context

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused, require_array, require_real
 
 Floats = NDArray[np.float64]
 
@@ -25,8 +25,9 @@ class Range(NamedTuple):
 
     def check(self, value: float) -> float:
         """Return `value` unchanged; raise `Refused` outside of the interval."""
-        inside = self.low < value <= self.high or (self.closed and value == self.low)
-        if inside and math.isfinite(value):
+        number = require_real(value, self.name, str(self))
+        inside = self.low < number <= self.high or (self.closed and number == self.low)
+        if inside and math.isfinite(number):
             return value
         raise Refused(self.name, value, str(self))
 
@@ -58,9 +59,20 @@ Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 def finite_array(name: str, value: ArrayLike, minimum: float = -math.inf) -> Floats:
     """Return `value` as float64; raise `Refused` if not finite or below `minimum`."""
-    array = np.asarray(value, dtype=np.float64)
+    allowed = f"{Range(name, minimum, closed=minimum > -math.inf)}, all finite"
+    array = require_array(value, name, allowed)
     wrong = array[~(np.isfinite(array) & (array >= minimum))]
     if wrong.size:
-        allowed = Range(name, minimum, closed=minimum > -math.inf)
-        raise Refused(name, float(wrong[0]), f"{allowed}, all finite")
+        raise Refused(name, float(wrong[0]), allowed)
     return array
+
+
+def points(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+    """Return the coordinates of points as float64, broadcast; raise `Refused` if they cannot."""
+    found = finite_array("x", x), finite_array("y", y)
+    try:
+        px, py = np.broadcast_arrays(*found)
+    except ValueError as error:
+        shapes = Described(f"shape {found[1].shape}")
+        raise Refused("y", shapes, f"one that fits that of x, {found[0].shape}") from error
+    return px, py

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from meshtrace.errors import Refused
+from meshtrace.errors import MISSING, Refused
 
 from .random_seas import JonswapSea, SpectralSea
 from .sequence import MeshSequence
@@ -38,8 +38,8 @@ def sea_from_config(config: Mapping[str, Any]) -> Surface | MeshSequence:
     >>> sea_from_config({"kind": "flat", "height": 0.1})
     FlatSea(height=0.1, kind='flat')
     """
-    if "kind" not in config:
-        raise Refused("kind", "missing", ", ".join(Surface.registered))
+    if not isinstance(config, Mapping) or "kind" not in config:
+        raise Refused("kind", MISSING, ", ".join(Surface.registered))
     if config["kind"] == "meshes":
         return MeshSequence.model_validate(config)
     found: Surface = Surface.read(config)

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from meshtrace.errors import require_between
+
 from .dispersion import GRAVITY, angular_frequency
 from .parameters import Floats
 from .spectra import Spectrum
@@ -56,6 +58,7 @@ class SlopeSpectrum(NamedTuple):
         k = np.geomspace(low, SHORTEST, _WAVENUMBERS)
         omega = angular_frequency(k, depth, capillary)
         if omega_max is not None:
+            require_between(omega_max, 0.0, math.inf, "omega_max")
             k = np.geomspace(low, np.interp(omega_max, omega, k), _WAVENUMBERS)
             omega = angular_frequency(k, depth, capillary)
         weight = np.full(len(k), math.log(k[1] / k[0]))

@@ -9,11 +9,12 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.errors import Refused, require_finite
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.registry import Family
 
 from .gridding import grid_axis
-from .parameters import TIME, Finite, Floats, finite_array
+from .parameters import TIME, Finite, Floats, finite_array, points
 from .triangulate import height_field, mesh_of_sheet
 
 
@@ -73,6 +74,7 @@ class Surface(Family, ABC, frozen=True):
         z, sx, sy : ndarray, shape (nx, ny)
             Elevation [m] and slopes at (x_axis[i], y_axis[j]).
         """
+        x_axis, y_axis = finite_array("x_axis", x_axis), finite_array("y_axis", y_axis)
         x, y = np.meshgrid(x_axis, y_axis, indexing="ij")
         return self.elevation(x, y, time), *self.slopes(x, y, time)
 
@@ -142,6 +144,8 @@ class Surface(Family, ABC, frozen=True):
         (25, 3)
         """
         lines = extent, spacing, fine_extent, coarse_spacing
+        if len(require_finite(center, "center", "two coordinates [m]")) != 2:
+            raise Refused("center", center, "two coordinates [m]")
         x_axis, y_axis = (grid_axis(middle, *lines) for middle in center)
         return mesh_of_sheet(*self.sheet(x_axis, y_axis, time), self.unresolved_slopes(spacing))
 
@@ -181,7 +185,7 @@ class _Plane(Surface, frozen=True):
         """Return z [m]; see `Surface.elevation`."""
         TIME.check(time)
         slope_x, slope_y = self.gradient
-        x, y = finite_array("x", x), finite_array("y", y)
+        x, y = points(x, y)
         return np.asarray(self.height + slope_x * x + slope_y * y)
 
     def slopes(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> tuple[Floats, Floats]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused, one_line
+from meshtrace.errors import Described, Refused, one_line, require_array
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes, vertex_normals
 
 from .parameters import Floats, Range
@@ -212,8 +212,8 @@ def read_mesh(source: Any) -> tuple[Floats, NDArray[np.int64]]:
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         allowed = "trimesh.Trimesh, a path, (vertices, faces) or (x, y, z)"
         raise Refused("source", Described(type(source).__name__), allowed)
-    vertices = np.array(pair[0], dtype=np.float64)
-    faces = np.array(pair[1])
+    vertices = require_array(pair[0], "source", "vertices (n, 3) and faces (m, 3)")
+    faces = require_array(pair[1], "source", "vertices (n, 3) and faces (m, 3)", None)
     if vertices.size == 0 or faces.size == 0:
         raise Refused("source", Described("empty"), "a surface of one or more facets")
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:

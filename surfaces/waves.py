@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.kernels.jit import allocating_entry
 
-from .parameters import Floats, finite_array
+from .parameters import Floats, points
 
 _BLOCK = 2**20
 _GRIDS_KEPT = 4
@@ -74,7 +74,7 @@ def _sum(
     time: float,
 ) -> list[Floats]:
     """Sum weighted cosines or sines of the phase at every point, in blocks that fit the cache."""
-    x, y = np.broadcast_arrays(finite_array("x", x), finite_array("y", y))
+    x, y = points(x, y)
     px, py = x.reshape(-1, 1), y.reshape(-1, 1)
     at_origin = waves.omega * time + waves.phase
     sums = np.empty((len(px), weights.shape[1]))

@@ -249,7 +249,7 @@ def resolved_sea(
         `gain` of `new_sea`, which has seconds and facets; `seconds_per_realization` of an ensemble
         with as many chains, its `facets`, and `direct_seconds` of the unscattered light alone.
     """
-    threads = threads or os.cpu_count() or 1
+    threads = default_threads(threads)
     gain = new_sea(link, sea, rtol, rounds, threads)
     reach, chains = crossing_reach(link), gain["chains"]
     mesh, _ = mesh_for(link, sea, reach=reach, per_wave=FADING_SPACING)

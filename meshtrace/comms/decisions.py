@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_array
 from meshtrace.models import Floats
 
 
@@ -19,11 +19,12 @@ class Decision(NamedTuple):
     threshold: Floats
 
 
-def non_negative(name: str, value: ArrayLike) -> Floats:
-    """Return `value` as an array of finite numbers >= 0, or refuse it by name."""
-    array = np.asarray(value, dtype=float)
-    if not np.all(np.isfinite(array) & (array >= 0.0)):
-        raise Refused(name, value, "finite numbers >= 0")
+def non_negative(name: str, value: ArrayLike, most: float = math.inf) -> Floats:
+    """Return `value` as an array of finite numbers from 0 to `most`, or refuse it by name."""
+    allowed = "finite numbers >= 0" if math.isinf(most) else f"numbers from 0 to {most:g}"
+    array = require_array(value, name, allowed)
+    if not np.all(np.isfinite(array) & (array >= 0.0) & (array <= most)):
+        raise Refused(name, value, allowed)
     return array
 
 

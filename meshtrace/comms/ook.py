@@ -19,7 +19,14 @@ from meshtrace.comms.decisions import non_negative, pattern_decision
 from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia
 from meshtrace.comms.pulses import Eye, PulseFilters
 from meshtrace.comms.receivers import ReceiverModel
-from meshtrace.errors import Refused, require_between, require_word
+from meshtrace.errors import (
+    Refused,
+    require_between,
+    require_kind,
+    require_real,
+    require_whole,
+    require_word,
+)
 from meshtrace.link import Link, WaterAperture
 from meshtrace.models import Floats, Model, NonNegative
 
@@ -27,6 +34,7 @@ Preset = Literal["physical", "paper", "paper-ranges"]
 
 _BLOCK = 256
 _NEGLIGIBLE_CURSOR = 1e-9
+_MOST_POWER = 1e9  # [W]
 
 
 class OokLink(Model, frozen=True):
@@ -179,6 +187,7 @@ class OokLink(Model, frozen=True):
         >>> OokLink.of_link(Link(transmitter=Led(power_mw=50.0)), bit_rate=5e6).led.power
         0.05
         """
+        require_kind(link, Link, "link")
         if len(link.receivers) != 1:
             raise Refused("receiver", f"{len(link.receivers)} apertures", "one aperture")
         aperture: Any = link.receivers[0]
@@ -202,6 +211,7 @@ class OokLink(Model, frozen=True):
         link : Link
             The link; returned unchanged unless `calibration` is "paper-ranges".
         """
+        require_kind(link, Link, "link")
         factor, water = self.absorption_factor, link.water
         if factor == 1.0:
             return link
@@ -266,7 +276,7 @@ class OokLink(Model, frozen=True):
         power : array_like
             Optical power on the SiPM [W], any shape.
         """
-        light = self.sipm.count_rate(non_negative("power", power), self.led.wavelength)
+        light = self.sipm.count_rate(non_negative("power", power, _MOST_POWER), self.led.wavelength)
         dark = self.sipm.dark_count_rate + self.background_rate
         low, high = (level + dark for level in self.led.levels(light))
         if not self.saturation:
@@ -295,6 +305,9 @@ class OokLink(Model, frozen=True):
             Mean [s-1] and variance [s-2], shape of `power` with a last axis over `patterns`; the
             two patterns 0 and 1 for the models without intersymbol interference.
         """
+        allowed = "0 < phase <= 1"
+        if not 0.0 < require_real(phase, "phase", allowed) <= 1.0:
+            raise Refused("phase", phase, allowed)
         return self.receiver.moments(self, power, phase)
 
     def ber(self, power: ArrayLike) -> Floats:
@@ -316,7 +329,7 @@ class OokLink(Model, frozen=True):
         Refused
             If a power is negative or not finite.
         """
-        p = non_negative("power", power)
+        p = non_negative("power", power, _MOST_POWER)
         flat = p.ravel()
         out = np.full(flat.shape, 0.5)
         lit = np.flatnonzero(flat > 0.0)
@@ -344,8 +357,7 @@ class OokLink(Model, frozen=True):
         Refused
             If the power is not positive and finite.
         """
-        if not 0.0 < power < math.inf:
-            raise Refused("power", power, "0 < power W")
+        power = require_between(power, 0.0, _MOST_POWER, "power")
         return float(self.receiver.decide(self, np.array([power])).threshold[0])
 
     def required_power(self, ber: float) -> float:
@@ -366,8 +378,7 @@ class OokLink(Model, frozen=True):
         Refused
             If the target is outside of its range.
         """
-        require_between(ber, 0.0, 0.5, "ber")
-        return _required_power(self, ber)
+        return _required_power(self, require_between(ber, 0.0, 0.5, "ber"))
 
     def overload_power(self, ber: float) -> float:
         """Return the highest optical power on the SiPM that still reaches a bit error rate.
@@ -410,8 +421,8 @@ class OokLink(Model, frozen=True):
         """
         if not self.receiver.has_pulses:
             raise Refused("model", self.model, "a model with pulses, as W, A, CP, PC")
-        if not 0.0 < power < math.inf:
-            raise Refused("power", power, "0 < power W")
+        power = require_between(power, 0.0, _MOST_POWER, "power")
+        require_whole(points, 1, 10_000, "points")
         bits = self.patterns()
         phases = np.arange(1, points + 1) / points
         moments = [self.moments(power, float(phase)) for phase in phases]

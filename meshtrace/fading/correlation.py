@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.fading.gains import (
     FloatArray,
     check_bootstrap,
@@ -61,8 +61,7 @@ def autocorrelation(
     """
     g, noise = checked(gain, gain_stderr)
     max_lag = g.size // 2 if max_lag is None else max_lag
-    if not 0 <= max_lag < g.size:
-        raise Refused("max_lag", max_lag, f"0 <= max_lag <= {g.size - 1}")
+    require_whole(max_lag, 0, g.size - 1, "max_lag")
     x = g / g.mean()
     share = float(noise.mean()) / float(g.mean()) ** 2
     variance = float(x.var()) - share
@@ -293,6 +292,5 @@ def _first_crossing(rho: FloatArray) -> FloatArray:
 def series_block(block: int | None, g: FloatArray) -> int:
     """Return the length of the blocks of a series, `block_length` if none is given."""
     block = block_length(g) if block is None else block
-    if not 1 <= block <= max(1, g.size // 2):
-        raise ValueError(f"block: {block}, allowed 1 <= block <= n / 2 = {g.size // 2}")
+    require_whole(block, 1, max(1, g.size // 2), "block")
     return block

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.errors import Refused, require_whole
 from meshtrace.fading.gains import (
     FloatArray,
     Reference,
@@ -119,7 +120,12 @@ def gain_pdf(
     1.0
     """
     g = remove_noise(gain, gain_stderr)
-    count, edges = np.histogram(g / g.mean(), bins=bins)
+    if not isinstance(bins, str):
+        require_whole(bins, 1, 10**7, "bins")
+    try:
+        count, edges = np.histogram(g / g.mean(), bins=bins)
+    except ValueError as error:
+        raise Refused("bins", bins, "a number, or a rule as auto, fd, doane") from error
     edges = edges * g.mean()
     share, width = count / g.size, np.diff(edges)
     return Histogram(edges, share / width, np.sqrt(share * (1.0 - share) / g.size) / width)

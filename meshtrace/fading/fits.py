@@ -9,8 +9,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Described, Refused
-from meshtrace.fading.gains import FloatArray, remove_noise
+from meshtrace.errors import Described, Refused, require_seed, require_whole, require_word
+from meshtrace.fading.gains import MOST_RESAMPLES, FloatArray, remove_noise
 
 Model = Literal["lognormal", "gamma-gamma"]
 
@@ -223,10 +223,9 @@ def goodness_of_fit(
     >>> goodness_of_fit("lognormal", g).p_value > 0.05
     True
     """
-    if model not in ("lognormal", "gamma-gamma"):
-        raise Refused("model", model, "'lognormal', 'gamma-gamma'")
-    if resamples < 1:
-        raise Refused("resamples", resamples, "resamples >= 1")
+    require_word(model, ("lognormal", "gamma-gamma"), "model")
+    require_whole(resamples, 1, MOST_RESAMPLES, "resamples")
+    require_seed(seed)
     from scipy import stats
 
     from meshtrace.fading.laws import gamma_gamma

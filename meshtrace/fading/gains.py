@@ -8,18 +8,27 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_array,
+    require_between,
+    require_real,
+    require_whole,
+    require_word,
+)
 
 FloatArray = NDArray[np.float64]
 Reference = Literal["mean", "median", "absolute"]
 
 # With fewer replicates all may lie on one side of the estimate, and BCa divides by zero.
 FEWEST_RESAMPLES = 50
+MOST_RESAMPLES = 10**6
 
 
 def checked_gain(gain: ArrayLike) -> FloatArray:
     """Return the gains as an array of two or more, not all 0."""
-    g = np.asarray(gain, dtype=np.float64)
+    g = require_array(gain, "gain", "(n,) with n >= 2")
     if g.ndim != 1 or g.size < 2:
         raise Refused("gain", Described(f"shape {g.shape}"), "(n,) with n >= 2")
     _check_values("gain", g)
@@ -33,7 +42,7 @@ def checked(gain: ArrayLike, gain_stderr: ArrayLike | None) -> tuple[FloatArray,
     g = checked_gain(gain)
     if gain_stderr is None:
         return g, np.zeros_like(g)
-    stderr = np.asarray(gain_stderr, dtype=np.float64)
+    stderr = require_array(gain_stderr, "gain_stderr", f"() or {g.shape}")
     if stderr.shape not in ((), g.shape):
         raise Refused("gain_stderr", Described(f"shape {stderr.shape}"), f"() or {g.shape}")
     stderr = np.broadcast_to(stderr, g.shape)
@@ -49,7 +58,7 @@ def _check_values(name: str, values: FloatArray) -> None:
 
 def checked_step(time: ArrayLike, n: int) -> float:
     """Return the time step [s] of equally spaced times."""
-    t = np.asarray(time, dtype=np.float64)
+    t = require_array(time, "time", f"({n},), one time [s] per gain")
     if t.shape != (n,):
         raise Refused("time", Described(f"shape {t.shape}"), f"({n},), one time [s] per gain")
     if not np.isfinite(t).all():
@@ -64,33 +73,30 @@ def checked_step(time: ArrayLike, n: int) -> float:
 
 def check_bootstrap(confidence: float, resamples: int = FEWEST_RESAMPLES) -> None:
     """Raise `Refused` for a confidence or a number of replicates out of range."""
-    if not 0.0 < confidence < 1.0:
-        raise Refused("confidence", confidence, "0 < confidence < 1")
-    if resamples < FEWEST_RESAMPLES:
-        raise Refused("resamples", resamples, f"resamples >= {FEWEST_RESAMPLES}")
+    require_between(confidence, 0.0, 1.0, "confidence")
+    require_whole(resamples, FEWEST_RESAMPLES, MOST_RESAMPLES, "resamples")
 
 
 def check_effective(n_effective: float | None, n: int) -> float:
     """Return the number of independent samples, by default n."""
     if n_effective is None:
         return float(n)
-    if not 1.0 <= n_effective <= n:
-        raise Refused("n_effective", n_effective, f"1 <= n_effective <= {n}")
-    return n_effective
+    allowed = f"1 <= n_effective <= {n}"
+    number = require_real(n_effective, "n_effective", allowed)
+    if not 1.0 <= number <= n:
+        raise Refused("n_effective", n_effective, allowed)
+    return number
 
 
 def check_block(block: int, n: int) -> None:
     """Raise `Refused` for a block length of the bootstrap out of range."""
-    if not 1 <= block <= n // 2:
-        raise Refused("block", block, f"1 <= block <= n / 2 = {n // 2}")
+    require_whole(block, 1, n // 2, "block")
 
 
 def level_of(gain: FloatArray, threshold: float, relative_to: Reference) -> float:
     """Return the threshold as a gain."""
-    if not (math.isfinite(threshold) and threshold > 0.0):
-        raise Refused("threshold", threshold, "finite > 0")
-    if relative_to not in ("mean", "median", "absolute"):
-        raise Refused("relative_to", relative_to, "'mean', 'median', 'absolute'")
+    threshold = require_between(threshold, 0.0, math.inf, "threshold")
+    require_word(relative_to, ("mean", "median", "absolute"), "relative_to")
     if relative_to == "absolute":
         return threshold
     return threshold * float(gain.mean() if relative_to == "mean" else np.median(gain))

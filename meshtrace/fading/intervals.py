@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from meshtrace.errors import require_seed
 from meshtrace.fading.gains import FloatArray
 
 
@@ -24,6 +25,7 @@ class Estimate(NamedTuple):
 
 def block_means(columns: Iterable[FloatArray], block: int, resamples: int, seed: int) -> FloatArray:
     """Return the means (p, resamples) of p columns (n,) over the same random moving blocks."""
+    require_seed(seed)
     rng = np.random.default_rng(seed)
     starts = None
     means = []

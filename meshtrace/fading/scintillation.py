@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.errors import require_seed
 from meshtrace.fading.gains import FloatArray, check_block, check_bootstrap, checked
 from meshtrace.fading.intervals import Estimate, block_interval, block_means
 
@@ -94,6 +95,7 @@ def _scintillation(g: FloatArray, noise: FloatArray, axis: int = -1) -> FloatArr
 def _accelerated_interval(
     value: float, g: FloatArray, noise: FloatArray, confidence: float, resamples: int, seed: int
 ) -> Estimate:
+    require_seed(seed)
     from scipy import stats
 
     interval = stats.bootstrap(

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused, require_array, require_between
 
 _DISTANCES = 130
 _AZIMUTHS = 24  # Gauss nodes in a quadrant
@@ -101,8 +101,8 @@ def scintillation_of_spectrum(
     >>> round(scintillation_of_spectrum(mt.Link(), sea), 2)
     0.32
     """
-    if omega_max is not None and not (math.isfinite(omega_max) and omega_max > 0.0):
-        raise Refused("omega_max", omega_max, "a frequency > 0 rad/s, or None")
+    if omega_max is not None:
+        require_between(omega_max, 0.0, math.inf, "omega_max")
     _require_spectrum(sea)
     lever, spectrum = paraxial_lever(link), sea.slope_spectrum(omega_max)
     missing = _missing_slopes(sea, omega_max) if tilts else (0.0, 0.0)
@@ -137,7 +137,7 @@ def gain_autocovariance(link: Any, sea: Any, lags: ArrayLike) -> Floats:
     Refused
         As `scintillation_of_spectrum`, or if a lag is not finite.
     """
-    tau = np.asarray(lags, dtype=float)
+    tau = require_array(lags, "lags", "finite times [s]")
     if not np.isfinite(tau).all():
         raise Refused("lags", lags, "finite times [s]")
     _require_spectrum(sea)
@@ -150,6 +150,8 @@ def gain_autocovariance(link: Any, sea: Any, lags: ArrayLike) -> Floats:
 
 def paraxial_lever(link: Any) -> Lever:
     """Return the paraxial geometry of a link on its axis."""
+    if not hasattr(link, "transmitters"):
+        raise Refused("link", Described(type(link).__name__), "a Link")
     if len(link.transmitters) != 1 or not hasattr(link.transmitters[0], "depth"):
         raise Refused("transmitter", link.transmitter, "one source under water")
     if len(link.receivers) != 1 or not hasattr(link.receivers[0], "height"):

@@ -9,7 +9,7 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_array, require_real, require_whole
 from meshtrace.fading.correlation import (
     autocorrelation,
     block_length,
@@ -26,6 +26,7 @@ from meshtrace.fading.fits import (
     goodness_of_fit,
 )
 from meshtrace.fading.gains import (
+    MOST_RESAMPLES,
     FloatArray,
     Reference,
     check_bootstrap,
@@ -119,15 +120,15 @@ def fading_statistics(
     (300, 0.01, ['lognormal', 'gamma-gamma'])
     """
     g, variance = checked(gain, gain_stderr)
-    if not (math.isfinite(common_stderr) and common_stderr >= 0.0):
+    noise_of_all = require_real(common_stderr, "common_stderr", "finite >= 0")
+    if not 0.0 <= noise_of_all < math.inf:
         raise Refused("common_stderr", common_stderr, "finite >= 0")
-    if test_resamples < 0:
-        raise Refused("test_resamples", test_resamples, "test_resamples >= 0")
+    require_whole(test_resamples, 0, MOST_RESAMPLES, "test_resamples")
     check_bootstrap(confidence, resamples)
     stderr = np.sqrt(variance) if variance.any() else None
     noise, spread = float(variance.mean()), float(g.var(ddof=1))
     fades = np.ptp(g) > 0.0 and spread * (g.size - 1) / g.size > noise
-    levels = tuple(float(threshold) for threshold in thresholds)
+    levels = tuple(require_array(thresholds, "thresholds", "numbers > 0").ravel().tolist())
     boot: _Boot = {"confidence": confidence, "resamples": resamples, "seed": seed}
     n_effective, block = float(g.size), 1
     series: _Series = {}

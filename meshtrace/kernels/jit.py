@@ -91,8 +91,10 @@ class KernelCache(FunctionCache):
         return str(folder())
 
     def files(self) -> list[Path]:
-        """Return the files of the saved overloads."""
-        return list(folder().glob(f"{self._prefix}*{_SUFFIX}"))
+        """Return the files of the saved overloads; none in a folder that cannot be read."""
+        with contextlib.suppress(OSError):
+            return list(folder().glob(f"{self._prefix}*{_SUFFIX}"))
+        return []
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the saved overload of a signature; None if there is none, or a damaged one."""

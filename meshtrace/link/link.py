@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_kind
 from meshtrace.link.physics import Physics, Whitecaps
 from meshtrace.link.receivers import AnyAperture, Aperture, IrradiancePlanes, Receiver
 from meshtrace.link.sources import AnySource, Led, Source, WaterSource
@@ -282,6 +282,7 @@ class Link(Model, frozen=True):
 
 def in_wind(link: Link, wind_speed: float) -> Link:
     """Return a link with the whitecaps and bubbles of a wind, see `Link.in_wind`."""
+    require_kind(link, Link, "link")
     return link.in_wind(wind_speed)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, SerializeAsAny
 
-from meshtrace.errors import Refused, require_all
+from meshtrace.errors import Refused, require_all, require_array, require_between, require_real
 from meshtrace.models import Floats
 from meshtrace.registry import Family
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 # Depth of the layer in e-folding depths: `BubblePopulation.profile` ends there.
 LAYER = 12.0
+_MOST_NODES = 10**7
 # Highest crest [m] to which a population is continued upwards with depth="mean_level".
 HIGHEST = 20.0
 
@@ -50,7 +51,7 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         """Return the phase function of the population, the same at all depths."""
 
     def _checked(self, depth: ArrayLike) -> Floats:
-        values = np.asarray(depth, dtype=np.float64)
+        values = require_array(depth, "depth", "finite depths [m]")
         lowest = -HIGHEST if self.depth == "mean_level" else 0.0
         good = np.isfinite(values) & (values >= lowest)
         require_all(values, good, "depth", f"finite depth >= {lowest:g} m")
@@ -124,13 +125,16 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         >>> round(float(cumulative[1000]), 7)
         0.0989773
         """
-        if not (0.0 < dz < math.inf):
-            raise Refused("dz", dz, "finite dz > 0 m")
-        if not max_depth > 0.0:
+        dz = require_between(dz, 0.0, math.inf, "dz")
+        if not require_real(max_depth, "max_depth", "max_depth > 0 m") > 0.0:
             raise Refused("max_depth", max_depth, "max_depth > 0 m")
         highest = HIGHEST if self.depth == "mean_level" else 0.0
-        if not 0.0 <= crest <= highest:
-            raise Refused("crest", crest, f"0 <= crest <= {highest:g} m")
+        allowed = f"0 <= crest <= {highest:g} m"
+        if not 0.0 <= require_real(crest, "crest", allowed) <= highest:
+            raise Refused("crest", crest, allowed)
+        most = min(max_depth, LAYER * self.e_folding) + crest
+        if most / dz > _MOST_NODES:
+            raise Refused("dz", dz, f"at most {_MOST_NODES} nodes over {most:g} m")
         cells = math.ceil((min(max_depth, LAYER * self.e_folding) + crest) / dz)
         depth = dz * np.arange(cells + 1, dtype=np.float64) - crest
         steps = integrate(self.b, depth[:-1], depth[1:], 16)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, field_validator, model_validator
 
-from meshtrace.errors import Refused, require_all
+from meshtrace.errors import Refused, require_all, require_array, require_whole
 from meshtrace.models import Floats
 from meshtrace.optics.bubble_base import BubblePopulation
 from meshtrace.optics.mie import MieTable, cached_table, population_table
@@ -25,6 +25,7 @@ R_REF, R_REF_SLOPE = 54.4e-6, 1.984e-6  # m, m per m of depth
 KAPPA, KAPPA_DEPTH = 4.37, 2.55  # 1, m
 E_FOLDING, E_FOLDING_SLOPE, E_FOLDING_WIND = 0.4, 0.115, 7.5  # m, s, m s-1
 
+_MOST_NODES = 10**7
 # Sizes and node sets of the phase table, see `compute_bubble_phase`.
 SIZES, ROTATIONS = 6144, 32
 
@@ -187,7 +188,7 @@ class HallNovarini(BubblePopulation, frozen=True):
             If a depth is not allowed or a radius is not positive and finite.
         """
         z = self._checked(depth)
-        radius = np.asarray(r, dtype=np.float64)
+        radius = require_array(r, "r", "finite r > 0 m")
         require_all(radius, np.isfinite(radius) & (radius > 0.0), "r", "finite r > 0 m")
         ratio = radius / _r_ref(z)
         present = (radius >= self.r_min) & (radius <= self.r_max)
@@ -297,8 +298,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         >>> float(HallNovarini(wind_speed=5.0).equal_area_radii(1)[0].round(7))
         1.9e-05
         """
-        if count < 1:
-            raise Refused("count", count, "count >= 1")
+        require_whole(count, 1, _MOST_NODES, "count")
         z = self._checked(depth)
         r_ref, power = float(_r_ref(z)), 3.0 - float(_kappa(z))
         low, high = self.r_min / r_ref, self.r_max / r_ref

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, SerializeAsAny
 
-from meshtrace.errors import Described, Refused, require_all
+from meshtrace.errors import Described, Refused, require_all, require_array
 from meshtrace.kernels.phase import PhaseTables
 from meshtrace.models import Floats
 from meshtrace.optics.phase_tables import (
@@ -107,7 +107,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
         Refused
             If a u lies outside [0, 1).
         """
-        u = np.asarray(u, dtype=np.float64)
+        u = require_array(u, "u", "0 <= u < 1")
         require_all(u, (u >= 0.0) & (u < 1.0), "u", "0 <= u < 1")
         return 2.0 * np.arcsin(np.sqrt(sample_s(self.tables(), u)))
 
@@ -183,7 +183,7 @@ AnyPhase = Annotated[SerializeAsAny[PhaseFunction], BeforeValidator(PhaseFunctio
 
 def s_of(theta: ArrayLike) -> Floats:
     """Return sin^2(theta / 2) of checked angles."""
-    theta = np.asarray(theta, dtype=np.float64)
+    theta = require_array(theta, "theta", "0 <= theta <= pi rad")
     good = (theta >= 0.0) & (theta <= np.pi)
     require_all(theta, good, "theta", "0 <= theta <= pi rad")
     return np.sin(0.5 * theta) ** 2

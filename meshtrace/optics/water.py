@@ -11,7 +11,7 @@ import pydantic
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from meshtrace.errors import Described, Refused, did_you_mean, require_all
+from meshtrace.errors import Described, Refused, did_you_mean, require_all, require_array
 from meshtrace.models import Floats, Model, NonNegative
 from meshtrace.optics.phase import AnyPhase, FournierForand, Petzold, Rayleigh
 
@@ -133,7 +133,7 @@ class Water(Model, frozen=True):
         >>> [float(x) for x in water.profile(5.0)]
         [0.1, 0.30000000000000004]
         """
-        depth = np.asarray(depth, dtype=np.float64)
+        depth = require_array(depth, "depth", "depths [m]")
         nodes, a, b = np.array(self.layers or [(0.0, self.a, self.b)]).T
         return np.interp(depth, nodes, a), np.interp(depth, nodes, b)
 

@@ -286,11 +286,11 @@ def bound_where_dark(gain: Values, photons: int) -> Values | None:
     """Return the upper bound 3 / n of analog gains at 95 % confidence, None if all are known.
 
     An event that none of n independent trials shows has a probability below 3 / n (rule of three);
-    a photon brings a weight of at most 1.
+    a photon brings a weight of at most 1, and no gain is above 1.
     """
     gains = np.atleast_1d(gain)
     dark = ~(gains > 0.0)
-    return like(gain, np.where(dark, 3.0 / photons, np.nan)) if dark.any() else None
+    return like(gain, np.where(dark, min(3.0 / photons, 1.0), np.nan)) if dark.any() else None
 
 
 def _heading(provenance: dict[str, Any]) -> list[str]:
@@ -324,16 +324,18 @@ def merge(results: Sequence[GainResult]) -> GainResult:
     Refused
         If the configurations differ, photon ids overlap, or a run is not analog.
     """
-    if not results:
-        raise Refused("results", Described("empty"), "at least one")
+    if not isinstance(results, Sequence) or not results:
+        raise Refused("results", results, "a list of one or more GainResult")
+    for i, r in enumerate(results):
+        if not isinstance(r, GainResult):
+            raise Refused(f"results[{i}]", Described(type(r).__name__), "a GainResult")
+        if r.provenance["run"]["estimator"] != "analog":
+            raise Refused(f"results[{i}]", Described("a forced result"), "analog runs")
+        if _identity(r) != _identity(results[0]):
+            found = Described("configurations differ")
+            raise Refused(f"results[{i}]", found, "runs of one configuration")
     results = sorted(results, key=_ranges)
     first = results[0]
-    for r in results:
-        if r.provenance["run"]["estimator"] != "analog":
-            raise Refused("results", Described("a forced result"), "analog runs")
-        if _identity(r) != _identity(first):
-            different = Described("configurations differ")
-            raise Refused("results", different, "runs of one configuration")
     ranges = sorted(span for r in results for span in _ranges(r))
     if any(a[1] > b[0] for a, b in pairwise(ranges)):
         raise Refused("results", Described("photon ids overlap"), "disjoint runs")

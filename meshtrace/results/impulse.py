@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
@@ -9,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import constants
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused, require_between, require_finite, require_whole
 from meshtrace.models import Floats
 from meshtrace.results.gain import GainResult
 from meshtrace.results.variables import StoredArrays, Variable
 from meshtrace.stored import SHIFTS
 
+_MOST_BINS = 10**7
 SPEED_OF_LIGHT = constants.c
 """Speed of light in vacuum [m s-1] (exact)."""
 
@@ -76,7 +78,7 @@ class ImpulseResponse(StoredArrays):
         """Return H(f) = sum w exp(-2 pi i f t) / sum w at frequencies [Hz]; H(0) = 1."""
         sums = [
             (self.weight * np.exp(-2j * np.pi * f * self.delay)).sum()
-            for f in np.atleast_1d(np.asarray(frequency, dtype=float))
+            for f in require_finite(frequency, "frequency", "finite frequencies [Hz]")
         ]
         return np.array(sums, complex) / self.weight.sum()
 
@@ -112,11 +114,12 @@ def impulse_response(
     photon ids modulo 32). The phase index stands for the group index, which is some 3 %
     larger in sea water; it is common to all arrivals.
     """
-    arrivals = result.arrivals
+    arrivals = getattr(result, "arrivals", None)
     if arrivals is None:
-        raise Refused("result", "no arrivals", "one of simulate(..., record=[Arrivals()])")
-    if not bin_width > 0.0:
-        raise Refused("bin_width", bin_width, "> 0 s")
+        found = Described("no arrivals")
+        raise Refused("result", found, "a result of simulate(..., record=[Arrivals()])")
+    bin_width = require_between(bin_width, 0.0, math.inf, "bin_width")
+    require_whole(receiver, 0, 2**31, "receiver")
     mine = arrivals.receiver == receiver
     if not mine.any():
         raise Refused("receiver", receiver, "a receiver where light arrived")
@@ -126,6 +129,10 @@ def impulse_response(
     weight, group = arrivals.weight[mine], arrivals.group[mine]
     first = float(time.min())
     delay = time - first
+    longest = float(delay.max())
+    if not longest / bin_width < _MOST_BINS:
+        allowed = f"at most {_MOST_BINS} bins over {longest:.3g} s"
+        raise Refused("bin_width", bin_width, allowed)
     by_group, moments = _by_group(delay, weight, group, bin_width)
     mean, spread = _delays(moments.mean(axis=0))
     others = (moments.sum(axis=0) - moments) / (SHIFTS - 1)  # jackknife: all groups but one

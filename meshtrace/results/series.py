@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_whole
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
 from meshtrace.stored import Stored
@@ -95,8 +95,7 @@ class GainSeries(Stored):
         from meshtrace.fading import fading_statistics
 
         n, n_receivers = self.gains.shape
-        if not 0 <= receiver < n_receivers:
-            raise Refused("receiver", receiver, f"0 <= receiver < {n_receivers}")
+        require_whole(receiver, 0, n_receivers - 1, "receiver")
         gain, common = self.gains[:, receiver], float(self.mean_stderrs[receiver])
         stderr = self.gain_stderr.reshape(n, -1)[:, receiver]
         noise = float(np.mean(stderr**2))

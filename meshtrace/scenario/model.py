@@ -9,7 +9,7 @@ from typing import Any, Self
 from pydantic import field_validator
 
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Described, Refused, require_keys
+from meshtrace.errors import Described, Refused, require_keys, require_kind
 from meshtrace.fading.resolving import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -123,6 +123,7 @@ class Scenario(Model, frozen=True):
         Refused
             If the text is not TOML or a value is not allowed.
         """
+        require_kind(changes, Mapping, "changes")
         try:
             config = parse_toml(text)
             for key, value in (changes or {}).items():
@@ -193,6 +194,8 @@ class Scenario(Model, frozen=True):
         -----
         The number of threads, on which no result depends, is not taken over.
         """
+        if not isinstance(provenance, Mapping) or not {"run", "link"} <= provenance.keys():
+            raise Refused("provenance", provenance, "a table with run, link and surface")
         options: Table = provenance["run"]
         link = Link.model_validate(provenance["link"])
         surface = seas.surface_from_provenance(provenance)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.bvh import Intersector
+from meshtrace.bvh import EmbreeIntersector, Intersector
 from meshtrace.kernels import photon as kernel
 from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.interface import Interface
@@ -24,7 +24,7 @@ from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Apertures, Fate, Tallies
 from meshtrace.kernels.vectors import UP, Vec3
-from meshtrace.link import IrradiancePlanes, Link
+from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
@@ -36,6 +36,7 @@ from meshtrace.transport.arrays import (
     surface_arrays,
     with_raster,
 )
+from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 from meshtrace.transport.options import BLOCK, Analog, IrradianceMap, Record, read_records
 
 _SLOTS = 8192  # photons under way in a thread: their state stays in the cache
@@ -106,8 +107,9 @@ class Sums:
 
 
 class Setup(NamedTuple):
-    """Everything that the chunks of one run share."""
+    """Everything that the chunks of one run share, in local coordinates but for the map."""
 
+    frame: Frame
     intersector: Intersector
     seed: int
     sources: Sources
@@ -116,7 +118,8 @@ class Setup(NamedTuple):
     apertures: Apertures
     interface: Interface
     limits: kernel.Limits
-    planes: IrradiancePlanes | None
+    planes: NDArray[np.float64]  # heights
+    radiance_bins: tuple[int, int]
     map: IrradianceMap | None
     arrivals: bool
     recorder: kernel.Recorder
@@ -124,8 +127,7 @@ class Setup(NamedTuple):
     @property
     def n_scores(self) -> int:
         """Scores of a photon: one for each aperture, four for each plane."""
-        planes = len(self.planes.depths) if self.planes else 0
-        return len(self.apertures.radius) + N_PLANE_SCORES * planes
+        return len(self.apertures.radius) + N_PLANE_SCORES * len(self.planes)
 
 
 def run_analog(
@@ -175,7 +177,10 @@ def run_analog(
     """
     records = read_records(record, options)
     options = options_over(intersector.mesh, options)
-    setup = _setup(link, intersector, seed, normals, options, first_scored)
+    frame = frame_of(link)
+    if frame != IDENTITY:
+        intersector = EmbreeIntersector(frame.mesh(intersector.mesh), threads)
+    setup = _setup(link, frame, intersector, seed, normals, options, first_scored)
     setup = setup._replace(
         map=records.get("irradiance-map"),  # type: ignore[arg-type]
         arrivals="arrivals" in records,
@@ -189,6 +194,8 @@ def run_analog(
         sums.add(n, tallies)
         if progress is not None:
             progress(n)
+    if setup.frame != IDENTITY:
+        setup.recorder.vertex[:] = setup.frame.metres(setup.recorder.vertex)
     return sums
 
 
@@ -200,6 +207,8 @@ def _chunk(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
         tallies = _tallies(setup, last - first, room)
         _follow(setup, first, last, tallies)
         if not setup.arrivals or int(tallies.n_arrivals[0]) <= room:
+            tallies.arrivals["water"] *= setup.frame.unit
+            tallies.arrivals["air"] *= setup.frame.unit
             return last - first, tallies
         room = int(tallies.n_arrivals[0])
 
@@ -235,36 +244,41 @@ def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
 
 def _setup(
     link: Link,
+    frame: Frame,
     intersector: Intersector,
     seed: int,
     normals: str,
     options: Analog,
     first_scored: int,
 ) -> Setup:
-    """Return what the chunks share, without records."""
+    """Return what the chunks share, without records; the intersector is that of the frame."""
     surface = surface_arrays(intersector.mesh, normals, link.physics.unresolved)
     crest = float(surface.high[2])
-    sources = source_arrays(link, crest + 1e-3)
+    sources = frame.sources(source_arrays(link, frame.unit * (crest + 1e-3)))
     roulette, survival = options.roulette, 0.0
     if roulette is None and link.physics.absorption == "paper":
         roulette, survival = 1e-3, 0.1  # the paper ends no photon in water (E13)
     if roulette is None:
         roulette = 1e-3
         if sources.in_water.all() and link.planes is None:
-            depth = max(-z for z in sources.position[:, 2])
+            depth = frame.unit * max(-z for z in sources.position[:, 2])
             roulette = 0.5 * math.exp(-min(link.water.a * depth, 600.0))
+    medium = frame.medium(medium_arrays(link, frame.unit * crest))
+    planes = link.planes
     return Setup(
+        frame=frame,
         intersector=intersector,
         seed=seed,
         sources=sources,
         surface=surface,
-        medium=with_raster(medium_arrays(link, crest), intersector),
-        apertures=aperture_arrays(link),
+        medium=with_raster(medium, intersector),
+        apertures=frame.apertures(aperture_arrays(link)),
         interface=interface_arrays(link),
         limits=kernel.Limits(
             roulette, survival, options.max_events, options.max_surface_events, first_scored
         ),
-        planes=link.planes,
+        planes=-np.array(planes.depths if planes else ()) / frame.unit,
+        radiance_bins=(planes.n_cosines, planes.n_azimuths) if planes else (0, 1),
         map=None,
         arrivals=False,
         recorder=new_recorder(0, 0),
@@ -282,21 +296,19 @@ def new_recorder(photons: int, vertices: int) -> kernel.Recorder:
 
 
 def _tallies(setup: Setup, photons: int, room: int = 0) -> Tallies:
-    planes, grid = setup.planes, setup.map
-    depths = np.array(planes.depths if planes else ())
-    bins = (planes.n_cosines, planes.n_azimuths) if planes else (0, 1)
+    planes, grid, frame = setup.planes, setup.map, setup.frame
     n_cells = grid.n if grid else 0
     return Tallies(
         score=np.zeros((photons, setup.n_scores)),
         ledger=np.zeros(len(Fate), np.int64),
         n_photons=np.zeros(len(Fate), np.int64),
         misses=np.zeros(len(kernel.Miss), np.int64),
-        planes=-depths,
-        radiance=np.zeros((SHIFTS, len(depths), *bins), np.int64),
-        map_z=grid.height if grid else 0.0,
-        map_x=-grid.extent if grid else 0.0,
-        map_y=-grid.extent if grid else 0.0,
-        map_step=grid.step if grid else 1.0,
+        planes=planes,
+        radiance=np.zeros((SHIFTS, len(planes), *setup.radiance_bins), np.int64),
+        map_z=grid.height / frame.unit if grid else 0.0,
+        map_x=(-grid.extent - frame.x) / frame.unit if grid else 0.0,
+        map_y=(-grid.extent - frame.y) / frame.unit if grid else 0.0,
+        map_step=grid.step / frame.unit if grid else 1.0,
         map_axis=Vec3(*grid.axis) if grid else UP,
         map_cos=max(math.cos(math.radians(grid.fov_deg) / 2.0), 1e-12) if grid else 0.0,
         map=np.zeros((n_cells, n_cells), np.int64),

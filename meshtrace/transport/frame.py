@@ -12,9 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.errors import Described, Refused
 from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.sources import Sources
+from meshtrace.kernels.tally import Apertures
 from meshtrace.link import Link
-from meshtrace.mesh import TriangleMesh
+from meshtrace.mesh import FARTHEST, TriangleMesh
 
 
 class Frame(NamedTuple):
@@ -36,7 +39,24 @@ class Frame(NamedTuple):
         """Return a mesh in local coordinates; normals stay."""
         if self == IDENTITY:
             return mesh
-        return replace(mesh, vertices=self.points(mesh.vertices))
+        local = self.points(mesh.vertices)
+        largest = float(np.abs(local).max())
+        if largest > FARTHEST:
+            far = Described(f"reaches {self.unit * largest:.3g} m from the link")
+            raise Refused("mesh", far, f"at most {self.unit * FARTHEST:.3g} m for its size")
+        return replace(mesh, vertices=local)
+
+    def sources(self, sources: Sources) -> Sources:
+        """Return sources in local coordinates."""
+        return sources._replace(
+            position=self.points(sources.position), size=sources.size / self.unit
+        )
+
+    def apertures(self, apertures: Apertures) -> Apertures:
+        """Return apertures in local coordinates."""
+        return apertures._replace(
+            center=self.points(apertures.center), radius=apertures.radius / self.unit
+        )
 
     def medium(self, medium: Medium) -> Medium:
         """Return water without a raster with coefficients per unit of length."""

@@ -26,6 +26,7 @@ With random slopes beyond the waves it is 0.5 % of a gain.
 _MOST_FACETS = 8e6
 _ASIDE = 5.0  # [m], beyond which the forced estimator has fine facets at the crossings alone
 _MOST_LIT = 2e6
+_MOST_CELLS = 1e9  # along a side: counted, not made
 
 
 def mesh_for(
@@ -127,10 +128,11 @@ def _require_size(f: Footprint, meshing: Meshing) -> None:
     """Refuse a mesh of more facets than memory and time allow, before it is made."""
     fine = meshing.spacing or f.spacing
     if meshing.extent is not None:
-        facets = 2.0 * (2.0 * meshing.extent / fine) ** 2
+        facets = 2.0 * min(2.0 * meshing.extent / fine, _MOST_CELLS) ** 2
     else:
         coarse = max(f.coarse_spacing, fine)
-        facets = 8.0 * ((f.fine_extent / fine) ** 2 + (f.extent / coarse) ** 2)
+        cells = (min(f.fine_extent / fine, _MOST_CELLS), min(f.extent / coarse, _MOST_CELLS))
+        facets = 8.0 * (cells[0] ** 2 + cells[1] ** 2)
     if facets > _MOST_FACETS:
         size = Described(f"{facets / 1e6:.3g} million facets, some {facets * 250e-9:.2g} GB")
         allowed = f"at most {_MOST_FACETS / 1e6:g} million facets; larger spacing or smaller extent"

@@ -42,6 +42,7 @@ from meshtrace.transport.outcome import (
 )
 from meshtrace.transport.paths import PhotonPaths, received_paths, record_paths
 
+_MOST_VERTICES = 2 * 10**7  # of all paths: 640 MB
 _Evaluate = Callable[[Run], GainResult]
 
 
@@ -322,6 +323,7 @@ def trace_paths(
     PhotonPaths
     """
     require_whole(n, 1, 100_000, "n")
+    require_whole(max_vertices, 2, _MOST_VERTICES // n, "max_vertices")
     given = {} if seed is None else {"seed": seed}
     case = resolve(link, surface).with_options(mesh, **given, **options)
     made, _ = mesh_for(case.link, case.surface, case.meshing)

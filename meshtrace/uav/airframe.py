@@ -13,7 +13,14 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Described, Refused, require_between, require_kind, require_word
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_array,
+    require_between,
+    require_kind,
+    require_word,
+)
 from meshtrace.models import Floats, Model, Positive
 from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, squared_wind_moments
 from meshtrace.uav.wind import Dryden
@@ -97,7 +104,9 @@ class Uav(Model, frozen=True):
         Tilt
             Angle and azimuth (...) [rad]; zeros behind a gimbal.
         """
-        v = np.asarray(wind, dtype=float)
+        v = require_array(wind, "wind", "wind vectors (..., 3) [m/s]")
+        if v.ndim == 0 or v.shape[-1] != 3:
+            raise Refused("wind", Described(f"shape {v.shape}"), "wind vectors (..., 3) [m/s]")
         if self.gimbal:
             return Tilt(np.zeros(v.shape[:-1]), np.zeros(v.shape[:-1]))
         angle = np.arctan(self.tilt_coefficient * np.sum(v * v, axis=-1))
@@ -120,6 +129,7 @@ class Uav(Model, frozen=True):
         FlightRecord
             Times, wind and tilt.
         """
+        require_kind(wind, Dryden, "wind")
         record = wind.simulate_wind(times, seed)
         return FlightRecord(np.asarray(times, dtype=float), record, self.tilt(record))
 
@@ -146,6 +156,7 @@ class Uav(Model, frozen=True):
         Refused
             If the tilt does not vary (gimbal or calm), or `law` is not one of the two names.
         """
+        require_kind(wind, Dryden, "wind")
         require_word(law, ("exact", "gamma"), "law")
         if self.gimbal or not np.all(wind.std > 0.0):
             raise Refused("tilt_law", Described("constant tilt"), "no gimbal, a wind with gusts")

@@ -9,7 +9,14 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Refused, require_word
+from meshtrace.errors import (
+    Refused,
+    require_array,
+    require_finite,
+    require_seed,
+    require_whole,
+    require_word,
+)
 from meshtrace.models import Floats, Model
 
 FOOT = 0.3048  # [m]
@@ -184,7 +191,7 @@ class Dryden(Model, frozen=True):
         ndarray
             Autocovariance [m2 s-2], shape of `lag` with a last axis of 3 (x, y, z).
         """
-        x = np.abs(np.asarray(lag, dtype=float))[..., None] / self.correlation_times
+        x = np.abs(require_array(lag, "lag", "times [s]"))[..., None] / self.correlation_times
         return self.std**2 * np.exp(-x) * (1.0 - 0.5 * x * np.array([0.0, 1.0, 1.0]))
 
     def sample_wind(self, size: int, seed: int) -> Floats:
@@ -202,6 +209,8 @@ class Dryden(Model, frozen=True):
         ndarray
             Wind vectors (n, 3) [m s-1].
         """
+        require_whole(size, 1, 10**8, "size")
+        require_seed(seed)
         noise = np.random.default_rng(seed).standard_normal((size, 3))
         return self.mean_wind + self.std * noise
 
@@ -234,11 +243,12 @@ class Dryden(Model, frozen=True):
         record starts in the stationary state, so variance and autocorrelation hold at the samples
         for any time step. The gains are those for noise of unit two-sided spectrum per hertz.
         """
-        t = np.asarray(times, dtype=float)
+        t = require_finite(times, "times", "two or more evenly spaced times (n,)")
+        require_seed(seed)
         steps = np.diff(t)
         if t.ndim != 1 or t.size < 2 or not np.allclose(steps, steps[:1], rtol=1e-6, atol=0.0):
             raise Refused("times", times, "two or more evenly spaced times (n,)")
-        if not (np.isfinite(steps[0]) and steps[0] > 0.0):
+        if not steps[0] > 0.0:
             raise Refused("times", times, "rising times")
         noise = np.random.default_rng(seed).standard_normal((3, 2, t.size))
         q = float(steps.mean()) / self.correlation_times

@@ -24,6 +24,7 @@ import numpy as np
 
 SEED = 20240229
 HANG = 90.0  # [s] for one input; most kernels are compiled before
+PATIENCE = 300.0  # [s] for a process of its own, which may find no cache of kernels
 START = 400.0  # [s] to compile those
 MEMORY = 6 * 2**30  # [B]
 LONGEST = 1000  # letters of a refusal
@@ -132,9 +133,9 @@ def drill(kind, first, last):
             while True:
                 line = worker.answer(timeout)
                 if line is None:
-                    worker.process.wait(10.0)
+                    worker.process.wait(START)
                     break
-                timeout = HANG
+                timeout = PATIENCE if kind == "environment" else HANG
                 if "input" in line:
                     at, text = line["number"], line["input"]
                 elif line["outcome"] != "ready":

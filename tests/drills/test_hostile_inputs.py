@@ -11,8 +11,8 @@ pytestmark = [pytest.mark.drill, pytest.mark.process]
 
 SMALL = {"links": 40, "arguments": 60, "commands": 25, "meshes": 30, "spectra": 30,
          "results": 30, "stores": 15, "studies": 30, "environment": 3}  # fmt: skip
-LARGE = {"links": 2000, "arguments": 2500, "commands": 1200, "meshes": 1500, "spectra": 1000,
-         "results": 1000, "stores": 200, "studies": 520, "environment": 80}  # fmt: skip
+LARGE = {"links": 1500, "arguments": 3400, "commands": 1000, "meshes": 1200, "spectra": 1000,
+         "results": 1100, "stores": 240, "studies": 520, "environment": 40}  # fmt: skip
 
 
 def check(kind, first, last):

@@ -460,13 +460,16 @@ GOOD = [1.0, 2.0, 1.5, 1.2]
         (lambda: fading.outage(GOOD, 0.5, relative_to="max"), "relative_to: 'max', allowed"),
         (lambda: fading.outage(GOOD, 0.5, n_effective=5.0), "n_effective: 5.0, allowed"),
         (lambda: fading.gain_cdf(GOOD, n_effective=0.0), "n_effective: 0.0, allowed"),
-        (lambda: fading.scintillation_index(GOOD, block=3), "block: 3, allowed: 1 <= block"),
+        (
+            lambda: fading.scintillation_index(GOOD, block=3),
+            "block: 3, allowed: an integer 1 <= block",
+        ),
         (lambda: fading.coherence_time(np.arange(4.0), GOOD, block=0), "block: 0, allowed"),
         (lambda: fading.autocorrelation(GOOD, max_lag=4), "max_lag: 4, allowed"),
         (lambda: fading.autocorrelation(GOOD, 1.0), "gain: variance .* Monte Carlo noise"),
         (lambda: fading.fit_lognormal([0.0, 1.0, 2.0]), "gain: 1 of 3 are 0, allowed: gains > 0"),
         (lambda: fading.fit_gamma_gamma([1.0, 1.0]), "gain: no variance"),
-        (lambda: fading.goodness_of_fit("gamma", GOOD), "model: 'gamma', allowed"),
+        (lambda: fading.goodness_of_fit("gamma", GOOD), "model: .gamma., did you mean gamma-gamma"),
     ],
 )
 def test_bad_input_is_named(call, message):

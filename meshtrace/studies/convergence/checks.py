@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_between
 from meshtrace.models import Floats
 
 Normals = Literal["vertex", "facet"]
@@ -43,9 +43,7 @@ def normal_kinds(normals: Sequence[Normals]) -> tuple[Normals, ...]:
 
 def positive(name: str, value: float) -> float:
     """Return a number that is finite and > 0."""
-    if not (math.isfinite(value) and value > 0.0):
-        raise Refused(name, value, "finite, > 0")
-    return float(value)
+    return require_between(value, 0.0, math.inf, name)
 
 
 def multiple_of(name: str, ratio: float) -> int:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.errors import Refused
+from meshtrace.errors import require_whole
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.results.gain import Fate
@@ -61,8 +61,7 @@ class CommonChains:
         crest: float,
         unresolved: Unresolved = "none",
     ) -> None:
-        if not 0 <= receiver < len(link.receivers):
-            raise Refused("receiver", receiver, f"0..{len(link.receivers) - 1}")
+        require_whole(receiver, 0, len(link.receivers) - 1, "receiver")
         physics = link.physics.model_copy(update={"unresolved": unresolved})
         one = {"receiver": link.receivers[receiver], "physics": physics}
         self.link = link.model_copy(update=one)

@@ -223,6 +223,7 @@ def depth_sweep(
     >>> f"{sweep.range_at_ber()[0, 0, 0]:.0f} m"
     '55 m'
     """
+    require_kind(over, Realizations, "over")
     performances = []
     for speed in wind_speeds:
         at: Link | Scenario

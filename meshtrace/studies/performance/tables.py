@@ -12,7 +12,7 @@ from meshtrace.comms.budget import depth_at
 from meshtrace.comms.capacity import Capacity
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.pulses import Eye
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_between, require_word
 from meshtrace.fading import Estimate
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
@@ -97,6 +97,8 @@ class LinkPerformance(Stored):
         ndarray, shape (depths, bit_rates, 3)
             Value, lower and upper limit.
         """
+        names = [k for k, v in self.figures[0]._asdict().items() if isinstance(v, Estimate)]
+        require_word(name, names, "name")
         flat = np.array([getattr(f, name) for f in self.figures])
         return flat.reshape(len(self.depths), len(self.ooks), 3)
 
@@ -119,9 +121,7 @@ class LinkPerformance(Stored):
         The argument q of BER = Q(q) is interpolated over depth (PCHIP of ln q): it follows the
         gain and is far smoother than the error rate.
         """
-        target = self.limit if ber is None else ber
-        if not 0.0 < target < 0.5:
-            raise Refused("ber", ber, "0 < ber < 0.5")
+        target = require_between(self.limit if ber is None else ber, 0.0, 0.5, "ber")
         curves = self.estimates("ber")
         columns = (curves[:, i, [0, 2, 1]].T for i in range(len(self.ooks)))
         return tuple(Estimate(*(_range(self.depths, b, target) for b in c)) for c in columns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import signal
@@ -203,14 +204,30 @@ def _client(
             client.register_plugin(_leave_interrupts())
             yield client
         return
-    where = {"scheduler_file": scheduler} if scheduler.endswith(".json") else {"address": scheduler}
     try:
-        client = distributed.Client(**where, timeout=timeout, set_as_default=False)
+        address = _address(scheduler, timeout)
+        # a client of a wrong one writes a traceback when it is deleted
+        distributed.comm.get_address_host_port(address, strict=True)
+        client = distributed.Client(address, timeout=timeout, set_as_default=False)
     except (OSError, ValueError) as error:
         problem = Described(f"{scheduler!r}: {one_line(error)}")
         raise Refused("scheduler", problem, "the address of a running dask scheduler") from error
     with client:
         yield client
+
+
+def _address(scheduler: str, timeout: float) -> str:
+    """Return an address, or that in a scheduler's file, which may be written within a time."""
+    if not scheduler.endswith(".json"):
+        return scheduler
+    end = time.monotonic() + timeout
+    while not os.path.isfile(scheduler) and time.monotonic() < end:
+        time.sleep(0.1)
+    with open(scheduler, encoding="utf-8") as file:
+        found = json.load(file)
+    if not isinstance(found, dict) or not isinstance(found.get("address"), str):
+        raise ValueError("no address in the file")
+    return str(found["address"])
 
 
 def _leave_interrupts() -> distributed.WorkerPlugin:
