@@ -63,7 +63,7 @@ def natural_band(omega_p: float, half_range: float) -> Band:
     Notes
     -----
     A JONSWAP sea keeps 96 % of the variance of its elevation in it. Its waves do not focus light
-    within a few metres: a mean gain takes no longer than over the paper's sea.
+    within a few metres, so that a mean gain costs the same as over the paper's sea.
     """
     low = 0.6 * omega_p
     width = low * (2.0 ** (1.0 / PER_OCTAVE) - 1.0)
@@ -105,7 +105,7 @@ def paper_band(wind_speed: float, fetch: float = PAPER_FETCH) -> str:
 
 
 def bin_count(band: Band, log: bool) -> int:
-    """Return the number of frequency bins that cover a band, without making them."""
+    """Return the number of frequency bins of a band without creating them."""
     if log:
         return math.ceil(PER_OCTAVE * math.log2(band.omega_max / band.omega_min) - _NEGLIGIBLE)
     return math.ceil((band.omega_max - band.omega_min) / band.d_omega - _NEGLIGIBLE)
@@ -163,7 +163,7 @@ def lattice(
 
 
 def drawn_waves(edges: Floats, d_theta: float, spectrum: Spectrum, spreading: Spreading) -> Waves:
-    r"""Return one wave of each cell of frequency and direction, at a place drawn within it.
+    r"""Return one wave for each cell of frequency and direction, drawn within the cell.
 
     .. math:: \sigma_{ij}^2 = \int_{\omega_i}^{\omega_{i+1}} S d\omega
         \int_{\theta_j}^{\theta_{j+1}} D(\bar\omega_i, \theta) d\theta

@@ -131,7 +131,7 @@ def with_bound_waves(free: WaveComponents, omega_max: float, most: int) -> WaveC
 
 
 def _largest(bound: WaveComponents) -> np.ndarray:
-    """Return the indices of the waves without which some variance would be missing."""
+    """Return the indices of the waves with a relevant share of some variance."""
     kept = np.zeros(len(bound.amplitude), dtype=bool)
     for power in (0, 2):
         variance = bound.amplitude**2 * (bound.kx**2 + bound.ky**2) ** power

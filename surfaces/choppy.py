@@ -33,7 +33,7 @@ _RARE = 6.0  # standard deviations that no displacement exceeds
 
 
 class Sheet(NamedTuple):
-    """The sheet at some labels: positions and what its area and its slopes follow from.
+    """The sheet at some labels: positions and their derivatives.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class Sheet(NamedTuple):
         return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
     def require_single(self) -> Sheet:
-        """Return the sheet; refuse it where it has passed through itself."""
+        """Return the sheet; refuse a self-intersecting one."""
         area = self.jacobian
         lowest = int(np.argmin(area)) if area.size else 0
         if area.size and not area.flat[lowest] > 0.0:

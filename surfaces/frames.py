@@ -103,7 +103,7 @@ def _reason(name: object, error: Exception) -> Described:
 
 
 def _files(files: list[Path], source: object) -> FileFrames:
-    """Return files in the order of the number that tells their names apart, or of the names."""
+    """Return files in the order of the number that distinguishes their names, or of the names."""
     if not files:
         raise Refused("source", Described(f"no files in {source!r}"), _ALLOWED)
     for file in files:

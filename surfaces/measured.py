@@ -28,7 +28,7 @@ _TAIL_PER_OCTAVE = 16
 
 
 class _Table(NamedTuple):
-    """Variance [m2] over frequency [Hz] and direction that waves travel to [rad from +x]."""
+    """Variance [m2] over frequency [Hz] and direction of travel [rad from +x]."""
 
     freq: Floats
     theta: Floats
@@ -253,7 +253,7 @@ def _warn_of_missing_slopes(table: _Table, wind_speed: float | None, depth: floa
     end = f"the spectrum ends at {table.freq[-1]:.3g} Hz"
     advice = 'give wind_speed with tail="elfouhaily" or with mss="cox-munk"'
     if wind_speed is None:
-        text = f"source: {end}, and light meets no waves beyond it: {advice}"
+        text = f"source: {end}, without any shorter waves: {advice}"
     else:
         alone = MeasuredSea(
             omega=tuple(2.0 * np.pi * table.freq),
@@ -263,7 +263,7 @@ def _warn_of_missing_slopes(table: _Table, wind_speed: float | None, depth: floa
         )
         resolved = sum(components_slope_variance(alone.components))
         missing = 100.0 * max(0.0, 1.0 - resolved / sum(cox_munk(wind_speed)))
-        text = f"source: {end}, beyond which {missing:.0f} % of the slope variance lie: {advice}"
+        text = f"source: {end}, beyond which {missing:.0f} % of the slope variance lies: {advice}"
     warnings.warn(text, DomainWarning, stacklevel=3)
 
 

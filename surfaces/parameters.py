@@ -68,7 +68,7 @@ def finite_array(name: str, value: ArrayLike, minimum: float = -math.inf) -> Flo
 
 
 def points(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
-    """Return the coordinates of points as float64, broadcast; raise `Refused` if they cannot."""
+    """Return the broadcast coordinates of points as float64; raise `Refused` for unequal shapes."""
     found = finite_array("x", x), finite_array("y", y)
     try:
         px, py = np.broadcast_arrays(*found)

@@ -134,7 +134,7 @@ class RandomSea(WaveSurface, frozen=True):
         return self
 
     def with_seed(self, seed: int) -> Self:
-        """Return another realization of the same sea, which shares the grid factors.
+        """Return another realization of the same sea, with shared grid factors.
 
         Parameters
         ----------
@@ -169,7 +169,7 @@ class RandomSea(WaveSurface, frozen=True):
         return getattr(self, "wind_direction_deg", 0.0)
 
     def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
-        """Return the slope variances that a mesh of this spacing [m] leaves out of `mss`.
+        """Return the part of `mss` that a mesh of this spacing [m] does not resolve.
 
         The slopes of a choppy mesh are taken as those of its labels, off by O(mss).
         """
@@ -184,7 +184,7 @@ class RandomSea(WaveSurface, frozen=True):
 
 
 FADING = "fading"
-"""Value of `omega_max` that stands for all waves which make the light of a link fade."""
+"""Value of `omega_max` for a band with the fading of all waves."""
 
 
 def _band_limit(value: Any) -> float | str | None:
@@ -215,7 +215,7 @@ class _BandedSea(RandomSea, frozen=True):
     @model_validator(mode="before")
     @classmethod
     def _read_version_0_1(cls, data: Any) -> Any:
-        """Give seas of version 0.1, whose files hold `jitter` and no band, the band they had."""
+        """Set the band of seas from files of version 0.1, which hold `jitter` and no band."""
         if not isinstance(data, Mapping) or "jitter" not in data or "band" in data:
             return data
         return {**data, "band": cls.equally_spaced_band(data)}
@@ -368,7 +368,7 @@ class JonswapSea(_BandedSea, frozen=True):
         for 5 and 13 m/s, equally spaced. "scaled": `bands.scaled_band`, equally spaced.
     omega_min, omega_max : float, optional
         First and last frequency [rad s-1]; each replaces its value of the band. omega_max
-        "fading" is all waves which make the light of a link fade: `simulate` and the studies
+        "fading" is the band with the fading of all waves: `simulate` and the studies
         replace it by the number for their link, see `fading.resolve_band`.
     d_omega : float, optional
         Distance of frequencies [rad s-1], for equal spacing.

@@ -15,7 +15,7 @@ from .surface import FlatSea, Surface
 
 
 def sea_from_config(config: Mapping[str, Any]) -> Surface | MeshSequence:
-    """Return the sea that its `to_config` described.
+    """Return a sea from the plain data of `to_config`.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def sea_from_config(config: Mapping[str, Any]) -> Surface | MeshSequence:
 
 
 def resolved_sea(wind_speed: float, fetch: float | None = None, seed: int = 0) -> SpectralSea:
-    """Return the sea of a wind with all waves that make light fade.
+    """Return the sea of a wind with the fading of all waves.
 
     Parameters
     ----------

@@ -172,7 +172,7 @@ class MeshSequence(Model, frozen=True):
         fine_extent: float | None = None,
         coarse_spacing: float | None = None,
     ) -> TriangleMesh:
-        """Return the mesh at a time [s]; the frames are taken as they are, whatever the extent.
+        """Return the mesh at a time [s], on the facets of the frames; `extent` has no effect.
 
         Raises
         ------
@@ -205,7 +205,7 @@ class MeshSequence(Model, frozen=True):
         return TriangleMesh(vertices, before.faces, normals, overhangs=True)
 
     def to_config(self) -> dict[str, Any]:
-        """Return source, with whole paths, and options as plain data; see `sea_from_config`."""
+        """Return the source (absolute paths) and options as plain data; see `sea_from_config`."""
         config = self.model_dump(mode="json", exclude_unset=True)
         source = self.source
         whole = (

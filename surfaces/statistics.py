@@ -1,4 +1,4 @@
-"""Statistics of the sea surface: moments, heights, slopes, and the slopes left unresolved."""
+"""Statistics of the sea surface: moments, heights, resolved and unresolved slopes."""
 
 from __future__ import annotations
 
@@ -350,7 +350,7 @@ def real_slope_variance(
 def meshed_slope_variance(
     waves: WaveComponents, spacing: float, wind_direction_deg: float = 0.0
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the slope variances of a wave sum that a triangle mesh keeps.
+    """Return the slope variances of a wave sum on a triangle mesh.
 
     Normals interpolated between corners with exact slopes keep, of the variance of a wave k,
 

@@ -150,7 +150,7 @@ class Surface(Family, ABC, frozen=True):
         return mesh_of_sheet(*self.sheet(x_axis, y_axis, time), self.unresolved_slopes(spacing))
 
     def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
-        """Return the slope variances that a mesh of this spacing [m] leaves out.
+        """Return the slope variances not resolved by a mesh of this spacing [m].
 
         None, the default, refracts light at the mesh alone.
         """

@@ -1,4 +1,4 @@
-"""Triangle meshes from height fields, and from surfaces made elsewhere."""
+"""Triangle meshes from height fields, arrays and mesh files."""
 
 from __future__ import annotations
 
@@ -228,7 +228,7 @@ def read_mesh(source: Any) -> tuple[Floats, NDArray[np.int64]]:
 
 
 def _loaded(path: str | PathLike[str]) -> trimesh.Trimesh:
-    """Read a mesh file; refuse files that its reader fails on."""
+    """Read a mesh file; refuse unreadable files."""
     import trimesh
 
     allowed = "an undamaged STL, PLY or OBJ file"
@@ -260,7 +260,7 @@ def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArra
 
 
 def _merged(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the distinct used vertices, in their first order, and the facets."""
+    """Return the distinct vertices in use, in order of appearance, and the facets."""
     used, corner = np.unique(faces, return_inverse=True)
     vertices = vertices[used]
     if not np.isfinite(vertices).all():
@@ -311,7 +311,7 @@ def _outline(vertices: Floats, faces: NDArray[np.int64], overhangs: bool) -> NDA
 
 
 def _refuse_turned(cross: Floats, forward: NDArray[np.int64]) -> None:
-    """Refuse facets wound against each other, and a surface with the air below."""
+    """Refuse facets of inconsistent winding, and a surface with the air below."""
     against = np.count_nonzero(np.diff(np.sort(forward)) == 0)
     if against:
         found = Described(f"{against} edges between facets of opposite winding")
@@ -350,7 +350,7 @@ def _component_count(n: int, edges: NDArray[np.int64]) -> int:
 
 
 def _refuse_folds(vertices: Floats, outline: NDArray[np.int64], overhangs: bool) -> None:
-    """Refuse an outline that touches itself seen from above, apart from shared vertices.
+    """Refuse an outline with self-contact seen from above, except at shared vertices.
 
     With overhangs it may run over itself, as where a plunging crest is cut by a vertical plane,
     but not across.
@@ -377,7 +377,7 @@ def _refuse_folds(vertices: Floats, outline: NDArray[np.int64], overhangs: bool)
 def _segments_meet(
     p: Floats, q: Floats, r: Floats, s: Floats, least: float = 0.0
 ) -> NDArray[np.bool_]:
-    """Return which segments p-q and r-s in the plane have a point in common.
+    """Return the pairs of segments p-q and r-s in the plane with a common point.
 
     Where `least` > 0, segments that touch or run over each other do not count: the triangles of
     the ends have to be larger than that [m2].
@@ -395,7 +395,7 @@ def _segments_meet(
 
 
 def _refuse_uncovered(segments: Floats, extent: float) -> None:
-    """Refuse an outline, shape (e, 2, 2), that leaves part of the square |x|, |y| <= extent."""
+    """Refuse an outline, shape (e, 2, 2), that does not enclose the square |x|, |y| <= extent."""
     inner = extent * (1.0 - _COVERAGE_TOLERANCE)
     start, step = segments[:, 0], segments[:, 1] - segments[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):

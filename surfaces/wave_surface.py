@@ -170,7 +170,7 @@ class WaveSurface(Surface, frozen=True):
 
 
 def _require_upward(points: Floats, spacing: float) -> None:
-    """Refuse a sheet that is single, but whose facets are too large to face up."""
+    """Refuse a single sheet with facets too large to face up."""
     x, y = points[..., 0], points[..., 1]
     ax, ay, bx, by = np.diff(x, axis=0), np.diff(y, axis=0), np.diff(x), np.diff(y)
     # twice the area of the triangles at each corner of the cells

@@ -20,7 +20,7 @@ _PANEL = 128
 
 
 class WaveComponents(NamedTuple):
-    """Plane waves as plain arrays of one length, fit for compiled code.
+    """Plane waves as plain arrays of one length, for compiled code.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def _real_product(left: NDArray[np.complex128], real: Floats, imag: Floats) -> F
 
 
 class GridFactors:
-    """Everything of a wave sum on a tensor grid that depends on neither time nor phase.
+    """Factors of a wave sum on a tensor grid, independent of time and phase.
 
     z(x_m, y_n) = Re sum_i A_mi w_i B_in, A = exp(-i kx x), B = exp(-i ky y),
     w = a exp(i (omega t + phase))
@@ -158,13 +158,13 @@ class GridFactors:
 
 
 class FactorCache:
-    """The factors of the grids used last, for seas with the same wave vectors."""
+    """Cache of grid factors for seas with the same wave vectors."""
 
     def __init__(self) -> None:
         self._factors: dict[tuple[bytes, bytes], GridFactors] = {}
 
     def get(self, waves: WaveComponents, x_axis: Floats, y_axis: Floats) -> GridFactors:
-        """Return the factors of a grid, computing them the first time."""
+        """Return the factors of a grid, computed on first use."""
         key = x_axis.tobytes(), y_axis.tobytes()
         factors = self._factors.get(key)
         if factors is None:

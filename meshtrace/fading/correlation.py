@@ -120,7 +120,7 @@ def effective_samples(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> 
 
 
 def block_length(gain: ArrayLike) -> int:
-    r"""Return the length of the blocks in which to resample a correlated series.
+    r"""Return the block length for resampling a correlated series.
 
     .. math:: b = 3 \, (2 G^2 / D)^{1/3} n^{1/3}, \quad G = \sum \lambda_k |k| C_k, \quad
               D = \tfrac43 \left(\sum \lambda_k C_k\right)^2
@@ -236,7 +236,7 @@ def coherence_time(
 
     Notes
     -----
-    Below one time step the value is only an upper bound: sample faster. The interval resamples
+    Below one time step the value is only an upper bound: use shorter steps. The interval resamples
     blocks of the lagged products (Künsch's blocks of blocks).
 
     References

@@ -138,7 +138,7 @@ def gain_cdf(
     n_effective: float | None = None,
     confidence: float = 0.95,
 ) -> Distribution:
-    r"""Return the empirical distribution function with a band that holds everywhere at once.
+    r"""Return the empirical distribution function with a simultaneous confidence band.
 
     .. math:: F_n(x) \pm \sqrt{\ln(2 / (1 - \mathrm{confidence})) / (2 n_\mathrm{eff})}
 

@@ -248,7 +248,7 @@ def _fit_sample(gain: ArrayLike, gain_stderr: ArrayLike | None) -> FloatArray:
         zeros = g.size - np.count_nonzero(g)
         raise Refused("gain", Described(f"{zeros} of {g.size} are 0"), "gains > 0 for a fit")
     if np.ptp(g) <= 1e-12 * g.max():
-        found = Described("no variance beside the Monte Carlo noise")
+        found = Described("no variance above the Monte Carlo noise")
         raise Refused("gain", found, "gains that vary")
     return g
 
@@ -258,11 +258,11 @@ def _gamma_gamma_note(known: float, balance: float) -> str:
 
     if known < SAMPLES_TIMES_SI:
         return (
-            f"alpha and beta cannot be told apart: n ln(1 + SI) = {known:.3g}, needed "
-            f"{SAMPLES_TIMES_SI:.0f}; alpha = beta fitted, only their scintillation index counts"
+            f"alpha and beta cannot be separated: n ln(1 + SI) = {known:.3g}, required "
+            f"{SAMPLES_TIMES_SI:.0f}; fitted with alpha = beta, for the scintillation index only"
         )
     if balance > 1.0 - 1e-6:
-        return "alpha = beta is the best of the family; the gains are less skewed than that"
+        return "alpha = beta fits best; the gains are less skewed than any gamma-gamma law"
     if balance < 1.01 * LEAST_BALANCE:
         return "alpha at its limit of 1000 beta: a gamma law of shape beta"
     return ""

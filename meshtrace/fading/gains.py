@@ -103,7 +103,7 @@ def level_of(gain: FloatArray, threshold: float, relative_to: Reference) -> floa
 
 
 def remove_noise(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> FloatArray:
-    r"""Return the gains with their spread freed from the independent Monte Carlo error.
+    r"""Return the gains with the independent Monte Carlo error removed from their spread.
 
     .. math:: \ln g' = \overline{\ln g} + \sqrt{1 - \overline{(s/g)^2} / \mathrm{Var}(\ln g)}
               \; (\ln g - \overline{\ln g}) + \mathrm{const}

@@ -61,7 +61,7 @@ def block_interval(
 
 
 def wilson(probability: float, n: float, confidence: float) -> Estimate:
-    """Return the Wilson limits of a fraction seen in n trials; n need not be whole."""
+    """Return the Wilson limits of a fraction observed in n trials, n not necessarily whole."""
     from scipy import special
 
     z2 = float(special.ndtri(0.5 + 0.5 * confidence)) ** 2
@@ -74,7 +74,7 @@ def wilson(probability: float, n: float, confidence: float) -> Estimate:
 
 
 def poisson_limits(count: float, confidence: float) -> tuple[float, float]:
-    """Return Garwood's limits of the mean of a Poisson number seen once."""
+    """Return Garwood's limits of the mean of a Poisson count observed once."""
     from scipy import special
 
     tail = 0.5 - 0.5 * confidence

@@ -68,7 +68,7 @@ class GammaGamma(stats.rv_continuous):
         return factors if size else float(factors[0])
 
     def fit(self, data: ArrayLike, *args: Any, **kwds: Any) -> tuple[float, float, float, float]:
-        """Return (alpha, beta, 0, mean) of greatest likelihood; see `gamma_gamma_likelihood`."""
+        """Return the maximum-likelihood (alpha, beta, 0, mean); see `gamma_gamma_likelihood`."""
         best = gamma_gamma_likelihood(np.asarray(data, dtype=np.float64))
         return best.alpha, best.beta, 0.0, best.mean
 
@@ -77,7 +77,7 @@ gamma_gamma = GammaGamma(a=0.0, name="gamma_gamma", shapes="alpha, beta")
 
 
 class Likelihood(NamedTuple):
-    """Shapes and mean of greatest likelihood, its logarithm, and the precision of the shapes.
+    """Maximum-likelihood shapes and mean, log-likelihood, and precision of the shapes.
 
     `known` is n ln(1 + SI), which has to reach `SAMPLES_TIMES_SI` to separate the shapes;
     `balance` is 4 alpha beta / (alpha + beta)^2.

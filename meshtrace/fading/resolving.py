@@ -1,4 +1,4 @@
-"""The waves that make the light of a link fade: the band that has to be resolved."""
+"""Band of waves that has to be resolved for the fading of a link."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from meshtrace.errors import Described, Refused
 from meshtrace.fading.spectral import paraxial_lever, scintillation_of_spectrum
 
 FADING = "fading"
-"""Value of `omega_max` of a sea that stands for all waves which make light fade."""
+"""Value of `omega_max` for a band with the fading of all waves."""
 
 WITHIN = 0.03
 """Relative error of the scintillation index up to which a band counts as resolved."""
 
 SHORT = 0.10
-"""Relative error of the scintillation index beyond which a band is warned about."""
+"""Relative error of the scintillation index beyond which a warning is issued."""
 
 _START = 3.5  # k_max times the blur where the search begins
 _STEP = 2.0**0.5
@@ -40,7 +40,7 @@ class BandFading(NamedTuple):
         Scintillation index over all waves, of Elfouhaily's spectrum where the tail of the sea's
         own is no model of short waves (JONSWAP, Pierson and Moskowitz).
     needed : float or None
-        `omega_max` that shows it [rad s-1], if the band leaves out more than a tenth.
+        `omega_max` for the index of all waves [rad s-1], if the band omits more than a tenth of it.
     """
 
     omega_max: float
@@ -49,18 +49,18 @@ class BandFading(NamedTuple):
     needed: float | None = None
 
     def warning(self) -> str | None:
-        """Return the warning of a band that leaves out more than a tenth of the fading."""
+        """Return the warning of a band that omits more than a tenth of the fading."""
         if self.needed is None:
             return None
         return (
-            f"omega_max: {self.omega_max:.3g} rad/s shows a scintillation index of "
-            f"{self.index_of_band:.2g}, all waves {self.index_of_all:.2g}; allowed for fading: "
+            f"omega_max: waves up to {self.omega_max:.3g} rad/s give a scintillation index of "
+            f"{self.index_of_band:.2g}, all waves {self.index_of_all:.2g}; for fading use "
             f"omega_max = {self.needed:.3g} rad/s"
         )
 
 
 def band_fading(link: Any, sea: Any) -> BandFading | None:
-    """Return the closed forms of the fading over the band of a sea, with heights of crests.
+    """Compute the closed forms of the fading over the band of a sea and over all waves.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def band_fading(link: Any, sea: Any) -> BandFading | None:
 
 
 def fading_band(link: Any, sea: Any, within: float = WITHIN) -> float:
-    """Return the smallest `omega_max` that shows the fading of all waves.
+    """Return the smallest `omega_max` with the fading of all waves.
 
     Parameters
     ----------
@@ -142,14 +142,14 @@ def fading_band(link: Any, sea: Any, within: float = WITHIN) -> float:
 
 
 def resolve_band(link: Any, sea: Any) -> Any:
-    """Return a sea whose `omega_max` "fading" is the number for a link; others as they are.
+    """Return a sea with `omega_max="fading"` replaced by the number for a link.
 
     Parameters
     ----------
     link : Link
         The link.
     sea : Surface
-        Any surface.
+        Any surface; one without `omega_max="fading"` is returned unchanged.
 
     Raises
     ------
@@ -189,7 +189,7 @@ class _Inputs:
 
 
 def _key(link: Any, sea: Any) -> tuple[Any, str]:
-    """Return what the closed forms depend on."""
+    """Return the parameters that determine the closed forms, as a key of the cache."""
     view = link.only_receiver.fov_deg if len(link.receivers) == 1 else None
     config = {key: value for key, value in sea.to_config().items() if key != "seed"}
     return (paraxial_lever(link), view), json.dumps(config, sort_keys=True)

@@ -178,7 +178,7 @@ def _require_spectrum(sea: Any) -> None:
 
 
 def _require_view(link: Any, lever: Lever, slope: float) -> None:
-    """Require a field of view that covers the light deflected by waves of an rms slope."""
+    """Require a field of view wide enough for light deflected by waves of an rms slope."""
     receiver = link.receivers[0]
     edge = (3.0 * lever.beta * slope + lever.aperture) / receiver.height
     if math.tan(math.radians(min(receiver.fov_deg, 179.0)) / 2.0) < edge:
@@ -187,7 +187,7 @@ def _require_view(link: Any, lever: Lever, slope: float) -> None:
 
 
 def _missing_slopes(sea: Any, omega_max: float | None) -> tuple[float, float]:
-    """Return the slope variances along and across the wind that a band leaves out."""
+    """Return the slope variances along and across the wind outside a band."""
     if omega_max is None:
         return 0.0, 0.0
     return sea.slopes_beyond(omega_max)

@@ -235,7 +235,7 @@ def _all_fits(
     if not sample.all():
         return (), (), ["some gains are 0: no continuous law fitted"]
     if np.ptp(sample) <= 1e-12 * sample.max():
-        return (), (), ["no variance beside the Monte Carlo noise: no law fitted"]
+        return (), (), ["no variance above the Monte Carlo noise: no law fitted"]
     fits = (fit_lognormal(sample), fit_gamma_gamma(sample, n_effective=n_effective))
     notes = [f"{fit.model}: {fit.note}" for fit in fits if fit.note]
     apart = sample[:: math.ceil(g.size / n_effective)]
@@ -250,11 +250,11 @@ def _all_fits(
 def _noise_notes(g: FloatArray, variance: FloatArray, fades: bool, index: Estimate) -> list[str]:
     notes = []
     if not fades:
-        notes.append("no fading seen beside the Monte Carlo noise")
+        notes.append("no fading above the Monte Carlo noise")
     if index.high < 0.0:
         notes.append(
-            "the gains vary less than independent errors of the stated size would make them: "
-            "what they share (common random numbers) is stated as common_stderr"
+            "the gains scatter less than independent errors of the stated size would: give the "
+            "error common to all gains (common random numbers) as common_stderr"
         )
     blurred = np.count_nonzero(variance > (0.3 * g) ** 2)
     if blurred:
@@ -268,15 +268,15 @@ def _series_notes(
     notes = []
     if n_effective < _FEWEST_EFFECTIVE:
         notes.append(
-            f"the record is worth {n_effective:.2g} independent samples: the scintillation index "
-            f"is low by about {100.0 / n_effective:.0f} %, and the intervals are rough"
+            f"the effective sample size is {n_effective:.2g}: the scintillation index is biased "
+            f"low by about {100.0 / n_effective:.0f} %, and the intervals are approximate"
         )
     if series["coherence_time"].value < series["lag"][1]:
-        notes.append("the coherence time is below one time step: sample faster")
+        notes.append("the coherence time is below one time step: use shorter steps")
     steps = float(np.mean(np.diff(g) ** 2))
     if independent and 2.0 * independent > 0.1 * steps:
         notes.append(
-            f"Monte Carlo noise makes {100.0 * min(1.0, 2.0 * independent / steps):.0f} % of the "
+            f"Monte Carlo noise is {100.0 * min(1.0, 2.0 * independent / steps):.0f} % of the "
             "step-to-step variance: crossing rates are too high, fades too short; use common "
             "random numbers or more photons"
         )

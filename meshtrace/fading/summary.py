@@ -38,7 +38,7 @@ class FadingStatistics(Stored):
     n : int
         Number of gains.
     n_effective : float
-        Number of independent samples they are worth; n for an ensemble.
+        Effective sample size; n for an ensemble.
     block : int
         Block length [samples] of the bootstrap; 1 for an ensemble.
     confidence : float
@@ -103,7 +103,7 @@ class FadingStatistics(Stored):
         return f"{self.n} gains, mean {self.mean:.4e}, scintillation index {index}"
 
     def summary(self) -> str:
-        """Return the statistics as a text for the terminal."""
+        """Return the statistics as text for a terminal."""
         kind = "independent gains" if self.lag is None else "gains of a time series"
         lines = [
             f"Fading of {self.n} {kind} (intervals {100.0 * self.confidence:g} %)",

@@ -58,7 +58,7 @@ _ROOM = 8  # deferred scores and rays that one event may write
 
 
 class Checks(NamedTuple):
-    """Scores that a wave may cut off, and the paths to be checked; every score if `whole`."""
+    """Scores that a wave may block, and the paths to be checked; every score if `whole`."""
 
     whole: bool
     score: NDArray[np.float64]  # (m, 4) path, order, value, way in the water
@@ -67,7 +67,7 @@ class Checks(NamedTuple):
 
 @inlined
 def _is_clear(p, q, d, surface):
-    """Return whether no wave can cut the straight path from p to q along d."""
+    """Return whether no wave can block the straight path from p to q along d."""
     low = surface.low[2]
     if (p.z <= low and q.z <= low) or is_flat(surface):
         return True
@@ -94,7 +94,7 @@ def _gather(paths, i, p, d, value, at, checks, n, rays, world):
 
 @inlined
 def _score(paths, i, order, value, p, q, d, t, lamp, checks, n, rays, world):
-    """Score light that goes from the source to q and on to p, or list it; return (n, rays)."""
+    """Score light from the source via q to p, or list it for a check; return (n, rays)."""
     way = unit(minus(lamp, q))
     here, there = _is_clear(p, q, d, world.surface), _is_clear(q, lamp, way, world.surface)
     if here and there and not checks.whole:
@@ -111,7 +111,7 @@ def _score(paths, i, order, value, p, q, d, t, lamp, checks, n, rays, world):
 
 @inlined
 def _longest(p, d, world):
-    """Return how far a segment can go before it has passed every wave or meets the bottom."""
+    """Return the length of a segment up to the last wave or the bottom."""
     if d.z > 0.0:
         return max((world.surface.high[2] - p.z) / d.z, 0.0)
     if d.z < 0.0 and world.optics.medium.bottom_z > -math.inf:
@@ -121,7 +121,7 @@ def _longest(p, d, world):
 
 @entry
 def follow(paths, clear, checks, world):
-    """Move every path until it ends or needs a ray; return (listed scores, rays).
+    """Advance every path until it ends or needs a ray; return (listed scores, rays).
 
     Array twin: `tests/transport/single_scattering.py` for the first order.
     `clear` tells of waiting paths whether no wave cut their segment.
@@ -162,7 +162,7 @@ def follow(paths, clear, checks, world):
 
 @inlined
 def _resume(paths, i):
-    """Go on with the last side path."""
+    """Resume the side path stored last."""
     paths.branches[i] -= 1
     b = paths.branch[i, paths.branches[i]]
     put(paths.point, i, Vec3(b[0], b[1], b[2]))
@@ -173,7 +173,7 @@ def _resume(paths, i):
 
 @inlined
 def _branch_off(paths, i, p, d, weight):
-    """Keep a side path for later."""
+    """Store a side path."""
     b = paths.branch[i, paths.branches[i]]
     b[0], b[1], b[2], b[3], b[4], b[5] = p.x, p.y, p.z, d.x, d.y, d.z
     b[6], b[7], b[8] = weight, paths.order[i], paths.water[i]
@@ -182,13 +182,13 @@ def _branch_off(paths, i, p, d, weight):
 
 @inlined
 def _even_range(p, lamp, longest):
-    """Return the distance up to which collisions are also drawn evenly."""
+    """Return the distance up to which collisions are also sampled uniformly."""
     return min(_BEYOND * norm(minus(lamp, p)), longest)
 
 
 @inlined
 def _draw_length(paths, i, p, d, longest, world):
-    """Return a free path: by the scattering depth, or even up to a little beyond the source."""
+    """Draw a free path: by the scattering depth, or uniformly to just beyond the source."""
     u, u_kind, _, _ = uniforms(world.key, world.first + i, paths.event[i], _COLLISION)
     lamp = row(paths.lamp, i)
     if u_kind < world.even:
@@ -199,7 +199,7 @@ def _draw_length(paths, i, p, d, longest, world):
 
 @outlined
 def _arrive(paths, i, checks, n, rays, world):
-    """Let a path scatter at the end of its segment, in the water or on the bottom."""
+    """Scatter a path at the end of its segment, in the water or at the bottom."""
     optics = world.optics
     medium = optics.medium
     p, d, t = row(paths.point, i), row(paths.direction, i), paths.length[i]
@@ -239,7 +239,7 @@ def _arrive(paths, i, checks, n, rays, world):
 
 @outlined
 def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, rays, world):
-    """Score the segments that leave a scattering, and choose those that go on; return (n, rays).
+    """Score the segments that leave a scattering, and select those to follow; return (n, rays).
 
     Three points are joined by the balance heuristic: on a segment drawn by the phase function, on
     one drawn about the direction to the source, and in the beam of the source.
@@ -286,7 +286,7 @@ def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, r
 
 @inlined
 def _forward(d, w, share, on_bottom, optics):
-    """Return the density [sr-1] of directions that a scattering or the bottom gives."""
+    """Return the density [sr-1] of directions after a scattering or a reflection at the bottom."""
     if on_bottom:
         return max(w.z, 0.0) / math.pi
     return _mixed_phase(angle_between(d, w), share, optics)
@@ -321,7 +321,7 @@ def _roulette(weight, at, lamp, theta, u, paths, i, optics):
 
 @outlined
 def _gather_bottom(paths, i, p, at, d, t, weight, checks, n, rays, world):
-    """Score light that comes straight from the source to the bottom; return (n, rays)."""
+    """Score unscattered light from the source to the bottom; return (n, rays)."""
     lamp = row(paths.lamp, i)
     away = minus(at, lamp)
     r = norm(away)

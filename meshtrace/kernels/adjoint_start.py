@@ -1,4 +1,4 @@
-"""Starts of adjoint paths: from the aperture against the light through the surface into the water.
+"""Start of adjoint paths: from the aperture through the surface into the water.
 
 Directions are drawn from a mixture of a cosine lobe over the field of view and of lobes about the
 directions of unscattered light; `kernels.adjoint` follows the paths in the water.
@@ -330,7 +330,7 @@ def _drawn_about(lobe, axis, inside, u, v, u_kind, world):
 
 @entry
 def look(paths, origins, directions, world):
-    """Draw the directions in which the paths leave the aperture, and write their first rays.
+    """Draw the directions of the paths at the aperture, and write their first rays.
 
     Array twin: the integral of the density in the tests.
     A mixture of a cosine lobe over the field of view and of lobes about the directions of
@@ -384,7 +384,7 @@ def look(paths, origins, directions, world):
 
 @entry
 def enter(paths, facets, world):
-    """Let the paths cross the surface; return how many passed beside the mesh.
+    """Refract the paths at the surface; return the number that missed the mesh.
 
     Array twin: the analog crossing, `kernels.photon`.
     Radiance over n^2 is kept but for the transmittance; interpolated and tilted normals add the
@@ -426,7 +426,7 @@ def enter(paths, facets, world):
 
 @outlined
 def _crossed(p, d, f, g, tilt_x, tilt_y, world):
-    """Return (factor of the weight, direction in the water) of a path that meets facet f."""
+    """Return (factor of the weight, direction in the water) of a path at facet f."""
     medium = world.optics.medium
     n = _normal(p.x, p.y, f, world.surface, 0.0, 0.0)
     m = _normal(p.x, p.y, f, world.surface, tilt_x, tilt_y)

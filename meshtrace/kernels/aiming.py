@@ -107,7 +107,7 @@ class Target(NamedTuple):
 
 
 class Locator(NamedTuple):
-    """Square bins over (x, y) that list the facets in each: which facet lies over a point."""
+    """Square bins over (x, y) with lists of their facets, to locate the facet over a point."""
 
     x: float
     y: float
@@ -180,7 +180,7 @@ class Jacobian(NamedTuple):
 
 @inlined
 def emission_through(q, v, p, branch):
-    """Return (ok, t, w, d): emission direction whose chain passes through P, direction there.
+    """Return (ok, t, w, d): emission direction w of the chain through P, and its direction d there.
 
     Array twin: `tests/kernels/test_aiming.py` builds R(w) and compares R (q + t v) with P.
     P is relative to the source. `branch` +1 is the forward intersection of the open segment
@@ -458,7 +458,7 @@ def _may_hold(facet, flat, tilt):
 
 @inlined
 def _first_bin(surface, f, grid):
-    """Return the lowest bin that a facet reaches into, which may lie outside of the grid."""
+    """Return the lowest bin that a facet overlaps, possibly outside the grid."""
     a, b, c = corners(surface.vertices, f, surface.faces)
     return (
         _bin_of(min(a.x, b.x, c.x), grid.x, grid.step, grid.nx),
@@ -468,13 +468,13 @@ def _first_bin(surface, f, grid):
 
 @inlined
 def _bin_of(x, start, step, n):
-    """Return the bin of a coordinate, clipped before the conversion: it may not fit an integer."""
+    """Return the bin of a coordinate, clipped before the conversion to an integer."""
     return math.floor(max(min((x - start) / step, float(n)), -1.0))
 
 
 @outlined
 def corner_shines(f, shot, scene):
-    """Return whether light leaves the water at a corner of a facet, but not at its centroid.
+    """Return whether light is transmitted at a corner of a facet, but not at its centroid.
 
     Array twin: fine meshes of the same water in the tests.
     """

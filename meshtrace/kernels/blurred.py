@@ -1,4 +1,4 @@
-"""Light through a surface with random slopes: the slope that brings it to a point is known.
+"""Light through a surface with random slopes, by integration over the slopes.
 
 Light that arrives at a crossing P with the direction d leaves it towards a point x of an aperture
 if the normal of the surface is parallel to n_w d - n_a r, r the direction from P to x. That slope
@@ -62,7 +62,7 @@ MOST_PARTS = 48
 
 
 class Slope(NamedTuple):
-    """A random slope that brings light to a point, in standard deviations, and its density."""
+    """Random slope that refracts light to a point, in standard deviations, and its density."""
 
     along: float
     across: float
@@ -85,7 +85,7 @@ def whitened(roughness, tilt):
 
 @inlined
 def _normal_to(p, d, goal, scene):
-    """Return (N, r, flight): N = n_w d - n_a r is along the normal that sends light to a point."""
+    """Return (N, r, flight); N = n_w d - n_a r is normal to the facet that refracts to a point."""
     target, medium = scene.target, scene.medium
     at = along(along(target.center, target.e1, goal.x), target.e2, goal.y)
     way = minus(at, p)
@@ -96,7 +96,7 @@ def _normal_to(p, d, goal, scene):
 
 @outlined
 def slope_towards(p, n, w, d, length, goal, scene):
-    """Return the `Slope` that sends light from P to a point of the aperture's plane.
+    """Return the `Slope` that refracts light at P to a point of the aperture's plane.
 
     Array twin: `aiming.land` of the tilted normal, and its derivatives by the tilt.
     n is the normal of the mesh, w the direction of emission, d that of arrival.
@@ -170,7 +170,7 @@ def blurred_gain(scene, disk, gain, doubtful):
 
 @outlined
 def _slope_range(f, scene):
-    """Return size squared of the slope that sends light from a facet to the aperture, its change.
+    """Return the squared size and the variation of the slope from a facet to the aperture.
 
     In standard deviations: at the mean of the corners, and between corners.
     """
@@ -184,7 +184,7 @@ def _slope_range(f, scene):
 
 @inlined
 def _needed(p, f, corner, scene):
-    """Return the random slope at a corner that sends light to the centre of the aperture."""
+    """Return the random slope at a corner that refracts light to the centre of the aperture."""
     surface = scene.surface
     way = minus(p, scene.emitter.position)
     big, _, _ = _normal_to(p, scaled(1.0 / norm(way), way), Vec2(0.0, 0.0), scene)
@@ -232,7 +232,7 @@ def _part_gain(f, n, i, j, side, disk, scene):
 
 @entry
 def blurred_contributions(chains, flat, spread, scene, out):
-    """Write the light that each chain brings into the aperture.
+    """Write the contribution of each chain to the aperture.
 
     Returns (doubtful crossings, rays, arrivals).
 
@@ -279,7 +279,7 @@ def blurred_contributions(chains, flat, spread, scene, out):
 
 @inlined
 def _lifted(flat, scene):
-    """Return the crossing of a flat sea at the height that the surface has there."""
+    """Return a crossing of the flat sea, raised to the height of the surface there."""
     facet = locate(scene.locator, scene.surface, flat.x, flat.y)
     rise = 0.0
     if facet >= 0:
@@ -289,7 +289,7 @@ def _lifted(flat, scene):
 
 @inlined
 def _moved(flat, first, second, spread, scene):
-    """Return the crossing that a slope of standard normal parts moves a flat one to."""
+    """Return the crossing of the flat sea displaced by a standard normal slope."""
     x, y = _lifted(flat, scene)
     s = slope_tilt(spread, first, second)
     return x + flat.m11 * s.x + flat.m12 * s.y, y + flat.m21 * s.x + flat.m22 * s.y
@@ -297,7 +297,7 @@ def _moved(flat, first, second, spread, scene):
 
 @outlined
 def _density(flat, x, y, branch, spread, scene):
-    """Return the density of the crossings tried at (x, y) [m-2], on one branch."""
+    """Return the density of the proposed crossings at (x, y) [m-2], on one branch."""
     total = 0.0
     for k in range(len(flat)):
         if flat[k].branch == 0.0:

@@ -1,4 +1,4 @@
-"""Forced detection: the light that each chain brings into the aperture, over one surface."""
+"""Forced detection: contribution of each chain to the aperture over one surface."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ ARRIVAL = np.dtype(
 
 
 class Counter(IntEnum):
-    """Outcomes of the search that are counted."""
+    """Counted outcomes of the search."""
 
     SOLVED = 0
     NO_FLAT = 1
@@ -128,7 +128,7 @@ def intensity(emitter, w):
 
 @inlined
 def shot_of(chains, i, target, branch, roughness):
-    """Return the open segment of chain i and the point that it aims at."""
+    """Return the open segment of chain i and its target point."""
     goal = Vec2(target.radius * chains.disk[i, 0], target.radius * chains.disk[i, 1])
     tilt = slope_tilt(roughness, chains.tilt[i, 0], chains.tilt[i, 1])
     return Shot(row(chains.tail, i), row(chains.last, i), goal, branch, tilt)
@@ -136,7 +136,7 @@ def shot_of(chains, i, target, branch, roughness):
 
 @inlined
 def straight_shot(x, y):
-    """Return the unscattered light that aims at a point in the plane of the aperture."""
+    """Return the open segment of unscattered light to a point in the plane of the aperture."""
     return Shot(ORIGIN, UP, Vec2(x, y), 1.0, Vec2(0.0, 0.0))
 
 
@@ -171,7 +171,7 @@ def flat_crossings(chains, starts, still, raised, out):
 
 @outlined
 def _flat_root(n, start, shot, scene, out):
-    """Add the flat-sea crossing that Newton finds from a start, if it is new."""
+    """Add the flat-sea crossing found by Newton's method from a start, if new."""
     longest = scene.target.center.z
     found, x, y, _ = newton(start[0], start[1], FLAT_SEA, True, longest, shot, scene)
     if not found or is_known(out, 0, n, x, y, shot.branch, 1e-4):
@@ -182,7 +182,7 @@ def _flat_root(n, start, shot, scene, out):
 
 @entry
 def contributions(chains, flat, audits, search, scene, out):
-    """Write the light that each chain brings into the aperture.
+    """Write the contribution of each chain to the aperture.
 
     Returns (doubtful crossings, rays, arrivals).
 
@@ -221,7 +221,7 @@ def contributions(chains, flat, audits, search, scene, out):
 
 @entry
 def direct_crossings(points, starts, scene, found, out):
-    """Write the crossings of unscattered light that lands on points of the unit disk.
+    """Write the crossings of unscattered light to points of the unit disk.
 
     Array twin: `meshtrace.transport.forced.ForcedDetection`, by the images of the facets.
     """
@@ -254,7 +254,7 @@ def _find(chains, i, flat, audit, search, scene, out):
 
 @outlined
 def _near(n, flat, audit, search, shot, scene, roots, counters):
-    """Append the crossings that belong to one flat crossing."""
+    """Append the crossings near one flat crossing."""
     surface, target, tilt = scene.surface, scene.target, shot.tilt
     waves = max(abs(surface.high[2] - flat.level), abs(surface.low[2] - flat.level))
     slope = search.slope + math.hypot(tilt.x, tilt.y)
@@ -318,7 +318,7 @@ def _add(roots, n, x, y, facet, branch, multiplicity):
 
 @inlined
 def is_steep(m, scene):
-    """Return whether no wave can cut a path off before or behind its crossing.
+    """Return whether no wave can block a path before or after its crossing.
 
     Array twin: `_cut` of `meshtrace.transport.forced`, by Embree.
     """
@@ -330,7 +330,7 @@ def is_steep(m, scene):
 
 @inlined
 def transmittance(m, interface):
-    """Return the share of light that the surface transmits at a crossing.
+    """Return the transmittance of the surface at a crossing.
 
     Array twin: `meshtrace.optics.fresnel` and `Whitecaps.transmittance`.
     """
@@ -382,7 +382,7 @@ def weight_of(chains, i, p, j, facet, tilt, scene):
 
 @inlined
 def turned(w, p):
-    """Return a vector turned by the minimal rotation that takes e_z to the emission direction.
+    """Rotate a vector by the minimal rotation from e_z to the emission direction.
 
     Array twin: the rotation matrix of the tests.
     """
@@ -432,7 +432,7 @@ def _transmit(chains, i, m, p, scene):
 
 @outlined
 def list_paths(chains, i, m, p, crossing, scene, rays, n):
-    """List the straight parts of a path that a wave may cut; return the number of rays.
+    """List the straight parts of a path that a wave may block; return the number of rays.
 
     Array twin: none, a list for Embree.
     A vertex above the highest crest needs no ray of its own: the path to it or from it is cut.

@@ -24,7 +24,7 @@ from meshtrace.kernels.vectors import (
 
 
 class Roughness(NamedTuple):
-    """Gaussian slopes of waves that the mesh leaves out; standard deviations, wind direction."""
+    """Gaussian slopes of unresolved waves: standard deviations and wind direction."""
 
     along: float
     across: float
@@ -162,7 +162,7 @@ def normal_on(p, facet, surface):
 
 @inlined
 def is_rough(roughness):
-    """Return whether the mesh leaves slopes out."""
+    """Return whether the mesh has unresolved slopes."""
     return roughness.along > 0.0 or roughness.across > 0.0
 
 
@@ -187,7 +187,7 @@ def tilted(n, tilt):
 
 @inlined
 def exposure(d, n, tilt):
-    """Return the frequency at which light meets a tilted piece of the surface, over its abundance.
+    """Return the probability that light meets a tilted element, relative to its abundance.
 
     Array twin: areas of facets seen along a ray.
     Pieces that lean towards the light show it more of their area: with slopes s + t,

@@ -1,4 +1,4 @@
-"""Compilation of kernels, and the cache that keeps them.
+"""Compilation of kernels and their cache.
 
 numba counts references: every array in every argument of every call is counted up and down
 with atomic instructions. A photon makes some twenty calls with some forty arrays: counting
@@ -120,7 +120,7 @@ class KernelCache(FunctionCache):
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Save the overload of a signature, or warn once that nothing can be saved."""
+        """Save the overload of a signature; warn once if that fails."""
         if not self._enabled or data.library.has_dynamic_globals:
             return
         key = self._index_key(sig, data.codegen)
@@ -144,7 +144,7 @@ class KernelCache(FunctionCache):
 
 
 def _make_folder(path: Path) -> None:
-    """Create a cache folder, and remove the oldest ones beside it."""
+    """Create a cache folder, and remove the oldest sibling folders."""
     if path.is_dir():
         return
     path.mkdir(parents=True, exist_ok=True)
@@ -156,7 +156,7 @@ def _make_folder(path: Path) -> None:
 
 @cache
 def _warn_unsaved(path: Path, reason: str) -> None:
-    """Warn, once in a process, that compiled kernels are not kept."""
+    """Warn, once per process, that compiled kernels are not kept."""
     warnings.warn(
         f"{path}: {reason}, compiled kernels are not kept; MESHTRACE_CACHE_DIR sets another folder",
         stacklevel=2,
@@ -171,12 +171,12 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
 
 
 def entry(function: Callable[..., Any]) -> Any:
-    """Decorate a function that Python calls: kept on disk, without the GIL."""
+    """Decorate an entry point called from Python: cached on disk, without the GIL."""
     return _compiled(function, _nrt=False)
 
 
 def allocating_entry(function: Callable[..., Any]) -> Any:
-    """Decorate a function that Python calls and that makes arrays."""
+    """Decorate an entry point called from Python that allocates arrays."""
     return _compiled(function)
 
 
@@ -196,7 +196,7 @@ def is_compiled(compiled: Any) -> bool:
 
 @contextlib.contextmanager
 def foreign_kernels() -> Iterator[None]:
-    """Use this cache for the kernels of a package that is imported here."""
+    """Use this cache for the kernels of an imported package."""
     module: Any = dispatcher
     original = module.FunctionCache
     module.FunctionCache = KernelCache

@@ -1,4 +1,4 @@
-"""Light of a point source that is scattered once into a straight line: one sample of its integral.
+"""Light of a point source scattered once into a line: one sample of the integral.
 
 A line runs from O along the unit vector d. With t0 and D the foot and the distance of the source
 from the line, theta the scattering angle at the point t of the line and r the distance of that
@@ -68,7 +68,7 @@ class AngleTable(NamedTuple):
 
 
 class Optics(NamedTuple):
-    """What light meets on straight paths in the water.
+    """Optical properties along straight paths in the water.
 
     `sampled` is a medium whose optical depths are exact in closed form, from which distances are
     drawn: `medium` itself, or with the depths of bubbles below still water.
@@ -113,7 +113,7 @@ def tail_at(table, theta):
 
 @inlined
 def angle_of_tail(table, low, high, value):
-    """Return the angle between low and high whose tail is a value.
+    """Return the angle between low and high with a given tail.
 
     Array twin: `tail_at`, of which it is the inverse.
     """
@@ -177,7 +177,7 @@ def is_uniform(medium):
 
 @outlined
 def distance_at(medium, p, d, tau, most, scale):
-    """Return the distance along a path behind which the scattering depth is tau, or `most`.
+    """Return the distance along a path to a scattering depth of tau, at most `most`.
 
     Array twin: `scattering_depth`, of which it is the inverse.
     Newton's method in halves: depths grow with distance and are exact in closed form. `scale` is
@@ -278,7 +278,7 @@ def _draw_distance(optics, p, d, first, last, u, scale):
 
 
 class Line(NamedTuple):
-    """A line, the part of it that the source lights, and how points of it are drawn."""
+    """A line, its part in the beam of the source, and the sampling of its points."""
 
     lit: bool
     foot: float  # t0 [m]
@@ -398,7 +398,7 @@ def _draw(line, p, d, scale, u_kind, u, optics):
 
 @inlined
 def _density(line, p, d, theta, t, r, optics):
-    """Return the density of theta at which `_draw` draws a point."""
+    """Return the density of theta in `_draw`."""
     share_angle = 1.0 - _DISTANCE_SHARE - line.share_beam
     density = (1.0 - line.share_bubble) * phase_at(optics.water, theta) / line.mass
     if line.share_bubble > 0.0:
@@ -439,7 +439,7 @@ def _evaluated(line, p, d, theta, t, lamp, optics):
 
 @outlined
 def scattered_into(p, d, longest, lamp, u_kind, u, optics):
-    """Return a point of a line, drawn about as the light that it scatters into the line.
+    """Draw a point of a line, roughly in proportion to the light it scatters into the line.
 
     Array twin: quadrature of the integral in the tests.
     Angles are drawn by the phase functions, by the distance along the line or by the angle to the
@@ -454,7 +454,7 @@ def scattered_into(p, d, longest, lamp, u_kind, u, optics):
 
 @inlined
 def point_of_beam(lamp, u, v, u_length, optics):
-    """Return a point drawn in the beam of the source: emission times exponential distance.
+    """Draw a point in the beam of the source: emission times exponential distance.
 
     Array twin: `kernels.sources.launch`.
     """
@@ -474,7 +474,7 @@ def point_of_beam(lamp, u, v, u_length, optics):
 
 @outlined
 def scattered_at(p, d, t, longest, lamp, optics):
-    """Return the light that a given point of a line scatters into it, and its densities.
+    """Return the light scattered into a line at a given point, and its densities.
 
     Array twin: `scattered_into`.
     """

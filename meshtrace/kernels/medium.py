@@ -224,7 +224,7 @@ def sample_free_path(medium, p, u):
 
 @inlined
 def collide(medium, p, weight, u_kind, u_theta):
-    """Return (s, weight) after a tentative collision; s < 0: the direction stays.
+    """Return (s, weight) after a tentative collision; s < 0 for an unchanged direction.
 
     Array twin: `tests/statistical`, chi-square of the mixture.
     One uniform chooses null, water or bubble; weight 0 means absorbed (analog absorption).

@@ -30,7 +30,7 @@ ROW = 4
 
 
 class PhaseTables(NamedTuple):
-    """A phase function as arrays of one fixed type, so that a kernel compiles once for all of them.
+    """Phase function as arrays of one type, for a single compilation of the kernels.
 
     Parameters
     ----------

@@ -131,7 +131,7 @@ class Recorder(NamedTuple):
 
 
 class World(NamedTuple):
-    """Everything that the photons of a chunk share."""
+    """Inputs common to the photons of a chunk."""
 
     first: int  # id of the first photon
     seed: np.uint64
@@ -325,7 +325,7 @@ def _bounce(q, world):
 
 @inlined
 def _steeper_than_waves(d, surface):
-    """Return whether a direction is steeper than every facet: away from the surface it stays so."""
+    """Return whether a direction is steeper than every facet and cannot meet the surface again."""
     slope = surface.max_slope
     return d.z * d.z > slope * slope * (d.x * d.x + d.y * d.y)
 
@@ -366,7 +366,7 @@ def _record_flight(q, flight, received, world):
 
 @outlined
 def _roughened(q, n, world):
-    """Return a normal tilted by the slopes that the mesh leaves out, and a spare uniform.
+    """Return a normal tilted by unresolved slopes, and a spare uniform.
 
     A tilt t and its opposite are equally common; the light picks one of the two by their
     exposures, which add up to 2.
@@ -454,7 +454,7 @@ def _split(q, in_water, world):
 
 @outlined
 def _leave(q, d, g, world):
-    """Send a photon off a facet, along d, on the side that g points to."""
+    """Place a photon on the side of a facet given by g, with direction d."""
     _head(q, d)
     _put(q, along(_place(q), g, _OFFSET))
     if q.in_water == 0:
@@ -499,9 +499,9 @@ def _cast(q, slot, n_rays, pool, world):
 
 @outlined
 def _settle_miss(q, seen, world):
-    """Return (fate, distance) for a ray that met no facet of its own side.
+    """Return (fate, distance) for a ray that hit no facet from its own side.
 
-    The photon goes on by the distance, and a photon that is cast again by none; LANDED means
+    The photon advances by the distance, and by none if its ray is cast again; LANDED means
     that it left for the sky. A miss is right where the path ends inside the slab, leaves it
     downwards or lies outside the mesh. `seen`: a facet was met from behind, since the ray
     started on the wrong side.
@@ -566,7 +566,7 @@ def _settle(q, facet, world):
 
 @inlined
 def _enter_slab(q, world):
-    """End a photon that comes up beside the mesh: there is no surface to meet."""
+    """End a photon that rises outside the mesh."""
     if q.in_water == 1 and q.dz > 0.0 and q.z < world.surface.low[2]:
         t = (world.surface.low[2] - q.z) / q.dz
         if not _inside(q, t, world.surface):
@@ -577,7 +577,7 @@ def _enter_slab(q, world):
 
 @inlined
 def _move(q, world):
-    """Move a photon until it needs a ray (GOES_ON) or has ended."""
+    """Advance a photon until it needs a ray (GOES_ON) or has ended."""
     while True:
         if q.retry > 0 or _needs_ray(q, world):
             return _enter_slab(q, world)

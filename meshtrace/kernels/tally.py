@@ -84,7 +84,7 @@ class Tallies(NamedTuple):
     score: NDArray[np.float64]  # (photons, apertures + `Plane` for each plane)
     ledger: NDArray[np.int64]  # (fates,) weights in units of 2^-44
     n_photons: NDArray[np.int64]  # (fates,) photons
-    misses: NDArray[np.int64]  # (2,) rays cast again, rays given up
+    misses: NDArray[np.int64]  # (2,) rays cast again, rays lost
     planes: NDArray[np.float64]  # heights z of the irradiance planes [m], falling
     radiance: NDArray[np.int64]  # (groups, planes, cosines, azimuths) in units of 2^-44
     map_z: float
@@ -164,7 +164,7 @@ def _transmission(medium, z0, z1, length):
 
 @inlined
 def score_apertures(tallies, apertures, first, photon, in_water, flight, fov, medium):
-    """Score a straight path against every aperture of its medium; return True if any took it.
+    """Score a straight path on every aperture of its medium; return whether any accepted it.
 
     Array twin: the analytic disk integrals of the flat-sea tests.
     `first` is the photon of the first row of the scores. Water absorbs up to the disk.
@@ -221,7 +221,7 @@ def score_planes(tallies, column, index, flight, medium):
 
 @inlined
 def score_map(tallies, flight):
-    """Add a path in air to the map on the receiver plane, if its aperture would accept it.
+    """Add a path in air to the map on the receiver plane, if within the field of view.
 
     Array twin: numpy.histogram2d of recorded paths.
     A tilted aperture takes d . axis / d_z of the light across the level plane.

@@ -1,4 +1,4 @@
-"""The unscattered light: every facet's image on the aperture plane, all crossings at once."""
+"""Unscattered light: image of every facet on the aperture plane."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
 
 @inlined
 def beam_width(emitter):
-    """Return the angle over which the intensity of a source changes [rad].
+    """Return the angular scale of the intensity of a source [rad].
 
     Array twin: none, a scale.
     """
@@ -177,7 +177,7 @@ def beam_width(emitter):
 
 @outlined
 def _large_facet_gain(f, n, image, stack, shot, scene):
-    """Sum the parts of a large facet; those whose image misses the aperture are not cut further.
+    """Sum the parts of a large facet; subdivide only parts with an image on the aperture.
 
     A part is a triangle (i, j, side) of the grid of `nodes` per edge, see `_triangle_gain`; its
     halves are parts again.
@@ -206,7 +206,7 @@ def _large_facet_gain(f, n, image, stack, shot, scene):
 
 @outlined
 def _may_shine(f, nodes, i, j, side, image, shot, scene):
-    """Return whether unscattered light may cross a part of a facet to the aperture."""
+    """Return whether unscattered light may reach the aperture through a part of a facet."""
     p = node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
     size = scene.facets[f].radius * abs(side) / nodes
     target = scene.target

@@ -1,4 +1,4 @@
-"""Aiming over the sum of waves itself, the limit of its meshes.
+"""Aiming over the exact sum of waves, the limit of its meshes.
 
 Crossings found on a mesh of the same sea are the starts; Newton moves each to where the light
 crosses the exact surface, and the exact slopes and curvatures weigh it there.
@@ -34,7 +34,7 @@ _STRIDE = 0.5  # [m], longest step of Newton
 
 
 class Moved(IntEnum):
-    """Outcomes of moving a crossing that are counted."""
+    """Counted outcomes of the displacement of a crossing."""
 
     MOVED = 0
     LOST = 1
@@ -130,7 +130,7 @@ def _exact_weight(chains, i, x, y, waves, shot, scene):
 
 @entry
 def move_crossings(chains, arrivals, waves, scene, score, counters):
-    """Add to `score` the light that each chain brings through the exact surface.
+    """Add the contribution of each chain through the exact surface to `score`.
 
     Array twin: meshes of vanishing spacing.
     Each arrival over the mesh is moved to the exact crossing next to it, and its weight changed
@@ -164,7 +164,7 @@ def move_crossings(chains, arrivals, waves, scene, score, counters):
 
 @entry
 def direct_light(points, starts, waves, scene, found, score):
-    """Write the unscattered light through all crossings that land on each point.
+    """Write the unscattered light at each point, over all crossings.
 
     Array twin: rays traced forwards, in the tests.
     `points` are chains without scatterings. Newton starts from every (x, y) of `starts`: the

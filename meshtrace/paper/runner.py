@@ -116,7 +116,7 @@ def _made(folder: Path, one: Figure, setting: Setting, quick: bool) -> dict[str,
     wall, cpu = time.perf_counter(), time.process_time()
     with style(), warnings.catch_warnings():
         # the paper's bands are meant, and their figures say what they leave out
-        warnings.filterwarnings("ignore", "omega_max: .* shows a scintillation index")
+        warnings.filterwarnings("ignore", "omega_max: .* give a scintillation index")
         output = one.make(setting, **one.effort(quick))
         rows = one.table(output)
         _write(folder / one.name, output, rows)

@@ -49,7 +49,7 @@ class FateTally(NamedTuple):
 
 
 class ScatteredSamples(NamedTuple):
-    """Samples that the scattered gain of a receiver rests on.
+    """Samples behind the scattered gain of a receiver.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class ScatteredSamples(NamedTuple):
     samples, scored : int
         Number of samples, and of samples with a contribution.
     effective : float
-        Number of equal samples that they are worth, (sum w)^2 / sum w^2 of their contributions w.
+        Effective sample size, (sum w)^2 / sum w^2 of the contributions w.
     """
 
     estimator: str
@@ -71,7 +71,7 @@ CHAIN_MEANING = {
     "chains": "scattering chains drawn",
     "solved": "aimed at the aperture",
     "no_flat": "without a crossing of the flat sea",
-    "enumerated": "searched through all facets",
+    "enumerated": "searched over all facets",
     "extra_roots": "further crossings found",
     "blocked": "blocked by a wave",
     "sampled": "pairs of source and receiver with sampled unscattered light",
@@ -95,18 +95,18 @@ class GainResult(WithArrays, Stored):
         Photons and weight by fate; empty for the forced estimator.
     gain_bound : same as gain, or None
         Upper bound of the gain at 95 % confidence where no light was received, nan elsewhere;
-        None if every receiver got light.
+        None if all receivers received light.
     gain_ballistic, gain_scattered : same as gain, or None
         Unscattered and scattered parts, where the estimator separates them.
     gain_reflected, gain_reflected_stderr : same as gain, or None
         Part of the gain that the surface first reflected back into the water, where it was
-        estimated apart (`reflected_photons`).
+        estimated separately (`reflected_photons`).
     gain_order : ndarray, shape (receivers, orders), or None
         Forced only: gain by the number of scatterings, from 1.
     provenance : dict
         Versions, commit, seed, and the whole configuration, which loads back.
     misses : tuple of int
-        Rays cast again, rays given up.
+        Rays cast again, rays lost.
     chains : dict of str to int
         Forced only: numbers of chains by outcome (`CHAIN_MEANING`).
     scattered : list of ScatteredSamples
@@ -142,7 +142,7 @@ class GainResult(WithArrays, Stored):
 
     @property
     def gains(self) -> Floats:
-        """Gain of each receiver, shape (receivers,), of a single one, too."""
+        """Gain of each receiver as an array, shape (receivers,)."""
         return np.atleast_1d(self.gain)
 
     @property
@@ -164,7 +164,7 @@ class GainResult(WithArrays, Stored):
 
     def _headline(self) -> str:
         parts = [
-            f"dark to below {bound:.2g}" if bound > 0.0 else f"gain {gain:.4e} +- {stderr:.1e}"
+            f"gain < {bound:.2g} (no light)" if bound > 0.0 else f"gain {gain:.4e} +- {stderr:.1e}"
             for gain, stderr, bound in self._rows
         ]
         shown = parts[:4] + [f"{len(parts) - 4} more"] * (len(parts) > 4)
@@ -182,7 +182,7 @@ class GainResult(WithArrays, Stored):
         Parameters
         ----------
         wall_time : float, optional
-            Time that the run took [s], to be shown with the number of photons.
+            Duration of the run [s], shown with the number of photons.
         """
         count = f"{self.photons:,}"
         if wall_time is not None:
@@ -191,7 +191,7 @@ class GainResult(WithArrays, Stored):
         lines = [*_heading(self.provenance), *self._gain_lines(), _line(samples, count)]
         if self.fates:
             cast, lost = self.misses
-            lines.append(_line("misses", f"{cast:,} rays cast again, {lost:,} given up"))
+            lines.append(_line("misses", f"{cast:,} rays cast again, {lost:,} lost"))
             lines += ["", f"{'fate':<12}{'photons':>15}{'weight %':>12}  meaning"]
             for name, (photons, weight) in self.fates.items():
                 meaning = FATE_MEANING[Fate[name.upper()]]
@@ -208,8 +208,8 @@ class GainResult(WithArrays, Stored):
         for i, (gain, stderr, bound) in enumerate(self._rows):
             name = "channel gain" if np.ndim(self.gain) == 0 else f"channel gain [{i}]"
             if not gain > 0.0:
-                below = f" to below {bound:.2g} at 95 % confidence" if bound > 0.0 else ""
-                lines.append(_line(name, f"dark{below}: no light received"))
+                below = f", < {bound:.2g} at 95 % confidence" if bound > 0.0 else ""
+                lines.append(_line(name, f"0 (no light received){below}"))
                 continue
             percent, decibel = 100.0 * stderr / gain, 10.0 / math.log(10.0) * stderr / gain
             lines.append(_line(name, f"{gain:.4e}  ({10.0 * math.log10(gain):.3f} dB optical)"))
@@ -221,8 +221,8 @@ class GainResult(WithArrays, Stored):
                 lines.append(_line("", f"{direct:.4e} unscattered; scattered {scattered:.1f} %"))
             if self.scattered:
                 by = self.scattered[i]
-                text = f"scattered light by {by.samples:,} {by.estimator}: {by.scored:,} brought "
-                lines.append(_line("", f"{text}light, worth {by.effective:,.0f} equal ones"))
+                text = f"{by.samples:,} {by.estimator}, {by.scored:,} of them with a contribution"
+                lines.append(_line("", f"{text}; effective sample size {by.effective:,.0f}"))
         return lines
 
     def _content(self) -> xr.Dataset:
@@ -283,7 +283,7 @@ def like(gain: Values, array: Any) -> Any:
 
 
 def bound_where_dark(gain: Values, photons: int) -> Values | None:
-    """Return the upper bound 3 / n of analog gains at 95 % confidence, None if all are known.
+    """Return the upper bound 3 / n of analog gains at 95 % confidence, None if all are above 0.
 
     An event that none of n independent trials shows has a probability below 3 / n (rule of three);
     a photon brings a weight of at most 1, and no gain is above 1.

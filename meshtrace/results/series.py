@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from meshtrace.fading import FadingStatistics
 
-_FEW = 50  # gains shown where no statistics can be
+_FEW = 50  # gains shown in place of statistics
 _MOST_NOISE = 0.05  # fraction of the variance below which noise is not reported
 _VARIABLES = ("gain", "gain_stderr", "gain_ballistic")
 
@@ -55,7 +55,7 @@ class GainSeries(Stored):
 
     @property
     def gains(self) -> Floats:
-        """Gains, shape (n, receivers), of a single receiver, too."""
+        """Gains as an array of two dimensions, shape (n, receivers)."""
         return self.gain.reshape(len(self.coordinate), -1)
 
     @property
@@ -78,12 +78,12 @@ class GainSeries(Stored):
         is the contribution of the Monte Carlo errors s_i to the variance of the gains, beyond the
         error s_hbar of their mean, which is common to all. It is removed from an ensemble. On a
         moving sea it varies as smoothly as the gain, and the correlation cannot separate the two:
-        it stays, and a note says so if it matters.
+        it stays, and is reported in a note unless negligible.
 
         Parameters
         ----------
         receiver : int
-            Which receiver.
+            Index of the receiver.
         options
             Of `fading.fading_statistics`.
 
@@ -107,7 +107,7 @@ class GainSeries(Stored):
         found = fading_statistics(gain, common_stderr=common, **options)
         notes, share = found.notes, own / max(float(gain.var()), own, 1e-300)
         if self.along == "time" and share >= _MOST_NOISE:
-            note = f"Monte Carlo noise makes {100.0 * share:.0f} % of the variance: more chains"
+            note = f"Monte Carlo noise is {100.0 * share:.0f} % of the variance: increase photons"
             notes = (*notes, note)
         return replace(found, provenance=self.provenance, notes=notes)
 
@@ -118,7 +118,7 @@ class GainSeries(Stored):
         return f"{len(self.coordinate)} gains over {self.along}, {shown}"
 
     def summary(self) -> str:
-        """Return quantiles of an ensemble and the fading of each receiver as text."""
+        """Return the fading of each receiver, and the quantiles of an ensemble, as text."""
         lines = []
         for receiver, (gain, stderr) in enumerate(
             zip(self.gains.T, self.mean_stderrs, strict=True)
@@ -134,7 +134,7 @@ class GainSeries(Stored):
             lines += self._closed_form()
             if gain.any():
                 percent = 100.0 * stderr / gain.mean()
-                lines.append(f"  chains               mean gain +- {percent:.2g} %")
+                lines.append(f"  Monte Carlo error    {percent:.2g} % of the mean gain")
         return "\n".join(lines)
 
     def _closed_form(self) -> list[str]:
@@ -150,7 +150,7 @@ class GainSeries(Stored):
         ]
 
     def _statistics(self, receiver: int) -> str:
-        """Return the fading of a receiver, or the first gains of a series that has none."""
+        """Return the fading of a receiver, or the first gains of a series too short for it."""
         try:
             return self.fading(receiver).summary()
         except ValueError as error:

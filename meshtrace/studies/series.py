@@ -28,7 +28,7 @@ from meshtrace.uav.wind import Dryden
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
 
-_STATISTICS = 50  # gains from which their scintillation index says something
+_STATISTICS = 50  # gains, the least for a comparison with the closed form
 _CREST_MARGIN = 1.5  # over the highest crest of the first surfaces: later ones may be higher
 
 
@@ -85,7 +85,7 @@ def time_series(
 
     From 50 gains on, the provenance holds the closed form of the scintillation index of unscattered
     light (`fading.band_fading`), which `GainSeries.summary` prints beside the measured one, and a
-    warning names a band of waves that leaves out more than a tenth of the fading.
+    warning is issued if the band of waves omits more than a tenth of the fading.
 
     With a flight it departs from the paper, where a separate factor h_alpha = cos(alpha)
     [alpha <= fov / 2] multiplies the gain. That factor is right for light that arrives straight
@@ -181,7 +181,7 @@ def ensemble(
     -----
     From 50 gains on, the provenance holds the closed form of the scintillation index of unscattered
     light (`fading.band_fading`), which `GainSeries.summary` prints beside the measured one, and a
-    warning names a band of waves that leaves out more than a tenth of the fading.
+    warning is issued if the band of waves omits more than a tenth of the fading.
     """
     require_whole(n_realizations, 1, 10_000_000, "n_realizations")
     if surface is None and wind_speed is not None:
@@ -211,7 +211,7 @@ def over_realizations(
 
 
 def _beside_closed_form(inputs: Inputs, series: GainSeries) -> GainSeries:
-    """Return a series with the closed form of its scintillation index; warn of a short band."""
+    """Add the closed form of the scintillation index to a series; warn of a short band."""
     if len(series.coordinate) < _STATISTICS:
         return series
     found = band_fading(inputs.link, inputs.surface)

@@ -1,4 +1,4 @@
-"""Adjoint paths: the scattered light of a link, followed from the receiver.
+"""Adjoint paths: scattered light traced from the receiver to the source.
 
 Where light arrives only by scattering, chains aimed at the aperture starve; paths from the
 aperture see such light naturally, since the surface comes first and the connection to the source
@@ -97,7 +97,7 @@ class AdjointParts:
 
 
 class AdjointPaths:
-    """Paths from the receivers of a link, ready to be followed over any surface.
+    """Adjoint paths of a link, for any surface.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ class AdjointPaths:
 
 
 class _Over:
-    """The paths over one mesh."""
+    """Adjoint paths over one mesh."""
 
     def __init__(
         self,
@@ -265,7 +265,7 @@ class _Over:
         )
 
     def block(self, receiver: int, source: int, first: int, n: int) -> Sums:
-        """Follow n paths from an index on."""
+        """Trace n paths, the first of a given index."""
         world = self._world(receiver, source, first)
         starts = self._starts(world)
         sets = 1 if self._flat or (self._smooth and not self._rough) else 2
@@ -319,7 +319,7 @@ class _Over:
         return np.column_stack([scores[:, 2], *ways, (first + path) % SHIFTS])
 
     def _follow(self, paths: starting.Paths, world: starting.World) -> NDArray[np.float64]:
-        """Follow paths to their ends, with rays where a wave may cut; return listed scores."""
+        """Trace paths to their ends, with rays where a wave may block; return the listed scores."""
         n = len(paths.weight)
         most = 6 * n + 64
         checks = kernel.Checks(self._arrivals, np.empty((most, 4)), np.empty((2 * most + n, 8)))
@@ -342,14 +342,14 @@ class _Over:
             )
 
     def _cut(self, ray: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which paths meet the surface; they start a hair late, off the facet they left."""
+        """Return the paths that meet the surface; rays start slightly off the first facet."""
         hair = 1e-4 * ray[:, 7]
         start = ray[:, 1:4] + hair[:, None] * ray[:, 4:7]
         hits = self._intersector.intersect(start, ray[:, 4:7])
         return hits.distance < ray[:, 7] - hair
 
     def _below(self, root: NDArray[np.float64]) -> NDArray[np.int32]:
-        """Return the facets over points (x, y); -1 beside the mesh, and on still water."""
+        """Return the facets over points (x, y); -1 outside the mesh and for still water."""
         shape = root.shape[:2]
         if self._flat:
             return np.full(shape, -1, np.int32)
@@ -397,7 +397,7 @@ def _require_followable(link: Link) -> None:
 
 
 def _water(link: Link, crest: float) -> Medium:
-    """Return the water; the printed Algorithm 1 acts as b -> albedo b (E5)."""
+    """Return the water, with b -> albedo b for Algorithm 1 as printed (E5)."""
     medium = medium_arrays(link, crest)
     if link.physics.absorption == "paper":
         medium = medium._replace(b=medium.b * link.water.albedo)
@@ -405,7 +405,7 @@ def _water(link: Link, crest: float) -> Medium:
 
 
 def _vertical_depths(medium: Medium, depth: float) -> tuple[float, float]:
-    """Return the optical depths of scattering by water and bubbles straight down to a depth."""
+    """Return the vertical optical depths of scattering by water and bubbles, down to a depth."""
     b = medium.b * depth
     if medium.layered:
         z = np.linspace(0.0, depth, 257) / medium.layer_step

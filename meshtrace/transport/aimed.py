@@ -1,4 +1,4 @@
-"""Chains aimed over one surface: crossings, weights, and what waves cut off."""
+"""Chains aimed over one surface: crossings, weights, and shadowing by waves."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class AimedChains:
         return self._given or EmbreeIntersector(self._mesh, 1)
 
     def _blurs(self) -> bool:
-        """Return whether random slopes are wide enough in both directions to be integrated over.
+        """Return whether random slopes are wide enough for an integration over them.
 
         Refraction has to be physical: the slope between two directions is then known.
         """
@@ -102,7 +102,7 @@ class AimedChains:
 
     @cached_property
     def _spread(self) -> Roughness:
-        """Law of all slopes, widened: what it tries too rarely would be noisy."""
+        """Proposal law of the slopes, wider than that of the sea to bound the weights."""
         rough, mesh = self.surface.roughness, self._mesh_slopes
         along, across = (_SPREAD * math.hypot(s, math.sqrt(mesh)) for s in rough[:2])
         return rough._replace(along=along, across=across)
@@ -113,7 +113,7 @@ class AimedChains:
         return np.stack([self.facets[name] for name in ("x", "y", "z")], axis=1)
 
     def scene(self, emitter: aiming.Emitter, target: aiming.Target) -> aiming.Scene:
-        """Return one source, the surface and one aperture as the kernels take them."""
+        """Return one source, the surface and one aperture as arrays for the kernels."""
         return aiming.Scene(
             emitter,
             target,
@@ -125,7 +125,7 @@ class AimedChains:
         )
 
     def _search(self, target: aiming.Target) -> kernel.Search:
-        """Return how far and how thoroughly roots are looked for."""
+        """Return the extent and the thoroughness of the root search."""
         curvature, radius = self._largest
         all_asked = self._search_mode == "thorough" or self._normals == "facet"
         return kernel.Search(
@@ -143,13 +143,13 @@ class AimedChains:
         return float(self.facets["curvature"][near].max()), float(self.facets["radius"][near].max())
 
     def score(self, source: int, receiver: int, chains: ChainSet) -> NDArray[np.float64]:
-        """Return what each chain of a set brings from a source into a receiver."""
+        """Return the score of each chain of a set, from a source to a receiver."""
         return self.aim(source, receiver, chains, keep=False)[0]
 
     def aim(
         self, source: int, receiver: int, chains: ChainSet, keep: bool
     ) -> tuple[NDArray[np.float64], NDArray[np.void]]:
-        """Return the score of each chain and, if `keep`, its arrivals, blocked ones left out."""
+        """Return the score of each chain and, if `keep`, its unblocked arrivals."""
         emitter, target = self._link.emitters[source], self._link.targets[receiver]
         n = len(chains.audit)
         most = 2 * n + 64
@@ -187,7 +187,7 @@ class AimedChains:
         directions: NDArray[np.float64],
         lengths: NDArray[np.float64],
     ) -> NDArray[np.bool_]:
-        """Return which straight paths meet the surface before their ends.
+        """Return the straight paths that the surface blocks.
 
         A path that starts or ends on the surface is shortened by a hair at both ends.
         """
@@ -242,7 +242,7 @@ class AimedChains:
     def _hidden(
         self, emitter: aiming.Emitter, target: aiming.Target, facets: NDArray[np.intp]
     ) -> NDArray[np.intp]:
-        """Return the facets whose centroid the source or the aperture's centre cannot see."""
+        """Return the facets with a centroid hidden from the source or the aperture's centre."""
         centroid = self.centroids[facets]
         cut = np.zeros(len(facets), bool)
         for end in (emitter.position, target.center):
@@ -273,7 +273,7 @@ class AimedChains:
 
 @cache
 def _disk_rule(blur: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return points of the unit disk and their shares of its area.
+    """Return quadrature points and weights on the unit disk.
 
     Rings at Gauss's nodes of the area: 1e-3 of the light of a Gaussian spot anywhere, whose
     standard deviation is 1 / blur of the radius.
@@ -290,7 +290,7 @@ def _disk_rule(blur: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def on_disk(target: aiming.Target, disk: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the points of an aperture that belong to points of the unit disk."""
+    """Map points of the unit disk to an aperture."""
     plane = np.array([target.e1, target.e2])
     return np.asarray(target.center) + target.radius * disk @ plane
 

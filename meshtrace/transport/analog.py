@@ -1,4 +1,4 @@
-"""The analog estimator: photons followed one by one, a wavefront at a time.
+"""The analog estimator: individual photons, traced in batches between ray casts.
 
 The gain is the mean weight that a photon brings into the aperture. A chunk of photons is
 followed by one thread in a pool of slots: a kernel moves the pool, Embree answers its rays,
@@ -44,7 +44,7 @@ _GUIDED = 100  # crossings of light that a jet guides
 
 
 def options_over(mesh: TriangleMesh, options: Analog) -> Analog:
-    """Return the options over a mesh: 100 crossings where it overhangs, unless they are chosen.
+    """Return the options for a mesh: up to 100 crossings by default where it overhangs.
 
     A jet guides light by dozens of total reflections.
     """
@@ -73,7 +73,7 @@ class FixedPointSum:
 
 @dataclass
 class Sums:
-    """What a run of photons has tallied; runs of disjoint photons add."""
+    """Tallies of a run of photons; those of disjoint photons add."""
 
     photons: int
     score: NDArray[np.float64]
@@ -87,7 +87,7 @@ class Sums:
     arrivals: list[NDArray[np.void]] = field(default_factory=list)
 
     def add(self, photons: int, tallies: Tallies) -> None:
-        """Add a finished chunk, whose photons follow those already here."""
+        """Add a finished chunk with the next photons."""
         self.photons += photons
         for start in range(0, photons, BLOCK):
             block = tallies.score[start : min(start + BLOCK, photons)]
@@ -107,7 +107,7 @@ class Sums:
 
 
 class Setup(NamedTuple):
-    """Everything that the chunks of one run share, in local coordinates but for the map."""
+    """Inputs common to the chunks of one run, in local coordinates except for the map."""
 
     frame: Frame
     intersector: Intersector
@@ -144,7 +144,7 @@ def run_analog(
     recorder: kernel.Recorder | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Sums:
-    """Follow photons and return their tallies.
+    """Trace photons and return their tallies.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def run_analog(
 
 
 def _chunk(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
-    """Follow the photons first <= id < last; again, if their arrivals found no room."""
+    """Trace the photons first <= id < last; repeat with more room if arrivals overflow."""
     first, last = span
     room = (last - first) * len(setup.apertures.radius) if setup.arrivals else 0
     while True:
@@ -214,7 +214,7 @@ def _chunk(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
 
 
 def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
-    """Follow photons in a pool of slots: kernel, Embree, kernel, until all have ended."""
+    """Trace photons in a pool of slots, alternating kernel and Embree until all have ended."""
     slots = min(_SLOTS, last - first)
     pool = kernel.Pool(
         photon=np.zeros(slots, kernel.PHOTON),
@@ -251,7 +251,7 @@ def _setup(
     options: Analog,
     first_scored: int,
 ) -> Setup:
-    """Return what the chunks share, without records; the intersector is that of the frame."""
+    """Return the inputs of the chunks, without records; the intersector is that of the frame."""
     surface = surface_arrays(intersector.mesh, normals, link.physics.unresolved)
     crest = float(surface.high[2])
     sources = frame.sources(source_arrays(link, frame.unit * (crest + 1e-3)))

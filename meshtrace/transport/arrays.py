@@ -1,4 +1,4 @@
-"""The border: validated objects in, NamedTuples of arrays for the kernels out."""
+"""Conversion of validated models to NamedTuples of arrays for the kernels."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from meshtrace.mesh import TriangleMesh
 
 
 def _code(codes: type[IntEnum], name: str) -> int:
-    """Return the code of a switch by its name; a plain integer, which numba recognises faster."""
+    """Return the code of a switch by its name, as a plain integer (faster dispatch in numba)."""
     return int(codes[name.upper().replace("-", "_")])
 
 
 def surface_arrays(mesh: TriangleMesh, normals: str, unresolved: str = "none") -> Surface:
-    """Return the mesh as the kernels take it; `normals` is "vertex" or "facet".
+    """Return the mesh as arrays; `normals` is "vertex" or "facet".
 
     `unresolved` is `Physics.unresolved`: whether the slopes that the mesh leaves out tilt it.
     """

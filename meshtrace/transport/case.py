@@ -1,4 +1,4 @@
-"""What a run is about: a link over a surface with its options, from whatever describes it."""
+"""Inputs of a run: link, surface and options, from a link or a scenario."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class HasCase(Protocol):
     """A description that holds link, surface and options, such as a Scenario."""
 
     def case(self, surface: MeshSource | TriangleMesh | None = None) -> Case:
-        """Return what is run, over another surface if one is given."""
+        """Return the inputs of the run, with another surface if one is given."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""Sets of chains: how many of each order, where they collide, where they cross a flat sea."""
+"""Sets of chains: number by order, collisions, and crossings of a flat sea."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
 
 
 class ChainSet(NamedTuple):
-    """Chains of one order from one source, and where they cross a flat sea."""
+    """Chains of one order from one source, and their crossings of a flat sea."""
 
     order: int
     chains: Chains
@@ -43,7 +43,7 @@ class ChainSet(NamedTuple):
 
 
 class ChainDrawer:
-    """Draws chains of a link.
+    """Sampler of the chains of a link.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class ChainDrawer:
         self.nominals = [nominal(self._medium, e, link.targets, crest) for e in link.emitters]
 
     def last_order(self, source: int) -> int:
-        """Return the highest order of the chains from a source; refuse water of too many."""
+        """Return the highest order of the chains from a source; refuse too dense water."""
         return last_order(self._medium, self.nominals[source])
 
     def draw(self, source: int, order: int, per_shift: int, key: tuple[int, ...]) -> ChainSet:
@@ -97,7 +97,7 @@ class ChainDrawer:
         return ChainSet(order, chains, flat, np.ascontiguousarray(u[:, -2]))
 
     def _flat(self, source: int, receiver: int, chains: Chains) -> NDArray[np.void]:
-        """Return where chains cross a flat sea on the way to a receiver."""
+        """Return the crossings of a flat sea by chains to a receiver."""
         emitter, target = self._link.emitters[source], self._link.targets[receiver]
         still = surface_arrays(flat_mesh(-np.ones(2), np.ones(2)), "facet")
         scene = aiming.Scene(
@@ -116,12 +116,12 @@ class ChainDrawer:
 
 
 class Pilot(NamedTuple):
-    """What a few chains of each order bring over a flat sea, by receiver and order from 1 on."""
+    """Scores of a few chains of each order over a flat sea, by receiver and order from 1."""
 
     chains: NDArray[np.int64]  # (orders,)
     mean: NDArray[np.float64]  # (receivers, orders)
     spread: NDArray[np.float64]  # (receivers, orders) standard deviation of one chain
-    scored: NDArray[np.int64]  # (receivers, orders) chains that brought light
+    scored: NDArray[np.int64]  # (receivers, orders) chains with a contribution
 
     def of(self, receivers: NDArray[np.bool_]) -> Pilot:
         """Return the pilot of some receivers."""
@@ -130,7 +130,7 @@ class Pilot(NamedTuple):
 
 
 def pilot(drawer: ChainDrawer, aimed: AimedChains, source: int, seed: int, receivers: int) -> Pilot:
-    """Return the scores of a few chains of each order, more where none brings light."""
+    """Return the scores of a few chains of each order; more chains where none contributes."""
     orders = drawer.last_order(source)
     chains = np.zeros(orders, np.int64)
     mean, spread = np.zeros((receivers, orders)), np.zeros((receivers, orders))
@@ -187,7 +187,7 @@ def allotment(
 def nominal(
     medium: Medium, emitter: aiming.Emitter, targets: list[aiming.Target], crest: float
 ) -> Nominal:
-    """Return where collisions are expected along the straight way to the highest crest.
+    """Return the expected collisions along the straight way to the highest crest.
 
     The way is the shortest one to any of the targets.
     """
@@ -230,7 +230,7 @@ def nominal(
 
 
 def last_order(medium: Medium, expected: Nominal) -> int:
-    """Return the order behind which a Poisson law of the scatterings holds less than 1e-7."""
+    """Return the order beyond which a Poisson law of the scatterings has less than 1e-7."""
     from scipy.stats import poisson
 
     b = medium.layer_b.mean() if medium.layered else medium.b
@@ -263,7 +263,7 @@ def flat_mesh(low: NDArray[np.float64], high: NDArray[np.float64]) -> TriangleMe
 
 
 def _starts(emitter: aiming.Emitter, target: aiming.Target) -> NDArray[np.float64]:
-    """Return points (x, y) from which flat crossings are looked for: the likely one first.
+    """Return start points (x, y) of the search for flat crossings, the likeliest first.
 
     Light that arrives flatter than 60 degrees crosses far out, where Newton comes from anywhere.
     """

@@ -34,7 +34,7 @@ class ScatteredPilot(NamedTuple):
 
 
 def chain_pilot(pilots: list[Pilot], power: NDArray[np.float64]) -> ScatteredPilot:
-    """Return the pilots of the sources together, for chains that are allotted at best.
+    """Combine the pilots of the sources, for the optimal allotment of chains.
 
     With n_K ~ sigma_K the variance times the number of chains is (sum_K sigma_K)^2.
     """
@@ -48,12 +48,12 @@ def chain_pilot(pilots: list[Pilot], power: NDArray[np.float64]) -> ScatteredPil
 
 
 def is_clear(chains: ScatteredPilot) -> NDArray[np.bool_]:
-    """Return the receivers whose light the chains see well enough to need no comparison."""
+    """Return the receivers that chains serve well enough to skip the comparison."""
     return (chains.mean > 0.0) & (chains.variance <= _EFFICIENT * chains.mean**2)
 
 
 def choose(chains: ScatteredPilot, paths: ScatteredPilot) -> list[Method]:
-    """Return the estimator of each receiver: the smaller variance times time.
+    """Choose the estimator with the smaller variance times time for each receiver.
 
     Chains that miss much of the light have a small variance: where the paths find twice
     the light or more than chance allows, or few chains bring all of it, chains are not trusted.

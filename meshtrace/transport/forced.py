@@ -1,4 +1,4 @@
-"""Forced detection by aiming: chains of scatterings, turned so that they hit the aperture.
+"""Forced detection: scattering chains rotated to land on the aperture.
 
 Everything random about a photon except its emission direction is drawn; then the directions
 that land it on a random point x of the aperture are solved for. With K scatterings
@@ -59,12 +59,12 @@ from meshtrace.transport.forced_link import (
 Scattered = Literal["auto", "chains", "adjoint"]
 
 _MOST_CHAINS = 2**22  # 1 kB each, and more with their order
-_CUT_CHAINS = 2048  # that show whether a mesh cuts off light
+_CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
 
 class Counts(NamedTuple):
-    """What became of the chains."""
+    """Numbers of chains by outcome."""
 
     chains: int
     solved: int
@@ -75,7 +75,7 @@ class Counts(NamedTuple):
     sampled: int = 0  # pairs of source and receiver whose unscattered light is sampled
 
     def by_outcome(self) -> dict[str, int]:
-        """Return the numbers by name, `sampled` only where there are any."""
+        """Return the numbers by name; `sampled` only if above zero."""
         return {name: n for name, n in self._asdict().items() if n or name != "sampled"}
 
 
@@ -97,7 +97,7 @@ class Parts:
     samples : ndarray of int, shape (receivers,)
         Chains or adjoint paths that the scattered gain rests on.
     scored : ndarray of int, shape (receivers,)
-        Those that brought light.
+        Samples with a contribution.
     effective : ndarray, shape (receivers,)
         Effective number of samples, (sum w)^2 / sum w^2 of their contributions w.
     """
@@ -139,7 +139,7 @@ class Parts:
 
 
 class ForcedDetection:
-    """Chains of a link, ready to be aimed over any surface.
+    """Scattering chains of a link, aimed over any surface.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ class ForcedDetection:
         return AdjointPaths(link, photons, self._key[1], *self._options)
 
     def _take(self, method: list[Method], refused: Refused | None = None) -> None:
-        """Make the adjoint paths of the receivers that rest on them."""
+        """Create the adjoint paths of the receivers assigned to them."""
         self.method = method
         chosen = [r for r, m in zip(self.link.receivers, method, strict=True) if m == "adjoint"]
         if chosen:
@@ -267,7 +267,7 @@ class ForcedDetection:
                 raise refused or Refused("scattered", "adjoint", "chains for this link") from None
 
     def over(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> AimedChains:
-        """Return the chains' view of a mesh.
+        """Return the chains aimed over a mesh.
 
         Raises
         ------
@@ -287,7 +287,7 @@ class ForcedDetection:
 
     @cached_property
     def _unscattered(self) -> list[ChainSet]:
-        """Chains without a scattering, by source; only a random slope tells them apart."""
+        """Unscattered chains by source, which differ by their random slopes only."""
         photons, seed = self._key
         sources = len(self.arrays.emitters)
         per_shift = max(math.ceil(_UNSCATTERED_SHARE * photons / sources / SHIFTS), 2)
@@ -309,14 +309,14 @@ class ForcedDetection:
         return sums.parts(counts._replace(sampled=sampled))
 
     def _direct(self, aimed: AimedChains, s: int, r: int) -> NDArray[np.float64]:
-        """Return the unscattered gain of a source and a receiver: one number, or one a shift."""
+        """Return the unscattered gain of a source and a receiver: one number, or one per shift."""
         gains = aimed.direct_gains(s, r)
         if gains is not None:
             return gains.sum(keepdims=True)
         return aimed.score(s, r, self._unscattered[s]).reshape(SHIFTS, -1).mean(axis=1)
 
     def _reaching(self, mesh: TriangleMesh) -> ForcedDetection:
-        """Return chains that reach up to a mesh: others where it is far higher than expected."""
+        """Return chains that reach the mesh; new ones if it is far higher than expected."""
         top = float(mesh.bounds[1, 2])
         if top <= self._ceiling * self.arrays.frame.unit or "chains" not in self.method:
             return self
@@ -325,7 +325,7 @@ class ForcedDetection:
         )
 
     def cut_share(self, mesh: TriangleMesh) -> NDArray[np.float64]:
-        """Return the share of the light of a flat sea that crosses beside a mesh, by receiver."""
+        """Return the share of the light of a flat sea that crosses outside a mesh, by receiver."""
         low, high = mesh.bounds[:, :2]
         reach = crossing_reach(self.link) + np.array(self.link.origin) * [[-1.0], [1.0]]
         if (low <= -reach[0]).all() and (high >= reach[1]).all():
@@ -337,7 +337,7 @@ class ForcedDetection:
         return 1.0 - few.evaluate(flat_mesh(low, high)).gain / np.maximum(whole, 1e-300)
 
     def _flat(self) -> TriangleMesh:
-        """Return a flat sea that reaches beyond all light."""
+        """Return a flat sea larger than the footprint of the light."""
         far = crossing_reach(self.link) + 10.0 * self.arrays.frame.unit
         origin = np.array(self.link.origin)
         return flat_mesh(origin - far, origin + far)
@@ -361,7 +361,7 @@ class ForcedDetection:
 
     @property
     def _on_paths(self) -> list[int]:
-        """Receivers that rest on adjoint paths."""
+        """Receivers served by adjoint paths."""
         return [r for r, m in enumerate(self.method) if m == "adjoint"]
 
     def _aimed_arrivals(self, aimed: AimedChains, r: int) -> NDArray[np.float64]:
@@ -430,7 +430,7 @@ class _Sums:
             self._squares[r] += (self._link.power[s] ** 2) * np.mean(score**2) / len(score)
 
     def add_paths(self, found: AdjointParts, photons: int) -> None:
-        """Add the scattered light of the receivers that rest on adjoint paths."""
+        """Add the scattered light of the receivers served by adjoint paths."""
         self._paths = found, photons
 
     def parts(self, counts: Counts) -> Parts:

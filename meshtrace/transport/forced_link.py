@@ -1,4 +1,4 @@
-"""Sources, receivers and water of a link as forced detection takes them, and what it refuses."""
+"""Sources, receivers and water of a link for forced detection, and its restrictions."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ class ForcedLink(NamedTuple):
 
 
 def require_height_field(mesh: TriangleMesh) -> None:
-    """Refuse a surface that light from below can cross more than once on a vertical."""
+    """Refuse a surface with more than one crossing on a vertical."""
     if not mesh.single_valued:
         found = Described(f"overhangs ({mesh.facing_down} facets face down)")
         raise Refused("sea.mesh", found, f"a height field; overhangs need {_ANALOG[5:]}")
 
 
 def forced_link(link: Link) -> ForcedLink:
-    """Return what the chains need of a link.
+    """Return the link as arrays and numbers for the chains.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def crossing_reach(link: Link) -> float:
 
 
 def _targets(link: Link, frame: Frame) -> list[Target]:
-    """Return the receivers as numbers; no light worth counting crosses beyond their reach."""
+    """Return the receivers as numbers, with the reach beyond which light is negligible."""
     water = link.water
     a = water.a if water.layers is None else min(row[1] for row in water.layers)
     targets = []
@@ -92,7 +92,7 @@ def _targets(link: Link, frame: Frame) -> list[Target]:
 
 
 def _lit_radius(depth: float, a: float) -> float:
-    """Return the distance aside of a source beyond which its light is negligible [m].
+    """Return the horizontal distance from a source beyond which its light is negligible [m].
 
     There exp(-a D) / D^2 has fallen to 1e-7 of its value straight above the source, D the
     distance of the crossing from the source.

@@ -1,7 +1,7 @@
 """Local coordinates of a link: its own origin and unit of length.
 
 Tolerances of the kernels and single precision of Embree suit lengths of some metres near the
-origin. A tank of 10 cm and a link far from the origin are brought there.
+origin. A tank of 10 cm and a link far from the origin are mapped to it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Frame(NamedTuple):
         return points * self.unit + np.array([self.x, self.y, 0.0])
 
     def mesh(self, mesh: TriangleMesh) -> TriangleMesh:
-        """Return a mesh in local coordinates; normals stay."""
+        """Return a mesh in local coordinates, with the same normals."""
         if self == IDENTITY:
             return mesh
         local = self.points(mesh.vertices)
@@ -82,5 +82,5 @@ IDENTITY = Frame(0.0, 0.0, 1.0)
 
 
 def frame_of(link: Link) -> Frame:
-    """Return the local frame of a link: the metre and the origin where they suit."""
+    """Return the local frame of a link; the identity for links of ordinary size near the origin."""
     return Frame(*link.origin, link.unit)

@@ -103,7 +103,7 @@ def _triangulated(
 
 
 def _resolving(link: Link, surface: WaveSum, f: Footprint, per_wave: float) -> Footprint:
-    """Return a mesh fine enough for the shortest waves where unscattered light crosses.
+    """Return a mesh that resolves the shortest waves at the crossing of unscattered light.
 
     The lines move apart by 10 % each outside. Where that takes more than `_MOST_LIT` facets the
     mesh stays as it is.
@@ -125,7 +125,7 @@ def _resolving(link: Link, surface: WaveSum, f: Footprint, per_wave: float) -> F
 
 
 def _require_size(f: Footprint, meshing: Meshing) -> None:
-    """Refuse a mesh of more facets than memory and time allow, before it is made."""
+    """Refuse a mesh with too many facets before its creation."""
     fine = meshing.spacing or f.spacing
     if meshing.extent is not None:
         facets = 2.0 * min(2.0 * meshing.extent / fine, _MOST_CELLS) ** 2

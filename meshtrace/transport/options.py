@@ -1,4 +1,4 @@
-"""Options of a run: estimator, mesh and records, each a model with ranges, prose and defaults.
+"""Options of a run: estimator, mesh and records.
 
 The models are the keys of [run] and [sea] in link files and the provenance of results.
 """
@@ -76,7 +76,7 @@ class Forced(Estimator, frozen=True):
 
 
 class Analog(Estimator, frozen=True):
-    """Photons followed one by one, through everything.
+    """Analog estimator: individual photons, with all orders of scattering and reflection.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def MapGrid(  # noqa: N802 - the name of the version before
 
 
 class Shortcuts(TypedDict, total=False):
-    """Fields of `Meshing` and of the estimators, which `simulate` also takes as keywords."""
+    """Fields of `Meshing` and of the estimators that `simulate` accepts as keywords."""
 
     time: float
     extent: float | None
@@ -176,7 +176,7 @@ class Shortcuts(TypedDict, total=False):
 
 
 class Run(Model, frozen=True):
-    """Estimator, effort and key of a run.
+    """Estimator, number of photons, seed and threads of a run.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ class Run(Model, frozen=True):
     @model_validator(mode="before")
     @classmethod
     def _gather(cls, data: Any) -> Any:
-        """Move options that stand beside the others into their estimator."""
+        """Move estimator options from the top level into the estimator."""
         if not isinstance(data, Mapping) or isinstance(data.get("estimator"), Mapping):
             return data
         rest = dict(data)
@@ -239,7 +239,7 @@ class Run(Model, frozen=True):
         return self
 
     def to_config(self) -> dict[str, Any]:
-        """Return the options as plain data, those of the estimator beside the others."""
+        """Return the options as plain data, with those of the estimator at the top level."""
         rest = self.model_dump(mode="json", exclude={"estimator"})
         own = self.estimator.model_dump(mode="json")
         return {"estimator": own.pop("kind"), **rest, **own}

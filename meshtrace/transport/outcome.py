@@ -1,4 +1,4 @@
-"""Results of the sums that the estimators return."""
+"""Results from the sums of the estimators, and their warnings."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from meshtrace.transport.options import Analog, Record, Run
 LEFT_DOMAIN_WARNING = 1e-4
 _RETURNED = 1e-3
 _FEW = 100.0  # effective samples below which an error is uncertain itself
-_FEW_SHARE = 0.1  # of the samples: a run of few photons rests on few, and shows it
+_FEW_SHARE = 0.1  # of the samples: a run of few photons is known to be uncertain
 _SMALL = 0.01  # share of the gain below which its scattered part does not matter
 
 
 class FewSamplesWarning(UserWarning):
-    """A gain rests on few samples: its error may be larger than its standard error."""
+    """Small effective sample size: the error of a gain may exceed its standard error."""
 
 
 def per_receiver(link: Link, array: NDArray[np.float64]) -> Any:
@@ -44,7 +44,7 @@ def per_receiver(link: Link, array: NDArray[np.float64]) -> Any:
 def analog_result(
     link: Link, sums: Sums, origin: dict[str, Any], records: Mapping[str, Record]
 ) -> GainResult:
-    """Return the result of analog photons, warning of light that left the mesh."""
+    """Return the result of analog photons; warn of light that left the mesh."""
     n, n_rx = sums.photons, len(link.receivers)
     mean = sums.score / n
     stderr = standard_error(sums.score, sums.score_squared, n)
@@ -73,11 +73,11 @@ def analog_result(
 def bound_of_dark(
     link: Link, mesh: TriangleMesh, gain: NDArray[np.float64], run: Run, normals: str
 ) -> Any:
-    """Return upper bounds of dark gains of forced detection, nan elsewhere; None if all are lit.
+    """Return upper bounds of gains without received light, nan elsewhere; None if all have light.
 
-    As many analog photons are followed: samples aimed at light that is not there bound nothing.
-    None brings more than w = exp(-a d), d the height of the lowest trough above the source.
-    With mean m and standard error s of what the n photons bring, the bound is m + 2 s + 3 w / n:
+    The bound is that of as many analog photons, as aimed samples without contributions give none.
+    No photon scores more than w = exp(-a d), d the height of the lowest trough above the source.
+    With mean m and standard error s of the scores of n photons, the bound is m + 2 s + 3 w / n:
     3 w / n at 95 % confidence (rule of three) where none arrives.
     """
     if (gain > 0.0).all():
@@ -99,22 +99,23 @@ def bound_of_dark(
 
 
 def warn_of_few(parts: Parts) -> None:
-    """Warn of receivers whose gain rests on few chains or adjoint paths."""
+    """Warn of gains with a small effective sample size."""
     gain, scattered = parts.gain, parts.scattered.mean(axis=1)
     for r, method in enumerate(parts.method):
         few = parts.effective[r] < min(_FEW, _FEW_SHARE * parts.samples[r])
         if few and scattered[r] > _SMALL * gain[r]:
             name = "chains" if method == "chains" else "adjoint paths"
             warnings.warn(
-                f"receiver {r}: {parts.scored[r]:,} of {parts.samples[r]:,} {name} brought light, "
-                f"worth {parts.effective[r]:.0f} equal ones: the error may be larger than stated",
+                f"receiver {r}: {parts.scored[r]:,} of {parts.samples[r]:,} {name} contribute, "
+                f"effective sample size {parts.effective[r]:.0f}: the error may exceed the "
+                "standard error",
                 FewSamplesWarning,
                 stacklevel=4,
             )
 
 
 def returned_share(link: Link) -> float:
-    """Return about the share of light that comes out after the surface has sent it back.
+    """Estimate the share of light that leaves the water after a reflection back into it.
 
     A share rho of the light is reflected down: 2 % of what comes straight up, most of what comes
     from wide sources and from scattering. Water sends R = 0.5 b_b / (a + b_b) of it up again.
@@ -136,8 +137,8 @@ def warn_of_returned(link: Link) -> None:
     share = returned_share(link)
     if share > _RETURNED:
         warnings.warn(
-            f"some {100.0 * share:.1g} % of the light comes out after the surface has sent it back "
-            "once, which forced detection leaves out: reflected_photons adds it",
+            f"about {100.0 * share:.1g} % of the light leaves the water after a reflection at the "
+            "surface, which forced detection omits: add it by reflected_photons",
             DomainWarning,
             stacklevel=4,
         )
@@ -148,8 +149,8 @@ def warn_of_cut(forced: ForcedDetection, mesh: TriangleMesh) -> None:
     cut = forced.cut_share(mesh)
     for r in np.flatnonzero(cut > LEFT_DOMAIN_WARNING):
         warnings.warn(
-            f"receiver {r}: the mesh cuts off {cut[r]:.2g} of the light of a flat sea (more than "
-            f"{LEFT_DOMAIN_WARNING:g}): enlarge extent",
+            f"receiver {r}: the mesh cuts off {100.0 * cut[r]:.2g} % of the light (flat sea; limit "
+            f"{100.0 * LEFT_DOMAIN_WARNING:g} %): enlarge extent",
             DomainWarning,
             stacklevel=4,
         )
@@ -197,15 +198,15 @@ def _warn(result: GainResult) -> None:
     left = result.fates["left_domain"].weight
     if left > LEFT_DOMAIN_WARNING:
         warnings.warn(
-            f"{left:.2g} of the launched weight left the meshed surface sideways (more than "
-            f"{LEFT_DOMAIN_WARNING:g}): enlarge extent",
+            f"{100.0 * left:.2g} % of the launched weight left the meshed surface sideways (limit "
+            f"{100.0 * LEFT_DOMAIN_WARNING:g} %): enlarge extent",
             DomainWarning,
             stacklevel=4,
         )
     if result.misses[1]:
         warnings.warn(
-            f"{result.misses[1]} photons missed the surface inside the mesh after being cast "
-            "again: the mesh may have holes",
+            f"{result.misses[1]} photons missed the surface inside the mesh twice: the mesh may "
+            "have holes",
             DomainWarning,
             stacklevel=4,
         )

@@ -1,4 +1,4 @@
-"""Photon paths for the eye: what the analog photons do, and how received light travels."""
+"""Photon paths for visualisation: analog photons and received light."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class PhotonPaths:
 
     @property
     def received(self) -> NDArray[np.bool_]:
-        """Which paths end in an aperture."""
+        """Mask of the paths that end in an aperture."""
         return (self.what == Vertex.RECEIVED).any(axis=1)
 
     @property
@@ -114,7 +114,7 @@ def _split(
     what: NDArray[np.int8],
     length: NDArray[np.int64],
 ) -> PhotonPaths:
-    """Cut the records behind every flight through the air: light sent back starts anew."""
+    """Split the records after each flight through the air; reflected light starts a new path."""
     rows: list[tuple[int, int, int]] = []
     for i, n in enumerate(length):
         codes = what[i, :n]
@@ -141,7 +141,7 @@ def _split(
 def received_paths(
     link: Link, mesh: TriangleMesh, n: int, seed: int, normals: str, chains: int = 4096
 ) -> PhotonPaths:
-    """Return paths of received light, drawn in proportion to the light they carry.
+    """Return paths of received light, sampled in proportion to their weight.
 
     Scattered light is that of chains, also where its gain rests on adjoint paths.
     """

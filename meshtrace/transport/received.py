@@ -1,4 +1,4 @@
-"""Paths of received light, drawn from the chains in proportion to the light they carry."""
+"""Paths of received light, sampled from the chains in proportion to their weight."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Path = NDArray[np.float64]
 def received_light(
     forced: ForcedDetection, mesh: TriangleMesh, n: int, rng: np.random.Generator
 ) -> list[tuple[Path, float]]:
-    """Return n paths of light into the first receiver, drawn by the light they carry.
+    """Return n paths into the first receiver, sampled in proportion to their weight.
 
     Each is (points, weight) from the source over its scatterings and the crossing to the
     aperture; all carry the same share of the gain.

@@ -1,4 +1,4 @@
-"""One function in front of both estimators."""
+"""Simulation of one link over one surface with either estimator."""
 
 from __future__ import annotations
 
@@ -258,7 +258,7 @@ def _forced(
 def _reflected(
     link: Link, mesh: TriangleMesh, run: Run, normals: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what the surface sent back first, by analog photons and a wider aperture.
+    """Return the gain of light first reflected into the water, by analog photons, wide aperture.
 
     That light comes from everywhere below: its irradiance is even over metres, so an aperture
     of 1 m (never wider than half of what the field of view covers) has the same mean.

@@ -198,7 +198,7 @@ def test_series_says_when_noise_counts():
     )
     options = {"resamples": 50, "test_resamples": 0}
     assert not any("Monte Carlo" in note for note in quiet.fading(**options).notes)
-    assert any("more chains" in note for note in loud.fading(**options).notes)
+    assert any("increase photons" in note for note in loud.fading(**options).notes)
     with pytest.raises(ValueError, match="receiver: 1, allowed"):
         quiet.fading(1)
 

@@ -186,7 +186,7 @@ def test_missing_slopes_are_said_once():
     share = float(str(seen[0].message).split("which ")[1].split(" %")[0])
     resolved = sum(components_slope_variance(sea.components))
     assert share == pytest.approx(100.0 * (1.0 - resolved / sum(cox_munk(7.0))), abs=0.5)
-    with pytest.warns(mt.DomainWarning, match="meets no waves beyond it"):
+    with pytest.warns(mt.DomainWarning, match="without any shorter waves"):
         from_wavespectra(dataset())
 
 

@@ -17,7 +17,7 @@ from meshtrace.transport.forced_link import forced_link
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning"),
-    pytest.mark.filterwarnings("ignore:.*brought light, worth:meshtrace.FewSamplesWarning"),
+    pytest.mark.filterwarnings("ignore:.*effective sample size:meshtrace.FewSamplesWarning"),
 ]
 
 KILL = mt.Physics(reflected="kill")

@@ -138,7 +138,7 @@ def _fitted_lines(study: ConvergenceStudy, kind: Normals) -> list[str]:
     best = study.recommended()[kind]
     said = f"finer than {study.values[-1]:g}" if math.isnan(best) else f"{best:.3g}"
     lines.append(
-        f"Monte Carlo error of all {100.0 * study.gain_stderr[k, -1] / study.gain[k, -1]:.2g} %; "
+        f"common Monte Carlo error {100.0 * study.gain_stderr[k, -1] / study.gain[k, -1]:.2g} %; "
         f"{study.parameter} for an error of {100.0 * study.tolerance:g} %: {said} {unit}"
     )
     return lines
