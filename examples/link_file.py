@@ -1,4 +1,4 @@
-"""A link file with two values changed, a result file, and the configuration back from it."""
+"""Change two values of a link file, save the result, and restore the configuration from it."""
 
 import tempfile
 from pathlib import Path

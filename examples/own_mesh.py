@@ -1,4 +1,4 @@
-"""Gain through a surface of your own: a ring wave, as arrays and as a mesh file."""
+"""Gain through a user-defined surface: a ring wave, as arrays and as a mesh file."""
 
 import tempfile
 from pathlib import Path
