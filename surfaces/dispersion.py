@@ -167,7 +167,7 @@ def wavenumber_in_current(
             first = np.argmax(stopped)
             wave = float(omega.flat[first]), np.degrees(np.asarray(theta).flat[first])
             problem = Described(f"{current} m/s")
-            allowed = "a current that lets the wave of {:g} rad/s towards {:g} deg pass"
+            allowed = "a current that the wave of {:g} rad/s towards {:g} deg can pass"
             raise Refused("current", problem, allowed.format(*wave))
         step = np.where(k > 0.0, (sigma + k * along - omega) / rate, 0.0)
         k = k - step

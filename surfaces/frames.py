@@ -1,6 +1,6 @@
 """Frames of meshes in files: lists of files, collections of VTK and XDMF, grids in netCDF or HDF5.
 
-Every reader lists its frames at once and reads one frame when it is asked for.
+Every reader lists its frames at once and reads each frame on demand.
 """
 
 from __future__ import annotations

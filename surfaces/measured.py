@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import xarray
 
 TAIL_OMEGA_MAX = 24.0
-"""Highest frequency of a tail [rad s-1]: shorter waves blur light and do not make it fade."""
+"""Highest frequency of a tail [rad s-1]: shorter waves blur light and add no fading."""
 
 _TAIL_PER_OCTAVE = 16
 
@@ -102,7 +102,7 @@ def from_wavespectra(
     Warns
     -----
     DomainWarning
-        If there is neither `tail` nor `mss`: light meets too few slopes.
+        If there is neither `tail` nor `mss`: slopes are missing.
 
     Notes
     -----

@@ -387,8 +387,8 @@ class JonswapSea(_BandedSea, frozen=True):
     capillary : bool
         Add the surface tension to the dispersion, for bands beyond some 30 rad/s.
     jitter : bool
-        For "paper" and "scaled": draw every wave's frequency uniformly within its bin, anew for
-        every seed. Equally spaced frequencies make the sea repeat after 2 pi / d_omega (31 s in
+        For "paper" and "scaled": draw every wave's frequency uniformly within its bin, for
+        each seed. Equally spaced frequencies make the sea repeat after 2 pi / d_omega (31 s in
         the paper's band at 5 m/s). The natural band never repeats. Without a band, `jitter`
         means the equally spaced band of version 0.1.
     current : (float, float), optional
@@ -403,9 +403,9 @@ class JonswapSea(_BandedSea, frozen=True):
     choppy, order, order_omega_max
         Nonlinear seas, see `RandomSea`.
     mss : {"cox-munk", "elfouhaily", "band"}
-        Slope variance of the real sea: measured, or of a spectrum down to the capillaries. The
-        tracer tilts normals at random by the rest that a mesh lacks (`Physics.unresolved`). "band":
-        there are no waves beyond the band.
+        Slope variance of the real sea: measured, or of a spectrum down to the capillaries. Its
+        part beyond the mesh tilts normals at random (`Physics.unresolved`). "band": no waves
+        beyond the band.
 
     Raises
     ------
@@ -417,8 +417,8 @@ class JonswapSea(_BandedSea, frozen=True):
     The variance of each bin of the natural band is that of the spectrum. All bands end at about
     2.1 omega_p unless given: they hold 96 % of the variance of the elevation, but at 5 and
     13 m/s only 22 % and 14 % of the mean square slope of Cox and Munk (1954). The waves beyond
-    tilt the surface at random (`mss`): the mean gain is that of the whole sea, but they blur
-    light rather than make it fade. Fading needs `omega_max="fading"`.
+    tilt the surface at random (`mss`): the mean gain is that of the whole sea, but tilts blur
+    light and add no fading, which needs `omega_max="fading"`.
 
     With `jitter` the amplitudes follow S at the drawn frequency, so variances hold on
     average over seeds rather than for each.
@@ -482,11 +482,11 @@ class SpectralSea(_BandedSea, frozen=True):
     Parameters
     ----------
     spectrum : Spectrum
-        `Jonswap`, `Tma`, `PiersonMoskowitz`, `Elfouhaily` or a `Spectrum` of your own, as an
+        `Jonswap`, `Tma`, `PiersonMoskowitz`, `Elfouhaily` or a user-defined `Spectrum`, as an
         object or as plain data.
     spreading : Spreading
         `IttcSpreading`, `Cos2sSpreading`, `MitsuyasuSpreading`, `ElfouhailySpreading` or a
-        `Spreading` of your own.
+        user-defined `Spreading`.
     band, seed, omega_min, omega_max, d_omega, d_theta, spacing_law, wind_direction_deg, jitter,
     current, mss
         See `JonswapSea`, without the band "paper".

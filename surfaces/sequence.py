@@ -66,7 +66,7 @@ class MeshSequence(Model, frozen=True):
 
     Notes
     -----
-    One frame is read when it is asked for, and the last two are kept: memory does not grow
+    Frames are read on demand, and the last two are kept: memory does not grow
     with their number. Frames may overhang (see `from_trimesh`) and differ in their facets unless
     blended. `elevation` and `slopes` do not exist.
 

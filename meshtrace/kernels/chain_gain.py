@@ -73,7 +73,7 @@ ARRIVAL = np.dtype(
         ("emission", float, (3,)),  # direction
     ]
 )
-"""Light that a chain brings into the aperture."""
+"""Contribution of a chain to the aperture."""
 
 
 class Counter(IntEnum):

@@ -118,7 +118,7 @@ class Limits(NamedTuple):
     survival: float  # 0: survive with weight / limit; else with this probability
     events: int
     surface_events: int
-    first_scored: int  # crossing from which on light is scored; 2 scores light sent back once
+    first_scored: int  # first crossing that is scored; 2 for light reflected once
 
 
 class Recorder(NamedTuple):

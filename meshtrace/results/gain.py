@@ -286,7 +286,7 @@ def bound_where_dark(gain: Values, photons: int) -> Values | None:
     """Return the upper bound 3 / n of analog gains at 95 % confidence, None if all are above 0.
 
     An event that none of n independent trials shows has a probability below 3 / n (rule of three);
-    a photon brings a weight of at most 1, and no gain is above 1.
+    the weight of a photon is at most 1, and no gain is above 1.
     """
     gains = np.atleast_1d(gain)
     dark = ~(gains > 0.0)

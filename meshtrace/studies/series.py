@@ -58,7 +58,7 @@ def time_series(
     times : array_like, shape (n,)
         Times [s]; evenly spaced with a flight.
     flight : Flight, optional
-        Aircraft that tilts the receiver, which has to look straight down. The tilt acts in the
+        Aircraft that tilts the receiver, whose own tilt has to be 0. The tilt acts in the
         cosine of the aperture and in the field of view of every photon.
     photons : int, optional
         Chains, common to all times; 2048 by default.

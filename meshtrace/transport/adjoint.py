@@ -1,8 +1,8 @@
 """Adjoint paths: scattered light traced from the receiver to the source.
 
-Where light arrives only by scattering, chains aimed at the aperture starve; paths from the
-aperture see such light naturally, since the surface comes first and the connection to the source
-lies wholly in the water. With x on the aperture and w in the field of view,
+Where light arrives only by scattering, hardly any chain aimed at the aperture contributes; paths
+from the aperture cross the surface first, and their connection to the source lies entirely in the
+water. With x on the aperture and w in the field of view,
 
     h = E[ |A| cos(x, w) / p(w) T (n_air / n_water)^2 sum_k W_k L_k ],
 
@@ -38,7 +38,7 @@ from meshtrace.transport.forced_link import emitter_of, target_of
 from meshtrace.transport.frame import IDENTITY, frame_of
 
 _BLOCK = 4096  # paths of one block; sums of blocks do not depend on threads
-_ORDERS = 40  # numbers of scatterings told apart; the last holds all beyond
+_ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
 _CELLS_PER_LOG = 200.0
 _EVEN, _AIMED = 0.5, 0.3  # shares of free paths and of directions, see `World`
 _BRANCHES = 8  # side paths of one path that wait at a time
@@ -120,7 +120,7 @@ class AdjointPaths:
 
     Notes
     -----
-    Light crosses the surface once: light that the surface sends back into the water is left out.
+    Light crosses the surface once: light reflected back into the water is omitted.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
 """The analog estimator: individual photons, traced in batches between ray casts.
 
-The gain is the mean weight that a photon brings into the aperture. A chunk of photons is
+The gain is the mean weight of a photon in the aperture. A chunk of photons is
 followed by one thread in a pool of slots: a kernel moves the pool, Embree answers its rays,
 and so on until the chunk has ended. Chunks are independent and added in their order.
 """
@@ -163,7 +163,7 @@ def run_analog(
     threads : int
         Threads; the result does not depend on them.
     first_scored : int
-        Crossing of the surface from which on light is scored; 2 for light sent back once.
+        First crossing of the surface that is scored; 2 for light reflected once.
     record : sequence of Record
         Extra tallies.
     recorder : Recorder, optional

@@ -49,7 +49,7 @@ def resolve(link: Link | HasCase, surface: MeshSource | TriangleMesh | None = No
     Parameters
     ----------
     link : Link or Scenario
-        A scenario brings its surface and options.
+        A scenario includes its surface and options.
     surface : MeshSource or TriangleMesh, optional
         By default that of the scenario; over a link the JONSWAP sea of the wind of its bubbles
         and whitecaps, or of 5 m/s.

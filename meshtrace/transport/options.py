@@ -56,15 +56,15 @@ class Estimator(
 class Forced(Estimator, frozen=True):
     """Forced detection: scattering chains aimed at the receivers.
 
-    It is some 10^5 times more efficient than photons followed one by one, and leaves out only
-    light that the surface sends back into the water first: some 1e-4 of the gain in clear sea
-    water, up to 1 % where the water scatters backwards strongly. It warns beyond 0.1 %.
+    It is some 10^5 times more efficient than individual photons, and omits only light that the
+    surface first reflects into the water: some 1e-4 of the gain in clear sea water, up to 1 % in
+    water with strong backscattering. It warns beyond 0.1 %.
 
     Parameters
     ----------
     reflected_photons : int
-        Analog photons that estimate the light which reaches the receiver after the surface has
-        sent it back into the water, 0 to 2^53; it is added to the gain.
+        Analog photons for the light that reaches the receiver after a reflection at the surface
+        into the water, 0 to 2^53; it is added to the gain.
     """
 
     kind: Literal["forced"] = "forced"

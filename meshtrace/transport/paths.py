@@ -35,7 +35,7 @@ class PhotonPaths:
     what : ndarray of int8, shape (paths, vertices)
         `Vertex` codes, -1 behind the end.
     photon : ndarray of int64, shape (paths,)
-        Photon that a path belongs to: light that the surface sends back starts a new path.
+        Photon that a path belongs to; light reflected by the surface starts a new path.
     """
 
     vertex: NDArray[np.float64]

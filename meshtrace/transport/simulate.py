@@ -167,7 +167,7 @@ def _over_mesh(case: Case) -> tuple[Run, TriangleMesh, dict[str, Any]]:
 def _to_tolerance(evaluate: _Evaluate, run: Run) -> GainResult:
     """Repeat with more photons until the relative standard error is met.
 
-    Analog photons add to those already followed; chains are drawn anew.
+    Analog photons add to those already traced; chains are drawn again.
     """
     n, result = run.photons, evaluate(run)
     while run.rtol is not None:
