@@ -22,6 +22,7 @@ from .link import UniformSky as UniformSky
 from .link import WaterAperture as WaterAperture
 from .link import Whitecaps as Whitecaps
 from .link.link import in_wind as in_wind
+from .mesh import MeshSource as MeshSource
 from .mesh import SurfaceModel as SurfaceModel
 from .mesh import TriangleMesh as TriangleMesh
 from .optics.bubbles import BubblePopulation as BubblePopulation

@@ -1,14 +1,12 @@
-"""Ray-mesh intersection: Embree for speed, brute force as its oracle.
+"""Ray-mesh intersection: Embree, and brute force as its reference.
 
-Both answer one question, "which facet does this ray meet first", and nothing else: the point,
-its barycentrics and the normal follow in double precision from the facet's own corners, so
-that Embree's single precision decides only between neighbours at an edge.
+Both return the first facet along each ray only: the point, its barycentrics and the normal follow
+in double precision from the corners of the facet, so that the single precision of Embree decides
+only between neighbours at an edge.
 """
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
@@ -16,9 +14,12 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Described, Refused
 from meshtrace.kernels.facets import Triangles, facet_hits
 from meshtrace.kernels.jit import allocating_entry
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.parallel import default_threads, ordered_map
 
 
 class Hits(NamedTuple):
@@ -35,9 +36,9 @@ class Hits(NamedTuple):
     """
 
     facet: NDArray[np.int32]
-    distance: NDArray[np.float64]
-    u: NDArray[np.float64]
-    v: NDArray[np.float64]
+    distance: Floats
+    u: Floats
+    v: Floats
 
 
 class Intersector(Protocol):
@@ -69,9 +70,10 @@ def _hits(intersector: Intersector, origins: ArrayLike, directions: ArrayLike) -
     d = np.ascontiguousarray(directions, dtype=np.float64)
     for name, array in (("origins", o), ("directions", d)):
         if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
-            raise ValueError(f"{name}: shape {array.shape}, allowed finite (n, 3)")
+            raise Refused(name, Described(f"shape {array.shape}"), "finite (n, 3)")
     if o.shape != d.shape:
-        raise ValueError(f"directions: shape {d.shape}, allowed that of origins {o.shape}")
+        shape = Described(f"shape {d.shape}")
+        raise Refused("directions", shape, f"that of origins {o.shape}")
     facet = intersector.facets(o.astype(np.float32), d.astype(np.float32))
     mesh = intersector.mesh
     triangles = Triangles(mesh.vertices, mesh.faces, mesh.face_normals)
@@ -100,7 +102,7 @@ class EmbreeIntersector:
         from embreex.rtcore_scene import EmbreeScene
 
         self.mesh = mesh
-        self.threads = threads or os.cpu_count() or 1
+        self.threads = default_threads(threads)
         self._scene = EmbreeScene(_device(), robust=True)
         EmbreeMesh(self._scene, mesh.vertices.astype(np.float32), mesh.faces)
         # the first query commits the scene, which must not happen in two threads at once
@@ -124,18 +126,13 @@ class EmbreeIntersector:
         if self.threads == 1 or len(o) < 2 * self.threads:
             return _hits(self, o, d)
         bounds = np.linspace(0, len(o), self.threads + 1, dtype=int)
-        with ThreadPoolExecutor(self.threads) as pool:
-            parts = list(
-                pool.map(
-                    lambda i: _hits(self, o[i[0] : i[1]], d[i[0] : i[1]]),
-                    pairwise(bounds),
-                )
-            )
+        chunks = (slice(*ends) for ends in pairwise(bounds))
+        parts = ordered_map(lambda chunk: _hits(self, o[chunk], d[chunk]), chunks, self.threads)
         return Hits(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 
 class BruteForceIntersector:
-    """Every ray against every facet in double precision: slow, plain, the oracle of tests."""
+    """Brute force: every ray against every facet in double precision, the reference of tests."""
 
     def __init__(self, mesh: TriangleMesh) -> None:
         self.mesh = mesh
@@ -144,12 +141,8 @@ class BruteForceIntersector:
         self, origins: NDArray[np.float32], directions: NDArray[np.float32]
     ) -> NDArray[np.int32]:
         """Return the first facet of each ray, -1 for a miss; thread-safe."""
-        return _first_facets(
-            origins.astype(np.float64),
-            directions.astype(np.float64),
-            self.mesh.vertices,
-            self.mesh.faces,
-        )
+        rays = origins.astype(np.float64), directions.astype(np.float64)
+        return _first_facets(*rays, self.mesh.vertices, self.mesh.faces)
 
     def intersect(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
         """Return the first hit of each ray."""
@@ -160,8 +153,8 @@ class BruteForceIntersector:
 def _first_facets(origins, directions, vertices, faces):
     """Return the nearest facet of each ray by Moller and Trumbore (1997).
 
-    Array twin: `EmbreeIntersector.facets`, of which this is the oracle.
-    Double precision and no bounding volumes: nothing to get wrong.
+    Array twin: `EmbreeIntersector.facets`, of which this is the reference, in double precision and
+    without bounding volumes.
     """
     out = np.full(len(origins), -1, np.int32)
     for i in range(len(origins)):

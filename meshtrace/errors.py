@@ -141,6 +141,12 @@ def require_finite(value: Any, path: str, allowed: str) -> NDArray[Any]:
     return array.reshape(-1)
 
 
+def require_all(values: NDArray[Any], good: Any, path: str, allowed: str) -> None:
+    """Refuse an array by the first of its values that is not good."""
+    if not good.all():
+        raise Refused(path, values[~good].flat[0], allowed)
+
+
 def require_between(value: Any, low: float, high: float, path: str) -> None:
     """Refuse all but numbers between two, these excluded."""
     if not is_number(value) or not low < value < high:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused, require_array
+from meshtrace.models import Floats
 
 if TYPE_CHECKING:
     import trimesh
@@ -19,21 +20,11 @@ _FARTHEST = 1e6  # [m]: single precision and integers of bins hold such coordina
 
 
 @runtime_checkable
-class SurfaceModel(Protocol):
-    """A sea surface that can be evaluated anywhere and triangulated at any time.
+class MeshSource(Protocol):
+    """A surface as meshes in time.
 
     All lengths in m, times in s; z is up and still water lies at z = 0.
     """
-
-    def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> NDArray[np.float64]:
-        """Return the elevation [m] at (x, y, time)."""
-        ...
-
-    def slopes(
-        self, x: ArrayLike, y: ArrayLike, time: float = 0.0
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the slopes dz/dx and dz/dy at (x, y, time)."""
-        ...
 
     def mesh(
         self,
@@ -49,7 +40,22 @@ class SurfaceModel(Protocol):
         ...
 
     def to_config(self) -> dict[str, Any]:
-        """Return the parameters as plain data that `scenario.sea_from_config` loads back."""
+        """Return the parameters as plain data that `surfaces.sea_from_config` loads back."""
+        ...
+
+
+@runtime_checkable
+class SurfaceModel(MeshSource, Protocol):
+    """A sea surface that can be evaluated anywhere and triangulated at any time."""
+
+    def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> NDArray[np.float64]:
+        """Return the elevation [m] at (x, y, time)."""
+        ...
+
+    def slopes(
+        self, x: ArrayLike, y: ArrayLike, time: float = 0.0
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the slopes dz/dx and dz/dy at (x, y, time)."""
         ...
 
 
@@ -101,9 +107,61 @@ def _array(value: Any, name: str, shape: str, least: int, dtype: Any = float) ->
     return array
 
 
+def _face_cross(vertices: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
+    """Return twice the area vectors of facets."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    (ux, uy, uz), (vx, vy, vz) = (b - a).T, (c - a).T
+    # by components: numpy.cross takes half of the time that a mesh takes to make
+    return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=1)
+
+
+def vertex_normals(
+    vertices: NDArray[np.float64],
+    faces: NDArray[Any],
+    weights: Literal["area", "angle"] = "area",
+) -> NDArray[np.float64]:
+    """Return the mean unit normals of the facets at each corner.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (n, 3)
+        Corner positions [m].
+    faces : ndarray of int, shape (m, 3)
+        Corner indices.
+    weights : {"area", "angle"}
+        Weights of the facets: their areas, or their angles at the corner, with which the mean
+        does not depend on the way in which a polygon is split.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Unit normals; corners that no facet uses point up.
+
+    References
+    ----------
+    G. Thuermer and C. A. Wuethrich, "Computing vertex normals from polygonal facets", Journal of
+    Graphics Tools 3 (1998).
+    """
+    cross = _face_cross(vertices, faces)
+    corner = vertices[faces]
+    normals = np.zeros_like(vertices)
+    for i in range(3):
+        share = cross
+        if weights == "angle":
+            u, v = corner[:, (i + 1) % 3] - corner[:, i], corner[:, (i + 2) % 3] - corner[:, i]
+            area = np.linalg.norm(cross, axis=1)
+            angle = np.arctan2(area, np.einsum("ij,ij->i", u, v))
+            share = cross * (angle / np.where(area > 0.0, area, 1.0))[:, None]
+        np.add.at(normals, faces[:, i], share)
+    length = np.linalg.norm(normals, axis=1)
+    normals[length == 0.0] = (0.0, 0.0, 1.0)
+    length[length == 0.0] = 1.0
+    return normals / length[:, None]
+
+
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
-    """An open surface of triangles that faces up: the sea seen from the air.
+    """An open surface of triangles: the sea seen from the air.
 
     Parameters
     ----------
@@ -111,23 +169,27 @@ class TriangleMesh:
         Corner positions [m].
     faces : array_like of int, shape (m, 3)
         Corner indices, counter-clockwise seen from the air, so that every facet normal
-        points up.
+        points to the air.
     vertex_normals : array_like, shape (n, 3), optional
-        Unit normals at the corners, pointing up. Surface models pass the normals of their
-        exact slopes; without them the area-weighted mean of the adjacent facets is used.
+        Unit normals at the corners, pointing to the air. Surface models pass the normals of
+        their exact slopes; without them the area-weighted mean of the adjacent facets is used.
     unresolved : UnresolvedSlopes, optional
         Slopes that the mesh leaves out.
+    overhangs : bool
+        Allow facets that stand upright or face down. Otherwise every normal points up.
 
     Raises
     ------
     Refused
-        If an array has the wrong shape, is not finite, or a normal does not point up.
+        If an array has the wrong shape, is not finite, a facet has no area, or a normal does
+        not point up where `overhangs` does not allow it.
     """
 
-    vertices: NDArray[np.float64]
+    vertices: Floats
     faces: NDArray[np.int32]
-    vertex_normals: NDArray[np.float64] = None  # type: ignore[assignment]
+    vertex_normals: Floats = None  # type: ignore[assignment]
     unresolved: UnresolvedSlopes | None = None
+    overhangs: bool = False
 
     def __post_init__(self) -> None:
         vertices = _array(self.vertices, "vertices", "(n >= 3, 3)", 3)
@@ -146,50 +208,50 @@ class TriangleMesh:
         faces.flags.writeable = False
         object.__setattr__(self, "faces", faces)
         up = self.face_normals[:, 2]
-        if not up.min() > 0.0:
+        if self.overhangs and not np.isfinite(up).all():
+            flat = Described(f"{np.count_nonzero(~np.isfinite(up))} facets without area")
+            raise Refused("mesh.faces", flat, "facets with an area")
+        if not self.overhangs and not up.min() > 0.0:
             down = Described(f"{np.count_nonzero(~(up > 0.0))} facets do not face up")
             allowed = "counter-clockwise facets of a height field (normal_z > 0)"
             raise Refused("mesh.faces", down, allowed)
         normals = self.vertex_normals
-        normals = self._area_weighted_normals() if normals is None else normals
+        normals = vertex_normals(vertices, faces) if normals is None else normals
         normals = _array(normals, "vertex_normals", f"{vertices.shape}", len(vertices))
         if normals.shape != vertices.shape:
             shape = Described(f"shape {normals.shape}")
             raise Refused("mesh.vertex_normals", shape, f"{vertices.shape}")
         length = np.linalg.norm(normals, axis=1)
-        if not (np.abs(length - 1.0) < 1e-9).all() or not (normals[:, 2] > 0.0).all():
+        upward = self.overhangs or (normals[:, 2] > 0.0).all()
+        if not (np.abs(length - 1.0) < 1e-9).all() or not upward:
             other = Described("other vectors")
             raise Refused("mesh.vertex_normals", other, "unit vectors with normal_z > 0")
         object.__setattr__(self, "vertex_normals", normals)
 
     @cached_property
-    def face_normals(self) -> NDArray[np.float64]:
+    def face_normals(self) -> Floats:
         """Unit normals of the facets, shape (m, 3), pointing to the air."""
-        cross = self._face_cross
+        cross = _face_cross(self.vertices, self.faces)
         with np.errstate(invalid="ignore"):
             return cross / np.linalg.norm(cross, axis=1)[:, None]
 
-    @property
-    def _face_cross(self) -> NDArray[np.float64]:
-        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
-        (ux, uy, uz), (vx, vy, vz) = (b - a).T, (c - a).T
-        # by components: numpy.cross takes half of the time that a mesh takes to make
-        return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=1)
+    @cached_property
+    def facing_down(self) -> int:
+        """Number of facets that stand upright or face down."""
+        return int(np.count_nonzero(~(self.face_normals[:, 2] > 0.0)))
 
-    def _area_weighted_normals(self) -> NDArray[np.float64]:
-        normals = np.zeros_like(self.vertices)
-        for corner in range(3):
-            np.add.at(normals, self.faces[:, corner], self._face_cross)
-        length = np.linalg.norm(normals, axis=1)
-        normals[length == 0.0] = (0.0, 0.0, 1.0)  # corners that no facet uses
-        length[length == 0.0] = 1.0
-        return normals / length[:, None]
+    @property
+    def single_valued(self) -> bool:
+        """Whether the surface is a height field: every facet faces up."""
+        return self.facing_down == 0
 
     @cached_property
-    def bounds(self) -> NDArray[np.float64]:
+    def bounds(self) -> Floats:
         """Lowest and highest coordinates [m], shape (2, 3)."""
-        used = self.vertices[np.unique(self.faces)]
-        return np.stack([used.min(axis=0), used.max(axis=0)])
+        used = np.zeros(len(self.vertices), bool)
+        used[self.faces] = True
+        corners = self.vertices[used]
+        return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
     @cached_property
     def max_slope(self) -> float:
@@ -197,9 +259,9 @@ class TriangleMesh:
 
         Infinite if a facet stands upright or hangs over.
         """
-        n = self.face_normals
-        if not n[:, 2].min() > 0.0:
+        if not self.single_valued:
             return math.inf
+        n = self.face_normals
         return float((np.hypot(n[:, 0], n[:, 1]) / n[:, 2]).max())
 
     def to_trimesh(self) -> trimesh.Trimesh:

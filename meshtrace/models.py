@@ -1,4 +1,4 @@
-"""Base of everything that is described: validated, frozen models that raise `Refused`."""
+"""Base of all descriptions: validated, frozen models that raise `Refused`."""
 
 from __future__ import annotations
 
@@ -6,13 +6,18 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Annotated, Any, NoReturn, Self, get_args
 
+import numpy as np
 import pydantic
+from numpy.typing import NDArray
 from pydantic import Field
 
 from meshtrace.errors import MISSING, Refused, did_you_mean, require_keys, require_number
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Position = tuple[Finite, Finite]
+Floats = NDArray[np.float64]
 
 _BOUNDS = {"gt": "<", "ge": "<=", "lt": "<", "le": "<="}
 _WORDS = {
@@ -35,7 +40,7 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid"):
     Raises
     ------
     Refused
-        If a field is unknown or a value is out of range, however the model is made.
+        If a field is unknown or a value is out of range.
     """
 
     def __init__(self, /, **data: Any) -> None:

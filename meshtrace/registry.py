@@ -1,4 +1,4 @@
-"""Families of models, identified by `kind` in plain data; most accept a user's own classes.
+"""Families of models, identified by `kind` in plain data; most are open to a user's own classes.
 
 A direct subclass of `Family` is the base of a family, and every concrete class below it joins by
 being defined. Plain data name a class by its `kind`, by its import path "module:Class", or by an

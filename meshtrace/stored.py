@@ -6,6 +6,7 @@ all its bytes, which other readers ignore. It is encoded in memory and replaced 
 
 from __future__ import annotations
 
+import abc
 import hashlib
 import html
 import io
@@ -36,6 +37,7 @@ _HOMES = {
     "performance": "meshtrace.studies.performance.tables",
     "depth-sweep": "meshtrace.studies.performance.tables",
     "convergence": "meshtrace.studies.convergence.study",
+    "fading-convergence": "meshtrace.studies.convergence.fading",
 }
 """Modules of the results by kind, imported when a file asks for them."""
 
@@ -44,11 +46,11 @@ _TRAILER = len(_MARK) + hashlib.sha256().digest_size
 _ALLOWED = "an undamaged netCDF file"
 
 
-class Stored:
+class Stored(abc.ABC):
     """Result with a text, a notebook table, a Dataset and a file.
 
-    Subclasses are frozen dataclasses (`repr=False`) that define `kind`, `title`, `summary`,
-    `_headline`, `_content` and `_restored`.
+    Subclasses are frozen dataclasses (`repr=False`) with a `kind`, a `title` and the abstract
+    methods below.
     """
 
     kind: ClassVar[str] = ""
@@ -58,25 +60,26 @@ class Stored:
     _classes: ClassVar[dict[str, type[Stored]]] = {}
 
     def __init_subclass__(cls) -> None:
-        """Register the kind of a class."""
-        Stored._classes[cls.kind] = cls
+        """Register the kind of a class that has one."""
+        if cls.kind:
+            Stored._classes[cls.kind] = cls
 
+    @abc.abstractmethod
     def summary(self) -> str:
         """Return the result as text for a terminal."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def _headline(self) -> str:
         """Return the most important numbers as one line."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def _content(self) -> xr.Dataset:
-        """Return everything but kind, version and provenance."""
-        raise NotImplementedError
+        """Return the Dataset without kind, version and provenance."""
 
     @classmethod
+    @abc.abstractmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> Self:
         """Return the result of a dataset of this kind."""
-        raise NotImplementedError
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self._headline()}>"

@@ -1,10 +1,12 @@
 """Sea surfaces: wave spectra, random seas, and the triangle meshes made of them."""
 
 from .double_peaked import OchiHubble, Torsethaugen
+from .leaning import LeaningWave
 from .measured import from_wavespectra
 from .measured_sea import MeasuredSea
 from .random_seas import JonswapSea, RandomSea, SpectralSea
-from .seas import sea_from_config, sea_in_wind
+from .seas import resolved_sea, sea_from_config, sea_in_wind
+from .sequence import MeshSequence
 from .spectra import Elfouhaily, Jonswap, PiersonMoskowitz, Spectrum, Tma
 from .spreading import (
     Cos2sSpreading,
@@ -27,7 +29,9 @@ __all__ = [
     "IttcSpreading",
     "Jonswap",
     "JonswapSea",
+    "LeaningWave",
     "MeasuredSea",
+    "MeshSequence",
     "MitsuyasuSpreading",
     "OchiHubble",
     "PiersonMoskowitz",
@@ -45,6 +49,7 @@ __all__ = [
     "WaveSurface",
     "from_trimesh",
     "from_wavespectra",
+    "resolved_sea",
     "sea_from_config",
     "sea_in_wind",
 ]

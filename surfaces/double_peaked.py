@@ -9,8 +9,6 @@ from typing import Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import model_validator
-from scipy.integrate import quad
-from scipy.special import gammaln
 
 from meshtrace.errors import Refused
 
@@ -72,6 +70,8 @@ class OchiHubble(Spectrum, frozen=True):
         return first + second
 
     def _parts(self, omega: Floats) -> list[Floats]:
+        from scipy.special import gammaln
+
         parts = []
         for hs, tp, lam in zip(self.hs, self.tp, self.lam, strict=True):
             ratio = (4.0 * lam + 1.0) / 4.0 * (2.0 * math.pi / (tp * omega)) ** 4
@@ -179,6 +179,8 @@ def _shape(f: Floats, gamma: float) -> Floats:
 
 @lru_cache
 def _integral(gamma: float) -> float:
+    from scipy.integrate import quad
+
     return sum(
         quad(lambda f: float(_shape(np.array(f), gamma)), *limits, epsabs=0.0, epsrel=1e-12)[0]
         for limits in ((0.1, 1.0), (1.0, 2.0), (2.0, math.inf))

@@ -4,15 +4,30 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections.abc import Mapping
 from functools import cached_property
-from typing import ClassVar, Literal, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import PlainValidator, model_validator
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, is_number
 from meshtrace.mesh import UnresolvedSlopes
 
+from .bands import (
+    PAPER_BANDS,
+    PAPER_FETCH,
+    PER_OCTAVE,
+    Band,
+    bin_count,
+    drawn_waves,
+    frequency_count,
+    frequency_edges,
+    lattice,
+    natural_band,
+    paper_band,
+    scaled_band,
+)
 from .bound_waves import with_bound_waves
 from .dispersion import wavenumber
 from .parameters import (
@@ -29,8 +44,16 @@ from .parameters import (
     WindSpeed,
 )
 from .slope_spectrum import SlopeSpectrum
-from .spectra import ALPHA_COEFFICIENT, AnySpectrum, Jonswap, Spectrum
-from .spreading import AnySpreading, IttcSpreading, direction_grid, direction_weights
+from .spectra import (
+    ALPHA_COEFFICIENT,
+    AnySpectrum,
+    Elfouhaily,
+    Jonswap,
+    PiersonMoskowitz,
+    Spectrum,
+    Tma,
+)
+from .spreading import AnySpreading, ElfouhailySpreading, IttcSpreading, direction_grid
 from .statistics import (
     meshed_slope_variance,
     real_slope_variance,
@@ -39,48 +62,7 @@ from .statistics import (
 from .wave_surface import WaveSurface
 from .waves import WaveComponents
 
-
-class Band(NamedTuple):
-    """Frequencies and directions of a wave sum [rad s-1 and rad]."""
-
-    omega_min: float
-    omega_max: float
-    d_omega: float
-    d_theta: float
-
-
-PAPER_FETCH = 30e3
-PAPER_BANDS = {
-    5.0: Band(1.2, 4.0, 0.2, math.pi / 5),
-    13.0: Band(0.9, 3.0, 0.1, math.pi / 20),
-}
-"""The paper's table of bands, by wind speed [m s-1]; its fetch is 30 km."""
-
 _ORDER_OMEGA_MAX = 3.0  # highest frequency of waves that make bound waves, over the peak's
-
-
-def scaled_band(omega_p: float) -> Band:
-    """Return the band that moves with the peak: 0.6 to 2.1 omega_p in 21 steps, 21 directions.
-
-    Parameters
-    ----------
-    omega_p : float
-        Peak frequency [rad s-1].
-
-    Returns
-    -------
-    Band
-        omega_p (0.6, 2.1, 0.075) and pi / 20.
-
-    Notes
-    -----
-    The limits are those of the paper's two bands, (0.61, 2.04) and (0.64, 2.12) omega_p, rounded,
-    so that a sweep over wind speed does not jump at 5 and 13 m/s. A JONSWAP sea keeps 96 % of
-    its variance in it, but only a third (2 m/s) to a tenth (30 m/s) of the mean square slope of
-    Cox and Munk: raise `omega_max` to
-    resolve shorter waves, or see `statistics.unresolved_slope_variance`.
-    """
-    return Band(0.6 * omega_p, 2.1 * omega_p, 0.075 * omega_p, math.pi / 20)
 
 
 class RandomSea(WaveSurface, frozen=True):
@@ -201,13 +183,27 @@ class RandomSea(WaveSurface, frozen=True):
         return UnresolvedSlopes(vertex, facet, wind)
 
 
+FADING = "fading"
+"""Value of `omega_max` that stands for all waves which make the light of a link fade."""
+
+
+def _band_limit(value: Any) -> float | str | None:
+    if value is None or value == FADING:
+        return value
+    if is_number(value) and math.isfinite(value) and value > 0.0:
+        return float(value)
+    raise Refused("omega_max", value, f'> 0 rad/s, or "{FADING}"')
+
+
 class _BandedSea(RandomSea, frozen=True):
     """Random sea whose waves sample a spectrum and a spreading within a band."""
 
+    band: Literal["natural", "scaled"] = "natural"
     omega_min: Positive | None = None
-    omega_max: Positive | None = None
+    omega_max: Annotated[float | Literal["fading"] | None, PlainValidator(_band_limit)] = None
     d_omega: Positive | None = None
     d_theta: Positive | None = None
+    spacing_law: Literal["log", "linear"] | None = None
     spreading: AnySpreading = IttcSpreading()
     wind_direction_deg: Finite = 0.0
     depth: Depth | None = None
@@ -216,12 +212,28 @@ class _BandedSea(RandomSea, frozen=True):
     current: Current | None = None
     mss: Mss = "cox-munk"
 
+    @model_validator(mode="before")
+    @classmethod
+    def _read_version_0_1(cls, data: Any) -> Any:
+        """Give seas of version 0.1, whose files hold `jitter` and no band, the band they had."""
+        if not isinstance(data, Mapping) or "jitter" not in data or "band" in data:
+            return data
+        return {**data, "band": cls.equally_spaced_band(data)}
+
+    @classmethod
+    def equally_spaced_band(cls, config: Mapping[str, Any]) -> str:
+        """Return the default band of version 0.1 for the parameters of a sea."""
+        return "scaled"
+
     @abstractmethod
     def _sampled_spectrum(self) -> Spectrum:
         """Return the spectrum S(omega) of the sea."""
 
     def _default_band(self) -> Band:
-        return scaled_band(self._sampled_spectrum().omega_p)
+        omega_p = self._sampled_spectrum().omega_p
+        if self.band == "natural":
+            return natural_band(omega_p, self.spreading.half_range)
+        return scaled_band(omega_p)
 
     def _peak_frequency(self) -> float:
         return self._sampled_spectrum().omega_p
@@ -229,13 +241,37 @@ class _BandedSea(RandomSea, frozen=True):
     @property
     def band_limits(self) -> Band:
         """Frequencies and directions in use: given values and defaults."""
+        if self.omega_max == FADING:
+            allowed = "a frequency > 0 rad/s before a link is known; see fading.resolve_band"
+            raise Refused("omega_max", FADING, allowed)
         given = self.omega_min, self.omega_max, self.d_omega, self.d_theta
-        return Band(
+        band = Band(
             *(d if g is None else g for g, d in zip(given, self._default_band(), strict=True))
         )
+        if not self._log_spaced:
+            return band
+        edges = band.omega_min, band.omega_min * 2.0 ** (1.0 / PER_OCTAVE)
+        return band._replace(d_omega=edges[1] - edges[0])
+
+    @property
+    def _log_spaced(self) -> bool:
+        if self.spacing_law is None:
+            return self.band == "natural" and self.d_omega is None
+        return self.spacing_law == "log"
+
+    @property
+    def _drawn(self) -> bool:
+        """Whether waves lie at random places of their bins, the same for every seed."""
+        return self.band == "natural" or self._log_spaced
 
     @model_validator(mode="after")
     def _check_band(self) -> Self:
+        if self._log_spaced and self.d_omega is not None:
+            raise Refused("d_omega", self.d_omega, 'only with spacing_law = "linear"')
+        if self._drawn and self.jitter:
+            raise Refused("jitter", self.jitter, "only with equally spaced bands; others draw")
+        if self.omega_max == FADING:
+            return self._check_fading()
         band = self.band_limits
         if band.omega_min >= band.omega_max:
             raise Refused("omega_min", band.omega_min, f"< omega_max = {band.omega_max:g} rad/s")
@@ -243,35 +279,37 @@ class _BandedSea(RandomSea, frozen=True):
             allowed = f"<= 2 omega_min = {2 * band.omega_min:g} rad/s with jitter"
             raise Refused("d_omega", band.d_omega, allowed)
         directions = len(direction_grid(self.spreading.half_range, band.d_theta))
-        count = _frequency_count(band) * directions
-        if count > self.most_components:
-            allowed = f"a band of at most {self.most_components} waves, not {count}"
+        bins = bin_count(band, self._log_spaced) if self._drawn else frequency_count(band)
+        if bins * directions > self.most_components:
+            allowed = f"a band of at most {self.most_components} waves, not {bins * directions}"
             raise Refused("d_omega", band.d_omega, allowed)
+        return self
+
+    def _check_fading(self) -> Self:
+        if self.mss == "band":
+            raise Refused("omega_max", FADING, 'a frequency > 0 rad/s with mss = "band"')
+        self.model_copy(update={"omega_max": None})  # checks the rest
         return self
 
     @cached_property
     def free_waves(self) -> WaveComponents:
         """The waves of first order, direction by direction at each frequency."""
         band, spectrum = self.band_limits, self._sampled_spectrum()
-        centers = band.omega_min + band.d_omega * np.arange(_frequency_count(band))
-        theta = direction_grid(self.spreading.half_range, band.d_theta)
-        shares = direction_weights(
-            self.spreading,
-            centers,
-            theta,
-            band.d_theta,
-            omega_p=spectrum.omega_p,
-            wind_speed=spectrum.wind_speed,
-        )
         rng = np.random.default_rng(self.seed)
-        phase = 2.0 * math.pi * rng.random(shares.shape)
-        omega = np.broadcast_to(centers[:, None], shares.shape)
-        if self.jitter:
-            omega = omega + band.d_omega * (rng.random(shares.shape) - 0.5)
-        amplitude = np.sqrt(2.0 * spectrum(omega) * band.d_omega * shares)
-        k = wavenumber(omega, self._water_depth(), self.capillary)
-        heading = theta + math.radians(self.wind_direction_deg)
-        return flat_components(amplitude, omega, k, heading, phase, self.current)
+        if self._drawn:
+            edges = frequency_edges(band, self._log_spaced)
+            waves = drawn_waves(edges, band.d_theta, spectrum, self.spreading)
+            phase = 2.0 * math.pi * rng.random(waves.omega.shape)
+        else:
+            directions = len(direction_grid(self.spreading.half_range, band.d_theta))
+            shape = frequency_count(band), directions
+            phase = 2.0 * math.pi * rng.random(shape)
+            offsets = rng.random(shape) - 0.5 if self.jitter else None
+            waves = lattice(band, spectrum, self.spreading, offsets)
+        k = wavenumber(waves.omega, self._water_depth(), self.capillary)
+        heading = waves.theta + math.radians(self.wind_direction_deg)
+        amplitude = np.sqrt(2.0 * waves.variance)
+        return flat_components(amplitude, waves.omega, k, heading, phase, self.current)
 
     def slope_spectrum(self, omega_max: float | None = None) -> SlopeSpectrum:
         """Return the slopes of all waves of the spectrum, or of those up to a frequency [rad/s]."""
@@ -283,6 +321,24 @@ class _BandedSea(RandomSea, frozen=True):
         """Slope variances along and across the wind of the real sea, by `mss`."""
         spectrum = self._sampled_spectrum()
         return real_slope_variance(self.mss, spectrum.wind_speed, getattr(spectrum, "fetch", None))
+
+    @property
+    def short_waves(self) -> _BandedSea:
+        """The sea, or that of Elfouhaily's spectrum if its own has an omega^-5 tail.
+
+        Such a tail, fitted up to some 3 omega_p, is no model of short waves: its slope variance
+        grows without limit.
+        """
+        spectrum = self._sampled_spectrum()
+        if not isinstance(spectrum, Jonswap | PiersonMoskowitz | Tma):
+            return self
+        fetch = getattr(spectrum, "fetch", None)
+        return SpectralSea(
+            spectrum=Elfouhaily(wind_speed=spectrum.wind_speed, fetch=fetch),
+            spreading=ElfouhailySpreading(),
+            mss="elfouhaily",
+            wind_direction_deg=self.wind_direction_deg,
+        )
 
     def slopes_beyond(self, omega_max: float) -> tuple[float, float]:
         """Return the slope variances along and across the wind beyond a frequency [rad/s]."""
@@ -306,14 +362,21 @@ class JonswapSea(_BandedSea, frozen=True):
         Fetch [m].
     seed : int
         Seed of the random phases (and frequencies, with `jitter`).
-    band : "paper", "scaled" or None
-        The paper's table (5 and 13 m/s only) or `scaled_band`. None is the paper's table
-        at its own sea states, 5 and 13 m/s with 30 km of fetch, and "scaled" otherwise.
-    omega_min, omega_max, d_omega : float, optional
-        First and last frequency and their distance [rad s-1]; each replaces its value of the
-        band.
+    band : {"natural", "paper", "scaled"}
+        "natural": 0.6 to 2.1 omega_p in bins of a sixteenth of an octave and 36 directions, with
+        one wave at a random place of each cell (`bands.drawn_waves`). "paper": the paper's table,
+        for 5 and 13 m/s, equally spaced. "scaled": `bands.scaled_band`, equally spaced.
+    omega_min, omega_max : float, optional
+        First and last frequency [rad s-1]; each replaces its value of the band. omega_max
+        "fading" is all waves which make the light of a link fade: `simulate` and the studies
+        replace it by the number for their link, see `fading.resolve_band`.
+    d_omega : float, optional
+        Distance of frequencies [rad s-1], for equal spacing.
     d_theta : float, optional
         Distance of directions [rad]; replaces its value of the band.
+    spacing_law : "log" or "linear", optional
+        Bins of a sixteenth of an octave, or of `d_omega`. By default the law of the band, and
+        "linear" with `d_omega`.
     spreading : Spreading
         Directional spreading; or a kind such as "ittc" or "cos2s".
     wind_direction_deg : float
@@ -324,8 +387,10 @@ class JonswapSea(_BandedSea, frozen=True):
     capillary : bool
         Add the surface tension to the dispersion, for bands beyond some 30 rad/s.
     jitter : bool
-        Draw every wave's frequency uniformly within its bin. Equally spaced frequencies make
-        the sea repeat after 2 pi / d_omega (31 s in the paper's band at 5 m/s); drawn ones do not.
+        For "paper" and "scaled": draw every wave's frequency uniformly within its bin, anew for
+        every seed. Equally spaced frequencies make the sea repeat after 2 pi / d_omega (31 s in
+        the paper's band at 5 m/s). The natural band never repeats. Without a band, `jitter`
+        means the equally spaced band of version 0.1.
     current : (float, float), optional
         Uniform current (U_x, U_y) [m s-1] that carries the waves: omega = sigma(k) + k.U. The
         spectrum is that of an observer who drifts with the current, so wavenumbers stay.
@@ -349,10 +414,11 @@ class JonswapSea(_BandedSea, frozen=True):
 
     Notes
     -----
-    The paper's bands stop at 4 rad/s for 5 m/s and at 3 rad/s for 13 m/s, that is, at about
-    2.1 omega_p. They carry 96 % of the elevation variance but 22 % and 14 % of the mean square
-    slope of Cox and Munk (1954): the short waves that are left out bend light as much as the
-    long ones. A larger `omega_max` resolves more of them.
+    The variance of each bin of the natural band is that of the spectrum. All bands end at about
+    2.1 omega_p unless given: they hold 96 % of the variance of the elevation, but at 5 and
+    13 m/s only 22 % and 14 % of the mean square slope of Cox and Munk (1954). The waves beyond
+    tilt the surface at random (`mss`): the mean gain is that of the whole sea, but they blur
+    light rather than make it fade. Fading needs `omega_max="fading"`.
 
     With `jitter` the amplitudes follow S at the drawn frequency, so variances hold on
     average over seeds rather than for each.
@@ -364,8 +430,10 @@ class JonswapSea(_BandedSea, frozen=True):
     Examples
     --------
     >>> sea = JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)
-    >>> sea.band_limits.omega_max, len(sea.components.amplitude)
-    (3.0, 462)
+    >>> round(sea.band_limits.omega_max, 2), len(sea.components.amplitude)
+    (2.97, 1073)
+    >>> JonswapSea(wind_speed=13.0, band="paper").band_limits.omega_max
+    3.0
     >>> sea.mesh(extent=2.0, spacing=0.5).vertices.shape
     (81, 3)
     """
@@ -377,7 +445,12 @@ class JonswapSea(_BandedSea, frozen=True):
     alpha_coefficient: Alpha = ALPHA_COEFFICIENT
     hs: Positive | None = None
     tp: Positive | None = None
-    band: Literal["paper", "scaled"] | None = None
+    band: Literal["natural", "paper", "scaled"] = "natural"  # type: ignore[assignment]
+
+    @classmethod
+    def equally_spaced_band(cls, config: Mapping[str, Any]) -> str:
+        """Return "paper" for the sea states of the paper, or else "scaled"."""
+        return paper_band(config.get("wind_speed", 5.0), config.get("fetch", PAPER_FETCH))
 
     @property
     def spectrum(self) -> Jonswap:
@@ -395,12 +468,12 @@ class JonswapSea(_BandedSea, frozen=True):
         return self.spectrum
 
     def _default_band(self) -> Band:
+        if self.band != "paper":
+            return super()._default_band()
         tabulated = PAPER_BANDS.get(self.wind_speed)
-        if self.band == "paper" and tabulated is None:
+        if tabulated is None:
             raise Refused("band", "paper", "at 5 and 13 m/s only; 'scaled' takes any wind")
-        usual = self.band is None and self.fetch == PAPER_FETCH and self.tp is None
-        chosen = self.band == "paper" or usual
-        return tabulated if tabulated and chosen else super()._default_band()
+        return tabulated
 
 
 class SpectralSea(_BandedSea, frozen=True):
@@ -414,8 +487,9 @@ class SpectralSea(_BandedSea, frozen=True):
     spreading : Spreading
         `IttcSpreading`, `Cos2sSpreading`, `MitsuyasuSpreading`, `ElfouhailySpreading` or a
         `Spreading` of your own.
-    seed, omega_min, omega_max, d_omega, d_theta, wind_direction_deg, jitter, current, mss
-        See `JonswapSea`; the default band is `scaled_band`.
+    band, seed, omega_min, omega_max, d_omega, d_theta, spacing_law, wind_direction_deg, jitter,
+    current, mss
+        See `JonswapSea`, without the band "paper".
     choppy, order, order_omega_max
         See `RandomSea`.
     depth : float, optional
@@ -452,11 +526,6 @@ class SpectralSea(_BandedSea, frozen=True):
 
     def _water_depth(self) -> float | None:
         return getattr(self.spectrum, "depth", self.depth)
-
-
-def _frequency_count(band: Band) -> int:
-    # The tolerance keeps 1.2, 1.4, ..., 4.0 at 15 whatever the last bit of the quotient.
-    return math.floor((band.omega_max - band.omega_min) / band.d_omega + 1e-9) + 1
 
 
 def flat_components(

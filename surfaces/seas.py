@@ -7,12 +7,15 @@ from typing import Any
 
 from meshtrace.errors import Refused
 
-from .random_seas import JonswapSea
+from .random_seas import JonswapSea, SpectralSea
+from .sequence import MeshSequence
+from .spectra import Elfouhaily
+from .spreading import ElfouhailySpreading
 from .surface import FlatSea, Surface
 
 
-def sea_from_config(config: Mapping[str, Any]) -> Surface:
-    """Return the sea that `Surface.to_config` described.
+def sea_from_config(config: Mapping[str, Any]) -> Surface | MeshSequence:
+    """Return the sea that its `to_config` described.
 
     Parameters
     ----------
@@ -22,7 +25,7 @@ def sea_from_config(config: Mapping[str, Any]) -> Surface:
 
     Returns
     -------
-    Surface
+    Surface or MeshSequence
         An equal sea, with bitwise the same meshes.
 
     Raises
@@ -37,8 +40,47 @@ def sea_from_config(config: Mapping[str, Any]) -> Surface:
     """
     if "kind" not in config:
         raise Refused("kind", "missing", ", ".join(Surface.registered))
+    if config["kind"] == "meshes":
+        return MeshSequence.model_validate(config)
     found: Surface = Surface.read(config)
     return found
+
+
+def resolved_sea(wind_speed: float, fetch: float | None = None, seed: int = 0) -> SpectralSea:
+    """Return the sea of a wind with all waves that make light fade.
+
+    Parameters
+    ----------
+    wind_speed : float
+        Wind speed at 10 m [m s-1], 0 < U <= 60.
+    fetch : float, optional
+        Fetch [m]; None is the fully developed sea.
+    seed : int
+        Seed of the random phases.
+
+    Returns
+    -------
+    SpectralSea
+        Spectrum, spreading and mss of Elfouhaily et al., with `omega_max="fading"`: `simulate`
+        and the studies replace it by the number for their link, some 13 to 32 rad/s.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If an argument is out of range.
+
+    Examples
+    --------
+    >>> resolved_sea(5.0, fetch=30e3).omega_max
+    'fading'
+    """
+    return SpectralSea(
+        spectrum=Elfouhaily(wind_speed=wind_speed, fetch=fetch),
+        spreading=ElfouhailySpreading(),
+        mss="elfouhaily",
+        omega_max="fading",
+        seed=seed,
+    )
 
 
 def sea_in_wind(wind_speed: float, seed: int = 0) -> Surface:

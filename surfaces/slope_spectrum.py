@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +16,9 @@ from .spreading import Spreading
 SHORTEST = 5000.0
 """Largest wavenumber [rad m-1]: waves of 1.3 mm, beyond which no spectrum has slopes."""
 
-_WAVENUMBERS = 12_000
+_WAVENUMBERS = 6_000
 _HARMONICS = 12  # of the spreading, beyond which the covariance of the slopes has no share
+_COARSER = 6  # wavenumbers of the elevation are so much fewer than those of the slopes
 _NEGLIGIBLE = 1e-6  # harmonic of a spreading that is left out
 _SPREADING_NODES = 720
 _SPREADING_WAVENUMBERS = 400  # the spreading changes slowly with k
@@ -100,12 +102,10 @@ class SlopeSpectrum(NamedTuple):
         J_n(z) cos n(theta - p), e_0 = 1 and e_n = 2: even orders carry cos(omega tau), odd ones
         sin(omega tau).
         """
-        from scipy.special import jv
-
-        z = np.outer(distance, self.k)
         in_phase = np.cos(np.outer(self.omega, lags))
         quadrature = np.sin(np.outer(self.omega, lags))
         parts = np.zeros((3, len(lags), len(distance), len(azimuth)))
+        bessel = _bessel_functions(np.outer(distance, self.k))
         for n in range(_HARMONICS + 1):
             turn = quadrature if n % 2 else in_phase
             lower, upper = self.harmonics[abs(n - 2)], self.harmonics[n + 2]
@@ -115,8 +115,72 @@ class SlopeSpectrum(NamedTuple):
             weight = (-1.0) ** (n // 2) * (2.0 if n else 1.0) * self.variance
             around = np.cos(n * azimuth), np.cos(n * azimuth), np.sin(n * azimuth)
             columns = np.hstack([(weight * share)[:, None] * turn for share in shares])
-            moments = (jv(n, z) @ columns).T.reshape(3, len(lags), len(distance))
+            moments = (bessel(n) @ columns).T.reshape(3, len(lags), len(distance))
             for i in range(3):
                 parts[i] += moments[i][:, :, None] * around[i]
         total, difference, cross = parts
         return np.stack([0.5 * (total + difference), 0.5 * (total - difference), 0.5 * cross])
+
+    def elevation(self, distance: Floats, azimuth: Floats, lags: Floats) -> Floats:
+        """Compute the covariance rho of the elevation at two places and times, and its gradient.
+
+        Parameters
+        ----------
+        distance, azimuth, lags
+            As for `covariance`.
+
+        Returns
+        -------
+        ndarray, shape (3, nt, nr, np)
+            rho [m2], d(rho)/dx and d(rho)/dy [m] with x along the wind.
+        """
+        some = slice(None, None, _COARSER)  # the elevation has no short waves
+        k, omega = self.k[some], self.omega[some]
+        variance = np.add.reduceat(self.variance / self.k**2, np.arange(0, len(self.k), _COARSER))
+        turns = np.cos(np.outer(omega, lags)), np.sin(np.outer(omega, lags))
+        rho, radial, around = (np.zeros((len(lags), len(distance), len(azimuth))) for _ in range(3))
+        bessel = _bessel_functions(np.outer(distance, k))
+        for n in range(_HARMONICS + 1):
+            weight = (-1.0) ** (n // 2) * (2.0 if n else 1.0) * variance * self.harmonics[n][some]
+            columns = weight[:, None] * turns[n % 2]
+            if np.abs(columns).max() < _NEGLIGIBLE * variance.max():
+                continue
+            # dJ_n/dz = n J_n / z - J_(n+1)
+            value = (bessel(n) @ columns).T[:, :, None]
+            slope = -(bessel(n + 1) @ (k[:, None] * columns)).T[:, :, None]
+            slope = slope + n * value / distance[:, None]
+            rho += value * np.cos(n * azimuth)
+            radial += slope * np.cos(n * azimuth)
+            around += -n * value / distance[:, None] * np.sin(n * azimuth)
+        c, s = np.cos(azimuth), np.sin(azimuth)
+        return np.stack([rho, radial * c - around * s, radial * s + around * c])
+
+
+def _bessel_functions(z: Floats) -> Callable[[int], Floats]:
+    """Return n -> J_n(z), to be called with growing n.
+
+    Upward recurrence where z > n, the series below 1/2, and scipy between.
+    """
+    from scipy.special import j0, j1, jv
+
+    known: dict[int, Floats] = {}
+
+    def value(n: int) -> Floats:
+        if n in known:
+            return known[n]
+        if n < 2:
+            found: Floats = (j0, j1)[n](z)
+        else:
+            half = 0.5 * z
+            found = (n - 1) / half * value(n - 1) - value(n - 2)
+            near = z < 0.5
+            q = half[near] ** 2
+            series = 1.0 - q / (n + 1) * (1.0 - q / (2.0 * (n + 2)) * (1.0 - q / (3.0 * (n + 3))))
+            found[near] = half[near] ** n / math.factorial(n) * series
+            between = ~near & (z < n + 1)
+            found[between] = jv(n, z[between])
+        known.pop(n - 3, None)
+        known[n] = found
+        return found
+
+    return value

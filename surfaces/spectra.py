@@ -15,7 +15,6 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, SerializeAsAny, model_validator
-from scipy.integrate import quad
 
 from meshtrace.errors import Refused
 from meshtrace.registry import Family
@@ -162,6 +161,8 @@ class Jonswap(Spectrum, frozen=True):
         if self.hs is None:
             X = _dimensionless_fetch(self.wind_speed, self.fetch)
             return self.alpha_coefficient * X**-0.22
+        from scipy.integrate import quad
+
         # deep-water variance for alpha = 1, with x = omega / omega_p
         total = sum(
             quad(lambda x: float(self._shape(np.array(x))), *limits, epsabs=0.0, epsrel=1e-12)[0]

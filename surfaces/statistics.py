@@ -142,7 +142,7 @@ def components_hs(waves: WaveComponents) -> float:
     Examples
     --------
     >>> from meshtrace.surfaces import JonswapSea
-    >>> round(components_hs(JonswapSea(wind_speed=5.0).components), 3)
+    >>> round(components_hs(JonswapSea(band="paper").components), 3)
     0.54
     """
     return 4.0 * math.sqrt(0.5 * float(np.sum(waves.amplitude**2)))
@@ -170,7 +170,7 @@ def components_slope_variance(
     Examples
     --------
     >>> from meshtrace.surfaces import JonswapSea
-    >>> along, across = components_slope_variance(JonswapSea(wind_speed=5.0).components)
+    >>> along, across = components_slope_variance(JonswapSea(band="paper").components)
     >>> round(along**0.5, 3), round(across**0.5, 3)
     (0.069, 0.04)
     """
@@ -277,7 +277,7 @@ def unresolved_slope_variance(
     Examples
     --------
     >>> from meshtrace.surfaces import JonswapSea
-    >>> resolved = components_slope_variance(JonswapSea(wind_speed=5.0).components)
+    >>> resolved = components_slope_variance(JonswapSea(band="paper").components)
     >>> [round(v, 4) for v in unresolved_slope_variance(cox_munk(5.0), resolved)]
     [0.011, 0.011]
     """
@@ -382,7 +382,7 @@ def meshed_slope_variance(
     Examples
     --------
     >>> from meshtrace.surfaces import JonswapSea
-    >>> waves = JonswapSea(wind_speed=5.0).components
+    >>> waves = JonswapSea(band="paper").components
     >>> vertex, facet = meshed_slope_variance(waves, 0.5)
     >>> round(sum(vertex), 5), round(sum(facet), 5), round(sum(components_slope_variance(waves)), 5)
     (0.00615, 0.00629, 0.00638)

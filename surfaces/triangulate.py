@@ -5,13 +5,13 @@ from __future__ import annotations
 from functools import lru_cache
 from os import PathLike
 from os.path import isfile
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused, one_line
-from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
+from meshtrace.mesh import TriangleMesh, UnresolvedSlopes, vertex_normals
 
 from .parameters import Floats, Range
 
@@ -93,11 +93,15 @@ def height_field(
 
 
 def mesh_of_sheet(
-    points: Floats, normals: Floats, unresolved: UnresolvedSlopes | None = None
+    points: Floats,
+    normals: Floats,
+    unresolved: UnresolvedSlopes | None = None,
+    overhangs: bool = False,
 ) -> TriangleMesh:
     """Return the mesh of points and unit normals, shapes (nx, ny, 3); see `triangulate`."""
     faces = grid_faces(*points.shape[:2])
-    return TriangleMesh(points.reshape(-1, 3), faces, normals.reshape(-1, 3), unresolved)
+    flat = points.reshape(-1, 3), faces, normals.reshape(-1, 3)
+    return TriangleMesh(*flat, unresolved, overhangs)
 
 
 @lru_cache(maxsize=8)
@@ -119,6 +123,9 @@ def grid_faces(nx: int, ny: int) -> NDArray[np.int32]:
 def from_trimesh(
     source: trimesh.Trimesh | str | PathLike[str] | tuple[ArrayLike, ...],
     extent: float | None = None,
+    *,
+    overhangs: bool = False,
+    normals: Literal["area", "angle"] = "area",
 ) -> TriangleMesh:
     """Return the mesh of a surface from another source.
 
@@ -130,19 +137,24 @@ def from_trimesh(
         axes of shapes (nx,), (ny,) or the arrays of `numpy.meshgrid`. Lengths in m.
     extent : float, optional
         Half-length [m] of the square |x|, |y| <= extent that the surface has to cover.
+    overhangs : bool
+        Allow facets that stand upright or face down, such as those under a plunging crest.
+    normals : {"area", "angle"}
+        Weights of the facets in the vertex normals, see `meshtrace.mesh.vertex_normals`.
 
     Returns
     -------
     TriangleMesh
-        With equal vertices merged and unused ones dropped. Vertex normals are the area-weighted
-        mean of the adjacent facets.
+        With equal vertices merged and unused ones dropped. Vertex normals are the mean of the
+        adjacent facets.
 
     Raises
     ------
     Refused
         If the surface is empty, not finite, has facets without area, is closed, has facets that
         do not face up, is not one piece without holes, folds over itself, or does not cover
-        the square.
+        the square. With overhangs: if neighbouring facets are wound against each other, the
+        whole is turned over, or the outline crosses itself seen from above.
 
     Notes
     -----
@@ -155,19 +167,24 @@ def from_trimesh(
     above, does not touch itself. (The sum of the facets' areas is no test: by Green's theorem
     it equals the area inside the outline with folds as well.)
 
+    With overhangs the side of the air follows from the winding: an outline that runs
+    counter-clockwise seen from above has the air above it. Sheets that pass through each other
+    away from the outline are not found.
+
     Examples
     --------
     >>> corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0.1), (0, 1, 0)]
     >>> len(from_trimesh((corners, [(0, 1, 2), (0, 2, 3)])).faces)
     2
     """
-    vertices, faces = _merged(*_read(source))
+    vertices, faces = _merged(*read_mesh(source))
     _refuse_degenerate(vertices, faces)
-    outline = _outline(vertices, faces)
-    _refuse_folds(vertices, outline)
+    outline = _outline(vertices, faces, overhangs)
+    _refuse_folds(vertices, outline, overhangs)
     if extent is not None:
         _refuse_uncovered(vertices[outline][..., :2], Range("extent", 0.0, unit="m").check(extent))
-    return TriangleMesh(vertices, faces.astype(np.int32))
+    corner_normals = vertex_normals(vertices, faces, normals)
+    return TriangleMesh(vertices, faces.astype(np.int32), corner_normals, overhangs=overhangs)
 
 
 def _increasing(name: str, axis: ArrayLike) -> Floats:
@@ -185,8 +202,8 @@ def _grid_vertices(x_axis: Floats, y_axis: Floats, z: Floats) -> Floats:
     return vertices.reshape(-1, 3)
 
 
-def _read(source: Any) -> tuple[Floats, NDArray[np.int64]]:
-    """Return vertices and facets of any source, with their shapes checked."""
+def read_mesh(source: Any) -> tuple[Floats, NDArray[np.int64]]:
+    """Return vertices and facets of any source of `from_trimesh`, with their shapes checked."""
     if isinstance(source, str | PathLike):
         source = _loaded(source)
     if isinstance(source, tuple | list) and len(source) == 3:
@@ -266,23 +283,42 @@ def _refuse_degenerate(vertices: Floats, faces: NDArray[np.int64]) -> None:
         raise Refused("source", Described(f"{count} of {len(faces)} facets without area"), "none")
 
 
-def _outline(vertices: Floats, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the directed boundary edges, shape (e, 2), of one upward open piece."""
+def _outline(vertices: Floats, faces: NDArray[np.int64], overhangs: bool) -> NDArray[np.int64]:
+    """Return the directed boundary edges, shape (e, 2), of one open piece under air."""
     edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     forward = edges[:, 0] * len(vertices) + edges[:, 1]
     backward = edges[:, 1] * len(vertices) + edges[:, 0]
-    undirected, uses = np.unique(np.minimum(forward, backward), return_counts=True)
+    # by sorting: numpy's hash tables take ten times as long for such keys
+    undirected = np.sort(np.minimum(forward, backward))
+    starts = np.flatnonzero(np.diff(undirected, prepend=-1))
+    uses = np.diff(starts, append=len(undirected))
     if (uses > 1).all():
         raise Refused("source", Described("closed solid"), "an open surface")
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     cross = np.cross(b - a, c - a)
     up = cross[:, 2] / np.linalg.norm(cross, axis=1)
-    _refuse_count("facets face down", up < -_STEEPEST_NORMAL_Z, len(faces))
-    _refuse_count("facets are vertical", up <= _STEEPEST_NORMAL_Z, len(faces))
-    _refuse_count("edges join more than two facets", uses > 2, len(undirected))
-    outline = edges[~np.isin(forward, backward)]
+    if not overhangs:
+        _refuse_count("facets face down", up < -_STEEPEST_NORMAL_Z, len(faces))
+        _refuse_count("facets are vertical", up <= _STEEPEST_NORMAL_Z, len(faces))
+    _refuse_count("edges join more than two facets", uses > 2, len(uses))
+    if overhangs:
+        _refuse_turned(cross, forward)
+    reverse = np.sort(backward)
+    at = np.minimum(np.searchsorted(reverse, forward), len(reverse) - 1)
+    outline = edges[reverse[at] != forward]
     _refuse_many_pieces(len(vertices), edges, outline)
     return outline
+
+
+def _refuse_turned(cross: Floats, forward: NDArray[np.int64]) -> None:
+    """Refuse facets wound against each other, and a surface with the air below."""
+    against = np.count_nonzero(np.diff(np.sort(forward)) == 0)
+    if against:
+        found = Described(f"{against} edges between facets of opposite winding")
+        raise Refused("source", found, "facets counter-clockwise seen from the air")
+    if not cross[:, 2].sum() > 0.0:
+        found = Described("turned over: its outline runs clockwise seen from above")
+        raise Refused("source", found, "facets counter-clockwise seen from the air, z up")
 
 
 def _refuse_count(what: str, wrong: NDArray[np.bool_], total: int) -> None:
@@ -313,8 +349,12 @@ def _component_count(n: int, edges: NDArray[np.int64]) -> int:
     return int(connected_components(graph, directed=False, return_labels=False))
 
 
-def _refuse_folds(vertices: Floats, outline: NDArray[np.int64]) -> None:
-    """Refuse an outline that touches itself seen from above, apart from shared vertices."""
+def _refuse_folds(vertices: Floats, outline: NDArray[np.int64], overhangs: bool) -> None:
+    """Refuse an outline that touches itself seen from above, apart from shared vertices.
+
+    With overhangs it may run over itself, as where a plunging crest is cut by a vertical plane,
+    but not across.
+    """
     from scipy.spatial import cKDTree
 
     start, end = vertices[outline[:, 0], :2], vertices[outline[:, 1], :2]
@@ -324,7 +364,8 @@ def _refuse_folds(vertices: Floats, outline: NDArray[np.int64]) -> None:
     i, j = tree.query_pairs(longest * (1.0 + 1e-9), output_type="ndarray").T
     apart = (outline[i, 0] != outline[j, 1]) & (outline[i, 1] != outline[j, 0])
     i, j = i[apart], j[apart]
-    touching = np.count_nonzero(_segments_meet(start[i], end[i], start[j], end[j]))
+    least = _COVERAGE_TOLERANCE * longest**2 if overhangs else 0.0
+    touching = np.count_nonzero(_segments_meet(start[i], end[i], start[j], end[j], least))
     if touching:
         raise Refused(
             "source",
@@ -333,14 +374,22 @@ def _refuse_folds(vertices: Floats, outline: NDArray[np.int64]) -> None:
         )
 
 
-def _segments_meet(p: Floats, q: Floats, r: Floats, s: Floats) -> NDArray[np.bool_]:
-    """Return which segments p-q and r-s in the plane have a point in common."""
+def _segments_meet(
+    p: Floats, q: Floats, r: Floats, s: Floats, least: float = 0.0
+) -> NDArray[np.bool_]:
+    """Return which segments p-q and r-s in the plane have a point in common.
+
+    Where `least` > 0, segments that touch or run over each other do not count: the triangles of
+    the ends have to be larger than that [m2].
+    """
 
     def side(a: Floats, b: Floats, c: Floats) -> Floats:
         u, v = b - a, c - a
-        return np.sign(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        twice = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        return np.where(np.abs(twice) <= least, 0.0, np.sign(twice))
 
-    straddle = (side(p, q, r) * side(p, q, s) <= 0.0) & (side(r, s, p) * side(r, s, q) <= 0.0)
+    first, second = side(p, q, r) * side(p, q, s), side(r, s, p) * side(r, s, q)
+    straddle = np.maximum(first, second) < (0.0 if least > 0.0 else 0.5)
     boxes = (np.maximum(p, q) >= np.minimum(r, s)) & (np.maximum(r, s) >= np.minimum(p, q))
     return straddle & boxes.all(axis=1)
 

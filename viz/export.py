@@ -41,7 +41,7 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
     Raises
     ------
     Refused
-        If it is something else.
+        If the source has another type.
 
     Examples
     --------
@@ -122,7 +122,7 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
     Raises
     ------
     Refused
-        If the suffix does not suit.
+        If the suffix does not match the kind of data.
     """
     path, data = Path(path), to_pyvista(source)
     allowed = _SUFFIXES[type(data)]
@@ -145,7 +145,7 @@ def export_scene(scene: Scene, folder: str | Path) -> list[Path]:
     scene : Scene
         Drawing to export.
     folder : path
-        Folder, made if it is not there: surface.vtp, paths.vtp, received.vtp, map.vti.
+        Folder, created if missing: surface.vtp, paths.vtp, received.vtp, map.vti.
 
     Returns
     -------
@@ -190,7 +190,7 @@ def save_picture(plotter: pv.Plotter, path: str | Path, largest: int = 300_000) 
 
 
 def surface_sampler(mesh: TriangleMesh) -> Callable[[ArrayLike], NDArray[np.float64]]:
-    """Return a function from places (n, 2) [m] to the elevation [m] of the facets, 0 beside."""
+    """Return a function of places (n, 2) [m]: the elevation [m] of the facets, 0 outside."""
     flat = to_pyvista(mesh)
     flat.points = np.asarray(flat.points) * (1.0, 1.0, 0.0)
 

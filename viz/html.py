@@ -1,4 +1,4 @@
-"""A scene as one web page that turns under the mouse and needs no network."""
+"""Export of a scene as a self-contained interactive web page."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import json
 import re
 import zipfile
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
@@ -28,41 +29,10 @@ from meshtrace.files import atomic
 from .stage import Scene
 from .style import INK
 
-_STYLE = f"""
-  .content {{ position: absolute; inset: 0; }}
-  #about {{ position: absolute; right: 0; top: 0; padding: 14px 18px; max-width: 260px;
-    pointer-events: none;
-    font: 14px/1.5 system-ui, sans-serif; color: {INK}; }}
-  #about h1 {{ font-size: 17px; margin: 0 0 6px; }}
-  #about p, #about ul {{ margin: 0 0 8px; padding: 0; list-style: none; }}
-  #about i {{ display: inline-block; width: 12px; height: 12px; margin-right: 8px;
-    border: 1px solid #8895A0; vertical-align: -1px; }}
-  #about .bar {{ width: 190px; height: 12px; margin-top: 2px; }}
-  #about .ends {{ display: flex; width: 190px; justify-content: space-between; }}
-"""
-
-# nothing may be loaded from anywhere: all that the page needs is inside
-_POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob: data:; "
-    "style-src 'unsafe-inline'; img-src data: blob:; connect-src data: blob:; "
-    "worker-src blob: data:; font-src data:"
+_HEAD, _LIGHTS = (
+    (Path(__file__).parent / f"page_{part}.html").read_text(encoding="utf-8")
+    for part in ("head", "lights")
 )
-
-# the viewer fits light and depth, by which it blends translucent parts, to the camera only
-# once the camera moves
-_LIGHTS = """<script>
-  const waiting = setInterval(() => {
-    const drawn = window.global.renderWindow;
-    if (!drawn || drawn.getRenderers().length < 2) return;
-    clearInterval(waiting);
-    drawn.getRenderers().forEach((r) => {
-      r.resetCameraClippingRange();
-      r.updateLightsGeometryToFollowCamera();
-    });
-    drawn.render();
-  }, 100);
-</script>
-"""
 
 
 def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -> Path:
@@ -85,18 +55,14 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
     Raises
     ------
     Refused
-        If the suffix is another.
+        If the suffix is not .html or .htm.
     """
     path = Path(path)
     if path.suffix not in (".html", ".htm"):
         raise Refused("path", str(path), "a file name in .html")
     page = _exported(plotter)
-    head = (
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}" />\n'
-        f'<link rel="icon" href="data:," />\n<style>{_STYLE}</style>\n'
-    )
-    heading = f"<title>{html.escape(title)}</title>"
-    page = re.sub(r"<title>.*?</title>", lambda _: f"{heading}\n{head}", page, count=1)
+    head = Template(_HEAD).substitute(title=html.escape(title), ink=INK)
+    page = re.sub(r"<title>.*?</title>", lambda _: head, page, count=1)
     page = re.sub(r"https://kitware\.github\.io/vtk-js/icon/[^`\"']*", "data:,", page)
     body = _about(plotter, title)
     page = page.replace("<body>", f"<body>\n{body}", 1).replace("</body>", f"{_LIGHTS}</body>")
@@ -106,7 +72,7 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
 
 
 def _exported(plotter: pv.Plotter) -> str:
-    """Return the viewer with the scene, its flat texts as solid ones and without bars."""
+    """Return the viewer page with the scene, texts as 3D letters, without colour bars."""
     bars = list(plotter.scalar_bars.values())
     for bar in bars:
         bar.SetVisibility(False)
@@ -122,9 +88,9 @@ def _exported(plotter: pv.Plotter) -> str:
 
 
 def _packed(window: Any) -> bytes:
-    """Return a render window as the zip file that the viewer opens.
+    """Return a render window as a zip file for the viewer.
 
-    Like pyvista's export, which however starts a web server.
+    The export of pyvista does the same but starts a web server.
     """
     initialize_serializers()
     context = SynchronizationContext()
@@ -182,14 +148,10 @@ def _about(plotter: pv.Plotter, title: str) -> str:
 
 
 def _bar(title: str, bar: Any) -> str:
-    """Return a colour bar, whichever colours it has, as HTML."""
+    """Return a colour bar as HTML."""
     table = bar.GetLookupTable()
     low, high = table.GetRange()
-    shades = []
-    for value in np.linspace(low, high, 12):
-        rgb = [0.0, 0.0, 0.0]
-        table.GetColor(float(value), rgb)
-        shades.append(to_hex((rgb[0], rgb[1], rgb[2])))
+    shades = [to_hex(table.map_value(float(value))) for value in np.linspace(low, high, 12)]
     gradient = f"linear-gradient(to right, {', '.join(shades)})"
     return (
         f"<p>{html.escape(' '.join(title.split()))}"

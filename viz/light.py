@@ -60,13 +60,9 @@ def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") ->
         if not len(chosen.what):
             continue
         received = name == "received"
-        lines = (
-            to_pyvista(chosen)
-            .clip_box(scene.stage.bounds, invert=False)
-            .extract_surface(algorithm=None)
-        )
+        clipped = to_pyvista(chosen).clip_box(scene.stage.bounds, invert=False)
         radius = (0.0016 if received else 0.001) * size
-        tubes = lines.tube(radius=radius, n_sides=8)
+        tubes = clipped.extract_surface(algorithm=None).tube(radius=radius, n_sides=8)
         look = _path_look(scene, color, shade)
         scene.add_mesh(tubes, opacity=1.0 if received else 0.55, ambient=0.5, **look)
         _add_dots(scene, chosen, Vertex.SCATTER, 2.2 * radius, INK)
@@ -85,12 +81,8 @@ def select_paths(paths: PhotonPaths, rows: np.ndarray | slice) -> PhotonPaths:
 def _path_look(scene: Scene, color: PathColor, shade: str) -> dict[str, Any]:
     if color == "fate":
         return {"color": shade}
-    return {
-        "scalars": "weight",
-        "cmap": SEQUENTIAL,
-        "clim": (0.0, 1.0),
-        "scalar_bar_args": scene.bar("photon weight"),
-    }
+    bar = scene.bar("photon weight")
+    return {"scalars": "weight", "cmap": SEQUENTIAL, "clim": (0.0, 1.0), "scalar_bar_args": bar}
 
 
 def _add_dots(scene: Scene, paths: PhotonPaths, what: Vertex, radius: float, color: str) -> None:
@@ -135,16 +127,10 @@ def add_footprint(scene: Scene, mesh: TriangleMesh, received: PhotonPaths) -> Sc
     lit = lit.clip_box(scene.stage.bounds, invert=False)
     if not lit.n_cells:
         return scene
-    scene.add_mesh(
-        lit,
-        scalars="footprint",
-        clim=(-FOOTPRINT_RANGE_DB, 0.0),
-        cmap="inferno",
-        opacity="linear",
-        lighting=False,
-        name="footprint",
-        scalar_bar_args=scene.bar("received light crossing [dB]"),
-    )
+    colors: Any = {"scalars": "footprint", "clim": (-FOOTPRINT_RANGE_DB, 0.0), "cmap": "inferno"}
+    bar = scene.bar("received light crossing [dB]")
+    look: Any = {"opacity": "linear", "lighting": False, "scalar_bar_args": bar}
+    scene.add_mesh(lit, name="footprint", **colors, **look)
     return scene
 
 
@@ -168,14 +154,8 @@ def _footprint(mesh: TriangleMesh, crossings: np.ndarray, blur: float) -> pv.Str
 def add_coverage(scene: Scene, coverage: CoverageMap) -> Scene:
     """Draw a map of the gain in the plane of the receiver, clipped to the stage."""
     scene.shown["map"] = coverage
-    data = to_pyvista(coverage)
-    scene.add_mesh(
-        data.clip_box(scene.stage.bounds, invert=False),
-        scalars="gain",
-        cmap=SEQUENTIAL,
-        opacity=0.75,
-        lighting=False,
-        name="coverage",
-        scalar_bar_args=scene.bar("channel gain"),
-    )
+    data = to_pyvista(coverage).clip_box(scene.stage.bounds, invert=False)
+    look: Any = {"cmap": SEQUENTIAL, "opacity": 0.75, "lighting": False}
+    bar = scene.bar("channel gain")
+    scene.add_mesh(data, scalars="gain", name="coverage", scalar_bar_args=bar, **look)
     return scene

@@ -1,4 +1,4 @@
-"""A moving sea with the gain drawn beside it."""
+"""Movies of a moving sea with its gain."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel
+from meshtrace.mesh import MeshSource
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.series import time_series
@@ -35,7 +34,7 @@ _SCENE_SHARE = 0.64
 
 def save_movie(
     link: Link,
-    sea: SurfaceModel,
+    sea: MeshSource,
     times: ArrayLike,
     path: str | Path,
     *,
@@ -54,7 +53,7 @@ def save_movie(
     ----------
     link : Link
         The link.
-    sea : SurfaceModel
+    sea : MeshSource
         The sea.
     times : array_like, shape (n,)
         Times of the frames [s], n >= 2.
@@ -79,7 +78,8 @@ def save_movie(
     Raises
     ------
     Refused
-        If the suffix is another, there are fewer than two times, or the gain is of others.
+        If the suffix is not .mp4 or .gif, there are fewer than two times, or the gain has other
+        times.
     """
     from imageio import v2 as imageio
 
@@ -118,16 +118,12 @@ def _writer_options(path: Path, frame_rate: float) -> dict[str, Any]:
 
 
 class _Frame:
-    """A figure with the scene on its left and the gain, with the current time, on its right."""
+    """Figure with the scene on the left and the gain with a time marker on the right."""
 
+    @mpl.rc_context(RC)
     def __init__(self, gain: GainSeries) -> None:
         width, height = SIZE
         self.scene_size = (round(_SCENE_SHARE * width), height)
-        with mpl.rc_context(RC):
-            self._compose(gain)
-
-    def _compose(self, gain: GainSeries) -> None:
-        width, height = SIZE
         figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100, facecolor=SKY)
         figure.set_layout_engine("none")
         self._canvas = FigureCanvasAgg(figure)
@@ -140,7 +136,7 @@ class _Frame:
         self._times = gain.coordinate
         self._gain = gain.gain if gain.gain.ndim == 1 else gain.gain[:, 0]
         (self._mark,) = right.plot([], [], "o", color=PALETTE["vermilion"], markersize=9)
-        self._now: Line2D = right.axvline(self._times[0], color=PALETTE["vermilion"], lw=0.8)
+        self._now = right.axvline(self._times[0], color=PALETTE["vermilion"], lw=0.8)
         self._title = right.set_title("")
 
     def draw(self, picture: NDArray[np.uint8], time: float) -> NDArray[np.uint8]:

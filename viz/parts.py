@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 from matplotlib.colors import to_rgb
+from scipy.spatial.transform import Rotation
 
 from meshtrace.errors import Refused
 from meshtrace.link import CardioidalSky, Link, Sun, UniformSky
@@ -84,37 +85,22 @@ def add_surface(
         clim = round_range(float(values.min()), float(values.max()))
         if color_limit is not None:
             clim = (0.0 if color == "slope" else -color_limit, color_limit)
-        look = {
-            "scalars": color,
-            "clim": clim,
-            "cmap": water_map(),
-            "scalar_bar_args": scene.bar(SURFACE_COLORS[color]),
-        }
-    scene.add_mesh(
-        data,
-        smooth_shading=True,
-        show_edges=edges,
-        edge_color="white",
-        edge_opacity=0.5,
-        line_width=1.2,
-        opacity=opacity,
-        ambient=0.3,
-        diffuse=0.75,
-        specular=0.2,
-        specular_power=30.0,
-        name="surface",
-        **look,
-    )
+        bar = scene.bar(SURFACE_COLORS[color])
+        look = {"scalars": color, "clim": clim, "cmap": water_map(), "scalar_bar_args": bar}
+    lines = {"show_edges": edges, "edge_color": "white", "edge_opacity": 0.5, "line_width": 1.2}
+    shine = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.2, "specular_power": 30.0}
+    look |= lines | shine
+    scene.add_mesh(data, smooth_shading=True, opacity=opacity, name="surface", **look)
     return scene
 
 
 def add_bubbles(
     scene: Scene, mesh: TriangleMesh, bubbles: HallNovarini | None = None, *, near: bool = False
 ) -> Scene:
-    """Draw the block of water below the surface, milky in the bubble layer.
+    """Draw the block of water below the surface, with white bubble layer.
 
-    The far sides and the near ones, wherever one looks from, are two parts: all else is drawn
-    between them.
+    Far and near sides, as seen from the camera, are two parts; all other parts are drawn between
+    them.
 
     Parameters
     ----------
@@ -123,9 +109,9 @@ def add_bubbles(
     mesh : TriangleMesh
         The surface.
     bubbles : HallNovarini, optional
-        The bubbles; clear water without.
+        The bubbles; clear water by default.
     near : bool
-        Draw the near sides, clearer, instead of the far ones.
+        Draw the near sides, with lower opacity, instead of the far ones.
 
     Returns
     -------
@@ -133,12 +119,11 @@ def add_bubbles(
         The same scene.
     """
     ring, bottom = _outline(mesh), scene.stage.bottom
-    share = np.linspace(0.0, 1.0, 60) ** 2  # finer near the surface, where the bubbles are
-    z = ring[:, 2] + share[:, None] * (bottom - ring[:, 2])
+    share = np.linspace(0.0, 1.0, 60)[:, None] ** 2  # finer near the surface, in the bubbles
+    z = ring[:, 2] + share * (bottom - ring[:, 2])
     x, y = (np.broadcast_to(column, z.shape) for column in ring[:, :2].T)
-    block = pv.StructuredGrid(x[..., None], y[..., None], z[..., None]).extract_surface(
-        algorithm=None
-    )
+    grid = pv.StructuredGrid(x[..., None], y[..., None], z[..., None])
+    block = grid.extract_surface(algorithm=None)
     if not near:
         foot = np.column_stack([ring[:-1, :2], np.full(len(ring) - 1, bottom)])
         scene.add_mesh(pv.lines_from_points(foot, close=True), color=WATER_COLORS[1], opacity=0.6)
@@ -148,14 +133,8 @@ def add_bubbles(
     if near:
         tint[:, 3] = np.rint(NEAR_OPACITY * tint[:, 3])
     block.point_data["tint"] = tint
-    scene.add_mesh(
-        block,
-        scalars="tint",
-        rgb=True,
-        lighting=False,
-        culling="back" if near else "front",
-        name="near water" if near else "water",
-    )
+    name, culled = ("near water", "back") if near else ("water", "front")
+    scene.add_mesh(block, scalars="tint", rgb=True, lighting=False, culling=culled, name=name)
     if bubbles is not None:
         scene.key[f"bubbles, {float(bubbles.b(0.0)):.2g} 1/m at the surface"] = BUBBLE_COLOR
     return scene
@@ -187,15 +166,15 @@ def _tint(z: np.ndarray, bottom: float, bubbles: HallNovarini | None) -> np.ndar
     return np.rint(255.0 * np.hstack([color, alpha])).astype(np.uint8)
 
 
-def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
-    """Draw every source: an LED or a beam with its cone, or rays of the sun or sky.
+def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool = True) -> Scene:
+    """Draw every source: an LED or a beam with its cone, or the light of the sun or sky.
 
     The cone ends at the surface; its half-angle is that of half power (LED), of 1/e^2
     (Gaussian beam), or of the whole beam.
     """
     for source in link.transmitters:
         if isinstance(source, Sun | UniformSky | CardioidalSky):
-            _add_sky(scene, source)
+            _add_sky(scene, source, labels)
             continue
         place = (*source.position, -source.depth)
         half = getattr(source, "half_angle_deg", getattr(source, "divergence_deg", None))
@@ -208,34 +187,30 @@ def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
         name = "LED" if source.kind == "led" else source.kind.replace("-", " ")
         angle = "" if half is None else f"\nhalf-angle {half:g}°"
         text = f"{name}, depth {source.depth:g} m{angle}"
-        beside = np.array(place) + np.array([0.03, 0.0, 0.0]) * scene.stage.size
-        add_labels(scene, [beside], [text], align="left")
+        if labels:
+            _label(scene, place, 0.03, text)
     return scene
 
 
-def _add_sky(scene: Scene, source: Any) -> None:
-    """Draw the square of the sea that a sun or sky lights, with the direction of its light."""
+def _add_sky(scene: Scene, source: Any, labels: bool) -> None:
+    """Draw the square of the sea lit by a sun or sky, with the direction of the light."""
     stage, w = scene.stage, source.half_width
     zenith = math.radians(getattr(source, "zenith_deg", 0.0))
     azimuth = math.radians(getattr(source, "azimuth_deg", 0.0))
-    along = np.array(
-        [
-            math.sin(zenith) * math.cos(azimuth),
-            math.sin(zenith) * math.sin(azimuth),
-            -math.cos(zenith),
-        ]
-    )
+    across = math.sin(zenith)
+    along = np.array([across * math.cos(azimuth), across * math.sin(azimuth), -math.cos(zenith)])
     target = np.array([*source.position, 0.0])
     square = pv.Plane(center=target, i_size=2.0 * w, j_size=2.0 * w).extract_feature_edges()
     scene.add_mesh(square.tube(radius=0.002 * stage.size), color=LED_COLOR, lighting=False)
     length = 0.2 * stage.size
     arrow = pv.Arrow(start=target - length * along, direction=along, scale=length)
     scene.add_mesh(arrow, color=LED_COLOR, ambient=0.5)
-    add_labels(scene, [target - 1.1 * length * along], [source.kind.replace("-", " ")])
+    if labels:
+        add_labels(scene, [target - 1.1 * length * along], [source.kind.replace("-", " ")])
 
 
-def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
-    """Draw every receiver: its disk, enlarged to be visible, and its field of view."""
+def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool = True) -> Scene:
+    """Draw every receiver: its disk, enlarged for visibility, and its field of view."""
     stage = scene.stage
     for receiver in link.receivers:
         x, y, z = receiver.axis
@@ -251,15 +226,21 @@ def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh) -> Scene:
         scale = radius / receiver.radius
         drawn = "" if scale == 1.0 else f" (drawn {scale:.2g}x)"
         text = f"receiver, radius {receiver.radius:g} m{drawn}\nfield of view {receiver.fov_deg:g}°"
-        beside = np.array(receiver.center) + np.array([0.06, 0.0, 0.0]) * stage.size
-        add_labels(scene, [beside], [text], align="left")
+        if labels:
+            _label(scene, receiver.center, 0.06, text)
     return scene
+
+
+def _label(scene: Scene, place: Vector, shift: float, text: str) -> None:
+    """Write a text beside a place [m], at a distance relative to the size of the stage."""
+    beside = np.array(place) + np.array([shift * scene.stage.size, 0.0, 0.0])
+    add_labels(scene, [beside], [text], align="left")
 
 
 def _add_cone(
     scene: Scene, mesh: TriangleMesh, apex: Vector, axis: Vector, half_deg: float, color: str
 ) -> None:
-    """Draw a cone from its apex to the surface, its rim in line; none wider than the stage."""
+    """Draw a cone from its apex to its rim on the surface, unless it is wider than the stage."""
     if not 0.0 < half_deg < 85.0:
         return
     stage = scene.stage
@@ -282,7 +263,7 @@ def cone_rim(
 ) -> np.ndarray:
     """Return the outline of a cone on the surface, closed, shape (97, 3) [m].
 
-    Rays that have not met it after a `longest` way [m] end there.
+    Rays without a crossing within `longest` [m] end there.
     """
     azimuth = np.linspace(0.0, 2.0 * math.pi, 97)
     half = math.radians(half_deg)
@@ -299,7 +280,7 @@ def cone_rim(
 
 
 def add_uav(scene: Scene, link: Link) -> Scene:
-    """Draw a quadcopter above every receiver in the air, leaning as the receiver does."""
+    """Draw a quadcopter above every receiver in the air, tilted as the receiver."""
     for receiver in link.receivers:
         if receiver.kind == "receiver" and scene.stage.contains(receiver.center):
             glyph = _quadcopter(0.05 * scene.stage.size)
@@ -327,13 +308,6 @@ def _quadcopter(arm: float) -> pv.PolyData:
 
 def _rotation_from_z(normal: Vector) -> np.ndarray:
     """Return a rotation (3, 3) that turns +z to a unit vector, about a horizontal axis."""
-    x, y, z = normal
-    if z < -1.0 + 1e-12:
+    if normal[2] < -1.0 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])
-    return np.array(
-        [
-            [1.0 - x * x / (1.0 + z), -x * y / (1.0 + z), x],
-            [-x * y / (1.0 + z), 1.0 - y * y / (1.0 + z), y],
-            [-x, -y, z],
-        ]
-    )
+    return Rotation.align_vectors([normal], [Z])[0].as_matrix()

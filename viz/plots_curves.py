@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from meshtrace.errors import Refused
 from meshtrace.fields import FIELDS
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 BER_SHOWN = (1e-9, 1.0)
-"""Error ratios of the axis; curves run on to their last value that is not 0."""
+"""Limits of the axis of error ratios."""
 
 
 def plot_curves(
@@ -132,19 +132,17 @@ def plot_ber(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 
     A `received_power` [W] is shown in dBm; the dashed line is 1e-3.
     """
-    shown = data.assign(ber=data["ber"].where(data["ber"] > 0.0))
-    if "ber_low" in data:  # a limit of 0 reaches below the axis
-        shown["ber_low"] = data["ber_low"].clip(min=1e-300)
-    ax = plot_curves(shown, "ber", ax=ax)
+    ax = plot_curves(positive(data, "ber"), "ber", ax=ax)
     ax.axhline(1e-3, color=INK, lw=0.8, ls="--")
     ax.set(yscale="log", ylim=BER_SHOWN)
     return ax
 
 
-def positive(values: ArrayLike) -> Floats:
-    """Return the values for a logarithmic axis, with nan for those that are not positive."""
-    found = np.asarray(values, dtype=float)
-    return np.where(found > 0.0, found, np.nan)
+def positive(data: xr.Dataset, quantity: str) -> xr.Dataset:
+    """Return a dataset for a logarithmic axis: nan for 0; a lower limit of 0 is below the axis."""
+    shown = data.assign({quantity: data[quantity].where(data[quantity] > 0.0)})
+    low = f"{quantity}_low"
+    return shown.assign({low: data[low].clip(min=1e-300)}) if low in data else shown
 
 
 def _curves(data: xr.Dataset, quantity: str) -> Iterator[tuple[Any, ...]]:

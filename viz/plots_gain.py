@@ -13,7 +13,8 @@ from meshtrace import fading
 from meshtrace.errors import Described, Refused
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
 
-from .style import INK, PALETTE, axes, axis_label, label_of
+from .plots_curves import plot_curves
+from .style import INK, PALETTE, axes, axis_label, draw_map
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -75,19 +76,12 @@ def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None)
     -------
     Axes
     """
-    data = _dataset(series)
-    along = str(data["gain"].dims[0])
-    x = data[along].to_numpy() if along == "time" else np.arange(data.sizes[along])
-    values, errors = (data[n].to_numpy().reshape(len(x), -1) for n in ("gain", "gain_stderr"))
-    ax = axes(ax)
-    for i, (g, e) in enumerate(zip(values.T, errors.T, strict=True)):
-        name = f"receiver {i}" if values.shape[1] > 1 else None
-        (line,) = ax.plot(x, g, label=name)
-        ax.fill_between(x, g - 2.0 * e, g + 2.0 * e, color=line.get_color(), alpha=0.25, lw=0)
-    if values.shape[1] > 1:
-        ax.legend()
-    ax.set(xlabel=label_of(along), ylabel=axis_label("gain"))
-    return ax
+    data = _dataset(series)[["gain", "gain_stderr"]]
+    along, *others = data["gain"].dims
+    for receiver in others:
+        names = [f"receiver {i}" for i in range(data.sizes[receiver])]
+        data = data.transpose(receiver, along).assign_coords({receiver: names})
+    return plot_curves(data, "gain", ax=ax)
 
 
 def plot_gain_pdf(
@@ -121,11 +115,11 @@ def plot_gain_pdf(
     """
     gain, laws = _fitted(series, fits)
     histogram = fading.gain_pdf(*gain, bins=bins)
-    ax = axes(ax)
-    middle = 0.5 * (histogram.edges[1:] + histogram.edges[:-1])
-    ax.stairs(histogram.density, histogram.edges, fill=True, color=PALETTE["sky"], alpha=0.45)
-    ax.errorbar(middle, histogram.density, histogram.density_stderr, fmt="none", ecolor=INK, lw=0.9)
-    x = np.linspace(histogram.edges[0], histogram.edges[-1], 400)
+    ax, edges, density = axes(ax), histogram.edges, histogram.density
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    ax.stairs(density, edges, fill=True, color=PALETTE["sky"], alpha=0.45)
+    ax.errorbar(middle, density, histogram.density_stderr, fmt="none", ecolor=INK, lw=0.9)
+    x = np.linspace(edges[0], edges[-1], 400)
     x = x[x > 0.0]
     for name, fit in laws.items():
         ax.plot(x, fit.law.pdf(x), label=f"{name}, index {fit.scintillation_index:.3g}")
@@ -249,8 +243,5 @@ def plot_coverage(
         with np.errstate(divide="ignore"):
             gain, label = 10.0 * np.log10(gain), f"{label} [dB]"
         gain = np.where(np.isfinite(gain), gain, np.nan)
-    image = ax.pcolormesh(x, y, gain.T, shading="nearest", rasterized=True)
-    ax.figure.colorbar(image, ax=ax, label=label)
-    ax.set(aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
-    ax.grid(visible=False)
+    draw_map(ax, x, y, gain, label)
     return ax

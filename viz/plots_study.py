@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 
 from meshtrace.errors import Refused
 
-from .plots_curves import BER_SHOWN, positive
-from .style import INK, axes, axis_label, label_of
+from .plots_curves import BER_SHOWN, plot_curves, positive
+from .style import INK, axes
 
 if TYPE_CHECKING:
     from meshtrace.studies.convergence.study import ConvergenceStudy
@@ -83,20 +83,16 @@ def plot_performance(
     """
     if len(performance.depths) < 2:
         raise Refused("performance.depths", performance.depths, "two depths or more")
-    ax, depth = axes(ax), np.array(performance.depths)
-    curves = performance.estimates(quantity).transpose(1, 2, 0)
-    for rate, (value, low, high) in zip(performance.bit_rates, curves, strict=True):
-        (line,) = ax.plot(depth, positive(value), "o-", markersize=4)
-        line.set_label(f"{rate / 1e6:g} Mbit/s")
-        low = np.nan_to_num(positive(low), nan=1e-300)  # a limit of 0 reaches below the axis
-        ax.fill_between(depth, low, positive(high), color=line.get_color(), alpha=0.2, lw=0)
+    data = performance.to_dataset().transpose("bit_rate", "depth")
+    rates = [f"{rate / 1e6:g} Mbit/s" for rate in performance.bit_rates]
+    shown = positive(data.assign_coords(bit_rate=rates), quantity)
+    ax = plot_curves(shown, quantity, style="o-", ax=ax)
     if quantity == "ber":
         ax.axhline(performance.limit, color=INK, lw=0.8, ls="--")
         ax.set_ylim(*BER_SHOWN)
-    ax.set(yscale="log", xlabel=axis_label("depth"), ylabel=label_of(quantity))
-    pad = 0.03 * np.ptp(depth)
-    ax.set_xlim(depth.min() - pad, depth.max() + pad)
-    ax.legend()
+    ax.set(yscale="log")
+    pad = 0.03 * np.ptp(performance.depths)
+    ax.set_xlim(min(performance.depths) - pad, max(performance.depths) + pad)
     place = {"xy": (0.0, -0.17), "xycoords": "axes fraction"}
     ax.annotate(performance.status, **place, fontsize=7.5, va="top", wrap=True)
     return ax

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.studies.coverage import coverage_map
 from meshtrace.transport.paths import PhotonPaths
@@ -18,13 +21,13 @@ from .stage import Scene, Stage, add_compass, add_key, add_scale, look, stage_of
 from .style import SLIDE
 
 RECEIVED_SHOWN = 40
-"""Paths of received light among those shown."""
+"""Number of paths of received light shown with other paths."""
 
 MOST_CELLS = 1000
-"""Mesh cells along the half-width of the sea beyond which none is drawn."""
+"""Largest number of mesh cells along the half-width of the sea."""
 
 FOOTPRINT_PATHS = 2000
-"""Paths of received light that make the footprint."""
+"""Number of paths of received light for the footprint."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ class SceneStyle:
 
 def scene(
     link: Link | None,
-    surface: SurfaceModel | TriangleMesh,
+    surface: MeshSource | TriangleMesh,
     *,
     time: float = 0.0,
     paths: PhotonPaths | int | None = None,
@@ -90,7 +93,7 @@ def scene(
     ----------
     link : Link or None
         The link; None shows the surface alone.
-    surface : SurfaceModel or TriangleMesh
+    surface : MeshSource or TriangleMesh
         The sea, or a mesh.
     time : float
         Time of the sea [s].
@@ -106,7 +109,7 @@ def scene(
     style : SceneStyle
         Colours, parts, extent and window.
     plotter : Scene, optional
-        Scene to draw again on, with its camera.
+        Scene to redraw, with its camera.
 
     Returns
     -------
@@ -127,8 +130,7 @@ def scene(
     >>> sorted(plotter.key)
     []
     """
-    mesh = surface if isinstance(surface, TriangleMesh) else None
-    stage = stage_of(link, mesh, style.extent)
+    stage = stage_of(link, surface, style.extent)
     if plotter is None:
         plotter = Scene(stage, off_screen=style.off_screen, window_size=style.window_size)
     plotter.wipe()
@@ -138,31 +140,31 @@ def scene(
     # from back to front: translucent parts are blended in this order
     if link is not None:
         add_bubbles(plotter, shown, bubbles)
-        add_transmitter(plotter, link, shown)
-    add_surface(
-        plotter,
-        shown,
-        color=style.color,
-        color_limit=style.color_limit,
-        edges=style.edges,
-        opacity=style.opacity,
-    )
+        add_transmitter(plotter, link, shown, labels=style.labels)
+    look_of: Any = {
+        key: getattr(style, key) for key in ("color", "color_limit", "edges", "opacity")
+    }
+    add_surface(plotter, shown, **look_of)
     if link is not None:
-        if isinstance(paths, int):
-            paths = trace_paths(link, surface, paths, time=time, seed=seed)
-        light, brightest = received_light(link, surface, paths, received, time=time, seed=seed)
+        trace = partial(trace_paths, link, surface, time=time, seed=seed)
+        paths = trace(paths) if isinstance(paths, int) else paths
+        light, brightest = received_light(trace, paths, received)
         for drawn in (paths, brightest):
             if drawn is not None:
                 add_paths(plotter, drawn, color=style.path_color)
         if light is not None and style.footprint:
             add_footprint(plotter, shown, light)
-        add_receiver(plotter, link, shown)
+        add_receiver(plotter, link, shown, labels=style.labels)
         if style.uav:
             add_uav(plotter, link)
         add_bubbles(plotter, shown, bubbles, near=True)
     if coverage is not None:
         if isinstance(coverage, int):
-            coverage = coverage_of(link, surface, stage, coverage, time=time, seed=seed)
+            if link is None:
+                raise Refused("coverage", Described("of a mesh alone"), "with a link")
+            half = 0.5 * stage.half  # in 40 by 40 cells
+            run: Any = {"times": (time,), "photons": coverage, "seed": seed}
+            coverage = coverage_map(link, surface, half, half / 20.0, **run)
         add_coverage(plotter, coverage)
         look(plotter, elevation_deg=24.0)  # by default the map is seen from its edge
     if style.labels:
@@ -175,7 +177,7 @@ def scene(
 
 
 def shown_mesh(
-    surface: SurfaceModel | TriangleMesh, stage: Stage, time: float, spacing: float | None
+    surface: MeshSource | TriangleMesh, stage: Stage, time: float, spacing: float | None
 ) -> TriangleMesh:
     """Return the surface within the stage: a triangulated sea, or the mesh."""
     if isinstance(surface, TriangleMesh):
@@ -187,23 +189,7 @@ def shown_mesh(
     return surface.mesh(time, stage.half, step, center=stage.center)
 
 
-def coverage_of(
-    link: Link | None,
-    surface: SurfaceModel | TriangleMesh,
-    stage: Stage,
-    photons: int,
-    *,
-    time: float,
-    seed: int,
-) -> CoverageMap:
-    """Return a coverage map over half the width of the stage, in 40 by 40 cells."""
-    if link is None:
-        raise Refused("coverage", Described("of a mesh alone"), "with a link")
-    half = 0.5 * stage.half
-    return coverage_map(link, surface, half, half / 20.0, times=(time,), photons=photons, seed=seed)
-
-
-def wind_of(surface: SurfaceModel | TriangleMesh) -> tuple[float | None, float]:
+def wind_of(surface: MeshSource | TriangleMesh) -> tuple[float | None, float]:
     """Return the wind speed [m s-1] of a surface, if it has one, and the wind direction [deg]."""
     spectrum = getattr(surface, "spectrum", None)
     speed = getattr(surface, "wind_speed", getattr(spectrum, "wind_speed", None))
@@ -211,23 +197,18 @@ def wind_of(surface: SurfaceModel | TriangleMesh) -> tuple[float | None, float]:
 
 
 def received_light(
-    link: Link,
-    surface: SurfaceModel | TriangleMesh,
+    trace: Callable[..., PhotonPaths],
     paths: PhotonPaths | None,
     received: PhotonPaths | int | None,
-    *,
-    time: float,
-    seed: int,
 ) -> tuple[PhotonPaths | None, PhotonPaths | None]:
-    """Return the received light that makes the footprint, and its paths to draw."""
+    """Return the received light for the footprint, and the paths to draw."""
     if isinstance(received, PhotonPaths):
         return received, received
     if paths is None and received is None:
         return None, None
     try:
-        n = max(received or 0, FOOTPRINT_PATHS)
-        light = trace_paths(link, surface, n, received_only=True, time=time, seed=seed)
-    except ValueError:
+        light = trace(max(received or 0, FOOTPRINT_PATHS), received_only=True)
+    except Refused:
         if received is not None:
             raise
         return None, None  # only analog photons follow this link: theirs are shown

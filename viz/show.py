@@ -15,7 +15,7 @@ import pyvista as pv
 from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic, check_writable
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
 from meshtrace.transport.paths import PhotonPaths
@@ -34,7 +34,7 @@ FRAME_RATE = 10.0
 
 def view(
     link: Link | None,
-    surface: SurfaceModel | TriangleMesh,
+    surface: MeshSource | TriangleMesh,
     *,
     time: float = 0.0,
     paths: PhotonPaths | int | None = 100,
@@ -58,7 +58,7 @@ def view(
     ----------
     link : Link or None
         The link; None shows the surface alone.
-    surface : SurfaceModel or TriangleMesh
+    surface : MeshSource or TriangleMesh
         The sea, or a mesh.
     time : float
         Time of the sea [s], at which the movie begins.
@@ -75,7 +75,7 @@ def view(
     frames : int
         Frames of the movie, unless a gain is given.
     frame_rate : float, optional
-        Frames per second; by default the sea moves as in nature.
+        Frames per second; by default real time.
     title : str
         Heading of the web page.
     progress : callable, optional
@@ -115,7 +115,7 @@ def view(
         if window:
             plotter.show(title=title)
         plotter.close()
-    if movie and isinstance(link, Link) and isinstance(surface, SurfaceModel):
+    if movie and isinstance(link, Link) and isinstance(surface, MeshSource):
         times, rate = _frames(gain, time, frames, frame_rate)
         frames_of: Any = {"gain": gain, "frame_rate": rate, "progress": progress}
         light = {"received": received or RECEIVED_SHOWN, "coverage": coverage, "seed": seed}
@@ -134,7 +134,7 @@ def _frames(
 
 
 def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
-    """Refuse files that could not be written, before anything is computed."""
+    """Check before the work that all outputs can be written."""
     for kind, name in outputs.items():
         if name is None:
             continue
@@ -150,7 +150,7 @@ def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
 
 
 def has_display() -> bool:
-    """Return whether a window can be opened; without a display VTK draws in memory."""
+    """Return True if a window can be opened; without a display VTK renders in memory."""
     if not sys.platform.startswith("linux"):
         return True
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):

@@ -12,7 +12,7 @@ import pyvista as pv
 
 from meshtrace.errors import Refused
 from meshtrace.link import Link
-from meshtrace.mesh import TriangleMesh
+from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths
 
@@ -54,41 +54,33 @@ class Stage(NamedTuple):
         return (x - h, x + h, y - h, y + h, self.bottom, self.top)
 
 
-def stage_of(link: Link | None, mesh: TriangleMesh | None, extent: float | None) -> Stage:
+def stage_of(
+    link: Link | None, surface: SurfaceModel | TriangleMesh, extent: float | None
+) -> Stage:
     """Return a box around sources, receivers and the surface between them.
 
     Without a link it is that of the mesh. `extent` [m] replaces its half-width, and makes a
     close-up of the surface where it is smaller than depth or height.
     """
     if link is None:
-        if mesh is None:
+        if not isinstance(surface, TriangleMesh):
             raise Refused("link", None, "a link, or a mesh")
-        low, high = mesh.bounds
-        middle = 0.5 * (low + high)
-        half = 0.5 * float((high - low)[:2].max())
-        edge = 0.1 * half
-        return Stage(
-            (float(middle[0]), float(middle[1])),
-            extent or half,
-            float(low[2]) - edge,
-            float(high[2]) + edge,
-        )
+        (x0, y0, low), (x1, y1, high) = surface.bounds.tolist()
+        half = 0.5 * max(x1 - x0, y1 - y0)
+        center = (0.5 * (x0 + x1), 0.5 * (y0 + y1))
+        return Stage(center, extent or half, low - 0.1 * half, high + 0.1 * half)
     items = (*link.transmitters, *link.receivers)
     places = np.array([item.position for item in items])
-    low, high = places.min(axis=0), places.max(axis=0)
+    west, east = places.min(axis=0), places.max(axis=0)
     bottom = -max((getattr(item, "depth", 0.0) for item in items), default=0.0)
     top = max((getattr(item, "height", 0.0) for item in items), default=0.0)
     tall = max(top - bottom, 1.0)
-    half = 0.5 * float((high - low).max()) + 0.62 * tall
-    center = 0.5 * (low + high)
-    stage = Stage(
-        (float(center[0]), float(center[1])), half, bottom - 0.04 * tall, top + 0.08 * tall
-    )
+    x, y = (0.5 * (west + east)).tolist()
+    half = 0.5 * float((east - west).max()) + 0.62 * tall
+    bottom, top = bottom - 0.04 * tall, top + 0.08 * tall
     if extent is None:
-        return stage
-    return stage._replace(
-        half=extent, bottom=max(stage.bottom, -extent), top=min(stage.top, extent)
-    )
+        return Stage((x, y), half, bottom, top)
+    return Stage((x, y), extent, max(bottom, -extent), min(top, extent))
 
 
 class Scene(pv.Plotter):
@@ -116,11 +108,7 @@ class Scene(pv.Plotter):
     """
 
     def __init__(
-        self,
-        stage: Stage,
-        *,
-        off_screen: bool | None = None,
-        window_size: tuple[int, int] = SLIDE,
+        self, stage: Stage, *, off_screen: bool | None = None, window_size: tuple[int, int] = SLIDE
     ) -> None:
         with pv.vtk_verbosity("off"):
             # without a display VTK says so, then renders all the same
@@ -135,7 +123,7 @@ class Scene(pv.Plotter):
         look(self)
 
     def wipe(self) -> None:
-        """Remove all that is drawn; camera and lights stay."""
+        """Remove all parts; camera and lights stay."""
         self.clear_actors()
         for drawn in (self.scalar_bars, self.key, self.texts, self.shown):
             drawn.clear()
@@ -174,7 +162,7 @@ class Scene(pv.Plotter):
 
 
 def add_lights(scene: Scene) -> Scene:
-    """Light the waves from behind, so that they glint, and everything else from the front."""
+    """Add a low sun behind the waves for glint, and light from the front."""
     low_sun = pv.Light(position=(0.6, 1.0, 0.55), light_type="scene light", intensity=0.75)
     from_above = pv.Light(position=(-0.5, -0.4, 1.0), light_type="scene light", intensity=0.45)
     for light in (low_sun, from_above, pv.Light(light_type="headlight", intensity=0.35)):
@@ -184,10 +172,9 @@ def add_lights(scene: Scene) -> Scene:
 
 
 def look(scene: Scene, azimuth_deg: float = -68.0, elevation_deg: float = 11.0) -> Scene:
-    """Point the camera at the stage from an azimuth and elevation, so that it fills the window.
+    """Point the camera at the stage from an azimuth and elevation; the stage fills the window.
 
-    By default low enough to see the surface from above and, under its near edge, what is in
-    the water.
+    By default low enough to show the surface from above and the water below its near edge.
     """
     azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
     x, y, across = math.cos(azimuth), math.sin(azimuth), math.cos(elevation)
@@ -217,7 +204,7 @@ def look(scene: Scene, azimuth_deg: float = -68.0, elevation_deg: float = 11.0) 
 def add_scale(scene: Scene) -> Scene:
     """Draw a ruler of z at the left edge of the stage and a bar of round length in front.
 
-    A stage as flat as a wide sea has no ruler: its colours tell z.
+    A stage as flat as a wide sea has no ruler; its colours show z.
     """
     s = scene.stage
     (x, y), half = s.center, s.half
@@ -242,20 +229,14 @@ def add_scale(scene: Scene) -> Scene:
 
 
 def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0.0) -> Scene:
-    """Draw an arrow down-wind before the near edge of the sea, with the wind speed [m s-1]."""
+    """Draw a down-wind arrow in front of the near edge of the sea, with the wind speed [m s-1]."""
     s = scene.stage
     length = 0.16 * s.size
     angle = math.radians(direction_deg)
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
     middle = np.array([s.center[0] - 0.5 * s.half, s.center[1] - 1.15 * s.half, 0.0])
-    arrow = pv.Arrow(
-        start=middle - 0.5 * length * along,
-        direction=along,
-        scale=length,
-        tip_length=0.3,
-        tip_radius=0.07,
-        shaft_radius=0.025,
-    )
+    shape: Any = {"scale": length, "tip_length": 0.3, "tip_radius": 0.07, "shaft_radius": 0.025}
+    arrow = pv.Arrow(start=middle - 0.5 * length * along, direction=along, **shape)
     scene.add_mesh(arrow, color=PALETTE["orange"], ambient=0.4)
     text = "down-wind" if wind_speed is None else f"wind {wind_speed:g} m/s"
     add_labels(scene, [middle - 0.035 * s.size * Z], [text])
@@ -263,7 +244,7 @@ def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0
 
 
 def add_key(scene: Scene) -> Scene:
-    """Write the meaning of the colours in rows along the lower edge."""
+    """Draw the legend of the colours along the lower edge."""
     left, bottom = 0.02, 0.02
     letter = 0.53 * scene.font_size / scene.window_size[0]
     for label, color in scene.key.items():
@@ -271,14 +252,9 @@ def add_key(scene: Scene) -> Scene:
             left, bottom = 0.02, bottom + 1.6 * scene.font_size / scene.window_size[1]
         swatch = (0.0, "\N{BLACK SQUARE}", color), (0.0, "\N{WHITE SQUARE}", INK)
         for shift, text, shade in (*swatch, (2.3, label, INK)):
-            scene.add_text(
-                text,
-                position=(left + shift * letter, bottom),
-                viewport=True,
-                font_size=round(0.5 * scene.font_size),
-                font_file=FONT_FILE,
-                color=shade,
-            )
+            font: Any = {"font_size": round(0.5 * scene.font_size), "font_file": FONT_FILE}
+            place = left + shift * letter, bottom
+            scene.add_text(text, position=place, viewport=True, color=shade, **font)
         left += (len(label) + 4.3) * letter
     return scene
 
@@ -286,28 +262,18 @@ def add_key(scene: Scene) -> Scene:
 def add_labels(
     scene: Scene, points: list[np.ndarray], texts: list[str], align: Any = "center"
 ) -> Scene:
-    """Write texts at points, always upright and in front."""
+    """Draw texts at points, upright and in front of all other parts."""
     scene.texts += [(point, text, align) for point, text in zip(points, texts, strict=True)]
-    scene.add_point_labels(
-        np.array(points),
-        texts,
-        font_size=scene.font_size,
-        text_color=INK,
-        font_file=FONT_FILE,
-        bold=False,
-        shape=None,
-        background_color=SKY,
-        background_opacity=0.55,
-        show_points=False,
-        always_visible=True,
-        justification_horizontal=align,
-        justification_vertical="center",
-    )
+    font: Any = {"font_size": scene.font_size, "font_file": FONT_FILE, "bold": False}
+    place: Any = {"justification_horizontal": align, "justification_vertical": "center"}
+    back: Any = {"shape": None, "background_color": SKY, "background_opacity": 0.55}
+    shown: Any = {"show_points": False, "always_visible": True, "text_color": INK}
+    scene.add_point_labels(np.array(points), texts, **font, **place, **back, **shown)
     return scene
 
 
 def round_length(length: float) -> float:
-    """Return the largest of 1, 2, 5 times a power of ten that is not longer.
+    """Return the largest of 1, 2, 5 times a power of ten up to a length.
 
     Examples
     --------
@@ -319,7 +285,7 @@ def round_length(length: float) -> float:
 
 
 def round_range(low: float, high: float) -> tuple[float, float]:
-    """Return the closest limits around two values whose middle has one digit, as they have.
+    """Return the closest limits around two values, with one digit for limits and middle.
 
     Examples
     --------

@@ -33,7 +33,7 @@ FATE_COLORS = {
     "landed elsewhere": PALETTE["blue"],
     "ended in the water": "#5B6B78",
 }
-"""Colours of photon paths by the fate of the photon."""
+"""Colours of photon paths by fate."""
 
 INK = "#1F2933"
 LED_COLOR = "#F0C419"
@@ -77,18 +77,26 @@ RC: Any = {
 
 
 def use_style() -> None:
-    """Set matplotlib's defaults to the style of the gallery."""
+    """Set the defaults of matplotlib to the style of the gallery."""
     mpl.rcParams.update(RC)
 
 
 def axes(ax: Axes | None) -> Axes:
-    """Return the axes to draw on: those given, or new ones in a new figure."""
+    """Return the given axes, or the axes of a new figure."""
     if ax is not None:
         return ax
     import matplotlib.pyplot as plt
 
     with mpl.rc_context(RC):
         return plt.subplots()[1]
+
+
+def draw_map(ax: Axes, x: Any, y: Any, values: Any, label: str, **options: Any) -> None:
+    """Draw values (x, y) in colours over equal axes [m], with a colour bar."""
+    image = ax.pcolormesh(x, y, values.T, shading="nearest", rasterized=True, **options)
+    ax.figure.colorbar(image, ax=ax, label=label)
+    ax.set(aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
+    ax.grid(visible=False)
 
 
 def axis_label(name: str) -> str:
@@ -115,7 +123,7 @@ def axis_label(name: str) -> str:
 
 
 def label_of(name: str) -> str:
-    """Return the label of a registered variable, or the text itself."""
+    """Return the label of a registered variable, or the name itself."""
     return axis_label(name) if name in FIELDS else name
 
 
@@ -139,12 +147,12 @@ def _typeset(units: str) -> str:
 
 
 def water_map() -> ListedColormap:
-    """Return a colour map like water, from deep blue to pale green, even in lightness.
+    """Return a colour map from deep blue to pale green with uniform lightness steps.
 
     Notes
     -----
-    Straight lines between its colours in OKLab, whose lightness rises evenly, so that equal
-    steps look equal and survive in grey.
+    Piecewise linear in OKLab with linearly increasing lightness: equal steps look equal, in grey as
+    well.
 
     References
     ----------

@@ -1,7 +1,7 @@
 """Speed of the engine, as ratios within one run.
 
-Machines are noisy: engine and yardstick take turns, and the best of several rounds counts for
-both, so that a busy machine slows both alike.
+Engine and reference are timed in interleaved rounds, and the best round of each counts: other load
+on the machine affects both.
 """
 
 from meshtrace.bench.engine import analog_rate, best_of, figure_of_merit, new_sea, resolved_sea

@@ -1,21 +1,21 @@
-"""Photons and rays per second, the figure of merit, and the cost of a new sea."""
+"""Photons and rays per second, figure of merit, and cost of a new sea."""
 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.bvh import EmbreeIntersector, Hits
+from meshtrace.bvh import EmbreeIntersector
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.results.tallies import standard_error
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection
@@ -25,28 +25,23 @@ from meshtrace.transport.meshing import FADING_SPACING, mesh_for
 Rays = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 
 
-class RayRecorder:
-    """An intersector that records the rays cast on it."""
+class RayRecorder(EmbreeIntersector):
+    """Intersector that records its rays."""
 
-    def __init__(self, intersector: EmbreeIntersector) -> None:
-        self.mesh = intersector.mesh
+    def __init__(self, mesh: TriangleMesh, threads: int) -> None:
+        super().__init__(mesh, threads)
         self.rays: Rays = []
-        self._intersector = intersector
 
     def facets(
         self, origins: NDArray[np.float32], directions: NDArray[np.float32]
     ) -> NDArray[np.int32]:
         """Return the facets and record the rays."""
         self.rays.append((origins.copy(), directions.copy()))
-        return self._intersector.facets(origins, directions)
-
-    def intersect(self, origins: Any, directions: Any) -> Hits:
-        """Return the hits without recording."""
-        return self._intersector.intersect(origins, directions)
+        return super().facets(origins, directions)
 
 
 def best_of(rounds: int, *jobs: Callable[[], Any]) -> list[float]:
-    """Return the shortest time of each job [s]; they take turns."""
+    """Return the shortest time of each job [s], over interleaved rounds."""
     best = [math.inf] * len(jobs)
     for _ in range(rounds):
         for i, job in enumerate(jobs):
@@ -71,7 +66,7 @@ def analog_rate(
 ) -> dict[str, Any]:
     """Return photons per second against raw Embree rays per second on the same mesh.
 
-    Raw rays are those that the engine cast, replayed in its own chunks on all threads.
+    Raw rays are the rays of the engine, replayed in the same chunks on all threads.
 
     Parameters
     ----------
@@ -92,18 +87,17 @@ def analog_rate(
         `photons_per_s`, `rays_per_s`, `ratio` (photons per raw ray), `rays_per_photon`,
         `threads`, `facets`, `seconds`.
     """
-    threads = threads or os.cpu_count() or 1
-    intersector = EmbreeIntersector(mesh, threads)
-    recorder = RayRecorder(intersector)
+    threads = default_threads(threads)
+    intersector, recorder = EmbreeIntersector(mesh, threads), RayRecorder(mesh, threads)
     recorded = min(photons, 2**18)
     run_analog(link, recorder, photons=recorded, seed=1)
-    n_rays = sum(len(o) for o, _ in recorder.rays)
     repeats = max(photons // recorded, 1)  # both sides run for about as long
     times = best_of(
         rounds,
         lambda: run_analog(link, intersector, photons=photons, seed=1, threads=threads),
         lambda: replay(intersector, recorder.rays * repeats, threads),
     )
+    n_rays = sum(len(origins) for origins, _ in recorder.rays)
     photon_rate, ray_rate = photons / times[0], repeats * n_rays / times[1]
     return {
         "photons_per_s": photon_rate,
@@ -137,33 +131,27 @@ def figure_of_merit(
         `ratio` and `ratio_stderr`; `forced_variance`, `forced_seconds`, `analog_variance`,
         `analog_seconds`, `setup_seconds` of one set of chains; gains and standard errors.
     """
-    threads = threads or os.cpu_count() or 1
+    threads = default_threads(threads)
     intersector = EmbreeIntersector(mesh, threads)
     crest = float(mesh.bounds[1, 2])
     gains, setup = [], []
-    forced = None
     for seed in range(seeds):
         start = perf_counter()
         forced = ForcedDetection(link, chains, seed, threads=threads, crest=crest)
         setup.append(perf_counter() - start)
         gains.append(float(forced.evaluate(mesh).gain[0]))
-    assert forced is not None
-    aimed = forced
-    times = best_of(
-        rounds,
-        lambda: aimed.evaluate(mesh),
-        lambda: run_analog(link, intersector, photons=photons, seed=1, threads=threads),
-    )
-    sums = run_analog(link, intersector, photons=photons, seed=2, threads=threads)
-    analog = float(sums.score[0]) / photons
-    analog_stderr = float(standard_error(sums.score, sums.score_squared, photons)[0])
+    analog = partial(run_analog, link, intersector, photons=photons, threads=threads)
+    times = best_of(rounds, lambda: forced.evaluate(mesh), lambda: analog(seed=1))
+    sums = analog(seed=2)
+    gain = float(sums.score[0]) / photons
+    stderr = float(standard_error(sums.score, sums.score_squared, photons)[0])
     mean = float(np.mean(gains))
     forced_variance = float(np.var(gains, ddof=1)) / mean**2
-    analog_variance = (analog_stderr / mean) ** 2
+    analog_variance = (stderr / mean) ** 2
     ratio = analog_variance * times[1] / (forced_variance * times[0])
     # the variance of n normal numbers is itself uncertain by sqrt(2 / (n - 1)); that of the
     # analog run by the number of its hits
-    hits = max((analog / analog_stderr) ** 2, 1.0)
+    hits = max((gain / stderr) ** 2, 1.0)
     relative = math.sqrt(2.0 / (seeds - 1) + 2.0 / hits)
     return {
         "ratio": ratio,
@@ -175,8 +163,8 @@ def figure_of_merit(
         "analog_seconds": times[1],
         "forced_gain": mean,
         "forced_gain_stderr": mean * math.sqrt(forced_variance / seeds),
-        "analog_gain": analog,
-        "analog_gain_stderr": analog_stderr,
+        "analog_gain": gain,
+        "analog_gain_stderr": stderr,
         "chains": chains,
         "photons": photons,
     }
@@ -203,36 +191,30 @@ def new_sea(
     dict
         `seconds` (median), `mesh_seconds`, `bvh_seconds`, `rtol` reached (largest), `chains`.
     """
-    threads = threads or os.cpu_count() or 1
-    reach = crossing_reach(link)
-    total, mesh_time, bvh_time, reached = [], [], [], []
-    chains = 64
+    threads = default_threads(threads)
+    reach, chains = crossing_reach(link), 64
+    rows = []
     for seed in range(rounds + 1):  # the first warms up
         start = perf_counter()
         mesh, _ = mesh_for(link, sea.with_seed(1000 + seed), reach=reach)
-        meshed = perf_counter()
+        crest, meshed = float(mesh.bounds[1, 2]), perf_counter()
         while True:
-            forced = ForcedDetection(
-                link, chains, seed, threads=threads, crest=float(mesh.bounds[1, 2])
-            )
-            parts = forced.evaluate(mesh)
-            if float(parts.stderr[0]) <= rtol * float(parts.gain[0]):
+            parts = ForcedDetection(link, chains, seed, threads=threads, crest=crest).evaluate(mesh)
+            reached = float(parts.stderr[0]) / float(parts.gain[0])
+            if reached <= rtol:
                 break
             chains *= 2
         done = perf_counter()
         EmbreeIntersector(mesh, threads)
         built = perf_counter()
-        if seed:
-            total.append(done - start)
-            mesh_time.append(meshed - start)
-            bvh_time.append(built - done)
-            reached.append(float(parts.stderr[0] / parts.gain[0]))
+        rows.append((done - start, built - start, meshed - start, built - done, reached))
+    total, with_bvh, mesh_time, bvh_time, _ = np.median(rows[1:], axis=0).tolist()
     return {
-        "seconds": float(np.median(total)),
-        "with_bvh_seconds": float(np.median(np.add(total, bvh_time))),
-        "mesh_seconds": float(np.median(mesh_time)),
-        "bvh_seconds": float(np.median(bvh_time)),
-        "rtol": max(reached),
+        "seconds": total,
+        "with_bvh_seconds": with_bvh,
+        "mesh_seconds": mesh_time,
+        "bvh_seconds": bvh_time,
+        "rtol": max(row[-1] for row in rows[1:]),
         "chains": parts.counts.chains,
         "facets": len(mesh.faces),
     }
@@ -267,7 +249,7 @@ def resolved_sea(
         `gain` of `new_sea`, which has seconds and facets; `seconds_per_realization` of an ensemble
         with as many chains, its `facets`, and `direct_seconds` of the unscattered light alone.
     """
-    threads = threads or os.cpu_count() or 1
+    threads = default_threads(threads)
     gain = new_sea(link, sea, rtol, rounds, threads)
     reach, chains = crossing_reach(link), gain["chains"]
     mesh, _ = mesh_for(link, sea, reach=reach, per_wave=FADING_SPACING)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from functools import partial
 from typing import Any
 
@@ -10,6 +9,7 @@ from meshtrace.bench.engine import best_of
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
+from meshtrace.parallel import default_threads
 from meshtrace.scenario import Scenario
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection
@@ -56,7 +56,7 @@ def thread_scaling(
         `threads`; `photons_per_s` and `chains_per_s` for each; `analog_speedup` and
         `forced_speedup`, relative to one thread.
     """
-    threads = counts_up_to(most or os.cpu_count() or 1)
+    threads = counts_up_to(default_threads(most))
     crest = float(near.bounds[1, 2])
     analog = [
         partial(run_analog, link, EmbreeIntersector(mesh, n), photons=photons, seed=1, threads=n)
@@ -84,9 +84,9 @@ def worker_scaling(
     rounds: int = 1,
     most: int | None = None,
 ) -> dict[str, Any]:
-    """Return the rates at which one, two, four, ... processes compute a sweep.
+    """Return the rates of a sweep with one, two, four, ... processes.
 
-    The start of the processes counts: a sweep pays for it once.
+    The time includes the start of the processes.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def worker_scaling(
         group = open_store(study, None)
         compute(study, group, waiting_tasks(study, group), None, workers, progress=False)
 
-    workers = counts_up_to(most or os.cpu_count() or 1)
+    workers = counts_up_to(default_threads(most))
     run(workers[-1], 1)  # compiles
     times = best_of(rounds, *(partial(run, n) for n in workers))
     return {

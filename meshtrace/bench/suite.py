@@ -21,14 +21,14 @@ from meshtrace.transport.meshing import mesh_for
 
 
 def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
-    """Return all measurements on a link over a random sea, with the environment they are of.
+    """Return all measurements on a link over a random sea, with the environment.
 
     Parameters
     ----------
     scenario : Scenario
         Link and sea.
     quick : bool
-        A quarter of the photons.
+        Use a quarter of the photons.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
     Refused
         If the sea is not a random one, or forced detection refuses the link.
     """
-    link, sea = scenario.link, scenario.surface
+    link, sea = scenario.link, scenario.case().surface
     if not hasattr(sea, "with_seed"):
         raise Refused("sea", Described(type(sea).__name__), "a random sea")
     mesh, _ = mesh_for(link, sea)

@@ -16,7 +16,7 @@ INTERRUPTED = 130
 
 
 class _Commands(TyperGroup):
-    """Commands whose failures are one line on stderr: exit code 2, or 130 after Ctrl-C."""
+    """Command group: failures are one line on stderr, with exit code 2, or 130 after Ctrl-C."""
 
     def main(self, *args: Any, **extra: Any) -> Any:
         standalone = extra.get("standalone_mode", True)

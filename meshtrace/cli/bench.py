@@ -4,38 +4,30 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import scenario_of
-from meshtrace.files import atomic, check_writable
+from meshtrace.cli.console import check_output, scenario_of
+from meshtrace.files import atomic
 
 
 @app.command()
 def bench(
-    link: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[LINK.TOML]", help="Link file; the paper's link at 13 m/s if none."
-        ),
-    ] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Write the measurements as JSON.")
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the measurements as JSON.")
-    ] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="A quarter of the photons.")] = False,
+    link: Path | None = Argument(
+        None, metavar="[LINK.TOML]", help="Link file; default: the link of the paper at 13 m/s."
+    ),
+    output: Path | None = Option(None, "--output", "-o", help="Write the measurements as JSON."),
+    as_json: bool = Option(False, "--json", help="Print the measurements as JSON."),
+    quick: bool = Option(False, "--quick", help="Use a quarter of the photons."),
 ) -> None:
     """Measure the speed of the engine, as ratios within one run."""
     from meshtrace.bench import bench as measure
     from meshtrace.bench import report
 
-    if output is not None:
-        check_writable(output, [link])
-    scenario = scenario_of(link, ["wind_speed=13", "bubbles=none"] if link is None else [], {})
+    check_output(output, link)
+    scenario = scenario_of(link, ["wind_speed=13", "bubbles=none"] if link is None else [])
     result = measure(scenario, quick=quick)
     text = json.dumps(result, indent=1)
     typer.echo(text if as_json else report(result))

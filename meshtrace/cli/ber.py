@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
+from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import (
-    finite,
-    numbers,
-    over_seas,
-    scenario_of,
-    warnings_as_lines,
-)
+from meshtrace.cli.console import check_output, finite, numbers, over_seas, save, scenario_of
 from meshtrace.cli.options import (
     SERIES_CHAINS,
     AsJson,
@@ -25,45 +20,28 @@ from meshtrace.cli.options import (
     Settings,
     Threads,
 )
-from meshtrace.files import check_writable
 
 if TYPE_CHECKING:
-    from meshtrace.scenario import Scenario
     from meshtrace.studies.performance.tables import LinkPerformance
 
 
 @app.command()
 def ber(
     link: LinkFile = None,
-    bit_rates: Annotated[
-        str, typer.Option(metavar="LIST", help="Bit rates [bit/s], as in 1e6,5e6,1e7.")
-    ] = "1e6,5e6,1e7",
-    depths: Annotated[
-        str | None,
-        typer.Option(metavar="START:STOP:STEP", help="Depths [m], or a list; for the range."),
-    ] = None,
-    winds: Annotated[
-        str | None,
-        typer.Option("--wind", metavar="LIST", help="Wind speeds [m/s], as in 0,5,13."),
-    ] = None,
-    preset: Annotated[
-        str | None, typer.Option(metavar="NAME", help="physical, paper or paper-ranges.")
-    ] = None,
-    limit: Annotated[
-        float, typer.Option(metavar="BER", help="Bit error rate that counts as success.")
-    ] = 1e-3,
-    realizations: Annotated[
-        int | None,
-        typer.Option(
-            "--realizations", "-n", help="Independent seas at each depth: 200, or 50 with --depths."
-        ),
-    ] = None,
-    uav: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Airframe that tilts the receiver.")
-    ] = None,
-    coupled: Annotated[
-        bool, typer.Option("--coupled", help="Let the tilt act on every photon.")
-    ] = False,
+    bit_rates: str = Option("1e6,5e6,1e7", metavar="LIST", help="Bit rates [bit/s]."),
+    depths: str | None = Option(
+        None, metavar="START:STOP:STEP", help="Depths [m], or a list; needed for the range."
+    ),
+    winds: str | None = Option(
+        None, "--wind", metavar="LIST", help="Wind speeds [m/s], such as 0,5,13."
+    ),
+    preset: str | None = Option(None, metavar="NAME", help="physical, paper or paper-ranges."),
+    limit: float = Option(1e-3, metavar="BER", help="Largest bit error rate of a working link."),
+    realizations: int | None = Option(
+        None, "-n", "--realizations", help="Independent seas per depth: 200, or 50 with --depths."
+    ),
+    uav: str | None = Option(None, metavar="NAME", help="Airframe that tilts the receiver."),
+    coupled: bool = Option(False, "--coupled", help="Apply the tilt to every photon."),
     output: Output = None,
     as_json: AsJson = False,
     photons: Chains = SERIES_CHAINS,
@@ -72,22 +50,17 @@ def ber(
     settings: Settings = None,
 ) -> None:
     """Print bit error rate, outage, margin, capacity and range of a link."""
+    from meshtrace.mesh import RandomSea
     from meshtrace.studies.performance.link_performance import link_performance
+    from meshtrace.studies.performance.tables import DepthSweep
 
-    given = {"detector.preset": preset, "uav.preset": uav}
-    changes = [f"{key}={value}" for key, value in given.items() if value is not None]
-    options = {"photons": photons, "seed": seed, "threads": threads}
-    speeds = [None] if winds is None else numbers("--wind", winds)
-    scenarios = [
-        scenario_of(
-            link,
-            [*(settings or []), *changes, *([] if u is None else [f"wind_speed={u}"])],
-            options,
-        )
-        for u in speeds
-    ]
-    if output is not None:
-        check_writable(output, [link])
+    run = {"photons": photons, "seed": seed, "threads": threads}
+    scenarios = []
+    for speed in [None] if winds is None else numbers("--wind", winds):
+        given = {"detector.preset": preset, "uav.preset": uav, "wind_speed": speed}
+        changes = [f"{key}={value}" for key, value in given.items() if value is not None]
+        scenarios.append(scenario_of(link, [*(settings or []), *changes], **run))
+    check_output(output, link)
     if realizations is None:
         realizations = 200 if depths is None else 50
     asked: dict[str, Any] = {
@@ -97,51 +70,29 @@ def ber(
         "realizations": realizations,
         "coupled": coupled,
     }
-    seas = sum(_seas(s, realizations, coupled) for s in scenarios) * len(asked["depths"] or [0])
-    with warnings_as_lines(), over_seas(seas, as_json) as step:
+    many = [coupled or isinstance(s.surface, RandomSea) for s in scenarios]
+    seas = sum(realizations if m else 1 for m in many) * len(asked["depths"] or [0])
+    with over_seas(seas, as_json) as step:
         found = [(s.wind_speed, link_performance(s, progress=step, **asked)) for s in scenarios]
     if as_json:
-        typer.echo(json.dumps(_performance_data(found), allow_nan=False))
-    for speed, performance in () if as_json else found:
-        typer.echo(f"wind {speed:g} m/s\n\n{performance.summary()}\n")
-    if output is not None:
-        _sweep(found).save(output)
-        if not as_json:
-            typer.echo(f"written to {output}")
+        typer.echo(json.dumps([_plain(*one) for one in found], allow_nan=False))
+    else:
+        texts = [f"wind {speed:g} m/s\n\n{p.summary()}" for speed, p in found]
+        typer.echo("\n\n".join(texts))
+    speeds, performances = zip(*found, strict=True)
+    result = performances[0] if len(found) == 1 else DepthSweep(speeds, performances)
+    save(result, output, as_json)
 
 
-def _seas(scenario: Scenario, realizations: int, coupled: bool) -> int:
-    """Return the number of surfaces per depth of a link's performance."""
-    from meshtrace.mesh import RandomSea
-
-    return realizations if coupled or isinstance(scenario.surface, RandomSea) else 1
-
-
-def _sweep(found: list[tuple[float, LinkPerformance]]) -> Any:
-    """Return the result to save: one performance, or those of several winds."""
-    from meshtrace.studies.performance.tables import DepthSweep
-
-    if len(found) == 1:
-        return found[0][1]
-    return DepthSweep(tuple(u for u, _ in found), tuple(p for _, p in found))
-
-
-def _performance_data(found: list[tuple[float, LinkPerformance]]) -> list[dict[str, Any]]:
-    """Return performances as plain data for JSON."""
-    return [
-        {
-            "wind_speed": speed,
-            "limit": performance.limit,
-            "confidence": performance.confidence,
-            "status": performance.status,
-            "figures": [finite(figures) for figures in performance.figures],
-            "ranges": [
-                {"bit_rate": rate, "range": finite(value)}
-                for rate, value in zip(
-                    performance.bit_rates, performance.range_at_ber(), strict=True
-                )
-            ],
-            "provenance": performance.provenance,
-        }
-        for speed, performance in found
-    ]
+def _plain(speed: float, performance: LinkPerformance) -> dict[str, Any]:
+    """Return the performance in a wind as plain data for JSON."""
+    ranges = zip(performance.bit_rates, performance.range_at_ber(), strict=True)
+    return {
+        "wind_speed": speed,
+        "limit": performance.limit,
+        "confidence": performance.confidence,
+        "status": performance.status,
+        "figures": finite(performance.figures),
+        "ranges": [{"bit_rate": rate, "range": finite(value)} for rate, value in ranges],
+        "provenance": performance.provenance,
+    }

@@ -1,4 +1,4 @@
-"""Services shared by the commands: link files, progress, warnings, plain data."""
+"""Services shared by the commands: link files, outputs, progress, warnings, plain data."""
 
 from __future__ import annotations
 
@@ -7,27 +7,17 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import typer
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
+from meshtrace.files import check_writable
 
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
 
 COMPILING = "compiling kernels (first run only)"
-
-VIZ = 'pip install "meshtrace[viz]"'
-
-
-@contextmanager
-def over_seas(seas: int, quiet: bool) -> Iterator[Callable[[int], None]]:
-    """Yield the callback that advances the progress bar by finished seas."""
-    with progress(seas, quiet, "over the seas") as (say, advance):
-        if not kernels_are_compiled("forced"):
-            say(COMPILING)
-        yield advance
 
 
 def numbers(option: str, text: str) -> list[float]:
@@ -49,47 +39,76 @@ def numbers(option: str, text: str) -> list[float]:
     return found
 
 
-def scenario_of(link: Path | None, settings: list[str], options: dict[str, str | None]) -> Scenario:
-    """Return the scenario of a link file, with the changes of the command line."""
+def scenario_of(
+    link: Path | None, settings: list[str] | None, **options: str | float | None
+) -> Scenario:
+    """Return the scenario of a link file, with changes by "key=value" and to its [run] table."""
     from meshtrace.scenario import Scenario, parse_setting
 
     given = [f"run.{key}={value}" for key, value in options.items() if value is not None]
-    changes = dict(parse_setting(setting) for setting in [*settings, *given])
+    changes = dict(parse_setting(setting) for setting in [*(settings or []), *given])
     if link is None:
         return Scenario.from_toml("", changes=changes)
     return Scenario.load(link, changes)
 
 
+class Savable(Protocol):
+    """Result that can be written to a file."""
+
+    def save(self, path: Path) -> Any:
+        """Write the result."""
+
+
+def check_output(output: Path | None, link: Path | None, option: str = "--output") -> None:
+    """Check before the work that an optional output file can be written."""
+    if output is not None:
+        check_writable(output, [link], option)
+
+
+def save(result: Savable, output: Path | None, quiet: bool = False) -> None:
+    """Write a result, after its text, which must not be lost with a full disk."""
+    if output is not None:
+        result.save(output)
+        if not quiet:
+            typer.echo(f"\nwritten to {output}")
+
+
 @contextmanager
 def progress(
-    total: int | None, quiet: bool, doing: str = "following photons"
+    total: int | None, quiet: bool, doing: str, *estimators: str
 ) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
-    """Yield two callbacks: set the status text, and advance the progress bar."""
+    """Yield two callbacks: set the status text, and advance the progress bar.
+
+    Warnings become lines of stderr. The status says so if kernels of `estimators` will compile.
+    """
+    from rich import progress as rich
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeRemainingColumn,
-    )
 
     console = Console(stderr=True)
-    if quiet or not console.is_terminal:
-        yield (lambda text: None if quiet else typer.echo(text, err=True)), (lambda done: None)
-        return
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as bar:
+    text, share = rich.TextColumn("{task.description}"), rich.TaskProgressColumn()
+    columns = (text, rich.BarColumn(), share, rich.TimeRemainingColumn())
+    shown = console.is_terminal and not quiet
+    with (
+        warnings_as_lines(),
+        rich.Progress(*columns, console=console, transient=True, disable=not shown) as bar,
+    ):
         task = bar.add_task("building the sea", total=None)
-        yield (
-            lambda text: bar.update(task, description=text),
-            lambda done: bar.update(task, description=doing, total=total, advance=done),
-        )
+
+        def say(status: str) -> None:
+            bar.update(task, description=status)
+            if not (shown or quiet):
+                typer.echo(status, err=True)
+
+        if not all(kernels_are_compiled(name) for name in estimators):
+            say(COMPILING)
+        yield say, lambda done: bar.update(task, description=doing, total=total, advance=done)
+
+
+@contextmanager
+def over_seas(seas: int, quiet: bool = False) -> Iterator[Callable[[int], None]]:
+    """Yield the callback that advances the progress bar by finished seas."""
+    with progress(seas, quiet, "over the seas", "forced") as (_, advance):
+        yield advance
 
 
 def kernels_are_compiled(estimator: str) -> bool:
@@ -110,14 +129,24 @@ def warnings_as_lines() -> Iterator[None]:
         typer.echo(f"warning: {' '.join(str(warning.message).split())}", err=True)
 
 
-def finite(value: Any) -> Any:
-    """Return numbers in tuples and arrays as plain data, with null for non-finite values."""
-    import numpy as np
+@contextmanager
+def extra(field: str, name: str) -> Iterator[None]:
+    """Refuse with an installation hint if packages of an extra are missing."""
+    try:
+        yield
+    except ImportError as error:
+        missing = Described("extra packages are missing")
+        raise Refused(field, missing, f'pip install "meshtrace[{name}]"') from error
 
-    if value is None:
-        return None
+
+def finite(value: Any) -> Any:
+    """Return numbers in tuples, mappings and arrays as plain data; null if not finite."""
+    if value is None or isinstance(value, str | bool):
+        return value
     if hasattr(value, "_asdict"):
-        return {key: finite(item) for key, item in value._asdict().items()}
-    if np.ndim(value):
+        value = value._asdict()
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple) or getattr(value, "ndim", None):
         return [finite(item) for item in value]
     return float(value) if math.isfinite(value) else None

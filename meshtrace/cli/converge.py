@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
+from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import (
-    COMPILING,
-    VIZ,
-    kernels_are_compiled,
-    numbers,
-    progress,
-    scenario_of,
-    warnings_as_lines,
-)
+from meshtrace.cli.console import check_output, extra, numbers, progress, save, scenario_of
 from meshtrace.cli.options import LinkFile, Output, Seed, Settings, Threads
-from meshtrace.errors import Described, Refused
-from meshtrace.files import atomic, check_writable
+from meshtrace.errors import Refused, require_word
+from meshtrace.files import atomic
 
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
+    from meshtrace.stored import Stored
     from meshtrace.studies.convergence import ConvergenceStudy
 
 _LISTS = {"spacing": "--spacings", "time_step": "--time-steps", "omega_max": "--omega-max"}
@@ -32,96 +25,89 @@ _LISTS = {"spacing": "--spacings", "time_step": "--time-steps", "omega_max": "--
 @app.command()
 def converge(
     link: LinkFile = None,
-    spacings: Annotated[
-        str | None,
-        typer.Option(metavar="M,M,...", help="Mesh spacings [m]; 2, 1, ... 0.0625 by default."),
-    ] = None,
-    time_steps: Annotated[
-        str | None,
-        typer.Option(metavar="S,S,...", help="Time steps [s], in place of mesh spacings."),
-    ] = None,
-    omega_max: Annotated[
-        str | None,
-        typer.Option(metavar="W,W,...", help="Band limits [rad/s], in place of mesh spacings."),
-    ] = None,
-    normals: Annotated[
-        str | None,
-        typer.Option(metavar="KINDS", help="vertex, facet or vertex,facet (for spacings)."),
-    ] = None,
-    photons: Annotated[
-        int, typer.Option(metavar="N", min=1, max=10**7, help="Chains, shared by all meshes.")
-    ] = 2048,
-    placements: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=1, max=10**5, help="Meshes of each spacing [default: 34]."),
-    ] = None,
-    realizations: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=1, max=10**5, help="Seas of each band [default: 16]."),
-    ] = None,
-    duration: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="Length of the series [s] [default: 8 longest steps]."),
-    ] = None,
-    tolerance: Annotated[
-        float | None,
-        typer.Option(metavar="R", help="Relative error that the recommendation is about."),
-    ] = None,
-    unresolved: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WORD", help="tilt: random slopes for the waves that a mesh leaves out; none."
-        ),
-    ] = None,
+    what: str = Option("gain", metavar="WORD", help="gain, or fading over the band of waves."),
+    spacings: str | None = Option(
+        None, metavar="M,M,...", help="Mesh spacings [m]; default: 2, 1, ... 0.0625."
+    ),
+    time_steps: str | None = Option(
+        None, metavar="S,S,...", help="Time steps [s], instead of mesh spacings."
+    ),
+    omega_max: str | None = Option(
+        None, metavar="W,W,...", help="Band limits [rad/s], instead of mesh spacings."
+    ),
+    normals: str | None = Option(
+        None, metavar="KINDS", help="vertex, facet or vertex,facet (for spacings)."
+    ),
+    photons: int = Option(
+        2048, metavar="N", min=1, max=10**7, help="Chains, shared by all meshes."
+    ),
+    placements: int | None = Option(
+        None, metavar="N", min=1, max=10**5, help="Meshes of each spacing [default: 34]."
+    ),
+    realizations: int | None = Option(
+        None, metavar="N", min=1, max=10**5, help="Seas of each band [default: 16; fading: 0]."
+    ),
+    duration: float | None = Option(
+        None, metavar="S", help="Length of the series [s] [default: 8 longest steps]."
+    ),
+    tolerance: float | None = Option(
+        None, metavar="R", help="Relative error of the recommended step."
+    ),
+    unresolved: str | None = Option(
+        None, metavar="WORD", help="Slopes of waves too short for the mesh: tilt (random) or none."
+    ),
     output: Output = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="A.PNG", help="Draw errors and orders.")
-    ] = None,
+    plot: Path | None = Option(None, metavar="A.PNG", help="Draw errors and orders."),
     seed: Seed = None,
     threads: Threads = None,
     settings: Settings = None,
 ) -> None:
-    """Study how the gain depends on the mesh spacing, the time step or the band of waves.
+    """Study the convergence of the gain with mesh spacing, time step or band of waves.
 
-    All meshes get the same chains. The table shows gains, their differences, the fitted order,
-    the value at vanishing spacing beside that of the exact sum of waves, and the spacing that a
-    tolerance asks for.
+    All meshes share the same chains. The table shows gains, their differences, the fitted order,
+    the limit at vanishing spacing beside the gain over the exact sum of waves, and the spacing
+    recommended for a tolerance. With --what fading it shows the scintillation index in closed
+    form, and over --realizations seas.
     """
-    scenario = scenario_of(link, settings or [], {"seed": seed, "threads": threads})
+    require_word(what, ("gain", "fading"), "--what")
+    scenario = scenario_of(link, settings, seed=seed, threads=threads)
     given = {"spacing": spacings, "time_step": time_steps, "omega_max": omega_max}
-    parameter, values = _values({key: text for key, text in given.items() if text is not None})
+    parameter, values = _values(what, {k: text for k, text in given.items() if text is not None})
+    if (parameter, duration) == ("time_step", None):
+        duration = 8.0 * max(values)
+    own = {"spacing": placements, "omega_max": realizations, "time_step": duration}
+    names = {"spacing": "placements", "omega_max": "realizations", "time_step": "duration"}
+    for key, value in own.items():
+        if value is not None and key != parameter:
+            raise Refused(f"--{names[key]}", value, f"only with {_LISTS[key]}")
     options = {
-        "placements": placements,
-        "realizations": realizations,
-        "duration": 8.0 * max(values) if (parameter, duration) == ("time_step", None) else duration,
+        names[parameter]: own[parameter],
         "tolerance": tolerance,
         "unresolved": unresolved,
         "normals": None if normals is None else normals.split(","),
+        "photons": photons,
     }
-    options = {key: value for key, value in options.items() if value is not None}
-    _refuse_other_options(parameter, options)
-    for path in (output, plot):
-        if path is not None:
-            check_writable(path, [link], "--output" if path is output else "--plot")
+    check_output(output, link)
+    check_output(plot, link, "--plot")
     if plot is not None:
         _refuse_undrawable(plot)
-    study = _study(scenario, parameter, values, {**options, "photons": photons})
+    options = {key: value for key, value in options.items() if value is not None}
+    study: Stored
+    if what == "fading":
+        study = _fading(scenario, values, {**options, **({} if plot is None else {"plot": plot})})
+    else:
+        study = gain_study = _study(scenario, parameter, values, options)
     typer.echo(study.summary())
-    if output is not None:
-        study.save(output)
+    save(study, output)
     if plot is not None:
-        _draw(study, plot)
-    for path in (output, plot):
-        if path is not None:
-            typer.echo(f"\nwritten to {path}")
+        _draw(gain_study, plot)
+        typer.echo(f"\nwritten to {plot}")
 
 
 def _refuse_undrawable(path: Path) -> None:
     """Refuse a picture that could not be drawn, before anything is computed."""
-    try:
+    with extra("--plot", "viz"):
         from matplotlib.figure import Figure
-    except ModuleNotFoundError as error:
-        raise Refused("--plot", Described("packages are missing"), VIZ) from error
     kinds = Figure().canvas.get_supported_filetypes()
     if path.suffix[1:].lower() not in kinds:
         raise Refused("--plot", str(path), f"a file .{', .'.join(sorted(kinds))}")
@@ -139,13 +125,18 @@ def _draw(study: ConvergenceStudy, path: Path) -> None:
     plt.close()
 
 
-def _values(given: dict[str, str]) -> tuple[str, list[float]]:
+def _values(what: str, given: dict[str, str]) -> tuple[str, list[float]]:
     """Return the name and the values of the refined parameter."""
     from meshtrace.studies.convergence import DEFAULT_SPACINGS
+    from meshtrace.studies.convergence.fading import DEFAULT_BANDS
 
+    if what == "fading":
+        for key in given.keys() - {"omega_max"}:
+            raise Refused(_LISTS[key], given[key], "--omega-max with --what fading")
+        given = {"omega_max": ",".join(map(str, DEFAULT_BANDS)), **given}
     if len(given) > 1:
-        first, second, *_ = (_LISTS[key] for key in given)
-        raise Refused(second, given[list(given)[1]], f"not beside {first}")
+        first, second, *_ = given
+        raise Refused(_LISTS[second], given[second], f"not beside {_LISTS[first]}")
     for key, text in given.items():
         found = numbers(_LISTS[key], text)
         if min(found) <= 0.0:
@@ -154,38 +145,36 @@ def _values(given: dict[str, str]) -> tuple[str, list[float]]:
     return "spacing", list(DEFAULT_SPACINGS)
 
 
-def _refuse_other_options(parameter: str, options: dict[str, Any]) -> None:
-    """Refuse options of another study than that of a parameter."""
-    belongs = {"placements": "spacing", "realizations": "omega_max", "duration": "time_step"}
-    for name, other in belongs.items():
-        if name in options and other != parameter:
-            raise Refused(f"--{name}", options[name], f"only with {_LISTS[other]}")
+def _fading(scenario: Scenario, values: list[float], options: dict[str, Any]) -> Stored:
+    """Return the study of the fading of a scenario, with a bar while it runs."""
+    from meshtrace.studies.convergence import fading_study
+
+    for name in ("unresolved", "normals", "plot"):
+        if name in options:
+            raise Refused(f"--{name}", str(options[name]), "only with --what gain")
+    seas = len(values) * options.get("realizations", 0)
+    with progress(seas, not seas, "over the seas", "forced") as (_, advance):
+        return fading_study(scenario, None, values, progress=advance, **options)
 
 
 def _study(
     scenario: Scenario, parameter: str, values: list[float], options: dict[str, Any]
 ) -> ConvergenceStudy:
-    """Return the study of a scenario, with a bar while it runs."""
+    """Return the study of a scenario, with a progress bar."""
     from meshtrace.studies import convergence
     from meshtrace.studies.convergence.exact import is_wave_sum
 
-    studies: dict[str, Callable[..., ConvergenceStudy]] = {
-        "spacing": convergence.convergence_study,
-        "time_step": convergence.time_step_study,
-        "omega_max": convergence.band_limit_study,
-    }
-    surfaces = {
-        "spacing": len(values) * options.get("placements", convergence.PLACEMENTS),
-        "time_step": 2.0 * options.get("duration", 0.0) / min(values) + 1.0,
-        "omega_max": len(values) * options.get("realizations", convergence.REALIZATIONS),
-    }
     if parameter == "spacing":
-        exact = is_wave_sum(scenario.surface) and options.get("unresolved") != "tilt"
+        study: Any = convergence.convergence_study
+        surfaces = len(values) * options.get("placements", convergence.PLACEMENTS)
+        exact = is_wave_sum(scenario.case().surface) and options.get("unresolved") != "tilt"
         options["reference"] = "analytic" if exact else None
-    with (
-        warnings_as_lines(),
-        progress(round(surfaces[parameter]), False, "over the meshes") as (say, advance),
-    ):
-        if not kernels_are_compiled("forced"):
-            say(COMPILING)
-        return studies[parameter](scenario, None, values, progress=advance, **options)
+    elif parameter == "time_step":
+        study = convergence.time_step_study
+        surfaces = round(2.0 * options["duration"] / min(values) + 1.0)
+    else:
+        study = convergence.band_limit_study
+        surfaces = len(values) * options.get("realizations", convergence.REALIZATIONS)
+    with progress(surfaces, False, "over the meshes", "forced") as (_, advance):
+        found: ConvergenceStudy = study(scenario, None, values, progress=advance, **options)
+    return found

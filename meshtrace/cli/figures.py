@@ -1,42 +1,39 @@
-"""`meshtrace figures`: every figure of the paper, redrawn."""
+"""`meshtrace figures`: redraw the figures of the paper."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
+from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import warnings_as_lines
-from meshtrace.errors import Described, Refused
+from meshtrace.cli.console import extra, warnings_as_lines
+from meshtrace.errors import Refused
 
 
 @app.command()
 def figures(
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the figures go.")
-    ] = Path("figures"),
-    only: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="This figure alone; may be repeated. See --list."),
-    ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer photons and seas: all figures in minutes.")
-    ] = False,
-    profiles: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="A.NC", help="Temperature and salinity (AODN, Argo); may repeat."),
-    ] = None,
-    names: Annotated[bool, typer.Option("--list", help="List the names of the figures.")] = False,
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Key of the random numbers.")] = 1,
-    threads: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=1024, help="Threads; all cores if none.")
-    ] = None,
+    output: Path = Option(
+        Path("figures"), "--output", "-o", metavar="FOLDER", help="Folder of the figures."
+    ),
+    only: list[str] | None = Option(
+        None, metavar="NAME", help="Draw this figure only; repeatable. Names: see --list."
+    ),
+    quick: bool = Option(False, "--quick", help="Fewer photons and seas: minutes for all figures."),
+    profiles: list[Path] | None = Option(
+        None, metavar="A.NC", help="Temperature and salinity (AODN, Argo); repeatable."
+    ),
+    names: bool = Option(False, "--list", help="List the names of the figures."),
+    seed: int = Option(1, metavar="N", min=0, help="Seed of the random numbers."),
+    threads: int | None = Option(
+        None, metavar="N", min=1, max=1024, help="Number of threads; default: all cores."
+    ),
 ) -> None:
-    """Redraw the paper's figures, with data, tables and one page to read through.
+    """Redraw the figures of the paper, with data, tables and an index page.
 
-    Figures that are there already are kept; an interrupted run goes on where it was.
+    Finished figures are kept; an interrupted run resumes.
     """
     from meshtrace.paper.records import INDEX
     from meshtrace.paper.registry import FIGURES, Setting
@@ -49,22 +46,17 @@ def figures(
         raise Refused("--output", str(output), "a folder")
     setting = Setting(seed=seed, threads=threads, profiles=tuple(profiles or ()))
     try:
-        with warnings_as_lines():
-            made = make_figures(output, only, quick=quick, setting=setting, on_figure=_tell)
-    except ImportError as error:  # the viz extra is not there
-        allowed = 'pip install "meshtrace[viz]"'
-        raise Refused("viz", Described("extra packages are missing"), allowed) from error
+        with extra("viz", "viz"), warnings_as_lines():
+            made = make_figures(output, only, quick=quick, setting=setting, on_figure=_report)
     except OSError as error:
         raise Refused("--output", error, "a folder to write to") from error
     kept = sum(record["kept"] for record in made)
     typer.echo(f"{len(made) - kept} drawn, {kept} kept; read {output / INDEX}")
 
 
-def _tell(name: str, record: dict[str, Any] | None) -> None:
+def _report(name: str, record: dict[str, Any] | None) -> None:
     """Report the progress on stderr."""
-    if record is None:
-        typer.echo(f"{name} ...", err=True)
-    elif record["kept"]:
-        typer.echo(f"{name}: kept", err=True)
-    else:
-        typer.echo(f"{name}: {record['wall_s']:.1f} s", err=True)
+    state = " ..."
+    if record is not None:
+        state = ": kept" if record["kept"] else f": {record['wall_s']:.1f} s"
+    typer.echo(f"{name}{state}", err=True)

@@ -5,32 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 SERIES_CHAINS = "2048"
 
 LinkFile = Annotated[
     Path | None,
-    typer.Argument(metavar="[LINK.TOML]", help="Link file; the paper's default link if none."),
+    Argument(metavar="[LINK.TOML]", help="Link file; default: the link of the paper."),
 ]
-
-Output = Annotated[Path | None, typer.Option("--output", "-o", help="Write the result as netCDF.")]
-
-AsJson = Annotated[
-    bool, typer.Option("--json", help="Print the result as JSON, without progress bar.")
-]
-
-Chains = Annotated[str, typer.Option("--photons", metavar="N", help="Chains, shared by all seas.")]
-
-Seed = Annotated[str | None, typer.Option(metavar="N", help="Key of the random numbers.")]
-
-Threads = Annotated[str | None, typer.Option(metavar="N", help="Threads; all cores by default.")]
-
+Output = Annotated[Path | None, Option("--output", "-o", help="Write the result as netCDF.")]
+AsJson = Annotated[bool, Option("--json", help="Print the result as JSON, without progress bar.")]
+Chains = Annotated[str, Option("--photons", metavar="N", help="Chains, shared by all seas.")]
+Seed = Annotated[str | None, Option(metavar="N", help="Seed of the random numbers.")]
+Threads = Annotated[str | None, Option(metavar="N", help="Number of threads; default: all cores.")]
 Settings = Annotated[
     list[str] | None,
-    typer.Option(
+    Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Replace a value of the link file, as in transmitter.depth=20; repeatable.",
+        help="Replace a value of the link file, such as transmitter.depth=20; repeatable.",
     ),
 ]

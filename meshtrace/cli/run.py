@@ -5,21 +5,22 @@ from __future__ import annotations
 import json
 import time
 import warnings
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
+from typer import Option
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import (
     COMPILING,
+    check_output,
     finite,
     kernels_are_compiled,
     progress,
+    save,
     scenario_of,
-    warnings_as_lines,
 )
 from meshtrace.cli.options import AsJson, LinkFile, Output, Seed, Settings, Threads
-from meshtrace.files import check_writable
 
 if TYPE_CHECKING:
     from meshtrace.results.gain import GainResult
@@ -31,45 +32,30 @@ def run(
     link: LinkFile = None,
     output: Output = None,
     as_json: AsJson = False,
-    photons: Annotated[
-        str | None, typer.Option(metavar="N", help="Chains (forced) or photons (analog).")
-    ] = None,
-    rtol: Annotated[
-        str | None, typer.Option(metavar="R", help="Relative standard error to reach, as in 0.01.")
-    ] = None,
+    photons: str | None = Option(None, metavar="N", help="Chains (forced) or photons (analog)."),
+    rtol: str | None = Option(
+        None, metavar="R", help="Target for the relative standard error, such as 0.01."
+    ),
     seed: Seed = None,
-    estimator: Annotated[str | None, typer.Option(metavar="NAME", help="forced or analog.")] = None,
+    estimator: str | None = Option(None, metavar="NAME", help="forced or analog."),
     threads: Threads = None,
     settings: Settings = None,
 ) -> None:
     """Simulate one link and print its channel gain."""
     # words as yet, for the link file's own checks
-    options = {
-        "photons": photons,
-        "rtol": rtol,
-        "seed": seed,
-        "estimator": estimator,
-        "threads": threads,
-    }
-    scenario = scenario_of(link, settings or [], options)
-    if output is not None:
-        check_writable(output, [link])
-    with warnings_as_lines():
-        result, wall_time = _simulate(scenario, quiet=as_json)
-    if as_json:
-        typer.echo(json.dumps(_as_data(result, wall_time), allow_nan=False))
-    else:
-        typer.echo(result.summary(wall_time))
-    if output is not None:  # after the text, which must not be lost with a full disk
-        result.save(output)
-        if not as_json:
-            typer.echo(f"\nwritten to {output}")
+    options = {"photons": photons, "rtol": rtol, "seed": seed, "estimator": estimator}
+    scenario = scenario_of(link, settings, **options, threads=threads)
+    check_output(output, link)
+    result, wall_time = _simulate(scenario, quiet=as_json)
+    data = _plain(result, wall_time) if as_json else None
+    typer.echo(json.dumps(data, allow_nan=False) if as_json else result.summary(wall_time))
+    save(result, output, as_json)
 
 
 def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
     """Return the result of a scenario and its wall time [s], compiling beforehand if need be."""
     known = scenario.run.photons if scenario.run.rtol is None else None
-    with progress(known, quiet) as (say, advance):
+    with progress(known, quiet, "following photons") as (say, advance):
         if not kernels_are_compiled(scenario.run.estimator.kind):
             scenario.mesh()  # reports a wrong link before the kernels compile
             say(COMPILING)
@@ -83,15 +69,13 @@ def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
         return result, time.perf_counter() - start
 
 
-def _as_data(result: GainResult, wall_time: float) -> dict[str, Any]:
+_GAINS = ("gain", "gain_stderr", "gain_db", "gain_bound", "gain_ballistic", "gain_scattered")
+
+
+def _plain(result: GainResult, wall_time: float) -> dict[str, Any]:
     """Return a result as plain data for JSON, with null for non-finite values."""
     return {
-        "gain": finite(result.gain),
-        "gain_stderr": finite(result.gain_stderr),
-        "gain_db": finite(result.gain_db),
-        "gain_bound": finite(result.gain_bound),
-        "gain_ballistic": finite(result.gain_ballistic),
-        "gain_scattered": finite(result.gain_scattered),
+        **{name: finite(getattr(result, name)) for name in _GAINS},
         "photons": result.photons,
         "photons_per_second": result.photons / wall_time,
         "wall_time": wall_time,

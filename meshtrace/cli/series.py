@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
+from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import (
-    numbers,
-    over_seas,
-    scenario_of,
-    warnings_as_lines,
-)
+from meshtrace.cli.console import check_output, numbers, over_seas, save, scenario_of
 from meshtrace.cli.options import SERIES_CHAINS, Chains, LinkFile, Output, Seed, Settings, Threads
-from meshtrace.files import check_writable
 
 if TYPE_CHECKING:
     from meshtrace.results.series import GainSeries
@@ -25,62 +20,49 @@ if TYPE_CHECKING:
 @app.command()
 def series(
     link: LinkFile = None,
-    times: Annotated[
-        str, typer.Option(metavar="START:STOP:STEP", help="Times [s], or a list as in 0,1,2.")
-    ] = "0:30:0.5",
+    times: str = Option(
+        "0:30:0.5", metavar="START:STOP:STEP", help="Times [s], or a list such as 0,1,2."
+    ),
     output: Output = None,
     photons: Chains = SERIES_CHAINS,
     seed: Seed = None,
     threads: Threads = None,
     settings: Settings = None,
 ) -> None:
-    """Follow the channel gain over a moving sea and print its fading."""
+    """Compute the channel gain over a moving sea and print its fading statistics."""
     from meshtrace.studies.series import time_series
 
-    seconds = numbers("--times", times)
-    options = {"photons": photons, "seed": seed, "threads": threads}
-    scenario = scenario_of(link, settings or [], options)
-    _print_series(
-        link, len(seconds), output, lambda step: time_series(scenario, times=seconds, progress=step)
-    )
+    at = numbers("--times", times)
+    scenario = scenario_of(link, settings, photons=photons, seed=seed, threads=threads)
+    _report(link, len(at), output, lambda step: time_series(scenario, times=at, progress=step))
 
 
 @app.command("ensemble")
 def ensemble_command(
     link: LinkFile = None,
-    realizations: Annotated[
-        int, typer.Option("--realizations", "-n", min=2, max=10**7, help="Independent seas.")
-    ] = 200,
+    n: int = Option(200, "-n", "--realizations", min=2, max=10**7, help="Independent seas."),
     output: Output = None,
     photons: Chains = SERIES_CHAINS,
     seed: Seed = None,
     threads: Threads = None,
     settings: Settings = None,
 ) -> None:
-    """Print the distribution of the channel gain over random seas, and its fading."""
+    """Compute the channel gain over random seas and print its distribution and fading."""
     from meshtrace.studies.series import ensemble
 
-    options = {"photons": photons, "seed": seed, "threads": threads}
-    scenario = scenario_of(link, settings or [], options)
-
-    def evaluate(step: Callable[[int], None]) -> GainSeries:
-        return ensemble(scenario, realizations, progress=step)
-
-    _print_series(link, realizations, output, evaluate)
+    scenario = scenario_of(link, settings, photons=photons, seed=seed, threads=threads)
+    _report(link, n, output, lambda step: ensemble(scenario, n, progress=step))
 
 
-def _print_series(
+def _report(
     link: Path | None,
     seas: int,
     output: Path | None,
     evaluate: Callable[[Callable[[int], None]], GainSeries],
 ) -> None:
     """Compute gains over many seas, print their fading, and write them."""
-    if output is not None:
-        check_writable(output, [link])
-    with warnings_as_lines(), over_seas(seas, quiet=False) as step:
+    check_output(output, link)
+    with over_seas(seas) as step:
         gains = evaluate(step)
     typer.echo(gains.summary())
-    if output is not None:
-        gains.save(output)
-        typer.echo(f"\nwritten to {output}")
+    save(gains, output)

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
+from typer import Argument, Option
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import (
     COMPILING,
+    check_output,
+    extra,
     kernels_are_compiled,
     warnings_as_lines,
 )
 from meshtrace.cli.options import Output
-from meshtrace.errors import Described, Refused
-from meshtrace.files import check_writable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,34 +26,27 @@ _MOST_ROWS = 200  # printed; the store holds all
 
 @app.command()
 def sweep(
-    study: Annotated[
-        Path, typer.Argument(metavar="STUDY.TOML", help="Link file with a table [sweep].")
-    ],
-    store: Annotated[
-        Path | None,
-        typer.Option(metavar="A.ZARR", help="Where results grow; STUDY.zarr beside it if none."),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="TCP://...", help="Address or file of a running dask scheduler."),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=1, max=1024, help="Processes; all cores by default."),
-    ] = None,
-    timeout: Annotated[
-        float,
-        typer.Option(metavar="S", min=0.0, help="Seconds to wait for a scheduler and a worker."),
-    ] = 60.0,
+    study: Path = Argument(metavar="STUDY.TOML", help="Link file with a table [sweep]."),
+    store: Path | None = Option(
+        None, metavar="A.ZARR", help="Store of the results; default: STUDY.zarr beside STUDY.TOML."
+    ),
+    scheduler: str | None = Option(
+        None, metavar="TCP://...", help="Address or file of a running dask scheduler."
+    ),
+    workers: int | None = Option(
+        None, metavar="N", min=1, max=1024, help="Number of processes; default: all cores."
+    ),
+    timeout: float = Option(
+        60.0, metavar="S", min=0.0, help="Time limit for a scheduler and a worker to respond [s]."
+    ),
     output: Output = None,
 ) -> None:
     """Compute the gain at every combination of some parameters.
 
-    Finished points are kept in the store: stopped in any way, the same command goes on where it
-    was. The exit code is 1 if points failed; their errors are in the store.
+    Finished points are kept in the store: after an interruption the same command resumes. The exit
+    code is 1 if points failed; their errors are in the store.
     """
-    if output is not None:
-        check_writable(output, [study])
+    check_output(output, study)
     options = {"scheduler": scheduler, "workers": workers, "timeout": timeout}
     data, place = _swept(study, store, options)
     typer.echo("\n".join(_rows(data)))
@@ -71,26 +65,25 @@ def sweep(
 
 
 def _swept(study: Path, store: Path | None, options: dict[str, Any]) -> tuple[xr.Dataset, Path]:
-    """Return the results of a study file and the store that they are in."""
+    """Return the results of a study file and their store."""
     from meshtrace.studies.sweep import store_of, sweep_file
 
     place = store or store_of(study)
     if not kernels_are_compiled("forced"):
         typer.echo(COMPILING, err=True)
     try:
-        with warnings_as_lines():
+        with extra("sweep", "batch"), warnings_as_lines():
             return sweep_file(study, store=place, **options), place
-    except ModuleNotFoundError as error:
-        missing = Described(f"{error.name} is missing")
-        raise Refused("sweep", missing, 'after pip install "meshtrace[batch]"') from error
     except KeyboardInterrupt:
-        typer.echo(f"finished points are in {place}: the same command goes on", err=True)
+        typer.echo(f"finished points are in {place}; the same command resumes", err=True)
         raise
 
 
 def _rows(data: xr.Dataset) -> list[str]:
     """Return gains over the realizations as a table, one row for each point and receiver."""
     import numpy as np
+
+    from meshtrace.tables import text_table
 
     gain, stderr = data["gain"], data["gain_stderr"]
     dims = [str(name) for name in gain.dims if name != "realization"]
@@ -99,18 +92,17 @@ def _rows(data: xr.Dataset) -> list[str]:
     # each realization draws its own chains: their errors are independent
     error = np.sqrt((stderr**2).sum("realization", skipna=False).values) / n
     spread = gain.std("realization", ddof=1).values if n > 1 else mean
-    widths = [max(len(name), 12) + 2 for name in dims]
-    head = "".join(f"{name:>{width}}" for name, width in zip(dims, widths, strict=True))
-    lines = [f"{head}{'gain':>14}{'stderr':>10}{'scatter':>10}"]
-
-    for index in list(np.ndindex(mean.shape))[:_MOST_ROWS]:
-        labels = (_label(data, name, i) for name, i in zip(dims, index, strict=True))
-        scatter = f"{spread[index]:.1e}" if n > 1 else "-"
-        row = "".join(f"{text:>{width}}" for text, width in zip(labels, widths, strict=True))
-        lines.append(f"{row}{mean[index]:>14.4e}{error[index]:>10.1e}{scatter:>10}")
-    if mean.size > _MOST_ROWS:
-        lines.append(f"... {mean.size - _MOST_ROWS} more")
-    return lines
+    rows = [
+        (
+            *(_label(data, name, i) for name, i in zip(dims, index, strict=True)),
+            f"{mean[index]:.4e}",
+            f"{error[index]:.1e}",
+            f"{spread[index]:.1e}" if n > 1 else "-",
+        )
+        for index in list(np.ndindex(mean.shape))[:_MOST_ROWS]
+    ]
+    lines = text_table(rows, [*dims, "gain", "stderr", "scatter"]).splitlines()
+    return lines + [f"... {mean.size - len(rows)} more"] * (mean.size > len(rows))
 
 
 def _label(data: xr.Dataset, name: str, i: int) -> str:

@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
+from typer import Argument, Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import (
-    COMPILING,
-    kernels_are_compiled,
-    progress,
-    scenario_of,
-    warnings_as_lines,
-)
+from meshtrace.cli.console import extra, progress, scenario_of
 from meshtrace.cli.options import Settings
 from meshtrace.errors import Described, Refused
 
 if TYPE_CHECKING:
     from meshtrace.link import Link
-    from meshtrace.mesh import SurfaceModel, TriangleMesh
+    from meshtrace.mesh import MeshSource, TriangleMesh
     from meshtrace.results.coverage import CoverageMap
     from meshtrace.results.series import GainSeries
     from meshtrace.scenario import Scenario
@@ -34,9 +27,9 @@ MOST_FRAMES = 10_000
 
 
 class Subject(NamedTuple):
-    """Subject of a view: a link over a surface at a time, with the data of a result."""
+    """Subject of a view: a link over a surface at a time, and the data of a result."""
 
-    surface: SurfaceModel | TriangleMesh
+    surface: MeshSource | TriangleMesh
     link: Link | None = None
     time: float = 0.0
     coverage: CoverageMap | int | None = None
@@ -45,125 +38,88 @@ class Subject(NamedTuple):
 
 @app.command()
 def view(
-    file: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[FILE]",
-            help="Link file (.toml), result (.nc) or mesh (.stl, .ply, .obj); the default link "
-            "if none.",
-        ),
-    ] = None,
-    screenshot: Annotated[
-        Path | None, typer.Option(metavar="A.PNG", help="Write a picture; no window.")
-    ] = None,
-    html: Annotated[
-        Path | None, typer.Option(metavar="A.HTML", help="Write an interactive web page.")
-    ] = None,
-    movie: Annotated[
-        Path | None,
-        typer.Option(metavar="A.MP4", help="Write a movie (.mp4, .gif) of the sea and the gain."),
-    ] = None,
-    export: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Write surface, paths and map as VTK files."),
-    ] = None,
-    paths: Annotated[
-        int, typer.Option(metavar="N", min=0, max=100_000, help="Photon paths, besides received.")
-    ] = 100,
-    received: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=1, max=100_000, help="Paths of received light."),
-    ] = None,
-    map_photons: Annotated[
-        int | None,
-        typer.Option(
-            "--map", metavar="N", min=1, help="Photons of a coverage map in the receiver's plane."
-        ),
-    ] = None,
-    color: Annotated[
-        str, typer.Option(metavar="NAME", help="elevation, slope, slope_x, slope_y or plain.")
-    ] = "elevation",
-    path_color: Annotated[str, typer.Option(metavar="NAME", help="fate or weight.")] = "fate",
-    edges: Annotated[bool, typer.Option("--edges", help="Draw the edges of the facets.")] = False,
-    extent: Annotated[
-        float | None, typer.Option(metavar="M", help="Half-width of the sea shown [m].")
-    ] = None,
-    spacing: Annotated[
-        float | None, typer.Option(metavar="M", help="Mesh spacing of the sea shown [m].")
-    ] = None,
-    time: Annotated[float | None, typer.Option(metavar="S", help="Time of the sea [s].")] = None,
-    frames: Annotated[
-        int, typer.Option(metavar="N", min=2, max=MOST_FRAMES, help="Frames of the movie.")
-    ] = 50,
-    frame_rate: Annotated[
-        float | None, typer.Option(metavar="N", help="Frames per second; as in nature if none.")
-    ] = None,
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the paths.")] = 1,
+    file: Path | None = Argument(
+        None,
+        metavar="[FILE]",
+        help="Link (.toml), result (.nc) or mesh (.stl, .ply, .obj); default: the paper's link.",
+    ),
+    screenshot: Path | None = Option(None, metavar="A.PNG", help="Write a picture; no window."),
+    html: Path | None = Option(None, metavar="A.HTML", help="Write an interactive web page."),
+    movie: Path | None = Option(
+        None, metavar="A.MP4", help="Write a movie (.mp4, .gif) of the sea and the gain."
+    ),
+    export: Path | None = Option(
+        None, metavar="FOLDER", help="Write surface, paths and map as VTK files."
+    ),
+    paths: int = Option(
+        100, metavar="N", min=0, max=100_000, help="Photon paths, in addition to received light."
+    ),
+    received: int | None = Option(
+        None, metavar="N", min=1, max=100_000, help="Paths of received light."
+    ),
+    map_photons: int | None = Option(
+        None, "--map", metavar="N", min=1, help="Photons of a coverage map at receiver height."
+    ),
+    color: str = Option(
+        "elevation", metavar="NAME", help="elevation, slope, slope_x, slope_y or plain."
+    ),
+    path_color: str = Option("fate", metavar="NAME", help="fate or weight."),
+    edges: bool = Option(False, "--edges", help="Draw the edges of the facets."),
+    extent: float | None = Option(None, metavar="M", help="Half-width of the sea shown [m]."),
+    spacing: float | None = Option(None, metavar="M", help="Mesh spacing of the sea shown [m]."),
+    time: float | None = Option(None, metavar="S", help="Time of the sea [s]."),
+    frames: int = Option(50, metavar="N", min=2, max=MOST_FRAMES, help="Frames of the movie."),
+    frame_rate: float | None = Option(
+        None, metavar="N", help="Frames per second; default: real time."
+    ),
+    seed: int = Option(1, metavar="N", min=0, help="Seed of the paths."),
     settings: Settings = None,
 ) -> None:
     """Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files."""
     positive = {"--extent": extent, "--spacing": spacing, "--frame-rate": frame_rate}
-    _refuse_numbers(positive, time)
-    with _refusals():
-        from meshtrace.viz import SceneStyle
-        from meshtrace.viz import view as show
-    subject = _subject(file, settings or [])
-    if time is not None:
-        subject = subject._replace(time=time)
-    if map_photons is not None:
-        subject = subject._replace(coverage=map_photons)
-    steps = frames if subject.gain is None else len(subject.gain.coordinate)
-    with warnings_as_lines(), progress(steps, False, "drawing frames") as (say, advance):
-        if subject.link is not None and not kernels_are_compiled("forced"):
-            say(COMPILING)
-        with _refusals():
-            written = show(
-                **subject._asdict(),
-                paths=paths or None,
-                received=received,
-                screenshot=screenshot,
-                html=html,
-                movie=movie,
-                export=export,
-                frames=frames,
-                frame_rate=frame_rate,
-                title="meshtrace" if file is None else file.name,
-                progress=advance,
-                seed=seed,
-                style=SceneStyle(
-                    color=color, path_color=path_color, edges=edges, extent=extent, spacing=spacing
-                ),
-            )
-    for path in written:
-        typer.echo(f"written to {path}")
-
-
-def _refuse_numbers(positive: dict[str, float | None], time: float | None) -> None:
-    """Refuse numbers that typer accepts and no picture can use."""
     for option, value in positive.items():
         if value is not None and not 0.0 < value < math.inf:
             raise Refused(option, Described(f"{value:g}"), "numbers > 0")
     if time is not None and not math.isfinite(time):
         raise Refused("--time", Described(f"{time:g}"), "finite numbers [s]")
+    with extra("viz", "viz"):
+        from meshtrace.viz import SceneStyle
+        from meshtrace.viz import view as show
+    subject = _subject(file, settings)
+    subject = subject._replace(
+        time=subject.time if time is None else time, coverage=map_photons or subject.coverage
+    )
+    steps = frames if subject.gain is None else len(subject.gain.coordinate)
+    kernels = () if subject.link is None else ("forced",)
+    with progress(steps, False, "drawing frames", *kernels) as (_, advance), extra("viz", "viz"):
+        written = show(
+            **subject._asdict(),
+            paths=paths or None,
+            received=received,
+            screenshot=screenshot,
+            html=html,
+            movie=movie,
+            export=export,
+            frames=frames,
+            frame_rate=frame_rate,
+            title="meshtrace" if file is None else file.name,
+            progress=advance,
+            seed=seed,
+            style=SceneStyle(
+                color=color, path_color=path_color, edges=edges, extent=extent, spacing=spacing
+            ),
+        )
+    for path in written:
+        typer.echo(f"written to {path}")
 
 
-@contextmanager
-def _refusals() -> Iterator[None]:
-    """Turn refusals and missing packages of viz into one line for the user."""
-    try:
-        yield
-    except ImportError as error:
-        allowed = 'pip install "meshtrace[viz]"'
-        raise Refused("viz", Described("extra packages are missing"), allowed) from error
-
-
-def _subject(file: Path | None, settings: list[str]) -> Subject:
+def _subject(file: Path | None, settings: list[str] | None) -> Subject:
     """Return the contents of a file."""
     from meshtrace.scenario import MeshFile
 
     suffix = ".toml" if file is None else file.suffix.lower()
     if suffix == ".toml":
-        return _of_scenario(scenario_of(file, settings, {}))
+        return _of_scenario(scenario_of(file, settings))
     assert file is not None
     if settings:
         raise Refused("--set", settings[0], "with a link file")
@@ -181,7 +137,7 @@ def _of_scenario(scenario: Scenario) -> Subject:
     from meshtrace.scenario import MeshFile
 
     still = isinstance(scenario.surface, MeshFile)
-    surface = scenario.mesh() if still else scenario.surface
+    surface = scenario.mesh() if still else scenario.case().surface
     return Subject(surface, scenario.link, scenario.meshing.time)
 
 

@@ -10,15 +10,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from meshtrace import fading
 from meshtrace.comms.decisions import non_negative
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Refused, require_whole
+from meshtrace.errors import Refused, require_between, require_whole
 from meshtrace.fading import Estimate
-
-FloatArray = NDArray[np.float64]
+from meshtrace.models import Floats
 
 FEC_LIMITS: dict[str, float] = {"uncoded": 1e-3, "paper": 2e-3, "hard-7-percent": 3.8e-3}
 """Bit error rates before decoding that count as success: the figure usual without a code, the
@@ -37,23 +36,23 @@ class LinkBudget(NamedTuple):
     """
 
     transmitted_dbm: float
-    gain_db: FloatArray
-    tilt_db: FloatArray
+    gain_db: Floats
+    tilt_db: Floats
     concentration_db: float
     filter_db: float
-    received_dbm: FloatArray
+    received_dbm: Floats
     required_dbm: float
-    margin_optical_db: FloatArray
-    margin_electrical_db: FloatArray
+    margin_optical_db: Floats
+    margin_electrical_db: Floats
 
 
-def _db(ratio: ArrayLike) -> FloatArray:
+def _db(ratio: ArrayLike) -> Floats:
     with np.errstate(divide="ignore"):
         return 10.0 * np.log10(np.asarray(ratio, dtype=float))
 
 
 def link_budget(link: OokLink, gain: ArrayLike, ber: float, h_alpha: ArrayLike = 1.0) -> LinkBudget:
-    """Add up a link in decibels.
+    """Compute the link budget in decibels.
 
     P_rx = P_Tx + G + h_alpha + eta_conc + T_filter,  margin = P_rx - P_req(ber)
 
@@ -109,7 +108,12 @@ def required_gain(link: OokLink, ber: float) -> float:
     return link.required_power(ber) / float(link.received_power(1.0))
 
 
-def ber_of_gains(link: OokLink, gain: FloatArray) -> FloatArray:
+def faded_gains(gain: ArrayLike, h_alpha: ArrayLike) -> Floats:
+    """Return gains times tilt factors as an array (n,); refuse negative ones."""
+    return np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
+
+
+def ber_of_gains(link: OokLink, gain: Floats) -> Floats:
     """Return the bit error rate of many gains, interpolated between nodes for long arrays.
 
     Parameters
@@ -192,18 +196,17 @@ def average_ber(
     The Monte Carlo noise of the gains acts like additional fading: remove it from the gains first
     (`fading.remove_noise`), or make it small against their spread.
     """
-    g = np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
+    g = faded_gains(gain, h_alpha)
     n = float(g.size) if n_effective is None else n_effective
     if not 1.0 <= n <= g.size:
         raise Refused("n_effective", n_effective, f"1 <= n_effective <= {g.size}")
-    if not 0.0 < confidence < 1.0:
-        raise Refused("confidence", confidence, "0 < confidence < 1")
+    require_between(confidence, 0.0, 1.0, "confidence")
     require_whole(resamples, 1, 10**7, "resamples")
     return bootstrapped_mean(ber_of_gains(link, g), n, confidence, resamples, seed)
 
 
 def bootstrapped_mean(
-    ber: FloatArray, n_effective: float, confidence: float, resamples: int, seed: int
+    ber: Floats, n_effective: float, confidence: float, resamples: int, seed: int
 ) -> Estimate:
     """Return the mean of bit error rates with a percentile bootstrap of its logarithm.
 
@@ -260,7 +263,7 @@ def outage(
     Estimate
         Probability with its Wilson interval.
     """
-    g = np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
+    g = faded_gains(gain, h_alpha)
     threshold = min(required_gain(link, ber), float(np.finfo(float).max))
     return fading.outage(
         g, threshold, relative_to="absolute", n_effective=n_effective, confidence=confidence
@@ -279,7 +282,7 @@ def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
     value : array_like
         Gain, bit error rate or any other positive quantity at these depths (n,).
     limit : float
-        Value looked for, > 0.
+        Limit, > 0.
 
     Returns
     -------

@@ -6,14 +6,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from meshtrace.comms.budget import ber_of_gains
+from meshtrace.comms.budget import ber_of_gains, faded_gains
 from meshtrace.comms.decisions import non_negative, soft_information
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Refused
-
-FloatArray = NDArray[np.float64]
+from meshtrace.models import Floats
 
 
 class Capacity(NamedTuple):
@@ -30,7 +29,7 @@ class Capacity(NamedTuple):
     hard_outage: float
 
 
-def hard_information(ber: ArrayLike) -> FloatArray:
+def hard_information(ber: ArrayLike) -> Floats:
     """Return the capacity of a binary symmetric channel, 1 - H2(BER) [bit per use].
 
     Parameters
@@ -77,7 +76,7 @@ def capacity(
     """
     if not 0.0 <= outage < 1.0:
         raise Refused("outage", outage, "0 <= outage < 1")
-    g = np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
+    g = faded_gains(gain, h_alpha)
     counts = (level * link.bit_time for level in link.levels(link.received_power(g)))
     pairs = zip(*counts, strict=True)
     soft = np.array([soft_information(float(a), float(b), link.sipm.branching) for a, b in pairs])

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.comms.pulses import PulseFilters
+from meshtrace.models import Floats
 
-FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 _POINTS = 2**16
@@ -26,7 +26,7 @@ def compound_poisson_decision(
     high: float,
     filters: PulseFilters,
     bit_time: float,
-    removed: FloatArray,
+    removed: Floats,
     branching: float,
     thermal_std: float,
 ) -> tuple[float, float]:
@@ -74,7 +74,7 @@ def compound_poisson_decision(
     amplitudes = (np.arange(1, math.ceil(share * filters.peak / step) + 1) - 0.5) * step / share
     young, old = filters.ages_above(np.minimum(amplitudes, filters.peak))
 
-    def exponent(light: Callable[[FloatArray], FloatArray]) -> ComplexArray:
+    def exponent(light: Callable[[Floats], Floats]) -> ComplexArray:
         # Counts whose response lies between two edges of the lattice.
         counts = np.zeros(_POINTS)
         above = light(old) - light(young)
@@ -100,7 +100,7 @@ def compound_poisson_decision(
     return ber, (index - 0.5 - math.ceil(below / step)) * step
 
 
-def _borel(branching: float) -> FloatArray:
+def _borel(branching: float) -> Floats:
     """Return the probabilities of 1, 2, ... avalanches per primary, down to 1e-16, of sum 1."""
     from scipy.special import gammaln
 
@@ -112,7 +112,7 @@ def _borel(branching: float) -> FloatArray:
     return np.asarray(kept / kept.sum())
 
 
-def _least_error(zero: FloatArray, one: FloatArray) -> tuple[float, int]:
+def _least_error(zero: Floats, one: Floats) -> tuple[float, int]:
     """Return the error rate of the best threshold, and the lowest lattice point above it."""
     missed = np.concatenate(([0.0], np.cumsum(one)))
     false = np.concatenate((np.cumsum(zero[::-1])[::-1], [0.0]))

@@ -6,21 +6,20 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from meshtrace.errors import Refused
-
-FloatArray = NDArray[np.float64]
+from meshtrace.models import Floats
 
 
 class Decision(NamedTuple):
     """Error rate of the best single threshold, and that threshold."""
 
-    ber: FloatArray
-    threshold: FloatArray
+    ber: Floats
+    threshold: Floats
 
 
-def non_negative(name: str, value: ArrayLike) -> FloatArray:
+def non_negative(name: str, value: ArrayLike) -> Floats:
     """Return `value` as an array of finite numbers >= 0, or refuse it by name."""
     array = np.asarray(value, dtype=float)
     if not np.all(np.isfinite(array) & (array >= 0.0)):
@@ -103,7 +102,7 @@ def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: ArrayLike) -> Deci
     return Decision(ber.min(-1), np.take_along_axis(threshold, best, -1)[..., 0])
 
 
-def generalized_poisson_logpmf(k: ArrayLike, primaries: float, branching: float) -> FloatArray:
+def generalized_poisson_logpmf(k: ArrayLike, primaries: float, branching: float) -> Floats:
     """Return the log probability of k counts when Poisson primaries branch.
 
     P(k) = N (N + k lam)^(k-1) exp(-N - k lam) / k!
@@ -135,9 +134,7 @@ def _error_free(n0: float, n1: float, branching: float) -> bool:
     return (n1 - n0) ** 2 * (1.0 - branching) > 1e4 * n1
 
 
-def _decision_laws(
-    n0: float, n1: float, branching: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _decision_laws(n0: float, n1: float, branching: float) -> tuple[Floats, Floats, Floats]:
     """Return the counts that matter and their log probabilities in a zero and in a one."""
     share = 1.0 - branching
     low, high = (math.sqrt(n / share**3) for n in (n0, n1))
@@ -176,11 +173,8 @@ def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float)
     n0, n1 = np.broadcast_arrays(non_negative("n0", n0), non_negative("n1", n1))
     if np.any(n0 > n1) or not 0.0 <= branching < 1.0:
         raise Refused("n0, n1, branching", (n0, n1, branching), "n0 <= n1, 0 <= branching < 1")
-
-    flat = [
-        _count_decision(float(a), float(b), branching)
-        for a, b in zip(n0.flat, n1.flat, strict=True)
-    ]
+    pairs = zip(n0.flat, n1.flat, strict=True)
+    flat = [_count_decision(float(a), float(b), branching) for a, b in pairs]
     ber, threshold = np.array(flat).reshape(-1, 2).T
     return Decision(ber.reshape(n0.shape), threshold.reshape(n0.shape))
 

@@ -6,13 +6,11 @@ import math
 
 import numpy as np
 import pydantic
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import constants
 
 from meshtrace.errors import Refused
-from meshtrace.models import Model
-
-FloatArray = NDArray[np.float64]
+from meshtrace.models import Floats, Model, NonNegative, Positive
 
 
 def photon_energy(wavelength: float) -> float:
@@ -81,15 +79,15 @@ class SiPM(Model, frozen=True):
     Vinogradov (2012), Nucl. Instrum. Methods A 695, 247, arXiv:1109.2014.
     """
 
-    gain: float = pydantic.Field(default=1e6, gt=0.0, allow_inf_nan=False)
+    gain: Positive = 1e6
     n_spads: int = pydantic.Field(default=14410, gt=0)
-    area: float = pydantic.Field(default=9.43e-6, gt=0.0, allow_inf_nan=False)
+    area: Positive = 9.43e-6
     pde: float = pydantic.Field(default=0.30, gt=0.0, le=1.0, allow_inf_nan=False)
-    dark_count_rate: float = pydantic.Field(default=471e3, ge=0.0, allow_inf_nan=False)
+    dark_count_rate: NonNegative = 471e3
     p_crosstalk: float = pydantic.Field(default=0.025, ge=0.0, lt=0.5, allow_inf_nan=False)
     p_afterpulse: float = pydantic.Field(default=0.0075, ge=0.0, lt=0.1, allow_inf_nan=False)
-    recovery_time: float = pydantic.Field(default=15e-9, ge=0.0, allow_inf_nan=False)
-    bandwidth: float = pydantic.Field(default=2e6, gt=0.0, allow_inf_nan=False)
+    recovery_time: NonNegative = 15e-9
+    bandwidth: Positive = 2e6
 
     @property
     def branching(self) -> float:
@@ -106,7 +104,7 @@ class SiPM(Model, frozen=True):
         """Time constant of the first-order response [s]."""
         return 1.0 / (2.0 * math.pi * self.bandwidth)
 
-    def count_rate(self, power: ArrayLike, wavelength: float) -> FloatArray:
+    def count_rate(self, power: ArrayLike, wavelength: float) -> Floats:
         """Return the primary counts per second under light, PDE P / E_ph, before saturation.
 
         Parameters
@@ -118,7 +116,7 @@ class SiPM(Model, frozen=True):
         """
         return self.pde * np.asarray(power, dtype=float) / photon_energy(wavelength)
 
-    def saturated_rate(self, rate: ArrayLike) -> FloatArray:
+    def saturated_rate(self, rate: ArrayLike) -> Floats:
         """Return the counts that the cells pass on at a high rate, r / (1 + r tau / N).
 
         Parameters
@@ -133,7 +131,7 @@ class SiPM(Model, frozen=True):
         r = np.asarray(rate, dtype=float)
         return r / (1.0 + r * self.recovery_time / self.n_spads)
 
-    def fired_cells(self, photons: ArrayLike) -> FloatArray:
+    def fired_cells(self, photons: ArrayLike) -> Floats:
         """Return the mean number of cells fired by a flash shorter than the dead time.
 
         N_fired = N (1 - exp(-PDE n_ph / N))
@@ -146,7 +144,7 @@ class SiPM(Model, frozen=True):
         n = self.n_spads
         return -n * np.expm1(-self.pde * np.asarray(photons, dtype=float) / n)
 
-    def bias_current(self, rate: ArrayLike) -> FloatArray:
+    def bias_current(self, rate: ArrayLike) -> Floats:
         """Return the mean current [A] of primary counts r [s-1], G e F r."""
         current = self.gain * constants.e * self.excess_noise_factor
         return current * self.saturated_rate(rate)
@@ -247,8 +245,8 @@ class Tia(Model, frozen=True):
     a bandwidth of 0.15 MHz and not the 2 MHz it states, so it is read as a feedback resistance.
     """
 
-    resistance: float = pydantic.Field(default=1e3, gt=0.0, allow_inf_nan=False)
-    temperature: float = pydantic.Field(default=300.0, gt=0.0, allow_inf_nan=False)
+    resistance: Positive = 1e3
+    temperature: Positive = 300.0
 
     def thermal_noise(self, gain: float) -> float:
         """Return the one-sided thermal noise in count units, S = 4 k T / R / (G e)^2 [s-2 Hz-1].
@@ -284,9 +282,9 @@ class LedDriver(Model, frozen=True):
     is 2.6 dB lower at xi = 0.1.
     """
 
-    power: float = pydantic.Field(default=0.1, gt=0.0, allow_inf_nan=False)
+    power: Positive = 0.1
     wavelength: float = pydantic.Field(default=470e-9, ge=1e-7, le=1e-5, allow_inf_nan=False)
-    bandwidth: float = pydantic.Field(default=10e6, gt=0.0, allow_inf_nan=False)
+    bandwidth: Positive = 10e6
     extinction_ratio: float = pydantic.Field(default=0.1, ge=0.0, lt=1.0, allow_inf_nan=False)
     power_is_peak: bool = False
 
@@ -295,7 +293,7 @@ class LedDriver(Model, frozen=True):
         """Time constant of the first-order response [s]."""
         return 1.0 / (2.0 * math.pi * self.bandwidth)
 
-    def levels(self, value: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def levels(self, value: ArrayLike) -> tuple[Floats, Floats]:
         """Return the levels of a zero and a one for a power or count rate in the sense of `power`.
 
         x1 = 2 x / (1 + xi), or x if `power_is_peak`;  x0 = xi x1
@@ -353,13 +351,13 @@ class OpticalFrontEnd(Model, frozen=True):
     0.010806
     """
 
-    radius: float = pydantic.Field(default=0.05, gt=0.0, allow_inf_nan=False)
+    radius: Positive = 0.05
     fov_deg: float = pydantic.Field(default=60.0, gt=0.0, le=180.0, allow_inf_nan=False)
     concentrator_index: float = pydantic.Field(default=1.5, ge=1.0, le=4.0, allow_inf_nan=False)
     medium_index: float = pydantic.Field(default=1.0, ge=1.0, le=2.0, allow_inf_nan=False)
     etendue_limited: bool = True
     filter_transmission: float = pydantic.Field(default=1.0, gt=0.0, le=1.0, allow_inf_nan=False)
-    filter_width_nm: float = pydantic.Field(default=10.0, gt=0.0, allow_inf_nan=False)
+    filter_width_nm: Positive = 10.0
 
     @property
     def _acceptance(self) -> float:

@@ -19,11 +19,10 @@ from meshtrace.comms.decisions import non_negative, pattern_decision
 from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia
 from meshtrace.comms.pulses import Eye, PulseFilters
 from meshtrace.comms.receivers import ReceiverModel
-from meshtrace.errors import Refused, require_word
+from meshtrace.errors import Refused, require_between, require_word
 from meshtrace.link import Link, WaterAperture
-from meshtrace.models import Model
+from meshtrace.models import Floats, Model, NonNegative
 
-FloatArray = NDArray[np.float64]
 Preset = Literal["physical", "paper", "paper-ranges"]
 
 _BLOCK = 256
@@ -108,7 +107,7 @@ class OokLink(Model, frozen=True):
     tia: Tia = Tia()
     optics: OpticalFrontEnd = OpticalFrontEnd()
     model: str | pydantic.SerializeAsAny[ReceiverModel] = "W"
-    background_rate: float = pydantic.Field(default=0.0, ge=0.0, allow_inf_nan=False)
+    background_rate: NonNegative = 0.0
     saturation: bool = True
     memory: int = pydantic.Field(default=8, ge=1, le=12)
     window: float | None = pydantic.Field(default=None, ge=0.0, allow_inf_nan=False)
@@ -185,19 +184,13 @@ class OokLink(Model, frozen=True):
         aperture: Any = link.receivers[0]
         first = link.transmitters[0]
         base = base if isinstance(base, OokLink) else cls.preset(base)
-        led = {
-            "power": 1e-3 * sum(t.power_mw for t in link.transmitters),
-            "wavelength": 1e-9 * first.wavelength_nm,
-        }
-        optics = {
-            "radius": aperture.radius,
-            "fov_deg": aperture.fov_deg,
-            "medium_index": link.water.n if isinstance(aperture, WaterAperture) else link.n_air,
-        }
+        power = 1e-3 * sum(t.power_mw for t in link.transmitters)
+        index = link.water.n if isinstance(aperture, WaterAperture) else link.n_air
+        view = {"radius": aperture.radius, "fov_deg": aperture.fov_deg, "medium_index": index}
         changes = {
             "bit_rate": base.bit_rate if bit_rate is None else bit_rate,
-            "led": base.led.model_copy(update=led),
-            "optics": base.optics.model_copy(update=optics),
+            "led": base.led.replace(power=power, wavelength=1e-9 * first.wavelength_nm),
+            "optics": base.optics.replace(**view),
         }
         return cls.model_validate({**dict(base), **changes})
 
@@ -254,7 +247,7 @@ class OokLink(Model, frozen=True):
         window = self.averaging_window
         return PulseFilters(self.led.time_constant, self.sipm.time_constant, window)
 
-    def received_power(self, gain: ArrayLike) -> FloatArray:
+    def received_power(self, gain: ArrayLike) -> Floats:
         """Return the optical power on the SiPM for a channel gain [W], in the sense of `led.power`.
 
         Parameters
@@ -265,7 +258,7 @@ class OokLink(Model, frozen=True):
         g = non_negative("gain", gain)
         return self.led.power * self.optics.efficiency(self.sipm.area) * g
 
-    def levels(self, power: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def levels(self, power: ArrayLike) -> tuple[Floats, Floats]:
         """Return the primary count rates of long zeros and long ones [s-1], with dark counts.
 
         Parameters
@@ -286,7 +279,7 @@ class OokLink(Model, frozen=True):
         count = max(1, int(np.count_nonzero(cursors > _NEGLIGIBLE_CURSOR)))
         return np.array(np.unravel_index(np.arange(2**count), (2,) * count)).T.astype(bool)
 
-    def moments(self, power: ArrayLike, phase: float = 1.0) -> tuple[FloatArray, FloatArray]:
+    def moments(self, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
         """Return mean and variance of the sample for every bit pattern.
 
         Parameters
@@ -304,7 +297,7 @@ class OokLink(Model, frozen=True):
         """
         return self.receiver.moments(self, power, phase)
 
-    def ber(self, power: ArrayLike) -> FloatArray:
+    def ber(self, power: ArrayLike) -> Floats:
         """Return the bit error rate at a constant received power.
 
         Parameters
@@ -373,8 +366,7 @@ class OokLink(Model, frozen=True):
         Refused
             If the target is outside of its range.
         """
-        if not 0.0 < ber < 0.5:
-            raise Refused("ber", ber, "0 < ber < 0.5")
+        require_between(ber, 0.0, 0.5, "ber")
         return _required_power(self, ber)
 
     def overload_power(self, ber: float) -> float:
@@ -423,8 +415,8 @@ class OokLink(Model, frozen=True):
         bits = self.patterns()
         phases = np.arange(1, points + 1) / points
         moments = [self.moments(power, float(phase)) for phase in phases]
-        level = np.stack([mean for mean, _ in moments])
-        std = np.sqrt(np.stack([variance for _, variance in moments]))
+        level, variance = (np.stack(part) for part in zip(*moments, strict=True))
+        std = np.sqrt(variance)
         ber = pattern_decision(level, std, bits[:, 0]).ber
         low, high = self.levels(power)
         return Eye(phases * self.bit_time, level.T, std.T, bits, ber, float(high - low))

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
+from meshtrace.models import Floats
+
 _Terms = list[tuple[float, float]]
 
 
@@ -45,11 +46,11 @@ class PulseFilters:
     tau_sipm: float
     window: float = 0.0
 
-    def mean_step(self, t: ArrayLike) -> FloatArray:
+    def mean_step(self, t: ArrayLike) -> Floats:
         """Return the mean signal `t` [s] after the light is switched on, int g(u) l(t - u) du."""
         return self._step(t, self._mean_terms())
 
-    def shot_step(self, t: ArrayLike) -> FloatArray:
+    def shot_step(self, t: ArrayLike) -> Floats:
         """Return the shot-noise variance [s-1] `t` [s] after, int g(u)^2 l(t - u) du."""
         return self._step(t, self._shot_terms())
 
@@ -68,7 +69,7 @@ class PulseFilters:
             return 1.0 / self.tau_sipm
         return -math.expm1(-self.window / self.tau_sipm) / self.window
 
-    def ages_above(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def ages_above(self, level: Floats) -> tuple[Floats, Floats]:
         """Return the ages [s] between which a response exceeds 0 < `level` <= peak [s-1]."""
         with np.errstate(divide="ignore"):  # level = peak of a window much longer than the pole
             young = -self.tau_sipm * np.log1p(-self.window * level)
@@ -76,18 +77,18 @@ class PulseFilters:
             self.peak / level
         )
 
-    def light_since(self, age: FloatArray, bits_ago: int, bit_time: float) -> FloatArray:
+    def light_since(self, age: Floats, bits_ago: int, bit_time: float) -> Floats:
         """Return the light [s] of one bit within `age` [s] before the end of the present bit."""
         from scipy.special import exprel
 
-        def energy(t: FloatArray | float) -> FloatArray:
+        def energy(t: Floats | float) -> Floats:
             lit = np.maximum(t, 0.0)
             return lit * (1.0 - exprel(-lit / self.tau_led)) if self.tau_led > 0.0 else lit
 
         start, end = (bits_ago + 1) * bit_time, bits_ago * bit_time
         return energy(start) - energy(start - age) - energy(end) + energy(end - age)
 
-    def mean_cursors(self, bit_time: float, count: int, phase: float = 1.0) -> FloatArray:
+    def mean_cursors(self, bit_time: float, count: int, phase: float = 1.0) -> Floats:
         """Return the shares of the present and earlier bits in the sample of a bit.
 
         w_0 = s(phase T),  w_k = s((k + phase) T) - s((k + phase - 1) T)
@@ -109,7 +110,7 @@ class PulseFilters:
         edges = self.mean_step((np.arange(count) + phase) * bit_time)
         return np.diff(edges, prepend=0.0)
 
-    def shot_cursors(self, bit_time: float, count: int, phase: float = 1.0) -> FloatArray:
+    def shot_cursors(self, bit_time: float, count: int, phase: float = 1.0) -> Floats:
         """Return the shares v_k [s-1] of these bits in the shot noise, as `mean_cursors`."""
         edges = self.shot_step((np.arange(count) + phase) * bit_time)
         return np.diff(edges, prepend=0.0)
@@ -127,10 +128,10 @@ class PulseFilters:
         inside = [(1.0 / w**2, 0.0), (-2.0 / w**2, a), (1.0 / w**2, 2.0 * a)]
         return inside, [((math.expm1(-a * w) / w) ** 2, 2.0 * a)]
 
-    def _step(self, t: ArrayLike, terms: tuple[_Terms, _Terms]) -> FloatArray:
+    def _step(self, t: ArrayLike, terms: tuple[_Terms, _Terms]) -> Floats:
         # g or g^2 is one sum of exponentials c exp(-a u) inside the window and another, counted
         # from the window's end, after it.
-        elapsed: FloatArray = np.maximum(np.asarray(t, dtype=float), 0.0)
+        elapsed: Floats = np.maximum(np.asarray(t, dtype=float), 0.0)
         during = np.minimum(elapsed, self.window)
         after = elapsed - during
         total = np.zeros_like(elapsed)
@@ -140,7 +141,7 @@ class PulseFilters:
             total += c * self._overlap(a, after, after)
         return total
 
-    def _overlap(self, a: float, m: FloatArray, t: FloatArray) -> FloatArray:
+    def _overlap(self, a: float, m: Floats, t: Floats) -> Floats:
         # int_0^m exp(-a u) l(t - u) du with the LED's step l(t) = 1 - exp(-t / tau_led)
         from scipy.special import exprel
 
@@ -160,11 +161,11 @@ class Eye(NamedTuple):
     `swing` the distance of a long one from a long zero [counts s-1].
     """
 
-    time: FloatArray
-    level: FloatArray
-    std: FloatArray
+    time: Floats
+    level: Floats
+    std: Floats
     bits: NDArray[np.bool_]
-    ber: FloatArray
+    ber: Floats
     swing: float
 
     @property

@@ -12,7 +12,7 @@ import math
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from meshtrace.comms.compound_poisson import compound_poisson_decision
 from meshtrace.comms.decisions import (
@@ -21,12 +21,12 @@ from meshtrace.comms.decisions import (
     generalized_poisson_decision,
     pattern_decision,
 )
+from meshtrace.models import Floats
 from meshtrace.registry import Family
 
 if TYPE_CHECKING:
     from meshtrace.comms.ook import OokLink
 
-FloatArray = NDArray[np.float64]
 
 _DESIGN_BER = 1e-3
 
@@ -60,9 +60,7 @@ class ReceiverModel(Family, default="W"):
         """Return the averaging window in front of the decision [s]."""
         return 0.0
 
-    def moments(
-        self, link: OokLink, power: ArrayLike, phase: float = 1.0
-    ) -> tuple[FloatArray, FloatArray]:
+    def moments(self, link: OokLink, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
         """Return mean [s-1] and variance [s-2] of the sample for each bit pattern.
 
         By default those of independent bits: levels of a zero and a one, Gaussian noise in
@@ -75,7 +73,7 @@ class ReceiverModel(Family, default="W"):
         return mean, noise * 0.5 * link.bit_rate
 
     @abc.abstractmethod
-    def decide(self, link: OokLink, power: FloatArray) -> Decision:
+    def decide(self, link: OokLink, power: Floats) -> Decision:
         """Return bit error rate and threshold [s-1] at powers (n,) on the SiPM, all > 0 [W]."""
 
 
@@ -84,7 +82,7 @@ class IndependentBits(ReceiverModel):
 
     kind: Literal["G0"] = "G0"
 
-    def decide(self, link: OokLink, power: FloatArray) -> Decision:
+    def decide(self, link: OokLink, power: Floats) -> Decision:
         """Decide between two Gaussian levels."""
         mean, variance = self.moments(link, power)
         return gaussian_decision(mean[:, 0], mean[:, 1], variance[:, 0], variance[:, 1])
@@ -95,7 +93,7 @@ class CountedBits(ReceiverModel):
 
     kind: Literal["GP"] = "GP"
 
-    def decide(self, link: OokLink, power: FloatArray) -> Decision:
+    def decide(self, link: OokLink, power: Floats) -> Decision:
         """Decide by the number of counts."""
         n0, n1 = (level * link.bit_time for level in link.levels(power))
         branching = link.sipm.branching
@@ -109,9 +107,7 @@ class SampledPulses(ReceiverModel):
     kind: Literal["A"] = "A"
     has_pulses: ClassVar[bool] = True
 
-    def moments(
-        self, link: OokLink, power: ArrayLike, phase: float = 1.0
-    ) -> tuple[FloatArray, FloatArray]:
+    def moments(self, link: OokLink, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
         """Return the moments of filtered pulses with Campbell shot noise."""
         bits, filters = link.patterns(), link.filters
         low, high = (level[..., None] for level in link.levels(power))
@@ -121,15 +117,18 @@ class SampledPulses(ReceiverModel):
         variance = f * (low * energy + (high - low) * shot) + 0.5 * thermal * energy
         return self.pattern_means(link, power, phase), variance
 
-    def pattern_means(self, link: OokLink, power: ArrayLike, phase: float) -> FloatArray:
+    def pattern_means(self, link: OokLink, power: ArrayLike, phase: float) -> Floats:
         """Return the mean of the sample for each bit pattern, behind the equaliser [s-1]."""
+        return self._means(link, power, phase, link.equalizer == "dfe")
+
+    def _means(self, link: OokLink, power: ArrayLike, phase: float, equalized: bool) -> Floats:
         low, high = (level[..., None] for level in link.levels(power))
         bits = link.patterns()
         w = link.filters.mean_cursors(link.bit_time, bits.shape[1], phase)
-        heard = w if link.equalizer == "none" else w * (np.arange(len(w)) == 0)
+        heard = w * (np.arange(len(w)) == 0) if equalized else w
         return low + (high - low) * (bits @ heard)
 
-    def decide(self, link: OokLink, power: FloatArray) -> Decision:
+    def decide(self, link: OokLink, power: Floats) -> Decision:
         """Decide between Gaussian bit patterns."""
         mean, variance = self.moments(link, power)
         return pattern_decision(mean, np.sqrt(variance), link.patterns()[:, 0])
@@ -140,16 +139,11 @@ class PatternNoise(SampledPulses):
 
     kind: Literal["PC"] = "PC"  # type: ignore[assignment]
 
-    def moments(
-        self, link: OokLink, power: ArrayLike, phase: float = 1.0
-    ) -> tuple[FloatArray, FloatArray]:
+    def moments(self, link: OokLink, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
         """Return the moments of filtered pulses with noise in a fixed bandwidth."""
-        low, high = (level[..., None] for level in link.levels(power))
-        bits = link.patterns()
-        w = link.filters.mean_cursors(link.bit_time, bits.shape[1], phase)
         bandwidth = min(0.5 * link.bit_rate, 0.5 * math.pi * link.sipm.bandwidth)
         f, thermal = link.sipm.excess_noise_factor, link.tia.thermal_noise(link.sipm.gain)
-        variance = (2.0 * f * (low + (high - low) * (bits @ w)) + thermal) * bandwidth
+        variance = (2.0 * f * self._means(link, power, phase, False) + thermal) * bandwidth
         return self.pattern_means(link, power, phase), variance
 
 
@@ -168,7 +162,7 @@ class CompoundPoisson(AveragedPulses):
 
     kind: Literal["CP"] = "CP"  # type: ignore[assignment]
 
-    def decide(self, link: OokLink, power: FloatArray) -> Decision:
+    def decide(self, link: OokLink, power: Floats) -> Decision:
         """Decide between compound Poisson variables."""
         return Decision(*np.array([self._decide_at(link, float(p)) for p in power]).T)
 

@@ -26,12 +26,14 @@ from meshtrace.fading.fits import (
 )
 from meshtrace.fading.gains import Reference, remove_noise
 from meshtrace.fading.intervals import Estimate
+from meshtrace.fading.resolving import BandFading, band_fading, fading_band, resolve_band
 from meshtrace.fading.scintillation import scintillation_index
 from meshtrace.fading.spectral import gain_autocovariance, scintillation_of_spectrum
 from meshtrace.fading.statistics import fading_statistics
 from meshtrace.fading.summary import FadingStatistics
 
 __all__ = [
+    "BandFading",
     "Distribution",
     "DistributionFit",
     "Estimate",
@@ -41,9 +43,11 @@ __all__ = [
     "Model",
     "Reference",
     "autocorrelation",
+    "band_fading",
     "block_length",
     "coherence_time",
     "effective_samples",
+    "fading_band",
     "fading_statistics",
     "fit_gamma_gamma",
     "fit_lognormal",
@@ -56,6 +60,7 @@ __all__ = [
     "mean_fade_duration",
     "outage",
     "remove_noise",
+    "resolve_band",
     "scintillation_index",
     "scintillation_of_spectrum",
 ]

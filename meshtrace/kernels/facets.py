@@ -86,10 +86,31 @@ def barycentrics(x, y, facet, mesh):
     """Return (u, v) of the point of a facet over (x, y).
 
     Array twin: `facet_hits`.
-    Facets face up, so their projections to the plane keep the barycentrics.
+    Facets of height fields face up, so their projections to the plane keep the barycentrics.
     """
     a, b, c = corners(mesh.vertices, facet, mesh.faces)
     ab, ac, ap = minus2(b, a), minus2(c, a), minus2(Vec2(x, y), a)
+    area = cross2(ab, ac)
+    return cross2(ap, ac) / area, cross2(ab, ap) / area
+
+
+@inlined
+def barycentrics_of(p, facet, mesh):
+    """Return (u, v) of a point on a facet of any orientation.
+
+    Array twin: least squares in `tests/kernels/test_kernels_facets.py`.
+    The largest component of the normal is dropped: that projection has the largest area.
+    """
+    a, b, c = corners(mesh.vertices, facet, mesh.faces)
+    ab, ac, ap = minus(b, a), minus(c, a), minus(p, a)
+    n = row(mesh.face_normals, facet)
+    x, y, z = abs(n.x), abs(n.y), abs(n.z)
+    if z >= x and z >= y:
+        ab, ac, ap = Vec2(ab.x, ab.y), Vec2(ac.x, ac.y), Vec2(ap.x, ap.y)
+    elif x >= y:
+        ab, ac, ap = Vec2(ab.y, ab.z), Vec2(ac.y, ac.z), Vec2(ap.y, ap.z)
+    else:
+        ab, ac, ap = Vec2(ab.z, ab.x), Vec2(ac.z, ac.x), Vec2(ap.z, ap.x)
     area = cross2(ab, ac)
     return cross2(ap, ac) / area, cross2(ab, ap) / area
 
@@ -123,6 +144,18 @@ def normal_at(x, y, facet, surface):
     """
     if surface.interpolate:
         u, v = barycentrics(x, y, facet, surface)
+        return interpolated_normal(u, v, facet, surface)
+    return row(surface.face_normals, facet)
+
+
+@inlined
+def normal_on(p, facet, surface):
+    """Return the unit normal at a point on a facet of any orientation: its own, or interpolated.
+
+    Array twin: `interpolated_normal`.
+    """
+    if surface.interpolate:
+        u, v = barycentrics_of(p, facet, surface)
         return interpolated_normal(u, v, facet, surface)
     return row(surface.face_normals, facet)
 
@@ -182,6 +215,5 @@ def facet_hits(facet, origins, directions, mesh):
         if f >= 0:
             p, d = row(origins, i), row(directions, i)
             distance[i] = plane_distance(p, d, f, mesh)
-            hit = along(p, d, distance[i])
-            us[i], vs[i] = barycentrics(hit.x, hit.y, f, mesh)
+            us[i], vs[i] = barycentrics_of(along(p, d, distance[i]), f, mesh)
     return distance, us, vs

@@ -67,6 +67,9 @@ class Medium(NamedTuple):
     raster_y: float
     raster_step: float
     raster: NDArray[np.float64]  # elevation over (x, y), for depths below the local surface
+    overhangs: bool
+    raster_low: NDArray[np.float64]  # lowest crossing over (x, y), under overhangs
+    raster_split: NDArray[np.float64]  # middle of the air above it
     phase_water: PhaseTables
     phase_bubble: PhaseTables
 
@@ -87,16 +90,24 @@ def lookup(table, position):
 
 @inlined
 def local_elevation(medium, p):
-    """Return the elevation above or below a point from the raster of the mesh, bilinear, clamped.
+    """Return the elevation above or below a point from the rasters of the mesh.
 
     Array twin: scipy.interpolate.RegularGridInterpolator.
+    Under an overhang that is the lowest crossing of the vertical, and in the jet the topmost.
     """
-    nx, ny = medium.raster.shape
+    if medium.overhangs and p.z <= _on_raster(medium, medium.raster_split, p):
+        return _on_raster(medium, medium.raster_low, p)
+    return _on_raster(medium, medium.raster, p)
+
+
+@inlined
+def _on_raster(medium, r, p):
+    """Return the value of a raster over a point, bilinear, clamped."""
+    nx, ny = r.shape
     px = min(max((p.x - medium.raster_x) / medium.raster_step, 0.0), nx - 1.000001)
     py = min(max((p.y - medium.raster_y) / medium.raster_step, 0.0), ny - 1.000001)
     i, j = int(px), int(py)
     fx, fy = px - i, py - j
-    r = medium.raster
     return (1.0 - fx) * ((1.0 - fy) * r[i, j] + fy * r[i, j + 1]) + fx * (
         (1.0 - fy) * r[i + 1, j] + fy * r[i + 1, j + 1]
     )

@@ -18,7 +18,7 @@ from meshtrace.kernels.facets import (
     Surface,
     exposure,
     is_rough,
-    normal_at,
+    normal_on,
     plane_distance,
     slope_tilt,
     tilted,
@@ -99,6 +99,7 @@ GOES_ON = -1  # else a function returns the fate that ends the photon
 _NUDGE = 1e-4  # [m], displacement of a missed ray that is cast again
 _OFFSET = 1e-5  # [m], distance of a ray's start from the facet that it leaves
 _RETRIES = 3
+_LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets, those of jets are smooth
 
 
 class Pool(NamedTuple):
@@ -438,9 +439,9 @@ def _cross(q, world):
 def _split(q, in_water, world):
     """Return reflectance, facet normal, both directions and a spare uniform of a crossing."""
     g = row(world.surface.face_normals, q.facet)
-    n = normal_at(q.x, q.y, q.facet, world.surface)
+    n = normal_on(_place(q), q.facet, world.surface)
     lot = -1.0
-    if is_rough(world.surface.roughness):
+    if g.z > _LEAST_ROUGH and is_rough(world.surface.roughness):
         n, lot = _roughened(q, n, world)
     side, n1, n2 = 1.0, world.medium.n_water, world.medium.n_air
     if not in_water:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from meshtrace.kernels.aiming import aim_at, corner_shines, height_on
 from meshtrace.kernels.chain_gain import accepted, intensity, is_steep, straight_shot, transmittance
-from meshtrace.kernels.facets import corners
+from meshtrace.kernels.facets import corners, normal_at
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import absorption_path, scattering_path
 from meshtrace.kernels.sources import SourceKind
@@ -213,7 +213,7 @@ def _may_shine(f, nodes, i, j, side, image, shot, scene):
     if math.hypot(p.x - target.center.x, p.y - target.center.y) - size > target.reach:
         return False
     if size > image.coarse:
-        return True
+        return not _is_reflected(p, size, f, scene)
     m = aim_at(p.x, p.y, f, shot, scene)
     if m.ok:
         return math.hypot(m.at.x, m.at.y) <= target.radius + size * image.stretch
@@ -222,6 +222,24 @@ def _may_shine(f, nodes, i, j, side, image, shot, scene):
         if aim_at(q.x, q.y, f, shot, scene).ok:
             return True
     return False
+
+
+@inlined
+def _is_reflected(p, size, f, scene):
+    """Return whether unscattered light is totally reflected all over a part of a facet.
+
+    Angles of incidence within `size` of the point p differ from that at p by the angle under
+    which the source sees the part, and by the bend of the interpolated normals.
+    """
+    facet, way = scene.facets[f], minus(p, scene.emitter.position)
+    slope = math.hypot(facet.slope_x, facet.slope_y)
+    seen = size * math.sqrt(1.0 + slope * slope) / norm(way)
+    n = normal_at(p.x, p.y, f, scene.surface)
+    if seen >= 1.0 or dot(way, n) <= 0.0:
+        return False
+    critical = math.asin(min(scene.medium.n_air / scene.medium.n_water, 1.0))
+    bend = 2.0 * facet.curvature * size
+    return math.acos(dot(way, n) / norm(way)) > critical + math.asin(seen) + bend
 
 
 @outlined

@@ -6,6 +6,7 @@ import math
 from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from meshtrace.errors import Described, Refused
@@ -13,7 +14,8 @@ from meshtrace.link.physics import Physics, Whitecaps
 from meshtrace.link.receivers import AnyAperture, Aperture, IrradiancePlanes, Receiver
 from meshtrace.link.sources import AnySource, Led, Source, WaterSource
 from meshtrace.models import Model
-from meshtrace.optics.bubbles import AnyBubbles, HallNovarini
+from meshtrace.optics.bubble_base import AnyBubbles
+from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.optics.water import Water
 from meshtrace.registry import Family
 
@@ -197,8 +199,14 @@ class Link(Model, frozen=True):
         size = max(levels) - min(levels)
         return (0.0, 0.0) if math.hypot(x, y) <= _NEAR * size else (x, y)
 
-    def footprint(self) -> Footprint:
+    def footprint(self, aside: float = _ASIDE) -> Footprint:
         """Return the extent and the spacing of the mesh that the link needs.
+
+        Parameters
+        ----------
+        aside : float
+            Distance aside up to which the fine part covers all sources and receivers [m]; it
+            lies where their light crosses if one of them is farther aside.
 
         Notes
         -----
@@ -212,8 +220,7 @@ class Link(Model, frozen=True):
         depth = max((getattr(t, "depth", 1.0) for t in self.transmitters), default=1.0)
         n = self.water.n / self.n_air
         beta = (n - 1.0) * height * depth / (depth + n * height)
-        share = depth / (depth + n * height)  # of the way to the receiver, in the water
-        center, aside, far = self._middle(share, _ASIDE * scale)
+        center, aside, far = self._middle(aside * scale)
         fine = max(2.5 * beta + radius + aside, scale)
         submerged = any(hasattr(t, "depth") for t in self.transmitters)
         reach = 10.0 * depth if submerged else 50.0
@@ -254,7 +261,7 @@ class Link(Model, frozen=True):
         middle = 0.5 * (low + high)
         return (float(middle[0]), float(middle[1])), float(0.5 * (high - low).max())
 
-    def _middle(self, share: float, most: float) -> tuple[tuple[float, float], float, float]:
+    def _middle(self, most: float) -> tuple[tuple[float, float], float, float]:
         """Return the middle of the fine mesh, and the half-widths of crossings and of the link.
 
         The origin, unless sources or receivers lie farther aside than `most`.
@@ -264,9 +271,10 @@ class Link(Model, frozen=True):
         far = float(np.abs(places - middle).max())
         if far <= most:
             return (float(middle[0]), float(middle[1])), far, far
-        sources = np.array([t.position for t in self.transmitters])
-        ends = np.array([r.position for r in self.receivers])
-        crossings = ((1.0 - share) * sources[:, None] + share * ends).reshape(-1, 2)
+        n = self.water.n / self.n_air
+        crossings = np.array(
+            [_crossing(t, r, n) for t in self.transmitters for r in self.receivers]
+        )
         middle = 0.5 * (crossings.min(axis=0) + crossings.max(axis=0))
         half = float(np.abs(crossings - middle).max())
         return (float(middle[0]), float(middle[1])), half, float(np.abs(places - middle).max())
@@ -275,3 +283,19 @@ class Link(Model, frozen=True):
 def in_wind(link: Link, wind_speed: float) -> Link:
     """Return a link with the whitecaps and bubbles of a wind, see `Link.in_wind`."""
     return link.in_wind(wind_speed)
+
+
+def _crossing(source: Source, end: Aperture, n: float) -> NDArray[np.float64]:
+    """Return where light from a source to a receiver crosses still water (x, y) [m]."""
+    a, b = np.array(source.position), np.array(end.position)
+    depth, height = getattr(source, "depth", 1.0), getattr(end, "height", 1.0)
+    distance = math.dist(a, b)
+    low, high = 0.0, 1.0
+    for _ in range(40):  # n sin(angle in water) - sin(angle in air) grows with the share
+        share = 0.5 * (low + high)
+        x, y = share * distance, (1.0 - share) * distance
+        if n * x * math.hypot(y, height) < y * math.hypot(x, depth):
+            low = share
+        else:
+            high = share
+    return a + share * (b - a)

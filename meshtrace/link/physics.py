@@ -102,7 +102,7 @@ class Physics(Model, frozen=True):
 
     @classmethod
     def paper(cls) -> Physics:
-        """Return all forms as the paper prints them."""
+        """Return the physics with all forms as published."""
         return cls(
             snell="paper",
             direction="paper",

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator
 
 from meshtrace.errors import Refused
 from meshtrace.link.directions import unit_vector
-from meshtrace.models import Finite, Model, Position
+from meshtrace.models import Finite, Model, Position, Positive
 from meshtrace.registry import Family
 
 
@@ -23,7 +23,7 @@ class Aperture(
     """Base of all apertures; a closed family, because the kernels score each kind themselves."""
 
     position: Position = (0.0, 0.0)
-    radius: float = Field(0.05, gt=0.0, allow_inf_nan=False)
+    radius: Positive = 0.05
     fov_deg: float = Field(180.0, gt=0.0, le=180.0, allow_inf_nan=False)
 
     @property
@@ -64,7 +64,7 @@ class Receiver(Aperture, frozen=True):
     """
 
     kind: Literal["receiver"] = "receiver"
-    height: float = Field(5.0, gt=0.0, allow_inf_nan=False)
+    height: Positive = 5.0
     fov_deg: float = Field(60.0, gt=0.0, le=180.0, allow_inf_nan=False)
     tilt_deg: float = Field(0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
     tilt_azimuth_deg: Finite = 0.0
@@ -97,7 +97,7 @@ class WaterAperture(Aperture, frozen=True):
     """
 
     kind: Literal["water-aperture"] = "water-aperture"
-    depth: float = Field(1.0, gt=0.0, allow_inf_nan=False)
+    depth: Positive = 1.0
     zenith_deg: float = Field(0.0, ge=0.0, le=180.0, allow_inf_nan=False)
     azimuth_deg: Finite = 0.0
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from meshtrace.link.directions import unit_vector
-from meshtrace.models import Finite, Position
+from meshtrace.models import Finite, NonNegative, Position, Positive
 from meshtrace.registry import Family
 
 
@@ -31,7 +31,7 @@ class Source(
     """
 
     position: Position = (0.0, 0.0)
-    power_mw: float = Field(100.0, gt=0.0, allow_inf_nan=False)
+    power_mw: Positive = 100.0
     wavelength_nm: float = Field(470.0, ge=200.0, le=1200.0, allow_inf_nan=False)
 
     @property
@@ -129,7 +129,7 @@ class GaussianBeam(WaterSource, frozen=True):
 
     kind: Literal["gaussian-beam"] = "gaussian-beam"
     divergence_deg: float = Field(1.0, ge=0.0, lt=60.0, allow_inf_nan=False)
-    waist: float = Field(0.0, ge=0.0, allow_inf_nan=False)
+    waist: NonNegative = 0.0
 
     @property
     def size(self) -> float:
@@ -155,7 +155,7 @@ class TopHatBeam(WaterSource, frozen=True):
 
     kind: Literal["top-hat-beam"] = "top-hat-beam"
     divergence_deg: float = Field(1.0, ge=0.0, le=90.0, allow_inf_nan=False)
-    radius: float = Field(0.0, ge=0.0, allow_inf_nan=False)
+    radius: NonNegative = 0.0
 
     @property
     def size(self) -> float:
@@ -177,7 +177,7 @@ class IsotropicSource(WaterSource, frozen=True):
 class AirSource(Source, frozen=True):
     """Base of the sources in the air, which light a square of the sea."""
 
-    half_width: float = Field(5.0, gt=0.0, allow_inf_nan=False)
+    half_width: Positive = 5.0
 
     @property
     def size(self) -> float:

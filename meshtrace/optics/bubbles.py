@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import math
-from abc import abstractmethod
-from collections.abc import Callable
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_validator
+from numpy.typing import ArrayLike
+from pydantic import Field, field_validator, model_validator
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_all
+from meshtrace.models import Floats
+from meshtrace.optics.bubble_base import BubblePopulation
 from meshtrace.optics.mie import MieTable, cached_table, population_table
-from meshtrace.registry import Family
 
 if TYPE_CHECKING:
-    from meshtrace.optics.phase import HistogramPhase, PhaseFunction
+    from meshtrace.optics.phase import HistogramPhase
 
-FloatArray = NDArray[np.float64]
 
 # Constants of the model as the paper prints them, lengths in m (errata: E9).
 DENSITY = 1.6e10  # m-4, at the surface for a wind of WIND
@@ -28,60 +25,16 @@ R_REF, R_REF_SLOPE = 54.4e-6, 1.984e-6  # m, m per m of depth
 KAPPA, KAPPA_DEPTH = 4.37, 2.55  # 1, m
 E_FOLDING, E_FOLDING_SLOPE, E_FOLDING_WIND = 0.4, 0.115, 7.5  # m, s, m s-1
 
-# Depth of the layer in e-folding depths: `HallNovarini.profile` ends there.
-LAYER = 12.0
-# Highest crest [m] to which the model is continued upwards with depth="mean_level".
-HIGHEST = 20.0
 # Sizes and node sets of the phase table, see `compute_bubble_phase`.
 SIZES, ROTATIONS = 6144, 32
 
 
-def _r_ref(depth: FloatArray) -> FloatArray:
+def _r_ref(depth: Floats) -> Floats:
     return R_REF + R_REF_SLOPE * depth
 
 
-def _kappa(depth: FloatArray) -> FloatArray:
+def _kappa(depth: Floats) -> Floats:
     return KAPPA + (depth / KAPPA_DEPTH) ** 2
-
-
-def _integrate(
-    function: Callable[[FloatArray], FloatArray], lower: FloatArray, upper: FloatArray, nodes: int
-) -> FloatArray:
-    """Return the integral of `function` from `lower` to `upper` by Gauss-Legendre quadrature."""
-    node, weight = np.polynomial.legendre.leggauss(nodes)
-    half = (upper - lower) / 2.0
-    points = lower[..., None] + half[..., None] * (1.0 + node)
-    return half * (function(points) @ weight)
-
-
-class BubblePopulation(Family, frozen=True, default="hall-novarini"):
-    """Base of the bubble populations: a subclass defines `b`, `e_folding` and `phase_function`.
-
-    Parameters
-    ----------
-    depth : {"local", "clamped", "mean_level"}
-        Depth under waves in the transport: the distance to the surface above the point,
-        max(0, -z), or -z even in crests, where depths are negative.
-    """
-
-    depth: Literal["local", "clamped", "mean_level"] = "local"
-
-    @property
-    @abstractmethod
-    def e_folding(self) -> float:
-        """Depth scale of the layer [m]: b is tabulated in steps of 1/64 of it, down to 12."""
-
-    @abstractmethod
-    def b(self, depth: ArrayLike) -> FloatArray:
-        """Return the scattering coefficient [m-1] at depths [m]."""
-
-    @abstractmethod
-    def phase_function(self) -> PhaseFunction:
-        """Return the phase function of the population, the same at all depths."""
-
-
-AnyBubbles = Annotated[SerializeAsAny[BubblePopulation], BeforeValidator(BubblePopulation.read)]
-"""A bubble population, or plain data with its `kind`."""
 
 
 class HallNovarini(BubblePopulation, frozen=True):
@@ -116,7 +69,8 @@ class HallNovarini(BubblePopulation, frozen=True):
     Raises
     ------
     Refused
-        If a parameter is out of range or not finite, or r_min >= r_max.
+        If a parameter is out of range or not finite, or r_min >= r_max; in the methods, if a depth
+        is negative (unless depth="mean_level") or not finite.
 
     Notes
     -----
@@ -171,14 +125,6 @@ class HallNovarini(BubblePopulation, frozen=True):
             raise Refused("r_min", self.r_min, f"r_min < r_max = {self.r_max} m")
         return self
 
-    def _checked(self, depth: ArrayLike) -> FloatArray:
-        values = np.asarray(depth, dtype=np.float64)
-        lowest = -HIGHEST if self.depth == "mean_level" else 0.0
-        bad = values[~(np.isfinite(values) & (values >= lowest))]
-        if bad.size:
-            raise Refused("depth", bad[0], f"finite depth >= {lowest:g} m")
-        return values
-
     @property
     def e_folding(self) -> float:
         """E-folding depth L [m]: 0.4 up to 7.5 m/s, then 0.115 m more per m/s."""
@@ -189,19 +135,19 @@ class HallNovarini(BubblePopulation, frozen=True):
         """Mean scattering efficiency Q: the Mie mean weighted by cross-section, or the number."""
         return self._table().q_sca if self.q == "mie" else float(self.q)
 
-    def r_ref(self, depth: ArrayLike) -> FloatArray:
+    def r_ref(self, depth: ArrayLike) -> Floats:
         """Return the reference radius [m], the kink of the size distribution, at a depth [m]."""
         return _r_ref(self._checked(depth))
 
-    def kappa(self, depth: ArrayLike) -> FloatArray:
+    def kappa(self, depth: ArrayLike) -> Floats:
         """Return the exponent of the size distribution above `r_ref` at a depth [m]."""
         return _kappa(self._checked(depth))
 
-    def _density(self, depth: FloatArray) -> FloatArray:
+    def _density(self, depth: Floats) -> Floats:
         """Return n / G [m-4]."""
         return DENSITY * (self.wind_speed / WIND) ** 3 * np.exp(-depth / self.e_folding)
 
-    def _moment(self, power: int, depth: FloatArray) -> FloatArray:
+    def _moment(self, power: int, depth: Floats) -> Floats:
         """Return the integral of G r^power dr over all sizes [m^(power + 1)].
 
         r_ref^(p+1) [(r_min/r_ref)^(p-3) - 1]/(3-p) + r_ref^(p+1) [1 - (r_ref/r_max)^(kappa-p-1)]
@@ -218,7 +164,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         large = (ends[0] ** tail - ends[1] ** tail) / -tail
         return r_ref ** (power + 1) * (small + large)
 
-    def size_distribution(self, r: ArrayLike, depth: ArrayLike) -> FloatArray:
+    def size_distribution(self, r: ArrayLike, depth: ArrayLike) -> Floats:
         """Return the number of bubbles per volume and radius.
 
         n(r, z) = 1.6e10 G(r, z) (U/13)^3 exp(-z/L)
@@ -237,20 +183,18 @@ class HallNovarini(BubblePopulation, frozen=True):
 
         Raises
         ------
-        ValueError
+        Refused
             If a depth is not allowed or a radius is not positive and finite.
         """
         z = self._checked(depth)
         radius = np.asarray(r, dtype=np.float64)
-        bad = radius[~(np.isfinite(radius) & (radius > 0.0))]
-        if bad.size:
-            raise Refused("r", bad[0], "finite r > 0 m")
+        require_all(radius, np.isfinite(radius) & (radius > 0.0), "r", "finite r > 0 m")
         ratio = radius / _r_ref(z)
         present = (radius >= self.r_min) & (radius <= self.r_max)
         shape = np.where(ratio <= 1.0, ratio**-4.0, np.maximum(ratio, 1.0) ** -_kappa(z))
         return np.where(present, self._density(z) * shape, 0.0)[()]
 
-    def number_density(self, depth: ArrayLike) -> FloatArray:
+    def number_density(self, depth: ArrayLike) -> Floats:
         """Return the number of bubbles per volume.
 
         N_b(z) = integral of n(r, z) dr;  psi="paper": 1.6e10 r_ref^4/(3 r_min^3) (U/13)^3 exp(-z/L)
@@ -264,18 +208,13 @@ class HallNovarini(BubblePopulation, frozen=True):
         -------
         ndarray
             N_b [m-3].
-
-        Raises
-        ------
-        ValueError
-            If a depth is negative (unless depth="mean_level") or not finite.
         """
         z = self._checked(depth)
         if self.psi == "paper":
             return self._density(z) * _r_ref(z) ** 4 / (3.0 * self.r_min**3)
         return self._density(z) * self._moment(0, z)
 
-    def mean_cross_section(self, depth: ArrayLike) -> FloatArray:
+    def mean_cross_section(self, depth: ArrayLike) -> Floats:
         """Return the mean geometric cross-section of a bubble.
 
         Psi(z) = integral of n pi r^2 dr / N_b;  psi="paper": 3 pi r_min^2
@@ -289,18 +228,13 @@ class HallNovarini(BubblePopulation, frozen=True):
         -------
         ndarray
             Psi [m2].
-
-        Raises
-        ------
-        ValueError
-            If a depth is negative (unless depth="mean_level") or not finite.
         """
         z = self._checked(depth)
         if self.psi == "paper":
             return np.full(z.shape, 3.0 * np.pi * self.r_min**2)[()]
         return np.pi * self._moment(2, z) / self._moment(0, z)
 
-    def b(self, depth: ArrayLike) -> FloatArray:
+    def b(self, depth: ArrayLike) -> Floats:
         """Return the scattering coefficient of the bubbles.
 
         b(z) = N_b(z) Q Psi(z)
@@ -314,17 +248,11 @@ class HallNovarini(BubblePopulation, frozen=True):
         -------
         ndarray
             b [m-1].
-
-        Raises
-        ------
-        ValueError
-            If a depth is negative (unless depth="mean_level") or not finite.
         """
-        return (
-            self.number_density(depth) * self.scattering_efficiency * self.mean_cross_section(depth)
-        )
+        density = self.number_density(depth)
+        return density * self.scattering_efficiency * self.mean_cross_section(depth)
 
-    def void_fraction(self, depth: ArrayLike) -> FloatArray:
+    def void_fraction(self, depth: ArrayLike) -> Floats:
         """Return the volume of air per volume of water and air.
 
         integral of n (4/3) pi r^3 dr (always exact)
@@ -338,100 +266,11 @@ class HallNovarini(BubblePopulation, frozen=True):
         -------
         ndarray
             Void fraction.
-
-        Raises
-        ------
-        ValueError
-            If a depth is negative (unless depth="mean_level") or not finite.
         """
         z = self._checked(depth)
         return 4.0 / 3.0 * np.pi * self._density(z) * self._moment(3, z)
 
-    def optical_depth(self, depth1: ArrayLike, depth2: ArrayLike) -> FloatArray:
-        """Return the vertical optical depth of the bubbles between two depths.
-
-        tau = |integral of b(z) dz from depth1 to depth2|
-
-        Parameters
-        ----------
-        depth1, depth2 : array_like
-            Depths [m], in any order, broadcast.
-
-        Returns
-        -------
-        ndarray
-            Optical depth.
-
-        Raises
-        ------
-        ValueError
-            If a depth is negative (unless depth="mean_level") or not finite.
-
-        Notes
-        -----
-        Gauss-Legendre quadrature with 128 nodes, good to 1e-12; all that lies 40 e-folding depths
-        below the upper end is left out.
-        """
-        ends = np.broadcast_arrays(self._checked(depth1), self._checked(depth2))
-        upper, lower = np.minimum(*ends), np.maximum(*ends)
-        return _integrate(self.b, upper, np.minimum(lower, upper + 40.0 * self.e_folding), 128)
-
-    def profile(
-        self, dz: float, max_depth: float = math.inf, crest: float = 0.0
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return b and its integral on a uniform grid of depths, as transport kernels read them.
-
-        Parameters
-        ----------
-        dz : float
-            Spacing [m].
-        max_depth : float
-            Deepest depth needed [m].
-        crest : float
-            Height [m] above the mean level at which the grid begins; only with
-            depth="mean_level", otherwise 0.
-
-        Returns
-        -------
-        depth : ndarray, shape (n,)
-            Nodes [m], -crest + i dz, to the first at or below `max_depth` or 12 L, whichever
-            is higher.
-        b : ndarray, shape (n,)
-            Scattering coefficient [m-1].
-        cumulative : ndarray, shape (n,)
-            Optical depth from the first node, zero there.
-
-        Raises
-        ------
-        ValueError
-            If `dz` or `max_depth` is not positive, or `crest` is not allowed.
-
-        Notes
-        -----
-        At the nodes the cumulative is good to 1e-12 (1e-7 for dz = 5 L). Between nodes a cubic
-        Hermite interpolant with slopes b errs by about (dz/L)^4/400 of the layer's optical depth,
-        a straight line by (dz/L)^2/8. Below 12 L take b = 0: that leaves out 1.1e-5 (5 m/s),
-        2.5e-5 (13 m/s) or 5.6e-5 (20 m/s) of the layer's optical depth.
-
-        Examples
-        --------
-        >>> depth, b, cumulative = HallNovarini(wind_speed=13.0, q=2.0).profile(dz=0.01)
-        >>> round(float(cumulative[1000]), 7)
-        0.0989773
-        """
-        if not (0.0 < dz < math.inf):
-            raise Refused("dz", dz, "finite dz > 0 m")
-        if not max_depth > 0.0:
-            raise Refused("max_depth", max_depth, "max_depth > 0 m")
-        highest = HIGHEST if self.depth == "mean_level" else 0.0
-        if not 0.0 <= crest <= highest:
-            raise Refused("crest", crest, f"0 <= crest <= {highest:g} m")
-        cells = math.ceil((min(max_depth, LAYER * self.e_folding) + crest) / dz)
-        depth = dz * np.arange(cells + 1, dtype=np.float64) - crest
-        steps = _integrate(self.b, depth[:-1], depth[1:], 16)
-        return depth, self.b(depth), np.concatenate(([0.0], np.cumsum(steps)))
-
-    def equal_area_radii(self, count: int, depth: float = 0.0) -> FloatArray:
+    def equal_area_radii(self, count: int, depth: float = 0.0) -> Floats:
         """Return radii that each stand for the same share of the geometric cross-section.
 
         The quantiles (k + 1/2)/count, k = 0 .. count - 1, of the weight G r^2.
@@ -450,7 +289,7 @@ class HallNovarini(BubblePopulation, frozen=True):
 
         Raises
         ------
-        ValueError
+        Refused
             If `count` is below 1 or `depth` is not allowed.
 
         Examples
@@ -475,7 +314,7 @@ class HallNovarini(BubblePopulation, frozen=True):
     def _table(self) -> MieTable:
         return _bubble_phase(self.n_water, self.wavelength_nm, self.r_min, self.r_max)
 
-    def phase_table(self) -> tuple[FloatArray, FloatArray]:
+    def phase_table(self) -> tuple[Floats, Floats]:
         """Return the bin edges of the scattering angle [rad] and the CDF at them.
 
         See `phase_function`.
@@ -505,10 +344,8 @@ class HallNovarini(BubblePopulation, frozen=True):
         """
         from meshtrace.optics.phase import HistogramPhase
 
-        theta_edges, cdf = self.phase_table()
-        return HistogramPhase(
-            theta_edges=tuple(theta_edges.tolist()), cdf_edges=tuple(cdf.tolist())
-        )
+        theta_edges, cdf = (tuple(column.tolist()) for column in self.phase_table())
+        return HistogramPhase(theta_edges=theta_edges, cdf_edges=cdf)
 
 
 def compute_bubble_phase(
@@ -544,7 +381,7 @@ def compute_bubble_phase(
 
     Raises
     ------
-    ValueError
+    Refused
         If a parameter is out of the range that `HallNovarini` allows, or `sizes` or `rotations`
         is below 1.
 
@@ -564,10 +401,9 @@ def compute_bubble_phase(
 
 @lru_cache(maxsize=16)
 def _bubble_phase(n_water: float, wavelength_nm: float, r_min: float, r_max: float) -> MieTable:
-    radii = {"r_min": r_min, "r_max": r_max, "r_ref": R_REF, "kappa": KAPPA}
-    inputs = {"n_water": n_water, "wavelength_nm": wavelength_nm, **radii}
-    return cached_table(
-        "bubble_phase",
-        {**inputs, "sizes": SIZES, "rotations": ROTATIONS},
-        lambda: compute_bubble_phase(n_water, wavelength_nm, r_min, r_max),
-    )
+    inputs = {
+        "n_water": n_water, "wavelength_nm": wavelength_nm, "r_min": r_min, "r_max": r_max,
+        "r_ref": R_REF, "kappa": KAPPA, "sizes": SIZES, "rotations": ROTATIONS,
+    }  # fmt: skip
+    keys = n_water, wavelength_nm, r_min, r_max
+    return cached_table("bubble_phase", inputs, lambda: compute_bubble_phase(*keys))

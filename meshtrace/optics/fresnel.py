@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Refused, require_all
+from meshtrace.models import Floats
 
-Array = NDArray[np.float64]
 
-
-def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Array:
+def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Floats:
     r"""Return the reflectance of unpolarised light that goes from medium 1 to medium 2.
 
     .. math::
@@ -32,7 +31,7 @@ def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Array:
 
     Raises
     ------
-    ValueError
+    Refused
         If a cos_i lies outside 0 ... 1 or an index is not a positive number.
 
     Notes
@@ -50,8 +49,7 @@ def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Array:
     0.02005931
     """
     cos_i = np.asarray(cos_i, dtype=np.float64)
-    if not np.all((cos_i >= 0.0) & (cos_i <= 1.0)):
-        raise Refused("cos_i", Described(f"{cos_i.min()} ... {cos_i.max()}"), "0 <= cos_i <= 1")
+    require_all(cos_i, (cos_i >= 0.0) & (cos_i <= 1.0), "cos_i", "0 <= cos_i <= 1")
     _check_indices(n1, n2)
     sin2_t = (n1 / n2) ** 2 * (1.0 - cos_i**2)
     total = sin2_t >= 1.0
@@ -61,7 +59,7 @@ def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Array:
     return np.where(total, 1.0, 0.5 * (r_s**2 + r_p**2))
 
 
-def reflect(d: ArrayLike, n: ArrayLike) -> Array:
+def reflect(d: ArrayLike, n: ArrayLike) -> Floats:
     """Mirror directions at a plane, d' = d - 2 (d . n) n.
 
     Parameters
@@ -85,7 +83,7 @@ def reflect(d: ArrayLike, n: ArrayLike) -> Array:
     return d - 2.0 * np.sum(d * n, axis=-1, keepdims=True) * n
 
 
-def refract(d: ArrayLike, n: ArrayLike, n1: float, n2: float) -> Array:
+def refract(d: ArrayLike, n: ArrayLike, n1: float, n2: float) -> Floats:
     r"""Refract directions by Snell's law in vector form.
 
     .. math:: d' = \eta d + (c_t - \eta c_i) n, \quad
@@ -107,7 +105,7 @@ def refract(d: ArrayLike, n: ArrayLike, n1: float, n2: float) -> Array:
 
     Raises
     ------
-    ValueError
+    Refused
         If an index is not a positive number.
 
     Notes
@@ -152,7 +150,7 @@ def hemispheric_reflectance(n1: float, n2: float) -> float:
 
     Raises
     ------
-    ValueError
+    Refused
         If an index is not a positive number.
 
     Notes

@@ -12,7 +12,6 @@ import importlib.resources
 import json
 import logging
 import os
-import uuid
 import warnings
 import zipfile
 import zlib
@@ -24,12 +23,12 @@ from types import ModuleType
 from typing import IO, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from meshtrace.cache import cache_directory
-from meshtrace.errors import Described, Refused
-
-FloatArray = NDArray[np.float64]
+from meshtrace.errors import Described, Refused, require_all
+from meshtrace.files import atomic
+from meshtrace.models import Floats
 
 _LOG = logging.getLogger(__name__)
 # Raise when the recipe of `population_table` changes: tables kept on disk are then left behind.
@@ -42,9 +41,9 @@ _BIN_STEP = 0.7548776662466927
 class Efficiencies(NamedTuple):
     """Mie efficiencies of spheres (cross-section / geometric cross-section) and mean cosine."""
 
-    q_ext: FloatArray
-    q_sca: FloatArray
-    g: FloatArray
+    q_ext: Floats
+    q_sca: Floats
+    g: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +65,8 @@ class MieTable:
         the size of the averaging error before `cdf` was normalised.
     """
 
-    theta_edges: FloatArray
-    cdf: FloatArray
+    theta_edges: Floats
+    cdf: Floats
     q_sca: float
     g: float
     closure: float
@@ -76,11 +75,8 @@ class MieTable:
         theta, cdf = self.theta_edges, self.cdf
         rising = theta.ndim == 1 and theta.shape == cdf.shape and bool(np.all(np.diff(theta) > 0))
         if not rising or theta[0] != 0.0 or theta[-1] != np.pi:
-            raise Refused(
-                "theta_edges",
-                Described(f"{theta.size} numbers"),
-                "edges increasing from 0 to pi, one cdf value each",
-            )
+            allowed = "edges increasing from 0 to pi, one cdf value each"
+            raise Refused("theta_edges", Described(f"{theta.size} numbers"), allowed)
         if not np.all(np.diff(cdf) >= 0) or cdf[0] != 0.0 or cdf[-1] != 1.0:
             raise Refused("cdf", Described(f"{cdf.size} numbers"), "values increasing from 0 to 1")
         if not np.all(np.isfinite([self.q_sca, self.g, self.closure])):
@@ -101,26 +97,15 @@ def _miepython() -> ModuleType:
         with foreign_kernels():
             return importlib.import_module("miepython")
     finally:
-        if before is None:
-            del os.environ["MIEPYTHON_USE_JIT"]
-        else:
+        del os.environ["MIEPYTHON_USE_JIT"]
+        if before is not None:
             os.environ["MIEPYTHON_USE_JIT"] = before
 
 
-def _size_parameter(x: ArrayLike) -> FloatArray:
+def _size_parameter(x: ArrayLike) -> Floats:
     sizes = np.asarray(x, dtype=np.float64)
-    bad = sizes[~(np.isfinite(sizes) & (sizes > 0))]
-    if bad.size:
-        raise Refused("x", bad[0], "finite x > 0")
+    require_all(sizes, np.isfinite(sizes) & (sizes > 0), "x", "finite x > 0")
     return sizes
-
-
-def _cosine(cos_theta: ArrayLike) -> FloatArray:
-    cosine = np.asarray(cos_theta, dtype=np.float64)
-    bad = cosine[~(np.abs(cosine) <= 1.0)]
-    if bad.size:
-        raise Refused("cos_theta", bad[0], "-1 <= cos_theta <= 1")
-    return cosine
 
 
 def efficiencies(m: complex, x: ArrayLike) -> Efficiencies:
@@ -142,7 +127,7 @@ def efficiencies(m: complex, x: ArrayLike) -> Efficiencies:
 
     Raises
     ------
-    ValueError
+    Refused
         If a size parameter is not positive and finite.
 
     Notes
@@ -165,7 +150,7 @@ def efficiencies(m: complex, x: ArrayLike) -> Efficiencies:
     return Efficiencies(*(np.asarray(q).reshape(sizes.shape)[()] for q in (q_ext, q_sca, g)))
 
 
-def phase_intensity(m: complex, x: float, cos_theta: ArrayLike) -> FloatArray:
+def phase_intensity(m: complex, x: float, cos_theta: ArrayLike) -> Floats:
     """Return the unpolarised scattered intensity of one sphere.
 
     i(theta) = (|S1|^2 + |S2|^2) / 2,   integral of i over solid angle = pi x^2 Q_sca
@@ -186,7 +171,7 @@ def phase_intensity(m: complex, x: float, cos_theta: ArrayLike) -> FloatArray:
 
     Raises
     ------
-    ValueError
+    Refused
         If `x` is not positive or `cos_theta` leaves [-1, 1].
 
     Notes
@@ -208,12 +193,13 @@ def phase_intensity(m: complex, x: float, cos_theta: ArrayLike) -> FloatArray:
     2.232265
     """
     size = float(_size_parameter(x))
-    cosine = _cosine(cos_theta)
+    cosine = np.asarray(cos_theta, dtype=np.float64)
+    require_all(cosine, np.abs(cosine) <= 1.0, "cos_theta", "-1 <= cos_theta <= 1")
     intensity = _miepython().i_unpolarized(m, size, cosine.ravel(), norm="wiscombe")
     return np.asarray(intensity).reshape(cosine.shape)[()]
 
 
-def angular_edges() -> FloatArray:
+def angular_edges() -> Floats:
     """Return the 2501 bin edges of the scattering angle [rad].
 
     0, then 750 edges in geometric progression from 0.001 to 5 deg, where diffraction of bubbles
@@ -225,8 +211,8 @@ def angular_edges() -> FloatArray:
 
 
 def _angular_blocks(
-    cosine: FloatArray, orders: int, block: int = 256
-) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+    cosine: Floats, orders: int, block: int = 256
+) -> Iterator[tuple[int, Floats, Floats]]:
     """Yield first order - 1, and pi_n, tau_n times (2n+1)/(n(n+1)), by blocks of orders."""
     before, now = np.zeros_like(cosine), np.ones_like(cosine)
     for start in range(0, orders, block):
@@ -241,7 +227,7 @@ def _angular_blocks(
         yield start, pi, tau
 
 
-def _intensities(m: complex, x: FloatArray, cosine: FloatArray) -> FloatArray:
+def _intensities(m: complex, x: Floats, cosine: Floats) -> Floats:
     """Return `phase_intensity` of many spheres, shape (angles, spheres), x in falling order.
 
     The spheres share their angles, so pi_n and tau_n are summed with the coefficients of all of
@@ -289,7 +275,7 @@ def population_table(
 
     Raises
     ------
-    ValueError
+    Refused
         If a size parameter is not positive, or `rotations` is below 1.
 
     Notes
@@ -347,9 +333,9 @@ def cached_table(
 
     Notes
     -----
-    Files are written whole under a temporary name and then renamed, so that parallel runs never
-    see half a file. A damaged file is replaced with a warning; a cache that cannot be
-    written costs a warning and the time to compute again.
+    Files are replaced atomically (`files.atomic`), so that parallel runs see whole files. A
+    damaged file is replaced with a warning; a cache that cannot be written costs a warning and
+    the time to compute again.
     """
     text = json.dumps({**inputs, "format": _FORMAT}, sort_keys=True)
     name = f"{stem}-{hashlib.sha256(text.encode()).hexdigest()[:16]}.npz"
@@ -375,21 +361,11 @@ def _read(stream: IO[bytes], text: str) -> MieTable:
     with np.load(stream, allow_pickle=False) as data:
         if str(data["inputs"]) != text:
             raise ValueError("made from other inputs")
-        return MieTable(
-            theta_edges=data["theta_edges"],
-            cdf=data["cdf"],
-            q_sca=float(data["q_sca"]),
-            g=float(data["g"]),
-            closure=float(data["closure"]),
-        )
+        numbers = (float(data[name]) for name in ("q_sca", "g", "closure"))
+        return MieTable(data["theta_edges"], data["cdf"], *numbers)
 
 
 def _write(path: Path, table: MieTable, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.{uuid.uuid4().hex}.part")
-    try:
-        with part.open("xb") as stream:
-            np.savez(stream, inputs=np.array(text), **vars(table))
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with atomic(path) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, inputs=np.array(text), **vars(table))

@@ -12,7 +12,8 @@ from pydantic import Field
 
 from meshtrace.errors import Refused
 from meshtrace.kernels import phase as kernel
-from meshtrace.optics.phase_base import AnyPhase, Array, BuiltInPhase, PhaseFunction
+from meshtrace.models import Floats
+from meshtrace.optics.phase_base import AnyPhase, BuiltInPhase, PhaseFunction
 from meshtrace.optics.phase_measured import HistogramPhase, Numbers, Petzold, TabulatedPhase
 from meshtrace.optics.phase_tables import Component, quantile_component
 
@@ -87,10 +88,10 @@ class FournierForand(BuiltInPhase, frozen=True):
         k = (delta_pi**-self._v - 1.0) / (delta_pi - 1.0)
         return k / 8.0 if self.cdf_coef == "exact" else k / (16.0 * np.pi)
 
-    def _delta(self, s: Array) -> Array:
+    def _delta(self, s: Floats) -> Floats:
         return 4.0 * s / (3.0 * (self.n - 1.0) ** 2)
 
-    def _pdf_s(self, s: Array) -> Array:
+    def _pdf_s(self, s: Floats) -> Floats:
         v = self._v
         with np.errstate(divide="ignore", invalid="ignore"):
             delta = self._delta(s)
@@ -102,7 +103,7 @@ class FournierForand(BuiltInPhase, frozen=True):
         last = self._last / (2.0 * np.pi) * (3.0 * cos_theta**2 - 1.0)
         return np.where(s == 0.0, np.inf, first + last)
 
-    def _cdf_s(self, s: Array) -> Array:
+    def _cdf_s(self, s: Floats) -> Floats:
         with np.errstate(divide="ignore", invalid="ignore"):
             delta = self._delta(s)
             w = delta**-self._v
@@ -122,7 +123,7 @@ class FournierForand(BuiltInPhase, frozen=True):
         return [quantile_component(self._cdf_s, exponent=-1.0 / self._v)]
 
 
-def _ff_series(v: float, e: Array, s: Array) -> Array:
+def _ff_series(v: float, e: Floats, s: Floats) -> Floats:
     """Expand the bracket of the Fournier-Forand function, over e^2, around delta = 1 - e = 1."""
     a = list(itertools.accumulate(range(1, 8), lambda c, k: c * (v - k) / (k + 1), initial=v))
     powers = [(-e) ** k for k in range(6)]
@@ -158,10 +159,10 @@ class HenyeyGreenstein(BuiltInPhase, frozen=True):
     kind: Literal["henyey-greenstein"] = "henyey-greenstein"
     g: float = Field(default=0.924, gt=-1.0, lt=1.0, allow_inf_nan=False)
 
-    def _pdf_s(self, s: Array) -> Array:
+    def _pdf_s(self, s: Floats) -> Floats:
         return (1.0 - self.g**2) / (4.0 * np.pi * ((1.0 - self.g) ** 2 + 4.0 * self.g * s) ** 1.5)
 
-    def _cdf_s(self, s: Array) -> Array:
+    def _cdf_s(self, s: Floats) -> Floats:
         root = np.sqrt((1.0 - self.g) ** 2 + 4.0 * self.g * s)
         return 2.0 * (1.0 + self.g) * s / (root * (root + 1.0 - self.g))
 
@@ -202,10 +203,10 @@ class Rayleigh(BuiltInPhase, frozen=True):
         """Return the phase function of pure sea water, gamma = 0.835."""
         return cls(gamma=0.835)
 
-    def _pdf_s(self, s: Array) -> Array:
+    def _pdf_s(self, s: Floats) -> Floats:
         return 3.0 * (1.0 + self.gamma * (1.0 - 2.0 * s) ** 2) / (4.0 * np.pi * (3.0 + self.gamma))
 
-    def _cdf_s(self, s: Array) -> Array:
+    def _cdf_s(self, s: Floats) -> Floats:
         linear, cubic = 1.0 + self.gamma, self.gamma * (4.0 * s - 6.0) * s / 3.0
         return 3.0 * s * (linear + cubic) / (3.0 + self.gamma)
 
@@ -249,11 +250,8 @@ class MixturePhase(BuiltInPhase, frozen=True):
     @pydantic.model_validator(mode="after")
     def _check(self) -> Self:
         if len(self.weights) != len(self.components) or min(self.weights) <= 0.0:
-            raise Refused(
-                "weights",
-                self.weights,
-                f"{len(self.components)} numbers > 0, one for each of the components",
-            )
+            allowed = f"{len(self.components)} numbers > 0, one for each of the components"
+            raise Refused("weights", self.weights, allowed)
         return self
 
     @property
@@ -261,10 +259,10 @@ class MixturePhase(BuiltInPhase, frozen=True):
         total = sum(self.weights)
         return [(w / total, c) for w, c in zip(self.weights, self.components, strict=True)]
 
-    def _pdf_s(self, s: Array) -> Array:
+    def _pdf_s(self, s: Floats) -> Floats:
         return np.sum([w * c._pdf_s(s) for w, c in self._shares], axis=0)
 
-    def _cdf_s(self, s: Array) -> Array:
+    def _cdf_s(self, s: Floats) -> Floats:
         return np.sum([w * c._cdf_s(s) for w, c in self._shares], axis=0)
 
     def _mean_s(self) -> float:
@@ -279,7 +277,7 @@ class MixturePhase(BuiltInPhase, frozen=True):
 
 
 @lru_cache(maxsize=1)
-def _gauss_panels() -> tuple[Array, Array]:
+def _gauss_panels() -> tuple[Floats, Floats]:
     """Return nodes and weights of a composite Gauss rule on [0, 1], finer towards 0."""
     x, weight = np.polynomial.legendre.leggauss(20)
     edges = np.linspace(0.0, 1.0, 41) ** 2

@@ -12,11 +12,12 @@ from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, SerializeAsAny
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_all
 from meshtrace.kernels.phase import PhaseTables
+from meshtrace.models import Floats
 from meshtrace.optics.phase_tables import (
     Component,
     Segments,
@@ -27,11 +28,9 @@ from meshtrace.optics.phase_tables import (
 )
 from meshtrace.registry import Family
 
-Array = NDArray[np.float64]
-
 
 class PhaseFunction(Family, frozen=True, default="fournier-forand"):
-    """Base of the phase functions: a subclass defines `density`, and all else follows from it.
+    """Base of the phase functions: a subclass defines `density` alone.
 
     Notes
     -----
@@ -50,7 +49,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
     0.852
     """
 
-    def pdf(self, theta: ArrayLike) -> Array:
+    def pdf(self, theta: ArrayLike) -> Floats:
         """Return the phase function.
 
         Parameters
@@ -65,12 +64,12 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
 
         Raises
         ------
-        ValueError
+        Refused
             If a theta lies outside 0 ... pi.
         """
         return self._pdf_s(s_of(theta))
 
-    def cdf(self, theta: ArrayLike) -> Array:
+    def cdf(self, theta: ArrayLike) -> Floats:
         """Return the probability of a scattering angle up to theta.
 
         Parameters
@@ -85,12 +84,12 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
 
         Raises
         ------
-        ValueError
+        Refused
             If a theta lies outside 0 ... pi.
         """
         return self._cdf_s(s_of(theta))
 
-    def sample(self, u: ArrayLike) -> Array:
+    def sample(self, u: ArrayLike) -> Floats:
         """Map uniforms to scattering angles by the tables that the photon kernels use.
 
         Parameters
@@ -105,13 +104,11 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
 
         Raises
         ------
-        ValueError
+        Refused
             If a u lies outside [0, 1).
         """
         u = np.asarray(u, dtype=np.float64)
-        if not np.all((u >= 0.0) & (u < 1.0)):
-            bad = u[~((u >= 0.0) & (u < 1.0))].flat[0]
-            raise Refused("u", bad, "0 <= u < 1")
+        require_all(u, (u >= 0.0) & (u < 1.0), "u", "0 <= u < 1")
         return 2.0 * np.arcsin(np.sqrt(sample_s(self.tables(), u)))
 
     @property
@@ -129,48 +126,50 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
         return _tables(self)
 
     @abstractmethod
-    def density(self, theta: Array) -> Array:
+    def density(self, theta: Floats) -> Floats:
         """Return the phase function at angles [rad], in any unit: > 0 where theta > 0."""
 
     def _segments(self) -> Segments:
-        """Return the pieces in the order of s, by default from `density`."""
-        return _density_segments(self)
+        """Return the pieces in the order of s, by default from `density`.
 
-    def _pdf_s(self, s: Array) -> Array:
+        A density is joined by power laws between angles 0.4 % or 0.04 degrees apart.
+        """
+        theta = np.union1d(np.geomspace(1e-6, np.pi, 4097), np.linspace(0.0, np.pi, 4097)[1:])
+        value = np.broadcast_to(np.asarray(self.density(theta), np.float64), theta.shape)
+        wrong = ~(np.isfinite(value) & (value > 0.0))
+        if wrong.any():
+            where = Described(f"{value[wrong][0]:g} at theta = {theta[wrong][0]:g}")
+            raise Refused("density", where, "finite numbers > 0 where theta > 0")
+        return power_law_segments(s_of(theta), value)
+
+    def _pdf_s(self, s: Floats) -> Floats:
         """Return the phase function [1/sr] at s."""
-        return self._segments().pdf(s)
+        return _segments(self).pdf(s)
 
-    def _cdf_s(self, s: Array) -> Array:
+    def _cdf_s(self, s: Floats) -> Floats:
         """Return the share of light that is scattered to s or less."""
-        return self._segments().cdf(s)
+        return _segments(self).cdf(s)
 
     def _mean_s(self) -> float:
         """Return the mean of s."""
-        return self._segments().mean()
+        return _segments(self).mean()
 
     def _components(self) -> list[Component]:
         """Return the parts that tables are made of."""
-        return [bin_component(self._segments())]
+        return [bin_component(_segments(self))]
 
 
 class BuiltInPhase(PhaseFunction, frozen=True):
     """Base of the phase functions that define their pieces, or more, in closed form."""
 
-    def density(self, theta: Array) -> Array:
+    def density(self, theta: Floats) -> Floats:
         """Return the phase function [1/sr] at angles [rad]."""
         return self.pdf(theta)
 
 
-@lru_cache(maxsize=32)
-def _density_segments(phase: PhaseFunction) -> Segments:
-    """Join a density by power laws between angles 0.4 % or 0.04 degrees apart."""
-    theta = np.union1d(np.geomspace(1e-6, np.pi, 4097), np.linspace(0.0, np.pi, 4097)[1:])
-    value = np.broadcast_to(np.asarray(phase.density(theta), np.float64), theta.shape)
-    wrong = ~(np.isfinite(value) & (value > 0.0))
-    if wrong.any():
-        where = Described(f"{value[wrong][0]:g} at theta = {theta[wrong][0]:g}")
-        raise Refused("density", where, "finite numbers > 0 where theta > 0")
-    return power_law_segments(s_of(theta), value)
+@lru_cache(maxsize=64)
+def _segments(phase: PhaseFunction) -> Segments:
+    return phase._segments()
 
 
 @lru_cache(maxsize=64)
@@ -182,10 +181,9 @@ AnyPhase = Annotated[SerializeAsAny[PhaseFunction], BeforeValidator(PhaseFunctio
 """A phase function, or plain data with its `kind`."""
 
 
-def s_of(theta: ArrayLike) -> Array:
+def s_of(theta: ArrayLike) -> Floats:
     """Return sin^2(theta / 2) of checked angles."""
     theta = np.asarray(theta, dtype=np.float64)
-    if not np.all((theta >= 0.0) & (theta <= np.pi)):
-        bad = theta[~((theta >= 0.0) & (theta <= np.pi))].flat[0]
-        raise Refused("theta", bad, "0 <= theta <= pi rad")
+    good = (theta >= 0.0) & (theta <= np.pi)
+    require_all(theta, good, "theta", "0 <= theta <= pi rad")
     return np.sin(0.5 * theta) ** 2

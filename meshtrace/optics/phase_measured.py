@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -50,15 +49,12 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
     def _check(self) -> Self:
         theta, value = np.array(self.theta_deg), np.array(self.value)
         if theta.size != value.size or np.count_nonzero(theta > 0.0) < 2:
-            raise Refused(
-                "theta_deg, value",
-                Described(f"{theta.size} and {value.size} numbers"),
-                "as many of each, at least two with theta_deg > 0",
-            )
+            sizes = Described(f"{theta.size} and {value.size} numbers")
+            allowed = "as many of each, at least two with theta_deg > 0"
+            raise Refused("theta_deg, value", sizes, allowed)
         if np.any(np.diff(theta) <= 0.0) or theta[0] < 0.0 or theta[-1] > 180.0:
-            raise Refused(
-                "theta_deg", Described(f"{theta[0]} ... {theta[-1]}"), "increasing within 0 ... 180"
-            )
+            ends = Described(f"{theta[0]} ... {theta[-1]}")
+            raise Refused("theta_deg", ends, "increasing within 0 ... 180")
         if np.any(value <= 0.0):
             raise Refused("value", value.min(), "value > 0")
         self._segments()
@@ -71,13 +67,8 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
         return cls(theta_deg=theta_deg, value=value)
 
     def _segments(self) -> Segments:
-        return _table_segments(self.theta_deg, self.value)
-
-
-@lru_cache(maxsize=32)
-def _table_segments(theta_deg: tuple[float, ...], value: tuple[float, ...]) -> Segments:
-    theta = np.radians(theta_deg)
-    return power_law_segments(s_of(theta)[theta > 0.0], np.array(value)[theta > 0.0])
+        theta = np.radians(self.theta_deg)
+        return power_law_segments(s_of(theta)[theta > 0.0], np.array(self.value)[theta > 0.0])
 
 
 class Petzold(BuiltInPhase, frozen=True):
@@ -111,17 +102,12 @@ class Petzold(BuiltInPhase, frozen=True):
     water: Literal["average", "clear", "coastal", "harbour"] = "average"
 
     def _segments(self) -> Segments:
-        return _petzold_segments(self.water)
-
-
-@lru_cache(maxsize=4)
-def _petzold_segments(water: str) -> Segments:
-    column = ("clear", "coastal", "harbour", "average").index(water) + 1
-    file = resources.files("meshtrace.optics") / "data" / "petzold_vsf.csv"
-    theta_deg, value = np.loadtxt(
-        file.read_text().splitlines(), delimiter=",", usecols=(0, column), unpack=True
-    )
-    return power_law_segments(s_of(np.radians(theta_deg)), value)
+        column = ("clear", "coastal", "harbour", "average").index(self.water) + 1
+        file = resources.files("meshtrace.optics") / "data" / "petzold_vsf.csv"
+        theta_deg, value = np.loadtxt(
+            file.read_text().splitlines(), delimiter=",", usecols=(0, column), unpack=True
+        )
+        return power_law_segments(s_of(np.radians(theta_deg)), value)
 
 
 class HistogramPhase(BuiltInPhase, frozen=True, populate_by_name=True):
@@ -149,26 +135,17 @@ class HistogramPhase(BuiltInPhase, frozen=True, populate_by_name=True):
     def _check(self) -> Self:
         theta, cdf = np.array(self.theta_edges), np.array(self.cdf_edges)
         if theta.size != cdf.size or theta.size < 2:
-            raise Refused(
-                "theta_edges, cdf",
-                Described(f"{theta.size} and {cdf.size} numbers"),
-                "as many of each, at least two",
-            )
+            sizes = Described(f"{theta.size} and {cdf.size} numbers")
+            raise Refused("theta_edges, cdf", sizes, "as many of each, at least two")
         if np.any(np.diff(theta) <= 0.0) or theta[0] != 0.0 or abs(theta[-1] - np.pi) > 1e-12:
-            raise Refused(
-                "theta_edges", Described(f"{theta[0]} ... {theta[-1]}"), "increasing from 0 to pi"
-            )
+            ends = Described(f"{theta[0]} ... {theta[-1]}")
+            raise Refused("theta_edges", ends, "increasing from 0 to pi")
         if np.any(np.diff(cdf) < 0.0) or cdf[0] != 0.0 or abs(cdf[-1] - 1.0) > 1e-12:
             raise Refused("cdf", Described(f"{cdf[0]} ... {cdf[-1]}"), "not decreasing from 0 to 1")
         return self
 
     def _segments(self) -> Segments:
-        return _histogram_segments(self.theta_edges, self.cdf_edges)
-
-
-@lru_cache(maxsize=32)
-def _histogram_segments(theta_edges: tuple[float, ...], cdf: tuple[float, ...]) -> Segments:
-    s = np.sin(0.5 * np.array(theta_edges)) ** 2
-    s[-1] = 1.0
-    mass = np.diff(cdf)
-    return Segments(s[:-1], s[1:], np.ones_like(mass), mass / mass.sum())
+        s = np.sin(0.5 * np.array(self.theta_edges)) ** 2
+        s[-1] = 1.0
+        mass = np.diff(self.cdf_edges)
+        return Segments(s[:-1], s[1:], np.ones_like(mass), mass / mass.sum())

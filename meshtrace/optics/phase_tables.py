@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels import phase as kernel
 from meshtrace.kernels.phase import PhaseTables
-
-Array = NDArray[np.float64]
+from meshtrace.models import Floats
 
 _QUANTILE_TOLERANCE = 5e-7
 _FEWEST_INTERVALS, _MOST_INTERVALS = 4096, 65536
@@ -28,29 +27,29 @@ class Component(NamedTuple):
     weight: float
     kind: int
     param: tuple[float, ...]
-    nodes: Array = np.empty(0)
+    nodes: Floats = np.empty(0)
     guide: NDArray[np.int64] = np.empty(0, dtype=np.int64)
 
 
 class Segments(NamedTuple):
     """Pieces s_lo < s <= s_hi with a density in s that goes as s^(p - 1), and their masses."""
 
-    s_lo: Array
-    s_hi: Array
-    p: Array
-    mass: Array
+    s_lo: Floats
+    s_hi: Floats
+    p: Floats
+    mass: Floats
 
     @property
-    def log_ratio(self) -> Array:
+    def log_ratio(self) -> Floats:
         """Logarithm of s_lo / s_hi."""
         with np.errstate(divide="ignore"):
             return np.log(self.s_lo / self.s_hi)
 
     @property
-    def _integral(self) -> Array:
+    def _integral(self) -> Floats:
         return power_integral(self.p, self.log_ratio)
 
-    def pdf(self, s: Array) -> Array:
+    def pdf(self, s: Floats) -> Floats:
         """Return the phase function [1/sr] at s."""
         i = self._index(s)
         with np.errstate(divide="ignore"):
@@ -58,7 +57,7 @@ class Segments(NamedTuple):
         scale = self.mass / (4.0 * np.pi * self.s_hi * self._integral)
         return scale[i] * shape
 
-    def cdf(self, s: Array) -> Array:
+    def cdf(self, s: Floats) -> Floats:
         """Return the share of light that is scattered to s or less."""
         i = self._index(s)
         with np.errstate(divide="ignore"):
@@ -71,30 +70,26 @@ class Segments(NamedTuple):
         first = power_integral(self.p + 1.0, self.log_ratio)
         return float(np.sum(self.mass * self.s_hi * first / self._integral))
 
-    def _index(self, s: Array) -> NDArray[np.intp]:
+    def _index(self, s: Floats) -> NDArray[np.intp]:
         return np.minimum(np.searchsorted(self.s_hi, s, side="left"), len(self.s_hi) - 1)
 
 
-def power_integral(p: Array, log_ratio: Array) -> Array:
+def power_integral(p: Floats, log_ratio: Floats) -> Floats:
     """Integrate x^(p - 1) from exp(log_ratio) to 1."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         return np.where(p == 0.0, -log_ratio, -np.expm1(p * log_ratio) / p)
 
 
-def power_law_segments(s: Array, value: Array) -> Segments:
+def power_law_segments(s: Floats, value: Floats) -> Segments:
     """Join (s, value) by power laws, carried on to s = 0 and s = 1, and normalise."""
     slope = np.diff(np.log(value)) / np.diff(np.log(s))
     p = 1.0 + np.concatenate([slope[:1], slope, slope[-1:]])
     p[np.abs(p) < 1e-7] = 0.0
     p[np.abs(p - 1.0) < 1e-7] = 1.0
     if p[0] <= 0.0:
-        raise Refused(
-            "value",
-            Described(
-                f"{value[0]:g}, {value[1]:g}, ... rise towards 0 as theta^{2.0 * p[0] - 2.0:.3g}"
-            ),
-            "less steeply than theta^-2, else it has no integral",
-        )
+        law = f"theta^{2.0 * p[0] - 2.0:.3g}"
+        rise = Described(f"{value[0]:g}, {value[1]:g}, ... rise towards 0 as {law}")
+        raise Refused("value", rise, "less steeply than theta^-2, else it has no integral")
     s_lo, s_hi = np.concatenate([[0.0], s]), np.concatenate([s, [1.0]])
     at_hi = np.concatenate([value, value[-1:] * s[-1] ** -slope[-1]])
     keep = s_lo < s_hi
@@ -103,7 +98,7 @@ def power_law_segments(s: Array, value: Array) -> Segments:
     return seg._replace(mass=mass / mass.sum())
 
 
-def quantile_component(cdf_s: Callable[[Array], Array], exponent: float) -> Component:
+def quantile_component(cdf_s: Callable[[Floats], Floats], exponent: float) -> Component:
     """Tabulate s at equal steps of u, and s^(1/exponent) if s is a power of u.
 
     Linear interpolation of s in u errs in proportion to s''/s', which grows towards the forward
@@ -117,10 +112,8 @@ def quantile_component(cdf_s: Callable[[Array], Array], exponent: float) -> Comp
         s, middle = y**exponent, 0.5 * (u[:-1] + u[1:])
         error_s = np.abs(cdf_s(0.5 * (s[:-1] + s[1:])) - middle)
         error_y = np.abs(cdf_s((0.5 * (y[:-1] + y[1:])) ** exponent) - middle)
-        forward = slice(0, intervals // 2)
-        better = np.flatnonzero(
-            (error_s > _QUANTILE_TOLERANCE)[forward] & (error_y < error_s)[forward]
-        )
+        coarse = (error_s > _QUANTILE_TOLERANCE) & (error_y < error_s)
+        better = np.flatnonzero(coarse[: intervals // 2])
         k0 = int(better[-1]) + 1 if better.size else 0
         worst = max(error_y[:k0].max(initial=0.0), error_s[k0:].max(initial=0.0))
         if worst <= _QUANTILE_TOLERANCE or intervals == _MOST_INTERVALS:
@@ -129,7 +122,7 @@ def quantile_component(cdf_s: Callable[[Array], Array], exponent: float) -> Comp
         intervals *= 2
 
 
-def _invert(function: Callable[[Array], Array], u: Array) -> Array:
+def _invert(function: Callable[[Floats], Floats], u: Floats) -> Floats:
     """Solve function(y) = u on [0, 1] by bisection, for a function that grows from 0 to 1."""
     low, high = np.zeros_like(u), np.ones_like(u)
     for _ in range(60):
@@ -153,9 +146,8 @@ def bin_component(seg: Segments) -> Component:
     end = np.array([[1.0, 1.0, 0.0, 1.0]])
     steps = np.arange(_GUIDE_PER_BIN * len(low)) / (_GUIDE_PER_BIN * len(low))
     guide = np.searchsorted(low, steps, side="right") - 1
-    return Component(
-        1.0, kernel.Component.BINS, (float(len(low)),), np.vstack([rows, end]).ravel(), guide
-    )
+    nodes = np.vstack([rows, end]).ravel()
+    return Component(1.0, kernel.Component.BINS, (float(len(low)),), nodes, guide)
 
 
 def joined(parts: Sequence[Component]) -> PhaseTables:
@@ -175,7 +167,7 @@ def joined(parts: Sequence[Component]) -> PhaseTables:
     )
 
 
-def sample_s(tables: PhaseTables, u: Array) -> Array:
+def sample_s(tables: PhaseTables, u: Floats) -> Floats:
     """Return samples of s, the array twin of `meshtrace.kernels.phase.sample_s`."""
     j = np.minimum(np.searchsorted(tables.cum_weight, u, side="right"), len(tables.kind) - 1)
     low = np.append(0.0, tables.cum_weight)[j]
@@ -187,7 +179,7 @@ def sample_s(tables: PhaseTables, u: Array) -> Array:
     return np.minimum(s, 1.0)
 
 
-def _component_s(tables: PhaseTables, j: int, u: Array) -> Array:
+def _component_s(tables: PhaseTables, j: int, u: Floats) -> Floats:
     """Sample component j."""
     kind, param = tables.kind[j], tables.param[j]
     nodes = tables.nodes[tables.start[j] : tables.start[j + 1]]

@@ -11,11 +11,9 @@ import pydantic
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from meshtrace.errors import Described, Refused, did_you_mean
-from meshtrace.models import Model
+from meshtrace.errors import Described, Refused, did_you_mean, require_all
+from meshtrace.models import Floats, Model, NonNegative
 from meshtrace.optics.phase import AnyPhase, FournierForand, Petzold, Rayleigh
-
-Array = NDArray[np.float64]
 
 _JERLOV = ("I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
 _PETZOLD = {"clear": (0.114, 0.037), "coastal": (0.179, 0.219), "harbour": (0.366, 1.824)}
@@ -25,7 +23,7 @@ WATER_TYPES = (
     *(f"petzold-{name}" for name in _PETZOLD),
     *(f"jerlov-{name}" for name in _JERLOV),
 )
-"""Types of water that `Water.from_type` knows."""
+"""Types of water of `Water.from_type`."""
 
 
 class Water(Model, frozen=True):
@@ -67,8 +65,8 @@ class Water(Model, frozen=True):
     (0.151, 0.245033)
     """
 
-    a: float = Field(default=0.114, ge=0.0, allow_inf_nan=False)
-    b: float = Field(default=0.037, ge=0.0, allow_inf_nan=False)
+    a: NonNegative = 0.114
+    b: NonNegative = 0.037
     n: float = Field(default=1.33, gt=1.0, le=2.0, allow_inf_nan=False)
     phase: AnyPhase = FournierForand()
     bottom_depth: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
@@ -101,12 +99,9 @@ class Water(Model, frozen=True):
         if depth[0] != 0.0 or np.any(np.diff(depth) <= 0.0):
             raise Refused("layers", Described(f"depths {depth}"), "increasing from 0")
         if (self.a, self.b) != self.layers[0][1:]:
-            raise Refused(
-                "a, b",
-                Described(f"{self.a}, {self.b}"),
-                "with layers: nothing, or those of the first node, "
-                f"{self.layers[0][1]} and {self.layers[0][2]}",
-            )
+            first = f"{self.layers[0][1]} and {self.layers[0][2]}"
+            allowed = f"with layers: nothing, or those of the first node, {first}"
+            raise Refused("a, b", Described(f"{self.a}, {self.b}"), allowed)
         return self
 
     @property
@@ -119,7 +114,7 @@ class Water(Model, frozen=True):
         """Single-scattering albedo b / c (of layered water: at the surface); 0 where c is 0."""
         return self.b / self.c if self.c > 0.0 else 0.0
 
-    def profile(self, depth: ArrayLike) -> tuple[Array, Array]:
+    def profile(self, depth: ArrayLike) -> tuple[Floats, Floats]:
         """Return a and b at given depths.
 
         Parameters
@@ -163,7 +158,7 @@ class Water(Model, frozen=True):
 
         Raises
         ------
-        ValueError
+        Refused
             If the type is not known or not tabulated at the wavelength.
 
         Examples
@@ -181,7 +176,7 @@ class Water(Model, frozen=True):
         return cls(**{"a": float(a), "b": float(b), "phase": phase, **parameters})
 
 
-def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Array, Array]:
+def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Floats, Floats]:
     """Return the absorption and scattering coefficients of a type of water.
 
     Parameters
@@ -198,7 +193,7 @@ def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Array, Array]:
 
     Raises
     ------
-    ValueError
+    Refused
         If the type is not known or not tabulated at a wavelength.
 
     Notes
@@ -228,11 +223,9 @@ def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Array, Array]:
         return np.full_like(wavelength, a), np.full_like(wavelength, b)
     if family == "pure":
         return pure_water_absorption(wavelength), sea_water_scattering(wavelength)
-    table = _jerlov_table(name)
-    return (
-        _interpolate(wavelength, table[:, 0], table[:, 1]),
-        _interpolate(wavelength, table[:, 0], table[:, 2]),
-    )
+    rows = _read("jerlov_iop.csv", str)
+    nodes, a, b = rows[rows[:, 0] == name, 1:].astype(np.float64).T
+    return _interpolate(wavelength, nodes, a), _interpolate(wavelength, nodes, b)
 
 
 def _water_type(name: str) -> str:
@@ -244,7 +237,7 @@ def _water_type(name: str) -> str:
     raise Refused("type", name, ", ".join(WATER_TYPES), did_you_mean(name, WATER_TYPES))
 
 
-def pure_water_absorption(wavelength_nm: ArrayLike) -> Array:
+def pure_water_absorption(wavelength_nm: ArrayLike) -> Floats:
     """Return the absorption coefficient of pure water.
 
     Parameters
@@ -259,7 +252,7 @@ def pure_water_absorption(wavelength_nm: ArrayLike) -> Array:
 
     Raises
     ------
-    ValueError
+    Refused
         If a wavelength lies outside the table.
 
     Notes
@@ -275,11 +268,11 @@ def pure_water_absorption(wavelength_nm: ArrayLike) -> Array:
     >>> round(float(pure_water_absorption(470.0)), 4)
     0.0106
     """
-    table = _read("pure_water_absorption.csv")
-    return _interpolate(np.asarray(wavelength_nm, dtype=np.float64), table[:, 0], table[:, 1])
+    wavelength = np.asarray(wavelength_nm, dtype=np.float64)
+    return _interpolate(wavelength, *_read("pure_water_absorption.csv").T)
 
 
-def sea_water_scattering(wavelength_nm: ArrayLike) -> Array:
+def sea_water_scattering(wavelength_nm: ArrayLike) -> Floats:
     r"""Return the scattering coefficient of pure sea water (salinity 35 to 39).
 
     .. math:: b = 16.06 \cdot 4.72 \times 10^{-4} (400 / \lambda)^{4.32}
@@ -296,7 +289,7 @@ def sea_water_scattering(wavelength_nm: ArrayLike) -> Array:
 
     Raises
     ------
-    ValueError
+    Refused
         If a wavelength lies outside 350 ... 800 nm.
 
     Notes
@@ -321,7 +314,7 @@ def sea_water_scattering(wavelength_nm: ArrayLike) -> Array:
 
 def quan_fry(
     wavelength_nm: ArrayLike, temperature_c: ArrayLike = 20.0, salinity: ArrayLike = 35.0
-) -> Array:
+) -> Floats:
     r"""Return the refractive index of sea water at atmospheric pressure.
 
     .. math::
@@ -344,7 +337,7 @@ def quan_fry(
 
     Raises
     ------
-    ValueError
+    Refused
         If an argument lies outside the range of the fit.
 
     References
@@ -365,30 +358,18 @@ def quan_fry(
     return 1.31405 + salt - 2.02e-6 * t**2 + dispersion
 
 
-def _interpolate(wavelength: Array, nodes: Array, values: Array) -> Array:
+def _interpolate(wavelength: Floats, nodes: Floats, values: Floats) -> Floats:
     _check_range("wavelength_nm", wavelength, nodes[0], nodes[-1], "nm")
     return np.interp(wavelength, nodes, values)
 
 
-def _check_range(name: str, value: Array, low: float, high: float, unit: str) -> None:
-    if not np.all((value >= low) & (value <= high)):
-        bad = value[~((value >= low) & (value <= high))].flat[0]
-        raise Refused(name, bad, f"{low:g} <= {name} <= {high:g} {unit}")
+def _check_range(name: str, value: Floats, low: float, high: float, unit: str) -> None:
+    good = (value >= low) & (value <= high)
+    require_all(value, good, name, f"{low:g} <= {name} <= {high:g} {unit}")
 
 
 @lru_cache(maxsize=4)
-def _read(file: str) -> Array:
+def _read(file: str, dtype: type = float) -> NDArray[Any]:
     text = (resources.files("meshtrace.optics") / "data" / file).read_text(encoding="utf-8")
-    return np.loadtxt(text.splitlines(), delimiter=",")
-
-
-@lru_cache(maxsize=1)
-def _jerlov_rows() -> list[list[str]]:
-    path = resources.files("meshtrace.optics") / "data" / "jerlov_iop.csv"
-    lines = path.read_text(encoding="utf-8").splitlines()
-    return [line.split(",") for line in lines if not line.startswith("#")]
-
-
-def _jerlov_table(name: str) -> Array:
-    """Return rows of wavelength [nm], a and b of one type."""
-    return np.array([row[1:] for row in _jerlov_rows() if row[0] == name], dtype=np.float64)
+    rows = (line for line in text.splitlines() if not line.startswith("#"))
+    return np.loadtxt(rows, delimiter=",", dtype=dtype)

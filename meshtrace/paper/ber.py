@@ -16,48 +16,33 @@ from meshtrace.viz import plot_ber
 RATES = (1e6, 5e6, 1e7)
 PRESETS = ("physical", "paper-ranges")
 LIMIT = 1e-3
-"""Bit error rate of the ranges that the paper prints."""
+"""Bit error rate of the published ranges."""
 
-_PRINTED = {
-    1e6: {"range-13-1": 13.0},
-    5e6: {"range-0-5": 0.0},
-    1e7: {"range-0-10": 0.0},
-}
-"""Printed ranges with their winds, for each bit rate."""
+_PRINTED = {1e6: ("range-13-1", 13.0), 5e6: ("range-0-5", 0.0), 1e7: ("range-0-10", 0.0)}
+"""Published range and its wind, for each bit rate."""
 
 
 def ber_depth(setting: Setting, realizations: int, photons: int, step: float) -> FigureOutput:
     """Draw the average bit error rate over depth for bit rates and winds."""
-    depths = [float(d) for d in np.arange(20.0, 75.0, step)]
-    options: Any = {"photons": photons, "seed": setting.seed, "threads": setting.threads}
-    sweeps = {
-        name: mt.depth_sweep(
-            mt.Link(),
-            depths,
-            bit_rate=RATES,
-            wind_speeds=WINDS,
-            realizations=realizations,
-            ook=name,
-            **options,
-        )
-        for name in PRESETS
-    }
+    depths = np.arange(20.0, 75.0, step).tolist()
+    options: Any = {"bit_rate": RATES, "wind_speeds": WINDS, "realizations": realizations}
+    options |= {"photons": photons, **setting.run}
+    sweeps = {name: mt.depth_sweep(mt.Link(), depths, ook=name, **options) for name in PRESETS}
     picture, axes = panels(len(PRESETS), len(RATES), width=4.2, height=3.4, sharey=True)
+    names = [wind_name(u) for u in WINDS]
     for i, (name, sweep) in enumerate(sweeps.items()):
-        names = [wind_name(u) for u in WINDS]
         data = sweep.to_dataset()[["ber", "ber_low", "ber_high"]].assign_coords(wind_speed=names)
         for j, rate in enumerate(RATES):
             axes[i, j].set_prop_cycle(color=[WIND_COLORS[u] for u in WINDS])
             shown = data.sel(bit_rate=rate).transpose("wind_speed", "depth")
             ax = plot_ber(shown, ax=axes[i, j])
-            for key, wind in _PRINTED.get(rate, {}).items():
-                color = WIND_COLORS[wind]
-                ax.plot(PRINTED[key].value, LIMIT, "*", color=color, markersize=13, zorder=5)
+            key, wind = _PRINTED[rate]
+            ax.plot(PRINTED[key].value, LIMIT, "*", color=WIND_COLORS[wind], ms=13, zorder=5)
             ax.set_xlim(depths[0], depths[-1])
             ax.set_title(f"{name}, {rate / 1e6:g} Mbit/s")
     ranges = [sweep.range_at_ber() for sweep in sweeps.values()]
-    presets = xr.Variable("preset", list(PRESETS))
     parts = [sweep.to_dataset() for sweep in sweeps.values()]
+    presets = xr.Variable("preset", list(PRESETS))
     whole = xr.concat(parts, presets, data_vars="all", join="exact", combine_attrs="drop")
     status = sweeps["paper-ranges"].performances[0].status
     return FigureOutput(picture, whole, _numbers(ranges), {"status": status})

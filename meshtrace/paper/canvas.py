@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from typing import Any
 
 import matplotlib as mpl
-import numpy as np
 import xarray as xr
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from meshtrace.fields import FIELDS, attrs
+from meshtrace.paper.links import FORM_NAMES, FORMS, Form
 from meshtrace.viz.style import INK, PALETTE, RC
 
 WIND_COLORS = {0.0: PALETTE["black"], 5.0: PALETTE["blue"], 13.0: PALETTE["vermilion"]}
@@ -34,18 +34,18 @@ def panels(
     return picture, picture.subplots(rows, columns, squeeze=False, **options)
 
 
+def form_panels(**options: Any) -> tuple[Figure, dict[Form, Any]]:
+    """Return a figure and its axes by form: correct physics beside the forms as published."""
+    picture, axes = panels(1, len(FORMS), **options)
+    for ax, form in zip(axes[0], FORMS, strict=True):
+        ax.set_title(FORM_NAMES[form])
+    return picture, dict(zip(FORMS, axes[0], strict=True))
+
+
 def mark_printed(ax: Any, x: Sequence[float], y: Sequence[float]) -> None:
-    """Mark published numbers by stars."""
-    ax.plot(
-        np.asarray(x),
-        np.asarray(y),
-        "*",
-        color=PALETTE["orange"],
-        markeredgecolor=INK,
-        markersize=13,
-        zorder=5,
-        label="printed",
-    )
+    """Mark published numbers with stars."""
+    look: Any = {"color": PALETTE["orange"], "markeredgecolor": INK, "markersize": 13}
+    ax.plot(x, y, "*", zorder=5, label="printed", **look)
 
 
 def dataset(dims: tuple[str, ...], variables: dict[str, Any], **coords: Any) -> xr.Dataset:

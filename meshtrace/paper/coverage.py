@@ -9,22 +9,22 @@ import numpy as np
 
 import meshtrace as mt
 from meshtrace.paper.canvas import dataset, panels, wind_name
-from meshtrace.paper.links import FORM_NAMES, FORMS, Form, decibel, ratio, scenario
+from meshtrace.paper.links import FORM_NAMES, FORMS, decibel, ratio, scenario
 from meshtrace.paper.registry import FigureOutput, Number, Setting, row
-from meshtrace.viz import axis_label
+from meshtrace.viz.style import draw_map
 
 WINDS = (5.0, 13.0)
 EXTENT = 5.0
 """Half-width of the maps [m]."""
 
 DEPTH = 15.0
-"""Depth of the colours [dB]."""
+"""Range of the colours below 0 dB [dB]."""
 
 CENTRE = 1.0
-"""Radius about the axis that counts as the centre [m]."""
+"""Radius of the central disk [m]."""
 
 RING = (3.0, 4.0)
-"""Distances from the axis between which the fall of the gain is taken [m]."""
+"""Inner and outer radius of the ring whose gain is compared with the centre [m]."""
 
 
 def coverage_half_angle(setting: Setting, **effort: Any) -> FigureOutput:
@@ -38,96 +38,49 @@ def coverage_depth(setting: Setting, **effort: Any) -> FigureOutput:
 
 
 def _maps(
-    name: str,
-    values: Sequence[float],
-    title: str,
-    setting: Setting,
-    photons: int,
-    times: int,
-    step: float,
-) -> FigureOutput:
+    name: str, values: Sequence[float], title: str, setting: Setting,
+    photons: int, times: int, step: float,
+) -> FigureOutput:  # fmt: skip
+    options: Any = {"extent": EXTENT, "step": step, "photons": photons, **setting.run}
+    options["times"] = [2.0 * i for i in range(times)]
     cases = [(form, wind) for form in FORMS for wind in WINDS]
-    made = {
-        (form, wind, value): _map(form, wind, name, value, setting, photons, times, step)
-        for form, wind in cases
-        for value in values
-    }
     picture, axes = panels(len(cases), len(values), width=4.0, height=3.3)
+    made = {}
     for i, (form, wind) in enumerate(cases):
         for j, value in enumerate(values):
-            what = f"{FORM_NAMES[form]}, {wind_name(wind)}, {title.format(value)}"
-            _draw(axes[i, j], made[form, wind, value], what)
+            link = scenario(wind, form, transmitter={name: value}, run={"estimator": "analog"})
+            found = mt.coverage_map(link.link, link.surface, **options)
+            made[form, wind, value] = found
+            _draw(axes[i, j], found)
+            text = f"{FORM_NAMES[form]}, {wind_name(wind)}, {title.format(value)}"
+            axes[i, j].set_title(text, fontsize=9.5)
     words = {"inner": RING[0], "outer": RING[1], "centre": CENTRE}
-    numbers = [
-        row(
-            "fall",
-            [_fall(made[form, wind, value]) for form in FORMS],
-            wind=wind_name(wind),
-            case=title.format(value),
-            **words,
-        )
-        for wind in WINDS
-        for value in values
-    ]
-    first = next(iter(made.values()))
-    shape = (len(FORMS), len(WINDS), len(values), len(first.x), len(first.y))
-    data = dataset(
-        ("form", "wind_speed", name, "x", "y"),
-        {
-            k: np.reshape([getattr(m, k) for m in made.values()], shape)
-            for k in ("gain", "gain_stderr")
-        },
-        form=FORMS,
-        wind_speed=WINDS,
-        **{name: values},
-        x=first.x,
-        y=first.y,
-    )
-    return FigureOutput(picture, data, numbers)
+    numbers = []
+    for wind in WINDS:
+        for value in values:
+            case = {"wind": wind_name(wind), "case": title.format(value)}
+            numbers.append(
+                row("fall", [_fall(made[f, wind, value]) for f in FORMS], **case, **words)
+            )
+    shape = (len(FORMS), len(WINDS), len(values), len(found.x), len(found.y))
+    columns = {
+        key: np.reshape([getattr(m, key) for m in made.values()], shape)
+        for key in ("gain", "gain_stderr")
+    }
+    coords = {"form": FORMS, "wind_speed": WINDS, name: values, "x": found.x, "y": found.y}
+    return FigureOutput(picture, dataset(tuple(coords), columns, **coords), numbers)
 
 
-def _map(
-    form: Form,
-    wind: float,
-    name: str,
-    value: float,
-    setting: Setting,
-    photons: int,
-    times: int,
-    step: float,
-) -> mt.CoverageMap:
-    made = scenario(wind, form, transmitter={name: value}, run={"estimator": "analog"})
-    return mt.coverage_map(
-        made.link,
-        made.surface,
-        extent=EXTENT,
-        step=step,
-        times=[2.0 * i for i in range(times)],
-        photons=photons,
-        seed=setting.seed,
-        threads=setting.threads,
-    )
-
-
-def _draw(ax: Any, found: mt.CoverageMap, title: str) -> None:
+def _draw(ax: Any, found: mt.CoverageMap) -> None:
+    """Draw a map in decibels relative to its centre, with the circle of the aperture."""
+    centre = _mean(found, 0.0, CENTRE)
     with np.errstate(divide="ignore"):
-        level = 10.0 * np.log10(found.gain / _centre(found).value)
-    level = np.maximum(level, -DEPTH)
-    look: Any = {"vmin": -DEPTH, "vmax": 1.0, "shading": "nearest", "rasterized": True}
-    image = ax.pcolormesh(found.x, found.y, level.T, **look)
-    text = f"relative gain [dB]\n0 dB is {decibel(_centre(found)).value:.1f} dB"
-    ax.figure.colorbar(image, ax=ax, label=text)
+        level = np.maximum(10.0 * np.log10(found.gain / centre.value), -DEPTH)
+    label = f"relative gain [dB]\n0 dB is {decibel(centre).value:.1f} dB"
+    draw_map(ax, found.x, found.y, level, label, vmin=-DEPTH, vmax=1.0)
     angle = np.linspace(0.0, 2.0 * np.pi, 60)
     radius = mt.Receiver().radius
     ax.plot(radius * np.cos(angle), radius * np.sin(angle), color="#00e676", lw=1.5)
-    ax.set_title(title, fontsize=9.5)
-    ax.set(aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
-    ax.grid(visible=False)
-
-
-def _centre(found: mt.CoverageMap) -> Number:
-    """Return the mean gain within `CENTRE` of the axis."""
-    return _mean(found, 0.0, CENTRE)
 
 
 def _mean(found: mt.CoverageMap, inner: float, outer: float) -> Number:
@@ -141,4 +94,4 @@ def _mean(found: mt.CoverageMap, inner: float, outer: float) -> Number:
 
 def _fall(found: mt.CoverageMap) -> Number:
     """Return the gain in the ring over that of the centre [dB]."""
-    return decibel(ratio(_mean(found, *RING), _centre(found)))
+    return decibel(ratio(_mean(found, *RING), _mean(found, 0.0, CENTRE)))

@@ -10,19 +10,11 @@ import xarray as xr
 import meshtrace as mt
 from meshtrace.fading import gain_pdf
 from meshtrace.fields import attrs
-from meshtrace.paper.canvas import WIND_COLORS, dataset, panels, wind_name
+from meshtrace.paper.canvas import WIND_COLORS, dataset, form_panels, panels, wind_name
 from meshtrace.paper.fates import RADIUS
-from meshtrace.paper.links import (
-    FORM_NAMES,
-    FORMS,
-    Form,
-    Scenario,
-    forced,
-    gusts,
-    ratio,
-    scenario,
-)
-from meshtrace.paper.registry import Entry, FigureOutput, Number, Setting, row
+from meshtrace.paper.links import FORM_NAMES, FORMS, Form, forced, gusts, ratio, scenario
+from meshtrace.paper.registry import FigureOutput, Number, Setting, row
+from meshtrace.scenario import Scenario
 from meshtrace.uav.airframe import UAVS
 from meshtrace.uav.tilt import h_alpha
 from meshtrace.viz import axis_label
@@ -43,35 +35,33 @@ def gain_series(setting: Setting, times: int, photons: int) -> FigureOutput:
     """Draw the gain over a moving sea with the tilt of a flying UAV."""
     at = np.linspace(0.0, DURATION, times)
     picture, axes = panels(2, 1, width=8.0, height=2.9, sharex=True)
-    gains, errors, spreads = {}, {}, {}
+    gains, numbers = {}, []
     for ax, form in zip(axes[:, 0], FORMS, strict=True):
         for wind in WINDS:
             made = forced(wind, form)
-            options: Any = {"photons": photons, "seed": setting.seed, "threads": setting.threads}
-            series = mt.time_series(made.link, made.surface, at, **options)
+            series = mt.time_series(made.link, made.surface, at, photons=photons, **setting.run)
             flight = _UAV.simulate_flight(gusts(wind, form), at, setting.seed)
             factor = _factor(flight.tilt.angle)
-            gains[form, wind] = series.gain * factor
-            errors[form, wind] = series.gain_stderr * factor
-            spreads[form, wind] = float(series.gain.std(ddof=1) / series.gain.mean())
-            color, band = WIND_COLORS[wind], 2.0 * errors[form, wind]
-            ax.plot(at, gains[form, wind], color=color, label=wind_name(wind))
-            low, high = gains[form, wind] - band, gains[form, wind] + band
-            ax.fill_between(at, low, high, color=color, alpha=0.25, lw=0)
+            gains[form, wind] = series, series.gain * factor, series.gain_stderr * factor
+            mean, band = gains[form, wind][1], 2.0 * gains[form, wind][2]
+            ax.plot(at, mean, color=WIND_COLORS[wind], label=wind_name(wind))
+            look: Any = {"color": WIND_COLORS[wind], "alpha": 0.25, "lw": 0}
+            ax.fill_between(at, mean - band, mean + band, **look)
         ax.set(ylabel=axis_label("gain"), title=FORM_NAMES[form])
         ax.set_ylim(bottom=0.0)
         ax.legend(ncols=2)
     axes[1, 0].set(xlabel=axis_label("time"))
-    numbers = [row("spread", [spreads[f, u] for f in FORMS], wind=wind_name(u)) for u in WINDS]
-    columns = {"gain": gains, "gain_stderr": errors}
-    data = dataset(
-        ("form", "wind_speed", "time"),
-        {name: [[found[f, u] for u in WINDS] for f in FORMS] for name, found in columns.items()},
-        form=FORMS,
-        wind_speed=WINDS,
-        time=at,
-    )
-    return FigureOutput(picture, data, numbers)
+    for wind in WINDS:
+        pair = [gains[form, wind][0].gain for form in FORMS]
+        numbers.append(
+            row("spread", [g.std(ddof=1) / g.mean() for g in pair], wind=wind_name(wind))
+        )
+    columns = {
+        name: [[gains[form, wind][i] for wind in WINDS] for form in FORMS]
+        for i, name in ((1, "gain"), (2, "gain_stderr"))
+    }
+    coords = {"form": FORMS, "wind_speed": WINDS, "time": at}
+    return FigureOutput(picture, dataset(tuple(coords), columns, **coords), numbers)
 
 
 def gain_distribution(
@@ -79,11 +69,9 @@ def gain_distribution(
 ) -> FigureOutput:
     """Draw densities of the gain over independent seas, with tilts."""
     counts = {"physical": realizations, "paper": paper_realizations}
-    picture, axes = panels(1, 2)
-    means: dict[tuple[Form, float], Number] = {}
-    indices: dict[tuple[Form, float], Number] = {}
-    variables: dict[str, Any] = {}
-    for ax, form in zip(axes[0], FORMS, strict=True):
+    picture, axes = form_panels()
+    means, indices, variables = {}, {}, {}
+    for form, ax in axes.items():
         for wind in WINDS:
             made = forced(wind, form)
             series = _ensemble(made, counts[form], photons, setting)
@@ -93,24 +81,37 @@ def gain_distribution(
             error = float(np.hypot(spread, series.mean_stderr))
             means[form, wind] = Number(float(gain.mean()), error)
             indices[form, wind] = _index(series)
-            histogram = gain_pdf(gain)
-            ax.stairs(
-                histogram.density, histogram.edges, color=WIND_COLORS[wind], label=wind_name(wind)
-            )
-            ax.axvline(gain.mean(), color=WIND_COLORS[wind], lw=1.0, ls="--")
-            dims = f"realization_{form}"
-            variables[f"gain_{form}_{wind:g}"] = (dims, gain, attrs("gain"))
-        ax.set(xlabel=axis_label("gain"), ylabel=axis_label("gain_pdf"), title=FORM_NAMES[form])
+            histogram, color = gain_pdf(gain), WIND_COLORS[wind]
+            ax.stairs(histogram.density, histogram.edges, color=color, label=wind_name(wind))
+            ax.axvline(gain.mean(), color=color, lw=1.0, ls="--")
+            variables[f"gain_{form}_{wind:g}"] = f"realization_{form}", gain, attrs("gain")
+        ax.set(xlabel=axis_label("gain"), ylabel=axis_label("gain_pdf"))
         ax.set_xlim(left=0.0)
         ax.legend()
-    numbers = _mean_numbers(means) + _index_numbers(indices, setting, counts, photons)
-    numbers.append(_bubble_numbers(setting, analog))
+    numbers = []
+    for wind in WINDS:
+        words = {"wind": wind_name(wind), "u": wind}
+        numbers.append(row("mean", [means[form, wind] for form in FORMS], **words))
+    ratios = [ratio(means[form, WINDS[1]], means[form, WINDS[0]]) for form in FORMS]
+    numbers.append(row("ratio", ratios))
+    for wind in WINDS:
+        pair = [indices[form, wind] for form in FORMS]
+        numbers.append(row("index", pair, wind=wind_name(wind)))
+    for wind in WINDS:
+        pair = []
+        for form in FORMS:
+            made = forced(wind, form, sea={"omega_max": COMMON_CUT_OFF})
+            few = max(counts[form] // 10, 40)
+            pair.append(_index(_ensemble(made, few, photons, setting)))
+        numbers.append(row("common", pair, wind=wind_name(wind)))
+    numbers.append(
+        row("bubbles", [_bubble_ratio(f, setting, analog) for f in FORMS], radius=RADIUS)
+    )
     return FigureOutput(picture, xr.Dataset(variables), numbers)
 
 
 def _ensemble(made: Scenario, realizations: int, photons: int, setting: Setting) -> mt.GainSeries:
-    options: Any = {"photons": photons, "seed": setting.seed, "threads": setting.threads}
-    return mt.ensemble(made.link, realizations, made.surface, **options)
+    return mt.ensemble(made.link, realizations, made.surface, photons=photons, **setting.run)
 
 
 def _index(series: mt.GainSeries) -> Number:
@@ -119,38 +120,13 @@ def _index(series: mt.GainSeries) -> Number:
     return Number(found.value, (found.high - found.low) / (2.0 * 1.96))
 
 
-def _mean_numbers(means: dict[tuple[Form, float], Number]) -> list[Entry]:
-    numbers = [row("mean", [means[f, u] for f in FORMS], wind=wind_name(u), u=u) for u in WINDS]
-    ratios = [ratio(means[form, WINDS[1]], means[form, WINDS[0]]) for form in FORMS]
-    return [*numbers, row("ratio", ratios)]
-
-
-def _index_numbers(
-    indices: dict[tuple[Form, float], Number],
-    setting: Setting,
-    counts: dict[str, int],
-    photons: int,
-) -> list[Entry]:
-    numbers = [row("index", [indices[f, u] for f in FORMS], wind=wind_name(u)) for u in WINDS]
-    for u in WINDS:
-        pair = []
-        for form in FORMS:
-            made = forced(u, form, sea={"omega_max": COMMON_CUT_OFF})
-            pair.append(_index(_ensemble(made, max(counts[form] // 10, 40), photons, setting)))
-        numbers.append(row("common", pair, wind=wind_name(u)))
-    return numbers
-
-
-def _bubble_numbers(setting: Setting, photons: int) -> Entry:
-    """Return the effect of bubbles in the paper preset, by photons followed one by one."""
+def _bubble_ratio(form: Form, setting: Setting, photons: int) -> Number:
+    """Return the gain with bubbles over that without, by the analog estimator."""
     wide: Any = {"receiver": {"radius": RADIUS}, "run": {"estimator": "analog"}}
+    options: Any = {"estimator": "analog", "photons": photons, **setting.run}
     found = []
-    for form in FORMS:
-        numbers = []
-        for extra in ({}, {"bubbles": {"model": "none"}}):
-            made = scenario(WINDS[1], form, **wide, **extra)
-            options: Any = {"photons": photons, "seed": setting.seed, "threads": setting.threads}
-            r = mt.simulate(made.link, made.surface, estimator="analog", **options)
-            numbers.append(Number(float(r.gain), float(r.gain_stderr)))
-        found.append(ratio(*numbers))
-    return row("bubbles", found, radius=RADIUS)
+    for extra in ({}, {"bubbles": {"model": "none"}}):
+        made = scenario(WINDS[1], form, **wide, **extra)
+        result = mt.simulate(made.link, made.surface, **options)
+        found.append(Number(float(result.gain), float(result.gain_stderr)))
+    return ratio(*found)

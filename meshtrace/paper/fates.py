@@ -5,46 +5,41 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 import meshtrace as mt
-from meshtrace.paper.canvas import dataset, panels
-from meshtrace.paper.links import FORM_NAMES, FORMS, scenario
+from meshtrace.paper.canvas import dataset, form_panels
+from meshtrace.paper.links import FORMS, scenario
 from meshtrace.paper.registry import FigureOutput, Number, Setting, row
 from meshtrace.results.gain import FATE_MEANING, Fate
 from meshtrace.viz import plot_fates
 
 WIND = 13.0
 RADIUS = 0.25
-"""Radius of an aperture that photons followed one by one meet often enough [m]."""
+"""Radius of an aperture large enough for the analog estimator [m]."""
 
 
 def fates(setting: Setting, photons: int) -> FigureOutput:
     """Draw shares of the light by fate."""
-    picture, axes = panels(1, 2, width=6.4)
-    results = {}
-    for ax, form in zip(axes[0], FORMS, strict=True):
+    picture, axes = form_panels(width=6.4)
+    shares = {}
+    for form, ax in axes.items():
         made = scenario(WIND, form, receiver={"radius": RADIUS}, run={"estimator": "analog"})
-        options: Any = {"photons": photons, "seed": setting.seed, "threads": setting.threads}
-        results[form] = mt.simulate(made.link, made.surface, estimator="analog", **options)
-        plot_fates(results[form], ax=ax)
-        ax.set_title(FORM_NAMES[form])
-    names = list(dict.fromkeys(n for r in results.values() for n in r.fates))
-    shares = [
-        [results[form].fates[n].weight if n in results[form].fates else 0.0 for n in names]
-        for form in FORMS
-    ]
-    counts = np.array(shares) * photons
+        options: Any = {"estimator": "analog", "photons": photons, **setting.run}
+        result = mt.simulate(made.link, made.surface, **options)
+        plot_fates(result, ax=ax)
+        shares[form] = {name: tally.weight for name, tally in result.fates.items()}
+    table = pd.DataFrame(shares).fillna(0.0)
     numbers = [
         row(
             "share",
-            [
-                Number(s, float(np.sqrt(max(c, 0.0)) / photons))
-                for s, c in zip(both, n, strict=True)
-            ],
-            fate=FATE_MEANING[Fate[name.upper()]],
+            [Number(s, float(np.sqrt(max(s * photons, 0.0)) / photons)) for s in both],
+            fate=FATE_MEANING[Fate[str(name).upper()]],
         )
-        for name, both, n in zip(names, np.array(shares).T, counts.T, strict=True)
+        for name, both in zip(table.index, table.to_numpy(), strict=True)
         if max(both) > 0.0
     ]
-    data = dataset(("form", "fate"), {"fate_weight": shares}, form=FORMS, fate=names)
+    data = dataset(
+        ("form", "fate"), {"fate_weight": table.to_numpy().T}, form=FORMS, fate=table.index
+    )
     return FigureOutput(picture, data, numbers, {"wind": WIND, "radius": RADIUS})

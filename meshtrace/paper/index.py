@@ -1,10 +1,11 @@
-"""The page that reads through all figures."""
+"""Index page of all figures."""
 
 from __future__ import annotations
 
 import html
 import math
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import pandas as pd
@@ -13,20 +14,7 @@ from meshtrace.files import atomic
 from meshtrace.paper.records import INDEX, read_record
 from meshtrace.paper.registry import FIGURES
 
-_STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #1f2933; max-width: 68rem; margin: 2rem auto;
-       padding: 0 1rem; }
-h1 { font-size: 1.7rem; } h2 { font-size: 1.2rem; margin-top: 3rem; }
-nav { columns: 3 16rem; } nav a { display: block; } a { color: #0b5c8e; }
-figure { margin: 1rem 0; } figure img { max-width: 100%; height: auto; }
-figcaption { max-width: 48rem; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: 0.9rem; }
-th, td { border-bottom: 1px solid #d5dbe1; padding: 0.3rem 0.7rem; text-align: left;
-         vertical-align: top; }
-td:nth-child(4), td:nth-child(5) { white-space: nowrap; font-variant-numeric: tabular-nums; }
-.note { color: #56616b; font-size: 0.9rem; }
-"""
+_PAGE = Template((Path(__file__).parent / "page.html").read_text(encoding="utf-8"))
 
 
 def write_index(folder: Path) -> None:
@@ -37,28 +25,7 @@ def write_index(folder: Path) -> None:
     body = "\n".join(_section(record) for record in found)
     links = "\n".join(f'<a href="#{r["name"]}">{html.escape(_heading(r))}</a>' for r in found)
     rest = f'<p class="note">Not drawn yet: {", ".join(missing)}.</p>' if missing else ""
-    text = f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>Figures of the water-to-air channel</title>
-<style>{_STYLE}</style>
-</head>
-<body>
-<h1>Figures of the water-to-air channel</h1>
-<p>Each figure of the paper, redrawn by meshtrace. The tables set the printed numbers beside those
-of the right physics (default) and of the forms as published (paper preset); numbers after &plusmn;
-are standard errors. They come from the run that drew the picture; only the column of printed
-values is taken from the paper.</p>
-<nav>
-{links}
-</nav>
-{rest}
-{body}
-</body>
-</html>
-"""
+    text = _PAGE.substitute(links=links, rest=rest, body=body)
     with atomic(folder / INDEX) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -93,7 +60,7 @@ def _cells(row: dict[str, Any]) -> dict[str, str]:
     return {
         "quantity": html.escape(row["quantity"]),
         "unit": html.escape(row["unit"]),
-        "the paper prints": printed,
+        "published": printed,
         "default": number_text(row["default"]),
         "paper preset": number_text(row["paper"]),
         "difference": html.escape(row["difference"]),

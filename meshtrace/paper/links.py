@@ -1,4 +1,4 @@
-"""Links of the paper in a wind, with right physics or the forms as published, and their means."""
+"""Links of the paper in a wind, with correct physics or the forms as published, and their means."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 import meshtrace as mt
 from meshtrace.paper.registry import Number, Setting
 from meshtrace.scenario import Scenario
+from meshtrace.surfaces.bands import paper_band
 from meshtrace.uav.airframe import UAVS
 
 Form = Literal["physical", "paper"]
@@ -52,11 +53,12 @@ def scenario(wind: float, form: Form, **tables: Any) -> Scenario:
     wind : float
         Wind at 10 m [m s-1]; 0 is a flat sea without foam and bubbles.
     form : {"physical", "paper"}
-        Right physics, or every form as published.
+        Correct physics, or every form as published.
     **tables
         Keys of a link file that replace those of the paper's link.
     """
-    config: dict[str, Any] = {"wind_speed": wind, "physics": form, **tables}
+    sea = {"band": paper_band(wind), **tables.pop("sea", {})}
+    config: dict[str, Any] = {"wind_speed": wind, "physics": form, "sea": sea, **tables}
     if wind == 0.0:
         config |= {"whitecaps": "none", "bubbles": {"model": "none"}, "sea": {"spectrum": "flat"}}
     return Scenario.from_config(config)
@@ -78,20 +80,13 @@ def mean_h_alpha(wind: float, form: Form, height: float = 5.0) -> float:
     """Return the mean factor of the tilt; the published law is the Gamma fit."""
     if wind == 0.0:
         return 1.0
-    law = UAVS["dji-m300-rtk"].tilt_law(
-        gusts(wind, form, height), "exact" if form == "physical" else "gamma"
-    )
+    kind: Literal["exact", "gamma"] = "exact" if form == "physical" else "gamma"
+    law = UAVS["dji-m300-rtk"].tilt_law(gusts(wind, form, height), kind)
     return law.h_moment(1, np.radians(mt.Receiver().fov_deg))
 
 
 def mean_gain(
-    wind: float,
-    form: Form,
-    setting: Setting,
-    *,
-    realizations: int,
-    photons: int,
-    **tables: Any,
+    wind: float, form: Form, setting: Setting, *, realizations: int, photons: int, **tables: Any
 ) -> list[Mean]:
     """Return the gain of each receiver, averaged over seas and tilts.
 
@@ -112,7 +107,7 @@ def mean_gain(
         Standard errors join the spread of the seas and that of the chains.
     """
     made = forced(wind, form, **tables)
-    options: Any = {"seed": setting.seed, "threads": setting.threads}
+    options = setting.run
     if wind == 0.0:
         result = mt.simulate(made.link, made.surface, photons=10 * photons, **options)
         gains, chains = np.atleast_2d(result.gain), np.atleast_1d(result.gain_stderr)

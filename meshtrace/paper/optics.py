@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -59,24 +60,21 @@ def ff_cdf(setting: Setting) -> FigureOutput:
         line.set(linewidth=width, linestyle=dashes)
     left.lines[0].set_alpha(0.35)
     left.legend()
-    for name, line in zip(list(curves)[1:], left.lines[1:], strict=True):
-        difference = curves[name] - curves["quadrature"]
+    reference, *closed = curves
+    differences = [curves[name] - curves[reference] for name in closed]
+    for name, difference, line in zip(closed, differences, left.lines[1:], strict=True):
         right.plot(np.degrees(theta), difference, color=line.get_color(), label=name)
     right.set(xlabel=r"scattering angle $\theta$ [°]", ylabel="difference from the quadrature")
     right.legend()
-    distances = [_distances(curves[name] - curves["quadrature"]) for name in list(curves)[1:]]
     names = ("RMSE of the CDF", "MAE of the CDF", "Kolmogorov-Smirnov distance")
+    distances = map(_distances, differences)
     numbers = [
         row("distance", pair, name=name, key=key)
         for name, key, *pair in zip(names, ("rmse", "mae", "ks"), *distances, strict=True)
     ]
+    columns = zip(("cdf_quadrature", "cdf_exact", "cdf_printed"), curves.values(), strict=True)
     data = xr.Dataset(
-        {
-            name: ("theta", values, {"units": "1"})
-            for name, values in zip(
-                ("cdf_quadrature", "cdf_exact", "cdf_printed"), curves.values(), strict=True
-            )
-        },
+        {name: ("theta", values, {"units": "1"}) for name, values in columns},
         {"theta": ("theta", theta, attrs("theta"))},
     )
     return FigureOutput(picture, data, numbers)
@@ -97,27 +95,17 @@ def snell(setting: Setting) -> FigureOutput:
     share = 1.0 - fresnel_reflectance(np.cos(angle), n, 1.0)
     picture, axes = panels(1, 3, width=4.6)
     _draw_rays(axes[0, 0], n)
+    degrees, incidence = np.degrees(angle), r"angle of incidence $\theta_i$ [°]"
     ax = axes[0, 1]
-    degrees = np.degrees(angle)
-    ax.plot(
-        degrees,
-        np.degrees(right),
-        color=PALETTE["vermilion"],
-        label=r"default, $n_1 \sin\theta_i = n_2 \sin\theta_t$",
-    )
-    ax.plot(
-        degrees,
-        np.degrees(printed),
-        color=PALETTE["green"],
-        ls="--",
-        label=r"printed, $n_1$ and $n_2$ exchanged",
-    )
-    ax.set(
-        xlabel=r"angle of incidence $\theta_i$ [°]", ylabel=r"angle of refraction $\theta_t$ [°]"
-    )
+    for values, color, dashes, label in (
+        (right, "vermilion", "-", r"default, $n_1 \sin\theta_i = n_2 \sin\theta_t$"),
+        (printed, "green", "--", "printed, $n_1$ and $n_2$ exchanged"),
+    ):
+        ax.plot(degrees, np.degrees(values), dashes, color=PALETTE[color], label=label)
+    ax.set(xlabel=incidence, ylabel=r"angle of refraction $\theta_t$ [°]")
     ax.legend(loc="upper left")
     axes[0, 2].plot(degrees, share)
-    axes[0, 2].set(xlabel=r"angle of incidence $\theta_i$ [°]", ylabel="transmittance $T$")
+    axes[0, 2].set(xlabel=incidence, ylabel="transmittance $T$")
     at = np.radians(20.0)
     angles = np.degrees([_refracted(np.array([at]), n)[0], np.arcsin(np.sin(at) / n)])
     numbers = [
@@ -167,40 +155,35 @@ def _draw_rays(ax: Any, n: float) -> None:
 
 def bubble_density(setting: Setting) -> FigureOutput:
     """Draw the number density of the Hall-Novarini population."""
-    return _bubbles("n_bubbles", lambda bubbles, z: bubbles.number_density(z))
+    return _bubbles("n_bubbles", mt.HallNovarini.number_density)
 
 
 def bubble_scattering(setting: Setting) -> FigureOutput:
     """Draw the scattering coefficient of the Hall-Novarini population."""
-    return _bubbles("b_bub", lambda bubbles, z: bubbles.b(z))
+    output = _bubbles("b_bub", mt.HallNovarini.b)
+    output.picture.axes[0].axvline(mt.Water().b, color=INK, ls=":", lw=1.0)
+    return output
 
 
-def _bubbles(name: str, quantity: Callable[[mt.HallNovarini, Floats], Floats]) -> FigureOutput:
-    depth = np.linspace(0.0, 10.0, 201)
-    forms = {"default": {}, "paper": {"psi": "paper", "q": 2.0}}
-    values = np.array(
-        [
-            [quantity(mt.HallNovarini(wind_speed=u, **form), depth) for u in WINDS]
-            for form in forms.values()
-        ]
-    )
-    picture, axes = panels()
+def _bubbles(name: str, quantity: Callable[..., Floats]) -> FigureOutput:
+    forms: dict[str, dict[str, Any]] = {"default": {}, "paper": {"psi": "paper", "q": 2.0}}
+    coords = {"form": forms, "wind_speed": WINDS, "depth": np.linspace(0.0, 10.0, 201)}
+    depth = coords["depth"]
+    bubbles = [[mt.HallNovarini(wind_speed=u, **form) for u in WINDS] for form in forms.values()]
+    values = np.array([[quantity(one, depth) for one in pair] for pair in bubbles])
+    data = dataset(tuple(coords), {name: values}, **coords)
+    curves = data.stack(curve=("form", "wind_speed")).transpose("curve", "depth")
     names = [f"{wind_name(u)}, {form}" for form in forms for u in WINDS]
-    coords = {"curve": names, "depth": depth}
-    curves = xr.Dataset({name: (("curve", "depth"), values.reshape(4, -1))}, coords)
-    ax = plot_bubble_profile(curves, quantity=name, ax=axes[0, 0])
+    picture, axes = panels()
+    shown = curves.drop_vars(("curve", "form", "wind_speed")).assign_coords(curve=names)
+    ax = plot_bubble_profile(shown, quantity=name, ax=axes[0, 0])
     for i, line in enumerate(ax.lines):
         line.set(color=WIND_COLORS[WINDS[i % 2]], linestyle="-" if i < 2 else "--")
     ax.set_xlim(values.max() * 1e-8, values.max() * 3.0)
-    if name == "b_bub":
-        ax.axvline(mt.Water().b, color=INK, ls=":", lw=1.0)
     ax.legend()
     numbers = []
-    for z in (0.0, 1.0):
-        k = int(np.argmin(np.abs(depth - z)))
-        for j, u in enumerate(WINDS):
-            words = {"name": attrs(name)["long_name"], "z": z, "wind": wind_name(u)}
-            numbers.append(row("value", [float(v) for v in values[:, j, k]], **words))
-    dims = ("form", "wind_speed", "depth")
-    data = dataset(dims, {name: values}, form=forms, wind_speed=WINDS, depth=depth)
+    for z, wind in itertools.product((0.0, 1.0), WINDS):
+        words = {"name": attrs(name)["long_name"], "z": z, "wind": wind_name(wind)}
+        found = data[name].sel(depth=z, wind_speed=wind, method="nearest").to_numpy().tolist()
+        numbers.append(row("value", found, **words))
     return FigureOutput(picture, data, numbers)

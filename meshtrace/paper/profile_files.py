@@ -1,16 +1,15 @@
-"""Profiles that the user gives, or stand-ins for them."""
+"""Profiles of the given files, or stand-ins for them."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from meshtrace.errors import Described, Refused
 from meshtrace.paper.profiles import WaterProfile, load_profiles
 from meshtrace.paper.registry import Setting
 
 
 def profiles_of(setting: Setting) -> list[WaterProfile]:
-    """Return the profiles that the user gives, or stand-ins for them.
+    """Return the profiles of the given files, or stand-ins for them.
 
     Raises
     ------
@@ -19,16 +18,13 @@ def profiles_of(setting: Setting) -> list[WaterProfile]:
     """
     if not setting.profiles:
         return stand_ins()
-    try:
-        return [profile for path in setting.profiles for profile in load_profiles(path)]
-    except ValueError as error:
-        raise Refused("--profiles", Described(str(error)), "files of profiles") from error
+    return [profile for path in setting.profiles for profile in load_profiles(path)]
 
 
 def stand_ins() -> list[WaterProfile]:
-    """Return made-up profiles: the paper's data cannot be shipped.
+    """Return invented profiles: the data of the paper cannot be distributed.
 
-    A mixed layer as the paper describes it, and two with a thermocline ever sharper than that.
+    A mixed layer as in the paper, and two profiles with sharper thermoclines.
     """
     z = np.linspace(0.0, 100.0, 201)
     shapes = (("stand-in, mixed", 80.0, 20.0, 2.0, 0.1), ("stand-in, weak", 40.0, 10.0, 2.0, 0.3))

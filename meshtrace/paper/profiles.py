@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.errors import Described, Refused
 from meshtrace.optics.water import quan_fry
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ Floats = NDArray[np.float64]
 STEEPEST = math.radians(80.0)
 """Largest angle from the vertical that `ray_deflection` follows."""
 
-_GOOD = {1, 2, 5, 8}
+_GOOD = ("1", "2", "5", "8")
 """Flags of the Argo and IMOS conventions for good, probably good, changed and interpolated."""
 
 _NAMES = {
@@ -40,7 +41,7 @@ _NAMES = {
     "latitude": ("LATITUDE", "LAT", "latitude"),
     "longitude": ("LONGITUDE", "LON", "longitude"),
 }
-"""Names or CF standard names of the variables, the first that is there."""
+"""Names or CF standard names of the variables; the first one present is used."""
 
 
 class Deflection(NamedTuple):
@@ -57,20 +58,20 @@ class WaterProfile:
     Parameters
     ----------
     depth : ndarray, shape (n,)
-        Depths [m], strictly rising, n >= 2.
+        Depths [m], strictly increasing, n >= 2.
     temperature : ndarray, shape (n,)
         Temperature [degree Celsius].
     salinity : ndarray, shape (n,)
         Practical salinity [1], taken as g/kg.
     latitude, longitude : float
-        Where [degrees north, east]; nan if not known.
+        Place [degrees north, east]; nan if unknown.
     name : str
-        Text of the legends.
+        Name in legends.
 
     Raises
     ------
-    ValueError
-        If the arrays do not match, are not finite, or the depths do not rise.
+    Refused
+        If the arrays do not match or are not finite, or the depths do not increase.
     """
 
     depth: Floats
@@ -84,11 +85,12 @@ class WaterProfile:
         columns = (self.depth, self.temperature, self.salinity)
         shapes = [np.shape(values) for values in columns]
         if len(set(shapes)) != 1 or len(shapes[0]) != 1 or shapes[0][0] < 2:
-            raise ValueError(f"depth, temperature, salinity: {shapes}, allowed (n,) of n >= 2")
+            raise Refused("depth, temperature, salinity", shapes, "shapes (n,) of n >= 2")
         if not np.isfinite(np.array(columns)).all():
-            raise ValueError("depth, temperature, salinity: nan or inf, allowed finite values")
+            described = Described("nan or inf")
+            raise Refused("depth, temperature, salinity", described, "finite values")
         if self.depth[0] < 0.0 or not (np.diff(self.depth) > 0.0).all():
-            raise ValueError("depth: allowed depths >= 0 m that rise strictly")
+            raise Refused("depth", self.depth.tolist(), "strictly increasing depths >= 0 m")
 
     def n(self, depth: ArrayLike, wavelength_nm: float = 470.0) -> Floats:
         """Return the refractive index at depths, linear between the samples, even above them.
@@ -107,8 +109,8 @@ class WaterProfile:
 
         Raises
         ------
-        ValueError
-            If a depth lies below the profile or a temperature outside of 0 ... 30 degrees.
+        Refused
+            If a depth lies below the profile or a temperature outside 0 ... 30 degrees Celsius.
 
         Notes
         -----
@@ -117,7 +119,7 @@ class WaterProfile:
         """
         z = np.asarray(depth, dtype=float)
         if not ((z >= 0.0) & (z <= self.depth[-1])).all():
-            raise ValueError(f"depth: {z}, allowed 0 <= depth <= {self.depth[-1]:g} m")
+            raise Refused("depth", z.tolist(), f"0 <= depth <= {self.depth[-1]:g} m")
         fresh, salt = (quan_fry(wavelength_nm, self.temperature, s) for s in (0.0, 35.0))
         return np.interp(z, self.depth, fresh + self.salinity / 35.0 * (salt - fresh))
 
@@ -144,19 +146,19 @@ def ray_deflection(
     -------
     Deflection
         Horizontal offset at the surface from a straight ray, and change of the angle there:
-        negative if the ray is steeper, positive if it is flatter.
+        negative for a steeper ray, positive for a flatter one.
 
     Raises
     ------
-    ValueError
+    Refused
         If the start lies below the profile, the angle is not allowed, or a layer reflects the
         ray.
 
     Notes
     -----
-    The direction in the air is that without layers, since n sin(theta) is the same all the way: a
-    receiver has the same offset. A vertical ray is not bent. Turbulence and gradients along the
-    horizontal are left out: profiles do not hold them.
+    The direction in the air is that without layers, since n sin(theta) is conserved: the offset at
+    the receiver is that at the surface. A vertical ray is not deflected. Turbulence and horizontal
+    gradients are neglected.
 
     Examples
     --------
@@ -168,9 +170,9 @@ def ray_deflection(
     '1.6 mm'
     """
     if not 0.0 <= zenith <= STEEPEST:
-        raise ValueError(f"zenith: {zenith}, allowed 0 <= zenith <= {STEEPEST:.3f} rad")
+        raise Refused("zenith", zenith, f"0 <= zenith <= {STEEPEST:.3f} rad")
     if not 0.0 < depth <= profile.depth[-1]:
-        raise ValueError(f"depth: {depth}, allowed 0 < depth <= {profile.depth[-1]:g} m")
+        raise Refused("depth", depth, f"0 < depth <= {profile.depth[-1]:g} m")
     invariant = float(profile.n(depth, wavelength_nm)) * math.sin(zenith)
     inner = profile.depth[(profile.depth > 0.0) & (profile.depth < depth)]
     edges = np.concatenate([[0.0], inner, [depth]])
@@ -179,7 +181,7 @@ def ray_deflection(
     sine = invariant / profile.n(edges[:-1, None] + half * (x + 1.0), wavelength_nm)
     at_surface = invariant / float(profile.n(0.0, wavelength_nm))
     if max(float(sine.max()), at_surface) >= 1.0:
-        raise ValueError(f"zenith: {zenith}, allowed angles that no layer reflects")
+        raise Refused("zenith", zenith, "angles without total reflection in a layer")
     slope = sine / np.sqrt(1.0 - sine**2) - math.tan(zenith)
     return Deflection(float(np.sum(half * weight * slope)), math.asin(at_surface) - zenith)
 
@@ -225,12 +227,12 @@ def load_profiles(path: str | Path) -> list[WaterProfile]:
     Returns
     -------
     list of WaterProfile
-        Good samples by the flags of the file, sorted by depth; adjusted values where Argo has
-        them. Profiles of fewer than two good samples are left out.
+        Samples with a good quality flag, sorted by depth; adjusted values of Argo where present.
+        Profiles with fewer than two good samples are omitted.
 
     Raises
     ------
-    ValueError
+    Refused
         If the file cannot be read, lacks a variable, or has no good profile.
     """
     import xarray as xr
@@ -239,36 +241,32 @@ def load_profiles(path: str | Path) -> list[WaterProfile]:
         with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
             data = opened.load()
     except (OSError, ValueError) as error:
-        text = " ".join(str(error).split())
-        raise ValueError(f"{path}: {text}, allowed a netCDF-4 file") from error
+        raise Refused("", Described(error), "a netCDF-4 file", source=str(path)) from error
     found = list(_profiles(data, str(path)))
     if not found:
-        raise ValueError(f"{path}: no good samples, allowed a profile of two or more")
+        described = Described("no good samples")
+        raise Refused("", described, "a profile of two or more samples", source=str(path))
     return found
 
 
 def _profiles(data: xr.Dataset, path: str) -> Iterator[WaterProfile]:
-    temperature = _variable(data, "temperature", path)
-    salinity = _variable(data, "salinity", path)
-    vertical = _optional(data, "depth")
-    is_depth = vertical is not None
-    if vertical is None:
-        vertical = _variable(data, "pressure", path)
-    latitude, longitude = (_optional(data, name) for name in ("latitude", "longitude"))
-    count = math.prod(temperature.shape[:-1])
-    adjusted = _adjusted(data, count)
-    for i in range(count):
-        columns = [_column(data, v, temperature, i, adjusted[i]) for v in (temperature, salinity)]
-        z = _column(data, vertical, temperature, i, adjusted[i])
-        lat, lon = _place(latitude, i), _place(longitude, i)
-        if not is_depth:
+    like = _variable(data, "temperature", path)
+    depth = _optional(data, "depth")
+    vertical = _variable(data, "pressure", path) if depth is None else depth
+    names = [str(v.name) for v in (vertical, like, _variable(data, "salinity", path))]
+    levels = [_levels(data, name, like) for name in names]
+    count = len(levels[0])
+    latitudes, longitudes = (_places(_optional(data, k), count) for k in ("latitude", "longitude"))
+    for i, (z, *columns) in enumerate(zip(*levels, strict=True)):
+        lat, lon = latitudes[i], longitudes[i]
+        if depth is None:
             z = depth_of_pressure(z, lat if math.isfinite(lat) else 0.0)
         good = np.isfinite(np.array([z, *columns])).all(axis=0) & (z >= 0.0)
-        depth, first = np.unique(z[good], return_index=True)
-        if len(depth) >= 2:
+        rising, first = np.unique(z[good], return_index=True)
+        if len(rising) >= 2:
             warm, salt = (column[good][first] for column in columns)
             name = Path(path).stem + (f" {i + 1}" if count > 1 else "")
-            yield WaterProfile(depth, warm, salt, lat, lon, name)
+            yield WaterProfile(rising, warm, salt, lat, lon, name)
 
 
 def _optional(data: xr.Dataset, what: str) -> xr.DataArray | None:
@@ -282,54 +280,45 @@ def _optional(data: xr.Dataset, what: str) -> xr.DataArray | None:
 def _variable(data: xr.Dataset, what: str, path: str) -> xr.DataArray:
     found = _optional(data, what)
     if found is None:
-        raise ValueError(f"{path}: no {what}, allowed a file with {' or '.join(_NAMES[what])}")
+        raise Refused("", Described(f"no {what}"), " or ".join(_NAMES[what]), source=path)
     return found
 
 
-def _adjusted(data: xr.Dataset, count: int) -> list[bool]:
-    """Return which profiles Argo has adjusted, by their mode of data."""
-    if "DATA_MODE" not in data:
-        return [False] * count
-    modes = np.atleast_1d(data["DATA_MODE"].to_numpy()).ravel()
-    return [_text(mode) in ("A", "D") for mode in modes]
+def _levels(data: xr.Dataset, name: str, like: xr.DataArray) -> Floats:
+    """Return a variable (profiles, levels), nan where its flag is not good.
+
+    Profiles that Argo has adjusted, by their mode of data, hold the adjusted values.
+    """
+    found = _good(data, name, like)
+    adjusted = np.isin(_texts(data.get("DATA_MODE", "")), ("A", "D")).reshape(-1, 1)
+    if f"{name}_ADJUSTED" in data and adjusted.any():
+        found = np.where(adjusted, _good(data, f"{name}_ADJUSTED", like), found)
+    return found
 
 
-def _column(
-    data: xr.Dataset, variable: xr.DataArray, like: xr.DataArray, i: int, adjusted: bool
-) -> Floats:
-    """Return profile i of a variable, nan where its flag is not good."""
-    key = str(variable.name)
-    if adjusted and f"{key}_ADJUSTED" in data:
-        key = f"{key}_ADJUSTED"
-    values = _row(data[key], like, i).astype(float)
-    for flag in (f"{key}_QC", f"{key}_quality_control"):
+def _good(data: xr.Dataset, name: str, like: xr.DataArray) -> Floats:
+    """Return a variable (profiles, levels), nan where its flag is not good."""
+
+    def table(key: str) -> NDArray[Any]:
+        full = data[key].broadcast_like(like).transpose(*like.dims)
+        return full.to_numpy().reshape(-1, like.shape[-1])
+
+    values = table(name).astype(float)
+    for flag in (f"{name}_QC", f"{name}_quality_control"):
         if flag in data:
-            codes = _row(data[flag], like, i)
-            values = np.where([_code(code) in _GOOD for code in codes], values, np.nan)
+            # characters (Argo) or numbers (IMOS), blank if there is none
+            codes = np.char.partition(np.char.strip(_texts(table(flag))), ".")[..., 0]
+            values = np.where(np.isin(codes, _GOOD), values, np.nan)
     return values
 
 
-def _row(variable: xr.DataArray, like: xr.DataArray, i: int) -> NDArray[Any]:
-    """Return the values of profile i along the levels."""
-    full = variable.broadcast_like(like).transpose(*like.dims)
-    return full.to_numpy().reshape(-1, like.shape[-1])[i]
+def _places(variable: xr.DataArray | None, count: int) -> list[float]:
+    """Return the coordinate of each profile [degrees]; one value holds for all profiles."""
+    found = np.ravel(math.nan if variable is None else variable.to_numpy()).astype(float)
+    return np.resize(found, count).tolist() if len(found) < count else found.tolist()
 
 
-def _place(variable: xr.DataArray | None, i: int) -> float:
-    if variable is None:
-        return math.nan
-    values = np.atleast_1d(variable.to_numpy()).ravel()
-    return float(values[min(i, len(values) - 1)])
-
-
-def _text(value: Any) -> str:
-    return value.decode() if isinstance(value, bytes) else str(value)
-
-
-def _code(flag: Any) -> int:
-    """Return a flag as a number, -1 for none: Argo writes characters, IMOS bytes."""
-    text = _text(flag).strip()
-    try:
-        return int(float(text))
-    except ValueError:
-        return -1
+def _texts(values: Any) -> NDArray[np.str_]:
+    """Return values as text; bytes are decoded."""
+    found = np.asarray(values)
+    return np.char.decode(found.astype("S")) if found.dtype.kind in "SO" else found.astype(str)

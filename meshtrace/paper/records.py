@@ -1,4 +1,4 @@
-"""Records of the figures that are drawn, and the name of their page."""
+"""Records of the drawn figures, and the name of the index page."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ INDEX = "index.html"
 
 
 def read_record(path: Path) -> dict[str, Any] | None:
-    """Return the record of a figure, None if there is none that can be read."""
+    """Return the record of a figure, None if it is missing or unreadable."""
     try:
         return dict(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError):

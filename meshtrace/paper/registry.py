@@ -36,7 +36,7 @@ PRINTED = {
 
 
 class Number(NamedTuple):
-    """A number of the run with its standard error, 0 if it has none."""
+    """Simulated number with its standard error; 0 for exact numbers."""
 
     value: float
     stderr: float = 0.0
@@ -54,7 +54,7 @@ class Row(NamedTuple):
     place : str
         Place in the paper.
     default, paper : Number or None
-        Numbers of right physics and of the forms as published.
+        Numbers of correct physics and of the forms as published.
     difference : str
         A sentence on the difference.
     """
@@ -85,7 +85,7 @@ def row(key: str, numbers: Iterable[Number | float | None], /, **words: Any) -> 
     key : str
         Name of the row in the figure's table `rows`.
     numbers : iterable of two Number, float or None
-        Numbers of right physics and of the forms as published; a bare float has no error.
+        Numbers of correct physics and of the forms as published; a bare float has no error.
     **words
         Values of the words in braces.
     """
@@ -101,7 +101,7 @@ class FigureOutput(NamedTuple):
     picture : matplotlib Figure or ndarray of uint8, shape (height, width, 3)
         The picture.
     data : xarray.Dataset
-        All that is drawn.
+        Data of the picture.
     numbers : list of Entry
         Numbers of the table.
     words : dict
@@ -116,7 +116,7 @@ class FigureOutput(NamedTuple):
 
 @dataclass(frozen=True)
 class Setting:
-    """Options that all figures of a run share.
+    """Options common to all figures of a run.
 
     Parameters
     ----------
@@ -131,6 +131,11 @@ class Setting:
     seed: int = 1
     threads: int | None = None
     profiles: tuple[Path, ...] = ()
+
+    @property
+    def run(self) -> dict[str, Any]:
+        """Options of every simulation: seed and threads."""
+        return {"seed": self.seed, "threads": self.threads}
 
 
 @dataclass(frozen=True)
@@ -150,9 +155,9 @@ class Figure:
     quick, full : mapping of str to value
         Effort of both modes, such as numbers of photons and of seas.
     reads_profiles : bool
-        Whether it depends on the files of temperature and salinity.
+        True if it depends on the files of temperature and salinity.
     revision : int
-        Raised whenever a change of the code changes the figure: it is then drawn again.
+        Increased with every change of the code that changes the figure, which is then redrawn.
     """
 
     name: str

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -27,7 +28,7 @@ def make_figures(
     setting: Setting | None = None,
     on_figure: Callable[[str, dict[str, Any] | None], None] | None = None,
 ) -> list[dict[str, Any]]:
-    """Draw figures of the paper into a folder, with one page to read through.
+    """Draw figures of the paper into a folder, with an index page.
 
     Parameters
     ----------
@@ -40,8 +41,8 @@ def make_figures(
     setting : Setting, optional
         Seed, threads, files of temperature and salinity.
     on_figure : callable, optional
-        Called with the name of each figure and None before it is made, and with its record when
-        it is done.
+        Called with the name of each figure and None before it is drawn, and with its record
+        afterwards.
 
     Returns
     -------
@@ -62,6 +63,7 @@ def make_figures(
     from meshtrace.paper.profile_files import profiles_of
 
     setting, folder = setting or Setting(), Path(folder)
+    report = on_figure or (lambda name, record: None)
     figures = [load(name) for name in only or FIGURES]
     if any(one.reads_profiles for one in figures):
         profiles_of(setting)  # refused before anything is drawn
@@ -70,12 +72,10 @@ def make_figures(
     for one in figures:
         record = _kept(folder, one, key(one, setting, quick))
         if record is None:
-            if on_figure is not None:
-                on_figure(one.name, None)
+            report(one.name, None)
             record = _made(folder, one, setting, quick)
             write_index(folder)
-        if on_figure is not None:
-            on_figure(one.name, record)
+        report(one.name, record)
         records.append(record)
     write_index(folder)
     return records
@@ -101,9 +101,8 @@ def _digest(path: Path) -> str:
 def _kept(folder: Path, one: Figure, wanted: str) -> dict[str, Any] | None:
     """Return the record of a finished figure."""
     record = read_record(folder / f"{one.name}.json")
-    if record is None or record.get("key") != wanted:
-        return None
-    if not all((folder / (one.name + kind)).is_file() for kind in _KINDS):
+    whole = all((folder / (one.name + kind)).is_file() for kind in _KINDS)
+    if record is None or record.get("key") != wanted or not whole:
         return None
     return {**record, "kept": True}
 
@@ -115,15 +114,15 @@ def _made(folder: Path, one: Figure, setting: Setting, quick: bool) -> dict[str,
     record_path = folder / f"{one.name}.json"
     record_path.unlink(missing_ok=True)  # written last, so its presence marks the figure complete
     wall, cpu = time.perf_counter(), time.process_time()
-    with style():
+    with style(), warnings.catch_warnings():
+        # the paper's bands are meant, and their figures say what they leave out
+        warnings.filterwarnings("ignore", "omega_max: .* shows a scintillation index")
         output = one.make(setting, **one.effort(quick))
         rows = one.table(output)
         _write(folder / one.name, output, rows)
     record = {
         "key": key(one, setting, quick),
-        "name": one.name,
-        "number": one.number,
-        "title": one.title,
+        **{name: getattr(one, name) for name in ("name", "number", "title")},
         "caption": one.text(output),
         "quick": quick,
         "effort": one.effort(quick),

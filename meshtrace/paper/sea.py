@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,13 @@ from meshtrace.paper.canvas import dataset, panels, wind_name
 from meshtrace.paper.registry import Entry, FigureOutput, Number, Setting, row
 from meshtrace.surfaces import JonswapSea
 from meshtrace.surfaces.statistics import components_hs
+from meshtrace.viz.style import draw_map
 
 WINDS = (5.0, 13.0)
 HALF_WIDTH = 50.0
 """Half-width of the paper's square [m]."""
+
+STYLE = viz.SceneStyle(labels=False, off_screen=True, window_size=(1120, 720))
 
 
 def surfaces(setting: Setting, seas: int) -> FigureOutput:
@@ -23,14 +27,11 @@ def surfaces(setting: Setting, seas: int) -> FigureOutput:
     picture, axes = panels(2, 2, width=5.6, height=4.0)
     elevation, numbers = [], []
     for j, wind in enumerate(WINDS):
-        sea = JonswapSea(wind_speed=wind, seed=setting.seed)
-        elevation.append(sea.grid(axis, axis)[0])
-        mesh = sea.mesh(extent=HALF_WIDTH, spacing=0.5)
-        limit = float(np.abs(elevation[-1]).max())
-        style = viz.SceneStyle(
-            labels=False, color_limit=limit, off_screen=True, window_size=(1120, 720)
-        )
-        scene = viz.scene(None, mesh, style=style)
+        sea = JonswapSea(wind_speed=wind, seed=setting.seed, band="paper")
+        z = sea.grid(axis, axis)[0]
+        limit = float(np.abs(z).max())
+        style = replace(STYLE, color_limit=limit)
+        scene = viz.scene(None, sea.mesh(extent=HALF_WIDTH, spacing=0.5), style=style)
         viz.look(scene, elevation_deg=28.0)
         scene.camera.zoom(1.05)
         scene.remove_scalar_bar()
@@ -38,20 +39,13 @@ def surfaces(setting: Setting, seas: int) -> FigureOutput:
         scene.close()
         axes[0, j].set(title=wind_name(wind))
         axes[0, j].set_axis_off()
-        _draw_map(axes[1, j], axis, elevation[-1])
+        colors: Any = {"cmap": viz.water_map(), "vmin": -limit, "vmax": limit}
+        draw_map(axes[1, j], axis, axis, z, viz.axis_label("elevation"), **colors)
+        elevation.append(z)
         numbers += _numbers(sea, axis, setting.seed, seas)
     coords = {"wind_speed": WINDS, "x": axis, "y": axis}
     data = dataset(("wind_speed", "x", "y"), {"elevation": np.array(elevation)}, **coords)
     return FigureOutput(picture, data, numbers)
-
-
-def _draw_map(ax: Any, axis: Any, elevation: Any) -> None:
-    limit = float(np.abs(elevation).max())
-    look: Any = {"cmap": viz.water_map(), "vmin": -limit, "vmax": limit, "rasterized": True}
-    image = ax.pcolormesh(axis, axis, elevation.T, shading="nearest", **look)
-    ax.figure.colorbar(image, ax=ax, label=viz.axis_label("elevation"))
-    ax.set(aspect="equal", xlabel=viz.axis_label("x"), ylabel=viz.axis_label("y"))
-    ax.grid(visible=False)
 
 
 def _numbers(sea: JonswapSea, axis: Any, seed: int, seas: int) -> list[Entry]:

@@ -33,7 +33,7 @@ def _shot(scene: Any) -> Any:
 def link(setting: Setting, paths: int) -> FigureOutput:
     """Draw LED, sea, bubbles, light and UAV."""
     made = mt.Link(bubbles=mt.HallNovarini(wind_speed=WIND))
-    sea = JonswapSea(wind_speed=WIND, seed=setting.seed)
+    sea = JonswapSea(wind_speed=WIND, seed=setting.seed, band="paper")
     light = mt.trace_paths(made, sea, paths, seed=setting.seed)
     scene = viz.scene(made, sea, paths=light, received=40, seed=setting.seed, style=STYLE)
     picture = _shot(scene)
@@ -67,20 +67,13 @@ def _close_up(scene: Any, receiver: mt.Receiver) -> None:
     center = np.array(receiver.center)
     up = np.array(receiver.axis)
     forward = np.array([up[2], 0.0, -up[0]])
-    axes = {
-        "roll": (forward, "vermilion"),
-        "pitch": (np.cross(up, forward), "green"),
-        "yaw": (up, "blue"),
-    }
+    axes = {"roll": forward, "pitch": np.cross(up, forward), "yaw": up}
     center = center + 0.014 * scene.stage.size * up
-    for direction, color in axes.values():
-        arrow = pv.Arrow(
-            start=center, direction=direction, scale=size, shaft_radius=0.012, tip_radius=0.035,
-            tip_length=0.12,
-        )  # fmt: skip
+    look: Any = {"scale": size, "shaft_radius": 0.012, "tip_radius": 0.035, "tip_length": 0.12}
+    for direction, color in zip(axes.values(), ("vermilion", "green", "blue"), strict=True):
+        arrow = pv.Arrow(start=center, direction=direction, **look)
         scene.add_mesh(arrow, color=PALETTE[color], ambient=0.45)
-    ends = [center + 1.1 * size * direction for direction, _ in axes.values()]
-    viz.add_labels(scene, ends, list(axes))
+    viz.add_labels(scene, [center + 1.1 * size * towards for towards in axes.values()], list(axes))
     center = center + 0.3 * size * up
     scene.camera.focal_point = tuple(center)
     scene.camera.position = tuple(center + 4.2 * size * np.array([-0.45, -0.8, 0.42]) * 1.25)
@@ -91,13 +84,12 @@ def offset(setting: Setting) -> FigureOutput:
     """Draw the link with a receiver off the axis of the LED."""
     distance = 2.0
     made = mt.Link(receiver=mt.Receiver(position=(distance, 0.0)))
-    sea = JonswapSea(seed=setting.seed)
+    sea = JonswapSea(seed=setting.seed, band="paper")
     scene = viz.scene(made, sea, received=25, seed=setting.seed, style=STYLE)
     height = mt.Receiver().height
-    line = pv.Line((0.0, 0.0, height), (distance, 0.0, height))
-    scene.add_mesh(line, color=PALETTE["green"], line_width=4)
-    plumb = pv.Line((0.0, 0.0, -10.0), (0.0, 0.0, height))
-    scene.add_mesh(plumb, color=PALETTE["green"], line_width=2)
+    above = (0.0, 0.0, height)
+    for end, width in (((distance, 0.0, height), 4), ((0.0, 0.0, -10.0), 2)):
+        scene.add_mesh(pv.Line(above, end), color=PALETTE["green"], line_width=width)
     viz.add_labels(scene, [np.array([0.0, 0.0, height + 0.7])], ["offset"])
     picture = _shot(scene)
     reach = height * float(np.tan(np.radians(0.5 * mt.Receiver().fov_deg)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from meshtrace.paper.canvas import panels, wind_name
 from meshtrace.paper.links import FORM_NAMES, FORMS, Form, gusts
 from meshtrace.paper.registry import Entry, FigureOutput, Number, Setting, row
 from meshtrace.uav.airframe import UAVS
-from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, TiltLaw, compare_laws
+from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, compare_laws
 from meshtrace.viz.style import INK, PALETTE
 
 WINDS = (5.0, 13.0)
@@ -23,6 +24,7 @@ MODERATE_W20 = 30.0
 """Wind at 20 feet for moderate turbulence [kt], Appendix B."""
 
 _UAV = UAVS["dji-m300-rtk"]
+_RED = PALETTE["vermilion"]
 
 
 def _laws(wind: float, form: Form) -> tuple[ExactTiltLaw, GammaTiltLaw]:
@@ -37,34 +39,27 @@ def tilt(setting: Setting, samples: int) -> FigureOutput:
     """Draw sampled tilts, their exact law and the paper's Gamma law."""
     picture, axes = panels(2, 2)
     variables: dict[str, Any] = {}
-    for i, form in enumerate(FORMS):
-        for j, wind in enumerate(WINDS):
-            exact, gamma = _laws(wind, form)
-            drawn = _UAV.tilt(gusts(wind, form).sample_wind(samples, setting.seed)).angle
-            grid = np.linspace(exact.ppf(1e-6), exact.ppf(1.0 - 1e-6), 400)
-            density, edges = np.histogram(drawn, bins=80, density=True)
-            _draw_tilt(axes[i, j], density, edges, grid, exact, gamma)
-            axes[i, j].set_title(f"{wind_name(wind)}, {FORM_NAMES[form]}")
-            dims, key = f"angle_{form}_{wind:g}", f"{form}_{wind:g}"
-            variables[f"pdf_exact_{key}"] = (dims, exact.pdf(grid), {"units": "rad-1"})
-            variables[f"pdf_gamma_{key}"] = (dims, gamma.pdf(grid), {"units": "rad-1"})
-            variables[dims] = (dims, grid, {"units": "rad"})
-            variables[f"pdf_sampled_{key}"] = (f"bin_{key}", density, {"units": "rad-1"})
-            variables[f"edges_{key}"] = (f"edge_{key}", edges, {"units": "rad"})
+    for ax, (form, wind) in zip(axes.flat, itertools.product(FORMS, WINDS), strict=True):
+        exact, gamma = _laws(wind, form)
+        drawn = _UAV.tilt(gusts(wind, form).sample_wind(samples, setting.seed)).angle
+        grid = np.linspace(exact.ppf(1e-6), exact.ppf(1.0 - 1e-6), 400)
+        density, edges = np.histogram(drawn, bins=80, density=True)
+        key, per_degree = f"{form}_{wind:g}", np.radians(1.0)
+        look: Any = {"fill": True, "color": PALETTE["sky"], "alpha": 0.5}
+        ax.stairs(density * per_degree, np.degrees(edges), **look, label="sampled")
+        laws = ((exact, "exact law", "exact", "-", INK), (gamma, "Gamma", "gamma", "--", _RED))
+        for law, label, name, dashes, color in laws:
+            pdf = law.pdf(grid)
+            ax.plot(np.degrees(grid), pdf * per_degree, dashes, color=color, label=label)
+            variables[f"pdf_{name}_{key}"] = (f"angle_{key}", pdf, {"units": "rad-1"})
+        ax.set(xlabel=r"tilt $\alpha$ [°]", ylabel=r"probability density [1/°]")
+        ax.set_title(f"{wind_name(wind)}, {FORM_NAMES[form]}")
+        ax.legend()
+        variables[f"angle_{key}"] = (f"angle_{key}", grid, {"units": "rad"})
+        variables[f"pdf_sampled_{key}"] = (f"bin_{key}", density, {"units": "rad-1"})
+        variables[f"edges_{key}"] = (f"edge_{key}", edges, {"units": "rad"})
     numbers = [entry for wind in WINDS for entry in _tilt_numbers(wind)]
     return FigureOutput(picture, xr.Dataset(variables), numbers)
-
-
-def _draw_tilt(
-    ax: Any, density: Any, edges: Any, grid: Any, exact: ExactTiltLaw, gamma: GammaTiltLaw
-) -> None:
-    degrees, per_degree = np.degrees(grid), np.radians(1.0)
-    look: Any = {"fill": True, "color": PALETTE["sky"], "alpha": 0.5}
-    ax.stairs(density * per_degree, np.degrees(edges), **look, label="sampled")
-    ax.plot(degrees, exact.pdf(grid) * per_degree, color=INK, label="exact law")
-    ax.plot(degrees, gamma.pdf(grid) * per_degree, "--", color=PALETTE["vermilion"], label="Gamma")
-    ax.set(xlabel=r"tilt $\alpha$ [°]", ylabel=r"probability density [1/°]")
-    ax.legend()
 
 
 def _tilt_numbers(wind: float) -> list[Entry]:
@@ -86,30 +81,23 @@ def h_alpha(setting: Setting) -> FigureOutput:
     variables: dict[str, Any] = {}
     numbers = []
     for ax, wind in zip(axes[0], WINDS, strict=True):
-        laws: dict[str, TiltLaw] = {"default, exact law": _laws(wind, "physical")[0]}
-        laws["paper preset, Gamma law"] = _laws(wind, "paper")[1]
-        low = max(min(float(np.cos(law.ppf(1.0 - 1e-5))) for law in laws.values()), 0.0)
-        h = np.linspace(low, 1.0, 801)[:-1]
-        for form, (name, law) in zip(FORMS, laws.items(), strict=True):
+        laws: Any = _laws(wind, "physical")[0], _laws(wind, "paper")[1]
+        low = max(min(float(np.cos(law.ppf(1.0 - 1e-5))) for law in laws), 0.0)
+        h, key = np.linspace(low, 1.0, 801)[:-1], f"h_{wind:g}"
+        names = ("default, exact law", "paper preset, Gamma law")
+        for form, name, law in zip(FORMS, names, laws, strict=True):
             ax.plot(h, law.h_pdf(h, fov), label=name)
-            key = f"h_{wind:g}"
             variables[f"pdf_{form}_{wind:g}"] = (key, law.h_pdf(h, fov), {"units": "1"})
-            variables[key] = (key, h, {"units": "1"})
+        variables[key] = (key, h, {"units": "1"})
         ax.set(xlabel=r"factor $h_\alpha$", ylabel=r"probability density $f(h_\alpha)$")
         ax.set_title(wind_name(wind))
         ax.legend()
-        numbers += _h_numbers(wind, fov, list(laws.values()))
+        words = {"wind": wind_name(wind)}
+        published = float(laws[1].tilt_coefficient ** (laws[1].shape - 1.0))
+        numbers.append(row("mean", [float(law.h_moment(1, fov)) for law in laws], **words))
+        numbers.append(row("outside", [float(law.outage(fov)) for law in laws], **words))
+        numbers.append(row("integral", (1.0, published), **words))
     return FigureOutput(picture, xr.Dataset(variables), numbers)
-
-
-def _h_numbers(wind: float, fov: float, laws: list[Any]) -> list[Entry]:
-    name = wind_name(wind)
-    printed = float(laws[1].tilt_coefficient ** (laws[1].shape - 1.0))
-    return [
-        row("mean", [float(law.h_moment(1, fov)) for law in laws], wind=name),
-        row("outside", [float(law.outage(fov)) for law in laws], wind=name),
-        row("integral", (1.0, printed), wind=name),
-    ]
 
 
 def wind(setting: Setting, duration: float) -> FigureOutput:
@@ -137,11 +125,9 @@ def wind(setting: Setting, duration: float) -> FigureOutput:
         means = [float(records[form][:, i].mean()) for form in FORMS]
         numbers.append(row("mean", map(Number, means, errors), axis=axis))
     numbers.append(row("std", stds))
+    dims, units = ("time", "component"), {"units": "m s-1"}
     data = xr.Dataset(
-        {
-            f"wind_{form}": (("time", "component"), record, {"units": "m s-1"})
-            for form, record in records.items()
-        },
+        {f"wind_{form}": (dims, record, units) for form, record in records.items()},
         {"time": ("time", times, {"units": "s"}), "component": ["x", "y"]},
     )
     return FigureOutput(picture, data, numbers)

@@ -1,7 +1,8 @@
-"""Figures of the stations, their temperature and salinity, and the refraction by these."""
+"""Figures of the stations, their temperature and salinity, and the resulting refraction."""
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -21,12 +22,12 @@ EARTH_RADIUS = 6371.0
 """Mean radius [km]."""
 
 DEEPEST = 50.0
-"""The depths of interest end here [m]."""
+"""Largest depth of interest [m]."""
 
 STAND_INS = (
-    "NOT the paper's data, which cannot be shipped: made-up profiles, from a mixed layer "
-    "to a thermocline far sharper than the paper reports. Give files of the AODN portal or of "
-    "Argo with --profiles."
+    "NOT the paper's data, which cannot be distributed: invented profiles, from a mixed layer "
+    "to a thermocline far sharper than the paper reports. Use --profiles for files of the AODN "
+    "portal or of Argo."
 )
 
 ZENITHS = np.radians(np.linspace(0.0, 40.0, 41))
@@ -42,24 +43,20 @@ def stations(setting: Setting) -> FigureOutput:
     for i, (x, y) in enumerate(STATIONS, start=1):
         ax.annotate(f"station {i}", (x, y), (8, 6), textcoords="offset points")
     if given:
-        places = np.array([(p.longitude, p.latitude) for p in given])
-        ax.plot(*places.T, "o", color=PALETTE["blue"], label="files of profiles")
+        measured = np.array([(p.longitude, p.latitude) for p in given])
+        ax.plot(*measured.T, "o", color=PALETTE["blue"], label="files of profiles")
         ax.legend()
     ax.set(xlabel="longitude [° E]", ylabel="latitude [° N]")
     ax.set_aspect(1.0 / np.cos(np.radians(lat.mean())))
     ax.margins(0.25)
-    pairs = ((0, 1), (0, 2), (1, 2))
     numbers = [
-        row("distance", (None, _distance(STATIONS[i], STATIONS[j])), i=i + 1, j=j + 1)
-        for i, j in pairs
+        row("distance", (None, _distance(p, q)), i=i, j=j)
+        for (i, p), (j, q) in itertools.combinations(enumerate(STATIONS, start=1), 2)
     ]
-    data = xr.Dataset(
-        {
-            "longitude": ("station", lon, {"units": "degrees_east"}),
-            "latitude": ("station", lat, {"units": "degrees_north"}),
-        }
-    )
-    circles = "Circles: where the given files were measured. " if given else ""
+    degrees = {"units": "degrees_east"}, {"units": "degrees_north"}
+    places = {"longitude": ("station", lon, degrees[0]), "latitude": ("station", lat, degrees[1])}
+    data = xr.Dataset(places)
+    circles = "Circles: places of the given profiles. " if given else ""
     return FigureOutput(picture, data, numbers, {"circles": circles})
 
 
@@ -72,25 +69,23 @@ def _distance(p: tuple[float, float], q: tuple[float, float]) -> float:
 
 
 def temperature_salinity(setting: Setting) -> FigureOutput:
-    """Draw profiles, the refractive index that follows, and the deflection of rays."""
+    """Draw temperature, salinity and refractive index over depth, and the deflection of rays."""
     profiles = profiles_of(setting)
     picture, axes = panels(1, 4, width=4.0)
-    depths = [min(DEEPEST, float(p.depth[-1])) for p in profiles]
-    offsets = [
-        np.array([ray_deflection(p, d, float(t)).offset for t in ZENITHS])
-        for p, d in zip(profiles, depths, strict=True)
-    ]
-    for profile, depth, offset in zip(profiles, depths, offsets, strict=True):
+    depths, offsets, numbers = [], [], []
+    for profile in profiles:
+        depth = min(DEEPEST, float(profile.depth[-1]))
+        offset = np.array([ray_deflection(profile, depth, float(t)).offset for t in ZENITHS])
         shown = profile.depth <= depth
         z = profile.depth[shown]
         axes[0, 0].plot(profile.temperature[shown], z, label=profile.name)
         axes[0, 1].plot(profile.salinity[shown], z)
         axes[0, 2].plot(profile.n(z), z)
         axes[0, 3].plot(np.degrees(ZENITHS), 1e3 * offset)
-    _name_axes(axes[0])
-    numbers = []
-    for profile, depth, offset in zip(profiles, depths, offsets, strict=True):
         numbers += _numbers(profile, depth, offset)
+        depths.append(depth)
+        offsets.append(offset)
+    _name_axes(axes[0])
     source = "Profiles of the given files." if setting.profiles else STAND_INS
     data = _dataset(profiles, depths, offsets)
     return FigureOutput(picture, data, numbers, {"source": source})
@@ -120,23 +115,18 @@ def _numbers(profile: WaterProfile, depth: float, offset: Any) -> list[Entry]:
 
 
 def _dataset(profiles: list[WaterProfile], depths: list[float], offsets: list[Any]) -> xr.Dataset:
-    grid = np.linspace(0.0, min(depths), 101)
-    dims = ("profile", "depth")
+    grid, dims = np.linspace(0.0, min(depths), 101), ("profile", "depth")
 
     def on_grid(values: str) -> list[Any]:
         return [np.interp(grid, p.depth, getattr(p, values)) for p in profiles]
 
-    return xr.Dataset(
-        {
-            "temperature": (dims, on_grid("temperature"), {"units": "degree_Celsius"}),
-            "salinity": (dims, on_grid("salinity"), {"units": "1"}),
-            "n_water": (dims, [p.n(grid) for p in profiles], {"units": "1"}),
-            "offset": (("profile", "zenith"), offsets, {"units": "m"}),
-            "start_depth": ("profile", depths, {"units": "m"}),
-        },
-        {
-            "profile": [p.name for p in profiles],
-            "depth": ("depth", grid, attrs("depth")),
-            "zenith": ("zenith", ZENITHS, {"units": "rad"}),
-        },
-    )
+    variables = {
+        "temperature": (dims, on_grid("temperature"), {"units": "degree_Celsius"}),
+        "salinity": (dims, on_grid("salinity"), {"units": "1"}),
+        "n_water": (dims, [p.n(grid) for p in profiles], {"units": "1"}),
+        "offset": (("profile", "zenith"), offsets, {"units": "m"}),
+        "start_depth": ("profile", depths, {"units": "m"}),
+    }
+    zenith, names = ("zenith", ZENITHS, {"units": "rad"}), [p.name for p in profiles]
+    depth = ("depth", grid, attrs("depth"))
+    return xr.Dataset(variables, {"profile": names, "depth": depth, "zenith": zenith})

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from meshtrace.fields import attrs
-from meshtrace.stored import Stored
-
-if TYPE_CHECKING:
-    import xarray as xr
+from meshtrace.models import Floats
+from meshtrace.results.variables import StoredArrays, Variable
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CoverageMap(Stored):
+class CoverageMap(StoredArrays):
     """Gain of a receiver at each place of its plane.
 
     Attributes
@@ -29,10 +25,10 @@ class CoverageMap(Stored):
         Versions and configuration.
     """
 
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    gain: NDArray[np.float64]
-    gain_stderr: NDArray[np.float64]
+    x: Annotated[Floats, Variable("x")]
+    y: Annotated[Floats, Variable("y")]
+    gain: Annotated[Floats, Variable("x y")]
+    gain_stderr: Annotated[Floats, Variable("x y")]
     provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "coverage"
@@ -58,16 +54,3 @@ class CoverageMap(Stored):
                 f"  median error         {100.0 * error:.2g} %",
             ]
         )
-
-    def _content(self) -> xr.Dataset:
-        import xarray as xr
-
-        return xr.Dataset(
-            {n: (("x", "y"), getattr(self, n), attrs(n)) for n in ("gain", "gain_stderr")},
-            {name: (name, getattr(self, name), attrs(name)) for name in ("x", "y")},
-        )
-
-    @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> CoverageMap:
-        names = ("x", "y", "gain", "gain_stderr")
-        return cls(**{name: data[name].to_numpy() for name in names}, provenance=provenance)

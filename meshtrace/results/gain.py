@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshtrace.errors import Described, Refused
 from meshtrace.fields import attrs
 from meshtrace.kernels.tally import Fate
+from meshtrace.models import Floats
 from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, Tally, merged_mean
+from meshtrace.results.variables import Variable, WithArrays
 from meshtrace.stored import Stored
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Values = float | NDArray[np.float64]
+Values = float | Floats
 """A number, or one for each of a list of receivers."""
 
 
@@ -54,7 +56,7 @@ class ScatteredSamples(NamedTuple):
     estimator : {"chains", "adjoint paths"}
         Chains aimed at the aperture, or paths from it.
     samples, scored : int
-        Number of samples, and of those that brought light.
+        Number of samples, and of samples with a contribution.
     effective : float
         Number of equal samples that they are worth, (sum w)^2 / sum w^2 of their contributions w.
     """
@@ -75,21 +77,12 @@ CHAIN_MEANING = {
     "sampled": "pairs of source and receiver with sampled unscattered light",
 }
 
+_EACH = Variable("receiver")
 _TALLIES: dict[str, type[Tally]] = {"arrivals": Arrivals, "planes": Planes, "map": IrradianceMap}
-
-_PER_RECEIVER = (
-    "gain",
-    "gain_stderr",
-    "gain_bound",
-    "gain_ballistic",
-    "gain_scattered",
-    "gain_reflected",
-    "gain_reflected_stderr",
-)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GainResult(Stored):
+class GainResult(WithArrays, Stored):
     """Channel gain of one link over one surface.
 
     Attributes
@@ -126,20 +119,20 @@ class GainResult(Stored):
         Irradiance on a plane in the air.
     """
 
-    gain: Values
-    gain_stderr: Values
+    gain: Annotated[Values, _EACH]
+    gain_stderr: Annotated[Values, _EACH]
     photons: int
     fates: dict[str, FateTally]
     provenance: dict[str, Any]
-    gain_ballistic: Values | None = None
-    gain_scattered: Values | None = None
+    gain_ballistic: Annotated[Values | None, _EACH] = None
+    gain_scattered: Annotated[Values | None, _EACH] = None
     misses: tuple[int, int] = (0, 0)
     chains: dict[str, int] = field(default_factory=dict)
     scattered: list[ScatteredSamples] = field(default_factory=list)
-    gain_bound: Values | None = None
-    gain_reflected: Values | None = None
-    gain_reflected_stderr: Values | None = None
-    gain_order: NDArray[np.float64] | None = None
+    gain_bound: Annotated[Values | None, _EACH] = None
+    gain_reflected: Annotated[Values | None, _EACH] = None
+    gain_reflected_stderr: Annotated[Values | None, _EACH] = None
+    gain_order: Annotated[Floats | None, Variable("receiver order")] = None
     arrivals: Arrivals | None = None
     planes: Planes | None = None
     map: IrradianceMap | None = None
@@ -148,12 +141,12 @@ class GainResult(Stored):
     title: ClassVar[str] = "meshtrace channel gain"
 
     @property
-    def gains(self) -> NDArray[np.float64]:
+    def gains(self) -> Floats:
         """Gain of each receiver, shape (receivers,), of a single one, too."""
         return np.atleast_1d(self.gain)
 
     @property
-    def stderrs(self) -> NDArray[np.float64]:
+    def stderrs(self) -> Floats:
         """Standard error of each gain, shape (receivers,)."""
         return np.atleast_1d(self.gain_stderr)
 
@@ -163,12 +156,17 @@ class GainResult(Stored):
         with np.errstate(divide="ignore"):
             return like(self.gain, 10.0 * np.log10(self.gains))
 
+    @property
+    def _rows(self) -> Iterator[tuple[float, float, float]]:
+        """Yield gain, standard error and upper bound, or nan, of each receiver."""
+        bounds = np.full(len(self.gains), np.nan) if self.gain_bound is None else self.gain_bound
+        return zip(self.gains, self.stderrs, np.atleast_1d(bounds), strict=True)
+
     def _headline(self) -> str:
-        parts = []
-        for i, (gain, stderr) in enumerate(zip(self.gains, self.stderrs, strict=True)):
-            bound = np.nan if self.gain_bound is None else np.atleast_1d(self.gain_bound)[i]
-            known = f"gain {gain:.4e} +- {stderr:.1e}"
-            parts.append(f"dark to below {bound:.2g}" if bound > 0.0 else known)
+        parts = [
+            f"dark to below {bound:.2g}" if bound > 0.0 else f"gain {gain:.4e} +- {stderr:.1e}"
+            for gain, stderr, bound in self._rows
+        ]
         shown = parts[:4] + [f"{len(parts) - 4} more"] * (len(parts) > 4)
         return ", ".join([*shown, f"{self.photons:,} {self._samples}"])
 
@@ -186,19 +184,12 @@ class GainResult(Stored):
         wall_time : float, optional
             Time that the run took [s], to be shown with the number of photons.
         """
-        rate = (
-            "" if wall_time is None else f" in {wall_time:.2f} s, {self.photons / wall_time:,.0f}"
-        )
-        rate += " per second" if rate else ""
-        analog = bool(self.fates)
-        lines = [
-            *_heading(self.provenance),
-            *self._gain_lines(),
-            _line(
-                self._samples if len(self._samples) < 18 else "samples", f"{self.photons:,}{rate}"
-            ),
-        ]
-        if analog:
+        count = f"{self.photons:,}"
+        if wall_time is not None:
+            count += f" in {wall_time:.2f} s, {self.photons / wall_time:,.0f} per second"
+        samples = self._samples if len(self._samples) < 18 else "samples"
+        lines = [*_heading(self.provenance), *self._gain_lines(), _line(samples, count)]
+        if self.fates:
             cast, lost = self.misses
             lines.append(_line("misses", f"{cast:,} rays cast again, {lost:,} given up"))
             lines += ["", f"{'fate':<12}{'photons':>15}{'weight %':>12}  meaning"]
@@ -214,42 +205,30 @@ class GainResult(Stored):
     def _gain_lines(self) -> list[str]:
         """Return gain and standard error of each receiver."""
         lines = []
-        for i, (gain, stderr) in enumerate(zip(self.gains, self.stderrs, strict=True)):
+        for i, (gain, stderr, bound) in enumerate(self._rows):
             name = "channel gain" if np.ndim(self.gain) == 0 else f"channel gain [{i}]"
             if not gain > 0.0:
-                bound = np.nan if self.gain_bound is None else np.atleast_1d(self.gain_bound)[i]
                 below = f" to below {bound:.2g} at 95 % confidence" if bound > 0.0 else ""
                 lines.append(_line(name, f"dark{below}: no light received"))
                 continue
             percent, decibel = 100.0 * stderr / gain, 10.0 / math.log(10.0) * stderr / gain
             lines.append(_line(name, f"{gain:.4e}  ({10.0 * math.log10(gain):.3f} dB optical)"))
-            lines.append(
-                _line("standard error", f"{stderr:.1e}  ({percent:.2g} %, {decibel:.2g} dB)")
-            )
+            errors = f"{stderr:.1e}  ({percent:.2g} %, {decibel:.2g} dB)"
+            lines.append(_line("standard error", errors))
             if self.gain_ballistic is not None:
                 direct = np.atleast_1d(self.gain_ballistic)[i]
                 scattered = 100.0 * (1.0 - direct / gain)
                 lines.append(_line("", f"{direct:.4e} unscattered; scattered {scattered:.1f} %"))
             if self.scattered:
                 by = self.scattered[i]
-                lines.append(
-                    _line(
-                        "",
-                        f"scattered light by {by.samples:,} {by.estimator}: {by.scored:,} brought "
-                        f"light, worth {by.effective:,.0f} equal ones",
-                    )
-                )
+                text = f"scattered light by {by.samples:,} {by.estimator}: {by.scored:,} brought "
+                lines.append(_line("", f"{text}light, worth {by.effective:,.0f} equal ones"))
         return lines
 
     def _content(self) -> xr.Dataset:
         import xarray as xr
 
-        variables: dict[str, Any] = {}
-        for name in _PER_RECEIVER:
-            if getattr(self, name) is not None:
-                variables[name] = ("receiver", np.atleast_1d(getattr(self, name)), attrs(name))
-        if self.gain_order is not None:
-            variables["gain_order"] = (("receiver", "order"), self.gain_order, attrs("gain_order"))
+        variables: dict[str, Any] = dict(self.variables())
         coords: dict[str, Any] = {"receiver": np.arange(len(self.gains))}
         if self.fates:
             photons, weight = zip(*self.fates.values(), strict=True)
@@ -273,31 +252,27 @@ class GainResult(Stored):
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> GainResult:
         single = float(data["gain"][0]) if data.attrs["scalar"] else np.empty(0)
-        values: dict[str, Any] = {n: data[n].to_numpy() for n in _PER_RECEIVER if n in data}
+        values = cls.arrays(data)
         fates = {}
         if "fate" in data.coords:
             names = data["fate"].attrs["flag_meanings"].split()
-            rows = zip(data["fate_photons"].values, data["fate_weight"].values, strict=True)
-            fates = {
-                name: FateTally(int(count), float(weight))
-                for name, (count, weight) in zip(names, rows, strict=True)
-            }
+            columns = (data[f"fate_{name}"].values.tolist() for name in FateTally._fields)
+            tallies = (FateTally(*row) for row in zip(*columns, strict=True))
+            fates = dict(zip(names, tallies, strict=True))
         cast, lost = (int(number) for number in data.attrs["misses"])
         photons = int(data.attrs["photons"])
+        scattered = json.loads(data.attrs.get("scattered", "[]"))
         bound = bound_where_dark(values["gain"], photons) if fates else None
         if bound is not None:  # files of format 1 have none
             values["gain_bound"] = bound
         return cls(
-            **{name: like(single, array) for name, array in values.items()},
+            **{n: v if n == "gain_order" else like(single, v) for n, v in values.items()},
             photons=photons,
             fates=fates,
             provenance=provenance,
             misses=(cast, lost),
             chains=json.loads(data.attrs["chains"]),
-            scattered=[
-                ScatteredSamples(*row) for row in json.loads(data.attrs.get("scattered", "[]"))
-            ],
-            gain_order=data["gain_order"].to_numpy() if "gain_order" in data else None,
+            scattered=[ScatteredSamples(*row) for row in scattered],
             **{name: tally.read(data) for name, tally in _TALLIES.items()},  # type: ignore[arg-type]
         )
 
@@ -346,48 +321,45 @@ def merge(results: Sequence[GainResult]) -> GainResult:
 
     Raises
     ------
-    ValueError
+    Refused
         If the configurations differ, photon ids overlap, or a run is not analog.
     """
     if not results:
-        raise ValueError("results: empty, allowed at least one")
+        raise Refused("results", Described("empty"), "at least one")
     results = sorted(results, key=_ranges)
+    first = results[0]
     for r in results:
         if r.provenance["run"]["estimator"] != "analog":
-            raise ValueError("results: a forced result, allowed analog runs")
-        if _identity(r) != _identity(results[0]):
-            raise ValueError("results: configurations differ, allowed runs of one configuration")
+            raise Refused("results", Described("a forced result"), "analog runs")
+        if _identity(r) != _identity(first):
+            different = Described("configurations differ")
+            raise Refused("results", different, "runs of one configuration")
     ranges = sorted(span for r in results for span in _ranges(r))
     if any(a[1] > b[0] for a, b in pairwise(ranges)):
-        raise ValueError("results: photon ids overlap, allowed disjoint runs")
+        raise Refused("results", Described("photon ids overlap"), "disjoint runs")
     n = np.array([r.photons for r in results])
+    total = int(n.sum())
     gains, stderrs = merged_mean([r.gains for r in results], [r.stderrs for r in results], n)
-    gain = like(results[0].gain, gains)
-    fates = {
-        name: FateTally(
-            sum(r.fates[name].photons for r in results),
-            sum(r.fates[name].weight * r.photons for r in results) / int(n.sum()),
-        )
-        for name in results[0].fates
-    }
-    run = {
-        **results[0].provenance["run"],
-        "photons": int(n.sum()),
-        "photon_ranges": [list(span) for span in ranges],
-    }
+    gain = like(first.gain, gains)
+    fates = {}
+    for name in first.fates:
+        photons = sum(r.fates[name].photons for r in results)
+        weight = sum(r.fates[name].weight * r.photons for r in results) / total
+        fates[name] = FateTally(photons, weight)
+    run = {"photons": total, "photon_ranges": [list(span) for span in ranges]}
     tallies: dict[str, Any] = {
         name: tally.merged([getattr(r, name) for r in results], n)
         for name, tally in _TALLIES.items()
-        if getattr(results[0], name) is not None
+        if getattr(first, name) is not None
     }
     return replace(
-        results[0],
+        first,
         gain=gain,
         gain_stderr=like(gain, stderrs),
-        gain_bound=bound_where_dark(gain, int(n.sum())),
-        photons=int(n.sum()),
+        gain_bound=bound_where_dark(gain, total),
+        photons=total,
         fates=fates,
-        provenance={**results[0].provenance, "run": run},
+        provenance={**first.provenance, "run": {**first.provenance["run"], **run}},
         misses=(sum(r.misses[0] for r in results), sum(r.misses[1] for r in results)),
         **tallies,
     )
@@ -396,8 +368,8 @@ def merge(results: Sequence[GainResult]) -> GainResult:
 def _ranges(result: GainResult) -> list[tuple[int, int]]:
     """Return the photon ids of a result as half-open ranges."""
     run = result.provenance["run"]
-    first = run["first_photon"]
-    spans = run.get("photon_ranges", [[first, first + result.photons]])
+    alone = [run["first_photon"], run["first_photon"] + result.photons]
+    spans = run.get("photon_ranges", [alone])
     return [(int(a), int(b)) for a, b in spans]
 
 

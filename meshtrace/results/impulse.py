@@ -3,34 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import constants
 
 from meshtrace.errors import Refused
-from meshtrace.fields import attrs
+from meshtrace.models import Floats
 from meshtrace.results.gain import GainResult
-from meshtrace.stored import SHIFTS, Stored
+from meshtrace.results.variables import StoredArrays, Variable
+from meshtrace.stored import SHIFTS
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-SPEED_OF_LIGHT = 299_792_458.0
+SPEED_OF_LIGHT = constants.c
 """Speed of light in vacuum [m s-1] (exact)."""
 
 
-_NUMBERS = (
-    "first_arrival",
-    "mean_delay",
-    "mean_delay_stderr",
-    "rms_delay_spread",
-    "rms_delay_spread_stderr",
-)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class ImpulseResponse(Stored):
+class ImpulseResponse(StoredArrays):
     """Impulse response of a channel, h(t) in gain per second.
 
     Attributes
@@ -51,16 +41,16 @@ class ImpulseResponse(Stored):
         Versions, configuration and seeds of the run.
     """
 
-    edges: NDArray[np.float64]
-    h: NDArray[np.float64]
-    h_stderr: NDArray[np.float64]
-    first_arrival: float
-    mean_delay: float
-    mean_delay_stderr: float
-    rms_delay_spread: float
-    rms_delay_spread_stderr: float
-    delay: NDArray[np.float64]
-    weight: NDArray[np.float64]
+    edges: Annotated[Floats, Variable("bin_edge", name="delay_edges")]
+    h: Annotated[Floats, Variable("bin", name="impulse_response")]
+    h_stderr: Annotated[Floats, Variable("bin", name="impulse_response_stderr")]
+    first_arrival: Annotated[float, Variable("")]
+    mean_delay: Annotated[float, Variable("")]
+    mean_delay_stderr: Annotated[float, Variable("")]
+    rms_delay_spread: Annotated[float, Variable("")]
+    rms_delay_spread_stderr: Annotated[float, Variable("")]
+    delay: Annotated[Floats, Variable("arrival", name="arrival_delay")]
+    weight: Annotated[Floats, Variable("arrival", name="arrival_weight")]
     provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "impulse-response"
@@ -82,38 +72,13 @@ class ImpulseResponse(Stored):
             ]
         )
 
-    def _content(self) -> xr.Dataset:
-        import xarray as xr
-
-        variables: dict[str, Any] = {
-            "impulse_response": ("bin", self.h, attrs("impulse_response")),
-            "impulse_response_stderr": ("bin", self.h_stderr, attrs("impulse_response_stderr")),
-            "delay_edges": ("bin_edge", self.edges, attrs("delay_edges")),
-            "arrival_delay": ("arrival", self.delay, attrs("delay")),
-            "arrival_weight": ("arrival", self.weight, attrs("arrival_weight")),
-            **{name: ((), getattr(self, name), attrs(name)) for name in _NUMBERS},
-        }
-        return xr.Dataset(variables)
-
-    @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> ImpulseResponse:
-        return cls(
-            edges=data["delay_edges"].to_numpy(),
-            h=data["impulse_response"].to_numpy(),
-            h_stderr=data["impulse_response_stderr"].to_numpy(),
-            **{name: float(data[name]) for name in _NUMBERS},
-            delay=data["arrival_delay"].to_numpy(),
-            weight=data["arrival_weight"].to_numpy(),
-            provenance=provenance,
-        )
-
     def transfer_function(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return H(f) = sum w exp(-2 pi i f t) / sum w at frequencies [Hz]; H(0) = 1."""
-        f = np.atleast_1d(np.asarray(frequency, dtype=float))
-        out = np.empty(len(f), complex)
-        for i, value in enumerate(f):
-            out[i] = (self.weight * np.exp(-2j * np.pi * value * self.delay)).sum()
-        return out / self.weight.sum()
+        sums = [
+            (self.weight * np.exp(-2j * np.pi * f * self.delay)).sum()
+            for f in np.atleast_1d(np.asarray(frequency, dtype=float))
+        ]
+        return np.array(sums, complex) / self.weight.sum()
 
 
 def impulse_response(
@@ -138,7 +103,7 @@ def impulse_response(
 
     Raises
     ------
-    ValueError
+    Refused
         If the run kept no arrivals, or none came.
 
     Notes
@@ -161,42 +126,42 @@ def impulse_response(
     weight, group = arrivals.weight[mine], arrivals.group[mine]
     first = float(time.min())
     delay = time - first
-    n_bins = int(delay.max() / bin_width) + 1
-    edges = bin_width * np.arange(n_bins + 1, dtype=np.float64)
-    bins = np.minimum((delay / bin_width).astype(int), n_bins - 1)
-    by_group = np.zeros((SHIFTS, n_bins))
-    moments = np.zeros((SHIFTS, 3))
-    for g in range(SHIFTS):
-        # parts without Monte Carlo error belong to every group; the others share the gain
-        w = np.where(group < 0, weight, np.where(group == g, SHIFTS * weight, 0.0))
-        by_group[g] = np.bincount(bins, w, n_bins)
-        moments[g] = w.sum(), (w * delay).sum(), (w * delay**2).sum()
-    total, jack = moments.mean(axis=0), _jackknife(moments)
-    mean, spread = _delays(total)
-    jack_mean, jack_spread = np.array([_delays(m) for m in jack]).T
+    by_group, moments = _by_group(delay, weight, group, bin_width)
+    mean, spread = _delays(moments.mean(axis=0))
+    others = (moments.sum(axis=0) - moments) / (SHIFTS - 1)  # jackknife: all groups but one
     factor = (SHIFTS - 1) / np.sqrt(SHIFTS)
+    errors = [float(factor * v.std()) for v in np.array([_delays(m) for m in others]).T]
     return ImpulseResponse(
-        edges=edges,
+        edges=bin_width * np.arange(by_group.shape[1] + 1, dtype=np.float64),
         h=by_group.mean(axis=0) / bin_width,
         h_stderr=by_group.std(axis=0, ddof=1) / np.sqrt(SHIFTS) / bin_width,
         first_arrival=first,
         mean_delay=mean,
-        mean_delay_stderr=float(factor * jack_mean.std()),
+        mean_delay_stderr=errors[0],
         rms_delay_spread=spread,
-        rms_delay_spread_stderr=float(factor * jack_spread.std()),
+        rms_delay_spread_stderr=errors[1],
         delay=delay,
         weight=weight,
         provenance=result.provenance,
     )
 
 
-def _jackknife(moments: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the means of all groups but one."""
-    n = len(moments)
-    return (moments.sum(axis=0) - moments) / (n - 1)
+def _by_group(
+    delay: Floats, weight: Floats, group: NDArray[np.int64], bin_width: float
+) -> tuple[Floats, Floats]:
+    """Return weights by group and bin, and sums of w, w t, w t^2 by group."""
+    n_bins = int(delay.max() / bin_width) + 1
+    bins = np.minimum((delay / bin_width).astype(int), n_bins - 1)
+    by_group, moments = np.zeros((SHIFTS, n_bins)), np.zeros((SHIFTS, 3))
+    for g in range(SHIFTS):
+        # parts without Monte Carlo error belong to every group; the others share the gain
+        w = np.where(group < 0, weight, np.where(group == g, SHIFTS * weight, 0.0))
+        by_group[g] = np.bincount(bins, w, n_bins)
+        moments[g] = w.sum(), (w * delay).sum(), (w * delay**2).sum()
+    return by_group, moments
 
 
-def _delays(moments: NDArray[np.float64]) -> tuple[float, float]:
+def _delays(moments: Floats) -> tuple[float, float]:
     """Return mean and root variance from sums of w, w t, w t^2."""
     mean = moments[1] / moments[0]
     return float(mean), float(np.sqrt(max(moments[2] / moments[0] - mean**2, 0.0)))

@@ -27,7 +27,7 @@ def environment() -> dict[str, str]:
 
 
 def provenance(link: Link, surface: dict[str, Any], run: dict[str, Any]) -> dict[str, Any]:
-    """Return all that a result depends on, as plain data."""
+    """Return versions, link, surface and run of a result as plain data."""
     return {
         "environment": environment(),
         "link": link.model_dump(mode="json"),

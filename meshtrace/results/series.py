@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from meshtrace.errors import Refused
 from meshtrace.fields import attrs
+from meshtrace.models import Floats
 from meshtrace.stored import Stored
 
 if TYPE_CHECKING:
@@ -43,9 +44,9 @@ class GainSeries(Stored):
 
     along: Literal["time", "realization"]
     coordinate: NDArray[Any]
-    gain: NDArray[np.float64]
-    gain_stderr: NDArray[np.float64]
-    gain_ballistic: NDArray[np.float64]
+    gain: Floats
+    gain_stderr: Floats
+    gain_ballistic: Floats
     mean_stderr: Any
     provenance: dict[str, Any] = field(default_factory=dict)
 
@@ -53,17 +54,17 @@ class GainSeries(Stored):
     title: ClassVar[str] = "meshtrace gain series"
 
     @property
-    def gains(self) -> NDArray[np.float64]:
+    def gains(self) -> Floats:
         """Gains, shape (n, receivers), of a single receiver, too."""
         return self.gain.reshape(len(self.coordinate), -1)
 
     @property
-    def mean_stderrs(self) -> NDArray[np.float64]:
+    def mean_stderrs(self) -> Floats:
         """Standard error of the mean gain of each receiver, shape (receivers,)."""
         return np.atleast_1d(self.mean_stderr)
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> Floats:
         """Times [s] of a moving sea."""
         if self.along != "time":
             raise Refused("along", self.along, "time, for a property of time series")
@@ -100,17 +101,16 @@ class GainSeries(Stored):
         stderr = self.gain_stderr.reshape(n, -1)[:, receiver]
         noise = float(np.mean(stderr**2))
         own = max(noise - common**2, 0.0) * n / max(n - 1, 1)
-        if self.along == "time":
-            found = fading_statistics(gain, time=self.time, common_stderr=common, **options)
-            found = replace(found, provenance=self.provenance)
-            share = own / max(float(gain.var()), own, 1e-300)
-            if share < _MOST_NOISE:
-                return found
+        if self.along == "realization":
+            options["gain_stderr"] = (np.sqrt(own / noise) if noise > 0.0 else 0.0) * stderr
+        else:
+            options["time"] = self.time
+        found = fading_statistics(gain, common_stderr=common, **options)
+        notes, share = found.notes, own / max(float(gain.var()), own, 1e-300)
+        if self.along == "time" and share >= _MOST_NOISE:
             note = f"Monte Carlo noise makes {100.0 * share:.0f} % of the variance: more chains"
-            return replace(found, notes=(*found.notes, note))
-        scale = np.sqrt(own / noise) if noise > 0.0 else 0.0
-        found = fading_statistics(gain, scale * stderr, common_stderr=common, **options)
-        return replace(found, provenance=self.provenance)
+            notes = (*notes, note)
+        return replace(found, provenance=self.provenance, notes=notes)
 
     def _headline(self) -> str:
         means = self.gains.mean(axis=0)
@@ -132,10 +132,23 @@ class GainSeries(Stored):
                 lines.append("".join(f"{value:>12.4e}" for value in np.percentile(gain, shares)))
                 lines.append("")
             lines.append(self._statistics(receiver))
+            lines += self._closed_form()
             if gain.any():
                 percent = 100.0 * stderr / gain.mean()
                 lines.append(f"  chains               mean gain +- {percent:.2g} %")
         return "\n".join(lines)
+
+    def _closed_form(self) -> list[str]:
+        """Return the scintillation index of unscattered light, measured and in closed form."""
+        found, light = self.provenance.get("closed_form"), self.gain_ballistic
+        if not found or not light.any():
+            return []
+        measured = light.var(ddof=1) / light.mean() ** 2
+        return [
+            f"  unscattered light    scintillation index {measured:.3g}, closed form "
+            f"{found['index_of_band']:.3g} up to {found['omega_max']:.3g} rad/s, "
+            f"{found['index_of_all']:.3g} with all waves"
+        ]
 
     def _statistics(self, receiver: int) -> str:
         """Return the fading of a receiver, or the first gains of a series that has none."""

@@ -1,25 +1,21 @@
-"""Extra tallies of a run: arrivals, irradiance planes, map.
-
-Each variable carries its dimensions and the rule by which runs of disjoint photons merge.
-"""
+"""Extra tallies of a run: arrivals, irradiance planes, map."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.fields import attrs
+from meshtrace.models import Floats
+from meshtrace.results.variables import Variable, Variables, WithArrays
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Floats = NDArray[np.float64]
-Variables = dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, str]]]
 
 
 def standard_error(total: Any, squares: Any, n: int) -> Any:
@@ -60,49 +56,20 @@ def _common(parts: Sequence[NDArray[Any]], n: NDArray[np.int64]) -> NDArray[Any]
     return parts[0]
 
 
-class Variable(NamedTuple):
-    """Dimensions of a tally's array, its rule for merging and its name in files.
-
-    A mean merges together with its standard error, which has no separate rule.
-    """
-
-    dims: str
-    rule: Callable[..., Any] | None
-    name: str = ""
+_CELLS = "map_axis_x map_axis_y"
 
 
-class Tally:
+class Tally(WithArrays):
     """Arrays with names, dimensions and merging rules; subclasses are dataclasses of them."""
 
-    @classmethod
-    def _described(cls) -> Iterator[tuple[str, str, Variable]]:
-        """Yield attribute, name in files and description of each array."""
-        for attribute, hint in get_type_hints(cls, include_extras=True).items():
-            (variable,) = hint.__metadata__
-            yield attribute, variable.name or attribute, variable
-
     def __repr__(self) -> str:
-        arrays = ", ".join(
-            f"{name} {array.shape}" for name, (_, array, _) in self.variables().items()
-        )
-        return f"<{type(self).__name__}: {arrays}>"
-
-    def variables(self) -> Variables:
-        """Return the arrays by their names in files, with dimensions and attributes."""
-        return {
-            name: (tuple(variable.dims.split()), getattr(self, attribute), attrs(name))
-            for attribute, name, variable in self._described()
-            if getattr(self, attribute) is not None
-        }
+        shapes = (f"{name} {array.shape}" for name, (_, array, _) in self.variables().items())
+        return f"<{type(self).__name__}: {', '.join(shapes)}>"
 
     @classmethod
     def read(cls, data: xr.Dataset) -> Self | None:
         """Return the tally of a dataset, None if it has none."""
-        found = {
-            attribute: data[name].to_numpy()
-            for attribute, name, _ in cls._described()
-            if name in data.variables
-        }
+        found = cls.arrays(data)
         return cls(**found) if found else None
 
     @classmethod
@@ -189,12 +156,12 @@ class Planes(Tally):
     e_u: Annotated[Floats, Variable("plane", merged_mean)]
     e_od: Annotated[Floats, Variable("plane", merged_mean)]
     e_ou: Annotated[Floats, Variable("plane", merged_mean)]
-    e_d_stderr: Annotated[Floats, Variable("plane", None)]
-    e_u_stderr: Annotated[Floats, Variable("plane", None)]
-    e_od_stderr: Annotated[Floats, Variable("plane", None)]
-    e_ou_stderr: Annotated[Floats, Variable("plane", None)]
+    e_d_stderr: Annotated[Floats, Variable("plane")]
+    e_u_stderr: Annotated[Floats, Variable("plane")]
+    e_od_stderr: Annotated[Floats, Variable("plane")]
+    e_ou_stderr: Annotated[Floats, Variable("plane")]
     radiance: Annotated[Floats | None, Variable("plane cosine azimuth", merged_mean)] = None
-    radiance_stderr: Annotated[Floats | None, Variable("plane cosine azimuth", None)] = None
+    radiance_stderr: Annotated[Floats | None, Variable("plane cosine azimuth")] = None
     cosine_edges: Annotated[Floats | None, Variable("cosine_edge", _common)] = None
     azimuth_edges: Annotated[Floats | None, Variable("azimuth_edge", _common)] = None
 
@@ -247,7 +214,5 @@ class IrradianceMap(Tally):
 
     x: Annotated[Floats, Variable("map_axis_x", _common, "map_x")]
     y: Annotated[Floats, Variable("map_axis_y", _common, "map_y")]
-    irradiance: Annotated[Floats, Variable("map_axis_x map_axis_y", merged_mean, "map_irradiance")]
-    irradiance_stderr: Annotated[
-        Floats, Variable("map_axis_x map_axis_y", None, "map_irradiance_stderr")
-    ]
+    irradiance: Annotated[Floats, Variable(_CELLS, merged_mean, "map_irradiance")]
+    irradiance_stderr: Annotated[Floats, Variable(_CELLS, None, "map_irradiance_stderr")]

@@ -10,8 +10,9 @@ from pydantic import field_validator
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Described, Refused, require_keys
+from meshtrace.fading.resolving import resolve_band
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model
 from meshtrace.results.gain import GainResult
 from meshtrace.scenario import parts, seas
@@ -35,8 +36,8 @@ class Scenario(Model, frozen=True):
         Wind speed at 10 m [m s-1]; the sea, bubbles and whitecaps of a link file follow it.
     link : Link
         The link.
-    surface : SurfaceModel or MeshFile
-        The sea.
+    surface : MeshSource or MeshFile
+        The sea: a model, meshes in time, or one mesh.
     meshing : Meshing
         Time and resolution at which the sea is triangulated.
     run : Run
@@ -71,9 +72,9 @@ class Scenario(Model, frozen=True):
     @field_validator("surface")
     @classmethod
     def _known_surface(cls, surface: Any) -> Any:
-        if not isinstance(surface, SurfaceModel | MeshFile):
+        if not isinstance(surface, MeshSource | MeshFile):
             kind = Described(type(surface).__name__)
-            raise Refused("surface", kind, "a sea (SurfaceModel) or a MeshFile")
+            raise Refused("surface", kind, "a sea (MeshSource) or a MeshFile")
         return surface
 
     @classmethod
@@ -83,7 +84,7 @@ class Scenario(Model, frozen=True):
         Parameters
         ----------
         path : path
-            TOML file; a mesh file that it names is looked for beside it.
+            TOML file; paths of mesh files are relative to its folder.
         changes : mapping of str to value, optional
             Values that replace those of the file, by dotted key such as "transmitter.depth".
 
@@ -146,26 +147,30 @@ class Scenario(Model, frozen=True):
         -----
         `physics="paper"` also sets the published forms that lie outside `Physics`, where they are
         not given: `cdf_coef` of a Fournier-Forand phase function; psi, q and depth of the
-        bubbles; whitecaps "paper_0255". The estimator is "forced" unless given, or "analog" for
-        a link that forced detection cannot follow.
+        bubbles; whitecaps "paper_0255"; equally spaced bands of the sea. The estimator is "forced"
+        unless given, or "analog" for a link or a surface that forced detection cannot follow.
+
+        `fading = true` in [run] stands for `omega_max = "fading"` in [sea], and that for the
+        spectrum, spreading and slope variance of Elfouhaily unless the table names others.
         """
         require_keys(config, KEYS)
         wind_speed = parts.read_wind_speed(config)
         sea = as_table(config.get("sea", {}), "sea")
         run = as_table(config.get("run", {}), "run")
+        seas.read_fading(run, sea)
         meshing: Table = {key: sea.pop(key) for key in ("time", "extent", "spacing") if key in sea}
-        surface = seas.read_surface(sea, wind_speed, meshing, Path(folder))
+        printed = config.get("physics") == "paper"
+        surface = seas.read_surface(sea, wind_speed, meshing, Path(folder), printed)
         link = parts.read_link(config, wind_speed)
         normals = {"normals": run.pop("normals")} if "normals" in run else {}
+        run = {**parts.default_estimator(link), **run}
         checked = validated(Meshing, normals, "run")
         return cls(
             wind_speed=wind_speed,
             link=link,
             surface=surface,
             meshing=validated(Meshing, {**checked.model_dump(), **meshing}, "sea"),
-            run=validated(
-                Run, {"estimator": parts.default_estimator(link), **run}, "run", run_keys()
-            ),
+            run=validated(Run, run, "run", (*run_keys(), "fading")),
             detector=parts.read_detector(config["detector"]) if "detector" in config else None,
             uav=parts.read_uav(config["uav"]) if "uav" in config else None,
         )
@@ -188,7 +193,7 @@ class Scenario(Model, frozen=True):
         -----
         The number of threads, on which no result depends, is not taken over.
         """
-        options = provenance["run"]
+        options: Table = provenance["run"]
         link = Link.model_validate(provenance["link"])
         surface = seas.surface_from_provenance(provenance)
         estimator = Estimator.member(options["estimator"])
@@ -208,6 +213,8 @@ class Scenario(Model, frozen=True):
         """
         link, still = self.link, isinstance(self.surface, MeshFile)
         run = {**self.run.to_config(), "normals": self.meshing.normals}
+        if "estimator" not in self.run.model_fields_set and seas.may_overhang(self.surface):
+            run = {k: v for k, v in run.items() if k in self.run.model_fields_set | {"normals"}}
         still_too = {"normals", "time"} if still else {"normals"}
         sampling = self.meshing.model_dump(exclude_none=True, exclude=still_too)
         return {
@@ -232,7 +239,7 @@ class Scenario(Model, frozen=True):
 
         return tomli_w.dumps(self.to_config())
 
-    def case(self, surface: SurfaceModel | TriangleMesh | None = None) -> Case:
+    def case(self, surface: MeshSource | TriangleMesh | None = None) -> Case:
         """Return link, surface and options of the run, over another surface if one is given.
 
         Raises
@@ -241,16 +248,17 @@ class Scenario(Model, frozen=True):
             If a mesh file cannot be read or does not cover the link, or the mesh would fill the
             memory.
         """
+        origin, footprint = {}, self.link.footprint()
         if surface is not None:
-            return Case(self.link, surface, self.run, self.meshing)
-        footprint = self.link.footprint()
-        if isinstance(self.surface, MeshFile):
+            surface = resolve_band(self.link, surface)
+        elif isinstance(self.surface, MeshFile):
             needed = footprint.fine_extent + max(map(abs, footprint.center))
-            mesh = self.surface.load(self.meshing.extent or needed)
+            surface = self.surface.load(self.meshing.extent or needed)
             origin = {"mesh_file": self.surface.file}
-            return Case(self.link, mesh, self.run, self.meshing, origin)
-        seas.require_modest(self.surface, footprint, self.meshing)
-        return Case(self.link, self.surface, self.run, self.meshing)
+        else:
+            surface = sea = resolve_band(self.link, self.surface)
+            seas.require_modest(sea, footprint, self.meshing)
+        return Case(self.link, surface, self.run, self.meshing, origin)
 
     def mesh(self) -> TriangleMesh:
         """Return the surface as the run needs it.

@@ -7,9 +7,9 @@ written back without the keys that follow the wind, the water or the transmitter
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, get_args
 
-from meshtrace.comms.ook import OokLink
+from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.errors import Refused, is_number, require_keys, require_word
 from meshtrace.link import Link, Physics, Whitecaps
 from meshtrace.models import Model
@@ -22,7 +22,6 @@ from meshtrace.uav.airframe import UAVS, Uav
 
 DEFAULT_WIND_SPEED = 5.0
 
-_PRESETS = ("physical", "paper", "paper-ranges")
 _FREE = ("physics", "transmitter", "receiver", "planes", "n_air")  # tables that share nothing
 
 
@@ -46,28 +45,25 @@ def read_link(config: Mapping[str, Any], wind_speed: float) -> Link:
     )
 
 
-def default_estimator(link: Link) -> str:
-    """Return "forced", or "analog" for a link that forced detection cannot follow."""
+def default_estimator(link: Link) -> Table:
+    """Return the estimator of a link that forced detection cannot follow, else nothing."""
     try:
         crossing_reach(link)
     except Refused:
-        return "analog"
-    return "forced"
+        return {"estimator": "analog"}
+    return {}
 
 
 def _water(value: Any, wavelength_nm: float, printed: bool) -> Water:
     table = as_table(value, "water")
     if "type" in table:
         try:
-            typed = Water.from_type(table["type"], wavelength_nm)
+            typed = Water.from_type(table.pop("type"), wavelength_nm)
         except Refused as error:
-            raise error.inside(
-                "transmitter" if error.field == "wavelength_nm" else "water"
-            ) from None
-        own = {"phase": typed.phase, "a": typed.a, "b": typed.b}
-        if "layers" in table:
-            own = {"phase": typed.phase}
-        table = {**own, **{k: v for k, v in table.items() if k != "type"}}
+            where = "transmitter" if error.field == "wavelength_nm" else "water"
+            raise error.inside(where) from None
+        kept = ("phase",) if "layers" in table else ("phase", "a", "b")
+        table = {**{name: getattr(typed, name) for name in kept}, **table}
     water = validated(Water, table, "water", ("type",))
     phase = water.phase
     if printed and isinstance(phase, FournierForand) and "cdf_coef" not in phase.model_fields_set:
@@ -104,39 +100,38 @@ def _whitecaps(value: Any, wind_speed: float, printed: bool) -> Whitecaps | None
     table = as_table(value, "whitecaps", "model")
     table = {"wind_speed": wind_speed, "model": "paper_0255" if printed else "w_0225", **table}
     absent = table["model"] == "none"
-    whitecaps = validated(
-        Whitecaps, {**table, **({"model": "w_0225"} if absent else {})}, "whitecaps"
-    )
+    if absent:
+        del table["model"]
+    whitecaps = validated(Whitecaps, table, "whitecaps")
     return None if absent or whitecaps.wind_speed == 0.0 else whitecaps
 
 
 def _over(base: Model, table: Table, path: str) -> Any:
     """Return a model with the fields of a table, and those of tables inside it, replaced."""
     for name, value in table.items():
-        part = getattr(base, name, None)
+        part, inner = getattr(base, name, None), f"{path}.{name}"
         if isinstance(part, Model):
-            table = {
-                **table,
-                name: _over(part, as_table(value, f"{path}.{name}"), f"{path}.{name}"),
-            }
+            table = {**table, name: _over(part, as_table(value, inner), inner)}
     return validated(type(base), {**dict(base), **table}, path, ("preset",))
+
+
+def _over_preset(presets: Mapping[str, Model], value: Any, path: str) -> Any:
+    """Return the preset that a table names, by default the first, with its fields replaced."""
+    table = as_table(value, path, "preset")
+    preset = table.pop("preset", next(iter(presets)))
+    require_word(preset, presets, f"{path}.preset")
+    return _over(presets[preset], table, path)
 
 
 def read_detector(value: Any) -> OokLink:
     """Return the transmission of [detector]: fields that replace those of a preset."""
-    table = as_table(value, "detector", "preset")
-    preset: Any = table.pop("preset", "physical")
-    require_word(preset, _PRESETS, "detector.preset")
-    base: OokLink = OokLink.preset(preset)
-    return _over(base, table, "detector")
+    presets = {name: OokLink.preset(name) for name in get_args(Preset)}
+    return _over_preset(presets, value, "detector")
 
 
 def read_uav(value: Any) -> Uav:
     """Return the airframe of [uav]: fields that replace those of a known one."""
-    table = as_table(value, "uav", "preset")
-    preset = table.pop("preset", next(iter(UAVS)))
-    require_word(preset, UAVS, "uav.preset")
-    return _over(UAVS[preset], table, "uav")
+    return _over_preset(UAVS, value, "uav")
 
 
 def physics_config(physics: Physics) -> Any:

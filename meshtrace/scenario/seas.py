@@ -10,9 +10,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from meshtrace.errors import Described, Refused, did_you_mean
+from meshtrace.errors import Described, Refused, did_you_mean, require_keys
+from meshtrace.fading.resolving import FADING
 from meshtrace.link import Footprint, Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Model
 from meshtrace.registry import Family
 from meshtrace.scenario.tables import Table, as_table, validated, without_shared_wind
@@ -25,7 +26,9 @@ MOST_FACTORS = 50_000_000
 """Waves times grid lines, at some 50 B each, beyond which a run is refused."""
 
 _SEA_ALIASES = {"sinusoidal": "sinusoid", "tilted-plane": "plane"}
-_SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "time", "extent", "spacing")
+_SHORT_WAVES = "elfouhaily"  # spectrum, spreading and slopes of a sea that makes light fade
+_FETCH = 30e3  # of that sea, as of the JONSWAP sea [m]
+_SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "meshes", "time", "extent", "spacing")
 
 
 class MeshFile(Model, frozen=True):
@@ -51,12 +54,12 @@ class MeshFile(Model, frozen=True):
         Raises
         ------
         Refused
-            If it cannot be read, is not a surface facing up, or does not cover the square.
+            If it cannot be read, is not a surface under air, or does not cover the square.
         """
         from meshtrace.surfaces import from_trimesh
 
         try:
-            return from_trimesh(self.file, extent=extent)
+            return from_trimesh(self.file, extent=extent, overhangs=True)
         except Refused as error:
             if error.field == self.file:  # of the reader
                 problem = Described(f"{self.file!r}: {error.value}")
@@ -68,27 +71,52 @@ class MeshFile(Model, frozen=True):
             raise Refused("sea.mesh", problem, allowed) from error
 
 
-def read_surface(table: Table, wind_speed: float, sampling: Mapping[str, Any], folder: Path) -> Any:
-    """Return the surface of [sea], of which `sampling` has been taken out."""
+def read_fading(run: Table, sea: Table) -> None:
+    """Move `fading` of [run] to `omega_max` of [sea]."""
+    fading = run.pop("fading", False)
+    if not isinstance(fading, bool):
+        raise Refused("run.fading", fading, "true or false")
+    if fading and ("mesh" in sea or "meshes" in sea):
+        raise Refused("run.fading", fading, "a sea model")
+    if fading and sea.setdefault("omega_max", FADING) != FADING:
+        raise Refused("sea.omega_max", sea["omega_max"], f'"{FADING}" with run.fading = true')
+
+
+def read_surface(
+    table: Table, wind_speed: float, sampling: Mapping[str, Any], folder: Path, printed: bool
+) -> Any:
+    """Return the surface of [sea], of which `sampling` has been taken out.
+
+    `printed` has the equally spaced bands of the paper unless the table names others.
+    """
     if "mesh" in table:
         return _mesh_file(table, sampling, folder)
+    if "meshes" in table:
+        return _mesh_sequence(table, folder)
     from meshtrace.surfaces import FlatSea, Surface
 
     if "part" in table:
-        return _sum(table, wind_speed, folder)
+        return _sum(table, wind_speed, folder, printed)
+    if table.get("omega_max") == FADING and table.get("spectrum", _SHORT_WAVES) == _SHORT_WAVES:
+        known = {"spectrum": _SHORT_WAVES, "spreading": _SHORT_WAVES, "mss": _SHORT_WAVES}
+        table = {**known, "fetch": _FETCH, **table}
+
     word = table.pop("spectrum", table.pop("kind", "jonswap"))
     model = Surface.member("spectral") if isinstance(word, Mapping) else _named(word)
     keys, calm = _SEA_KEYS, False
     if not issubclass(model, Surface) or isinstance(word, Mapping):
         table, keys, calm = _with_spectrum(word, table, wind_speed)
         model = Surface.member("spectral")
-    elif "wind_speed" in model.model_fields:
+    elif _follows_wind(model):
         table, calm = _driven(table, wind_speed)
+    if printed and "band" in model.model_fields:
+        banded: Any = model
+        table = {"band": banded.equally_spaced_band(table), **table}
     surface = validated(model, table, "sea", keys)
     return FlatSea() if calm else surface
 
 
-def _sum(table: Table, wind_speed: float, folder: Path) -> Any:
+def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:
     """Return the sum of the seas of [[sea.part]]."""
     from meshtrace.surfaces import SumSea
 
@@ -98,12 +126,18 @@ def _sum(table: Table, wind_speed: float, folder: Path) -> Any:
     seas = []
     for i, part in enumerate(parts):
         try:
-            seas.append(read_surface(as_table(part, "sea"), wind_speed, {}, folder))
+            seas.append(read_surface(as_table(part, "sea"), wind_speed, {}, folder, printed))
         except Refused as error:
             own = error.field.removeprefix("sea").removeprefix(".")
             refused = Refused(own, error.value, error.allowed, error.hint)
             raise refused.inside("sea", "part", i) from None
     return validated(SumSea, {**table, "parts": tuple(seas)}, "sea", ("part", *_SEA_KEYS))
+
+
+def _follows_wind(model: Any) -> bool:
+    """Return whether the waves of a sea follow the wind; those of a measured one do not."""
+    field = model.model_fields.get("wind_speed")
+    return field is not None and field.default is not None
 
 
 def _named(word: Any) -> type[Family]:
@@ -162,7 +196,25 @@ def _mesh_file(table: Table, sampling: Mapping[str, Any], folder: Path) -> MeshF
     return MeshFile(file=str((folder / name).resolve()))
 
 
-def surface_from_provenance(provenance: Mapping[str, Any]) -> SurfaceModel | MeshFile:
+def _mesh_sequence(table: Table, folder: Path) -> Any:
+    """Return the meshes in time of a folder or a pattern, beside the link file if relative."""
+    from meshtrace.surfaces import MeshSequence
+
+    source = table.pop("meshes")
+    names = source if isinstance(source, list) else [source]
+    if not names or not all(isinstance(name, str) for name in names):
+        raise Refused("sea.meshes", source, "a folder, a pattern or a file")
+    whole = [str(folder.resolve() / name) for name in names]
+    keys = [key for key in MeshSequence.model_fields if key not in ("kind", "source")]
+    require_keys(table, ["meshes", *keys, "time"], "sea")
+    try:
+        return MeshSequence(whole if isinstance(source, list) else whole[0], **table)
+    except Refused as error:
+        field = "meshes" if error.field == "source" else error.field
+        raise Refused(f"sea.{field}", error.value, error.allowed, error.hint) from error.__cause__
+
+
+def surface_from_provenance(provenance: Mapping[str, Any]) -> MeshSource | MeshFile:
     """Return the surface of a result."""
     from meshtrace.surfaces import sea_from_config
 
@@ -185,7 +237,7 @@ def wind_of(link: Link, surface: Any) -> float:
     return (link.wind_speed or 0.0) if spectrum is None else spectrum.wind_speed
 
 
-def surface_config(surface: SurfaceModel | MeshFile, wind_speed: float) -> Table:
+def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
     """Return [sea] of a surface, without the wind speed that it shares."""
     if isinstance(surface, MeshFile):
         return {"mesh": surface.file}
@@ -193,19 +245,32 @@ def surface_config(surface: SurfaceModel | MeshFile, wind_speed: float) -> Table
 
     config = dict(surface.to_config())
     kind = config.pop("kind")
+    if kind == "meshes":
+        return {"meshes": config.pop("source"), **config}
     if isinstance(surface, SumSea):
         parts = [surface_config(part, wind_speed) for part in surface.parts]
-        return {"part": parts, "seed": config["seed"]}
+        del config["parts"]
+        return {**config, "part": parts}
     if kind == "spectral":
         config["spectrum"] = without_shared_wind(config["spectrum"], wind_speed)
         return config
-    return {"spectrum": kind, **without_shared_wind(config, wind_speed)}
+    if _follows_wind(type(surface)):
+        config = without_shared_wind(config, wind_speed)
+    return {"spectrum": kind, **config}
 
 
-def require_modest(surface: SurfaceModel, footprint: Footprint, meshing: Meshing) -> None:
+def may_overhang(surface: MeshSource | MeshFile) -> bool:
+    """Return whether a surface overhangs, or only its meshes tell."""
+    return not (isinstance(surface, SurfaceModel) and getattr(surface, "single_valued", True))
+
+
+def require_modest(surface: MeshSource, footprint: Footprint, meshing: Meshing) -> None:
     """Refuse meshes and wave sums that would fill the memory."""
+    from meshtrace.surfaces import Surface
     from meshtrace.surfaces.gridding import grid_axis
 
+    if not isinstance(surface, Surface):
+        return
     spacing = meshing.spacing or footprint.spacing
     try:
         if meshing.extent is None:

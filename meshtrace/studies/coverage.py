@@ -66,36 +66,19 @@ def coverage_map(
         raise Refused("receiver", Described("none in the air"), "a link with one")
     require_whole(photons, 1, 2**53, "photons")
     at = require_finite(times, "times", "one or more times [s]").tolist()
-    grid = IrradianceMap(
-        height=receiver.height,
-        extent=extent,
-        step=step,
-        axis=receiver.axis,
-        fov_deg=receiver.fov_deg,
-    )
+    view = {name: getattr(receiver, name) for name in ("height", "axis", "fov_deg")}
+    grid = IrradianceMap(extent=extent, step=step, **view)
     runs = [
         simulate(
-            link,
-            case.surface,
-            "analog",
-            photons=photons,
-            seed=case.run.seed,
-            threads=case.run.threads,
-            mesh=case.meshing.replace(time=time),
-            first_photon=i * photons,
-            record=[grid],
-            progress=progress,
+            link, case.surface, "analog", photons=photons, seed=case.run.seed,
+            threads=case.run.threads, mesh=case.meshing.replace(time=time),
+            first_photon=i * photons, record=[grid], progress=progress,
         )
         for i, time in enumerate(at)
-    ]
-    area = np.pi * receiver.radius**2
+    ]  # fmt: skip
+    area, origin = np.pi * receiver.radius**2, {**runs[0].provenance, "times": at}
     maps = [r.map for r in runs if r.map is not None]
     mean = np.mean([m.irradiance for m in maps], axis=0)
     error = np.sqrt(np.mean([m.irradiance_stderr**2 for m in maps], axis=0))
-    return CoverageMap(
-        maps[0].x,
-        maps[0].y,
-        area * mean,
-        area * error / np.sqrt(len(maps)),
-        {**runs[0].provenance, "times": at},
-    )
+    stderr = area * error / np.sqrt(len(maps))
+    return CoverageMap(maps[0].x, maps[0].y, area * mean, stderr, origin)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.parallel import default_threads
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import MeshFile, Scenario
@@ -25,7 +25,7 @@ class Inputs(NamedTuple):
     """Link, sea and options of a study over many surfaces."""
 
     link: Link
-    surface: SurfaceModel
+    surface: MeshSource
     run: Run
     meshing: Meshing
     scenario: Scenario | None
@@ -35,7 +35,21 @@ class Inputs(NamedTuple):
         """Number of threads, all cores by default."""
         return default_threads(self.run.threads)
 
-    def mesh(self, link: Link, surface: SurfaceModel, time: float) -> TriangleMesh:
+    @property
+    def sea(self) -> SurfaceModel:
+        """The surface, of any spacing and time.
+
+        Raises
+        ------
+        Refused
+            If it is one of given meshes.
+        """
+        if not isinstance(self.surface, SurfaceModel):
+            kind = Described(type(self.surface).__name__)
+            raise Refused("surface", kind, "a sea (SurfaceModel), of any spacing")
+        return self.surface
+
+    def mesh(self, link: Link, surface: MeshSource, time: float) -> TriangleMesh:
         """Return the mesh of a surface at a time, as far as light can cross to a receiver."""
         meshing, reach = self.meshing.replace(time=time), crossing_reach(link)
         return mesh_for(link, surface, meshing, reach, FADING_SPACING)[0]
@@ -57,7 +71,7 @@ class Inputs(NamedTuple):
 
 
 def resolve_chains(
-    link: Link | Scenario, surface: SurfaceModel | None = None, **options: Any
+    link: Link | Scenario, surface: MeshSource | None = None, **options: Any
 ) -> Inputs:
     """Return the checked inputs of a study over many surfaces by forced detection.
 
@@ -65,7 +79,7 @@ def resolve_chains(
     ----------
     link : Link or Scenario
         A link, or a scenario from which everything that is None follows.
-    surface : SurfaceModel, optional
+    surface : MeshSource, optional
         The sea; by default that of the scenario, or a JONSWAP sea of the link's wind.
     **options
         Fields of `Run` and `Meshing`.
@@ -84,6 +98,6 @@ def resolve_chains(
     case = resolve(link, surface).with_options(**given)
     if not isinstance(case.run.estimator, Forced):
         raise Refused("run.estimator", "analog", "forced, over many seas")
-    if not isinstance(case.surface, SurfaceModel):
-        raise Refused("surface", Described(type(case.surface).__name__), "a sea (SurfaceModel)")
+    if not isinstance(case.surface, MeshSource):
+        raise Refused("surface", Described(type(case.surface).__name__), "a sea (MeshSource)")
     return Inputs(case.link, case.surface, case.run, case.meshing, scenario)

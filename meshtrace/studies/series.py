@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import chain, islice
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -11,9 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused, require_finite, require_kind, require_whole
+from meshtrace.fading.resolving import band_fading
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
-from meshtrace.mesh import RandomSea, SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, RandomSea, SurfaceModel, TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import SHIFTS
@@ -25,12 +28,13 @@ from meshtrace.uav.wind import Dryden
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
 
+_STATISTICS = 50  # gains from which their scintillation index says something
 _CREST_MARGIN = 1.5  # over the highest crest of the first surfaces: later ones may be higher
 
 
 def time_series(
     link: Link | Scenario,
-    surface: SurfaceModel | None = None,
+    surface: MeshSource | None = None,
     times: ArrayLike | None = None,
     *,
     flight: Flight | None = None,
@@ -49,8 +53,8 @@ def time_series(
     link : Link or Scenario
         The link, or a scenario: `time_series(scenario, times)`. Options that are not given are
         those of the scenario.
-    surface : SurfaceModel, optional
-        The sea; its phases stay, time moves its waves.
+    surface : MeshSource, optional
+        The sea, whose phases stay while time moves its waves, or meshes in time.
     times : array_like, shape (n,)
         Times [s]; evenly spaced with a flight.
     flight : Flight, optional
@@ -79,6 +83,10 @@ def time_series(
     All times share the chains: the Monte Carlo noise is common to them and cancels in
     differences.
 
+    From 50 gains on, the provenance holds the closed form of the scintillation index of unscattered
+    light (`fading.band_fading`), which `GainSeries.summary` prints beside the measured one, and a
+    warning names a band of waves that leaves out more than a tenth of the fading.
+
     With a flight it departs from the paper, where a separate factor h_alpha = cos(alpha)
     [alpha <= fov / 2] multiplies the gain. That factor is right for light that arrives straight
     from below. Scattered light fills a cone: the gain falls below the factor where a part of the
@@ -95,7 +103,7 @@ def time_series(
     >>> (flown.gain < level.gain).all()
     np.True_
     """
-    if times is None and not isinstance(surface, SurfaceModel):
+    if times is None and not isinstance(surface, MeshSource):
         surface, times = None, surface
     inputs = resolve_chains(
         link, surface, photons=photons, seed=seed, normals=normals, extent=extent,
@@ -106,12 +114,13 @@ def time_series(
     flight = flight and flight.checked()
     if inputs.scenario is not None and inputs.scenario.meshing.time != 0.0:
         raise Refused("sea.time", inputs.scenario.meshing.time, "0 with times")
-    return over_times(inputs, at, flight, progress)
+    series = over_times(inputs, at, flight, progress)
+    return series if flight else _beside_closed_form(inputs, series)
 
 
 def over_times(
     inputs: Inputs,
-    times: NDArray[np.float64],
+    times: Floats,
     flight: Flight | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> GainSeries:
@@ -167,6 +176,12 @@ def ensemble(
     Returns
     -------
     GainSeries
+
+    Notes
+    -----
+    From 50 gains on, the provenance holds the closed form of the scintillation index of unscattered
+    light (`fading.band_fading`), which `GainSeries.summary` prints beside the measured one, and a
+    warning names a band of waves that leaves out more than a tenth of the fading.
     """
     require_whole(n_realizations, 1, 10_000_000, "n_realizations")
     if surface is None and wind_speed is not None:
@@ -177,7 +192,7 @@ def ensemble(
         link, surface, photons=photons, seed=seed, normals=normals, time=time, extent=extent,
         spacing=spacing, threads=threads,
     )  # fmt: skip
-    return over_realizations(inputs, n_realizations, progress)
+    return _beside_closed_form(inputs, over_realizations(inputs, n_realizations, progress))
 
 
 def over_realizations(
@@ -195,6 +210,19 @@ def over_realizations(
     return _series(inputs.link, "realization", seeds, parts, inputs.provenance(), progress)
 
 
+def _beside_closed_form(inputs: Inputs, series: GainSeries) -> GainSeries:
+    """Return a series with the closed form of its scintillation index; warn of a short band."""
+    if len(series.coordinate) < _STATISTICS:
+        return series
+    found = band_fading(inputs.link, inputs.surface)
+    if found is None:
+        return series
+    text = found.warning()
+    if text:
+        warnings.warn(text, stacklevel=3)
+    return replace(series, provenance={**series.provenance, "closed_form": found._asdict()})
+
+
 def _common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[Parts]:
     """Yield the parts of the gain over each mesh, with one set of chains."""
     first = list(islice(meshes, 4))
@@ -204,9 +232,7 @@ def _common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[P
     return ordered_map(forced.evaluate, chain(first, meshes), inputs.threads)
 
 
-def _tilted_frames(
-    inputs: Inputs, times: NDArray[np.float64], uav: Uav, wind: Dryden
-) -> Iterator[Parts]:
+def _tilted_frames(inputs: Inputs, times: Floats, uav: Uav, wind: Dryden) -> Iterator[Parts]:
     """Yield the parts of the gain at each time of a flight, with chains of the same numbers."""
     link, sea, run, normals = inputs.link, inputs.surface, inputs.run, inputs.meshing.normals
     receiver = link.only_receiver
@@ -235,17 +261,16 @@ def _series(
 ) -> GainSeries:
     """Return the series of the parts over each surface."""
     n, n_rx = len(coordinate), len(link.receivers)
-    gain, stderr, ballistic = (np.empty((n, n_rx)) for _ in range(3))
-    shifts = np.zeros((n_rx, SHIFTS))
+    columns, shifts = np.empty((3, n, n_rx)), np.zeros((n_rx, SHIFTS))
     for i, part in enumerate(parts):
-        gain[i], stderr[i], ballistic[i] = part.gain, part.stderr, part.ballistic
+        columns[:, i] = part.gain, part.stderr, part.ballistic
         shifts += part.shifts
         if progress is not None:
             progress(1)
     mean_stderr = (shifts / max(n, 1)).std(axis=1, ddof=1) / np.sqrt(SHIFTS)
     kept: Any = slice(None) if isinstance(link.receiver, tuple) else 0
-    columns = (gain[:, kept], stderr[:, kept], ballistic[:, kept])
-    return GainSeries(along, coordinate, *columns, mean_stderr[kept], origin)
+    gain, stderr, ballistic = columns[..., kept]
+    return GainSeries(along, coordinate, gain, stderr, ballistic, mean_stderr[kept], origin)
 
 
 class CoupledSeries(NamedTuple):

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels import adjoint as kernel
+from meshtrace.kernels import adjoint_start as starting
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.line_estimate import SMALLEST_ANGLE, AngleTable, Optics
 from meshtrace.kernels.medium import DepthMode, Medium
@@ -230,7 +231,7 @@ class _Over:
             self._sources.append((optics, size))
         self._targets = [target_of(r, frame) for r in link.receivers if isinstance(r, Receiver)]
 
-    def _world(self, receiver: int, source: int, first: int) -> kernel.World:
+    def _world(self, receiver: int, source: int, first: int) -> starting.World:
         optics, size = self._sources[source]
         target = self._targets[receiver]
         axis = Vec3(-target.axis.x, -target.axis.y, -target.axis.z)
@@ -248,7 +249,7 @@ class _Over:
         )[0]
         b, bubbles = _vertical_depths(self._medium, -optics.emitter.position[2])
         lobe_bubble = bubbles / (b + bubbles) if bubbles > 0.0 else 0.0
-        return kernel.World(
+        return starting.World(
             optics,
             target,
             self._surface,
@@ -268,7 +269,7 @@ class _Over:
         world = self._world(receiver, source, first)
         starts = self._starts(world)
         sets = 1 if self._flat or (self._smooth and not self._rough) else 2
-        paths = kernel.Paths(
+        paths = starting.Paths(
             lamp=np.empty((n, 3)),
             point=np.empty((n, 3)),
             direction=np.empty((n, 3)),
@@ -287,15 +288,15 @@ class _Over:
             branches=np.empty(n, np.int64),
             score=np.zeros((n, _ORDERS)),
         )
-        kernel.begin(paths, starts, world)
+        starting.begin(paths, starts, world)
         rounds = 1 if self._flat else _ROUNDS + sets - 1
         for k in range(rounds):
             facets = self._below(paths.root)
-            kernel.improve(paths, facets, k - (rounds - sets), world)
+            starting.improve(paths, facets, k - (rounds - sets), world)
         origins, directions = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
-        kernel.look(paths, origins, directions, world)
+        starting.look(paths, origins, directions, world)
         start = paths.point.copy()
-        beside = kernel.enter(paths, self._intersector.facets(origins, directions), world)
+        beside = starting.enter(paths, self._intersector.facets(origins, directions), world)
         air = np.linalg.norm(paths.point - start, axis=1)
         scores = self._follow(paths, world)
         total = paths.score.sum(axis=1)
@@ -317,7 +318,7 @@ class _Over:
         ways = self._unit * scores[:, 3], self._unit * air[path]
         return np.column_stack([scores[:, 2], *ways, (first + path) % SHIFTS])
 
-    def _follow(self, paths: kernel.Paths, world: kernel.World) -> NDArray[np.float64]:
+    def _follow(self, paths: starting.Paths, world: starting.World) -> NDArray[np.float64]:
         """Follow paths to their ends, with rays where a wave may cut; return listed scores."""
         n = len(paths.weight)
         most = 6 * n + 64
@@ -360,7 +361,7 @@ class _Over:
         down[:, 2] = -1.0
         return self._intersector.facets(origins, down).reshape(shape)
 
-    def _starts(self, world: kernel.World) -> NDArray[np.float64]:
+    def _starts(self, world: starting.World) -> NDArray[np.float64]:
         """Return crossings (x, y) of light from the source to the centre of the aperture."""
         n = self._medium.n_water / self._medium.n_air
         target, emitter = world.target, world.optics.emitter

@@ -139,9 +139,8 @@ class AimedChains:
     @cached_property
     def _largest(self) -> tuple[float, float]:
         """Largest curvature and radius of the facets that light can cross."""
-        near = self.locator.facet
-        listed = self.facets[near] if len(near) else self.facets
-        return float(listed["curvature"].max()), float(listed["radius"].max())
+        near = self.locator.facet if len(self.locator.facet) else slice(None)
+        return float(self.facets["curvature"][near].max()), float(self.facets["radius"][near].max())
 
     def score(self, source: int, receiver: int, chains: ChainSet) -> NDArray[np.float64]:
         """Return what each chain of a set brings from a source into a receiver."""

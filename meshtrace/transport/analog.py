@@ -25,6 +25,7 @@ from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Apertures, Fate, Tallies
 from meshtrace.kernels.vectors import UP, Vec3
 from meshtrace.link import IrradiancePlanes, Link
+from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.arrays import (
@@ -38,6 +39,17 @@ from meshtrace.transport.arrays import (
 from meshtrace.transport.options import BLOCK, Analog, IrradianceMap, Record, read_records
 
 _SLOTS = 8192  # photons under way in a thread: their state stays in the cache
+_GUIDED = 100  # crossings of light that a jet guides
+
+
+def options_over(mesh: TriangleMesh, options: Analog) -> Analog:
+    """Return the options over a mesh: 100 crossings where it overhangs, unless they are chosen.
+
+    A jet guides light by dozens of total reflections.
+    """
+    if mesh.single_valued or "max_surface_events" in options.model_fields_set:
+        return options
+    return options.replace(max_surface_events=_GUIDED)
 
 
 class FixedPointSum:
@@ -162,6 +174,7 @@ def run_analog(
     Sums
     """
     records = read_records(record, options)
+    options = options_over(intersector.mesh, options)
     setup = _setup(link, intersector, seed, normals, options, first_scored)
     setup = setup._replace(
         map=records.get("irradiance-map"),  # type: ignore[arg-type]

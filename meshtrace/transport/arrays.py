@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
@@ -110,8 +111,7 @@ def with_raster(medium: Medium, intersector: Intersector) -> Medium:
     """Return the medium with the elevations of a mesh, where depths are below the surface."""
     if medium.depth_mode != DepthMode.LOCAL:
         return medium
-    x, y, step, raster = _raster(intersector)
-    return medium._replace(raster_x=x, raster_y=y, raster_step=step, raster=raster)
+    return medium._replace(**_raster(intersector))
 
 
 def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
@@ -162,6 +162,9 @@ def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
         raster_y=0.0,
         raster_step=1.0,
         raster=np.zeros((2, 2)),
+        overhangs=False,
+        raster_low=np.zeros((2, 2)),
+        raster_split=np.zeros((2, 2)),
         phase_water=water.phase.tables(),
         phase_bubble=phase_bubble,
     )
@@ -182,8 +185,8 @@ def _integral(values: np.ndarray, step: float) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(0.5 * step * (values[1:] + values[:-1]))])
 
 
-def _raster(intersector: Intersector) -> tuple[float, float, float, np.ndarray]:
-    """Return the elevation of the mesh on a square raster, by vertical rays."""
+def _raster(intersector: Intersector) -> dict[str, Any]:
+    """Return the elevations of the mesh on a square raster, by vertical rays."""
     low, high = intersector.mesh.bounds
     width = float(max(high[0] - low[0], high[1] - low[1]))
     nodes = int(np.clip(width / 0.25, 16, 256))
@@ -192,7 +195,21 @@ def _raster(intersector: Intersector) -> tuple[float, float, float, np.ndarray]:
     x = np.clip(low[0] + step * np.arange(nodes), low[0] + 1e-4, high[0] - 1e-4)
     y = np.clip(low[1] + step * np.arange(nodes), low[1] + 1e-4, high[1] - 1e-4)
     gx, gy = np.meshgrid(x, y, indexing="ij")
-    origins = np.stack([gx.ravel(), gy.ravel(), np.full(gx.size, high[2] + 1.0)], axis=1)
-    hits = intersector.intersect(origins, np.broadcast_to((0.0, 0.0, -1.0), origins.shape))
-    z = np.where(np.isfinite(hits.distance), high[2] + 1.0 - hits.distance, 0.0)
-    return float(low[0]), float(low[1]), step, z.reshape(nodes, nodes)
+
+    def crossing(start: np.ndarray, way: float, beside: np.ndarray | float) -> np.ndarray:
+        """Return the first crossing of the vertical from heights on, `beside` without one."""
+        origins = np.stack([gx, gy, start], axis=-1).reshape(-1, 3)
+        hits = intersector.intersect(origins, np.broadcast_to((0.0, 0.0, way), origins.shape))
+        distance = hits.distance.reshape(gx.shape)
+        return np.where(np.isfinite(distance), start + way * distance, beside)
+
+    top = crossing(np.full(gx.shape, high[2] + 1.0), -1.0, 0.0)
+    raster = {"raster_x": float(low[0]), "raster_y": float(low[1]), "raster_step": step}
+    if intersector.mesh.single_valued:
+        return {**raster, "raster": top}
+    lowest = crossing(np.full(gx.shape, low[2] - 1.0), 1.0, top)
+    above = crossing(lowest + 1e-4, 1.0, lowest)  # the underside of the jet, if there is one
+    below = np.where(above > lowest, lowest, top)
+    split = np.where(above > lowest, 0.5 * (lowest + above), top)
+    layers = {"overhangs": True, "raster_low": below, "raster_split": split}
+    return {**raster, "raster": top, **layers}

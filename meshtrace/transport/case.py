@@ -7,8 +7,9 @@ from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from meshtrace.errors import Described, Refused, require_keys
+from meshtrace.fading.resolving import resolve_band
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.transport.options import Meshing, Run, run_keys
 
 DEFAULT_WIND_SPEED = 5.0
@@ -19,7 +20,7 @@ class Case(NamedTuple):
     """A link over a surface, the options of its run, and further provenance."""
 
     link: Link
-    surface: SurfaceModel | TriangleMesh
+    surface: MeshSource | TriangleMesh
     run: Run = Run()
     meshing: Meshing = Meshing()
     origin: Mapping[str, Any] = MappingProxyType({})
@@ -36,26 +37,27 @@ class Case(NamedTuple):
 class HasCase(Protocol):
     """A description that holds link, surface and options, such as a Scenario."""
 
-    def case(self, surface: SurfaceModel | TriangleMesh | None = None) -> Case:
+    def case(self, surface: MeshSource | TriangleMesh | None = None) -> Case:
         """Return what is run, over another surface if one is given."""
         ...
 
 
-def resolve(link: Link | HasCase, surface: SurfaceModel | TriangleMesh | None = None) -> Case:
+def resolve(link: Link | HasCase, surface: MeshSource | TriangleMesh | None = None) -> Case:
     """Return the case of a link and a surface, or of a scenario.
 
     Parameters
     ----------
     link : Link or Scenario
         A scenario brings its surface and options.
-    surface : SurfaceModel or TriangleMesh, optional
+    surface : MeshSource or TriangleMesh, optional
         By default that of the scenario; over a link the JONSWAP sea of the wind of its bubbles
         and whitecaps, or of 5 m/s.
 
     Raises
     ------
     Refused
-        If one of them is something else.
+        If one of them is something else, or a sea with `omega_max="fading"` has no closed form
+        over the link (`fading.resolve_band`).
     """
     if isinstance(link, HasCase):
         return link.case(surface)
@@ -66,4 +68,4 @@ def resolve(link: Link | HasCase, surface: SurfaceModel | TriangleMesh | None = 
 
         wind_speed = DEFAULT_WIND_SPEED if link.wind_speed is None else link.wind_speed
         surface = sea_in_wind(wind_speed)
-    return Case(link, surface)
+    return Case(link, resolve_band(link, surface))

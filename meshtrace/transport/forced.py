@@ -49,7 +49,12 @@ from meshtrace.transport.choice import (
     choose,
     is_clear,
 )
-from meshtrace.transport.forced_link import ForcedLink, crossing_reach, forced_link
+from meshtrace.transport.forced_link import (
+    ForcedLink,
+    crossing_reach,
+    forced_link,
+    require_height_field,
+)
 
 Scattered = Literal["auto", "chains", "adjoint"]
 
@@ -262,7 +267,14 @@ class ForcedDetection:
                 raise refused or Refused("scattered", "adjoint", "chains for this link") from None
 
     def over(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> AimedChains:
-        """Return the chains' view of a mesh."""
+        """Return the chains' view of a mesh.
+
+        Raises
+        ------
+        Refused
+            If the mesh overhangs.
+        """
+        require_height_field(mesh)
         normals, unresolved = self._options[0], self.link.physics.unresolved
         return AimedChains(self.arrays, mesh, intersector, normals, unresolved, self._search)
 

@@ -15,6 +15,7 @@ from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import GaussianBeam, Led, Link, Receiver, Source, TopHatBeam, WaterSource
+from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.arrays import interface_arrays, medium_arrays
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 
@@ -32,6 +33,13 @@ class ForcedLink(NamedTuple):
     targets: list[Target]
     medium: Medium
     interface: Interface
+
+
+def require_height_field(mesh: TriangleMesh) -> None:
+    """Refuse a surface that light from below can cross more than once on a vertical."""
+    if not mesh.single_valued:
+        found = Described(f"overhangs ({mesh.facing_down} facets face down)")
+        raise Refused("sea.mesh", found, f"a height field; overhangs need {_ANALOG[5:]}")
 
 
 def forced_link(link: Link) -> ForcedLink:

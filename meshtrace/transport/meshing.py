@@ -11,7 +11,7 @@ import numpy as np
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.link.link import Footprint
-from meshtrace.mesh import SurfaceModel, TriangleMesh, WaveSum
+from meshtrace.mesh import MeshSource, TriangleMesh, WaveSum
 from meshtrace.transport.options import Meshing
 
 GAIN_SPACING = 0.45
@@ -25,11 +25,12 @@ With random slopes beyond the waves it is 0.5 % of a gain.
 
 _MOST_FACETS = 8e6
 _MOST_LIT = 2e6
+_ASIDE = 5.0  # [m], beyond which the forced estimator has fine facets at the crossings alone
 
 
 def mesh_for(
     link: Link,
-    surface: SurfaceModel | TriangleMesh,
+    surface: MeshSource | TriangleMesh,
     meshing: Meshing = Meshing(),  # noqa: B008 - frozen
     reach: float | None = None,
     per_wave: float = GAIN_SPACING,
@@ -40,8 +41,8 @@ def mesh_for(
     ----------
     link : Link
         The link.
-    surface : SurfaceModel or TriangleMesh
-        A sea, triangulated over the link's footprint, or a mesh taken as it is.
+    surface : MeshSource or TriangleMesh
+        A sea, triangulated over the link's footprint, meshes in time, or a mesh taken as it is.
     meshing : Meshing
         Time and resolution.
     reach : float, optional
@@ -59,7 +60,7 @@ def mesh_for(
     """
     if isinstance(surface, TriangleMesh):
         mesh, config = surface, _identity(surface)
-    elif isinstance(surface, SurfaceModel):
+    elif isinstance(surface, MeshSource):
         mesh, config = _triangulated(link, surface, meshing, reach, per_wave), surface.to_config()
     else:
         kind = Described(type(surface).__name__)
@@ -76,9 +77,9 @@ def _identity(mesh: TriangleMesh) -> dict[str, Any]:
 
 
 def _triangulated(
-    link: Link, surface: SurfaceModel, meshing: Meshing, reach: float | None, per_wave: float
+    link: Link, surface: MeshSource, meshing: Meshing, reach: float | None, per_wave: float
 ) -> TriangleMesh:
-    f = link.footprint()
+    f = link.footprint() if reach is None else link.footprint(_ASIDE)
     if reach is not None:
         far = math.dist(f.center, link.origin)
         wide = min(reach + far + 20.0 * f.spacing, f.extent)

@@ -181,7 +181,7 @@ class Run(Model, frozen=True):
     Parameters
     ----------
     estimator : Forced or Analog, or "forced" or "analog"
-        Estimator with its options.
+        Estimator with its options; by default forced, and analog over a surface that overhangs.
     photons : int
         Chains (forced, 10 000 by default, >= 32) or photons (analog, 1 000 000), up to 2^53.
     rtol : float, optional
@@ -210,6 +210,7 @@ class Run(Model, frozen=True):
         if not isinstance(data, Mapping) or isinstance(data.get("estimator"), Mapping):
             return data
         rest = dict(data)
+        chosen = "estimator" in rest
         try:
             estimator = Estimator.read(rest.pop("estimator", Forced()))
         except Refused as error:
@@ -222,6 +223,8 @@ class Run(Model, frozen=True):
                     kind = other.model_fields["kind"].default
                     raise Refused(key, data[key], f'only with estimator = "{kind}"')
         require_keys(rest, run_keys())
+        if not chosen and not own:  # the field stays unset and follows the surface
+            return rest
         return {**rest, "estimator": estimator.replace(**own)}
 
     @model_validator(mode="after")

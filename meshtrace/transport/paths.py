@@ -141,8 +141,12 @@ def _split(
 def received_paths(
     link: Link, mesh: TriangleMesh, n: int, seed: int, normals: str, chains: int = 4096
 ) -> PhotonPaths:
-    """Return paths of received light, drawn in proportion to the light they carry."""
-    forced = ForcedDetection(link, chains, seed, normals, crest=float(mesh.bounds[1, 2]))
+    """Return paths of received light, drawn in proportion to the light they carry.
+
+    Scattered light is that of chains, also where its gain rests on adjoint paths.
+    """
+    crest = float(mesh.bounds[1, 2])
+    forced = ForcedDetection(link, chains, seed, normals, crest=crest, scattered="chains")
     rows = received_light(forced, mesh, n, np.random.default_rng([seed, 1]))
     if not rows:
         raise Refused(

@@ -11,15 +11,15 @@ import numpy as np
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.link import Link, WaterSource
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.parallel import default_threads
 from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
 from meshtrace.results.tallies import Arrivals, standard_error
-from meshtrace.transport.analog import run_analog
+from meshtrace.transport.analog import options_over, run_analog
 from meshtrace.transport.case import Case, HasCase, resolve
 from meshtrace.transport.forced import ForcedDetection
-from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.forced_link import crossing_reach, require_height_field
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import (
     Analog,
@@ -47,7 +47,7 @@ _Evaluate = Callable[[Run], GainResult]
 
 def simulate(
     link: Link | HasCase,
-    surface: SurfaceModel | TriangleMesh | None = None,
+    surface: MeshSource | TriangleMesh | None = None,
     estimator: Estimator | Literal["forced", "analog"] | None = None,
     *,
     photons: int | None = None,
@@ -65,11 +65,12 @@ def simulate(
     ----------
     link : Link or Scenario
         The link, or a scenario whose options hold where none are given here.
-    surface : SurfaceModel or TriangleMesh, optional
-        A sea, triangulated over the link's footprint, or a mesh taken as it is. By default the
-        JONSWAP sea of the link's wind, see `resolve`.
+    surface : MeshSource or TriangleMesh, optional
+        A sea, triangulated over the link's footprint, meshes in time, or a mesh taken as it is.
+        By default the JONSWAP sea of the link's wind, see `resolve`.
     estimator : Forced or Analog, or "forced" or "analog", optional
-        Scattering chains aimed at the aperture (the default), or photons followed one by one.
+        Scattering chains aimed at the aperture, the default, or photons followed one by one, the
+        default over a surface that overhangs.
     photons : int, optional
         Chains (10 000 by default) or photons (1 000 000).
     rtol : float, optional
@@ -115,7 +116,7 @@ def simulate(
     case = resolve(link, surface).with_options(mesh, **given, **options)
     case = case._replace(run=case.run.replace(threads=default_threads(case.run.threads)))
     try:
-        result = _simulated(case, read_records(record, case.run.estimator), progress)
+        result = _simulated(case, record, progress)
     except ArithmeticError as error:
         raise Refused("link", Described(f"{error}"), "numbers that do not overflow") from error
     if not np.isfinite(result.gain).all():
@@ -125,12 +126,11 @@ def simulate(
 
 
 def _simulated(
-    case: Case, records: dict[str, Record], progress: Callable[[int], None] | None
+    case: Case, record: Iterable[Record], progress: Callable[[int], None] | None
 ) -> GainResult:
     """Return the result of a case whose options have been checked."""
-    analog = isinstance(case.run.estimator, Analog)
-    reach = None if analog else crossing_reach(case.link)
-    mesh, config = mesh_for(case.link, case.surface, case.meshing, reach)
+    run, mesh, config = _over_mesh(case)
+    records, analog = read_records(record, run.estimator), isinstance(run.estimator, Analog)
 
     def origin(run: Run) -> dict[str, Any]:
         recorded = [r.model_dump(mode="json") for r in records.values()]
@@ -141,7 +141,26 @@ def _simulated(
         inputs = case.link, mesh, run, case.meshing.normals, records, origin(run)
         return _analog(*inputs, progress) if analog else _forced(*inputs)
 
-    return _to_tolerance(evaluate, case.run)
+    return _to_tolerance(evaluate, run)
+
+
+def _over_mesh(case: Case) -> tuple[Run, TriangleMesh, dict[str, Any]]:
+    """Return the options of the run, the mesh and the configuration that identifies it.
+
+    Over a surface that overhangs the estimator is analog unless chosen.
+    """
+    run, chosen = case.run, "estimator" in case.run.model_fields_set
+    if not chosen and not getattr(case.surface, "single_valued", True):
+        run = run.replace(estimator="analog")
+    analog = isinstance(run.estimator, Analog)
+    reach = None if analog else crossing_reach(case.link)
+    mesh, config = mesh_for(case.link, case.surface, case.meshing, reach)
+    if isinstance(run.estimator, Analog):
+        return run.replace(estimator=options_over(mesh, run.estimator)), mesh, config
+    if chosen or mesh.single_valued:
+        require_height_field(mesh)
+        return run, mesh, config
+    return _over_mesh(case._replace(run=run.replace(estimator="analog")))
 
 
 def _to_tolerance(evaluate: _Evaluate, run: Run) -> GainResult:
@@ -272,7 +291,7 @@ def _deepest(link: Link) -> float:
 
 def trace_paths(
     link: Link | HasCase,
-    surface: SurfaceModel | TriangleMesh | None = None,
+    surface: MeshSource | TriangleMesh | None = None,
     n: int = 1000,
     *,
     received_only: bool = False,
@@ -290,8 +309,9 @@ def trace_paths(
     n : int
         Photons, 1 <= n <= 100 000.
     received_only : bool
-        Paths of light that reaches the first receiver, sampled by forced detection in
-        proportion to the light they carry, instead of the first n analog photons.
+        Paths of light that reaches the first receiver, sampled by the chains of forced detection
+        in proportion to the light they carry, instead of the first n analog photons. Where the
+        gain rests on adjoint paths, chains miss part of the light scattered by large angles.
     max_vertices : int
         Vertices kept of a photon, >= 2.
     **options

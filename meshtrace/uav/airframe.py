@@ -1,4 +1,4 @@
-"""A hovering UAV: the tilt of the receiver it carries, in a given wind, in time, and as a law.
+"""Airframe of a hovering UAV: tilt of its receiver in a given wind, over time, and as a law.
 
 The airframe leans into the wind until thrust balances drag. `Uav.tilt` maps winds to tilts,
 `Uav.simulate_flight` gives records in time for a joint run with the sea, and `Uav.tilt_law` the
@@ -11,16 +11,14 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import pydantic
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from meshtrace.errors import Described, Refused, require_between, require_kind
-from meshtrace.models import Model
+from meshtrace.errors import Described, Refused, require_between, require_kind, require_word
+from meshtrace.models import Floats, Model, Positive
 from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, squared_wind_moments
 from meshtrace.uav.wind import Dryden
 
 GRAVITY = 9.81  # [m s-2], the paper's value
-
-FloatArray = NDArray[np.float64]
 
 
 class Tilt(NamedTuple):
@@ -30,15 +28,15 @@ class Tilt(NamedTuple):
     down-wind: it points along (sin angle cos azimuth, sin angle sin azimuth, -cos angle).
     """
 
-    angle: FloatArray
-    azimuth: FloatArray
+    angle: Floats
+    azimuth: Floats
 
 
 class FlightRecord(NamedTuple):
     """Record of a flight: times (n,) [s], wind (n, 3) [m s-1], tilt of the receiver (n,) [rad]."""
 
-    times: FloatArray
-    wind: FloatArray
+    times: Floats
+    wind: Floats
     tilt: Tilt
 
 
@@ -75,9 +73,9 @@ class Uav(Model, frozen=True):
     0.001574723
     """
 
-    mass: float = pydantic.Field(default=8.37, gt=0.0, allow_inf_nan=False)
-    drag_coefficient: float = pydantic.Field(default=0.8, gt=0.0, allow_inf_nan=False)
-    area: float = pydantic.Field(default=0.25, gt=0.0, allow_inf_nan=False)
+    mass: Positive = 8.37
+    drag_coefficient: Positive = 0.8
+    area: Positive = 0.25
     air_density: float = pydantic.Field(default=1.293, gt=0.0, le=2.0, allow_inf_nan=False)
     gimbal: bool = False
 
@@ -148,15 +146,13 @@ class Uav(Model, frozen=True):
         Refused
             If the tilt does not vary (gimbal or calm), or `law` is not one of the two names.
         """
+        require_word(law, ("exact", "gamma"), "law")
         if self.gimbal or not np.all(wind.std > 0.0):
             raise Refused("tilt_law", Described("constant tilt"), "no gimbal, a wind with gusts")
         mean_wind, std = wind.mean_wind, wind.std
         if law == "exact":
-            return ExactTiltLaw(
-                self.tilt_coefficient, float(mean_wind[0]), float(std[0]), float(std[2])
-            )
-        if law != "gamma":
-            raise Refused("law", law, "exact, gamma")
+            speed, along, _, up = map(float, (mean_wind[0], *std))
+            return ExactTiltLaw(self.tilt_coefficient, speed, along, up)
         mean, variance = squared_wind_moments(mean_wind, std)
         return GammaTiltLaw(self.tilt_coefficient, mean**2 / variance, variance / mean)
 

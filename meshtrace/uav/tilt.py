@@ -6,14 +6,13 @@ import abc
 import dataclasses
 import functools
 import math
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from meshtrace.errors import Refused
-
-FloatArray = NDArray[np.float64]
+from meshtrace.models import Floats
 
 
 def squared_wind_moments(mean: ArrayLike, std: ArrayLike) -> tuple[float, float]:
@@ -35,7 +34,7 @@ def squared_wind_moments(mean: ArrayLike, std: ArrayLike) -> tuple[float, float]
     return float(np.sum(s2 + u2)), float(np.sum(2.0 * s2**2 + 4.0 * s2 * u2))
 
 
-def h_alpha(tilt: ArrayLike, fov: float) -> FloatArray:
+def h_alpha(tilt: ArrayLike, fov: float) -> Floats:
     """Return the factor by which the tilt reduces the gain of light that arrives vertically.
 
     h = cos(alpha) if alpha <= fov / 2, else 0
@@ -73,7 +72,7 @@ def _half_angle(fov: float) -> float:
 
 
 @functools.cache
-def _gauss_legendre(points: int) -> tuple[FloatArray, FloatArray]:
+def _gauss_legendre(points: int) -> tuple[Floats, Floats]:
     # finding the nodes costs more than most of the integrals taken with them
     return np.polynomial.legendre.leggauss(points)
 
@@ -88,25 +87,29 @@ class TiltLaw(abc.ABC):
     tilt_coefficient: float
 
     @abc.abstractmethod
-    def squared_wind_pdf(self, v2: ArrayLike) -> FloatArray:
+    def _squared_wind(self, v2: ArrayLike, function: Literal["pdf", "cdf", "sf"]) -> Floats:
+        """Return one of the functions of V^2, with full relative precision in both tails."""
+
+    def squared_wind_pdf(self, v2: ArrayLike) -> Floats:
         """Return the density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
+        return self._squared_wind(v2, "pdf")
 
-    @abc.abstractmethod
-    def squared_wind_cdf(self, v2: ArrayLike) -> FloatArray:
+    def squared_wind_cdf(self, v2: ArrayLike) -> Floats:
         """Return P(V^2 <= v2), with full relative precision in the lower tail."""
+        return self._squared_wind(v2, "cdf")
 
-    @abc.abstractmethod
-    def squared_wind_sf(self, v2: ArrayLike) -> FloatArray:
+    def squared_wind_sf(self, v2: ArrayLike) -> Floats:
         """Return P(V^2 > v2), with full relative precision in the upper tail."""
+        return self._squared_wind(v2, "sf")
 
     @abc.abstractmethod
     def _bulk(self) -> tuple[float, float]:
         """Return the interval of V^2 that leaves less than 1e-17 of the mass on either side."""
 
-    def _v2(self, tilt: ArrayLike) -> FloatArray:
+    def _v2(self, tilt: ArrayLike) -> Floats:
         return np.tan(np.asarray(tilt, dtype=float)) / self.tilt_coefficient
 
-    def pdf(self, tilt: ArrayLike) -> FloatArray:
+    def pdf(self, tilt: ArrayLike) -> Floats:
         """Return the density of the tilt, f(alpha) = f_V2(tan(alpha) / K) sec^2(alpha) / K [rad-1].
 
         Parameters
@@ -118,11 +121,11 @@ class TiltLaw(abc.ABC):
         k = self.tilt_coefficient
         return self.squared_wind_pdf(v2) * (1.0 + (k * v2) ** 2) / k
 
-    def cdf(self, tilt: ArrayLike) -> FloatArray:
+    def cdf(self, tilt: ArrayLike) -> Floats:
         """Return P(alpha <= tilt), tilt in [0, pi/2) [rad]."""
         return self.squared_wind_cdf(self._v2(tilt))
 
-    def sf(self, tilt: ArrayLike) -> FloatArray:
+    def sf(self, tilt: ArrayLike) -> Floats:
         """Return P(alpha > tilt), tilt in [0, pi/2) [rad]."""
         return self.squared_wind_sf(self._v2(tilt))
 
@@ -151,7 +154,7 @@ class TiltLaw(abc.ABC):
         """
         return float(self.sf(_half_angle(fov))) if fov < math.pi else 0.0
 
-    def h_pdf(self, h: ArrayLike, fov: float = math.pi) -> FloatArray:
+    def h_pdf(self, h: ArrayLike, fov: float = math.pi) -> Floats:
         """Return the density of h_alpha on [cos(fov / 2), 1); the mass `outage(fov)` is at 0.
 
         f(h) = f_alpha(arccos h) / sqrt(1 - h^2)
@@ -178,7 +181,7 @@ class TiltLaw(abc.ABC):
         safe = np.where(inside, h, 0.5)
         return np.where(inside, self.pdf(np.arccos(safe)) / np.sqrt(1.0 - safe**2), 0.0)
 
-    def h_cdf(self, h: ArrayLike, fov: float = math.pi) -> FloatArray:
+    def h_cdf(self, h: ArrayLike, fov: float = math.pi) -> Floats:
         """Return P(h_alpha <= h) for h in [0, 1), with the mass at 0 from the field of view."""
         h = np.asarray(h, dtype=float)
         tilt = np.minimum(np.arccos(np.clip(h, 1e-12, 1.0)), min(_half_angle(fov), 1.5707963267))
@@ -197,7 +200,7 @@ class TiltLaw(abc.ABC):
         tilt, weight = self._quadrature(_half_angle(fov))
         return float(weight @ np.cos(tilt) ** order)
 
-    def _quadrature(self, upper: float = 0.5 * math.pi) -> tuple[FloatArray, FloatArray]:
+    def _quadrature(self, upper: float = 0.5 * math.pi) -> tuple[Floats, Floats]:
         """Return nodes alpha and weights f(alpha) d(alpha) over the bulk up to `upper`."""
         low, high = (math.atan(self.tilt_coefficient * v2) for v2 in self._bulk())
         high = max(min(high, upper), low)
@@ -225,34 +228,19 @@ class GammaTiltLaw(TiltLaw):
     shape: float
     scale: float
 
-    def squared_wind_pdf(self, v2: ArrayLike) -> FloatArray:
-        """Return the density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
-        from scipy.special import gammaln, xlogy
+    @functools.cached_property
+    def _law(self) -> Any:
+        from scipy.stats import gamma
 
-        x = np.asarray(v2, dtype=float) / self.scale
-        return np.exp(xlogy(self.shape - 1.0, x) - x - gammaln(self.shape)) / self.scale
+        return gamma(self.shape, scale=self.scale)
 
-    def squared_wind_cdf(self, v2: ArrayLike) -> FloatArray:
-        """Return P(V^2 <= v2)."""
-        from scipy.special import gammainc
-
-        return np.asarray(gammainc(self.shape, np.asarray(v2, dtype=float) / self.scale))
-
-    def squared_wind_sf(self, v2: ArrayLike) -> FloatArray:
-        """Return P(V^2 > v2)."""
-        from scipy.special import gammaincc
-
-        return np.asarray(gammaincc(self.shape, np.asarray(v2, dtype=float) / self.scale))
+    def _squared_wind(self, v2: ArrayLike, function: Literal["pdf", "cdf", "sf"]) -> Floats:
+        return np.asarray(getattr(self._law, function)(v2))
 
     def _bulk(self) -> tuple[float, float]:
-        from scipy.special import gammainccinv, gammaincinv
+        return float(self._law.ppf(1e-17)), float(self._law.isf(1e-17))
 
-        return (
-            float(gammaincinv(self.shape, 1e-17)) * self.scale,
-            float(gammainccinv(self.shape, 1e-17)) * self.scale,
-        )
-
-    def h_pdf_printed(self, h: ArrayLike) -> FloatArray:
+    def h_pdf_printed(self, h: ArrayLike) -> Floats:
         """Return the density of h_alpha as published, for comparison only.
 
         f(h) = h^-(a+1) (1 - h^2)^((a-2)/2) exp(-sqrt(1-h^2) / (h K b)) / (K Gamma(a) b^a)
@@ -305,22 +293,17 @@ class ExactTiltLaw(TiltLaw):
     std_horizontal: float
     std_vertical: float
 
-    def squared_wind_pdf(self, v2: ArrayLike) -> FloatArray:
-        """Return the density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
-        return self._over_vertical_gust(v2, "pdf") / self.std_horizontal**2
-
-    def squared_wind_cdf(self, v2: ArrayLike) -> FloatArray:
-        """Return P(V^2 <= v2)."""
-        return self._over_vertical_gust(v2, "cdf")
-
-    def squared_wind_sf(self, v2: ArrayLike) -> FloatArray:
-        """Return P(V^2 > v2)."""
+    def _squared_wind(self, v2: ArrayLike, function: Literal["pdf", "cdf", "sf"]) -> Floats:
         from scipy.special import erfc
 
-        vertical = np.sqrt(0.5 * np.asarray(v2, dtype=float)) / self.std_vertical
-        return self._over_vertical_gust(v2, "sf") + erfc(vertical)
+        part = self._over_vertical_gust(v2, function)
+        if function == "pdf":
+            return part / self.std_horizontal**2
+        if function == "cdf":
+            return part
+        return part + erfc(np.sqrt(0.5 * np.asarray(v2, dtype=float)) / self.std_vertical)
 
-    def _over_vertical_gust(self, v2: ArrayLike, method: str) -> FloatArray:
+    def _over_vertical_gust(self, v2: ArrayLike, function: str) -> Floats:
         from scipy.stats import ncx2
 
         v2 = np.asarray(v2, dtype=float)[..., None]
@@ -331,7 +314,7 @@ class ExactTiltLaw(TiltLaw):
             math.sqrt(2.0 * math.pi) * self.std_vertical
         )
         rest = np.maximum(v2 - w * w, 0.0) / self.std_horizontal**2
-        horizontal = getattr(ncx2, method)(rest, 2, (self.mean_speed / self.std_horizontal) ** 2)
+        horizontal = getattr(ncx2, function)(rest, 2, (self.mean_speed / self.std_horizontal) ** 2)
         return np.sum(reach * weight * gauss * horizontal, axis=-1)
 
     def _bulk(self) -> tuple[float, float]:

@@ -7,16 +7,15 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pydantic
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from meshtrace.errors import Refused
-from meshtrace.models import Model
+from meshtrace.errors import Refused, require_word
+from meshtrace.models import Floats, Model
 
 FOOT = 0.3048  # [m]
 HEIGHT_20FT = 20.0 * FOOT
 
 Preset = Literal["physical", "paper"]
-FloatArray = NDArray[np.float64]
 
 
 class LogProfile(Model, frozen=True):
@@ -131,38 +130,36 @@ class Dryden(Model, frozen=True):
             "physical": {},
             "paper": {"altitude_unit": "metre", "gust_variance": "sigma^2/pi"},
         }
-        if physics not in forms:
-            raise Refused("physics", physics, ", ".join(forms))
+        require_word(physics, forms, "physics")
         return cls(**(forms[physics] | fields))
 
     @property
-    def mean_wind(self) -> FloatArray:
+    def mean_wind(self) -> Floats:
         """Mean wind vector (3,) [m s-1], along x."""
         ratio = self.profile.ratio(self.height) if self.wind_at_height else 1.0
         return np.array([self.wind_speed * ratio, 0.0, 0.0])
 
     @property
-    def sigma(self) -> FloatArray:
+    def sigma(self) -> Floats:
         """Turbulence intensities sigma_u, sigma_v, sigma_w of the specification (3,) [m s-1]."""
-        w20 = self.w20
-        if w20 is None:
-            w20 = self.wind_speed * self.profile.ratio(HEIGHT_20FT)
+        derived = self.wind_speed * self.profile.ratio(HEIGHT_20FT)
+        w20 = derived if self.w20 is None else self.w20
         horizontal = 0.1 * w20 * self._bracket**-0.4
         return np.array([horizontal, horizontal, 0.1 * w20])
 
     @property
-    def std(self) -> FloatArray:
+    def std(self) -> Floats:
         """Standard deviation of the three gust components (3,) [m s-1]."""
         return self.sigma / (1.0 if self.gust_variance == "sigma^2" else math.sqrt(math.pi))
 
     @property
-    def length_scales(self) -> FloatArray:
+    def length_scales(self) -> Floats:
         """Turbulence lengths L_u, L_v, L_w (3,) [m]."""
         horizontal = self.height * self._bracket**-1.2
         return np.array([horizontal, horizontal, self.height])
 
     @property
-    def correlation_times(self) -> FloatArray:
+    def correlation_times(self) -> Floats:
         """Filter times tau = L / |U| (3,) [s]; infinite in a calm."""
         speed = float(np.linalg.norm(self.mean_wind))
         return self.length_scales / speed if speed > 0.0 else np.full(3, np.inf)
@@ -172,7 +169,7 @@ class Dryden(Model, frozen=True):
         unit = FOOT if self.altitude_unit == "foot" else 1.0
         return 0.177 + 0.000823 * self.height / unit
 
-    def autocorrelation(self, lag: ArrayLike) -> FloatArray:
+    def autocorrelation(self, lag: ArrayLike) -> Floats:
         """Return the autocovariance of the three gust components.
 
         R_u = s^2 exp(-t/tau),  R_v = R_w = s^2 exp(-t/tau) (1 - t / (2 tau))
@@ -190,7 +187,7 @@ class Dryden(Model, frozen=True):
         x = np.abs(np.asarray(lag, dtype=float))[..., None] / self.correlation_times
         return self.std**2 * np.exp(-x) * (1.0 - 0.5 * x * np.array([0.0, 1.0, 1.0]))
 
-    def sample_wind(self, size: int, seed: int) -> FloatArray:
+    def sample_wind(self, size: int, seed: int) -> Floats:
         """Draw independent winds from the stationary law.
 
         Parameters
@@ -208,7 +205,7 @@ class Dryden(Model, frozen=True):
         noise = np.random.default_rng(seed).standard_normal((size, 3))
         return self.mean_wind + self.std * noise
 
-    def simulate_wind(self, times: ArrayLike, seed: int) -> FloatArray:
+    def simulate_wind(self, times: ArrayLike, seed: int) -> Floats:
         """Simulate a wind record with the Dryden spectra, exact at the sample times.
 
         H_u = s sqrt(2 tau) / (1 + tau p),
@@ -250,7 +247,7 @@ class Dryden(Model, frozen=True):
         return self.mean_wind + self.std * np.stack(gusts, axis=-1)
 
 
-def _first_order(q: float, noise: FloatArray) -> FloatArray:
+def _first_order(q: float, noise: Floats) -> Floats:
     """Return unit-variance samples, every q tau, of correlation exp(-t/tau); noise (n,)."""
     from scipy.signal import lfilter
 
@@ -260,7 +257,7 @@ def _first_order(q: float, noise: FloatArray) -> FloatArray:
     return np.asarray(lfilter([1.0], [1.0, -decay], drive))
 
 
-def _second_order(q: float, noise: FloatArray) -> FloatArray:
+def _second_order(q: float, noise: Floats) -> Floats:
     """Return a unit-variance process behind (1 + sqrt(3) tau p)/(1 + tau p)^2, sampled every q tau.
 
     States x1' = (w - x1)/tau, x2' = (x1 - x2)/tau, in units of tau^-1/2; noise (2, n).
@@ -268,7 +265,7 @@ def _second_order(q: float, noise: FloatArray) -> FloatArray:
     from scipy.signal import lfilter
     from scipy.special import gammainc
 
-    def drive(q11: float, q12: float, q22: float, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def drive(q11: float, q12: float, q22: float, z: Floats) -> tuple[Floats, Floats]:
         if q11 == 0.0:
             return 0.0 * z[0], 0.0 * z[1]
         first = math.sqrt(q11)

@@ -1,4 +1,4 @@
-"""Checks of the engine by means that do not share its code, in one table.
+"""Independent checks of the engine, in one table.
 
 Closed forms and quadratures, published tables, and the two estimators against each other.
 `meshtrace validate` prints them; the tests of published tables run the same problems longer.

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, SupportsFloat
 
 from meshtrace.tables import text_table
+
+if TYPE_CHECKING:
+    from meshtrace.results.gain import GainResult
 
 LIMIT = 4.0
 """Largest |z| with which a check passes: 6e-5 of right estimates are beyond."""
@@ -20,7 +23,7 @@ class Check:
     Parameters
     ----------
     quantity : str
-        Quantity that is compared.
+        Quantity compared.
     source : str
         Source of the reference.
     expected, got : float
@@ -81,6 +84,19 @@ def half_digit(printed: str) -> float:
 def printed(quantity: str, source: str, text: str, got: float, stderr: float = 0.0) -> Check:
     """Return the check of a value against a published number, good to half of its last digit."""
     return Check(quantity, source, float(text), float(got), stderr, half_digit(text))
+
+
+def exact(quantity: str, source: str, expected: float, got: SupportsFloat, rtol: float) -> Check:
+    """Return the check of a deterministic value against a reference of a relative accuracy."""
+    return Check(quantity, source, expected, float(got), tolerance=rtol * expected)
+
+
+def simulated(
+    quantity: str, source: str, expected: float, result: GainResult, tolerance: float = 0.0
+) -> Check:
+    """Return the check of a simulated gain against a reference."""
+    gain, stderr = float(result.gain), float(result.gain_stderr)
+    return Check(quantity, source, expected, gain, stderr, tolerance)
 
 
 def format_table(checks: Iterable[Check]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from meshtrace.link import Led, Link, Physics, Receiver
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.optics.water import Water
 from meshtrace.transport.simulate import simulate
-from meshtrace.validation.check import Check
+from meshtrace.validation.check import Check, exact, simulated
 
 REFERENCE_ERROR = 1e-4
 """Relative standard error of the reference gains with scattering."""
@@ -63,43 +64,22 @@ def unscattered_gain(
     return float(quad(density, 0.0, rim, epsabs=0.0, epsrel=1e-12)[0])
 
 
-def flat_sea_checks(photons: int) -> list[Check]:
-    """Return the default link over still water; `photons` for the analog run."""
+def flat_sea_checks(photons: int) -> Iterator[Check]:
+    """Yield the default link over still water; `photons` for the analog run."""
     from meshtrace.surfaces import FlatSea
 
-    sea = FlatSea()
-    quadrature = "quadrature, exact for still water"
-    checks = []
+    sea, quadrature = FlatSea(), "quadrature, exact for still water"
     for depth in (5.0, 10.0, 20.0, 47.0):
-        expected = unscattered_gain(depth=depth)
-        r = simulate(Link(transmitter=Led(depth=depth)), sea, photons=64)
-        got = float(np.asarray(r.gain_ballistic))
-        checks.append(
-            Check(
-                f"unscattered gain, {depth:g} m", quadrature, expected, got,
-                tolerance=1e-5 * expected,
-            )
-        )  # fmt: skip
+        got = simulate(Link(transmitter=Led(depth=depth)), sea, photons=64).gain_ballistic
+        name = f"unscattered gain, {depth:g} m"
+        yield exact(name, quadrature, unscattered_gain(depth=depth), np.asarray(got), 1e-5)
     clear = Link(water=Water(b=0.0), receiver=Receiver(radius=1.0))
     r = simulate(clear, sea, estimator="analog", photons=photons, seed=1)
     expected = unscattered_gain(radius=1.0, c=clear.water.a)
-    checks.append(
-        Check(
-            "b = 0, r = 1 m: gain, analog",
-            quadrature,
-            expected,
-            float(r.gain),
-            float(r.gain_stderr),
-        )
-    )
-    kill = Physics(reflected="kill")
+    yield simulated("b = 0, r = 1 m: gain, analog", quadrature, expected, r)
+    kill, source = Physics(reflected="kill"), "forced and adjoint prototypes"
     for radius, expected in ((0.05, 5.9731e-5), (0.25, 1.488835e-3)):
         link = Link(receiver=Receiver(radius=radius), physics=kill)
         r = simulate(link, sea, photons=max(20_000, photons // 200), seed=2)
-        checks.append(
-            Check(
-                f"gain, r = {radius:g} m, forced", "forced and adjoint prototypes", expected,
-                float(r.gain), float(r.gain_stderr), REFERENCE_ERROR * expected,
-            )
-        )  # fmt: skip
-    return checks
+        name = f"gain, r = {radius:g} m, forced"
+        yield simulated(name, source, expected, r, REFERENCE_ERROR * expected)

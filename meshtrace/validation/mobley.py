@@ -7,7 +7,9 @@ infinitely deep homogeneous water; depths are optical depths. Problem 1 has the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +20,7 @@ from meshtrace.optics.phase import AnyPhase, Rayleigh
 from meshtrace.optics.water import Water
 from meshtrace.results.gain import GainResult
 from meshtrace.transport.simulate import simulate
-from meshtrace.validation.check import Check, half_digit
+from meshtrace.validation.check import Check, printed
 from meshtrace.validation.slabs import wide_mesh
 
 E_AIR = 0.5
@@ -66,36 +68,21 @@ def light_field(
     link: Link, photons: int, seed: int = 41, threads: int | None = None
 ) -> tuple[dict[str, NDArray[np.float64]], GainResult]:
     """Return irradiances of a canonical problem at its planes, and the result they come from."""
-    r = simulate(
-        link,
-        wide_mesh(),
-        estimator="analog",
-        photons=photons,
-        seed=seed,
-        threads=threads,
-        max_surface_events=1000,
-    )
+    options: Any = {"photons": photons, "seed": seed, "threads": threads}
+    r = simulate(link, wide_mesh(), estimator="analog", max_surface_events=1000, **options)
     assert r.planes is not None
     names = [name + error for name in ("e_d", "e_u", "e_od", "e_ou") for error in ("", "_stderr")]
     return {name: E_AIR * getattr(r.planes, name) for name in names}, r
 
 
-def mobley_checks(photons: int) -> list[Check]:
-    """Return problem 1 against its table; the spread of the models is part of the tolerance."""
-    checks = []
+def mobley_checks(photons: int) -> Iterator[Check]:
+    """Yield problem 1 against its table; the spread of the models is part of the tolerance."""
     for albedo, table in PROBLEM_1.items():
         field, _ = light_field(canonical_problem(albedo, Rayleigh(), tuple(table)), photons)
         for i, (depth, row) in enumerate(table.items()):
             for name, text, spread in zip(("e_d", "e_ou"), row, SPREAD[depth], strict=True):
-                tolerance = np.hypot(half_digit(text), spread * float(text))
-                checks.append(
-                    Check(
-                        f"problem 1, albedo {albedo:g}, tau {depth:g}: {name}",
-                        "Mobley et al. 1993",
-                        float(text),
-                        float(field[name][i]),
-                        float(field[f"{name}_stderr"][i]),
-                        float(tolerance),
-                    )
-                )
-    return checks
+                label = f"problem 1, albedo {albedo:g}, tau {depth:g}: {name}"
+                got, stderr = (float(field[key][i]) for key in (name, f"{name}_stderr"))
+                one = printed(label, "Mobley et al. 1993", text, got, stderr)
+                tolerance = math.hypot(one.tolerance, spread * one.expected)
+                yield replace(one, tolerance=tolerance)

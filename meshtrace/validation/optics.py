@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator
 
 import numpy as np
+from scipy.integrate import quad
 
 from meshtrace.optics import mie
 from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.optics.fresnel import fresnel_reflectance, hemispheric_reflectance
 from meshtrace.optics.phase import FournierForand
-from meshtrace.validation.check import Check, printed
+from meshtrace.validation.check import Check, exact, printed
 
 WISCOMBE = (
     (0.75, 10.0, "2.232265", "0.896473"),
@@ -55,96 +57,77 @@ def walsh_reflectance(n: float) -> float:
     )
 
 
-def optics_checks(photons: int) -> list[Check]:
-    """Return the checks without transport; `photons` scattering angles are drawn."""
-    return [
-        *_interface_checks(),
-        *_phase_checks(photons),
-        *_mie_checks(),
-        *_bubble_checks(),
-        *_wave_checks(),
-    ]
+def optics_checks(photons: int) -> Iterator[Check]:
+    """Yield the checks without transport; `photons` scattering angles are drawn."""
+    yield from (*_interface_checks(), *_phase_checks(photons), *_mie_checks())
+    yield from (*_bubble_checks(), *_wave_checks())
 
 
-def _interface_checks() -> list[Check]:
+def _interface_checks() -> Iterator[Check]:
     n = 1.33
-    air = walsh_reflectance(n)
+    air, normal = walsh_reflectance(n), ((n - 1.0) / (n + 1.0)) ** 2
     water = 1.0 - (1.0 - air) / n**2
-    normal = ((n - 1.0) / (n + 1.0)) ** 2
-    return [
-        Check("reflectance, normal incidence", "((n - 1) / (n + 1))^2", normal,
-              float(fresnel_reflectance(1.0, n, 1.0)), tolerance=1e-12),
-        Check("diffuse reflectance, from the air", "Walsh 1926", air,
-              hemispheric_reflectance(1.0, n), tolerance=1e-9),
-        Check("diffuse reflectance, from the water", "1 - (1 - Walsh) / n^2", water,
-              hemispheric_reflectance(n, 1.0), tolerance=1e-9),
-    ]  # fmt: skip
+    for name, source, expected, got, tolerance in (
+        ("reflectance, normal incidence", "((n - 1) / (n + 1))^2",
+         normal, fresnel_reflectance(1.0, n, 1.0), 1e-12),
+        ("diffuse reflectance, from the air", "Walsh 1926",
+         air, hemispheric_reflectance(1.0, n), 1e-9),
+        ("diffuse reflectance, from the water", "1 - (1 - Walsh) / n^2",
+         water, hemispheric_reflectance(n, 1.0), 1e-9),
+    ):  # fmt: skip
+        yield Check(name, source, expected, float(got), tolerance=tolerance)
 
 
-def _phase_checks(samples: int) -> list[Check]:
-    checks = [
-        Check(f"Fournier-Forand {n:g}, {mu:g}: b_b / b", "Mobley et al. 2002, table", fraction,
-              FournierForand(n=n, mu=mu).backscatter_fraction, tolerance=0.02 * fraction)
-        for n, mu, fraction in BACKSCATTER
-    ]  # fmt: skip
-    phase = FournierForand()
-    cosine = np.cos(phase.sample(np.random.default_rng(51).random(samples)))
-    stderr = float(cosine.std() / math.sqrt(samples))
-    checks.append(
-        Check("Fournier-Forand, drawn: g", "closed form", 0.929963058, float(cosine.mean()), stderr)
-    )
-    return checks
+def _phase_checks(samples: int) -> Iterator[Check]:
+    for n, mu, fraction in BACKSCATTER:
+        got = FournierForand(n=n, mu=mu).backscatter_fraction
+        label = f"Fournier-Forand {n:g}, {mu:g}: b_b / b"
+        yield exact(label, "Mobley et al. 2002, table", fraction, got, 0.02)
+    cosine = np.cos(FournierForand().sample(np.random.default_rng(51).random(samples)))
+    mean, stderr = float(cosine.mean()), float(cosine.std() / math.sqrt(samples))
+    yield Check("Fournier-Forand, drawn: g", "closed form", 0.929963058, mean, stderr)
 
 
-def _mie_checks() -> list[Check]:
-    checks = []
+def _mie_checks() -> Iterator[Check]:
     for m, x, q_sca, g in WISCOMBE:
         found = mie.efficiencies(m, x)
         for name, text, got in (("Q_sca", q_sca, found.q_sca), ("g", g, found.g)):
             label = f"Mie, m {m:g}, x {x:g}: {name}"
-            checks.append(printed(label, "Wiscombe 1979, NCAR/TN-140", text, float(got)))
-    return checks
+            yield printed(label, "Wiscombe 1979, NCAR/TN-140", text, float(got))
 
 
-def _bubble_checks() -> list[Check]:
-    from scipy.integrate import quad
-
-    checks = []
+def _bubble_checks() -> Iterator[Check]:
     for wind_speed in (5.0, 13.0):
         bubbles = HallNovarini(wind_speed=wind_speed, q=2.0)
-
-        def cross_section(depth: float, bubbles: HallNovarini = bubbles) -> float:
-            # split at the kink of the size distribution
-            cuts = (bubbles.r_min, float(bubbles.r_ref(depth)), bubbles.r_max)
-            return sum(
-                quad(
-                    lambda r: 2.0 * math.pi * r**2 * float(bubbles.size_distribution(r, depth)),
-                    low, high, epsabs=0.0, epsrel=1e-10,
-                )[0]
-                for low, high in itertools.pairwise(cuts)
-            )  # fmt: skip
-
-        expected = quad(cross_section, 0.0, 10.0, epsabs=0.0, epsrel=1e-8, limit=200)[0]
-        checks.append(
-            Check(f"bubbles, {wind_speed:g} m/s: depth 0 to 10 m", "quadrature of sizes, depths",
-                  expected, float(bubbles.optical_depth(0.0, 10.0)), tolerance=1e-6 * expected)
-        )  # fmt: skip
-    return checks
+        expected = quad(_cross_section, 0.0, 10.0, (bubbles,), epsabs=0.0, epsrel=1e-8, limit=200)[
+            0
+        ]
+        label = f"bubbles, {wind_speed:g} m/s: depth 0 to 10 m"
+        got = bubbles.optical_depth(0.0, 10.0)
+        yield exact(label, "quadrature of sizes, depths", expected, got, 1e-6)
 
 
-def _wave_checks() -> list[Check]:
+def _cross_section(depth: float, bubbles: HallNovarini) -> float:
+    """Return the scattering cross section of the bubbles in a volume at a depth [m-1]."""
+
+    def density(r: float) -> float:
+        return 2.0 * math.pi * r**2 * float(bubbles.size_distribution(r, depth))
+
+    # split at the kink of the size distribution
+    cuts = (bubbles.r_min, float(bubbles.r_ref(depth)), bubbles.r_max)
+    parts = itertools.pairwise(cuts)
+    return sum(quad(density, low, high, epsabs=0.0, epsrel=1e-10)[0] for low, high in parts)
+
+
+def _wave_checks() -> Iterator[Check]:
     from meshtrace.surfaces import Jonswap
     from meshtrace.surfaces.statistics import hs
 
-    checks = []
+    fetch, g = 30e3, 9.81
     for wind_speed in (5.0, 13.0):
-        fetch, g = 30e3, 9.81
         omega_p = Jonswap(wind_speed=wind_speed, fetch=fetch).omega_p
         alpha = 0.075 * (g * fetch / wind_speed**2) ** -0.22
         expected = 4.0 * math.sqrt(alpha * g**2 / (5.0 * omega_p**4))
         got = hs(Jonswap(wind_speed=wind_speed, fetch=fetch, gamma=1.0))
-        checks.append(
-            Check(f"gamma 1, {wind_speed:g} m/s: wave height", "4 sqrt(alpha g^2 / 5) / omega_p^2",
-                  expected, got, tolerance=1e-5 * expected)
-        )  # fmt: skip
-    return checks
+        label = f"gamma 1, {wind_speed:g} m/s: wave height"
+        yield exact(label, "4 sqrt(alpha g^2 / 5) / omega_p^2", expected, got, 1e-5)

@@ -7,8 +7,9 @@ zenith, that is at normal incidence.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from functools import cache
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from meshtrace.link import IrradiancePlanes, Link, Physics, Receiver, Sun
 from meshtrace.mesh import TriangleMesh
@@ -38,7 +39,7 @@ class SlabLight(NamedTuple):
 
 @cache
 def wide_mesh() -> TriangleMesh:
-    """Return still water that light hardly leaves sideways."""
+    """Return still water wide enough for a negligible loss of light at its sides."""
     from meshtrace.surfaces import FlatSea
 
     return FlatSea().mesh(extent=3000.0, spacing=1000.0)
@@ -70,17 +71,11 @@ def slab_link(
     Returns
     -------
     Link
-        Its receiver takes all that leaves upwards; its plane lies just above the floor.
+        The receiver collects all light leaving upwards; the plane lies just above the floor.
     """
+    medium: Any = {"a": 1.0 - albedo, "b": albedo, "n": n_water, "phase": HenyeyGreenstein(g=g)}
     return Link(
-        water=Water(
-            a=1.0 - albedo,
-            b=albedo,
-            n=n_water,
-            phase=HenyeyGreenstein(g=g),
-            bottom_depth=thickness,
-            bottom_albedo=0.0,
-        ),
+        water=Water(**medium, bottom_depth=thickness, bottom_albedo=0.0),
         n_air=n_air,
         transmitter=Sun(zenith_deg=0.0, half_width=1.0),
         receiver=Receiver(height=1.0, radius=1e7, fov_deg=180.0),
@@ -103,42 +98,24 @@ def slab_light(link: Link, photons: int, seed: int, threads: int | None = None) 
     -------
     SlabLight
     """
-    r = simulate(
-        link,
-        wide_mesh(),
-        estimator="analog",
-        photons=photons,
-        seed=seed,
-        threads=threads,
-        max_surface_events=10_000,
-    )
+    options: Any = {"photons": photons, "seed": seed, "threads": threads}
+    r = simulate(link, wide_mesh(), estimator="analog", max_surface_events=10_000, **options)
     assert r.planes is not None
     transmitted, stderr = float(r.planes.e_d[0]), float(r.planes.e_d_stderr[0])
     return SlabLight(float(r.gain), float(r.gain_stderr), transmitted, stderr, r)
 
 
-def slab_checks(photons: int) -> list[Check]:
-    """Return the slabs against the tables; `photons` for the first one."""
+def slab_checks(photons: int) -> Iterator[Check]:
+    """Yield the slabs against the tables; `photons` for the first one."""
     light = slab_light(slab_link(2.0, 0.9, 0.75, 1.33, 1.33), photons, seed=31)
     source, name = "van de Hulst 1980, table 35", "slab, tau 2, albedo 0.9, g 0.75"
-    checks = [
-        printed(f"{name}: R", source, VAN_DE_HULST["R"], *light[:2]),
-        printed(f"{name}: T", source, VAN_DE_HULST["T"], *light[2:4]),
-    ]
+    yield printed(f"{name}: R", source, VAN_DE_HULST["R"], *light[:2])
+    yield printed(f"{name}: T", source, VAN_DE_HULST["T"], *light[2:4])
     thick = slab_light(slab_link(60.0, 0.9, 0.0, 1.5, 1.0), photons // 10, seed=35)
-    checks.append(
-        printed("deep isotropic, albedo 0.9, n 1.5: R", "Giovanelli 1955", GIOVANELLI, *thick[:2])
-    )
+    name = "deep isotropic, albedo 0.9, n 1.5: R"
+    yield printed(name, "Giovanelli 1955", GIOVANELLI, *thick[:2])
     white = slab_light(slab_link(10.0, 1.0, 0.0, 1.33, 1.33), photons // 50, seed=34)
     # Chandrasekhar's H(1) and the extrapolation length
     expected = 2.9078 / math.sqrt(3.0) / (10.0 + 2.0 * 0.7104)
-    checks.append(
-        Check(
-            "white isotropic slab, tau 10: T",
-            "asymptotic, Chandrasekhar 1950",
-            expected,
-            *white[2:4],
-            tolerance=1e-3 * expected,
-        )
-    )
-    return checks
+    name, source = "white isotropic slab, tau 10: T", "asymptotic, Chandrasekhar 1950"
+    yield Check(name, source, expected, *white[2:4], tolerance=1e-3 * expected)

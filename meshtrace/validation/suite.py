@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from meshtrace.errors import DomainWarning
@@ -17,9 +17,9 @@ from meshtrace.validation.slabs import slab_checks
 
 
 class Family(NamedTuple):
-    """Checks that belong together, and the photons that they take."""
+    """Group of checks, with their numbers of photons."""
 
-    checks: Callable[[int], list[Check]]
+    checks: Callable[[int], Iterable[Check]]
     photons: int
     quick_photons: int
 
@@ -50,7 +50,7 @@ def validate(
     Returns
     -------
     tuple of Check
-        Seeds are fixed: on one machine the same numbers come out each time.
+        Seeds are fixed: results on one machine are reproducible.
 
     Examples
     --------

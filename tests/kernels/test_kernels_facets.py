@@ -8,8 +8,10 @@ from meshtrace.kernels.facets import (
     Roughness,
     Triangles,
     barycentrics,
+    barycentrics_of,
     exposure,
     interpolated_normal,
+    normal_on,
     plane_distance,
     slope_tilt,
     tilted,
@@ -36,7 +38,7 @@ def points(origins, directions, facet, surface):
 
 @pytest.fixture(scope="module")
 def mesh():
-    return JonswapSea(wind_speed=13.0, seed=3).mesh(extent=5.0, spacing=0.5)
+    return JonswapSea(wind_speed=13.0, seed=3, band="paper").mesh(extent=5.0, spacing=0.5)
 
 
 def on_facets(mesh, facet, weights, origins):
@@ -79,6 +81,42 @@ def test_corners_have_their_own_normal(mesh):
         out = kernel_points(mesh, target - directions, directions, facet)
         expected = mesh.vertex_normals[mesh.faces[:, corner]]
         np.testing.assert_allclose(out[:, 3:], expected, atol=1e-10)
+
+
+@njit
+def points_of(places, facet, surface):
+    """Return u, v and interpolated normal of every place on its facet."""
+    out = np.empty((len(facet), 5))
+    for i in range(len(facet)):
+        p = row(places, i)
+        out[i, 0], out[i, 1] = barycentrics_of(p, facet[i], surface)
+        write(out[i, 2:], normal_on(p, facet[i], surface))
+    return out
+
+
+def test_points_on_facets_of_any_orientation():
+    """A soup of facets, upright and upside down ones among them; the twin is least squares."""
+    rng = np.random.default_rng(5)
+    n = 600
+    corners = rng.normal(size=(n, 3, 3))
+    corners[:100, :, 0] = 0.3  # upright, along y
+    corners[100:200, :, 1] = -2.0  # upright, along x
+    corners[200:300, :, 2] = 0.0  # level
+    normals = rng.normal(size=(3 * n, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    faces = np.arange(3 * n).reshape(-1, 3)
+    soup = TriangleMesh(corners.reshape(-1, 3), faces, normals, overhangs=True)
+    assert 200 < soup.facing_down < 500
+    weights = rng.dirichlet((1.0, 1.0, 1.0), n)
+    places = np.einsum("ij,ijk->ik", weights, corners)
+    out = points_of(places, np.arange(n), surface_arrays(soup, "vertex"))
+    for i in range(n):
+        edges = (corners[i, 1:] - corners[i, 0]).T
+        uv = np.linalg.lstsq(edges, places[i] - corners[i, 0], rcond=None)[0]
+        np.testing.assert_allclose(out[i, :2], uv, atol=1e-9)
+    normal = np.einsum("ij,ijk->ik", weights, normals[faces])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    np.testing.assert_allclose(out[:, 2:], normal, atol=1e-7)
 
 
 def test_ray_along_the_plane_is_infinitely_far():

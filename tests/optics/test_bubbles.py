@@ -11,6 +11,7 @@ from scipy.special import wrightomega
 
 from meshtrace.errors import Refused
 from meshtrace.optics import bubbles as module
+from meshtrace.optics.bubble_base import integrate
 from meshtrace.optics.bubbles import HallNovarini
 
 
@@ -298,7 +299,7 @@ def test_quadrature_against_the_exponential_layer_in_closed_form():
     rhs = np.exp(log_rho) + xi * rate / c0
     path = (rhs - wrightomega(rhs + log_rho).real) / rate
     end = depth - cosine * path
-    along = module._integrate(
+    along = integrate(
         lambda z: c0 + b0 * np.exp(-z / length), np.minimum(depth, end), np.maximum(depth, end), 128
     )
     np.testing.assert_allclose(along / np.abs(cosine), xi, rtol=1e-9, atol=1e-12)

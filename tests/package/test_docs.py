@@ -59,6 +59,9 @@ def own_classes(page):
 @pytest.mark.parametrize("page", pages_with("toml"))
 def test_link_files_load(page, tmp_path, monkeypatch):
     (tmp_path / "ring_wave.ply").touch()
+    (tmp_path / "run").mkdir()
+    for i in range(2):
+        (tmp_path / "run" / f"sea_{i}.vtp").touch()
     (tmp_path / "my_waves.py").write_text(own_classes(page), encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "my_waves", raising=False)

@@ -113,10 +113,10 @@ def test_bad_input_is_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     assert "--only: 'nope', allowed: link," in refusal("-o", tmp_path, "--only", "nope")
     assert "allowed: a folder" in refusal("-o", tmp_path / "file", *only("ff-cdf"))
-    missing = refusal("-o", tmp_path, *only("stations"), "--profiles", tmp_path / "no.nc")
-    assert "--profiles" in missing
-    text = refusal("-o", tmp_path, *only("stations"), "--profiles", tmp_path / "file")
-    assert "allowed a netCDF-4 file" in text
+    for name in ("no.nc", "file"):
+        text = refusal("-o", tmp_path, *only("stations"), "--profiles", tmp_path / name)
+        assert f"{name}: " in text
+        assert "allowed: a netCDF-4 file" in text
 
 
 def test_without_the_viz_extra_one_line_says_how_to_install_it(tmp_path, monkeypatch):

@@ -21,8 +21,9 @@ from meshtrace.results.provenance import _git_commit, environment
 from meshtrace.stored import FORMAT_VERSION, Stored, read_dataset, write_dataset
 from meshtrace.studies.convergence.checks import Costs
 from meshtrace.studies.convergence.exact import Reference
+from meshtrace.studies.convergence.fading import fading_study
 from meshtrace.studies.convergence.study import ConvergenceStudy
-from meshtrace.surfaces import FlatSea
+from meshtrace.surfaces import FlatSea, resolved_sea
 
 OLD = Path(__file__).parents[1] / "data" / "v0.1"
 FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)
@@ -73,6 +74,7 @@ def results():
         "performance": performance,
         "depth-sweep": mt.DepthSweep((0.0, 5.0), (performance, performance)),
         "convergence": study,
+        "fading-convergence": fading_study(mt.Link(), resolved_sea(5.0), [2.0, 3.0, 4.0, 6.0]),
     }
     assert {type(r) for r in found.values()} == set(Stored._classes.values())
     return found

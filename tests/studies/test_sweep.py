@@ -306,7 +306,7 @@ def test_command_prints_a_row_for_each_point_and_keeps_all(address, tmp_path):
     path, kept = write_study(tmp_path, text), tmp_path / "kept.nc"
     result = sweep_command(path, "--scheduler", address, "-o", kept)
     assert result.exit_code == 1, result.stderr  # as some points failed
-    head, *rows = result.stdout.split("\n\n")[0].splitlines()
+    head, _, *rows = result.stdout.split("\n\n")[0].splitlines()
     assert head.split() == ["transmitter.depth", "water.type", "gain", "stderr", "scatter"]
     assert [row.split()[:2] for row in rows] == [
         [depth, water] for depth in ("5", "-1") for water in ("jerlov-I", "jerlov-IB")

@@ -132,7 +132,7 @@ def test_dead_scheduler_ends_the_command(scheduler, worker_of, tmp_path):
         errors = client.communicate(timeout=120)[1]
     assert client.returncode == 2, errors
     assert "of 200 tasks finished" in errors.splitlines()[-1]
-    assert "the same command goes on" in errors.splitlines()[-1]
+    assert "the same command resumes" in errors.splitlines()[-1]
     assert "Traceback" not in errors
 
 

@@ -167,7 +167,7 @@ LAYERS = ((0.0, 0.1, 0.02), (4.0, 0.12, 0.1), (6.0, 0.12, 0.1), (8.0, 0.1, 0.03)
 def test_forced_detection_agrees(wind_speed, normals, link):
     mesh = FLAT
     if wind_speed > 0.0:
-        mesh = JonswapSea(wind_speed=wind_speed).mesh(
+        mesh = JonswapSea(wind_speed=wind_speed, band="paper").mesh(
             extent=15.0, spacing=0.1, fine_extent=4.0, coarse_spacing=1.0
         )
     chains = ForcedDetection(link, 8192, 2, normals).evaluate(mesh).scattered[0]
@@ -179,7 +179,7 @@ def test_forced_detection_agrees(wind_speed, normals, link):
 
 WIDE = {"radius": 1.0, "fov_deg": 120.0}
 TURBID = mt.Water(a=0.1, b=0.3)
-SEA = JonswapSea(wind_speed=13.0).mesh(extent=25.0, spacing=0.2)
+SEA = JonswapSea(wind_speed=13.0, band="paper").mesh(extent=25.0, spacing=0.2)
 SLOPES = UnresolvedSlopes((0.06, 0.03), (0.06, 0.03), 30.0)
 THIN = ((0.0, 0.05, 0.05), (2.0, 0.05, 0.05), (2.1, 0.05, 5.0), (2.5, 0.05, 5.0), (2.6, 0.05, 0.05))
 
@@ -244,7 +244,7 @@ THIN = ((0.0, 0.05, 0.05), (2.0, 0.05, 0.05), (2.1, 0.05, 5.0), (2.5, 0.05, 5.0)
             mt.Water(a=0.1, b=0.5),
             mt.Led(depth=0.8, half_angle_deg=40.0, zenith_deg=180.0),
             mt.Receiver(radius=1.0, height=2.0, fov_deg=140.0),
-            JonswapSea(wind_speed=8.0).mesh(extent=25.0, spacing=0.2),
+            JonswapSea(wind_speed=8.0, band="scaled").mesh(extent=25.0, spacing=0.2),
             "vertex",
         ),
     ],

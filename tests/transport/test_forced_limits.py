@@ -3,12 +3,17 @@
 Each case once lost between some per cent and all of the gain without a sign of failure.
 """
 
+import time
+
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
 from meshtrace.surfaces import FlatSea
+from meshtrace.transport.aimed import AimedChains
+from meshtrace.transport.chain_sets import flat_mesh
+from meshtrace.transport.forced_link import forced_link
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning"),
@@ -105,3 +110,22 @@ def test_large_facets(normals):
     np.testing.assert_allclose(b.gain_ballistic, a.gain_ballistic, rtol=1e-4)
     error = np.hypot(a.gain_stderr, b.gain_stderr)
     assert abs(a.gain_scattered - b.gain_scattered) < 5.0 * error
+
+
+def test_a_wide_view_over_a_large_flat_sea():
+    """Two facets of 320 m: parts that reflect all light are not cut down to centimetres."""
+    link = mt.Link(
+        transmitter=mt.Led(half_angle_deg=60.0),
+        receiver=mt.Receiver(position=(20.0, 0.0), fov_deg=179.0),
+    )
+    arrays = forced_link(link)
+    wide, near = (
+        AimedChains(arrays, flat_mesh(np.full(2, -far), np.full(2, far))) for far in (160.0, 20.0)
+    )
+    near_gain = near.facet_gains(0, 0).sum()  # compiles
+    start = time.process_time()
+    gain = wide.facet_gains(0, 0).sum()
+    assert time.process_time() - start < 1.0  # 13 s when all parts were cut
+    # 0.02 m of the facets of either mesh are taken for planes of one image
+    assert gain == pytest.approx(near_gain, rel=2e-3)
+    assert gain == pytest.approx(8.750e-8, rel=1e-3)

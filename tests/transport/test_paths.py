@@ -13,7 +13,7 @@ LINK = mt.Link(
     water=mt.Water(b=0.1),
     receiver=mt.Receiver(radius=0.2, position=(0.5, -0.2), tilt_deg=10.0, tilt_azimuth_deg=30.0),
 )
-MESH = JonswapSea(wind_speed=13.0, seed=3, mss="band").mesh(extent=12.0, spacing=0.2)
+MESH = JonswapSea(wind_speed=13.0, seed=3, mss="band", band="paper").mesh(extent=12.0, spacing=0.2)
 
 
 def normals_at(mesh, points, kind):
@@ -126,3 +126,11 @@ def test_nothing_to_receive_is_said():
 def test_number_of_paths_is_checked(n):
     with pytest.raises(ValueError, match="n:"):
         mt.trace_paths(LINK, MESH, n)
+
+
+def test_received_paths_where_the_gain_rests_on_adjoint_paths():
+    """No chains were drawn for such a receiver: its light was refused as none."""
+    link = mt.Link(receiver=mt.Receiver(tilt_deg=40.0))
+    paths = mt.trace_paths(link, FlatSea(), 20, received_only=True, seed=1)
+    assert paths.received.all()
+    assert (paths.length >= 4).all()  # scattered once at least

@@ -1,5 +1,7 @@
 """Scenes show every part of a link, where it is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
@@ -309,3 +311,11 @@ def test_a_map_of_so_many_photons(shoot):
     assert plotter.shown["map"].x.max() < 0.5 * plotter.stage.half
     with pytest.raises(ValueError, match="coverage: of a mesh alone"):
         shoot(None, SEA.mesh(extent=2.0, spacing=0.5), coverage=10)
+
+
+def test_without_labels_no_text_is_written():
+    style = viz.SceneStyle(**SMALL, spacing=0.4)
+    for labels in (True, False):
+        plotter = viz.scene(LINK, SEA, style=replace(style, labels=labels))
+        assert bool(plotter.texts) is labels
+        plotter.close()

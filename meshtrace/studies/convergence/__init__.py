@@ -10,13 +10,19 @@ for the order p and the value g_0 at vanishing step (Richardson), and beside it 
 over the exact sum of waves, with the same chains.
 """
 
-from meshtrace.studies.convergence.band_limit import REALIZATIONS, band_limit_study
 from meshtrace.studies.convergence.checks import Costs, Normals
+from meshtrace.studies.convergence.drivers import (
+    DEFAULT_SPACINGS,
+    PLACEMENTS,
+    REALIZATIONS,
+    band_limit_study,
+    convergence_study,
+    time_step_study,
+)
 from meshtrace.studies.convergence.exact import Reference
+from meshtrace.studies.convergence.fading import FadingConvergence, fading_study
 from meshtrace.studies.convergence.fit import Fit
-from meshtrace.studies.convergence.spacing import DEFAULT_SPACINGS, PLACEMENTS, convergence_study
 from meshtrace.studies.convergence.study import ConvergenceStudy
-from meshtrace.studies.convergence.time_step import time_step_study
 
 __all__ = [
     "DEFAULT_SPACINGS",
@@ -24,10 +30,12 @@ __all__ = [
     "REALIZATIONS",
     "ConvergenceStudy",
     "Costs",
+    "FadingConvergence",
     "Fit",
     "Normals",
     "Reference",
     "band_limit_study",
     "convergence_study",
+    "fading_study",
     "time_step_study",
 ]

@@ -6,12 +6,9 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+from meshtrace.errors import Refused
+from meshtrace.models import Floats
 
-from meshtrace.errors import Refused, require_word
-
-Floats = NDArray[np.float64]
 Normals = Literal["vertex", "facet"]
 Unresolved = Literal["tilt", "none"]
 Progress = Callable[[int], None]
@@ -29,7 +26,7 @@ class Costs(NamedTuple):
 
 
 def descending(name: str, values: Sequence[float]) -> list[float]:
-    """Return values from large to small."""
+    """Return at least four different positive values from large to small."""
     given = sorted((positive(name, value) for value in values), reverse=True)
     if len(given) < 4 or len(set(given)) < len(given):
         raise Refused(name, list(values), "at least four different values")
@@ -42,12 +39,6 @@ def normal_kinds(normals: Sequence[Normals]) -> tuple[Normals, ...]:
     if not kinds or not set(kinds) <= {"vertex", "facet"}:
         raise Refused("normals", normals, "vertex and facet")
     return kinds
-
-
-def known_unresolved(word: Unresolved) -> Unresolved:
-    """Return the treatment of slopes that a mesh leaves out."""
-    require_word(word, ("tilt", "none"), "unresolved")
-    return word
 
 
 def positive(name: str, value: float) -> float:

@@ -1,9 +1,9 @@
-"""The same chains over the sum of waves itself."""
+"""Gain over the exact sum of waves, with the chains of the meshes."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from meshtrace.kernels import wave_sum as analytic
 from meshtrace.kernels.aiming import ROOT, Scene
 from meshtrace.kernels.chains import Chains
 from meshtrace.mesh import SurfaceModel, WaveSum
+from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.convergence.checks import Floats
 from meshtrace.studies.convergence.meshes import nested_mesh, probes
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
@@ -37,62 +37,58 @@ class Reference(NamedTuple):
         return float(self.samples.mean())
 
 
-class OverWaves:
-    """Chains over the sum of waves itself; their search is thorough.
+def over_waves(forced: ForcedDetection, sea: WaveSum, time: float, spacing: float) -> Reference:
+    """Return the gain over the sum of waves, from crossings found on a mesh of some spacing.
 
-    Parameters
-    ----------
-    forced : ForcedDetection
-        The chains.
+    The search of the chains has to be thorough.
     """
+    link, mesh = forced.arrays, nested_mesh(forced.link, sea, time, spacing, np.zeros(2))
+    aimed, waves = forced.over(mesh), waves_at(sea, time, link.frame)
+    scattered, direct = np.zeros(SHIFTS), np.zeros(2)
+    counters = np.zeros(len(analytic.Moved), np.int64)
+    for source, power in enumerate(link.power):
+        scene = aimed.scene(link.emitters[source], link.targets[0])
+        for chains in forced.scattered_sets[source]:
+            _, arrivals = aimed.aim(source, 0, chains, keep=True)
+            score = np.zeros(len(chains.audit))
+            analytic.move_crossings(chains.chains, arrivals, waves, scene, score, counters)
+            scattered += power * score.reshape(SHIFTS, -1).mean(axis=1)
+        crossings = aimed.centroids[np.flatnonzero(aimed.facet_gains(source, 0))]
+        coarse, fine = (_direct(waves, scene, crossings, n) for n in (4, 8))
+        if abs(fine - coarse) > _QUADRATURE_ERROR * fine:  # a caustic lies on the aperture
+            coarse, fine = _finely_meshed(forced, sea, time, source, crossings, spacing)
+        direct += power * np.array([fine, abs(fine - coarse)])
+    slope_x, slope_y = sea.slopes(*probes(crossing_reach(forced.link)), time)
+    return Reference(
+        samples=direct[0] + scattered,
+        ballistic=float(direct[0]),
+        quadrature_error=float(direct[1]),
+        slope_variance=float(np.mean(slope_x**2 + slope_y**2)),
+        lost=int(counters[analytic.Moved.LOST]),
+    )
 
-    def __init__(self, forced: ForcedDetection) -> None:
-        self._forced = forced
 
-    def evaluate(self, sea: WaveSum, time: float, spacing: float) -> Reference:
-        """Return the gain over the sum of waves; a mesh of some spacing names the crossings."""
-        forced, link = self._forced, self._forced.arrays
-        mesh = nested_mesh(forced.link, sea, time, spacing, np.zeros(2))
-        aimed, waves = forced.over(mesh), waves_at(sea, time, link.frame)
-        scattered, direct = np.zeros(SHIFTS), np.zeros(2)
-        counters = np.zeros(len(analytic.Moved), np.int64)
-        for source, power in enumerate(link.power):
-            scene = aimed.scene(link.emitters[source], link.targets[0])
-            for chains in forced.scattered_sets[source]:
-                _, arrivals = aimed.aim(source, 0, chains, keep=True)
-                score = np.zeros(len(chains.audit))
-                analytic.move_crossings(chains.chains, arrivals, waves, scene, score, counters)
-                scattered += power * score.reshape(SHIFTS, -1).mean(axis=1)
-            crossings = aimed.centroids[np.flatnonzero(aimed.facet_gains(source, 0))]
-            coarse, fine = (_direct(waves, scene, crossings, n) for n in (4, 8))
-            if abs(fine - coarse) > _QUADRATURE_ERROR * fine:  # a caustic lies on the aperture
-                coarse, fine = self._finely_meshed(sea, time, source, crossings, spacing)
-            direct += power * np.array([fine, abs(fine - coarse)])
-        slope_x, slope_y = sea.slopes(*probes(crossing_reach(forced.link)), time)
-        return Reference(
-            samples=direct[0] + scattered,
-            ballistic=float(direct[0]),
-            quadrature_error=float(direct[1]),
-            slope_variance=float(np.mean(slope_x**2 + slope_y**2)),
-            lost=int(counters[analytic.Moved.LOST]),
-        )
+def _finely_meshed(
+    forced: ForcedDetection,
+    sea: WaveSum,
+    time: float,
+    source: int,
+    crossings: Floats,
+    spacing: float,
+) -> tuple[float, float]:
+    """Return the unscattered gain of two meshes of the crossing region, extrapolated.
 
-    def _finely_meshed(
-        self, sea: WaveSum, time: float, source: int, crossings: Floats, spacing: float
-    ) -> tuple[float, float]:
-        """Return the unscattered gain of two meshes of the crossing region, extrapolated.
-
-        The image of a mesh adds up at a caustic, where the light on a point has no bound.
-        """
-        metres = self._forced.arrays.frame.metres(crossings)
-        low, high = metres[:, :2].min(axis=0), metres[:, :2].max(axis=0)
-        extent = 0.5 * float((high - low).max()) + 2.0 * spacing
-        center = tuple(0.5 * (low + high))
-        gains = []
-        for parts in (8, 16):
-            mesh = sea.mesh(time, extent, max(spacing / parts, extent / 500.0), center=center)
-            gains.append(float(self._forced.over(mesh).facet_gains(source, 0).sum()))
-        return gains[1], gains[1] + (gains[1] - gains[0]) / 3.0
+    The image of a mesh adds up at a caustic, where the light on a point has no bound.
+    """
+    metres = forced.arrays.frame.metres(crossings)[:, :2]
+    low, high = metres.min(axis=0), metres.max(axis=0)
+    extent = 0.5 * float((high - low).max()) + 2.0 * spacing
+    center = tuple(0.5 * (low + high))
+    gains = []
+    for parts in (8, 16):
+        mesh = sea.mesh(time, extent, max(spacing / parts, extent / 500.0), center=center)
+        gains.append(float(forced.over(mesh).facet_gains(source, 0).sum()))
+    return gains[1], gains[1] + (gains[1] - gains[0]) / 3.0
 
 
 def _direct(waves: analytic.Waves, scene: Scene, crossings: Floats, rings: int) -> float:
@@ -136,7 +132,7 @@ def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> analytic.Wav
     )
 
 
-def is_wave_sum(sea: SurfaceModel) -> TypeGuard[WaveSum]:
+def is_wave_sum(sea: Any) -> TypeGuard[WaveSum]:
     """Return whether the elevation of a sea is a sum of waves; that of a choppy sea is not."""
     return isinstance(sea, WaveSum) and not getattr(sea, "choppy", False)
 

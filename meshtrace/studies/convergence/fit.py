@@ -1,4 +1,4 @@
-"""The law g_0 + C h^p: its order and its limit, with their intervals."""
+"""Fit of the law g_0 + C h^p: order and limit with confidence intervals."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from meshtrace.fading import Estimate
-from meshtrace.studies.convergence.checks import Floats
+from meshtrace.models import Floats
 
 _REPLICATES = 2000  # of the bootstrap
 _LEVEL = 0.95

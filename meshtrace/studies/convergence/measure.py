@@ -1,4 +1,4 @@
-"""One set of chains for every surface of a study, and its measurements."""
+"""Gains over all surfaces of a study with one set of chains."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ import numpy as np
 
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Refused
+from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.results.gain import Fate
-from meshtrace.studies.convergence.checks import Costs, Floats, Normals, Progress, Unresolved
-from meshtrace.studies.convergence.exact import OverWaves, Reference
+from meshtrace.studies.convergence.checks import Costs, Normals, Progress, Unresolved
+from meshtrace.studies.convergence.exact import Reference, over_waves
 from meshtrace.studies.convergence.meshes import probes
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection
@@ -34,7 +35,7 @@ class Measured(NamedTuple):
     ballistic: Floats
     slope_variance: Floats
     total_reflection: Floats
-    seconds: Floats  # (3, kinds) mesh, BVH, gain
+    seconds: Floats  # (kinds, 3) mesh, BVH, gain
 
 
 class Stacked(NamedTuple):
@@ -48,7 +49,7 @@ class Stacked(NamedTuple):
 
 
 class CommonChains:
-    """One set of chains for every surface of a study."""
+    """Set of chains that all surfaces of a study share."""
 
     def __init__(
         self,
@@ -63,16 +64,17 @@ class CommonChains:
         if not 0 <= receiver < len(link.receivers):
             raise Refused("receiver", receiver, f"0..{len(link.receivers) - 1}")
         physics = link.physics.model_copy(update={"unresolved": unresolved})
-        self.link = link.model_copy(
-            update={"receiver": link.receivers[receiver], "physics": physics}
-        )
+        one = {"receiver": link.receivers[receiver], "physics": physics}
+        self.link = link.model_copy(update=one)
         self.reach = crossing_reach(self.link)
-        self._seed = seed
-        self._made = (photons, seed), crest
-        self._forced = {
-            kind: ForcedDetection(self.link, photons, seed, kind, 1, crest, "thorough")
-            for kind in kinds
-        }
+        self.kinds, self.receiver = kinds, receiver
+        self._key = photons, seed
+        self._crest = crest
+        self._forced = {kind: self._chains(kind) for kind in kinds}
+
+    def _chains(self, kind: Normals) -> ForcedDetection:
+        """Return the chains over surfaces with one kind of normals."""
+        return ForcedDetection(self.link, *self._key, kind, 1, self._crest, "thorough")
 
     def measure(self, mesh: TriangleMesh, mesh_seconds: float, photons: int = 0) -> Measured:
         """Return the numbers of a mesh; `photons` are for the share of total reflection."""
@@ -84,29 +86,48 @@ class CommonChains:
             start = clock.perf_counter()
             parts = forced.evaluate(mesh, intersector)
             seconds = mesh_seconds, bvh_seconds, clock.perf_counter() - start
-            rows.append(
-                (
-                    parts.shifts[0],
-                    parts.ballistic[0],
-                    _slope_variance(intersector, kind, self.reach),
-                    _total_reflection(self.link, intersector, kind, photons, self._seed),
-                    seconds,
-                )
-            )
-        samples, ballistic, slopes, reflected, seconds_by_kind = zip(*rows, strict=True)
-        return Measured(
-            np.array(samples),
-            np.array(ballistic),
-            np.array(slopes),
-            np.array(reflected),
-            np.array(seconds_by_kind).T,
-        )
+            slopes = _slope_variance(intersector, kind, self.reach)
+            reflected = _total_reflection(self.link, intersector, kind, photons, self._key[1])
+            rows.append((parts.shifts[0], parts.ballistic[0], slopes, reflected, seconds))
+        return Measured(*(np.array(column) for column in zip(*rows, strict=True)))
 
     def exact(self, sea: WaveSum, time: float, spacing: float) -> Reference:
-        """Return the gain over the sum of waves; a mesh of some spacing names the crossings."""
-        (photons, seed), crest = self._made
-        forced = ForcedDetection(self.link, photons, seed, "vertex", 1, crest, "thorough")
-        return OverWaves(forced).evaluate(sea, time, spacing)
+        """Return the gain over the sum of waves, see `over_waves`."""
+        return over_waves(self._chains("vertex"), sea, time, spacing)
+
+    def over(
+        self,
+        cases: Iterable[Callable[[], TriangleMesh]],
+        steps: int,
+        threads: int,
+        progress: Progress | None,
+        photons: int = ANALOG_PHOTONS,
+    ) -> Stacked:
+        """Return the gains over the meshes of a study: as many repeats of each step, in order.
+
+        `photons` are those of the share of total reflection, 0 for none.
+        """
+
+        def measure(make: Callable[[], TriangleMesh]) -> Measured:
+            began = clock.perf_counter()
+            mesh = make()
+            return self.measure(mesh, clock.perf_counter() - began, photons)
+
+        rows = []
+        for row in ordered_map(measure, cases, threads):
+            rows.append(row)
+            if progress is not None:
+                progress(1)
+        by_case = (np.stack(column) for column in zip(*rows, strict=True))
+        by_repeat = (c.reshape(steps, -1, *c.shape[1:]) for c in by_case)
+        found = Measured(*(np.moveaxis(column, 2, 0) for column in by_repeat))
+        return Stacked(
+            found.samples,
+            found.ballistic,
+            found.slope_variance.mean(axis=2),
+            found.total_reflection.mean(axis=2),
+            Costs(*np.moveaxis(found.seconds.mean(axis=2), -1, 0)),
+        )
 
 
 def _slope_variance(intersector: EmbreeIntersector, kind: Normals, reach: float) -> float:
@@ -132,16 +153,9 @@ def _total_reflection(
     """Return the share of the photons coming from below that are totally reflected."""
     if photons == 0:
         return math.nan
-    physics = link.physics.model_copy(
-        update={"reflected": "kill", "second_hit": "ignore", "absorption": "analog"}
-    )
-    sums = run_analog(
-        link.model_copy(update={"physics": physics}),
-        intersector,
-        photons=photons,
-        seed=seed,
-        normals=kind,
-    )
+    once = {"reflected": "kill", "second_hit": "ignore", "absorption": "analog"}
+    link = link.model_copy(update={"physics": link.physics.model_copy(update=once)})
+    sums = run_analog(link, intersector, photons=photons, seed=seed, normals=kind)
     # a photon counts as landed if any of its light leaves: a reflected one left none
     reflected = int(sums.count[Fate.REFLECTED])
     met = reflected + int(sums.count[Fate.LANDED]) + int(sums.count[Fate.RECEIVED])
@@ -153,42 +167,3 @@ def spread(gain: Floats) -> Floats:
     if gain.shape[-1] == 1:
         return np.full(gain.shape[:-1], math.nan)
     return gain.std(axis=-1, ddof=1)
-
-
-def over_cases(
-    chains: CommonChains,
-    cases: Iterable[Callable[[], TriangleMesh]],
-    steps: int,
-    threads: int,
-    progress: Progress | None,
-    photons: int = ANALOG_PHOTONS,
-) -> Stacked:
-    """Return the gains over the meshes of a study: equally many repeats of each step, in order.
-
-    `photons` are those of the share of total reflection, 0 for none.
-    """
-
-    def measure(make: Callable[[], TriangleMesh]) -> Measured:
-        began = clock.perf_counter()
-        mesh = make()
-        return chains.measure(mesh, clock.perf_counter() - began, photons)
-
-    rows = []
-    for row in ordered_map(measure, cases, threads):
-        rows.append(row)
-        if progress is not None:
-            progress(1)
-
-    def by_step(name: str) -> Floats:
-        values = np.stack([getattr(row, name) for row in rows])
-        return np.moveaxis(values.reshape(steps, -1, *values.shape[1:]), 2, 0)
-
-    seconds = np.stack([row.seconds for row in rows])  # (cases, 3, kinds)
-    means = seconds.reshape(steps, -1, *seconds.shape[1:]).mean(axis=1)
-    return Stacked(
-        by_step("samples"),
-        by_step("ballistic"),
-        by_step("slope_variance").mean(axis=2),
-        by_step("total_reflection").mean(axis=2),
-        Costs(*(means[:, i].T for i in range(3))),
-    )

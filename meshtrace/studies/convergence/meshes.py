@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from meshtrace.studies.convergence.checks import Floats
+from meshtrace.models import Floats
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 

@@ -1,4 +1,4 @@
-"""The result of a study: gains over a step that should not matter."""
+"""Result of a convergence study: gains over a parameter of the discretisation."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from meshtrace.models import Floats
 from meshtrace.stored import Stored
-from meshtrace.studies.convergence.checks import UNITS, Costs, Floats, Normals, Parameter, positive
+from meshtrace.studies.convergence.checks import UNITS, Costs, Normals, Parameter, positive
 from meshtrace.studies.convergence.exact import Reference
 from meshtrace.studies.convergence.fit import Fit, fit_law, largest_step, stderr
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ConvergenceStudy(Stored):
-    """Gain of one link against a step that should not matter.
+    """Gain of one link against a parameter of the discretisation.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A study as a dataset and as text."""
+"""Dataset and text of a convergence study."""
 
 from __future__ import annotations
 
@@ -16,45 +16,46 @@ if TYPE_CHECKING:
     from meshtrace.studies.convergence.study import ConvergenceStudy
 
 
+# fields of the reference in order: name in files after "exact_", registered name of its metadata
+_EXACT = {
+    "samples": ("samples", "gain"),
+    "ballistic": ("gain_ballistic", "gain_ballistic"),
+    "quadrature_error": ("quadrature_error", ""),
+    "slope_variance": ("mss", "mss"),
+    "lost": ("lost", ""),
+}
+
+
 def dataset(study: ConvergenceStudy) -> xr.Dataset:
     """Return a study as an xarray Dataset with units and provenance."""
-    dims, by_value = ("normals", study.parameter), (study.parameter,)
-    one = {"units": "1"}
+    dims, one = ("normals", study.parameter), {"units": "1"}
     variables: dict[str, Any] = {
         "gain": (dims, study.gain, attrs("gain")),
         "gain_stderr": (dims, study.gain_stderr, attrs("gain_stderr")),
         "gain_ballistic": (dims, study.ballistic.mean(axis=2), attrs("gain_ballistic")),
-        "difference": (dims, study.difference, one),
-        "difference_stderr": (dims, study.difference_stderr, one),
-        "scatter": (dims, study.scatter, one),
-        "error": (dims, study.error, one),
         "mss": (dims, study.slope_variance, attrs("mss")),
-        "total_reflection": (dims, study.total_reflection, one),
+        "samples": ((*dims, "repeat", "shift"), study.samples, attrs("gain")),
+        "samples_ballistic": ((*dims, "repeat"), study.ballistic, attrs("gain_ballistic")),
+        "recommended": ("normals", list(study.recommended().values())),
     }
+    for name in ("difference", "difference_stderr", "scatter", "error", "total_reflection"):
+        variables[name] = (dims, getattr(study, name), one)
     for name, seconds in study.costs._asdict().items():
         variables[f"{name}_time"] = (dims, seconds, {"units": "s"})
     for name in ("order", "gain"):
         limits = np.array([getattr(study.fits[kind], name) for kind in study.normals])
         variables[f"fitted_{name}"] = (("normals", "limit"), limits, one)
-    variables["recommended"] = ("normals", list(study.recommended().values()))
     if study.reference is not None:
         variables["exact_gain"] = ((), study.reference.gain, attrs("gain"))
-        variables["exact_gain_ballistic"] = (
-            (),
-            study.reference.ballistic,
-            attrs("gain_ballistic"),
-        )
-        variables["exact_mss"] = ((), study.reference.slope_variance, attrs("mss"))
-        variables["exact_samples"] = ("shift", study.reference.samples, attrs("gain"))
-        variables["exact_quadrature_error"] = ((), study.reference.quadrature_error, one)
-        variables["exact_lost"] = ((), study.reference.lost, one)
+        for name, (stored, registered) in _EXACT.items():
+            value = getattr(study.reference, name)
+            kind = attrs(registered) if registered else one
+            variables[f"exact_{stored}"] = ("shift" if np.ndim(value) else (), value, kind)
     coordinates = {
         "normals": list(study.normals),
         "limit": ["value", "low", "high"],
-        study.parameter: (by_value, study.values, {"units": UNITS[study.parameter]}),
+        study.parameter: (study.parameter, study.values, {"units": UNITS[study.parameter]}),
     }
-    variables["samples"] = ((*dims, "repeat", "shift"), study.samples, attrs("gain"))
-    variables["samples_ballistic"] = ((*dims, "repeat"), study.ballistic, attrs("gain_ballistic"))
     about = {"parameter": study.parameter, "tolerance": study.tolerance}
     return xr.Dataset(variables, coordinates, about)
 
@@ -63,13 +64,11 @@ def fields_of(data: xr.Dataset) -> dict[str, Any]:
     """Return the fields of the study that `dataset` wrote."""
     parameter, reference = data.attrs["parameter"], None
     if "exact_samples" in data:
-        reference = Reference(
-            samples=data["exact_samples"].to_numpy(),
-            ballistic=float(data["exact_gain_ballistic"]),
-            quadrature_error=float(data["exact_quadrature_error"]),
-            slope_variance=float(data["exact_mss"]),
-            lost=int(data["exact_lost"]),
-        )
+        found = {name: data[f"exact_{stored}"] for name, (stored, _) in _EXACT.items()}
+        exact: dict[str, Any] = {
+            name: v.to_numpy() if v.dims else v.item() for name, v in found.items()
+        }
+        reference = Reference(**exact)
     return dict(
         parameter=parameter,
         values=data[parameter].to_numpy(),
@@ -88,24 +87,26 @@ def fields_of(data: xr.Dataset) -> dict[str, Any]:
 def table(study: ConvergenceStudy, kind: Normals) -> str:
     """Return the part of a study about one kind of normals as text."""
     unit, k = UNITS[study.parameter], study.normals.index(kind)
-    head = f"{study.parameter} [{unit}]"
     base = "the exact surface" if study.reference else "the finest"
     percent = 100.0 / study.anchor[k]
-    lines = [
-        f"{kind} normals, differences from {base} in percent",
-        f"{head:>18}{'gain':>12}{'unscattered':>12}{'difference':>12}{'stderr':>9}{'scatter':>9}"
-        f"{'slope var.':>12}{'total refl.':>12}{'mesh s':>8}{'BVH s':>8}{'gain s':>8}",
+    columns = [
+        (f"{study.parameter} [{unit}]", ">18", "g", study.values),
+        ("gain", ">12", ".4e", study.gain[k]),
+        ("unscattered", ">12", ".4e", study.ballistic.mean(axis=2)[k]),
+        ("difference", ">+12", ".4f", percent * study.difference[k]),
+        ("stderr", ">9", ".4f", percent * study.difference_stderr[k]),
+        ("scatter", ">9", ".4f", percent * study.scatter[k]),
+        ("slope var.", ">12", ".6f", study.slope_variance[k]),
+        ("total refl.", ">12", ".5f", study.total_reflection[k]),
+        *(
+            (f"{name} s", ">8", ".3f", seconds[k])
+            for name, seconds in zip(("mesh", "BVH", "gain"), study.costs, strict=True)
+        ),
     ]
-    ballistic = study.ballistic.mean(axis=2)
-    for j, value in enumerate(study.values):
-        lines.append(
-            f"{value:>18g}{study.gain[k, j]:>12.4e}{ballistic[k, j]:>12.4e}"
-            f"{percent * study.difference[k, j]:>+12.4f}"
-            f"{percent * study.difference_stderr[k, j]:>9.4f}"
-            f"{percent * study.scatter[k, j]:>9.4f}{study.slope_variance[k, j]:>12.6f}"
-            f"{study.total_reflection[k, j]:>12.5f}"
-            + "".join(f"{seconds[k, j]:>8.3f}" for seconds in study.costs)
-        )
+    lines = ["".join(format(head, width.replace("+", "")) for head, width, _, _ in columns)]
+    for j in range(len(study.values)):
+        lines.append("".join(format(v[j], width + digits) for _, width, digits, v in columns))
+    lines = [f"{kind} normals, differences from {base} in percent", *lines]
     return "\n".join([*lines, *_exact_lines(study), *_fitted_lines(study, kind)])
 
 

@@ -1,4 +1,4 @@
-"""From a link to its performance: gains over many seas, tilt of the receiver, bits.
+"""Performance of a link over a random sea, and curves of the bit error rate over depth.
 
 `link_performance` joins the channel gain (`ensemble`, forced detection) with the receiver
 (`meshtrace.comms`) and the aircraft (`meshtrace.uav`); `depth_sweep` gives the curves of the bit
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.errors import (
@@ -118,83 +118,62 @@ def link_performance(
     >>> f"{performance.at().margin_optical_db.value:.0f} dB optical"
     '35 dB optical'
     """
-    unknown = {name: value for name, value in shortcuts.items() if name not in _SHORTCUTS}
-    require_keys(unknown, _SHORTCUTS)
+    require_keys(shortcuts, _SHORTCUTS)
     require_kind(over, Realizations, "over")
     require_kind(flight, Flight, "flight")
-    over = _realizations(over or Realizations(), shortcuts)
+    over = _with(over or Realizations(), shortcuts | {"n": shortcuts.get("realizations")})
     speed = shortcuts.get("wind_speed")
     if surface is None and speed is not None:
         surface = sea_in_wind(speed)
     inputs = resolve_chains(
-        link, surface, photons=over.photons, seed=over.seed, normals=None, time=None, extent=None,
-        spacing=over.spacing, threads=threads,
-    )  # fmt: skip
+        link, surface, photons=over.photons, seed=over.seed, spacing=over.spacing, threads=threads
+    )
     link, scenario = inputs.link, inputs.scenario
     if scenario is not None:
         ook = scenario.detector if ook is None else ook
         flight = flight or (Flight(scenario.uav) if scenario.uav else None)
     flight = _flight(flight, shortcuts, speed, link)
-    _check(limit, over.n, confidence)
+    require_between(limit, 0.0, 0.5, "limit")
+    require_whole(over.n, 2, 10_000_000, "realizations")
+    require_between(confidence, 0.0, 1.0, "confidence")
     rates = (None,) if bit_rate is None else require_finite(bit_rate, "bit_rate", "rates [bit s-1]")
-    ook = "physical" if ook is None else ook
-    ooks = tuple(OokLink.of_link(link, ook, rate) for rate in rates)
+    base = "physical" if ook is None else ook
+    ooks = tuple(OokLink.of_link(link, base, rate) for rate in rates)
     ensemble = Ensemble(inputs, over.n, flight, progress)
     links = _links(ooks[0].channel(link), depths)
     fades = {depth: ensemble.samples(at) for depth, at in links.items()}
-    seed = inputs.run.seed
     points = [
-        operating_point(one, depth, samples, limit, confidence, seed)
+        operating_point(one, depth, samples, limit, confidence, inputs.run.seed)
         for depth, samples in fades.items()
         for one in ooks
     ]
-    origin = {
-        **next(iter(fades.values())).series.provenance,
-        "ook": [one.model_dump(mode="json") for one in ooks],
-        "uav": flight.uav.model_dump(mode="json") if flight else None,
-        "wind": inputs.wind_of(flight).model_dump(mode="json") if flight else None,
-        "coupled": flight is not None and flight.coupled,
-        "realizations": over.n,
-    }
+    origin = {"ook": [one.model_dump(mode="json") for one in ooks], **ensemble.provenance()}
+    origin = {**next(iter(fades.values())).series.provenance, **origin}
     return LinkPerformance(
-        depths=tuple(fades),
-        ooks=ooks,
-        figures=tuple(points),
-        fades=tuple(fades.values()),
-        limit=limit,
-        confidence=confidence,
-        status=ooks[0].status,
-        provenance=origin,
-    )
+        tuple(fades), ooks, tuple(points), tuple(fades.values()), limit, confidence,
+        ooks[0].status, origin,
+    )  # fmt: skip
 
 
-def _realizations(over: Realizations, shortcuts: dict[str, Any]) -> Realizations:
-    """Return the realizations with the fields that were given as keywords."""
-    fields = {"n" if name == "realizations" else name: v for name, v in shortcuts.items()}
-    given = {name: fields[name] for name in over._fields if fields.get(name) is not None}
-    return over._replace(**given)
+def _with(base: NamedTuple, shortcuts: dict[str, Any]) -> Any:
+    """Return a record with the fields that were given as keywords."""
+    given = {name: shortcuts[name] for name in base._fields if shortcuts.get(name) is not None}
+    return base._replace(**given)
 
 
 def _flight(
     flight: Flight | None, shortcuts: dict[str, Any], wind_speed: float | None, link: Link
 ) -> Flight | None:
-    """Return the flight with the fields that were given as keywords."""
-    given = {name: shortcuts[name] for name in Flight._fields if shortcuts.get(name) is not None}
-    if flight is None and "uav" not in given:
-        if given.get("coupled"):
+    """Return the flight, with the wind of the default sea unless it has one."""
+    if flight is None and shortcuts.get("uav") is None:
+        if shortcuts.get("coupled"):
             raise Refused("coupled", True, "with an aircraft that tilts the receiver")
         return None
-    flight = (flight or Flight())._replace(**given).checked()
+    flight = _with(flight or Flight(), shortcuts).checked()
     if flight.wind is None and wind_speed is not None:
         wind = Dryden(wind_speed=wind_speed, height=link.only_receiver.height)
         return flight._replace(wind=wind)
     return flight
-
-
-def _check(limit: float, realizations: int, confidence: float) -> None:
-    require_between(limit, 0.0, 0.5, "limit")
-    require_whole(realizations, 2, 10_000_000, "realizations")
-    require_between(confidence, 0.0, 1.0, "confidence")
 
 
 def _links(link: Link, depths: Sequence[float] | None) -> dict[float, Link]:

@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.comms.budget import (
     ber_of_gains,
@@ -19,9 +18,8 @@ from meshtrace.comms.capacity import Capacity, capacity
 from meshtrace.comms.devices import photon_energy
 from meshtrace.comms.ook import OokLink
 from meshtrace.fading import Estimate
+from meshtrace.models import Floats
 from meshtrace.studies.performance.samples import FadingSamples, independent
-
-FloatArray = NDArray[np.float64]
 
 _RESAMPLES = 1000
 _QUANTILES = 500  # that stand for the law of the gain in the capacity
@@ -75,7 +73,7 @@ def operating_point(
 
     quantile = float(ndtri(0.5 + 0.5 * confidence))
     gain = samples.mean_gain(quantile)
-    power = Estimate(*ook.received_power(gain).tolist())
+    power = _estimate(ook.received_power(gain))
     budget = link_budget(ook, gain, limit)
     low, high = ook.led.levels(power)
     photons = 0.5 * (low + high) / (ook.bit_rate * photon_energy(ook.led.wavelength))
@@ -85,9 +83,9 @@ def operating_point(
         gain=gain,
         received_power=power,
         required_power=ook.required_power(limit),
-        photons_per_bit=Estimate(*photons.tolist()),
-        margin_optical_db=Estimate(*budget.margin_optical_db.tolist()),
-        margin_electrical_db=Estimate(*budget.margin_electrical_db.tolist()),
+        photons_per_bit=_estimate(photons),
+        margin_optical_db=_estimate(budget.margin_optical_db),
+        margin_electrical_db=_estimate(budget.margin_electrical_db),
         ber=ber_of_samples(ook, samples, quantile, confidence, seed),
         outage=outage_of_samples(ook, samples, limit, quantile, confidence),
         capacity=_capacity(ook, samples.samples),
@@ -101,10 +99,7 @@ def ber_of_samples(
 
     The interval of the seas is a percentile bootstrap, stretched for correlated times.
     """
-    bers = [
-        independent(ber_of_gains(ook, samples.samples * math.exp(step * samples.chain_error)))
-        for step in (0.0, quantile, -quantile)
-    ]
+    bers = [independent(ber_of_gains(ook, gains)) for gains in _shifted(samples, quantile)]
     over_seas = bootstrapped_mean(bers[0], samples.n_effective, confidence, _RESAMPLES, seed)
     if over_seas.value == 0.0:
         return over_seas
@@ -118,9 +113,7 @@ def outage_of_samples(
 ) -> Estimate:
     """Return the outage; its Wilson interval uses the effective number of tilts and seas."""
     gains, needed = samples.samples, required_gain(ook, limit)
-    missed = [
-        gains * math.exp(step * samples.chain_error) < needed for step in (0.0, quantile, -quantile)
-    ]
+    missed = [shifted < needed for shifted in _shifted(samples, quantile)]
     share, brighter, darker = (float(m.mean()) for m in missed)
     over_seas = Estimate(share, share, share)
     if gains.size > 1 and gains.any():
@@ -133,6 +126,16 @@ def outage_of_samples(
     return Estimate(value, max(low, 0.0), min(high, 1.0))
 
 
+def _shifted(samples: FadingSamples, quantile: float) -> list[Floats]:
+    """Return the gains, and the gains shifted up and down by the error of the chains."""
+    steps = (0.0, quantile, -quantile)
+    return [samples.samples * math.exp(step * samples.chain_error) for step in steps]
+
+
+def _estimate(values: Floats) -> Estimate:
+    return Estimate(*values.tolist())
+
+
 def _joined(value: float, low: float, high: float, brighter: float, darker: float) -> Estimate:
     """Return an interval with that of an independent error added in quadrature."""
     return Estimate(
@@ -142,7 +145,7 @@ def _joined(value: float, low: float, high: float, brighter: float, darker: floa
     )
 
 
-def _capacity(ook: OokLink, gain: FloatArray) -> Capacity:
+def _capacity(ook: OokLink, gain: Floats) -> Capacity:
     """Return the capacity; of very many gains, from the quantiles of their law."""
     if gain.size > _QUANTILES:
         gain = np.quantile(gain, (np.arange(_QUANTILES) + 0.5) / _QUANTILES)

@@ -5,21 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.fading import Estimate, effective_samples
 from meshtrace.link import Link
 from meshtrace.mesh import RandomSea
+from meshtrace.models import Floats
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.inputs import Inputs
 from meshtrace.studies.series import over_realizations, over_times
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.tilt import h_alpha
-
-FloatArray = NDArray[np.float64]
 
 _TILTS = 50  # of each realization of the sea
 
@@ -39,11 +37,11 @@ class FadingSamples:
     """
 
     series: GainSeries
-    h_alpha: FloatArray
+    h_alpha: Floats
     n_effective: float
 
     @property
-    def samples(self) -> FloatArray:
+    def samples(self) -> Floats:
         """Gains times tilt factors (n, m)."""
         return self.series.gain[:, None] * self.h_alpha
 
@@ -61,7 +59,7 @@ class FadingSamples:
         return Estimate(mean, max(mean - reach, 0.0), mean + reach)
 
 
-def independent(samples: FloatArray) -> FloatArray:
+def independent(samples: Floats) -> Floats:
     """Return the mean over the tilts of each sea, or of each tilt over a single sea."""
     return samples.mean(axis=1) if len(samples) > 1 else samples[0]
 
@@ -96,6 +94,16 @@ class Ensemble(NamedTuple):
     n: int
     flight: Flight | None
     progress: Callable[[int], None] | None
+
+    def provenance(self) -> dict[str, Any]:
+        """Return the aircraft, its wind and the number of realizations."""
+        flight = self.flight
+        return {
+            "uav": flight.uav.model_dump(mode="json") if flight else None,
+            "wind": self.inputs.wind_of(flight).model_dump(mode="json") if flight else None,
+            "coupled": flight is not None and flight.coupled,
+            "realizations": self.n,
+        }
 
     def samples(self, link: Link) -> FadingSamples:
         """Return gains and tilt factors of a link."""

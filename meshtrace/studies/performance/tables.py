@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.comms.budget import depth_at
 from meshtrace.comms.capacity import Capacity
@@ -15,14 +14,14 @@ from meshtrace.comms.ook import OokLink
 from meshtrace.comms.pulses import Eye
 from meshtrace.errors import Refused
 from meshtrace.fading import Estimate
+from meshtrace.fields import attrs
+from meshtrace.models import Floats
 from meshtrace.stored import Stored
 from meshtrace.studies.performance.operating_point import OperatingPoint
 from meshtrace.studies.performance.samples import FadingSamples
 
 if TYPE_CHECKING:
     import xarray as xr
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,7 +84,7 @@ class LinkPerformance(Stored):
         column = _index("bit_rate", self.bit_rates, bit_rate)
         return self.figures[row * len(self.ooks) + column]
 
-    def estimates(self, name: str) -> FloatArray:
+    def estimates(self, name: str) -> Floats:
         """Return a figure with its limits as an array.
 
         Parameters
@@ -124,11 +123,8 @@ class LinkPerformance(Stored):
         if not 0.0 < target < 0.5:
             raise Refused("ber", ber, "0 < ber < 0.5")
         curves = self.estimates("ber")
-        ranges = []
-        for i in range(len(self.ooks)):
-            value, more, less = (_range(self.depths, curves[:, i, j], target) for j in range(3))
-            ranges.append(Estimate(value, less, more))
-        return tuple(ranges)
+        columns = (curves[:, i, [0, 2, 1]].T for i in range(len(self.ooks)))
+        return tuple(Estimate(*(_range(self.depths, b, target) for b in c)) for c in columns)
 
     def eye(self, depth: float | None = None, bit_rate: float | None = None) -> Eye:
         """Return the eye diagram at the mean received power of a depth and bit rate."""
@@ -145,10 +141,17 @@ class LinkPerformance(Stored):
         ]
         lines += [_figures_line(figures) for figures in self.figures]
         if len(self.depths) > 1:
-            lines += ["", f"range at BER {self.limit:g} ({percent} interval)"]
-            for rate, found in zip(self.bit_rates, self.range_at_ber(), strict=True):
-                lines.append(f"{rate / 1e6:>7g} Mbit/s  {_range_text(found)}")
+            lines += ["", self._range_heading, *self._range_lines()]
         return "\n".join([*lines, "", *self._overloads(), self.status])
+
+    @property
+    def _range_heading(self) -> str:
+        return f"range at BER {self.limit:g} ({100.0 * self.confidence:g} % interval)"
+
+    def _range_lines(self, wind: str = "") -> list[str]:
+        """Return the range of each bit rate."""
+        found = zip(self.bit_rates, self.range_at_ber(), strict=True)
+        return [f"{wind}{rate / 1e6:>7g} Mbit/s  {_range_text(value)}" for rate, value in found]
 
     def _overloads(self) -> list[str]:
         """Return a warning about depths with most counts in the dead time of the cells."""
@@ -172,18 +175,15 @@ class LinkPerformance(Stored):
         dims, shape = ("depth", "bit_rate"), (len(self.depths), len(self.ooks))
         variables: dict[str, Any] = {}
         for name in _ESTIMATES:
-            for i, suffix in enumerate(("", "_low", "_high")):
-                variables[name + suffix] = (dims, self.estimates(name)[..., i], _attrs(name))
+            variables |= _limits(name, dims, self.estimates(name))
         for name in Capacity._fields:
             values = [getattr(f.capacity, name) for f in self.figures]
             key = f"capacity_{name}"
             variables[key] = (dims, np.reshape(values, shape), _attrs(key))
         needed = [f.required_power for f in self.figures[: len(self.ooks)]]
-        variables["required_power"] = (("bit_rate",), needed, _attrs("required_power"))
+        variables["required_power"] = ("bit_rate", needed, _attrs("required_power"))
         if len(self.depths) > 1:
-            ranges = np.array(self.range_at_ber())
-            for i, suffix in enumerate(("", "_low", "_high")):
-                variables["range" + suffix] = (("bit_rate",), ranges[:, i], _attrs("range"))
+            variables |= _limits("range", ("bit_rate",), np.array(self.range_at_ber()))
         coordinates = {
             "depth": ("depth", list(self.depths), _attrs("depth")),
             "bit_rate": ("bit_rate", list(self.bit_rates), _attrs("bit_rate")),
@@ -194,24 +194,17 @@ class LinkPerformance(Stored):
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> LinkPerformance:
         depths, rates = (tuple(data[n].values.tolist()) for n in ("depth", "bit_rate"))
-        needed = data["required_power"].values.tolist()
         figures = []
         for i, j in np.ndindex(len(depths), len(rates)):
-            at = data.isel(depth=i, bit_rate=j)
-            estimates = {
-                name: Estimate(*(float(at[name + limit]) for limit in ("", "_low", "_high")))
-                for name in _ESTIMATES
-            }
-            rows = (float(at[f"capacity_{name}"]) for name in Capacity._fields)
-            figures.append(
-                OperatingPoint(
-                    depth=depths[i],
-                    bit_rate=rates[j],
-                    required_power=needed[j],
-                    capacity=Capacity(*rows),
-                    **estimates,
-                )
-            )
+            at = {name: v.item() for name, v in data.isel(depth=i, bit_rate=j).items()}
+            estimates = {name: Estimate(*(at[name + end] for end in _ENDS)) for name in _ESTIMATES}
+            rows = Capacity(*(at[f"capacity_{name}"] for name in Capacity._fields))
+            needed = at["required_power"]
+            point = OperatingPoint(
+                depth=depths[i], bit_rate=rates[j], required_power=needed, capacity=rows,
+                **estimates,
+            )  # fmt: skip
+            figures.append(point)
         return cls(
             depths=depths,
             ooks=tuple(OokLink.model_validate(one) for one in provenance["ook"]),
@@ -224,20 +217,16 @@ class LinkPerformance(Stored):
         )
 
 
-_ESTIMATES = (
-    "gain",
-    "received_power",
-    "photons_per_bit",
-    "margin_optical_db",
-    "margin_electrical_db",
-    "ber",
-    "outage",
-)
+_ESTIMATES = [name for name, kind in get_type_hints(OperatingPoint).items() if kind is Estimate]
+_ENDS = ("", "_low", "_high")  # of the names of an estimate and of its limits
+
+
+def _limits(name: str, dims: tuple[str, ...], values: Floats) -> dict[str, Any]:
+    """Return the variables of an estimate and its limits, the last axis of the values."""
+    return {name + end: (dims, values[..., i], _attrs(name)) for i, end in enumerate(_ENDS)}
 
 
 def _attrs(name: str) -> dict[str, str]:
-    from meshtrace.fields import attrs
-
     return attrs("gain_mean" if name == "gain" else name)
 
 
@@ -266,7 +255,7 @@ def _range_text(found: Estimate) -> str:
     return f"{found.value:.1f} m  ({found.low:.1f}..{found.high:.1f})"
 
 
-def _range(depths: tuple[float, ...], ber: FloatArray, target: float) -> float:
+def _range(depths: tuple[float, ...], ber: Floats, target: float) -> float:
     from scipy.special import ndtri
 
     quality = -ndtri(np.clip(ber, 1e-300, 0.5 - 1e-12))
@@ -303,7 +292,7 @@ class DepthSweep(Stored):
         winds = ", ".join(f"{speed:g}" for speed in self.wind_speeds)
         return f"winds {winds} m/s, {len(self.performances[0].depths)} depths"
 
-    def range_at_ber(self, ber: float | None = None) -> FloatArray:
+    def range_at_ber(self, ber: float | None = None) -> Floats:
         """Return ranges with their limits [m].
 
         Parameters
@@ -320,21 +309,16 @@ class DepthSweep(Stored):
     def summary(self) -> str:
         """Return the ranges of all winds and bit rates as a text for the terminal."""
         first = self.performances[0]
-        percent = f"{100.0 * first.confidence:g} %"
-        lines = [f"range at BER {first.limit:g} ({percent} interval)"]
+        lines = [first._range_heading]
         for speed, performance in zip(self.wind_speeds, self.performances, strict=True):
-            found = zip(performance.bit_rates, performance.range_at_ber(), strict=True)
-            for rate, value in found:
-                lines.append(f"{speed:>5g} m/s{rate / 1e6:>7g} Mbit/s  {_range_text(value)}")
+            lines += performance._range_lines(f"{speed:>5g} m/s")
         return "\n".join([*lines, "", first.status])
 
     def _content(self) -> xr.Dataset:
         import xarray as xr
 
-        from meshtrace.fields import attrs
-
         parts = [p.to_dataset() for p in self.performances]
-        winds = xr.Variable("wind_speed", list(self.wind_speeds), attrs("wind_speed"))
+        winds = xr.Variable("wind_speed", list(self.wind_speeds), _attrs("wind_speed"))
         return xr.concat(parts, winds, data_vars="all", join="exact", combine_attrs="override")
 
     @classmethod

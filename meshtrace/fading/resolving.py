@@ -1,0 +1,224 @@
+"""The waves that make the light of a link fade: the band that has to be resolved."""
+
+from __future__ import annotations
+
+import json
+import math
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from meshtrace.errors import Described, Refused
+from meshtrace.fading.spectral import paraxial_lever, scintillation_of_spectrum
+
+FADING = "fading"
+"""Value of `omega_max` of a sea that stands for all waves which make light fade."""
+
+WITHIN = 0.03
+"""Relative error of the scintillation index up to which a band counts as resolved."""
+
+SHORT = 0.10
+"""Relative error of the scintillation index beyond which a band is warned about."""
+
+_START = 3.5  # k_max times the blur where the search begins
+_STEP = 2.0**0.5
+_FINEST = 2.0 ** (1.0 / 32)
+_HIGHEST = 128.0  # rad/s: waves of 1.2 cm
+
+
+class BandFading(NamedTuple):
+    """Scintillation indices of unscattered light in closed form, over one band and all waves.
+
+    Attributes
+    ----------
+    omega_max : float
+        Highest frequency of the band [rad s-1].
+    index_of_band : float
+        Scintillation index over the band, with tilts beyond it as in `sea.mss`.
+    index_of_all : float
+        Scintillation index over all waves, of Elfouhaily's spectrum where the tail of the sea's
+        own is no model of short waves (JONSWAP, Pierson and Moskowitz).
+    needed : float or None
+        `omega_max` that shows it [rad s-1], if the band leaves out more than a tenth.
+    """
+
+    omega_max: float
+    index_of_band: float
+    index_of_all: float
+    needed: float | None = None
+
+    def warning(self) -> str | None:
+        """Return the warning of a band that leaves out more than a tenth of the fading."""
+        if self.needed is None:
+            return None
+        return (
+            f"omega_max: {self.omega_max:.3g} rad/s shows a scintillation index of "
+            f"{self.index_of_band:.2g}, all waves {self.index_of_all:.2g}; allowed for fading: "
+            f"omega_max = {self.needed:.3g} rad/s"
+        )
+
+
+def band_fading(link: Any, sea: Any) -> BandFading | None:
+    """Return the closed forms of the fading over the band of a sea, with heights of crests.
+
+    Parameters
+    ----------
+    link, sea
+        As for `scintillation_of_spectrum`.
+
+    Returns
+    -------
+    BandFading or None
+        None where there is no closed form: a link off its axis, a sea without spectrum.
+    """
+    if not hasattr(sea, "slope_spectrum"):
+        return None
+    omega_max, whole = sea.band_limits.omega_max, sea.short_waves
+    try:
+        found = BandFading(
+            omega_max, _index(link, sea, omega_max, True), _index(link, whole, None, True)
+        )
+        if found.index_of_band >= (1.0 - SHORT) * found.index_of_all:
+            return found
+        return found._replace(needed=_cached_band(link, whole))
+    except Refused:
+        return None
+
+
+def fading_band(link: Any, sea: Any, within: float = WITHIN) -> float:
+    """Return the smallest `omega_max` that shows the fading of all waves.
+
+    Parameters
+    ----------
+    link : Link
+        As for `scintillation_of_spectrum`.
+    sea : JonswapSea or SpectralSea
+        The sea; its own `omega_max` does not matter.
+    within : float
+        Relative error of the scintillation index of unscattered light that is allowed, > 0.
+
+    Returns
+    -------
+    float
+        Highest frequency [rad s-1], to 2 % above the smallest one.
+
+    Raises
+    ------
+    Refused
+        If there is no closed form for the link or the sea, its spectrum is no model of short
+        waves, the waves beyond the band do not tilt the surface, or no band will do.
+
+    Notes
+    -----
+    The search starts from the waves that the blur of the light just leaves visible, k_max s = 3.5
+    with s^2 = beta^2 sigma_t^2 + a^2 / 4 and sigma_t^2 half the slope variance beyond the band, and
+    compares `scintillation_of_spectrum` with tilts to that of all waves.
+    """
+    if getattr(sea, "mss", None) == "band":
+        raise Refused("omega_max", FADING, 'a frequency > 0 rad/s with mss = "band"')
+    if getattr(sea, "short_waves", sea) is not sea:
+        found = Described(f'"{FADING}" over a spectrum whose tail is no model of short waves')
+        allowed = 'a number, or Elfouhaily\'s spectrum with spreading and mss = "elfouhaily"'
+        raise Refused("omega_max", found, allowed)
+    target = scintillation_of_spectrum(link, sea)
+
+    def resolved(omega: float) -> bool:
+        return abs(_index(link, sea, omega, False) - target) <= within * target
+
+    high = _start(link, sea)
+    while not resolved(high):
+        high *= _STEP
+        if high > _HIGHEST:
+            found = Described(f'"{FADING}" with mss = "{sea.mss}", which no band follows')
+            raise Refused("omega_max", found, 'a number, or mss = "elfouhaily"')
+    low = high / _STEP
+    while resolved(low):
+        low, high = low / _STEP, low
+    while high > low * _FINEST:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if resolved(middle) else (middle, high)
+    return float(f"{high:.4g}")
+
+
+def resolve_band(link: Any, sea: Any) -> Any:
+    """Return a sea whose `omega_max` "fading" is the number for a link; others as they are.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    sea : Surface
+        Any surface.
+
+    Raises
+    ------
+    Refused
+        As `fading_band`.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> from meshtrace.surfaces import resolved_sea
+    >>> 16.0 < resolve_band(mt.Link(), resolved_sea(5.0)).omega_max < 32.0
+    True
+    """
+    if getattr(sea, "omega_max", None) != FADING:
+        return sea
+    try:
+        return sea.model_copy(update={"omega_max": _cached_band(link, sea)})
+    except Refused as error:
+        if error.field == "omega_max":
+            raise
+        found = Described(f'"{FADING}" with {error.field} {error.value}')
+        allowed = f"a frequency > 0 rad/s, or {error.field} {error.allowed}"
+        raise Refused("omega_max", found, allowed) from None
+
+
+class _Inputs:
+    """Link and sea of a cached search; equal to any others."""
+
+    def __init__(self, link: Any, sea: Any) -> None:
+        self.link, self.sea = link, sea
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Inputs)
+
+    def __hash__(self) -> int:
+        return 0
+
+
+def _key(link: Any, sea: Any) -> tuple[Any, str]:
+    """Return what the closed forms depend on."""
+    view = link.only_receiver.fov_deg if len(link.receivers) == 1 else None
+    config = {key: value for key, value in sea.to_config().items() if key != "seed"}
+    return (paraxial_lever(link), view), json.dumps(config, sort_keys=True)
+
+
+@lru_cache(maxsize=64)
+def _band_of(lever: Any, config: str, inputs: _Inputs) -> float:
+    return fading_band(inputs.link, inputs.sea)
+
+
+def _cached_band(link: Any, sea: Any) -> float:
+    return _band_of(*_key(link, sea), _Inputs(link, sea))
+
+
+def _index(link: Any, sea: Any, omega_max: float | None, heights: bool) -> float:
+    return _cached_index(*_key(link, sea), omega_max, heights, _Inputs(link, sea))
+
+
+@lru_cache(maxsize=1024)
+def _cached_index(
+    lever: Any, config: str, omega_max: float | None, heights: bool, inputs: _Inputs
+) -> float:
+    return scintillation_of_spectrum(inputs.link, inputs.sea, omega_max, heights=heights)
+
+
+def _start(link: Any, sea: Any) -> float:
+    """Return the frequency of the shortest waves that the blur leaves visible [rad s-1]."""
+    lever, slopes = paraxial_lever(link), sea.slope_spectrum()
+    beyond = np.cumsum(slopes.variance[::-1])[::-1]
+    blur = np.sqrt(lever.beta**2 * 0.5 * beyond + 0.25 * lever.aperture**2)
+    visible = np.flatnonzero(slopes.k * blur >= _START)
+    return float(slopes.omega[visible[0]]) if len(visible) else _HIGHEST / _STEP

@@ -1,0 +1,338 @@
+"""Studies of the gain against mesh spacing, time step and band limit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from itertools import product
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from meshtrace.errors import Described, Refused, require_whole, require_word
+from meshtrace.kernels.random import realization_seed
+from meshtrace.models import Floats
+from meshtrace.studies.convergence import checks
+from meshtrace.studies.convergence.checks import Costs, Normals, Progress, Unresolved, positive
+from meshtrace.studies.convergence.exact import Reference, wave_sum
+from meshtrace.studies.convergence.measure import CommonChains, Stacked, spread
+from meshtrace.studies.convergence.meshes import crest_of, nested_mesh, placement_shifts
+from meshtrace.studies.convergence.study import ConvergenceStudy
+from meshtrace.studies.inputs import Inputs, resolve_chains
+from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.options import Meshing
+
+if TYPE_CHECKING:
+    from meshtrace.link import Link
+    from meshtrace.mesh import SurfaceModel, TriangleMesh
+    from meshtrace.scenario import Scenario
+
+DEFAULT_SPACINGS = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
+"""Mesh spacings [m] of a study: each halves the one before, so that the grid lines nest."""
+
+PLACEMENTS = 34
+"""Meshes of each spacing: a Fibonacci number, whose lattice fills a cell most evenly."""
+
+REALIZATIONS = 16
+"""Realizations of the sea for each band."""
+
+
+def convergence_study(
+    link: Link | Scenario,
+    surface: SurfaceModel | None = None,
+    spacings: Sequence[float] = DEFAULT_SPACINGS,
+    normals: Sequence[Normals] = ("vertex", "facet"),
+    *,
+    photons: int = 2048,
+    seed: int | None = None,
+    time: float | None = None,
+    placements: int = PLACEMENTS,
+    reference: Literal["analytic"] | None = "analytic",
+    tolerance: float = 1e-3,
+    receiver: int = 0,
+    unresolved: Unresolved = "none",
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> ConvergenceStudy:
+    """Study the dependence of the gain over a sea on the spacing of its mesh.
+
+    Parameters
+    ----------
+    link : Link or Scenario
+        The link, or a scenario that also gives sea, seed, time and threads.
+    surface : SurfaceModel, optional
+        The sea, triangulated uniformly over all that light can cross to the receiver.
+    spacings : sequence of float
+        At least four mesh spacings [m].
+    normals : sequence of {"vertex", "facet"}
+        Normals of the mesh.
+    photons : int
+        Scattering chains, common to all meshes.
+    seed : int, optional
+        Key of the random numbers, 1 by default.
+    time : float, optional
+        Time of the sea [s].
+    placements : int
+        Meshes of each spacing, moved against the sea by parts of a cell; 1 keeps one mesh, whose
+        lines go through the origin.
+    reference : "analytic" or None
+        Whether to find the gain over the exact sum of waves too.
+    tolerance : float
+        Relative error of one surface that the recommended spacing meets.
+    receiver : int
+        Index of the receiver.
+    unresolved : {"none", "tilt"}
+        Whether normals tilt at random by the slopes that each mesh leaves out
+        (`Physics.unresolved`): "none" studies the mesh itself, "tilt" whether the mean gain is
+        free of it.
+    threads : int, optional
+        Threads, all cores by default; the result does not depend on them.
+    progress : callable, optional
+        Called with 1 after each mesh.
+
+    Returns
+    -------
+    ConvergenceStudy
+
+    Raises
+    ------
+    Refused
+        If an option is out of range, or the exact surface is requested and the sea is not a
+        sum of waves.
+
+    Notes
+    -----
+    The aperture receives the unscattered light through a patch of a few centimetres, mostly on one
+    facet. There the curvature of a mesh is wrong by O(h), with a sign that depends on the place of
+    the facet. The mean over placements is free of this error and converges as h^2; `scatter` is
+    the error of one placement.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> from meshtrace.surfaces import SinusoidalSea
+    >>> wave = SinusoidalSea(amplitude=0.05, wavelength=4.0)
+    >>> study = convergence_study(
+    ...     mt.Link(), wave, (1.0, 0.5, 0.25, 0.125), ("vertex",), photons=256
+    ... )
+    >>> 1.6 < study.fits["vertex"].order.value < 2.2
+    True
+    """
+    values = checks.descending("spacings", spacings)
+    positive("tolerance", tolerance)
+    require_whole(placements, 1, 100_000, "placements")
+    if reference not in ("analytic", None):
+        raise Refused("reference", reference, "'analytic' or None")
+    if unresolved == "tilt" and reference:
+        raise Refused("reference", reference, "None beside random slopes")
+    inputs = resolve_chains(link, surface, photons=photons, seed=seed, time=time, threads=threads)
+    exact = wave_sum(inputs.sea) if reference else None
+    chains = _chains(inputs, normals, receiver, unresolved)
+    link, sea, at = inputs.link, inputs.sea, inputs.meshing.time
+    pairs = product(values, placement_shifts(placements))
+    cases = [partial(nested_mesh, link, sea, at, spacing, shift) for spacing, shift in pairs]
+    found = chains.over(cases, len(values), inputs.threads, progress)
+    truth = chains.exact(exact, at, values[-1]) if exact else None
+    scatter = spread(found.samples.mean(axis=3))
+    recorded = {"spacings": values, "placements": placements, "unresolved": unresolved}
+    return _study("spacing", values, inputs, chains, found, scatter, tolerance, truth, recorded)
+
+
+def band_limit_study(
+    link: Link | Scenario,
+    surface: SurfaceModel | None = None,
+    omega_max: Sequence[float] = (),
+    *,
+    realizations: int = REALIZATIONS,
+    normals: Sequence[Normals] = ("vertex",),
+    photons: int = 2048,
+    seed: int | None = None,
+    time: float | None = None,
+    spacing: float | None = None,
+    tolerance: float = 1e-2,
+    receiver: int = 0,
+    unresolved: Unresolved = "none",
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> ConvergenceStudy:
+    """Study the dependence of the mean gain over a random sea on its shortest waves.
+
+    Parameters
+    ----------
+    link : Link or Scenario
+        The link, or a scenario that also gives sea, seed, time, spacing and threads.
+    surface : SurfaceModel, optional
+        A sea with `omega_max` and random phases.
+    omega_max : sequence of float
+        At least four band limits [rad s-1].
+    realizations : int
+        Realizations of the phases, common to all limits: a wider band adds waves to those of a
+        narrower one.
+    spacing : float, optional
+        Spacing of the mesh [m], 0.1 by default; a few to the shortest wave.
+    normals, photons, seed, time, tolerance, receiver, unresolved, threads, progress
+        As in `convergence_study`.
+
+    Returns
+    -------
+    ConvergenceStudy
+        Its step is 1 / omega_max.
+
+    Notes
+    -----
+    The mean square slope of a spectrum with an omega^-5 tail grows as log omega_max: without
+    random slopes for the waves left out (`unresolved="tilt"`) this study has no limit.
+    """
+    values = checks.descending("omega_max", omega_max)[::-1]
+    positive("tolerance", tolerance)
+    require_whole(realizations, 1, 100_000, "realizations")
+    inputs = resolve_chains(
+        link, surface, photons=photons, seed=seed, time=time, spacing=spacing, threads=threads
+    )
+    sea: Any = inputs.sea
+    if not {"omega_max", "seed"} <= set(getattr(type(sea), "model_fields", {})):
+        raise Refused("surface", Described(type(sea).__name__), "a random sea with omega_max")
+    step = positive("spacing", inputs.meshing.spacing or 0.1)
+    widest = sea.model_copy(update={"omega_max": values[-1]})
+    chains = _chains(inputs, normals, receiver, unresolved, widest)
+
+    def mesh(limit: float, i: int) -> TriangleMesh:
+        changes = {"omega_max": limit, "seed": realization_seed(inputs.run.seed, i)}
+        wide = sea.model_copy(update=changes)
+        return nested_mesh(inputs.link, wide, inputs.meshing.time, step, np.zeros(2))
+
+    cases = [partial(mesh, *pair) for pair in product(values, range(realizations))]
+    found = chains.over(cases, len(values), inputs.threads, progress)
+    gain = found.samples.mean(axis=3)
+    scatter = spread(gain - gain[:, -1:])
+    recorded = {"omega_max": values, "realizations": realizations, "spacing": step,
+                "unresolved": unresolved}  # fmt: skip
+    return _study("omega_max", values, inputs, chains, found, scatter, tolerance, None, recorded)
+
+
+def time_step_study(
+    link: Link | Scenario,
+    surface: SurfaceModel | None = None,
+    steps: Sequence[float] = (),
+    *,
+    duration: float,
+    start: float | None = None,
+    normals: Sequence[Normals] = ("vertex",),
+    photons: int = 2048,
+    seed: int | None = None,
+    spacing: float | None = None,
+    tolerance: float = 1e-2,
+    receiver: int = 0,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> ConvergenceStudy:
+    """Study the dependence of the mean gain over a moving sea on the time step.
+
+    Parameters
+    ----------
+    link : Link or Scenario
+        The link, or a scenario that also gives sea, seed, start, spacing and threads.
+    surface : SurfaceModel, optional
+        The sea.
+    steps : sequence of float
+        At least four time steps [s], all multiples of the shortest.
+    duration : float
+        Length of the series [s], a multiple of every step.
+    start : float, optional
+        Its beginning [s], by default 0 or the time of the scenario.
+    spacing : float, optional
+        Spacing of the mesh [m], by default that of `Link.footprint`.
+    normals, photons, seed, tolerance, receiver, threads, progress
+        As in `convergence_study`.
+
+    Returns
+    -------
+    ConvergenceStudy
+        `gain` is the mean over the series (trapezoidal rule), `scatter` the rms error of
+        linear interpolation between its times.
+    """
+    values = checks.descending("steps", steps)
+    positive("tolerance", tolerance)
+    finest = 0.5 * values[-1]
+    strides = [checks.multiple_of("steps", value / finest) for value in values]
+    n = checks.multiple_of("duration", positive("duration", duration) / finest)
+    for value, stride in zip(values, strides, strict=True):
+        if n % stride:
+            raise Refused("duration", duration, f"multiples of the step {value:g} s")
+    inputs = resolve_chains(
+        link, surface, photons=photons, seed=seed, time=start, spacing=spacing, threads=threads
+    )
+    chains = _chains(inputs, normals, receiver)
+    begin, width = inputs.meshing.time, inputs.meshing.spacing
+
+    def mesh(i: int) -> TriangleMesh:
+        meshing = Meshing(time=begin + i * finest, spacing=width)
+        return mesh_for(chains.link, inputs.sea, meshing, chains.reach)[0]
+
+    cases = [partial(mesh, i) for i in range(n + 1)]
+    frames = chains.over(cases, 1, inputs.threads, progress, photons=0)
+    by_shift, ballistic = frames.samples[:, 0], frames.ballistic[:, 0]  # (kinds, frames, ...)
+    each, shape = by_shift.mean(axis=2), (len(chains.kinds), len(values))
+    found = Stacked(
+        np.stack([_time_mean(by_shift, s) for s in strides], axis=1)[:, :, None],
+        np.stack([_time_mean(ballistic, s) for s in strides], axis=1)[:, :, None],
+        np.broadcast_to(frames.slope_variance, shape),
+        np.broadcast_to(frames.total_reflection, shape),
+        Costs(*(np.broadcast_to(seconds, shape) for seconds in frames.costs)),
+    )
+    scatter = np.stack([_interpolation_error(each, s) for s in strides], axis=1)
+    recorded = {"start": begin, "duration": duration, "steps": values}
+    return _study("time_step", values, inputs, chains, found, scatter, tolerance, None, recorded)
+
+
+def _chains(
+    inputs: Inputs,
+    normals: Sequence[Normals],
+    receiver: int,
+    unresolved: Unresolved = "none",
+    highest: SurfaceModel | None = None,
+) -> CommonChains:
+    """Return the chains of a study, for crests no higher than those of the highest sea."""
+    require_word(unresolved, ("tilt", "none"), "unresolved")
+    kinds, run = checks.normal_kinds(normals), inputs.run
+    crest = crest_of(inputs.link, highest or inputs.sea, inputs.meshing.time)
+    return CommonChains(inputs.link, run.photons, run.seed, kinds, receiver, crest, unresolved)
+
+
+def _study(
+    parameter: checks.Parameter,
+    values: list[float],
+    inputs: Inputs,
+    chains: CommonChains,
+    found: Stacked,
+    scatter: Floats,
+    tolerance: float,
+    reference: Reference | None,
+    recorded: dict[str, Any],
+) -> ConvergenceStudy:
+    """Return the study of the gains over all meshes, with its own options in the provenance."""
+    return ConvergenceStudy(
+        parameter=parameter,
+        values=np.array(values),
+        normals=chains.kinds,
+        **found._asdict(),
+        scatter=scatter,
+        reference=reference,
+        tolerance=tolerance,
+        provenance=inputs.provenance(
+            **recorded, normals=list(chains.kinds), receiver=chains.receiver
+        ),
+    )
+
+
+def _time_mean(frames: Floats, stride: int) -> Floats:
+    """Return the mean over the times, axis 1, by the trapezoidal rule on every stride-th."""
+    return np.trapezoid(frames[:, ::stride], dx=stride, axis=1) / (frames.shape[1] - 1)
+
+
+def _interpolation_error(frames: Floats, stride: int) -> Floats:
+    """Return the rms error of linear interpolation between every stride-th of (kinds, times)."""
+    times = np.arange(frames.shape[1])
+    guess = np.stack([np.interp(times, times[::stride], row[::stride]) for row in frames])
+    between = times % stride != 0
+    return np.sqrt(np.mean((frames - guess)[:, between] ** 2, axis=1))
