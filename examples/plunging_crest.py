@@ -1,8 +1,8 @@
 """Light in a plunging crest: an overhanging mesh, traced by the analog estimator, as a picture.
 
-The crest is drawn by hand around a tube, an ellipse as in A. L. New, "A class of elliptical
-free-surface flows", Journal of Fluid Mechanics 130 (1983), with axes of 1 : sqrt 3 for its looks;
-no flow was computed.
+The crest is a free outline around a tube, an ellipse as in A. L. New, "A class of elliptical
+free-surface flows", Journal of Fluid Mechanics 130 (1983), with axes of 1 : sqrt 3;
+it is not the result of a flow computation.
 A fan of beams starts under its back. Light that meets the water's surface beyond the critical
 angle of 48.75 degrees stays in the jet (gold), the rest is refracted into the air (blue).
 
@@ -96,8 +96,8 @@ def link() -> mt.Link:
 def light(paths: mt.PhotonPaths, width: int) -> np.ndarray:
     """Return images of the light before and after its first total reflection.
 
-    A beam of full weight has brightness 1. Every path ends at the surface, and goes on with what
-    the surface sends back as the next path of the same photon.
+    A beam of full weight has brightness 1. Every path ends at the surface; light reflected there
+    continues as the next path of the same photon.
     """
     shape = round(width * (TOP - BOTTOM) / (RIGHT - LEFT)), width
     image, before, arrived, total = np.zeros((2, *shape)), -1, 1.0, False

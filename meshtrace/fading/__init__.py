@@ -1,6 +1,6 @@
-"""Fading statistics of channel gains: ensembles of realizations and time series.
+"""Fading of channel gains: statistics of ensembles and time series, closed forms from the spectrum.
 
-Every function takes the gains as an array. `gain_stderr` is the Monte Carlo standard error of
+The statistics take the gains as an array. `gain_stderr` is the Monte Carlo standard error of
 each gain, independent from one gain to the next; its variance is subtracted from the measured one.
 An error common to all gains (common random numbers) neither adds to their spread nor cancels in
 their mean: leave `gain_stderr` out, and pass it to `fading_statistics` as `common_stderr`.
@@ -67,7 +67,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Return the scipy law `gamma_gamma`, late: `scipy.stats` takes a second to import."""
+    """Return the scipy law `gamma_gamma`, imported on first use: `scipy.stats` takes a second."""
     if name == "gamma_gamma":
         from meshtrace.fading.laws import gamma_gamma
 
