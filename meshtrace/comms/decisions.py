@@ -66,7 +66,7 @@ def gaussian_decision(m0: ArrayLike, m1: ArrayLike, v0: ArrayLike, v1: ArrayLike
 
 
 def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: ArrayLike) -> Decision:
-    """Decide between zeros and ones that come in equally likely patterns of Gaussian noise.
+    """Decide between zeros and ones of equally likely patterns with Gaussian noise.
 
     Parameters
     ----------

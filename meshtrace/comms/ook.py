@@ -222,7 +222,7 @@ class OokLink(Model, frozen=True):
 
     @property
     def absorption_factor(self) -> float:
-        """Factor on the water's absorption under which the channel gain has to be computed."""
+        """Factor on the water's absorption in the channel gain."""
         return 2.0 if self.calibration == "paper-ranges" else 1.0
 
     @property

@@ -241,7 +241,7 @@ class Link(Model, frozen=True):
         return Footprint(center, extent, 0.1 * scale, fine, scale)
 
     def lit_patch(self, slope: float) -> tuple[tuple[float, float], float]:
-        """Return where unscattered light crosses to the receivers: the middle and half-width [m].
+        """Return centre and half-width [m] of the crossings of unscattered light to the receivers.
 
         Parameters
         ----------
@@ -298,7 +298,7 @@ def _power_of_two(size: float) -> float:
 
 
 def _crossing(source: Source, end: Aperture, n: float) -> NDArray[np.float64]:
-    """Return where light from a source to a receiver crosses still water (x, y) [m]."""
+    """Return the crossing (x, y) [m] of still water by light from a source to a receiver."""
     a, b = np.array(source.position), np.array(end.position)
     depth, height = getattr(source, "depth", 1.0), getattr(end, "height", 1.0)
     distance = math.dist(a, b)

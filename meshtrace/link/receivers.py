@@ -117,7 +117,7 @@ AnyAperture = Annotated[SerializeAsAny[Aperture], BeforeValidator(Aperture.read)
 
 
 class IrradiancePlanes(Model, frozen=True):
-    """Horizontal planes in the water on which irradiances and radiances are scored.
+    """Horizontal planes in the water with tallies of irradiance and radiance.
 
     Parameters
     ----------

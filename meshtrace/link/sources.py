@@ -41,7 +41,7 @@ class Source(
 
     @property
     def axis(self) -> tuple[float, float, float]:
-        """Unit vector along which the source shines: down, unless it is pointed."""
+        """Unit vector of the emission, straight down by default."""
         return (0.0, 0.0, -1.0)
 
     @property
@@ -51,7 +51,7 @@ class Source(
 
 
 class WaterSource(Source, frozen=True):
-    """Base of the sources in the water, which have a depth and an axis."""
+    """Base of the sources in the water, with a depth and an axis."""
 
     depth: float = Field(10.0, gt=0.0, le=12_000.0, allow_inf_nan=False)
     zenith_deg: float = Field(0.0, ge=0.0, le=180.0, allow_inf_nan=False)
@@ -69,7 +69,7 @@ class WaterSource(Source, frozen=True):
 
     @property
     def axis(self) -> tuple[float, float, float]:
-        """Unit vector along which the source shines."""
+        """Unit vector of the emission."""
         return unit_vector(self.zenith_deg, self.azimuth_deg)
 
 
@@ -175,7 +175,7 @@ class IsotropicSource(WaterSource, frozen=True):
 
 
 class AirSource(Source, frozen=True):
-    """Base of the sources in the air, which light a square of the sea."""
+    """Base of the sources in the air, which illuminate a square of the sea."""
 
     half_width: Positive = 5.0
 

@@ -10,7 +10,7 @@ from meshtrace.models import Floats
 
 
 def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Floats:
-    r"""Return the reflectance of unpolarised light that goes from medium 1 to medium 2.
+    r"""Return the reflectance of unpolarised light from medium 1 to medium 2.
 
     .. math::
         \rho = \tfrac12 (r_s^2 + r_p^2), \quad

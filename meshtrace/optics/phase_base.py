@@ -122,7 +122,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
         return float(1.0 - self._cdf_s(np.array(0.5)))
 
     def tables(self) -> PhaseTables:
-        """Return the arrays from which `meshtrace.kernels.phase.sample_s` draws; cached."""
+        """Return the tables for `meshtrace.kernels.phase.sample_s`; cached."""
         return _tables(self)
 
     @abstractmethod

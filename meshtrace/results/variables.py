@@ -1,4 +1,4 @@
-"""Arrays of results: dimensions, names in files, and rules by which runs merge."""
+"""Arrays of results: dimensions, names in files, and merge rules."""
 
 from __future__ import annotations
 

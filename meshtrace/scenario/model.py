@@ -237,7 +237,7 @@ class Scenario(Model, frozen=True):
         }
 
     def to_toml(self) -> str:
-        """Return the full configuration as the text of a link file, which loads back."""
+        """Return the full configuration as the text of a link file."""
         import tomli_w
 
         return tomli_w.dumps(self.to_config())

@@ -85,7 +85,7 @@ def read_fading(run: Table, sea: Table) -> None:
 def read_surface(
     table: Table, wind_speed: float, sampling: Mapping[str, Any], folder: Path, printed: bool
 ) -> Any:
-    """Return the surface of [sea], of which `sampling` has been taken out.
+    """Return the surface of [sea] without its `sampling` keys.
 
     `printed` has the equally spaced bands of the paper unless the table names others.
     """

@@ -122,7 +122,7 @@ def _aperture_points(rings: int) -> Chains:
 
 
 def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> analytic.Waves:
-    """Return the waves of a sea at one instant as the kernels take them, in a local frame."""
+    """Return the waves of a sea at one instant as arrays for the kernels, in a local frame."""
     waves = sea.components
     return analytic.Waves(
         np.ascontiguousarray(waves.amplitude) / frame.unit,

@@ -38,7 +38,7 @@ def crest_of(link: Link, sea: SurfaceModel, time: float) -> float:
 
 
 def probes(reach: float) -> tuple[Floats, Floats]:
-    """Return the points (x, y) at which slopes are compared."""
+    """Return the points (x, y) for the comparison of slopes."""
     axis = reach * ((2.0 * np.arange(_PROBES) + 1.0) / _PROBES - 1.0)
     x, y = np.meshgrid(axis, axis, indexing="ij")
     return x.ravel(), y.ravel()

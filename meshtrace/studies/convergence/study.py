@@ -79,7 +79,7 @@ class ConvergenceStudy(Stored):
 
     @property
     def gain_stderr(self) -> Floats:
-        """Monte Carlo standard error of the gain, which all steps have in common."""
+        """Monte Carlo standard error of the gain, common to all steps."""
         return stderr(self.samples.mean(axis=2))
 
     @cached_property

@@ -24,7 +24,7 @@ _TILTS = 50  # of each realization of the sea
 
 @dataclass(frozen=True, eq=False)
 class FadingSamples:
-    """Gains of one link with the factors by which the tilt multiplies each.
+    """Gains of one link with the tilt factor of each.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ def independent(samples: Floats) -> Floats:
 
 
 class Realizations(NamedTuple):
-    """Number of surfaces over which a link is averaged, and options of their chains.
+    """Number of surfaces for the average of a link, and options of their chains.
 
     Options that are None are those of the scenario, or the defaults of `ensemble`.
 
@@ -88,7 +88,7 @@ class Realizations(NamedTuple):
 
 
 class Ensemble(NamedTuple):
-    """Seas and tilts over which a link is averaged."""
+    """Seas and tilts for the average of a link."""
 
     inputs: Inputs
     n: int

@@ -232,7 +232,7 @@ def _address(scheduler: str, timeout: float) -> str:
 
 
 def _leave_interrupts() -> distributed.WorkerPlugin:
-    """Return a plugin that leaves Ctrl-C, which the terminal sends to all, to the client."""
+    """Return a plugin that ignores Ctrl-C on workers: the client handles it."""
     import distributed
 
     class LeaveInterrupts(distributed.WorkerPlugin):

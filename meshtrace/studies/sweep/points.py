@@ -80,7 +80,7 @@ class Study:
         return None
 
     def scenario(self, changes: Mapping[str, Any]) -> Scenario:
-        """Return the scenario of a point, whose changes win over the options of the sweep."""
+        """Return the scenario of a point; its values override the options of the sweep."""
         options = {"run.photons": self.photons, "run.rtol": self.rtol}
         given = {key: value for key, value in options.items() if value is not None}
         return Scenario.from_toml(self.base, changes={**given, **changes})

@@ -78,7 +78,7 @@ def _seal(path: Path) -> None:
 
 
 def _verified(path: Path) -> dict[str, Any]:
-    """Return the attributes of a store, whose metadata are those that were written."""
+    """Return the attributes of a store with intact metadata; refuse altered ones."""
     top = path / "zarr.json"
     try:
         content = json.loads(top.read_bytes())
@@ -200,7 +200,7 @@ def _array(group: zarr.Group, name: str) -> Any:
 
 
 def waiting_tasks(study: Study, group: zarr.Group) -> list[Task]:
-    """Return the tasks that are not finished; damaged or lost chunks make one unfinished."""
+    """Return the unfinished tasks, including those with damaged or lost chunks."""
     tasks = list(study.tasks())
     root = getattr(group.store, "root", None)
     if root is not None:
