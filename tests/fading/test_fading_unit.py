@@ -338,7 +338,7 @@ def test_statistics_of_an_ensemble(gains):
     text = s.summary()
     assert "300 independent gains" in text
     assert "scintillation index" in text
-    assert "alpha = beta fitted" in text
+    assert "fitted with alpha = beta" in text
     assert "coherence" not in text
 
 

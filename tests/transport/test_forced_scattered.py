@@ -159,7 +159,7 @@ def test_a_result_names_the_estimator_and_the_samples(tmp_path):
     assert [row.estimator for row in r.scattered] == ["chains", "adjoint paths"]
     assert all(0 < row.scored <= row.samples for row in r.scattered)
     assert all(0.0 < row.effective <= row.samples for row in r.scattered)
-    assert "scattered light by 2,048 adjoint paths" in r.summary()
+    assert "2,048 adjoint paths, " in r.summary()
     assert repr(r).endswith("2,048 chains or adjoint paths>")
     r.save(tmp_path / "r.nc")
     assert mt.GainResult.load(tmp_path / "r.nc").scattered == r.scattered
