@@ -262,7 +262,7 @@ def _gamma_gamma_note(known: float, balance: float) -> str:
             f"{SAMPLES_TIMES_SI:.0f}; fitted with alpha = beta, for the scintillation index only"
         )
     if balance > 1.0 - 1e-6:
-        return "alpha = beta fits best; the gains are less skewed than any gamma-gamma law"
+        return "alpha = beta fits best; ln(gain) is less skewed than in any gamma-gamma law"
     if balance < 1.01 * LEAST_BALANCE:
         return "alpha at its limit of 1000 beta: a gamma law of shape beta"
     return ""
