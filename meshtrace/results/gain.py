@@ -164,7 +164,7 @@ class GainResult(WithArrays, Stored):
 
     def _headline(self) -> str:
         parts = [
-            f"gain < {bound:.2g} (no light)" if bound > 0.0 else f"gain {gain:.4e} +- {stderr:.1e}"
+            f"dark to below {bound:.2g}" if bound > 0.0 else f"gain {gain:.4e} +- {stderr:.1e}"
             for gain, stderr, bound in self._rows
         ]
         shown = parts[:4] + [f"{len(parts) - 4} more"] * (len(parts) > 4)
@@ -208,8 +208,8 @@ class GainResult(WithArrays, Stored):
         for i, (gain, stderr, bound) in enumerate(self._rows):
             name = "channel gain" if np.ndim(self.gain) == 0 else f"channel gain [{i}]"
             if not gain > 0.0:
-                below = f", < {bound:.2g} at 95 % confidence" if bound > 0.0 else ""
-                lines.append(_line(name, f"0 (no light received){below}"))
+                below = f" to below {bound:.2g} at 95 % confidence" if bound > 0.0 else ""
+                lines.append(_line(name, f"dark{below}: no light received"))
                 continue
             percent, decibel = 100.0 * stderr / gain, 10.0 / math.log(10.0) * stderr / gain
             lines.append(_line(name, f"{gain:.4e}  ({10.0 * math.log10(gain):.3f} dB optical)"))
