@@ -24,9 +24,11 @@ from numpy.typing import NDArray
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels import adjoint as kernel
+from meshtrace.kernels import adjoint_look as looking
 from meshtrace.kernels import adjoint_start as starting
+from meshtrace.kernels.angle_table import SMALLEST_ANGLE, AngleTable
 from meshtrace.kernels.interface import FieldOfView
-from meshtrace.kernels.line_estimate import SMALLEST_ANGLE, AngleTable, Optics
+from meshtrace.kernels.line_estimate import Optics
 from meshtrace.kernels.medium import DepthMode, Medium
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link, Receiver, Source, WaterSource
@@ -294,7 +296,7 @@ class _Over:
             facets = self._below(paths.root)
             starting.improve(paths, facets, k - (rounds - sets), world)
         origins, directions = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
-        starting.look(paths, origins, directions, world)
+        looking.look(paths, origins, directions, world)
         start = paths.point.copy()
         beside = starting.enter(paths, self._intersector.facets(origins, directions), world)
         air = np.linalg.norm(paths.point - start, axis=1)

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.errors import Refused
-from meshtrace.kernels import aiming
-from meshtrace.kernels import chain_gain as kernel
-from meshtrace.kernels import chains as chain_kernel
+from meshtrace.kernels import chains as kernel
+from meshtrace.kernels.aiming import FLAT
 from meshtrace.kernels.chains import Chains, Nominal
+from meshtrace.kernels.crossings import flat_crossings
 from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.scene import FACET, Emitter, Scene, Target
 from meshtrace.mesh import TriangleMesh
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.aimed import AimedChains, empty_locator
@@ -38,7 +39,7 @@ class ChainSet(NamedTuple):
 
     order: int
     chains: Chains
-    flat: list[NDArray[np.void]]  # by receiver, (n, crossings) aiming.FLAT
+    flat: list[NDArray[np.void]]  # by receiver, (n, crossings) FLAT
     audit: NDArray[np.float64]
 
 
@@ -68,7 +69,7 @@ class ChainDrawer:
         """Return chains of one order, `per_shift` for each shift of the points."""
         from scipy.stats import qmc
 
-        width = chain_kernel.DIMENSIONS * order + 6
+        width = kernel.DIMENSIONS * order + 6
         rng = np.random.default_rng(key)
         points = qmc.Sobol(width, scramble=True, rng=rng).random_base2(
             math.ceil(math.log2(max(per_shift, 2)))
@@ -86,7 +87,7 @@ class ChainDrawer:
             tail=np.empty((n, 3)),
             tilt=np.empty((n, 2)),
         )
-        chain_kernel.make_chains(
+        kernel.make_chains(
             chains,
             self.nominals[source],
             self._medium,
@@ -100,18 +101,18 @@ class ChainDrawer:
         """Return where chains cross a flat sea on the way to a receiver."""
         emitter, target = self._link.emitters[source], self._link.targets[receiver]
         still = surface_arrays(flat_mesh(-np.ones(2), np.ones(2)), "facet")
-        scene = aiming.Scene(
+        scene = Scene(
             emitter,
             target,
             still,
             empty_locator(),
-            np.zeros(0, aiming.FACET),
+            np.zeros(0, FACET),
             self._medium,
             self._link.interface,
         )
         raised = scene._replace(surface=still._replace(level=self._ceiling))
-        out = np.zeros((len(chains.last), _CROSSINGS), aiming.FLAT)
-        kernel.flat_crossings(chains, _starts(emitter, target), scene, raised, out)
+        out = np.zeros((len(chains.last), _CROSSINGS), FLAT)
+        flat_crossings(chains, _starts(emitter, target), scene, raised, out)
         return out
 
 
@@ -184,9 +185,7 @@ def allotment(
     return np.maximum(np.ceil(mixed * photons / SHIFTS), 2).astype(np.int64)
 
 
-def nominal(
-    medium: Medium, emitter: aiming.Emitter, targets: list[aiming.Target], crest: float
-) -> Nominal:
+def nominal(medium: Medium, emitter: Emitter, targets: list[Target], crest: float) -> Nominal:
     """Return where collisions are expected along the straight way to the highest crest.
 
     The way is the shortest one to any of the targets.
@@ -262,7 +261,7 @@ def flat_mesh(low: NDArray[np.float64], high: NDArray[np.float64]) -> TriangleMe
     return TriangleMesh(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-def _starts(emitter: aiming.Emitter, target: aiming.Target) -> NDArray[np.float64]:
+def _starts(emitter: Emitter, target: Target) -> NDArray[np.float64]:
     """Return points (x, y) from which flat crossings are looked for: the likely one first.
 
     Light that arrives flatter than 60 degrees crosses far out, where Newton comes from anywhere.

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused
-from meshtrace.kernels.aiming import Emitter, Target
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.scene import Emitter, Target
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import GaussianBeam, Led, Link, Receiver, Source, TopHatBeam, WaterSource
