@@ -13,7 +13,7 @@ from meshtrace.errors import Refused
 
 from .dispersion import wavenumber_in_current
 from .parameters import Current, Depth, Finite, Floats, Mss, Positive, WindSpeed
-from .random_seas import RandomSea
+from .random_sea import RandomSea
 from .statistics import real_slope_variance
 from .waves import WaveComponents
 
