@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import PlainValidator, model_validator
 
 from meshtrace.errors import Refused, is_number
+from meshtrace.mesh import FADING
 
 from .bands import (
     PAPER_BANDS,
@@ -34,7 +35,6 @@ from .parameters import (
     Depth,
     Fetch,
     Finite,
-    Floats,
     Gamma,
     Mss,
     Positive,
@@ -53,10 +53,7 @@ from .spectra import (
 )
 from .spreading import AnySpreading, ElfouhailySpreading, IttcSpreading, direction_grid
 from .statistics import real_slope_variance, unresolved_slope_variance
-from .waves import WaveComponents
-
-FADING = "fading"
-"""Value of `omega_max` that stands for all waves which make the light of a link fade."""
+from .waves import WaveComponents, flat_components
 
 
 def _band_limit(value: Any) -> float | str | None:
@@ -398,24 +395,3 @@ class SpectralSea(_BandedSea, frozen=True):
 
     def _water_depth(self) -> float | None:
         return getattr(self.spectrum, "depth", self.depth)
-
-
-def flat_components(
-    amplitude: Floats,
-    omega: Floats,
-    k: Floats,
-    heading: Floats,
-    phase: Floats,
-    current: tuple[float, float] | None = None,
-) -> WaveComponents:
-    """Return tables over frequency and direction as plain arrays.
-
-    Parameters
-    ----------
-    omega : ndarray
-        Frequencies seen by an observer who moves with the current [rad s-1].
-    """
-    kx, ky = k * np.cos(heading), k * np.sin(heading)
-    if current is not None:
-        omega = omega + kx * current[0] + ky * current[1]
-    return WaveComponents(*(np.ravel(a).copy() for a in (amplitude, omega, kx, ky, phase)))
