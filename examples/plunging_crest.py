@@ -198,7 +198,7 @@ def picture(mesh: mt.TriangleMesh, paths: mt.PhotonPaths) -> pv.Plotter:
 
 
 def main(folder: Path) -> None:
-    """Make the crest, print what becomes of the light, and draw it."""
+    """Make the crest, print the fates of the light, and draw it."""
     mesh = crest()
     print(f"{len(mesh.faces)} facets, {mesh.facing_down} of them face down")
     result = mt.simulate(link(), mesh, photons=20_000)

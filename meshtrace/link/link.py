@@ -185,10 +185,17 @@ class Link(Model, frozen=True):
 
     @property
     def unit(self) -> float:
-        """Unit of length of the local coordinates [m], a power of two: 1 for some 15 m."""
+        """Unit of length of the local coordinates [m], a power of two: 1 for some 15 m.
+
+        That of the depths and heights, but for wide apertures and sources close to the surface,
+        whose widths count up to a unit of 1.
+        """
         levels = [0.0, *(item.center[2] for _, item in self.items())]
-        size = max(levels) - min(levels)
-        return float(2.0 ** round(math.log2(size / _TYPICAL))) if size > 0.0 else 1.0
+        widths = [
+            getattr(item, "half_width", getattr(item, "radius", 0.0)) for _, item in self.items()
+        ]
+        unit = _power_of_two((max(levels) - min(levels)) / _TYPICAL)
+        return max(unit, min(1.0, _power_of_two(max(widths) / _TYPICAL))) if unit else 1.0
 
     @property
     def origin(self) -> tuple[float, float]:
@@ -284,6 +291,10 @@ def in_wind(link: Link, wind_speed: float) -> Link:
     """Return a link with the whitecaps and bubbles of a wind, see `Link.in_wind`."""
     require_kind(link, Link, "link")
     return link.in_wind(wind_speed)
+
+
+def _power_of_two(size: float) -> float:
+    return float(2.0 ** round(math.log2(size))) if size > 0.0 else 0.0
 
 
 def _crossing(source: Source, end: Aperture, n: float) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea, SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import ordered_map, trim_memory
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.inputs import Inputs, resolve_chains
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 _STATISTICS = 50  # gains from which their scintillation index says something
 _CREST_MARGIN = 1.5  # over the highest crest of the first surfaces: later ones may be higher
+_TRIM_EVERY = 16  # surfaces, after which free memory returns to the system
 
 
 def time_series(
@@ -266,6 +267,8 @@ def _series(
     for i, part in enumerate(parts):
         columns[:, i] = part.gain, part.stderr, part.ballistic
         shifts += part.shifts
+        if i % _TRIM_EVERY == 0:
+            trim_memory()
         if progress is not None:
             progress(1)
     mean_stderr = (shifts / max(n, 1)).std(axis=1, ddof=1) / np.sqrt(SHIFTS)

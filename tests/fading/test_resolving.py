@@ -46,6 +46,7 @@ def test_a_larger_aperture_needs_fewer_waves():
     assert fading.fading_band(wide, SEA) < 0.7 * fading.fading_band(mt.Link(), SEA)
 
 
+@pytest.mark.filterwarnings("ignore:receiver 0:meshtrace.transport.outcome.FewSamplesWarning")
 def test_runs_store_the_number():
     link = mt.Link(receiver=mt.Receiver(radius=0.5))
     number = fading.fading_band(link, SEA)

@@ -1,6 +1,7 @@
 """Series, ensembles and maps: the same numbers as single runs, in the right order."""
 
 import numpy as np
+import psutil
 import pytest
 from mc_statistics import ALPHA, sidak, z_test
 from scipy import stats
@@ -10,7 +11,7 @@ import meshtrace as mt
 from meshtrace.cli import app
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
-from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
+from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, resolved_sea
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
@@ -335,3 +336,16 @@ def test_bad_arguments_are_one_line(arguments):
     assert code == 2
     assert said.startswith("error: ")
     assert said.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_memory_of_an_ensemble_of_resolved_seas_is_flat():
+    sea, process, used = resolved_sea(5.0, fetch=30e3), psutil.Process(), []
+    options = {
+        "photons": 64,
+        "seed": 1,
+        "progress": lambda _: used.append(process.memory_info().rss),
+    }
+    mt.ensemble(mt.Link(), 100, sea, **options)
+    # half a megabyte for each sea were 35 MB
+    assert max(used[90:]) - max(used[30:40]) < 12e6

@@ -27,7 +27,7 @@ DEFAULT_TIMEOUT = 60.0
 
 _CHATTY = ("distributed", "tornado", "asyncio")  # loggers of lost connections
 _POLL = 0.02  # [s] between looks for finished tasks
-_ALLOWED = "a running dask scheduler with workers; the same command goes on"
+_ALLOWED = "a running dask scheduler with workers; the same command resumes"
 
 
 def compute(
@@ -206,8 +206,9 @@ def _client(
         return
     try:
         address = _address(scheduler, timeout)
-        # a client of a wrong one writes a traceback when it is deleted
-        distributed.comm.get_address_host_port(address, strict=True)
+        if not address.startswith("inproc://"):
+            # a client of a wrong one writes a traceback when it is deleted
+            distributed.comm.get_address_host_port(address, strict=True)
         client = distributed.Client(address, timeout=timeout, set_as_default=False)
     except (OSError, ValueError) as error:
         problem = Described(f"{scheduler!r}: {one_line(error)}")
