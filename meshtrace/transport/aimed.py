@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.kernels import blurred
 from meshtrace.kernels import chain_gain as kernel
-from meshtrace.kernels import scene as grids
 from meshtrace.kernels import unscattered as image
 from meshtrace.kernels.crossings import Counter, direct_crossings
 from meshtrace.kernels.crossings import Search as SearchExtent
@@ -21,12 +19,11 @@ from meshtrace.kernels.facets import Roughness, Surface
 from meshtrace.kernels.interface import Direction, Snell
 from meshtrace.kernels.medium import DepthMode
 from meshtrace.kernels.roots import ROOT
+from meshtrace.kernels.scene import FACET, Emitter, Scene, Target, facet_summary
 from meshtrace.mesh import TriangleMesh
-from meshtrace.transport.arrays import surface_arrays, with_raster
+from meshtrace.transport.arrays import locator, surface_arrays, with_raster
+from meshtrace.transport.chain_sets import ChainSet
 from meshtrace.transport.forced_link import ForcedLink
-
-if TYPE_CHECKING:
-    from meshtrace.transport.chain_sets import ChainSet
 
 Search = Literal["usual", "thorough"]
 
@@ -75,8 +72,8 @@ class AimedChains:
         rough = self.surface.roughness
         self.rough = rough.along > 0.0 or rough.across > 0.0
         self.blurred = self._blurs()
-        self.facets = np.empty(len(mesh.faces), grids.FACET)
-        grids.facet_summary(self.surface, self.facets)
+        self.facets = np.empty(len(mesh.faces), FACET)
+        facet_summary(self.surface, self.facets)
         self.medium = link.medium
         if self.medium.depth_mode == DepthMode.LOCAL:
             self.medium = with_raster(self.medium, self._intersector)
@@ -116,9 +113,9 @@ class AimedChains:
         """Centroids of the facets, shape (m, 3)."""
         return np.stack([self.facets[name] for name in ("x", "y", "z")], axis=1)
 
-    def scene(self, emitter: grids.Emitter, target: grids.Target) -> grids.Scene:
+    def scene(self, emitter: Emitter, target: Target) -> Scene:
         """Return one source, the surface and one aperture as the kernels take them."""
-        return grids.Scene(
+        return Scene(
             emitter,
             target,
             self.surface,
@@ -128,7 +125,7 @@ class AimedChains:
             self._link.interface,
         )
 
-    def _search(self, target: grids.Target) -> SearchExtent:
+    def _search(self, target: Target) -> SearchExtent:
         """Return how far and how thoroughly roots are looked for."""
         curvature, radius = self._largest
         all_asked = self._search_mode == "thorough" or self._normals == "facet"
@@ -244,7 +241,7 @@ class AimedChains:
         return gain
 
     def _hidden(
-        self, emitter: grids.Emitter, target: grids.Target, facets: NDArray[np.intp]
+        self, emitter: Emitter, target: Target, facets: NDArray[np.intp]
     ) -> NDArray[np.intp]:
         """Return the facets whose centroid the source or the aperture's centre cannot see."""
         centroid = self.centroids[facets]
@@ -293,39 +290,15 @@ def _disk_rule(blur: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return points.reshape(-1, 2), shares
 
 
-def on_disk(target: grids.Target, disk: NDArray[np.float64]) -> NDArray[np.float64]:
+def on_disk(target: Target, disk: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the points of an aperture that belong to points of the unit disk."""
     plane = np.array([target.e1, target.e2])
     return np.asarray(target.center) + target.radius * disk @ plane
 
 
-def _lever(n: float, target: grids.Target, waves: float) -> float:
+def _lever(n: float, target: Target, waves: float) -> float:
     """Return a bound on how far a unit of slope moves the landing point."""
     sin_t = min(target.sin_widest, 0.98)
     cos_t = math.sqrt(1.0 - sin_t**2)
     cos_i = math.sqrt(1.0 - (sin_t / n) ** 2)
     return (target.center[2] + waves) * abs(n * cos_i / cos_t - 1.0) / cos_t**2
-
-
-def empty_locator() -> grids.Locator:
-    """Return the bins of no facets, for a flat sea."""
-    return grids.Locator(0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64), np.zeros(0, np.int32))
-
-
-def locator(surface: Surface, targets: Sequence[grids.Target]) -> grids.Locator:
-    """Return bins over the part of the surface that the receivers can see."""
-    pad = 2.0
-    low = [min(t.center[i] - t.reach - pad for t in targets) for i in range(2)]
-    high = [max(t.center[i] + t.reach + pad for t in targets) for i in range(2)]
-    low = [max(low[i], float(surface.low[i])) for i in range(2)]
-    high = [min(high[i], float(surface.high[i])) for i in range(2)]
-    width = max(high[0] - low[0], high[1] - low[1])
-    step = max(0.1, width / 400.0)
-    nx, ny = (max(math.ceil((high[i] - low[i]) / step), 1) for i in range(2))
-    start, none = np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.int32)
-    grid = grids.Locator(low[0], low[1], step, nx, ny, start, none)
-    grids.count_bins(surface, grid)
-    np.cumsum(start, out=start)
-    grid = grid._replace(facet=np.empty(start[-1], np.int32))
-    grids.fill_bins(surface, grid, start[:-1].copy())
-    return grid

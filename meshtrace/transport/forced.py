@@ -30,7 +30,7 @@ from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.adjoint import AdjointPaths
 from meshtrace.transport.aimed import AimedChains, Search
-from meshtrace.transport.chain_sets import ChainDrawer, ChainSet, Pilot, allotment, flat_mesh, pilot
+from meshtrace.transport.chain_sets import ChainDrawer, ChainSet, flat_mesh
 from meshtrace.transport.choice import (
     PILOT_PATHS,
     Method,
@@ -41,6 +41,7 @@ from meshtrace.transport.choice import (
 )
 from meshtrace.transport.forced_link import crossing_reach, forced_link, require_height_field
 from meshtrace.transport.parts import Counts, Parts, Sums
+from meshtrace.transport.pilots import Pilot, allotment, pilot
 
 Scattered = Literal["auto", "chains", "adjoint"]
 

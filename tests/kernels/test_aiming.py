@@ -15,8 +15,7 @@ from meshtrace.kernels.scene import FACET, FLAT_SEA, Scene, facet_summary, locat
 from meshtrace.kernels.vectors import Vec2, Vec3, row, write
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
-from meshtrace.transport.aimed import locator
-from meshtrace.transport.arrays import interface_arrays, medium_arrays, surface_arrays
+from meshtrace.transport.arrays import interface_arrays, locator, medium_arrays, surface_arrays
 from meshtrace.transport.forced_link import emitter_of, target_of
 
 N_WATER = 1.33
