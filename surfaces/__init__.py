@@ -1,10 +1,12 @@
 """Sea surfaces: wave spectra, random seas, and the triangle meshes made of them."""
 
 from .double_peaked import OchiHubble, Torsethaugen
+from .foreign_mesh import from_trimesh
 from .leaning import LeaningWave
 from .measured import from_wavespectra
 from .measured_sea import MeasuredSea
-from .random_seas import JonswapSea, RandomSea, SpectralSea
+from .random_sea import RandomSea
+from .random_seas import JonswapSea, SpectralSea
 from .seas import resolved_sea, sea_from_config, sea_in_wind
 from .sequence import MeshSequence
 from .spectra import Elfouhaily, Jonswap, PiersonMoskowitz, Spectrum, Tma
@@ -17,7 +19,6 @@ from .spreading import (
 )
 from .sum_sea import SumSea
 from .surface import FlatSea, Surface, TiltedPlane
-from .triangulate import from_trimesh
 from .wave_surface import SinusoidalSea, WaveSurface
 from .waves import WaveComponents
 

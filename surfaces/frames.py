@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused, one_line
 
+from .foreign_mesh import read_mesh
 from .parameters import Floats
-from .triangulate import grid_faces, read_mesh
+from .triangulate import grid_faces
 
 if TYPE_CHECKING:
     import xarray

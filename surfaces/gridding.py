@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,20 @@ DEFAULT_GROWTH = 1.1
 
 DEFAULT_COARSENING = 10.0
 """Largest step of a graded grid over its finest, unless given."""
+
+
+class GridLines(NamedTuple):
+    """Extent and spacing of the lines of an axis, see `grid_axis`."""
+
+    extent: float
+    spacing: float
+    fine_extent: float | None = None
+    coarse_spacing: float | None = None
+
+    def widened(self, reach: float) -> GridLines:
+        """Return lines that reach farther by a length [m]."""
+        fine = None if self.fine_extent is None else self.fine_extent + reach
+        return self._replace(extent=self.extent + reach, fine_extent=fine)
 
 
 def uniform_axis(extent: float, spacing: float, center: float = 0.0) -> Floats:

@@ -12,7 +12,7 @@ from pydantic import Field
 from meshtrace.errors import Refused
 from meshtrace.mesh import TriangleMesh
 
-from .gridding import grid_axis
+from .gridding import GridLines, grid_axis
 from .parameters import TIME, Floats, Positive, finite_array
 from .surface import Surface
 from .triangulate import mesh_of_sheet
@@ -39,7 +39,8 @@ class LeaningWave(Surface, frozen=True):
     A shear (x, z) -> (x + g(z), z) of a height field never meets itself and keeps areas: the
     surface is sound for any lean, and the volume under it is that of the cosine. It overhangs
     between the folds dx/ds = 0, where lean k sin(2 k s) = 1 and 0 < k s < pi / 2. It is a test
-    surface; no wave on water has this shape.
+    surface; no wave on water has this shape. Its meshes are tensor grids of labels s and y; they
+    cover up to `lean` more of x than `extent`.
 
     Examples
     --------
@@ -135,23 +136,10 @@ class LeaningWave(Surface, frozen=True):
         normals[..., 0], normals[..., 2] = (-dz / length)[:, None], (dx / length)[:, None]
         return vertices, normals
 
-    def mesh(
-        self,
-        time: float = 0.0,
-        extent: float = 20.0,
-        spacing: float = 0.1,
-        *,
-        center: tuple[float, float] = (0.0, 0.0),
-        fine_extent: float | None = None,
-        coarse_spacing: float | None = None,
+    def _triangulated(
+        self, time: float, center: tuple[float, float], lines: GridLines
     ) -> TriangleMesh:
-        """Triangulate the surface over a tensor grid of labels s and y; see `Surface.mesh`.
-
-        The mesh covers |x - xc|, |y - yc| <= extent, and up to `lean` more of x.
-        """
         half = 0.5 * self.lean
-        inner = None if fine_extent is None else fine_extent + half
-        s = grid_axis(center[0] - half, extent + half, spacing, inner, coarse_spacing)
-        y = grid_axis(center[1], extent, spacing, fine_extent, coarse_spacing)
-        overhangs = not self.single_valued
-        return mesh_of_sheet(*self.sheet(s, y, time), overhangs=overhangs)
+        s = grid_axis(center[0] - half, *lines.widened(half))
+        y = grid_axis(center[1], *lines)
+        return mesh_of_sheet(*self.sheet(s, y, time), overhangs=not self.single_valued)

@@ -13,9 +13,9 @@ from meshtrace.errors import Refused
 
 from .dispersion import wavenumber_in_current
 from .parameters import Current, Depth, Finite, Floats, Mss, Positive, WindSpeed
-from .random_seas import RandomSea
+from .random_sea import RandomSea
 from .statistics import real_slope_variance
-from .waves import WaveComponents
+from .waves import WaveComponents, flat_components
 
 Variance = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
@@ -124,8 +124,7 @@ class MeasuredSea(RandomSea, frozen=True):
             omega = edges[:-1] + np.diff(edges, axis=0) * rng.random(variance.shape)
         amplitude = np.sqrt(2.0 * variance)
         k = wavenumber_in_current(omega, theta, self.current, self.depth, self.capillary)
-        table = amplitude, omega, k * np.cos(theta), k * np.sin(theta), phase
-        return WaveComponents(*(np.ravel(a).copy() for a in table))
+        return flat_components(amplitude, omega, k, theta, phase)
 
     def _split(self) -> tuple[Floats, Floats]:
         """Return directions and variances, after wide bins have been split."""

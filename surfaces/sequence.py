@@ -16,9 +16,9 @@ from meshtrace.errors import Described, Refused, one_line
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Model
 
+from .foreign_mesh import from_trimesh
 from .frames import Frames, open_frames
 from .parameters import TIME, Floats, Positive
-from .triangulate import from_trimesh
 
 _KEPT = 2  # frames in memory
 _DEEPEST = 50.0  # [m]: higher numbers are millimetres, no waves

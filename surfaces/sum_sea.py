@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from meshtrace.errors import Refused
 
-from .random_seas import RandomSea
+from .random_sea import RandomSea
 from .surface import Surface
 from .waves import WaveComponents
 

@@ -13,7 +13,7 @@ from meshtrace.errors import Refused, require_finite
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.registry import Family
 
-from .gridding import grid_axis
+from .gridding import GridLines, grid_axis
 from .parameters import TIME, Finite, Floats, finite_array, points
 from .triangulate import height_field, mesh_of_sheet
 
@@ -143,11 +143,18 @@ class Surface(Family, ABC, frozen=True):
         >>> FlatSea().mesh(extent=1.0, spacing=0.5).vertices.shape
         (25, 3)
         """
-        lines = extent, spacing, fine_extent, coarse_spacing
+        lines = GridLines(extent, spacing, fine_extent, coarse_spacing)
         if len(require_finite(center, "center", "two coordinates [m]")) != 2:
             raise Refused("center", center, "two coordinates [m]")
+        return self._triangulated(time, center, lines)
+
+    def _triangulated(
+        self, time: float, center: tuple[float, float], lines: GridLines
+    ) -> TriangleMesh:
+        """Return the mesh of `mesh`."""
         x_axis, y_axis = (grid_axis(middle, *lines) for middle in center)
-        return mesh_of_sheet(*self.sheet(x_axis, y_axis, time), self.unresolved_slopes(spacing))
+        unresolved = self.unresolved_slopes(lines.spacing)
+        return mesh_of_sheet(*self.sheet(x_axis, y_axis, time), unresolved)
 
     def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
         """Return the slope variances not resolved by a mesh of this spacing [m].

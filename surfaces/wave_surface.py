@@ -16,7 +16,7 @@ from meshtrace.mesh import TriangleMesh
 
 from .choppy import ChoppyWaves, Sheet, with_straight_rim
 from .dispersion import angular_frequency
-from .gridding import grid_axis
+from .gridding import GridLines, grid_axis
 from .parameters import TIME, Depth, Finite, Floats, Positive, finite_array
 from .surface import Surface
 from .triangulate import mesh_of_sheet
@@ -56,6 +56,9 @@ class WaveSurface(Surface, frozen=True):
     a little from that of the components, and is not corrected: the slope variance is larger by
     0.4 % in the paper's band at 5 m/s, and by 2 % at 13 m/s up to 9 rad/s. The sheet is single as
     long as J > 0, the ratio of an area of the map to that of its labels; else it is refused.
+    The labels of its meshes reach farther than `extent` and `fine_extent`, by the largest
+    displacement (the sum of the amplitudes, or 6 standard deviations), so that a mesh covers
+    both; the outermost points are moved onto a rectangle.
 
     On tensor grids (`grid`, `mesh`) the sum is a matrix product, see `waves.GridFactors`. The
     factors that depend on the grid alone are cached for the last grids used, so that time steps
@@ -132,38 +135,17 @@ class WaveSurface(Surface, frozen=True):
         sheet = self._sheet.on_grid(factors, x_axis, y_axis, TIME.check(time))
         return np.stack([sheet.x, sheet.y, sheet.z], axis=-1), sheet.normals
 
-    def mesh(
-        self,
-        time: float = 0.0,
-        extent: float = 20.0,
-        spacing: float = 0.1,
-        *,
-        center: tuple[float, float] = (0.0, 0.0),
-        fine_extent: float | None = None,
-        coarse_spacing: float | None = None,
+    def _triangulated(
+        self, time: float, center: tuple[float, float], lines: GridLines
     ) -> TriangleMesh:
-        """Triangulate the surface; see `Surface.mesh`.
-
-        The labels of a choppy sea reach farther than `extent` and `fine_extent`, by the largest
-        displacement (the sum of the amplitudes, or 6 standard deviations), so that its mesh
-        covers both; the outermost points are moved onto a rectangle.
-        """
-        lines = extent, spacing, fine_extent, coarse_spacing
         if not self.choppy:
-            return super().mesh(
-                time,
-                extent,
-                spacing,
-                center=center,
-                fine_extent=fine_extent,
-                coarse_spacing=coarse_spacing,
-            )
+            return super()._triangulated(time, center, lines)
         for middle in center:
             grid_axis(middle, *lines)  # refuses what is out of range
         # whole spacings: the lines of meshes of half the spacing nest
+        spacing = lines.spacing
         reach = math.ceil(self._sheet.reach / spacing) * spacing
-        fine = None if fine_extent is None else fine_extent + reach
-        axes = [grid_axis(c, extent + reach, spacing, fine, coarse_spacing) for c in center]
+        axes = [grid_axis(c, *lines.widened(reach)) for c in center]
         points, normals = self.sheet(*axes, time)
         _require_upward(points, spacing)
         return mesh_of_sheet(with_straight_rim(points), normals, self.unresolved_slopes(spacing))

@@ -41,6 +41,27 @@ class WaveComponents(NamedTuple):
     phase: Floats
 
 
+def flat_components(
+    amplitude: Floats,
+    omega: Floats,
+    k: Floats,
+    heading: Floats,
+    phase: Floats,
+    current: tuple[float, float] | None = None,
+) -> WaveComponents:
+    """Return tables over frequency and direction as plain arrays.
+
+    Parameters
+    ----------
+    omega : ndarray
+        Frequencies seen by an observer who moves with the current [rad s-1].
+    """
+    kx, ky = k * np.cos(heading), k * np.sin(heading)
+    if current is not None:
+        omega = omega + kx * current[0] + ky * current[1]
+    return WaveComponents(*(np.ravel(a).copy() for a in (amplitude, omega, kx, ky, phase)))
+
+
 def sum_elevation(waves: WaveComponents, x: ArrayLike, y: ArrayLike, time: float) -> Floats:
     """Return the elevation [m] at points x, y [m] (broadcast) and a time [s]."""
     return _sum(waves, waves.amplitude[:, None], np.cos, x, y, time)[0]

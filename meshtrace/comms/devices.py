@@ -225,10 +225,6 @@ class SiPM(Model, frozen=True):
         return photon_energy(wavelength) * fb / self.pde * root
 
 
-SIPMS: dict[str, SiPM] = {"onsemi-microfj-30020": SiPM()}
-"""Devices by name."""
-
-
 class Tia(Model, frozen=True):
     """Transimpedance amplifier behind the SiPM.
 

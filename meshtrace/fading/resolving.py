@@ -11,9 +11,7 @@ import numpy as np
 
 from meshtrace.errors import Described, Refused
 from meshtrace.fading.spectral import paraxial_lever, scintillation_of_spectrum
-
-FADING = "fading"
-"""Value of `omega_max` for a band with the fading of all waves."""
+from meshtrace.mesh import FADING
 
 WITHIN = 0.03
 """Relative error of the scintillation index up to which a band counts as resolved."""

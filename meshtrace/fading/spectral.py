@@ -103,11 +103,7 @@ def scintillation_of_spectrum(
     """
     if omega_max is not None:
         require_between(omega_max, 0.0, math.inf, "omega_max")
-    _require_spectrum(sea)
-    lever, spectrum = paraxial_lever(link), sea.slope_spectrum(omega_max)
-    missing = _missing_slopes(sea, omega_max) if tilts else (0.0, 0.0)
-    _require_view(link, lever, math.sqrt(max(spectrum.along_and_across) + max(missing)))
-    return float(_covariance(lever, spectrum, missing, np.zeros(1), heights)[0])
+    return float(_covariance(*_slopes_seen(link, sea, omega_max, tilts), np.zeros(1), heights)[0])
 
 
 def gain_autocovariance(link: Any, sea: Any, lags: ArrayLike) -> Floats:
@@ -141,11 +137,8 @@ def gain_autocovariance(link: Any, sea: Any, lags: ArrayLike) -> Floats:
     if not np.isfinite(tau).all():
         raise Refused("lags", lags, "finite times [s]")
     _require_spectrum(sea)
-    omega_max = sea.band_limits.omega_max
-    lever, spectrum = paraxial_lever(link), sea.slope_spectrum(omega_max)
-    missing = _missing_slopes(sea, omega_max)
-    _require_view(link, lever, math.sqrt(max(spectrum.along_and_across) + max(missing)))
-    return _covariance(lever, spectrum, missing, tau.ravel()).reshape(tau.shape)
+    parts = _slopes_seen(link, sea, sea.band_limits.omega_max)
+    return _covariance(*parts, tau.ravel()).reshape(tau.shape)
 
 
 def paraxial_lever(link: Any) -> Lever:
@@ -171,6 +164,19 @@ def paraxial_lever(link: Any) -> Lever:
     return Lever((n - 1.0) * h * d / (d + n * h), receiver.radius / (1.0 + n * h / d), height)
 
 
+def _slopes_seen(
+    link: Any, sea: Any, omega_max: float | None, tilts: bool = True
+) -> tuple[Lever, Any, tuple[float, float]]:
+    """Return geometry, slope spectrum, and slope variances of the waves beyond a band."""
+    _require_spectrum(sea)
+    lever, spectrum = paraxial_lever(link), sea.slope_spectrum(omega_max)
+    missing = (0.0, 0.0)
+    if tilts and omega_max is not None:
+        missing = sea.slopes_beyond(omega_max)
+    _require_view(link, lever, math.sqrt(max(spectrum.along_and_across) + max(missing)))
+    return lever, spectrum, missing
+
+
 def _require_spectrum(sea: Any) -> None:
     """Require a sea with a spectrum and a spreading."""
     if not hasattr(sea, "slope_spectrum"):
@@ -184,13 +190,6 @@ def _require_view(link: Any, lever: Lever, slope: float) -> None:
     if math.tan(math.radians(min(receiver.fov_deg, 179.0)) / 2.0) < edge:
         least = 2.0 * math.degrees(math.atan(edge))
         raise Refused("receiver.fov_deg", receiver.fov_deg, f">= {least:.3g}, the whole footprint")
-
-
-def _missing_slopes(sea: Any, omega_max: float | None) -> tuple[float, float]:
-    """Return the slope variances along and across the wind outside a band."""
-    if omega_max is None:
-        return 0.0, 0.0
-    return sea.slopes_beyond(omega_max)
 
 
 def _covariance(

@@ -17,35 +17,38 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.kernels.adjoint_look import PEAK, peak_density, peaked_s
 from meshtrace.kernels.adjoint_start import (
     ENDED,
     FIRST_STREAM,
-    PEAK,
     WAITING,
     WALKING,
     importance_at,
     is_flat,
-    peak_density,
-    peaked_s,
-    put,
 )
-from meshtrace.kernels.chain_gain import intensity
+from meshtrace.kernels.angle_table import phase_at
 from meshtrace.kernels.jit import entry, inlined, outlined
-from meshtrace.kernels.line_estimate import (
-    angle_between,
-    coefficients,
+from meshtrace.kernels.line_estimate import point_of_beam, scattered_at, scattered_into
+from meshtrace.kernels.medium import (
     distance_at,
     optical_depth,
-    phase_at,
-    point_of_beam,
-    scattered_at,
-    scattered_into,
+    scattering_coefficients,
     scattering_depth,
 )
 from meshtrace.kernels.phase import sample_s
 from meshtrace.kernels.random import uniforms
-from meshtrace.kernels.sources import lambert_reflection
-from meshtrace.kernels.vectors import Vec3, along, minus, norm, row, turn, unit
+from meshtrace.kernels.sources import intensity, lambert_reflection
+from meshtrace.kernels.vectors import (
+    Vec3,
+    along,
+    angle_between,
+    minus,
+    norm,
+    row,
+    turn,
+    unit,
+    write,
+)
 
 # what a draw is for, behind those of the start
 _LINE, _COLLISION, _TURN, _SIDE, _BEAM = range(FIRST_STREAM, FIRST_STREAM + 5)
@@ -165,8 +168,8 @@ def _resume(paths, i):
     """Resume the side path stored last."""
     paths.branches[i] -= 1
     b = paths.branch[i, paths.branches[i]]
-    put(paths.point, i, Vec3(b[0], b[1], b[2]))
-    put(paths.direction, i, Vec3(b[3], b[4], b[5]))
+    write(paths.point[i], Vec3(b[0], b[1], b[2]))
+    write(paths.direction[i], Vec3(b[3], b[4], b[5]))
     paths.weight[i], paths.order[i], paths.water[i] = b[6], int(b[7]), b[8]
     paths.state[i] = WALKING
 
@@ -208,8 +211,8 @@ def _arrive(paths, i, checks, n, rays, world):
     paths.water[i] += t
     on_bottom = d.z < 0.0 and t == _longest(p, d, world)
     weight *= math.exp(-optical_depth(medium, p, d, t))
-    b, bubbles = coefficients(medium, at)
-    near_b, near_bubbles = coefficients(optics.sampled, at)
+    b, bubbles = scattering_coefficients(medium, at)
+    near_b, near_bubbles = scattering_coefficients(optics.sampled, at)
     passed = (1.0 - world.even) * math.exp(-scattering_depth(optics.sampled, p, d, t))
     u_kind, u, v, lot = uniforms(world.key, world.first + i, paths.event[i], _TURN)
     if on_bottom:
@@ -254,7 +257,7 @@ def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, r
     lit = minus(point_of_beam(lamp, u, v, u_length, optics), at)
     paths.state[i] = ENDED
     aside = world.aimed if paths.branches[i] < paths.branch.shape[1] else 0.0
-    put(paths.point, i, at)
+    write(paths.point[i], at)
     for k in range(3):
         w = plain if k == 0 else (aimed if k == 1 else unit(lit))
         forward = _forward(d, w, share, on_bottom, optics)
@@ -273,7 +276,7 @@ def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, r
         n, rays = _gather(paths, i, at, w, value, q, checks, n, rays, world)
         kept = weight * forward / (forward + aside * towards)
         if k == 0:
-            put(paths.direction, i, w)
+            write(paths.direction[i], w)
             paths.weight[i] = _roulette(kept, at, lamp, theta, lot, paths, i, optics)
             if paths.weight[i] > 0.0:
                 paths.state[i] = WALKING

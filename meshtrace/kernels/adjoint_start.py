@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.aiming import Target, height_on
 from meshtrace.kernels.facets import (
     Surface,
     exposure,
@@ -21,18 +20,12 @@ from meshtrace.kernels.facets import (
     slope_tilt,
     tilted,
 )
-from meshtrace.kernels.interface import (
-    FieldOfView,
-    FresnelMode,
-    Interface,
-    reflectance,
-    refract,
-)
+from meshtrace.kernels.interface import FieldOfView, FresnelMode, Interface, reflectance, refract
 from meshtrace.kernels.jit import entry, inlined, outlined
-from meshtrace.kernels.line_estimate import Optics, angle_between, phase_at
+from meshtrace.kernels.line_estimate import Optics
 from meshtrace.kernels.medium import absorption_path
-from meshtrace.kernels.phase import sample_s
 from meshtrace.kernels.random import uniforms
+from meshtrace.kernels.scene import Target, height_on
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import (
     UP,
@@ -47,21 +40,16 @@ from meshtrace.kernels.vectors import (
     scaled,
     turn,
     unit,
+    write,
 )
 
 # what a draw is for; the key of the stream belongs to one source and one receiver
-_START, _TILT, _LOOK = range(3)
+_START, _TILT, LOOK = range(3)
 FIRST_STREAM = 3
 """First stream of random numbers behind the start."""
 
 # Paths.state
 STARTED, WALKING, WAITING, ENDED = range(4)
-
-PEAK = 0.3
-"""Share of directions about a source or a lobe with a density as 1 / sin(theta / 2)."""
-
-_LOBES = 0.75  # share of directions drawn about unscattered arrivals inside the field of view
-_LOBES_OUTSIDE = 0.7  # the same, where all arrivals lie outside
 _NEWTON = 4  # steps on the plane of one facet
 
 
@@ -105,15 +93,6 @@ class World(NamedTuple):
 
 
 @inlined
-def put(array, i, v):
-    """Write a vector to row i.
-
-    Array twin: assignment of a row.
-    """
-    array[i, 0], array[i, 1], array[i, 2] = v.x, v.y, v.z
-
-
-@inlined
 def is_flat(surface):
     """Return whether a surface is still water.
 
@@ -145,7 +124,7 @@ def begin(paths, starts, world):
             else:
                 r = world.size * math.sqrt(-0.5 * math.log(u_lamp))
             across = turn(emitter.axis, 0.5, v_lamp)
-            put(paths.lamp, i, along(emitter.position, across, r))
+            write(paths.lamp[i], along(emitter.position, across, r))
         u, v, _, _ = uniforms(world.key, world.first + i, 0, _TILT)
         r = math.sqrt(-2.0 * math.log(u))
         cos_phi, sin_phi = on_circle(v)
@@ -235,151 +214,7 @@ def improve(paths, facets, kept, world):
                 p = Vec3(x, y, height_on(x, y, facets[i, k], world.surface))
                 w = unit(minus(p, a))
                 j = kept * roots + k
-                paths.lobe[i, j, 0], paths.lobe[i, j, 1], paths.lobe[i, j, 2] = w.x, w.y, w.z
-
-
-@inlined
-def _in_cone(w, world):
-    return dot(w, world.axis) >= world.cos_cone
-
-
-class Rim(NamedTuple):
-    """The cone of directions seen from a lobe outside it: between s0 and s1, within an azimuth."""
-
-    s0: float  # sin^2(theta / 2)
-    s1: float
-    half: float  # azimuth [rad]
-
-
-@inlined
-def _rim(lobe, axis, world):
-    apart, half = angle_between(lobe, axis), math.acos(min(world.cos_cone, 1.0))
-    s0 = math.sin(0.5 * max(apart - half, 0.0)) ** 2
-    s1 = math.sin(0.5 * min(apart + half, math.pi)) ** 2
-    widest = math.pi
-    if half < apart < math.pi - half:
-        widest = math.asin(min(math.sin(half) / math.sin(apart), 1.0))
-    return Rim(max(s0, 1e-12), s1, widest)
-
-
-@outlined
-def _drawn_aside(lobe, axis, u, v, world):
-    """Draw a direction of the cone about a lobe outside it, with a density as s^-2."""
-    rim = _rim(lobe, axis, world)
-    s = 1.0 / (1.0 / rim.s0 - u * (1.0 / rim.s0 - 1.0 / rim.s1))
-    sin, cos = 2.0 * math.sqrt(max(s * (1.0 - s), 0.0)), 1.0 - 2.0 * s
-    along_lobe = dot(axis, lobe)
-    e = minus(axis, Vec3(along_lobe * lobe.x, along_lobe * lobe.y, along_lobe * lobe.z))
-    if norm(e) < 1e-9:
-        return turn(lobe, s, v)
-    e = unit(e)
-    f = Vec3(lobe.y * e.z - lobe.z * e.y, lobe.z * e.x - lobe.x * e.z, lobe.x * e.y - lobe.y * e.x)
-    phi = rim.half * (2.0 * v - 1.0)
-    p, q = sin * math.cos(phi), sin * math.sin(phi)
-    return Vec3(
-        cos * lobe.x + p * e.x + q * f.x,
-        cos * lobe.y + p * e.y + q * f.y,
-        cos * lobe.z + p * e.z + q * f.z,
-    )
-
-
-@inlined
-def peak_density(theta):
-    """Return a density [sr-1] as 1 / sin(theta / 2).
-
-    Array twin: none, elementary.
-    Light scattered once goes as the inverse distance of a line from the source: with a density
-    that stays finite there the variance is infinite.
-    """
-    return 1.0 / (8.0 * math.pi * max(math.sin(0.5 * theta), 1e-12))
-
-
-@inlined
-def peaked_s(u, u_kind, share, medium):
-    """Draw sin^2(theta / 2) by the mixture of a phase function and `peak_density`.
-
-    Array twin: the integral of the density in the tests.
-    """
-    if u_kind < PEAK:
-        return u * u
-    if (u_kind - PEAK) < share * (1.0 - PEAK):
-        return sample_s(medium.phase_bubble, u)
-    return sample_s(medium.phase_water, u)
-
-
-@outlined
-def _lobe_density(w, lobe, axis, inside, world):
-    """Return the density [sr-1] of directions of the cone that are drawn about a lobe."""
-    theta = angle_between(w, lobe)
-    if not inside:
-        rim, s = _rim(lobe, axis, world), math.sin(0.5 * theta) ** 2
-        return 1.0 / (s * s * (1.0 / rim.s0 - 1.0 / rim.s1) * 4.0 * rim.half)
-    density = (1.0 - world.lobe_bubble) * phase_at(world.optics.water, theta)
-    if world.lobe_bubble > 0.0:
-        density += world.lobe_bubble * phase_at(world.optics.bubble, theta)
-    return (1.0 - PEAK) * density + PEAK * peak_density(theta)
-
-
-@outlined
-def _drawn_about(lobe, axis, inside, u, v, u_kind, world):
-    """Draw a direction about a lobe: by the phase function, or in the cone beside it."""
-    if not inside:
-        return _drawn_aside(lobe, axis, u, v, world)
-    return turn(lobe, peaked_s(u, u_kind, world.lobe_bubble, world.optics.medium), v)
-
-
-@entry
-def look(paths, origins, directions, world):
-    """Draw the directions of the paths at the aperture, and write their first rays.
-
-    Array twin: the integral of the density in the tests.
-    A mixture of a cosine lobe over the field of view and of lobes about the directions of
-    unscattered light: the phase function about those inside the field of view, or, where all lie
-    outside, the field of view beside them. Rays start above the highest crest.
-    """
-    target, high = world.target, world.surface.high[2]
-    axis = world.axis
-    sin2 = 1.0 - world.cos_cone * world.cos_cone
-    lobes = paths.lobe.shape[1]
-    for i in range(len(paths.weight)):
-        n_inside = 0
-        for j in range(lobes):
-            n_inside += _in_cone(row(paths.lobe[i], j), world)
-        inside = n_inside > 0
-        used = n_inside if inside else lobes
-        share = 0.0
-        if lobes > 0:
-            share = _LOBES if inside else _LOBES_OUTSIDE
-        u_kind, u, v, u_lobe = uniforms(world.key, world.first + i, 0, _LOOK)
-        if u_kind >= share:
-            w = turn(axis, 0.5 * u * sin2 / (1.0 + math.sqrt(1.0 - u * sin2)), v)
-        else:
-            pick, j = int(u_kind / share * used), 0
-            for j in range(lobes):
-                if not inside or _in_cone(row(paths.lobe[i], j), world):
-                    if pick == 0:
-                        break
-                    pick -= 1
-            w = _drawn_about(row(paths.lobe[i], j), axis, inside, u, v, u_lobe, world)
-        p = row(paths.point, i)
-        a = target.axis
-        facing = -(w.x * a[0] + w.y * a[1] + w.z * a[2])
-        paths.state[i] = ENDED
-        if facing > 0.0 and w.z < 0.0 and _in_cone(w, world):
-            density = 0.0
-            for j in range(lobes):
-                lobe = row(paths.lobe[i], j)
-                if not inside or _in_cone(lobe, world):
-                    density += _lobe_density(w, lobe, axis, inside, world)
-            density *= share / max(used, 1)
-            density += (1.0 - share) * max(dot(w, axis), 0.0) / (math.pi * sin2)
-            paths.weight[i] = math.pi * target.radius**2 * facing / density
-            paths.state[i] = STARTED
-        put(paths.direction, i, w)
-        t = max((high - p.z) / w.z, 0.0) * (1.0 - 1e-3) if w.z < 0.0 else 0.0
-        for k in range(3):
-            origins[i, k] = paths.point[i, k] + t * paths.direction[i, k]
-            directions[i, k] = paths.direction[i, k]
+                write(paths.lobe[i, j], w)
 
 
 @entry
@@ -413,8 +248,8 @@ def enter(paths, facets, world):
         weight, d = _crossed(p, d, f, g, paths.tilt[i, 0], paths.tilt[i, 1], world)
         if weight == 0.0:
             continue
-        put(paths.point, i, p)
-        put(paths.direction, i, d)
+        write(paths.point[i], p)
+        write(paths.direction[i], d)
         paths.weight[i] *= weight
         paths.importance[i] = paths.weight[i] * importance_at(p, row(paths.lamp, i), medium)
         if paths.importance[i] == 0.0:  # what it may score underflows

@@ -14,51 +14,16 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from meshtrace.kernels.facets import (
-    Surface,
-    corners,
-    inside_facet,
-    normal_at,
-    tilted,
-)
-from meshtrace.kernels.interface import Interface, transmit
-from meshtrace.kernels.jit import entry, inlined, outlined
-from meshtrace.kernels.medium import Medium
-from meshtrace.kernels.vectors import (
-    ORIGIN,
-    UP,
-    Vec2,
-    Vec3,
-    along,
-    dot,
-    minus,
-    minus2,
-    row,
-    scaled,
-)
-
-FLAT_SEA = np.int64(-1)
-"""Facet that stands for a flat sea; of the type of all facets, so that kernels compile once."""
+from meshtrace.kernels.facets import normal_at, tilted
+from meshtrace.kernels.interface import transmit
+from meshtrace.kernels.jit import inlined, outlined
+from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
+from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, Vec3, along, dot, minus, minus2, scaled
 
 STEP = 1e-5  # [m], displacement of P for the derivatives
 _TOLERANCE = 1e-4  # [m], step of P behind which the error is its square
 _ITERATIONS = 12
-MARGIN = 1.3  # on first-order bounds, for the higher orders
-
-FACET = np.dtype(
-    [
-        ("radius", float),  # [m], from the centroid
-        ("curvature", float),  # largest change of slope along an edge [m-1]
-        ("x", float),  # centroid
-        ("y", float),
-        ("z", float),
-        ("slope_x", float),
-        ("slope_y", float),
-    ]
-)
-"""Summary of a facet, see `facet_summary`."""
 
 FLAT = np.dtype(
     [
@@ -79,65 +44,6 @@ FLAT = np.dtype(
     ]
 )
 """A crossing of a flat sea, and its displacement by slopes and heights."""
-
-ROOT = np.dtype(
-    [
-        ("x", float),
-        ("y", float),
-        ("branch", float),
-        ("facet", np.int64),
-        ("multiplicity", float),  # number of crossings that it stands for
-    ]
-)
-"""A crossing of the surface that lands on the point aimed at."""
-
-
-class Target(NamedTuple):
-    """An aperture, its plane, and the region of crossings to it."""
-
-    center: Vec3
-    axis: Vec3
-    e1: Vec3  # unit vectors in the plane of the aperture
-    e2: Vec3
-    radius: float
-    cos_half_fov: float
-    tan_half_fov: float
-    reach: float  # largest horizontal distance of a crossing inside the field of view [m]
-    sin_widest: float  # sine of the largest angle of accepted light from the vertical
-
-
-class Locator(NamedTuple):
-    """Square bins over (x, y) with lists of their facets, to locate the facet over a point."""
-
-    x: float
-    y: float
-    step: float
-    nx: int
-    ny: int
-    start: NDArray[np.int64]  # (nx * ny + 1,)
-    facet: NDArray[np.int32]
-
-
-class Emitter(NamedTuple):
-    """A point source: position, axis and angular distribution."""
-
-    position: Vec3
-    axis: Vec3
-    kind: int  # SourceKind
-    spread: float  # Lambertian order or divergence half-angle [rad]
-    norm: float  # intensity on the axis [sr-1]
-
-
-class Scene(NamedTuple):
-    """One source, one surface and one aperture."""
-
-    emitter: Emitter
-    target: Target
-    surface: Surface
-    locator: Locator
-    facets: NDArray[np.void]  # (m,) FACET
-    medium: Medium
-    interface: Interface
 
 
 class Shot(NamedTuple):
@@ -252,19 +158,6 @@ def land_sloped(p, slope_x, slope_y, shot, scene):
 
 
 @inlined
-def height_on(x, y, facet, surface):
-    """Return the height of a facet's plane over (x, y); facet -1 is a flat sea.
-
-    Array twin: barycentric interpolation of the corners.
-    """
-    if facet < 0:
-        return surface.level
-    a = row(surface.vertices, surface.faces[facet, 0])
-    n = row(surface.face_normals, facet)
-    return a.z - ((x - a.x) * n.x + (y - a.y) * n.y) / n.z
-
-
-@inlined
 def aim_at(x, y, facet, shot, scene):
     """Return the `Aim` of a crossing over (x, y) on the plane of a facet.
 
@@ -278,24 +171,6 @@ def aim_at(x, y, facet, shot, scene):
         if shot.tilt.x != 0.0 or shot.tilt.y != 0.0:
             n = tilted(n, shot.tilt)
     return land(p, n, shot, scene)
-
-
-@inlined
-def locate(locator, surface, x, y):
-    """Return the facet over (x, y), -1 outside.
-
-    Array twin: vertical rays of `BruteForceIntersector`.
-    """
-    i = math.floor((x - locator.x) / locator.step)
-    j = math.floor((y - locator.y) / locator.step)
-    if i < 0 or j < 0 or i >= locator.nx or j >= locator.ny:
-        return FLAT_SEA
-    cell = i * locator.ny + j
-    for k in range(locator.start[cell], locator.start[cell + 1]):
-        f = np.int64(locator.facet[k])
-        if inside_facet(x, y, f, surface):
-            return f
-    return FLAT_SEA
 
 
 @inlined
@@ -399,187 +274,3 @@ def newton(x, y, facet, fixed, longest, shot, scene):
             if facet < 0:
                 return False, x, y, facet
     return False, x, y, facet
-
-
-@inlined
-def is_known(roots, first, last, x, y, branch, tolerance):
-    """Return whether a crossing is one of the records first <= k < last.
-
-    Array twin: numpy.abs of differences.
-    """
-    for k in range(first, last):
-        r = roots[k]
-        if r.branch == branch and abs(r.x - x) + abs(r.y - y) < tolerance:
-            return True
-    return False
-
-
-@outlined
-def enumerate_roots(roots, n, flat, radius, shot, scene):
-    """Append every crossing near a flat-sea crossing that lands on the point; return the number.
-
-    Array twin: the roots of the analytic sinusoid in the tests.
-    Every facet within `radius` is searched.
-    """
-    grid = scene.locator
-    i0 = max(int((flat.x - radius - grid.x) / grid.step), 0)
-    i1 = min(int((flat.x + radius - grid.x) / grid.step), grid.nx - 1)
-    j0 = max(int((flat.y - radius - grid.y) / grid.step), 0)
-    j1 = min(int((flat.y + radius - grid.y) / grid.step), grid.ny - 1)
-    for i in range(i0, i1 + 1):
-        for j in range(j0, j1 + 1):
-            for k in range(grid.start[i * grid.ny + j], grid.start[i * grid.ny + j + 1]):
-                f = np.int64(grid.facet[k])
-                if _may_hold(scene.facets[f], flat, shot.tilt):
-                    fi, fj = _first_bin(scene.surface, f, grid)
-                    if i == max(fi, i0) and j == max(fj, j0):  # no earlier bin lists the facet
-                        n = _facet_roots(roots, n, f, flat, shot, scene)
-    return n
-
-
-@inlined
-def _may_hold(facet, flat, tilt):
-    """Return whether a crossing may lie on a facet, to first order in its slope and height.
-
-    Array twin: `_facet_roots` without it finds the same roots.
-    The flat crossing moves by dP/dslope and dP/dz; half of the move is left for the
-    higher orders, and the facet's size grows by its curvature.
-    """
-    sx, sy = facet.slope_x + tilt.x, facet.slope_y + tilt.y
-    dz = facet.z - flat.level
-    mx, my = flat.m11 * sx + flat.m12 * sy, flat.m21 * sx + flat.m22 * sy
-    hx, hy = flat.h1 * dz, flat.h2 * dz
-    move = abs(mx) + abs(my) + abs(hx) + abs(hy)
-    bend = abs(flat.m11) + abs(flat.m12) + abs(flat.m21) + abs(flat.m22)
-    reach = 0.5 * move + 2.0 * facet.radius * (1.0 + bend * facet.curvature)
-    ex, ey = flat.x + mx + hx - facet.x, flat.y + my + hy - facet.y
-    return ex * ex + ey * ey <= reach * reach
-
-
-@inlined
-def _first_bin(surface, f, grid):
-    """Return the lowest bin that a facet overlaps, possibly outside the grid."""
-    a, b, c = corners(surface.vertices, f, surface.faces)
-    return (
-        _bin_of(min(a.x, b.x, c.x), grid.x, grid.step, grid.nx),
-        _bin_of(min(a.y, b.y, c.y), grid.y, grid.step, grid.ny),
-    )
-
-
-@inlined
-def _bin_of(x, start, step, n):
-    """Return the bin of a coordinate, clipped before the conversion to an integer."""
-    return math.floor(max(min((x - start) / step, float(n)), -1.0))
-
-
-@outlined
-def corner_shines(f, shot, scene):
-    """Return whether light is transmitted at a corner of a facet, but not at its centroid.
-
-    Array twin: fine meshes of the same water in the tests.
-    """
-    for k in range(3):
-        p = row(scene.surface.vertices, scene.surface.faces[f, k])
-        if aim_at(p.x, p.y, f, shot, scene).ok:
-            return True
-    return False
-
-
-@outlined
-def _facet_roots(roots, n, f, flat, shot, scene):
-    """Add the roots on facet f.
-
-    If its centroid lands farther from the point than |dX/dP| of a curved surface could bring
-    over the facet's size, it holds none. Where a fold of the map runs through a facet there
-    may be two: Newton starts from its corners too.
-    """
-    facet = scene.facets[f]
-    x, y = facet.x, facet.y
-    m = aim_at(x, y, f, shot, scene)
-    bend = flat.lever * facet.curvature
-    if m.ok:
-        reach = MARGIN * facet.radius * (flat.high + bend)
-        if math.hypot(m.at.x - shot.goal.x, m.at.y - shot.goal.y) > reach:
-            return n
-    elif not corner_shines(f, shot, scene):
-        return n
-    first = n
-    n = _add_root(roots, n, first, x, y, f, shot, scene)
-    if not m.ok or (scene.surface.interpolate and bend > 0.5 * flat.high):
-        for k in range(3):
-            p = row(scene.surface.vertices, scene.surface.faces[f, k])
-            n = _add_root(roots, n, first, p.x, p.y, f, shot, scene)
-    return n
-
-
-@inlined
-def _add_root(roots, n, first, x, y, f, shot, scene):
-    found, x, y, _ = newton(x, y, f, True, 2.0 * scene.facets[f].radius, shot, scene)
-    if not found or n >= len(roots) or not inside_facet(x, y, f, scene.surface):
-        return n
-    if is_known(roots, first, n, x, y, shot.branch, 1e-6):
-        return n
-    roots[n].x, roots[n].y, roots[n].branch, roots[n].facet = x, y, shot.branch, f
-    return n + 1
-
-
-@inlined
-def _span(p, q):
-    return math.hypot(p.x - q.x, p.y - q.y)
-
-
-@inlined
-def _bend(m, n):
-    return math.hypot(m.x / m.z - n.x / n.z, m.y / m.z - n.y / n.z)
-
-
-@entry
-def facet_summary(surface, out):
-    """Write the `FACET` record of each facet.
-
-    Array twin: numpy.linalg.norm over corners.
-    The curvature of faceted normals is 0.
-    """
-    for f in range(len(surface.faces)):
-        a, b, c = corners(surface.vertices, f, surface.faces)
-        k, m, n = corners(surface.vertex_normals, f, surface.faces)
-        x, y, z = (a.x + b.x + c.x) / 3.0, (a.y + b.y + c.y) / 3.0, (a.z + b.z + c.z) / 3.0
-        middle = Vec2(x, y)
-        out[f].radius = max(_span(a, middle), _span(b, middle), _span(c, middle))
-        curvature = max(_bend(k, m) / _span(a, b), _bend(m, n) / _span(b, c))
-        curvature = max(curvature, _bend(n, k) / _span(c, a))
-        out[f].curvature = curvature if surface.interpolate else 0.0
-        out[f].x, out[f].y, out[f].z = x, y, z
-        g = row(surface.face_normals, f)
-        out[f].slope_x, out[f].slope_y = -g.x / g.z, -g.y / g.z
-
-
-@entry
-def count_bins(surface, grid):
-    """Count the facets of each bin into `grid.start[1:]`."""
-    for f in range(len(surface.faces)):
-        i0, i1, j0, j1 = _bin_range(surface, f, grid)
-        for i in range(i0, i1 + 1):
-            for j in range(j0, j1 + 1):
-                grid.start[i * grid.ny + j + 1] += 1
-
-
-@entry
-def fill_bins(surface, grid, cursor):
-    """Write the facets of each bin into `grid.facet`; cursor is a copy of `grid.start[:-1]`."""
-    for f in range(len(surface.faces)):
-        i0, i1, j0, j1 = _bin_range(surface, f, grid)
-        for i in range(i0, i1 + 1):
-            for j in range(j0, j1 + 1):
-                cell = i * grid.ny + j
-                grid.facet[cursor[cell]] = f
-                cursor[cell] += 1
-
-
-@inlined
-def _bin_range(surface, f, grid):
-    a, b, c = corners(surface.vertices, f, surface.faces)
-    i0, j0 = _first_bin(surface, f, grid)
-    i1 = _bin_of(max(a.x, b.x, c.x), grid.x, grid.step, grid.nx)
-    j1 = _bin_of(max(a.y, b.y, c.y), grid.y, grid.step, grid.ny)
-    return max(i0, 0), min(i1, grid.nx - 1), max(j0, 0), min(j1, grid.ny - 1)

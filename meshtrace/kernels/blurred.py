@@ -14,28 +14,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.aiming import (
-    STEP,
-    Aim,
-    Jacobian,
-    emission_through,
-    height_on,
-    locate,
-)
-from meshtrace.kernels.chain_gain import (
-    Counter,
-    accepted,
-    intensity,
-    is_steep,
-    list_paths,
-    shot_of,
-    transmittance,
-    weight_of,
-)
+from meshtrace.kernels.aiming import STEP, Aim, Jacobian, emission_through
+from meshtrace.kernels.chain_gain import accepted, is_steep, keep, transmittance, weight_of
+from meshtrace.kernels.crossings import Counter, shot_of
 from meshtrace.kernels.facets import corners, exposure, normal_at, slope_tilt
 from meshtrace.kernels.interface import reflectance
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import absorption_path, scattering_path
+from meshtrace.kernels.scene import height_on, locate
+from meshtrace.kernels.sources import intensity
 from meshtrace.kernels.unscattered import beam_width, node, solid_angle
 from meshtrace.kernels.vectors import (
     UP,
@@ -51,7 +38,6 @@ from meshtrace.kernels.vectors import (
     plus,
     row,
     scaled,
-    write,
 )
 
 _CUT = 7.0  # standard deviations beyond which a slope does not occur
@@ -241,7 +227,7 @@ def blurred_contributions(chains, flat, spread, scene, out):
     slope follows: one evaluation a crossing. Crossings that several flat ones may lead to count
     by the sum of their densities.
     """
-    n_doubt = n_rays = n_arrivals = 0
+    counts = 0, 0, 0
     for i in range(len(chains.last)):
         if flat[i, 0].branch == 0.0:
             out.counters[Counter.NO_FLAT] += 1
@@ -258,23 +244,8 @@ def blurred_contributions(chains, flat, spread, scene, out):
             if w <= 0.0:
                 continue
             out.counters[Counter.SOLVED] += 1
-            first = n_rays
-            if not steep:
-                n_rays = list_paths(chains, i, aim, p, n_doubt, scene, out.rays, n_rays)
-            if n_arrivals < len(out.arrivals):
-                a = out.arrivals[n_arrivals]
-                a.chain, a.weight = i, w
-                a.water, a.air = chains.path[i] + aim.length, aim.flight
-                a.doubt = n_doubt if n_rays > first else -1
-                write(a.point, p)
-                write(a.emission, aim.w)
-                n_arrivals += 1
-            if n_rays > first:
-                out.doubtful[n_doubt].chain, out.doubtful[n_doubt].weight = i, w
-                n_doubt += 1
-            else:
-                out.score[i] += w
-    return n_doubt, n_rays, n_arrivals
+            counts = keep(chains, i, p, w, steep, aim, counts, scene, out)
+    return counts
 
 
 @inlined

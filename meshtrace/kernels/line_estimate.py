@@ -20,51 +20,30 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from meshtrace.kernels.aiming import Emitter
-from meshtrace.kernels.chain_gain import intensity
+from meshtrace.kernels.angle_table import (
+    SMALLEST_ANGLE,
+    AngleTable,
+    angle_of_tail,
+    phase_at,
+    tail_at,
+)
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import (
-    DepthMode,
     Medium,
-    absorption_path,
-    bubble_scattering,
-    scattering_path,
-    water_coefficients,
+    distance_at,
+    is_uniform,
+    optical_depth,
+    scattering_coefficients,
+    scattering_depth,
 )
-from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.scene import Emitter
+from meshtrace.kernels.sources import SourceKind, intensity
 from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm, turn
 
 _DISTANCE_SHARE = 0.25  # of the samples drawn by the distance along the line
 _BEAM_SHARE = 0.35  # of those drawn by the angle to the axis of a beam
-SMALLEST_ANGLE = 1e-13  # [rad], first edge of the tables
 _FEWEST = 0.15  # share of either scatterer where both exist
 _GAUSSIAN_END = 4.5  # divergences, behind which exp(-2 x^2) is 3e-18
-_STEPS = 60  # of the inversion of an optical depth at most
-
-
-class AngleTable(NamedTuple):
-    """A phase function on cells of equal width in ln(theta), and its integral over theta.
-
-    Parameters
-    ----------
-    log_first, per_log : float
-        ln of the first edge, and cells per unit of ln(theta).
-    edge : ndarray, shape (n + 1,)
-        Edges [rad]; the last is pi. Below the first the value is that of the first cell.
-    beta : ndarray, shape (n,)
-        Mean of each cell over solid angle [sr-1].
-    tail : ndarray, shape (n + 1,)
-        Integral of beta dtheta from an edge to pi [rad sr-1].
-    """
-
-    log_first: float
-    per_log: float
-    edge: NDArray[np.float64]
-    beta: NDArray[np.float64]
-    tail: NDArray[np.float64]
 
 
 class Optics(NamedTuple):
@@ -81,136 +60,6 @@ class Optics(NamedTuple):
     bubble: AngleTable
     bubbly: bool
     beam_rate: float  # inverse of the mean distance of points drawn in the beam [m-1]
-
-
-@inlined
-def _cell(table, theta):
-    if theta <= table.edge[0]:
-        return 0
-    j = int((math.log(theta) - table.log_first) * table.per_log)
-    return min(max(j, 0), len(table.beta) - 1)
-
-
-@inlined
-def phase_at(table, theta):
-    """Return the phase function [sr-1] at an angle.
-
-    Array twin: `PhaseFunction.pdf`, averaged over cells.
-    """
-    return table.beta[_cell(table, theta)]
-
-
-@inlined
-def tail_at(table, theta):
-    """Return the integral of beta dtheta from an angle to pi.
-
-    Array twin: quadrature of `PhaseFunction.pdf` in the tests.
-    Summed from pi downwards, it keeps the digits of large angles in spite of the forward peak.
-    """
-    j = _cell(table, theta)
-    return table.tail[j + 1] + table.beta[j] * (table.edge[j + 1] - theta)
-
-
-@inlined
-def angle_of_tail(table, low, high, value):
-    """Return the angle between low and high with a given tail.
-
-    Array twin: `tail_at`, of which it is the inverse.
-    """
-    i, j = _cell(table, low), _cell(table, high) + 1
-    while j - i > 1:
-        k = (i + j) // 2
-        if table.tail[k] > value:
-            i = k
-        else:
-            j = k
-    theta = table.edge[j] - (value - table.tail[j]) / table.beta[i]
-    return min(max(theta, low), high)
-
-
-@inlined
-def angle_between(a, b):
-    """Return the angle between two vectors, exact for small ones.
-
-    Array twin: arctan2 of the norms of the cross and the scalar product.
-    """
-    x, y, z = a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x
-    return math.atan2(math.sqrt(x * x + y * y + z * z), dot(a, b))
-
-
-@inlined
-def coefficients(medium, p):
-    """Return (b, b_bub) [m-1] at a point.
-
-    Array twin: `Water.b`, `HallNovarini.b`.
-    """
-    return water_coefficients(medium, p.z)[1], bubble_scattering(medium, p)
-
-
-@inlined
-def scattering_depth(medium, p, d, t):
-    """Return the optical depth of scattering along a path of length t.
-
-    Array twin: see `scattering_path`.
-    """
-    q = along(p, d, t)
-    return scattering_path(medium, p, q, t)
-
-
-@inlined
-def optical_depth(medium, p, d, t):
-    """Return the optical depth of absorption and scattering along a path of length t.
-
-    Array twin: see `scattering_path`.
-    """
-    return scattering_depth(medium, p, d, t) + absorption_path(medium, p.z, p.z + t * d.z, t)
-
-
-@inlined
-def is_uniform(medium):
-    """Return whether the coefficients are the same everywhere.
-
-    Array twin: none.
-    """
-    return not medium.layered and medium.depth_mode == DepthMode.NONE
-
-
-@outlined
-def distance_at(medium, p, d, tau, most, scale):
-    """Return the distance along a path to a scattering depth of tau, at most `most`.
-
-    Array twin: `scattering_depth`, of which it is the inverse.
-    Newton's method in halves: depths grow with distance and are exact in closed form. `scale` is
-    any length of the size of the link, from which a path without end is searched.
-    """
-    if is_uniform(medium):
-        return min(tau / medium.b, most) if medium.b > 0.0 else most
-    low, high = 0.0, most
-    if math.isinf(most):
-        high = scale
-        for _ in range(_STEPS):
-            if scattering_depth(medium, p, d, high) >= tau:
-                break
-            low, high = high, 4.0 * high
-        else:
-            return most
-    elif scattering_depth(medium, p, d, high) < tau:
-        return most
-    t = 0.5 * (low + high)
-    for _ in range(_STEPS):
-        miss = scattering_depth(medium, p, d, t) - tau
-        if miss > 0.0:
-            high = t
-        else:
-            low = t
-        b, bubbles = coefficients(medium, along(p, d, t))
-        step = miss / (b + bubbles) if b + bubbles > 0.0 else math.inf
-        if abs(step) <= 1e-12 * t:
-            break
-        t -= step
-        if not low < t < high:
-            t = 0.5 * (low + high)
-    return t
 
 
 @inlined
@@ -254,7 +103,7 @@ def _distance_density(optics, p, d, first, last, t):
         if c == 0.0:
             return 1.0 / (last - first) if last < math.inf else 0.0
         return c * math.exp(-c * (t - first)) / -math.expm1(-c * (last - first))
-    b, bubbles = coefficients(medium, along(p, d, t))
+    b, bubbles = scattering_coefficients(medium, along(p, d, t))
     low = scattering_depth(medium, p, d, first)
     high = scattering_depth(medium, p, d, last) if last < math.inf else math.inf
     span = -math.expm1(low - high)
@@ -319,24 +168,8 @@ def line_of(p, d, longest, lamp, optics):
     off = Vec3(t0 * d.x - to_lamp.x, t0 * d.y - to_lamp.y, t0 * d.z - to_lamp.z)
     # lines that pass closer are beyond double precision, and beyond the table
     distance = max(norm(off), SMALLEST_ANGLE * norm(to_lamp))
-    low, high, first, last = 0.0, 0.0, 0.0, longest
-    center, half, width = 0.0, -1.0, 0.0
-    if distance > 0.0:
-        low = math.atan2(distance, t0)
-        high = math.pi if math.isinf(longest) else math.atan2(distance, t0 - longest)
-        axis = optics.emitter.axis
-        center, half, width = _beam(
-            optics.emitter,
-            axis[0] * d.x + axis[1] * d.y + axis[2] * d.z,
-            (axis[0] * off.x + axis[1] * off.y + axis[2] * off.z) / distance,
-        )
-        if center - half > low:
-            low = center - half
-            first = min(max(t0 - distance / math.tan(low), 0.0), longest)
-        if center + half < high:
-            high = center + half
-            last = min(max(t0 - distance / math.tan(high), first), longest)
-    lit = half >= 0.0 and low < high and first < last
+    part = _lit_part(d, t0, distance, off, longest, optics.emitter)
+    lit, low, high, first, last, center, width = part
     mass, mass_bubble, share_bubble = 0.0, 0.0, 0.0
     side, share_beam, f_low, f_high = 1.0, 0.0, 0.0, 0.0
     if lit:
@@ -345,7 +178,7 @@ def line_of(p, d, longest, lamp, optics):
         if optics.bubbly:
             mass_bubble = tail_at(optics.bubble, low) - tail_at(optics.bubble, high)
             lit = lit and mass_bubble > 0.0
-            b, bubbles = coefficients(optics.medium, p)
+            b, bubbles = scattering_coefficients(optics.medium, p)
             share_bubble = bubbles / (b + bubbles) if b + bubbles > 0.0 else 0.5
             share_bubble = min(max(share_bubble, _FEWEST), 1.0 - _FEWEST)
         if width > 0.0:
@@ -354,24 +187,28 @@ def line_of(p, d, longest, lamp, optics):
             f_high = _logistic(side * (high - center) / width)
             if abs(f_high - f_low) > 1e-250:
                 share_beam = _BEAM_SHARE
-    return Line(
-        lit,
-        t0,
-        distance,
-        low,
-        high,
-        first,
-        last,
-        center,
-        width,
-        side,
-        f_low,
-        f_high,
-        share_beam,
-        share_bubble,
-        mass,
-        mass_bubble,
-    )
+    ends = low, high, first, last, center, width, side, f_low, f_high
+    return Line(lit, t0, distance, *ends, share_beam, share_bubble, mass, mass_bubble)
+
+
+@inlined
+def _lit_part(d, t0, distance, off, longest, emitter):
+    """Return (lit, angles, distances, theta_c, width) of the part of a line that is lit."""
+    low, high, first, last = 0.0, 0.0, 0.0, longest
+    center, half, width = 0.0, -1.0, 0.0
+    if distance > 0.0:
+        low = math.atan2(distance, t0)
+        high = math.pi if math.isinf(longest) else math.atan2(distance, t0 - longest)
+        axis = emitter.axis
+        center, half, width = _beam(emitter, dot(axis, d), dot(axis, off) / distance)
+        if center - half > low:
+            low = center - half
+            first = min(max(t0 - distance / math.tan(low), 0.0), longest)
+        if center + half < high:
+            high = center + half
+            last = min(max(t0 - distance / math.tan(high), first), longest)
+    lit = half >= 0.0 and low < high and first < last
+    return lit, low, high, first, last, center, width
 
 
 @inlined
@@ -425,7 +262,7 @@ def _evaluated(line, p, d, theta, t, lamp, optics):
     emitted = intensity(optics.emitter, w)
     if emitted == 0.0:
         return nothing
-    b, bubbles = coefficients(optics.medium, at)
+    b, bubbles = scattering_coefficients(optics.medium, at)
     scattered = b * phase_at(optics.water, theta)
     if bubbles > 0.0:
         scattered += bubbles * phase_at(optics.bubble, theta)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.random import Purpose, uniforms
-from meshtrace.kernels.vectors import TWO_PI, Vec3, along, row, turn
+from meshtrace.kernels.vectors import TWO_PI, Vec3, along, dot, row, turn
 
 
 class SourceKind(IntEnum):
@@ -40,6 +40,25 @@ class Sources(NamedTuple):
     size: NDArray[np.float64]  # beam radius or half-width of the lit patch [m]
     in_water: NDArray[np.bool_]
     cum_power: NDArray[np.float64]  # cumulative share of the power, ends at 1
+
+
+@inlined
+def intensity(emitter, w):
+    """Return the emitted intensity [sr-1] per unit power.
+
+    Array twin: `Led` (m + 1) / (2 pi) cos^m, integrated to 1 in the tests.
+    """
+    cos_theta = dot(w, emitter.axis)
+    if emitter.kind == SourceKind.LED:
+        return emitter.norm * cos_theta**emitter.spread if cos_theta > 0.0 else 0.0
+    if emitter.kind == SourceKind.ISOTROPIC:
+        return emitter.norm
+    theta = math.acos(min(max(cos_theta, -1.0), 1.0))
+    if emitter.kind == SourceKind.GAUSSIAN_BEAM:
+        # density per solid angle of the sampler: theta Gaussian in the plane
+        shape = theta / math.sin(theta) if theta > 1e-6 else 1.0
+        return emitter.norm * shape * math.exp(-2.0 * (theta / emitter.spread) ** 2)
+    return emitter.norm if theta <= emitter.spread else 0.0
 
 
 @inlined

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from meshtrace.kernels.aiming import aim_at, corner_shines, height_on
-from meshtrace.kernels.chain_gain import accepted, intensity, is_steep, straight_shot, transmittance
+from meshtrace.kernels.aiming import aim_at
+from meshtrace.kernels.chain_gain import accepted, is_steep, transmittance
+from meshtrace.kernels.crossings import straight_shot
 from meshtrace.kernels.facets import corners, normal_at
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import absorption_path, scattering_path
-from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.roots import corner_shines
+from meshtrace.kernels.scene import height_on
+from meshtrace.kernels.sources import SourceKind, intensity
 from meshtrace.kernels.vectors import (
     Vec2,
     Vec3,

@@ -13,18 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.aiming import (
-    FLAT_SEA,
-    STEP,
-    differences,
-    height_on,
-    is_known,
-    land_sloped,
-    locate,
-    newton_step,
-)
-from meshtrace.kernels.chain_gain import shot_of, straight_shot, weigh, weight_of
+from meshtrace.kernels.aiming import STEP, differences, land_sloped, newton_step
+from meshtrace.kernels.chain_gain import weigh, weight_of
+from meshtrace.kernels.crossings import shot_of, straight_shot
 from meshtrace.kernels.jit import entry, inlined, outlined
+from meshtrace.kernels.roots import is_known
+from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
 from meshtrace.kernels.vectors import Vec2, Vec3, dot, row
 
 _TOLERANCE = 1e-8  # [m]: separates crossings that lie close together at a caustic

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from meshtrace.errors import Described, Refused, did_you_mean, require_keys
-from meshtrace.fading.resolving import FADING
 from meshtrace.link import Footprint, Link
-from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
+from meshtrace.mesh import FADING, MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Model
 from meshtrace.registry import Family
 from meshtrace.scenario.tables import Table, as_table, validated, without_shared_wind

@@ -21,7 +21,8 @@ from meshtrace.parallel import ordered_map, trim_memory
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.inputs import Inputs, resolve_chains
-from meshtrace.transport.forced import ForcedDetection, Parts
+from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.parts import Parts
 from meshtrace.uav.airframe import Flight, FlightRecord, Uav
 from meshtrace.uav.wind import Dryden
 

@@ -22,19 +22,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Refused
 from meshtrace.kernels import adjoint as kernel
+from meshtrace.kernels import adjoint_look as looking
 from meshtrace.kernels import adjoint_start as starting
+from meshtrace.kernels.angle_table import SMALLEST_ANGLE, AngleTable
 from meshtrace.kernels.interface import FieldOfView
-from meshtrace.kernels.line_estimate import SMALLEST_ANGLE, AngleTable, Optics
+from meshtrace.kernels.line_estimate import Optics
 from meshtrace.kernels.medium import DepthMode, Medium
 from meshtrace.kernels.vectors import Vec3
-from meshtrace.link import Link, Receiver, Source, WaterSource
+from meshtrace.link import Link, Receiver, WaterSource
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.phase import PhaseFunction
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.arrays import interface_arrays, medium_arrays, surface_arrays, with_raster
-from meshtrace.transport.forced_link import emitter_of, target_of
+from meshtrace.transport.arrays import interface_arrays, surface_arrays, with_raster
+from meshtrace.transport.forced_link import (
+    emitter_of,
+    expected_water,
+    require_followable,
+    target_of,
+)
 from meshtrace.transport.frame import IDENTITY, frame_of
 
 _BLOCK = 4096  # paths of one block; sums of blocks do not depend on threads
@@ -43,7 +50,7 @@ _CELLS_PER_LOG = 200.0
 _EVEN, _AIMED = 0.5, 0.3  # shares of free paths and of directions, see `World`
 _BRANCHES = 8  # side paths of one path that wait at a time
 _ROUNDS = 3  # of looking for the facets below the crossings
-_NARROWEST = 0.1  # [deg], of a source
+_SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
 
 
 class Sums(NamedTuple):
@@ -126,7 +133,10 @@ class AdjointPaths:
     def __init__(
         self, link: Link, photons: int, seed: int, normals: str = "vertex", threads: int = 1
     ) -> None:
-        _require_followable(link)
+        require_followable(link)
+        for name, kept in _SWITCHES.items():
+            if getattr(link.physics, name) != kept:
+                raise Refused(f"physics.{name}", getattr(link.physics, name), f'"{kept}"')
         if photons < SHIFTS * len(link.transmitters):
             raise Refused("photons", photons, f">= {SHIFTS} for each source")
         self.link = link
@@ -212,7 +222,7 @@ class _Over:
         self._surface = surface._replace(level=float(surface.high[2]))
         self._flat = mesh.max_slope == 0.0 and surface.low[2] == surface.high[2]
         self._rough = surface.roughness.along > 0.0 or surface.roughness.across > 0.0
-        medium = frame.medium(_water(link, frame.unit * float(surface.high[2])))
+        medium = frame.medium(expected_water(link, frame.unit * float(surface.high[2])))
         sampled = medium
         if medium.depth_mode == DepthMode.LOCAL:
             medium = with_raster(medium, intersector)
@@ -294,7 +304,7 @@ class _Over:
             facets = self._below(paths.root)
             starting.improve(paths, facets, k - (rounds - sets), world)
         origins, directions = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
-        starting.look(paths, origins, directions, world)
+        looking.look(paths, origins, directions, world)
         start = paths.point.copy()
         beside = starting.enter(paths, self._intersector.facets(origins, directions), world)
         air = np.linalg.norm(paths.point - start, axis=1)
@@ -369,39 +379,6 @@ class _Over:
         share = n * height / (n * height + depth)
         center, lamp = np.array(target.center), np.array(emitter.position)
         return (center + share * (lamp - center))[None, :2].copy()
-
-
-def _require_followable(link: Link) -> None:
-    for path, item in link.items():
-        if isinstance(item, WaterSource):
-            if item.spread_deg < _NARROWEST:
-                angle = Described(f"a half-angle of {item.spread_deg:g} deg")
-                raise Refused(path, angle, f">= {_NARROWEST:g} deg")
-        elif isinstance(item, Source):
-            raise Refused(path, Described(item.kind), "a source in the water")
-        elif not isinstance(item, Receiver):
-            raise Refused(path, Described(item.kind), "a receiver in the air")
-    if not link.receivers:
-        raise Refused("receiver", (), "at least one")
-    if link.planes is not None:
-        raise Refused("planes", Described("given"), "None")
-    p = link.physics
-    for name, allowed in (("snell", "physical"), ("direction", "vector"), ("second_hit", "trace")):
-        if getattr(p, name) != allowed:
-            raise Refused(f"physics.{name}", getattr(p, name), f'"{allowed}"')
-    stratified = link.bubbles is not None or link.water.layers is not None
-    if stratified and p.absorption == "paper":
-        raise Refused("physics.absorption", p.absorption, "the physical forms in stratified water")
-    if stratified and p.free_path == "local_c":
-        raise Refused("physics.free_path", p.free_path, '"exact" in stratified water')
-
-
-def _water(link: Link, crest: float) -> Medium:
-    """Return the water, with b -> albedo b for Algorithm 1 as printed (E5)."""
-    medium = medium_arrays(link, crest)
-    if link.physics.absorption == "paper":
-        medium = medium._replace(b=medium.b * link.water.albedo)
-    return medium
 
 
 def _vertical_depths(medium: Medium, depth: float) -> tuple[float, float]:

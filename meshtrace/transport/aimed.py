@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.kernels import aiming, blurred
+from meshtrace.kernels import blurred
 from meshtrace.kernels import chain_gain as kernel
 from meshtrace.kernels import unscattered as image
+from meshtrace.kernels.crossings import Counter, direct_crossings
+from meshtrace.kernels.crossings import Search as SearchExtent
 from meshtrace.kernels.facets import Roughness, Surface
 from meshtrace.kernels.interface import Direction, Snell
 from meshtrace.kernels.medium import DepthMode
+from meshtrace.kernels.roots import ROOT
+from meshtrace.kernels.scene import FACET, Emitter, Scene, Target, facet_summary
 from meshtrace.mesh import TriangleMesh
-from meshtrace.transport.arrays import surface_arrays, with_raster
+from meshtrace.transport.arrays import locator, surface_arrays, with_raster
+from meshtrace.transport.chain_sets import ChainSet
 from meshtrace.transport.forced_link import ForcedLink
-
-if TYPE_CHECKING:
-    from meshtrace.transport.chain_sets import ChainSet
 
 Search = Literal["usual", "thorough"]
 
@@ -71,13 +72,13 @@ class AimedChains:
         rough = self.surface.roughness
         self.rough = rough.along > 0.0 or rough.across > 0.0
         self.blurred = self._blurs()
-        self.facets = np.empty(len(mesh.faces), aiming.FACET)
-        aiming.facet_summary(self.surface, self.facets)
+        self.facets = np.empty(len(mesh.faces), FACET)
+        facet_summary(self.surface, self.facets)
         self.medium = link.medium
         if self.medium.depth_mode == DepthMode.LOCAL:
             self.medium = with_raster(self.medium, self._intersector)
         self.locator = locator(self.surface, link.targets)
-        self.counters = np.zeros(len(kernel.Counter), np.int64)
+        self.counters = np.zeros(len(Counter), np.int64)
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     @cached_property
@@ -112,9 +113,9 @@ class AimedChains:
         """Centroids of the facets, shape (m, 3)."""
         return np.stack([self.facets[name] for name in ("x", "y", "z")], axis=1)
 
-    def scene(self, emitter: aiming.Emitter, target: aiming.Target) -> aiming.Scene:
-        """Return one source, the surface and one aperture as arrays for the kernels."""
-        return aiming.Scene(
+    def scene(self, emitter: Emitter, target: Target) -> Scene:
+        """Return one source, the surface and one aperture as the kernels take them."""
+        return Scene(
             emitter,
             target,
             self.surface,
@@ -124,11 +125,11 @@ class AimedChains:
             self._link.interface,
         )
 
-    def _search(self, target: aiming.Target) -> kernel.Search:
-        """Return the extent and the thoroughness of the root search."""
+    def _search(self, target: Target) -> SearchExtent:
+        """Return how far and how thoroughly roots are looked for."""
         curvature, radius = self._largest
         all_asked = self._search_mode == "thorough" or self._normals == "facet"
-        return kernel.Search(
+        return SearchExtent(
             1.0 if all_asked else _AUDITED,
             self.surface.max_slope,
             2.0 * radius,
@@ -158,8 +159,8 @@ class AimedChains:
             doubtful=np.zeros(most, kernel.DOUBT),
             rays=np.zeros(most * (chains.order + 2), kernel.RAY),
             arrivals=np.zeros(most if keep else 0, kernel.ARRIVAL),
-            counters=np.zeros(len(kernel.Counter), np.int64),
-            roots=np.zeros(_ROOTS, aiming.ROOT),
+            counters=np.zeros(len(Counter), np.int64),
+            roots=np.zeros(_ROOTS, ROOT),
         )
         scene, flat = self.scene(emitter, target), chains.flat[receiver]
         if self.blurred:
@@ -176,7 +177,7 @@ class AimedChains:
             cut[rays["crossing"][blocked]] = True
             clear = out.doubtful[:n_doubt][~cut]
             np.add.at(out.score, clear["chain"], clear["weight"])
-            out.counters[kernel.Counter.BLOCKED] += int(cut.sum())
+            out.counters[Counter.BLOCKED] += int(cut.sum())
             arrivals = arrivals[(arrivals["doubt"] < 0) | ~cut[arrivals["doubt"]]]
         self.counters += out.counters
         return out.score, arrivals
@@ -240,7 +241,7 @@ class AimedChains:
         return gain
 
     def _hidden(
-        self, emitter: aiming.Emitter, target: aiming.Target, facets: NDArray[np.intp]
+        self, emitter: Emitter, target: Target, facets: NDArray[np.intp]
     ) -> NDArray[np.intp]:
         """Return the facets with a centroid hidden from the source or the aperture's centre."""
         centroid = self.centroids[facets]
@@ -261,7 +262,7 @@ class AimedChains:
         """Return (n, 3, 3): source, crossing and landing of unscattered light near facets."""
         emitter, target = self._link.emitters[source], self._link.targets[receiver]
         found, crossings = np.zeros(len(facets), bool), np.zeros((len(facets), 3))
-        kernel.direct_crossings(
+        direct_crossings(
             disk, self.centroids[facets], self.scene(emitter, target), found, crossings
         )
         paths = np.empty((len(facets), 3, 3))
@@ -289,39 +290,15 @@ def _disk_rule(blur: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return points.reshape(-1, 2), shares
 
 
-def on_disk(target: aiming.Target, disk: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Map points of the unit disk to an aperture."""
+def on_disk(target: Target, disk: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the points of an aperture that belong to points of the unit disk."""
     plane = np.array([target.e1, target.e2])
     return np.asarray(target.center) + target.radius * disk @ plane
 
 
-def _lever(n: float, target: aiming.Target, waves: float) -> float:
+def _lever(n: float, target: Target, waves: float) -> float:
     """Return a bound on how far a unit of slope moves the landing point."""
     sin_t = min(target.sin_widest, 0.98)
     cos_t = math.sqrt(1.0 - sin_t**2)
     cos_i = math.sqrt(1.0 - (sin_t / n) ** 2)
     return (target.center[2] + waves) * abs(n * cos_i / cos_t - 1.0) / cos_t**2
-
-
-def empty_locator() -> aiming.Locator:
-    """Return the bins of no facets, for a flat sea."""
-    return aiming.Locator(0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64), np.zeros(0, np.int32))
-
-
-def locator(surface: Surface, targets: Sequence[aiming.Target]) -> aiming.Locator:
-    """Return bins over the part of the surface that the receivers can see."""
-    pad = 2.0
-    low = [min(t.center[i] - t.reach - pad for t in targets) for i in range(2)]
-    high = [max(t.center[i] + t.reach + pad for t in targets) for i in range(2)]
-    low = [max(low[i], float(surface.low[i])) for i in range(2)]
-    high = [min(high[i], float(surface.high[i])) for i in range(2)]
-    width = max(high[0] - low[0], high[1] - low[1])
-    step = max(0.1, width / 400.0)
-    nx, ny = (max(math.ceil((high[i] - low[i]) / step), 1) for i in range(2))
-    start, none = np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.int32)
-    grid = aiming.Locator(low[0], low[1], step, nx, ny, start, none)
-    aiming.count_bins(surface, grid)
-    np.cumsum(start, out=start)
-    grid = grid._replace(facet=np.empty(start[-1], np.int32))
-    aiming.fill_bins(surface, grid, start[:-1].copy())
-    return grid

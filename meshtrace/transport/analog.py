@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector, Intersector
-from meshtrace.kernels import photon as kernel
+from meshtrace.kernels import photon_state as kernel
 from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.photon import advance
 from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Apertures, Fate, Tallies
 from meshtrace.kernels.vectors import UP, Vec3
@@ -237,7 +238,7 @@ def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
     facets = np.full(slots, -1, np.int32)
     n_rays, next_photon = slots, first
     while n_rays:
-        n_rays, next_photon = kernel.advance(pool, n_rays, facets, next_photon, last, world)
+        n_rays, next_photon = advance(pool, n_rays, facets, next_photon, last, world)
         if n_rays:
             facets = setup.intersector.facets(pool.origin[:n_rays], pool.direction[:n_rays])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any
 
@@ -12,6 +13,7 @@ from meshtrace.bvh import Intersector
 from meshtrace.kernels.facets import SMOOTH, Roughness, Surface
 from meshtrace.kernels.interface import Direction, FieldOfView, FresnelMode, Interface, Snell
 from meshtrace.kernels.medium import Absorption, DepthMode, Medium
+from meshtrace.kernels.scene import Locator, Target, count_bins, fill_bins
 from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import Apertures
 from meshtrace.link import GaussianBeam, Led, Link, Receiver, TopHatBeam, WaterSource
@@ -213,3 +215,27 @@ def _raster(intersector: Intersector) -> dict[str, Any]:
     split = np.where(above > lowest, 0.5 * (lowest + above), top)
     layers = {"overhangs": True, "raster_low": below, "raster_split": split}
     return {**raster, "raster": top, **layers}
+
+
+def empty_locator() -> Locator:
+    """Return the bins of no facets, for a flat sea."""
+    return Locator(0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64), np.zeros(0, np.int32))
+
+
+def locator(surface: Surface, targets: Sequence[Target]) -> Locator:
+    """Return bins over the part of the surface that the receivers can see."""
+    pad = 2.0
+    low = [min(t.center[i] - t.reach - pad for t in targets) for i in range(2)]
+    high = [max(t.center[i] + t.reach + pad for t in targets) for i in range(2)]
+    low = [max(low[i], float(surface.low[i])) for i in range(2)]
+    high = [min(high[i], float(surface.high[i])) for i in range(2)]
+    width = max(high[0] - low[0], high[1] - low[1])
+    step = max(0.1, width / 400.0)
+    nx, ny = (max(math.ceil((high[i] - low[i]) / step), 1) for i in range(2))
+    start, none = np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.int32)
+    grid = Locator(low[0], low[1], step, nx, ny, start, none)
+    count_bins(surface, grid)
+    np.cumsum(start, out=start)
+    grid = grid._replace(facet=np.empty(start[-1], np.int32))
+    fill_bins(surface, grid, start[:-1].copy())
+    return grid

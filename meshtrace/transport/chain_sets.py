@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.errors import Refused
-from meshtrace.kernels import aiming
-from meshtrace.kernels import chain_gain as kernel
-from meshtrace.kernels import chains as chain_kernel
+from meshtrace.kernels import chains as kernel
+from meshtrace.kernels.aiming import FLAT
 from meshtrace.kernels.chains import Chains, Nominal
+from meshtrace.kernels.crossings import flat_crossings
 from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.scene import FACET, Emitter, Scene, Target
 from meshtrace.mesh import TriangleMesh
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.aimed import AimedChains, empty_locator
-from meshtrace.transport.arrays import surface_arrays
+from meshtrace.transport.arrays import empty_locator, surface_arrays
 from meshtrace.transport.forced_link import ForcedLink
 
 _TAIL = 1e-7  # orders whose share of a Poisson law is smaller together are left out
@@ -25,12 +25,9 @@ _MAX_ORDER = 40
 _MOST_CROWDED = 4.0  # density of collisions near the surface over the mean: chains fill the way
 _MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
 _CROSSINGS = 4  # of a flat sea, kept for each chain
-_PILOT = 128  # chains of each order in the first pilot
-_PILOT_GROWTH, _PILOT_STEPS = 4, 3  # further pilots of an order without a hit
 _MIXTURE = np.array([0.1, 0.4, 0.15, 0.12, 0.1, 0.08, 0.05])  # free paths, stretched ways
 _STRETCH = np.array([0.0, 0.015, 0.05, 0.15, 0.4, 1.0])  # from the shortest way to the longest
 _LONGEST_WAY = 1.3, 6.0  # smallest and largest of the longest way, over the shortest
-_FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
 
 
 class ChainSet(NamedTuple):
@@ -38,7 +35,7 @@ class ChainSet(NamedTuple):
 
     order: int
     chains: Chains
-    flat: list[NDArray[np.void]]  # by receiver, (n, crossings) aiming.FLAT
+    flat: list[NDArray[np.void]]  # by receiver, (n, crossings) FLAT
     audit: NDArray[np.float64]
 
 
@@ -68,7 +65,7 @@ class ChainDrawer:
         """Return chains of one order, `per_shift` for each shift of the points."""
         from scipy.stats import qmc
 
-        width = chain_kernel.DIMENSIONS * order + 6
+        width = kernel.DIMENSIONS * order + 6
         rng = np.random.default_rng(key)
         points = qmc.Sobol(width, scramble=True, rng=rng).random_base2(
             math.ceil(math.log2(max(per_shift, 2)))
@@ -86,7 +83,7 @@ class ChainDrawer:
             tail=np.empty((n, 3)),
             tilt=np.empty((n, 2)),
         )
-        chain_kernel.make_chains(
+        kernel.make_chains(
             chains,
             self.nominals[source],
             self._medium,
@@ -100,94 +97,23 @@ class ChainDrawer:
         """Return the crossings of a flat sea by chains to a receiver."""
         emitter, target = self._link.emitters[source], self._link.targets[receiver]
         still = surface_arrays(flat_mesh(-np.ones(2), np.ones(2)), "facet")
-        scene = aiming.Scene(
+        scene = Scene(
             emitter,
             target,
             still,
             empty_locator(),
-            np.zeros(0, aiming.FACET),
+            np.zeros(0, FACET),
             self._medium,
             self._link.interface,
         )
         raised = scene._replace(surface=still._replace(level=self._ceiling))
-        out = np.zeros((len(chains.last), _CROSSINGS), aiming.FLAT)
-        kernel.flat_crossings(chains, _starts(emitter, target), scene, raised, out)
+        out = np.zeros((len(chains.last), _CROSSINGS), FLAT)
+        flat_crossings(chains, _starts(emitter, target), scene, raised, out)
         return out
 
 
-class Pilot(NamedTuple):
-    """Scores of a few chains of each order over a flat sea, by receiver and order from 1."""
-
-    chains: NDArray[np.int64]  # (orders,)
-    mean: NDArray[np.float64]  # (receivers, orders)
-    spread: NDArray[np.float64]  # (receivers, orders) standard deviation of one chain
-    scored: NDArray[np.int64]  # (receivers, orders) chains with a contribution
-
-    def of(self, receivers: NDArray[np.bool_]) -> Pilot:
-        """Return the pilot of some receivers."""
-        rows = (self.mean[receivers], self.spread[receivers], self.scored[receivers])
-        return Pilot(self.chains, *rows)
-
-
-def pilot(drawer: ChainDrawer, aimed: AimedChains, source: int, seed: int, receivers: int) -> Pilot:
-    """Return the scores of a few chains of each order; more chains where none contributes."""
-    orders = drawer.last_order(source)
-    chains = np.zeros(orders, np.int64)
-    mean, spread = np.zeros((receivers, orders)), np.zeros((receivers, orders))
-    scored = np.zeros((receivers, orders), np.int64)
-    for k in range(orders):
-        n = _PILOT // SHIFTS
-        for step in range(_PILOT_STEPS):
-            chosen = drawer.draw(source, k + 1, n, (seed, source, k + 1, 2 + step))
-            scores = np.array([aimed.score(source, r, chosen) for r in range(receivers)])
-            hits = np.count_nonzero(scores, axis=1)
-            if hits.min() >= 4:
-                break
-            n *= _PILOT_GROWTH
-        chains[k], scored[:, k] = scores.shape[1], hits
-        mean[:, k], spread[:, k] = scores.mean(axis=1), scores.std(axis=1)
-    return Pilot(chains, mean, spread, scored)
-
-
-def allotment(
-    photons: int, expected: float, found: Pilot, gain: NDArray[np.float64]
-) -> NDArray[np.int64]:
-    """Return the number of chains of each order and shift.
-
-    Parameters
-    ----------
-    photons : int
-        Chains in all.
-    expected : float
-        Scatterings expected on the way.
-    found : Pilot
-        Pilot of the receivers that rest on the chains.
-    gain : ndarray, shape (receivers,)
-        Gain of each receiver, which its errors are compared with.
-
-    Notes
-    -----
-    The sum over the receivers of the squared relative errors is smallest for
-    n_K ~ sqrt(sum_r (sigma_rK / h_r)^2 / cost_K). A share of the chains follows the Poisson law
-    of the number of scatterings instead: no order starves because its pilot was unlucky.
-    """
-    from scipy.stats import poisson
-
-    order = np.arange(1, len(found.chains) + 1)
-    cost = 1.0 + 0.3 * order
-    light = np.maximum(gain, 1e-300)[:, None]
-    share = np.sqrt((np.square(found.spread / light) / cost).sum(axis=0))
-    law = poisson.pmf(order, max(expected, 1e-6))
-    law = law / max(law.sum(), 1e-300)
-    total = share.sum()
-    mixed = law if total == 0.0 else (1.0 - _FLOOR) * share / total + _FLOOR * law
-    return np.maximum(np.ceil(mixed * photons / SHIFTS), 2).astype(np.int64)
-
-
-def nominal(
-    medium: Medium, emitter: aiming.Emitter, targets: list[aiming.Target], crest: float
-) -> Nominal:
-    """Return the expected collisions along the straight way to the highest crest.
+def nominal(medium: Medium, emitter: Emitter, targets: list[Target], crest: float) -> Nominal:
+    """Return where collisions are expected along the straight way to the highest crest.
 
     The way is the shortest one to any of the targets.
     """
@@ -262,8 +188,8 @@ def flat_mesh(low: NDArray[np.float64], high: NDArray[np.float64]) -> TriangleMe
     return TriangleMesh(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-def _starts(emitter: aiming.Emitter, target: aiming.Target) -> NDArray[np.float64]:
-    """Return start points (x, y) of the search for flat crossings, the likeliest first.
+def _starts(emitter: Emitter, target: Target) -> NDArray[np.float64]:
+    """Return points (x, y) from which flat crossings are looked for: the likely one first.
 
     Light that arrives flatter than 60 degrees crosses far out, where Newton comes from anywhere.
     """

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.transport.chain_sets import Pilot
+from meshtrace.transport.pilots import Pilot
 
 Method = Literal["chains", "adjoint"]
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused
-from meshtrace.kernels.aiming import Emitter, Target
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.scene import Emitter, Target
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import GaussianBeam, Led, Link, Receiver, Source, TopHatBeam, WaterSource
@@ -50,11 +50,9 @@ def forced_link(link: Link) -> ForcedLink:
     Refused
         If the link has a feature that only the analog estimator follows.
     """
-    _require_followable(link)
+    _require_points(link)
     power = np.array([t.power_mw for t in link.transmitters])
-    medium = medium_arrays(link, crest=5.0)
-    if link.physics.absorption == "paper":  # the printed Algorithm 1 acts as b -> albedo b (E5)
-        medium = medium._replace(b=medium.b * link.water.albedo)
+    medium = expected_water(link, crest=5.0)
     frame = frame_of(link)
     return ForcedLink(
         frame,
@@ -68,7 +66,7 @@ def forced_link(link: Link) -> ForcedLink:
 
 def crossing_reach(link: Link) -> float:
     """Return the largest distance from `Link.origin` of light that crosses to a receiver [m]."""
-    _require_followable(link)
+    _require_points(link)
     frame = frame_of(link)
     farthest = max(t.reach + math.hypot(t.center.x, t.center.y) for t in _targets(link, frame))
     return frame.unit * farthest
@@ -108,12 +106,10 @@ def _lit_radius(depth: float, a: float) -> float:
     return math.sqrt(high**2 - depth**2)
 
 
-def _require_followable(link: Link) -> None:
+def require_followable(link: Link) -> None:
+    """Refuse what neither chains nor adjoint paths follow."""
     for path, item in link.items():
         if isinstance(item, WaterSource):
-            if item.size > 0.0:
-                size = Described(f"a radius of {item.size:g} m")
-                raise Refused(path, size, f"a point source; {_ANALOG}")
             if item.spread_deg < _NARROWEST:
                 angle = Described(f"a half-angle of {item.spread_deg:g} deg")
                 raise Refused(path, angle, f">= {_NARROWEST:g} deg; {_ANALOG}")
@@ -123,17 +119,32 @@ def _require_followable(link: Link) -> None:
             raise Refused(path, Described(item.kind), f"a receiver in the air; {_ANALOG}")
     if not link.receivers:
         raise Refused("receiver", (), "at least one")
-    if link.water.bottom_depth is not None:
-        raise Refused("water.bottom_depth", link.water.bottom_depth, f"None; {_ANALOG}")
     if link.planes is not None:
         raise Refused("planes", Described("given"), f"None; {_ANALOG}")
-    stratified = link.bubbles is not None or link.water.layers is not None
-    if stratified and (link.physics.absorption == "paper" or link.physics.free_path == "local_c"):
-        raise Refused(
-            "physics",
-            'absorption="paper" or free_path="local_c" in stratified water',
-            f"the physical forms; {_ANALOG}",
-        )
+    if link.bubbles is not None or link.water.layers is not None:
+        for name, paper in (("absorption", "paper"), ("free_path", "local_c")):
+            if getattr(link.physics, name) == paper:
+                allowed = f"the physical form in stratified water; {_ANALOG}"
+                raise Refused(f"physics.{name}", paper, allowed)
+
+
+def _require_points(link: Link) -> None:
+    """Refuse what chains do not follow."""
+    require_followable(link)
+    for path, item in link.items():
+        if isinstance(item, WaterSource) and item.size > 0.0:
+            size = Described(f"a radius of {item.size:g} m")
+            raise Refused(path, size, f"a point source; {_ANALOG}")
+    if link.water.bottom_depth is not None:
+        raise Refused("water.bottom_depth", link.water.bottom_depth, f"None; {_ANALOG}")
+
+
+def expected_water(link: Link, crest: float) -> Medium:
+    """Return the water; the printed Algorithm 1 acts as b -> albedo b (E5)."""
+    medium = medium_arrays(link, crest)
+    if link.physics.absorption == "paper":
+        medium = medium._replace(b=medium.b * link.water.albedo)
+    return medium
 
 
 def emitter_of(source: WaterSource, frame: Frame = IDENTITY) -> Emitter:

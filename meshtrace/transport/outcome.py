@@ -22,8 +22,9 @@ from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, standard_
 from meshtrace.stored import SHIFTS
 from meshtrace.transport import options
 from meshtrace.transport.analog import Sums, run_analog
-from meshtrace.transport.forced import ForcedDetection, Parts
+from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.options import Analog, Record, Run
+from meshtrace.transport.parts import Parts
 
 LEFT_DOMAIN_WARNING = 1e-4
 _RETURNED = 1e-3

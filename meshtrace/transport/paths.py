@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Described, Refused
-from meshtrace.kernels.photon import Vertex
+from meshtrace.kernels.photon_state import Vertex
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.analog import new_recorder, run_analog

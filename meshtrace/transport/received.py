@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels import aiming
 from meshtrace.kernels.chains import Chains
+from meshtrace.kernels.scene import Emitter, Target
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.aimed import AimedChains, on_disk
 from meshtrace.transport.forced import ForcedDetection
@@ -65,9 +65,7 @@ def _direct(
     return aimed.direct_paths(source, 0, facets, disk), float(gains.sum())
 
 
-def _placed(
-    chains: Chains, arrival: np.void, emitter: aiming.Emitter, target: aiming.Target
-) -> Path:
+def _placed(chains: Chains, arrival: np.void, emitter: Emitter, target: Target) -> Path:
     """Return the points of a chain turned to its emission direction, up to the aperture."""
     from scipy.spatial.transform import Rotation
 

@@ -10,11 +10,12 @@ import meshtrace as mt
 from meshtrace.bvh import BruteForceIntersector
 from meshtrace.kernels import aiming
 from meshtrace.kernels.jit import entry, inlined
+from meshtrace.kernels.roots import ROOT, enumerate_roots
+from meshtrace.kernels.scene import FACET, FLAT_SEA, Scene, facet_summary, locate
 from meshtrace.kernels.vectors import Vec2, Vec3, row, write
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
-from meshtrace.transport.aimed import locator
-from meshtrace.transport.arrays import interface_arrays, medium_arrays, surface_arrays
+from meshtrace.transport.arrays import interface_arrays, locator, medium_arrays, surface_arrays
 from meshtrace.transport.forced_link import emitter_of, target_of
 
 N_WATER = 1.33
@@ -122,10 +123,10 @@ def test_light_that_leads_away_has_no_forward_crossing():
 
 def scene_of(link, mesh, normals="vertex"):
     surface = surface_arrays(mesh, normals)
-    facets = np.empty(len(mesh.faces), aiming.FACET)
-    aiming.facet_summary(surface, facets)
+    facets = np.empty(len(mesh.faces), FACET)
+    facet_summary(surface, facets)
     target = target_of(link.receiver)
-    return aiming.Scene(
+    return Scene(
         emitter_of(link.transmitter),
         target,
         surface,
@@ -164,7 +165,7 @@ def aims(points, facets, q, v, scene, branch=1.0):
 @entry
 def _locate(scene, points, out):
     for i in range(len(points)):
-        out[i] = aiming.locate(scene.locator, scene.surface, points[i, 0], points[i, 1])
+        out[i] = locate(scene.locator, scene.surface, points[i, 0], points[i, 1])
 
 
 def located(scene, points):
@@ -328,12 +329,12 @@ def test_every_vertex_and_edge_belongs_to_a_facet():
 def _roots(flat_at, radius, q, v, target, scene, flat, roots):
     shot = shot_at(q, v, target[0], target[1], 1.0)
     aiming.flat_crossing(flat[0], flat_at[0], flat_at[1], shot, scene)
-    return aiming.enumerate_roots(roots, 0, flat[0], radius, shot, scene)
+    return enumerate_roots(roots, 0, flat[0], radius, shot, scene)
 
 
 def roots_near(flat_at, radius, q, v, target, scene):
     """Return the crossings near a crossing of the flat sea."""
-    roots = np.zeros(64, aiming.ROOT)
+    roots = np.zeros(64, ROOT)
     flat = np.zeros(1, aiming.FLAT)
     return roots[: _roots(flat_at, radius, q, v, np.array(target), scene, flat, roots)]
 
@@ -341,7 +342,7 @@ def roots_near(flat_at, radius, q, v, target, scene):
 @entry
 def _newton_flat(q, v, target, start, scene, out):
     shot = shot_at(q, v, target[0], target[1], 1.0)
-    found, x, y, _ = aiming.newton(start[0], start[1], aiming.FLAT_SEA, True, 1.0, shot, scene)
+    found, x, y, _ = aiming.newton(start[0], start[1], FLAT_SEA, True, 1.0, shot, scene)
     out[0], out[1], out[2] = 1.0 if found else 0.0, x, y
 
 

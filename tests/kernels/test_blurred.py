@@ -12,7 +12,7 @@ from scipy.stats import ncx2
 import meshtrace as mt
 from meshtrace.kernels.aiming import land_sloped
 from meshtrace.kernels.blurred import slope_towards, whitened
-from meshtrace.kernels.chain_gain import straight_shot
+from meshtrace.kernels.crossings import straight_shot
 from meshtrace.kernels.facets import Roughness, slope_tilt
 from meshtrace.kernels.vectors import Vec2, Vec3, minus, norm, scaled
 from meshtrace.mesh import UnresolvedSlopes

@@ -8,9 +8,9 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy import integrate
 
 import meshtrace as mt
-from meshtrace.kernels import chain_gain as kernel
 from meshtrace.kernels import unscattered as image
 from meshtrace.kernels.jit import entry
+from meshtrace.kernels.sources import intensity
 from meshtrace.kernels.vectors import Vec2, row
 from meshtrace.surfaces import FlatSea, TiltedPlane
 from meshtrace.transport.forced import ForcedDetection
@@ -159,7 +159,7 @@ def test_solid_angles():
 @entry
 def _intensities(emitter, w, out):
     for i in range(len(w)):
-        out[i] = kernel.intensity(emitter, row(w, i))
+        out[i] = intensity(emitter, row(w, i))
 
 
 SOURCES = [

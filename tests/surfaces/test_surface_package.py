@@ -1,5 +1,6 @@
 import doctest
 import importlib
+import pkgutil
 import subprocess
 import sys
 
@@ -7,21 +8,7 @@ import pytest
 
 import meshtrace.surfaces
 
-MODULES = [
-    "dispersion",
-    "gridding",
-    "measured",
-    "parameters",
-    "random_seas",
-    "seas",
-    "spectra",
-    "spreading",
-    "statistics",
-    "surface",
-    "triangulate",
-    "wave_surface",
-    "waves",
-]
+MODULES = sorted(m.name for m in pkgutil.iter_modules(meshtrace.surfaces.__path__))
 
 
 @pytest.mark.parametrize("name", MODULES)

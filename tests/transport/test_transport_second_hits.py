@@ -8,7 +8,7 @@ from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.kernels.photon import Vertex
+from meshtrace.kernels.photon_state import Vertex
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.surfaces import FlatSea, SinusoidalSea
 from meshtrace.transport.analog import new_recorder, run_analog

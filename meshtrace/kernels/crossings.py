@@ -1,0 +1,188 @@
+"""Crossings of each chain over one surface: Newton from those of a flat sea, and audits."""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+from meshtrace.kernels.aiming import Shot, flat_crossing, newton
+from meshtrace.kernels.facets import SMOOTH, inside_facet, slope_tilt
+from meshtrace.kernels.jit import entry, inlined, outlined
+from meshtrace.kernels.roots import MARGIN, enumerate_roots, is_known
+from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
+from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, dot, norm, row
+
+_FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, that is much
+_AUDIT_FAILED = 0.25  # share of chains without a solution whose facets are all searched
+
+
+class Counter(IntEnum):
+    """Outcomes of the search that are counted."""
+
+    SOLVED = 0
+    NO_FLAT = 1
+    ENUMERATED = 2
+    EXTRA_ROOTS = 3
+    BLOCKED = 4
+
+
+class Search(NamedTuple):
+    """Extent of the search for roots on one surface."""
+
+    audit: float  # share of chains whose facets are all searched; 1 for faceted normals
+    slope: float  # steepest slope of the surface
+    margin: float  # [m], size of the facets
+    widest: float  # [m], no crossing lies farther from the flat one
+    curvature: float  # largest change of slope along an edge of the facets [m-1]
+
+
+@inlined
+def shot_of(chains, i, target, branch, roughness):
+    """Return the open segment of chain i and the point that it aims at."""
+    goal = Vec2(target.radius * chains.disk[i, 0], target.radius * chains.disk[i, 1])
+    tilt = slope_tilt(roughness, chains.tilt[i, 0], chains.tilt[i, 1])
+    return Shot(row(chains.tail, i), row(chains.last, i), goal, branch, tilt)
+
+
+@inlined
+def straight_shot(x, y):
+    """Return the unscattered light that aims at a point in the plane of the aperture."""
+    return Shot(ORIGIN, UP, Vec2(x, y), 1.0, Vec2(0.0, 0.0))
+
+
+@entry
+def flat_crossings(chains, starts, still, raised, out):
+    """Write the flat-sea crossings (`FLAT` records) of each chain.
+
+    Array twin: `tests/kernels/test_aiming.py`.
+    Flat crossings do not depend on the waves: they are the starts for every surface. `out` has
+    room for several of each chain; branch 0 ends them. Chains that turn sharply or reach
+    still water before their last scattering are searched from many `starts` (x, y) and on
+    both branches; the others have one crossing, found from below the receiver. A chain that
+    ends above still water is searched on a sea `raised` above every crest.
+    """
+    depth = -still.emitter.position.z
+    for i in range(len(chains.last)):
+        q, v = row(chains.tail, i), row(chains.last, i)
+        size = norm(q)
+        plain = size < 0.95 * depth and dot(q, v) > 0.8 * size
+        n = 0
+        for scene in (still, raised):
+            for side in range(1 if size < depth else 2):
+                for k in range(len(starts)):
+                    if n < len(out[i]) and not (n > 0 and plain):
+                        shot = shot_of(chains, i, scene.target, 1.0 - 2.0 * side, SMOOTH)
+                        n = _flat_root(n, starts[k], shot, scene, out[i])
+            if n > 0:
+                break
+        if n < len(out[i]):
+            out[i, n].branch = 0.0
+
+
+@outlined
+def _flat_root(n, start, shot, scene, out):
+    """Add the flat-sea crossing that Newton finds from a start, if it is new."""
+    longest = scene.target.center.z
+    found, x, y, _ = newton(start[0], start[1], FLAT_SEA, True, longest, shot, scene)
+    if not found or is_known(out, 0, n, x, y, shot.branch, 1e-4):
+        return n
+    flat_crossing(out[n], x, y, shot, scene)
+    return n + 1
+
+
+@entry
+def direct_crossings(points, starts, scene, found, out):
+    """Write the crossings of unscattered light that lands on points of the unit disk.
+
+    Array twin: `meshtrace.transport.forced.ForcedDetection`, by the images of the facets.
+    """
+    for i in range(len(points)):
+        shot = straight_shot(scene.target.radius * points[i, 0], scene.target.radius * points[i, 1])
+        x, y = starts[i, 0], starts[i, 1]
+        facet = locate(scene.locator, scene.surface, x, y)
+        if facet >= 0:
+            found[i], x, y, facet = newton(x, y, facet, False, 1.0, shot, scene)
+        out[i, 0], out[i, 1], out[i, 2] = x, y, height_on(x, y, facet, scene.surface)
+
+
+@inlined
+def find_crossings(chains, i, flat, audit, search, scene, out):
+    """Write the crossings of chain i (`Output.roots`); return their number.
+
+    Newton starts from the flat crossings. More roots, if the sea focuses, are searched in a
+    share of the chains and count by the inverse of that share: unbiased.
+    """
+    n = 0
+    for k in range(len(flat)):
+        if flat[k].branch == 0.0:
+            if k == 0:
+                out.counters[Counter.NO_FLAT] += 1
+            break
+        shot = shot_of(chains, i, scene.target, flat[k].branch, scene.surface.roughness)
+        n = _near(n, flat[k], audit, search, shot, scene, out.roots, out.counters)
+    return n
+
+
+@outlined
+def _near(n, flat, audit, search, shot, scene, roots, counters):
+    """Append the crossings that belong to one flat crossing."""
+    surface, target, tilt = scene.surface, scene.target, shot.tilt
+    waves = max(abs(surface.high[2] - flat.level), abs(surface.low[2] - flat.level))
+    slope = search.slope + math.hypot(tilt.x, tilt.y)
+    move = MARGIN * (slope * flat.lever + waves * flat.lift) / max(flat.low, 1e-3)
+    radius = min(move + search.margin, search.widest)
+    off = math.hypot(flat.x - target.center.x, flat.y - target.center.y)
+    if off > target.reach + radius:
+        return n  # outside the field of view for any waves
+    if shot.branch > 0.0 and not _reaches(flat, radius, shot, scene):
+        return n
+    first, share = n, 1.0
+    if surface.interpolate:
+        x0 = flat.x + flat.m11 * tilt.x + flat.m12 * tilt.y
+        y0 = flat.y + flat.m21 * tilt.x + flat.m22 * tilt.y
+        found, x, y, facet = False, x0, y0, locate(scene.locator, surface, x0, y0)
+        start = facet
+        for step in (0.5, 0.1):  # the second time more carefully
+            if start >= 0 and not found:
+                found, x, y, facet = newton(x0, y0, start, False, step * radius, shot, scene)
+                found = found and inside_facet(x, y, facet, surface)
+        if found:
+            counters[Counter.SOLVED] += 1
+            n = _add(roots, n, x, y, facet, shot.branch, 1.0)
+        # most chains that Newton gives up have no crossing: a quarter of them shows it
+        audited = 1.0 if search.curvature * flat.lever > _FOCUSING else search.audit
+        share = audited if found else max(audited, _AUDIT_FAILED)
+        if audit >= share:
+            return n
+    counters[Counter.ENUMERATED] += 1
+    kept = n
+    for k in range(n, enumerate_roots(roots, n, flat, radius, shot, scene)):
+        r = roots[k]
+        kept = _add(roots, kept, r.x, r.y, r.facet, shot.branch, 1.0 / share)
+    counters[Counter.EXTRA_ROOTS] += kept - max(n, first)
+    return kept
+
+
+@inlined
+def _reaches(flat, radius, shot, scene):
+    """Return whether the open segment of a chain can end on the surface near a flat crossing.
+
+    A segment that goes outwards must start nearer to the source than the surface lies.
+    """
+    if dot(shot.q, shot.v) < 0.0:
+        return True
+    source = scene.emitter.position
+    side = math.hypot(flat.x - source.x, flat.y - source.y) + radius
+    rise = scene.surface.high[2] - source.z
+    return dot(shot.q, shot.q) < side * side + rise * rise
+
+
+@inlined
+def _add(roots, n, x, y, facet, branch, multiplicity):
+    """Append a crossing unless it is known; return the number of crossings."""
+    if n == len(roots) or is_known(roots, 0, n, x, y, branch, 1e-6):
+        return n
+    r = roots[n]
+    r.x, r.y, r.branch, r.facet, r.multiplicity = x, y, branch, facet, multiplicity
+    return n + 1

@@ -1,0 +1,164 @@
+"""The analog photon at the surface: refraction, reflection, and light that leaves for good."""
+
+from __future__ import annotations
+
+import math
+
+from meshtrace.kernels.facets import exposure, is_rough, normal_on, slope_tilt, tilted
+from meshtrace.kernels.interface import FresnelMode, branches
+from meshtrace.kernels.jit import inlined, outlined
+from meshtrace.kernels.medium import sample_free_path
+from meshtrace.kernels.photon_state import (
+    GOES_ON,
+    Vertex,
+    head,
+    heading,
+    place,
+    put,
+    record,
+    roulette,
+    score_on_apertures,
+    set_weight,
+    steeper_than_waves,
+    write_vertex,
+)
+from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.tally import Fate, Flight, deposit, score_map
+from meshtrace.kernels.vectors import Vec2, along, on_circle, row, scaled
+
+_OFFSET = 1e-5  # [m], distance of a ray's start from the facet that it leaves
+_LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets, those of jets are smooth
+
+
+@inlined
+def _free_of_surface(z, d, world):
+    """Return whether a path in air cannot meet the surface again."""
+    if not world.interface.follow_second_hit or (d.z > 0.0 and z >= world.surface.high[2]):
+        return True
+    return d.z > 0.0 and steeper_than_waves(d, world.surface)
+
+
+@inlined
+def to_sky(q, d, weight, world):
+    """Score light that leaves the surface for good and deposit its weight."""
+    flight = Flight(place(q), d, math.inf, weight, q.water, q.air)
+    scored = q.crossings >= world.limits.first_scored
+    received = scored and score_on_apertures(q, False, flight, world)
+    score_map(world.tallies, flight)
+    deposit(world.tallies, Fate.RECEIVED if received else Fate.LANDED, weight)
+    if received:
+        q.outcome = Fate.RECEIVED
+    elif q.outcome < 0:
+        q.outcome = Fate.LANDED
+    if q.id < len(world.recorder.length):
+        _record_flight(q, flight, received, world)
+
+
+@outlined
+def _record_flight(q, flight, received, world):
+    """Record the point of a path in air at the height of the first aperture."""
+    p, d, t = flight.origin, flight.direction, 1.0
+    if len(world.apertures.radius) > 0 and d.z > 0.0:
+        t = max((world.apertures.center[0, 2] - p.z) / d.z, 0.0)
+    what = Vertex.RECEIVED if received else Vertex.LANDED
+    write_vertex(world.recorder, q.id, along(p, d, t), flight.weight, what)
+
+
+@outlined
+def _roughened(q, n, world):
+    """Return a normal tilted by the slopes that the mesh leaves out, and a spare uniform.
+
+    A tilt t and its opposite are equally common; the light picks one of the two by their
+    exposures, which add up to 2.
+    """
+    u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE)
+    r = math.sqrt(-2.0 * math.log(u))
+    cos_phi, sin_phi = on_circle(v)
+    tilt = slope_tilt(world.surface.roughness, r * cos_phi, r * sin_phi)
+    if 2.0 * w >= exposure(heading(q), n, tilt):
+        tilt = Vec2(-tilt.x, -tilt.y)
+    return tilted(n, tilt), lot
+
+
+@inlined
+def cross(q, world):
+    """Refract and reflect a photon on facet `q.facet`.
+
+    The part that flies free through the air is scored at once; the part in the water goes on
+    with its weight. Where the air part may meet the surface again one of the two is chosen.
+    """
+    in_water = q.in_water == 1
+    q.crossings += 1
+    foam = world.interface.foam_transmittance
+    if foam < 1.0:
+        deposit(world.tallies, Fate.WHITECAP, q.weight * (1.0 - foam))
+        q.weight *= foam
+        if foam == 0.0:
+            return Fate.WHITECAP
+    record(world.recorder, q, Vertex.SURFACE_OUT if in_water else Vertex.SURFACE_IN)
+    rho, g, transmitted, reflected, lot = _split(q, in_water, world)
+    if in_water:
+        w_air, w_water = q.weight * (1.0 - rho), q.weight * rho
+        air, water = transmitted, reflected
+    else:
+        w_air, w_water = q.weight * rho, q.weight * (1.0 - rho)
+        air, water = reflected, transmitted
+
+    free = _free_of_surface(q.z, air, world)
+    if world.interface.fresnel != FresnelMode.WEIGHT or not free:
+        u, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE)
+        if u * (w_air + w_water) < w_air:
+            if world.interface.fresnel == FresnelMode.PAPER_BOTH:
+                # E4: roulette and weight, twice the loss
+                set_weight(q, w_air, Fate.REFLECTED, world)
+            w_air, w_water = q.weight, 0.0
+        else:
+            w_air, w_water = 0.0, q.weight
+    q.event += 1
+    q.in_water = int(w_water > 0.0)
+    q.weight = w_water
+    if w_air > 0.0:
+        if not free:
+            q.weight = w_air
+            return _leave(q, air, g, world)
+        to_sky(q, air, w_air, world)
+    if w_water == 0.0:
+        return Fate.LANDED
+    if in_water and not world.interface.follow_reflected:
+        return Fate.REFLECTED
+    fate = roulette(q, lot, world)
+    if fate != GOES_ON:
+        return fate
+    record(world.recorder, q, Vertex.BRANCH)
+    _, u_path, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE)
+    q.free = sample_free_path(world.medium, place(q), u_path)
+    return _leave(q, water, scaled(-1.0, g), world)
+
+
+@inlined
+def _split(q, in_water, world):
+    """Return reflectance, facet normal, both directions and a spare uniform of a crossing."""
+    g = row(world.surface.face_normals, q.facet)
+    n = normal_on(place(q), q.facet, world.surface)
+    lot = -1.0
+    if g.z > _LEAST_ROUGH and is_rough(world.surface.roughness):
+        n, lot = _roughened(q, n, world)
+    side, n1, n2 = 1.0, world.medium.n_water, world.medium.n_air
+    if not in_water:
+        side, n1, n2 = -1.0, n2, n1
+    rho, transmitted, reflected = branches(
+        heading(q), scaled(side, n), scaled(side, g), n1, n2, world.interface
+    )
+    return rho, g, transmitted, reflected, lot
+
+
+@outlined
+def _leave(q, d, g, world):
+    """Send a photon off a facet, along d, on the side that g points to."""
+    head(q, d)
+    put(q, along(place(q), g, _OFFSET))
+    if q.in_water == 0:
+        q.free = math.inf
+    if q.crossings >= world.limits.surface_events or q.event >= world.limits.events:
+        return Fate.EVENT_LIMIT
+    return GOES_ON

@@ -1,0 +1,188 @@
+"""One source, one surface and one aperture, and the bins that find the facet over a point."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.kernels.facets import Surface, corners, inside_facet
+from meshtrace.kernels.interface import Interface
+from meshtrace.kernels.jit import entry, inlined
+from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.vectors import Vec2, Vec3, row
+
+FLAT_SEA = np.int64(-1)
+"""Facet that stands for a flat sea; of the type of all facets, so that kernels compile once."""
+
+FACET = np.dtype(
+    [
+        ("radius", float),  # [m], from the centroid
+        ("curvature", float),  # largest change of slope along an edge [m-1]
+        ("x", float),  # centroid
+        ("y", float),
+        ("z", float),
+        ("slope_x", float),
+        ("slope_y", float),
+    ]
+)
+"""Summary of a facet, see `facet_summary`."""
+
+
+class Target(NamedTuple):
+    """An aperture, its plane, and the region of crossings to it."""
+
+    center: Vec3
+    axis: Vec3
+    e1: Vec3  # unit vectors in the plane of the aperture
+    e2: Vec3
+    radius: float
+    cos_half_fov: float
+    tan_half_fov: float
+    reach: float  # largest horizontal distance of a crossing inside the field of view [m]
+    sin_widest: float  # sine of the largest angle of accepted light from the vertical
+
+
+class Locator(NamedTuple):
+    """Square bins over (x, y) that list the facets in each: which facet lies over a point."""
+
+    x: float
+    y: float
+    step: float
+    nx: int
+    ny: int
+    start: NDArray[np.int64]  # (nx * ny + 1,)
+    facet: NDArray[np.int32]
+
+
+class Emitter(NamedTuple):
+    """A point source: position, axis and angular distribution."""
+
+    position: Vec3
+    axis: Vec3
+    kind: int  # SourceKind
+    spread: float  # Lambertian order or divergence half-angle [rad]
+    norm: float  # intensity on the axis [sr-1]
+
+
+class Scene(NamedTuple):
+    """One source, one surface and one aperture."""
+
+    emitter: Emitter
+    target: Target
+    surface: Surface
+    locator: Locator
+    facets: NDArray[np.void]  # (m,) FACET
+    medium: Medium
+    interface: Interface
+
+
+@inlined
+def height_on(x, y, facet, surface):
+    """Return the height of a facet's plane over (x, y); facet -1 is a flat sea.
+
+    Array twin: barycentric interpolation of the corners.
+    """
+    if facet < 0:
+        return surface.level
+    a = row(surface.vertices, surface.faces[facet, 0])
+    n = row(surface.face_normals, facet)
+    return a.z - ((x - a.x) * n.x + (y - a.y) * n.y) / n.z
+
+
+@inlined
+def locate(locator, surface, x, y):
+    """Return the facet over (x, y), -1 outside.
+
+    Array twin: vertical rays of `BruteForceIntersector`.
+    """
+    i = math.floor((x - locator.x) / locator.step)
+    j = math.floor((y - locator.y) / locator.step)
+    if i < 0 or j < 0 or i >= locator.nx or j >= locator.ny:
+        return FLAT_SEA
+    cell = i * locator.ny + j
+    for k in range(locator.start[cell], locator.start[cell + 1]):
+        f = np.int64(locator.facet[k])
+        if inside_facet(x, y, f, surface):
+            return f
+    return FLAT_SEA
+
+
+@inlined
+def first_bin(surface, f, grid):
+    """Return the lowest bin that a facet reaches into, which may lie outside of the grid."""
+    a, b, c = corners(surface.vertices, f, surface.faces)
+    return (
+        _bin_of(min(a.x, b.x, c.x), grid.x, grid.step, grid.nx),
+        _bin_of(min(a.y, b.y, c.y), grid.y, grid.step, grid.ny),
+    )
+
+
+@inlined
+def _bin_of(x, start, step, n):
+    """Return the bin of a coordinate, clipped before the conversion: it may not fit an integer."""
+    return math.floor(max(min((x - start) / step, float(n)), -1.0))
+
+
+@inlined
+def _span(p, q):
+    return math.hypot(p.x - q.x, p.y - q.y)
+
+
+@inlined
+def _bend(m, n):
+    return math.hypot(m.x / m.z - n.x / n.z, m.y / m.z - n.y / n.z)
+
+
+@entry
+def facet_summary(surface, out):
+    """Write the `FACET` record of each facet.
+
+    Array twin: numpy.linalg.norm over corners.
+    The curvature of faceted normals is 0.
+    """
+    for f in range(len(surface.faces)):
+        a, b, c = corners(surface.vertices, f, surface.faces)
+        k, m, n = corners(surface.vertex_normals, f, surface.faces)
+        x, y, z = (a.x + b.x + c.x) / 3.0, (a.y + b.y + c.y) / 3.0, (a.z + b.z + c.z) / 3.0
+        middle = Vec2(x, y)
+        out[f].radius = max(_span(a, middle), _span(b, middle), _span(c, middle))
+        curvature = max(_bend(k, m) / _span(a, b), _bend(m, n) / _span(b, c))
+        curvature = max(curvature, _bend(n, k) / _span(c, a))
+        out[f].curvature = curvature if surface.interpolate else 0.0
+        out[f].x, out[f].y, out[f].z = x, y, z
+        g = row(surface.face_normals, f)
+        out[f].slope_x, out[f].slope_y = -g.x / g.z, -g.y / g.z
+
+
+@entry
+def count_bins(surface, grid):
+    """Count the facets of each bin into `grid.start[1:]`."""
+    for f in range(len(surface.faces)):
+        i0, i1, j0, j1 = _bin_range(surface, f, grid)
+        for i in range(i0, i1 + 1):
+            for j in range(j0, j1 + 1):
+                grid.start[i * grid.ny + j + 1] += 1
+
+
+@entry
+def fill_bins(surface, grid, cursor):
+    """Write the facets of each bin into `grid.facet`; cursor is a copy of `grid.start[:-1]`."""
+    for f in range(len(surface.faces)):
+        i0, i1, j0, j1 = _bin_range(surface, f, grid)
+        for i in range(i0, i1 + 1):
+            for j in range(j0, j1 + 1):
+                cell = i * grid.ny + j
+                grid.facet[cursor[cell]] = f
+                cursor[cell] += 1
+
+
+@inlined
+def _bin_range(surface, f, grid):
+    a, b, c = corners(surface.vertices, f, surface.faces)
+    i0, j0 = first_bin(surface, f, grid)
+    i1 = _bin_of(max(a.x, b.x, c.x), grid.x, grid.step, grid.nx)
+    j1 = _bin_of(max(a.y, b.y, c.y), grid.y, grid.step, grid.ny)
+    return max(i0, 0), min(i1, grid.nx - 1), max(j0, 0), min(j1, grid.ny - 1)

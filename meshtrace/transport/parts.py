@@ -1,0 +1,161 @@
+"""Gain over one surface in parts: by receiver, shift and order, with what it rests on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.results.gain import ScatteredSamples
+from meshtrace.stored import SHIFTS
+from meshtrace.transport.adjoint import AdjointParts
+from meshtrace.transport.chain_sets import ChainSet
+from meshtrace.transport.choice import Method
+from meshtrace.transport.forced_link import ForcedLink
+
+
+class Counts(NamedTuple):
+    """What became of the chains."""
+
+    chains: int
+    solved: int
+    no_flat: int
+    enumerated: int
+    extra_roots: int
+    blocked: int
+    sampled: int = 0  # pairs of source and receiver whose unscattered light is sampled
+
+    def by_outcome(self) -> dict[str, int]:
+        """Return the numbers by name, `sampled` only where there are any."""
+        return {name: n for name, n in self._asdict().items() if n or name != "sampled"}
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Gain over one surface, in parts.
+
+    Attributes
+    ----------
+    direct : ndarray, shape (receivers, shifts)
+        Unscattered gain of each shift of the points; all the same where it is deterministic.
+    scattered : ndarray, shape (receivers, shifts)
+        Scattered gain of each shift of the points.
+    orders : ndarray, shape (receivers, orders)
+        Scattered gain by the number of scatterings, from 1 on.
+    counts : Counts
+    method : list of {"chains", "adjoint"}
+        Estimator of the scattered gain of each receiver.
+    samples : ndarray of int, shape (receivers,)
+        Chains or adjoint paths that the scattered gain rests on.
+    scored : ndarray of int, shape (receivers,)
+        Those that brought light.
+    effective : ndarray, shape (receivers,)
+        Effective number of samples, (sum w)^2 / sum w^2 of their contributions w.
+    """
+
+    direct: NDArray[np.float64]
+    scattered: NDArray[np.float64]
+    orders: NDArray[np.float64]
+    counts: Counts
+    method: list[Method]
+    samples: NDArray[np.int64]
+    scored: NDArray[np.int64]
+    effective: NDArray[np.float64]
+
+    def samples_by_receiver(self) -> list[ScatteredSamples]:
+        """Return the estimator and the samples of the scattered gain of each receiver."""
+        names = ["chains" if m == "chains" else "adjoint paths" for m in self.method]
+        rows = zip(names, self.samples, self.scored, self.effective, strict=True)
+        return [ScatteredSamples(name, int(n), int(k), float(e)) for name, n, k, e in rows]
+
+    @property
+    def ballistic(self) -> NDArray[np.float64]:
+        """Unscattered gain of each receiver."""
+        return self.direct.mean(axis=1)
+
+    @property
+    def shifts(self) -> NDArray[np.float64]:
+        """Gain of each receiver by the shift of the points, shape (receivers, shifts)."""
+        return self.direct + self.scattered
+
+    @property
+    def gain(self) -> NDArray[np.float64]:
+        """Gain of each receiver."""
+        return self.shifts.mean(axis=1)
+
+    @property
+    def stderr(self) -> NDArray[np.float64]:
+        """Standard error of the gain of each receiver."""
+        return self.shifts.std(axis=1, ddof=1) / math.sqrt(SHIFTS)
+
+
+class Sums:
+    """Sums over chains and paths, by receiver."""
+
+    def __init__(self, link: ForcedLink, method: list[Method], sets: list[list[ChainSet]]) -> None:
+        self._link, self._method = link, method
+        receivers = len(method)
+        self.pairs = [(s, r) for s in range(len(link.emitters)) for r in range(receivers)]
+        self.jobs = [
+            (s, r, chains) for s, r in self.pairs for chains in sets[s] if method[r] == "chains"
+        ]
+        self.chains = sum(len(chains.audit) for row in sets for chains in row)
+        self._orders = max((chains.order for row in sets for chains in row), default=0)
+        self._direct = np.zeros((receivers, SHIFTS))
+        self._scattered = np.zeros((receivers, self._orders, SHIFTS))
+        self._squares = np.zeros(receivers)
+        self._samples, self._scored = np.zeros((2, receivers), np.int64)
+        self._paths: tuple[AdjointParts, int] | None = None
+
+    def add_direct(self, gains: Iterable[NDArray[np.float64]]) -> int:
+        """Add the unscattered gain of each pair; return the number of sampled ones."""
+        sampled = 0
+        for (s, r), gain in zip(self.pairs, gains, strict=True):
+            self._direct[r] += self._link.power[s] * gain
+            sampled += len(gain) > 1
+        return sampled
+
+    def add_chains(self, scores: Iterable[NDArray[np.float64]]) -> None:
+        """Add the scores of each job."""
+        for (s, r, chains), score in zip(self.jobs, scores, strict=True):
+            means = self._link.power[s] * score.reshape(SHIFTS, -1).mean(axis=1)
+            self._scattered[r, chains.order - 1] += means
+            self._samples[r] += len(score)
+            self._scored[r] += np.count_nonzero(score)
+            self._squares[r] += (self._link.power[s] ** 2) * np.mean(score**2) / len(score)
+
+    def add_paths(self, found: AdjointParts, photons: int) -> None:
+        """Add the scattered light of the receivers that rest on adjoint paths."""
+        self._paths = found, photons
+
+    def parts(self, counts: Counts) -> Parts:
+        """Return the gain in parts."""
+        scattered, orders = self._scattered.sum(axis=1), self._scattered.mean(axis=2)
+        mean = scattered.mean(axis=1)
+        effective = mean**2 / np.maximum(self._squares, 1e-300)
+        if self._paths is not None:
+            found, photons = self._paths
+            rows = np.array([m == "adjoint" for m in self._method])
+            scattered[rows] = found.scattered
+            seen = np.flatnonzero(found.orders.any(axis=0)).max(initial=-1) + 1
+            wide = np.zeros((len(orders), max(orders.shape[1], seen)))
+            wide[:, : orders.shape[1]] = orders
+            wide[rows, :seen] = found.orders[:, :seen]
+            orders = wide
+            self._samples[rows], self._scored[rows] = photons, found.scored
+            square = found.gain**2
+            effective[rows] = photons * square / np.maximum(found.variance + square, 1e-300)
+        return Parts(
+            self._direct,
+            scattered,
+            orders,
+            counts,
+            self._method,
+            self._samples,
+            self._scored,
+            effective,
+        )
