@@ -6,19 +6,19 @@ import numpy as np
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.surfaces import JonswapSea
+from meshtrace.surfaces import resolved_sea
 
 
 def main(folder: Path) -> None:
     viz.use_style()
-    link, sea = mt.Link(), JonswapSea(wind_speed=5.0, seed=7, jitter=True)
-    series = mt.time_series(link, sea, np.arange(0.0, 20.0, 0.2), photons=256)
+    link, sea = mt.Link(), resolved_sea(5.0, fetch=30e3, seed=7)  # all waves that light feels
+    series = mt.time_series(link, sea, np.arange(0.0, 4.0, 0.02), photons=1024)
     ax = viz.plot_gain_series(series)
     ax.figure.savefig(folder / "gain_series.png")
     ax = viz.plot_autocorrelation(series.fading())
     ax.figure.savefig(folder / "gain_autocorrelation.png")
 
-    many = mt.ensemble(link, 150, sea, photons=256)
+    many = mt.ensemble(link, 200, sea, photons=1024)
     ax = viz.plot_gain_pdf(many)
     ax.figure.savefig(folder / "gain_pdf.png")
     ax = viz.plot_gain_cdf(many)
