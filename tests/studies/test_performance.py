@@ -398,5 +398,5 @@ def test_figures_are_only_where_computed(place):
 def test_waves_of_5_metres_per_second_do_not_cost_what_the_paper_prints():
     sweep = mt.depth_sweep(mt.Link(), (35, 40, 45), bit_rate=5e6, wind_speeds=(0.0, 5.0))
     still, windy = sweep.range_at_ber()[:, 0]
-    assert windy[1] < still[0] < windy[2]
+    assert windy[2] - windy[1] < 0.5
     assert abs(still[0] - windy[0]) < 0.5  # the paper prints a loss of 4 m
