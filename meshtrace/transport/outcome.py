@@ -24,6 +24,7 @@ from meshtrace.transport import options
 from meshtrace.transport.analog import Sums, run_analog
 from meshtrace.transport.forced import ForcedDetection, Parts
 from meshtrace.transport.options import Analog, Record, Run
+from meshtrace.transport.returned import returned_gain
 
 LEFT_DOMAIN_WARNING = 1e-4
 _RETURNED = 1e-3
@@ -113,31 +114,14 @@ def warn_of_few(parts: Parts) -> None:
             )
 
 
-def returned_share(link: Link) -> float:
-    """Return about the share of light that comes out after the surface has sent it back.
-
-    A share rho of the light is reflected down: 2 % of what comes straight up, most of what comes
-    from wide sources and from scattering. Water sends R = 0.5 b_b / (a + b_b) of it up again.
-    """
-    if link.physics.reflected != "trace":
-        return 0.0
-    water = link.water
-    rows = [(0.0, water.a, water.b)] if water.layers is None else list(water.layers)
-    back = water.phase.backscatter_fraction
-    water_albedo = max(0.5 * back * b / max(a + back * b, 1e-12) for _, a, b in rows)
-    depth = max(getattr(t, "depth", 0.0) for t in link.transmitters)
-    spread = 1.0 - math.exp(-back * max(b for _, _, b in rows) * depth)
-    wide = max(min(t.spread_deg / 90.0, 1.0) for t in link.transmitters if hasattr(t, "spread_deg"))
-    return (0.02 + 0.4 * max(spread, wide**2)) * water_albedo
-
-
-def warn_of_returned(link: Link) -> None:
-    """Warn where forced detection leaves out more than 0.1 % of the light."""
-    share = returned_share(link)
-    if share > _RETURNED:
+def warn_of_returned(link: Link, gain: NDArray[np.float64]) -> None:
+    """Warn where forced detection leaves out more than 0.1 % of a gain."""
+    returned = returned_gain(link)
+    for r in np.flatnonzero((returned > _RETURNED * gain) & (gain > 0.0)):
         warnings.warn(
-            f"some {100.0 * share:.1g} % of the light comes out after the surface has sent it back "
-            "once, which forced detection leaves out: reflected_photons adds it",
+            f"receiver {r}: some {100.0 * returned[r] / gain[r]:.1g} % of the light comes out "
+            "after the surface has sent it back, which forced detection leaves out: "
+            "reflected_photons adds it",
             DomainWarning,
             stacklevel=4,
         )

@@ -227,7 +227,7 @@ def _forced(
     parts = forced.evaluate(mesh)
     warn_of_few(parts)
     if not run.estimator.reflected_photons:
-        warn_of_returned(link)
+        warn_of_returned(link, parts.gain)
     warn_of_cut(forced, mesh)
     gain, stderr = parts.gain, parts.stderr
     extra: dict[str, Any] = {}
