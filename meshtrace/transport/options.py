@@ -57,8 +57,9 @@ class Forced(Estimator, frozen=True):
     """Forced detection: scattering chains aimed at the receivers.
 
     It is some 10^5 times more efficient than photons followed one by one, and leaves out only
-    light that the surface sends back into the water first: some 1e-4 of the gain in clear sea
-    water, up to 1 % where the water scatters backwards strongly. It warns beyond 0.1 %.
+    light that the surface sends back into the water first: below 1e-4 of the gain in clear sea
+    water, 0.5 to 1 % where a clear water scatters backwards and the view is wide, and 10 % in a
+    turbid one. It warns beyond 0.1 %, by `meshtrace.transport.returned`.
 
     Parameters
     ----------

@@ -17,12 +17,18 @@ from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link, WaterSource
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import default_threads
-from meshtrace.results.gain import Fate, FateTally, GainResult, bound_where_dark
+from meshtrace.results.gain import (
+    Fate,
+    FateTally,
+    GainResult,
+    ScatteredSamples,
+    bound_where_dark,
+)
 from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, standard_error
 from meshtrace.stored import SHIFTS
 from meshtrace.transport import options
 from meshtrace.transport.analog import Sums, run_analog
-from meshtrace.transport.forced import ForcedDetection, Parts
+from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.options import Analog, Record, Run
 from meshtrace.transport.returned import returned_gain
 
@@ -99,19 +105,31 @@ def bound_of_dark(
     return per_receiver(link, np.where(gain > 0.0, np.nan, bound))
 
 
-def warn_of_few(parts: Parts) -> None:
+def lack_of_samples(result: GainResult) -> float:
+    """Return the largest ratio of 100 to the effective samples of a scattered gain that counts.
+
+    Beyond 1 the standard error of that gain is uncertain itself.
+    """
+    return max((_FEW / max(row.effective, 1.0) for _, row in _scattered(result)), default=0.0)
+
+
+def warn_of_few(result: GainResult) -> None:
     """Warn of receivers whose gain rests on few chains or adjoint paths."""
-    gain, scattered = parts.gain, parts.scattered.mean(axis=1)
-    for r, method in enumerate(parts.method):
-        few = parts.effective[r] < min(_FEW, _FEW_SHARE * parts.samples[r])
-        if few and scattered[r] > _SMALL * gain[r]:
-            name = "chains" if method == "chains" else "adjoint paths"
+    for r, row in _scattered(result):
+        if row.effective < min(_FEW, _FEW_SHARE * row.samples):
             warnings.warn(
-                f"receiver {r}: {parts.scored[r]:,} of {parts.samples[r]:,} {name} brought light, "
-                f"worth {parts.effective[r]:.0f} equal ones: the error may be larger than stated",
+                f"receiver {r}: {row.scored:,} of {row.samples:,} {row.estimator} brought light, "
+                f"worth {row.effective:.0f} equal ones: the error may be larger than stated",
                 FewSamplesWarning,
                 stacklevel=4,
             )
+
+
+def _scattered(result: GainResult) -> list[tuple[int, ScatteredSamples]]:
+    """Return the receivers whose scattered light matters, with its samples."""
+    share = np.atleast_1d(0.0 if result.gain_scattered is None else result.gain_scattered)
+    matters = share > _SMALL * result.gains
+    return [(r, row) for r, row in enumerate(result.scattered) if matters[r]]
 
 
 def warn_of_returned(link: Link, gain: NDArray[np.float64]) -> None:

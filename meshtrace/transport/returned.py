@@ -26,15 +26,37 @@ def returned_gain(link: Link) -> NDArray[np.float64]:
 
     Notes
     -----
-    Rays of equal power leave each source and are attenuated by a + b_b to the surface. There
-    the reflectance goes from Fresnel's to that of diffuse light as :math:`e^{-2 b_b D}` falls
-    along the ray, D its length. The water returns the share of Kubelka and Munk,
+    Rays of equal power leave each source. Along D, the way to the surface, they fall as
+    :math:`e^{-a D} / (1 + b_b D)`. The share :math:`1 - e^{-2 b_b D}` of them is diffuse by then
+    and meets the reflectance of diffuse light, 0.48, the rest that of Fresnel. Water returns the
+    share of Kubelka and Munk (1931),
 
     .. math::
         R = (1 - \sqrt{1 - x^2}) / x, \quad x = b_b / (a + b_b),
 
-    from about the depth 1 / (2 (a + b_b)), as Lambert's light. Layers count with the means over
-    the depth of the source in attenuation, and with the largest x; bubbles are left out.
+    as Lambert's light from a depth of about 1 / (2 (a + b_b)), of which 0.52 leaves. Diffuse
+    light is wider, as if from 3/4 of the depth of the source deeper: a factor chosen to agree
+    with analog photons. Layers count with their means above the source and with the largest x;
+    bubbles and waves are left out.
+
+    Against analog photons, `reflected="trace"` less "kill" (field of view 179 deg, r = 1 m, LED
+    60 deg, a = 0.1 / m, flat sea unless named; the closed estimate divided by the analog one):
+
+    ==================  =======  =====================  ======  ==========
+    phase function      b [1/m]  depth                  gain    closed
+    ==================  =======  =====================  ======  ==========
+    isotropic           0.5      3 m                    8.4 %   0.83(4)
+    g = -0.5            0.5      3 m                    10.6 %  0.96(4)
+    isotropic           0.5      10 m                   13 %    1.3(2)
+    g = -0.5            0.5      10 m                   9.9 %   2.4(4)
+    isotropic           0.05     10 m                   0.41 %  1.2(3)
+    g = -0.5            0.05     10 m                   0.77 %  1.3(2)
+    isotropic           0.05     10 m, waves of 8 m/s   0.44 %  1.2(2)
+    g = -0.5            0.05     10 m, waves of 8 m/s   1.02 %  1.0(1)
+    isotropic, LED 10   0.05     10 m                   0.04 %  1.8(4)
+    ==================  =======  =====================  ======  ==========
+
+    It lies between 1/1.5 and 3 times the analog estimate.
     """
     receivers = link.receivers
     gain = np.zeros(len(receivers))
@@ -53,10 +75,10 @@ def returned_gain(link: Link) -> NDArray[np.float64]:
         rays = _rays(source)
         length = source.depth / rays[:, 2]
         unturned = np.exp(-2.0 * back * b * length)
-        power = source.power_mw / total / (_RINGS * _AZIMUTHS)
-        power *= np.exp(-a * length) / (1.0 + back * b * length) * out
-        mirrored = power * unturned * fresnel_reflectance(rays[:, 2], water.n, 1.0)
-        diffuse = power * (1.0 - unturned) * _DIFFUSE
+        power = source.power_mw / total / (_RINGS * _AZIMUTHS) * out
+        lit = power * np.exp(-a * length) / (1.0 + back * b * length)
+        mirrored = lit * unturned * fresnel_reflectance(rays[:, 2], water.n, 1.0)
+        diffuse = lit * (1.0 - unturned) * _DIFFUSE
         for sent, low in ((mirrored, below), (diffuse, below + 0.75 * source.depth)):
             place = rays[:, :2] * ((source.depth + below) / rays[:, 2:]) + source.position
             for i, r in enumerate(receivers):
