@@ -153,6 +153,7 @@ def test_the_bound_of_a_dark_link_is_that_of_analog_photons():
 
 
 @pytest.mark.filterwarnings("ignore:.*brought light, worth:meshtrace.FewSamplesWarning")
+@pytest.mark.filterwarnings("ignore:.*the surface has sent it back:meshtrace.DomainWarning")
 def test_a_result_names_the_estimator_and_the_samples(tmp_path):
     near, away = mt.Receiver(), mt.Receiver(tilt_deg=60.0)
     r = mt.simulate(mt.Link(receiver=(near, away)), FlatSea(), photons=2048, seed=1)
@@ -166,6 +167,7 @@ def test_a_result_names_the_estimator_and_the_samples(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:.*brought light, worth:meshtrace.FewSamplesWarning")
+@pytest.mark.filterwarnings("ignore:.*the surface has sent it back:meshtrace.DomainWarning")
 @pytest.mark.parametrize("aside", [0.0, 5.0])
 def test_arrivals_of_adjoint_paths_add_up_to_the_gain(aside):
     """Two receivers, one on chains; no way is shorter than the straight one."""
