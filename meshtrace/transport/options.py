@@ -57,8 +57,9 @@ class Forced(Estimator, frozen=True):
     """Forced detection: scattering chains aimed at the receivers.
 
     It is some 10^5 times more efficient than individual photons, and omits only light that the
-    surface first reflects into the water: some 1e-4 of the gain in clear sea water, up to 1 % in
-    water with strong backscattering. It warns beyond 0.1 %.
+    surface first reflects into the water: below 1e-4 of the gain in clear sea water, 0.5 to 1 %
+    where clear water scatters backwards and the view is wide, and 10 % in turbid water. It warns
+    beyond 0.1 %, by `meshtrace.transport.returned`.
 
     Parameters
     ----------

@@ -17,14 +17,20 @@ from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link, WaterSource
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import default_threads
-from meshtrace.results.gain import Fate, FateTally, GainResult, bound_where_dark
+from meshtrace.results.gain import (
+    Fate,
+    FateTally,
+    GainResult,
+    ScatteredSamples,
+    bound_where_dark,
+)
 from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, standard_error
 from meshtrace.stored import SHIFTS
 from meshtrace.transport import options
 from meshtrace.transport.analog import Sums, run_analog
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.options import Analog, Record, Run
-from meshtrace.transport.parts import Parts
+from meshtrace.transport.returned import returned_gain
 
 LEFT_DOMAIN_WARNING = 1e-4
 _RETURNED = 1e-3
@@ -99,47 +105,42 @@ def bound_of_dark(
     return per_receiver(link, np.where(gain > 0.0, np.nan, bound))
 
 
-def warn_of_few(parts: Parts) -> None:
+def lack_of_samples(result: GainResult) -> float:
+    """Return the largest ratio of 100 to the effective samples of a scattered gain that counts.
+
+    Beyond 1 the standard error of that gain is uncertain itself.
+    """
+    return max((_FEW / max(row.effective, 1.0) for _, row in _scattered(result)), default=0.0)
+
+
+def warn_of_few(result: GainResult) -> None:
     """Warn of gains with a small effective sample size."""
-    gain, scattered = parts.gain, parts.scattered.mean(axis=1)
-    for r, method in enumerate(parts.method):
-        few = parts.effective[r] < min(_FEW, _FEW_SHARE * parts.samples[r])
-        if few and scattered[r] > _SMALL * gain[r]:
-            name = "chains" if method == "chains" else "adjoint paths"
+    for r, row in _scattered(result):
+        if row.effective < min(_FEW, _FEW_SHARE * row.samples):
             warnings.warn(
-                f"receiver {r}: {parts.scored[r]:,} of {parts.samples[r]:,} {name} contribute, "
-                f"effective sample size {parts.effective[r]:.0f}: the error may exceed the "
+                f"receiver {r}: {row.scored:,} of {row.samples:,} {row.estimator} contribute, "
+                f"effective sample size {row.effective:.0f}: the error may exceed the "
                 "standard error",
                 FewSamplesWarning,
                 stacklevel=4,
             )
 
 
-def returned_share(link: Link) -> float:
-    """Estimate the share of light that leaves the water after a reflection back into it.
-
-    A share rho of the light is reflected down: 2 % of what comes straight up, most of what comes
-    from wide sources and from scattering. Water sends R = 0.5 b_b / (a + b_b) of it up again.
-    """
-    if link.physics.reflected != "trace":
-        return 0.0
-    water = link.water
-    rows = [(0.0, water.a, water.b)] if water.layers is None else list(water.layers)
-    back = water.phase.backscatter_fraction
-    water_albedo = max(0.5 * back * b / max(a + back * b, 1e-12) for _, a, b in rows)
-    depth = max(getattr(t, "depth", 0.0) for t in link.transmitters)
-    spread = 1.0 - math.exp(-back * max(b for _, _, b in rows) * depth)
-    wide = max(min(t.spread_deg / 90.0, 1.0) for t in link.transmitters if hasattr(t, "spread_deg"))
-    return (0.02 + 0.4 * max(spread, wide**2)) * water_albedo
+def _scattered(result: GainResult) -> list[tuple[int, ScatteredSamples]]:
+    """Return the receivers whose scattered light matters, with its samples."""
+    share = np.atleast_1d(0.0 if result.gain_scattered is None else result.gain_scattered)
+    matters = share > _SMALL * result.gains
+    return [(r, row) for r, row in enumerate(result.scattered) if matters[r]]
 
 
-def warn_of_returned(link: Link) -> None:
-    """Warn where forced detection leaves out more than 0.1 % of the light."""
-    share = returned_share(link)
-    if share > _RETURNED:
+def warn_of_returned(link: Link, gain: NDArray[np.float64]) -> None:
+    """Warn where forced detection leaves out more than 0.1 % of a gain."""
+    returned = returned_gain(link)
+    for r in np.flatnonzero((returned > _RETURNED * gain) & (gain > 0.0)):
         warnings.warn(
-            f"about {100.0 * share:.1g} % of the light leaves the water after a reflection at the "
-            "surface, which forced detection omits: add it by reflected_photons",
+            f"receiver {r}: about {100.0 * returned[r] / gain[r]:.1g} % of the light leaves the "
+            "water after a reflection at the surface, which forced detection omits: add it by "
+            "reflected_photons",
             DomainWarning,
             stacklevel=4,
         )

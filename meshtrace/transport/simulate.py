@@ -35,6 +35,7 @@ from meshtrace.transport.outcome import FewSamplesWarning as FewSamplesWarning
 from meshtrace.transport.outcome import (
     analog_result,
     bound_of_dark,
+    lack_of_samples,
     per_receiver,
     warn_of_cut,
     warn_of_few,
@@ -75,7 +76,8 @@ def simulate(
     photons : int, optional
         Chains (10 000 by default) or photons (1 000 000).
     rtol : float, optional
-        Relative standard error to reach in every gain; `photons` is then the first guess.
+        Relative standard error to reach in every gain, with scattered light worth at least 100
+        equal samples where it matters; `photons` is then the first guess.
     seed : int, optional
         Key of the random numbers, 0 <= seed < 2^64, 1 by default.
     mesh : Meshing, optional
@@ -142,7 +144,9 @@ def _simulated(
         inputs = case.link, mesh, run, case.meshing.normals, records, origin(run)
         return _analog(*inputs, progress) if analog else _forced(*inputs)
 
-    return _to_tolerance(evaluate, run)
+    result = _to_tolerance(evaluate, run)
+    warn_of_few(result)
+    return result
 
 
 def _over_mesh(case: Case) -> tuple[Run, TriangleMesh, dict[str, Any]]:
@@ -165,7 +169,7 @@ def _over_mesh(case: Case) -> tuple[Run, TriangleMesh, dict[str, Any]]:
 
 
 def _to_tolerance(evaluate: _Evaluate, run: Run) -> GainResult:
-    """Repeat with more photons until the relative standard error is met.
+    """Repeat with more photons until the relative standard error is met and certain itself.
 
     Analog photons add to those already traced; chains are drawn again.
     """
@@ -174,11 +178,11 @@ def _to_tolerance(evaluate: _Evaluate, run: Run) -> GainResult:
         with np.errstate(divide="ignore", invalid="ignore"):
             # no hit yet is no result, not a gain of 0 +- 0
             error = np.where(result.gains > 0.0, result.stderrs / result.gains, math.inf)
-        worst = float(np.max(error))
-        if worst <= run.rtol or n >= run.estimator.most_photons:
+        lack = max(float(np.max(error)) ** 2 / run.rtol**2, lack_of_samples(result))
+        if lack <= 1.0 or n >= run.estimator.most_photons:
             break
         # an error of few hits is itself uncertain: never more than sixteenfold at once
-        more = math.ceil(n * min(1.1 * (worst / run.rtol) ** 2, 16.0))
+        more = math.ceil(n * min(1.1 * lack, 16.0))
         more = min(more, run.estimator.most_photons)
         if isinstance(run.estimator, Analog):
             first = run.estimator.first_photon + n
@@ -225,9 +229,8 @@ def _forced(
     crest, threads = float(mesh.bounds[1, 2]), default_threads(run.threads)
     forced = ForcedDetection(link, run.photons, run.seed, normals, threads, crest)
     parts = forced.evaluate(mesh)
-    warn_of_few(parts)
     if not run.estimator.reflected_photons:
-        warn_of_returned(link)
+        warn_of_returned(link, parts.gain)
     warn_of_cut(forced, mesh)
     gain, stderr = parts.gain, parts.stderr
     extra: dict[str, Any] = {}

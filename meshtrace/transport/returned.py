@@ -1,0 +1,127 @@
+"""Closed estimate of the light that leaves the water after a reflection at the surface."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.link import Link, WaterSource
+from meshtrace.optics.fresnel import fresnel_reflectance
+
+_DIFFUSE = 0.48
+"""Reflectance of the surface for diffuse light from below at n = 1.34 (Mobley 1994, sec. 4.2)."""
+_RINGS, _AZIMUTHS = 48, 12
+
+
+def returned_gain(link: Link) -> NDArray[np.float64]:
+    r"""Estimate the gain of light that the surface sent back into the water first.
+
+    Returns
+    -------
+    ndarray, shape (receivers,)
+        Gain over a flat sea.
+
+    Notes
+    -----
+    Rays of equal power leave each source. Along D, the way to the surface, they fall as
+    :math:`e^{-a D} / (1 + b_b D)`. The share :math:`1 - e^{-2 b_b D}` of them is diffuse by then
+    and meets the reflectance of diffuse light, 0.48, the rest that of Fresnel. Water returns the
+    share of Kubelka and Munk (1931),
+
+    .. math::
+        R = (1 - \sqrt{1 - x^2}) / x, \quad x = b_b / (a + b_b),
+
+    as Lambert's light from a depth of about 1 / (2 (a + b_b)), of which 0.52 leaves. Diffuse
+    light is wider, as if from 3/4 of the depth of the source deeper: a factor chosen to agree
+    with analog photons. Layers count with their means above the source and with the largest x;
+    bubbles and waves are left out.
+
+    Against analog photons scored from their second crossing on, and the difference of analog
+    photons with `reflected="trace"` and "kill" (field of view 179 deg, r = 1 m, LED 60 deg and
+    a = 0.1 / m unless named; in brackets the standard error of the last digits):
+
+    ==================  =======  =====================  =============  ===============
+    phase function      b [1/m]  depth                  of the gain    closed / analog
+    ==================  =======  =====================  =============  ===============
+    isotropic           0.5      3 m                    8.4(3) %       0.87(3)
+    g = -0.5            0.5      3 m                    11.3(3) %      0.91(3)
+    isotropic           0.5      10 m                   9.2(4) %       1.61(7)
+    g = -0.5            0.5      10 m                   12.3(14) %     2.2(2)
+    isotropic           0.05     10 m                   0.47(9) %      1.1(2)
+    g = -0.5            0.05     10 m                   0.72(5) %      1.35(9)
+    isotropic           0.5      10 m, waves of 8 m/s   9.3(8) %       1.55(12)
+    isotropic           0.05     10 m, waves of 8 m/s   0.44(8) %      1.2(2)
+    g = -0.5            0.05     10 m, waves of 8 m/s   0.94(7) %      1.03(8)
+    isotropic, LED 10   0.05     10 m                   0.032(5) %     2.2(4)
+    ==================  =======  =====================  =============  ===============
+
+    It lies between 1/1.5 and 3 times the analog one there. It has not been compared where light
+    arrives by scattering alone: few analog photons return there.
+    """
+    receivers = link.receivers
+    gain = np.zeros(len(receivers))
+    if link.physics.reflected != "trace":
+        return gain
+    water, back = link.water, link.water.phase.backscatter_fraction
+    rows = [(0.0, water.a, water.b)] if water.layers is None else list(water.layers)
+    x = max(back * b / max(a + back * b, 1e-12) for _, a, b in rows)
+    albedo = x / (1.0 + math.sqrt(1.0 - x * x))
+    sources = [t for t in link.transmitters if isinstance(t, WaterSource)]
+    total = sum(t.power_mw for t in sources)
+    out = albedo * (1.0 - _DIFFUSE) / (1.0 - albedo * _DIFFUSE)
+    for source in sources:
+        a, b = _mean(rows, source.depth)
+        below = 0.5 / max(a + back * b, 1e-12)
+        rays = _rays(source)
+        length = source.depth / rays[:, 2]
+        unturned = np.exp(-2.0 * back * b * length)
+        power = source.power_mw / total / (_RINGS * _AZIMUTHS) * out
+        lit = power * np.exp(-a * length) / (1.0 + back * b * length)
+        mirrored = lit * unturned * fresnel_reflectance(rays[:, 2], water.n, 1.0)
+        diffuse = lit * (1.0 - unturned) * _DIFFUSE
+        for sent, low in ((mirrored, below), (diffuse, below + 0.75 * source.depth)):
+            place = rays[:, :2] * ((source.depth + below) / rays[:, 2:]) + source.position
+            for i, r in enumerate(receivers):
+                gain[i] += math.pi * r.radius**2 * float(sent @ _seen(r, place, low))
+    return gain
+
+
+def _mean(rows: list[tuple[float, float, float]], depth: float) -> tuple[float, float]:
+    """Return the means of a and b from the surface to a depth."""
+    top = [row[0] for row in rows]
+    ends = np.minimum([*top[1:], math.inf], depth)
+    thick = np.maximum(ends - np.array([0.0, *top[1:]]), 0.0) / depth
+    return float(thick @ [row[1] for row in rows]), float(thick @ [row[2] for row in rows])
+
+
+def _rays(source: WaterSource) -> NDArray[np.float64]:
+    """Return directions of equal power, as of a Lambertian source, that go up."""
+    u = (np.arange(_RINGS) + 0.5) / _RINGS
+    cosine = 1.0 - 2.0 * u
+    if source.spread_deg < 90.0:
+        order = -math.log(2.0) / math.log(math.cos(math.radians(source.spread_deg)))
+        cosine = u ** (1.0 / (order + 1.0))
+    azimuth = 2.0 * math.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
+    c, f = (v.ravel() for v in np.meshgrid(cosine, azimuth, indexing="ij"))
+    s = np.sqrt(np.maximum(1.0 - c * c, 0.0))
+    axis = np.array(source.axis)
+    side = np.cross(axis, [0.0, 1.0, 0.0] if abs(axis[1]) < 0.9 else [1.0, 0.0, 0.0])
+    side /= np.linalg.norm(side)
+    across = np.cross(axis, side)
+    rays = c[:, None] * axis + (s * np.cos(f))[:, None] * side + (s * np.sin(f))[:, None] * across
+    rays[:, 2] = np.where(rays[:, 2] > 0.01, rays[:, 2], np.inf)  # brings nothing
+    return rays
+
+
+def _seen(receiver: Any, place: NDArray[np.float64], below: float) -> NDArray[np.float64]:
+    """Return the irradiance at an aperture per Lambert's power that leaves each place [1/m^2]."""
+    away = np.column_stack([place - receiver.center[:2], np.full(len(place), -below)])
+    away[:, 2] -= receiver.center[2]
+    distance = np.linalg.norm(away, axis=1)
+    view = -(away @ np.array(receiver.axis)) / distance
+    seen = view > math.cos(math.radians(receiver.fov_deg) / 2.0)
+    rise = -away[:, 2] / distance
+    return np.asarray(np.where(seen, view * rise / (math.pi * distance**2), 0.0))
