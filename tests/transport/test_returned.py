@@ -79,7 +79,9 @@ def test_closed_estimate_of_deep_lamps(name):
 
 def test_the_warning_names_the_share_and_the_remedy():
     link = link_of(depth=3.0)
-    with pytest.warns(DomainWarning, match=r"receiver 0: about [78] % .*add it by reflected_photons"):
+    with pytest.warns(
+        DomainWarning, match=r"receiver 0: about [78] % .*add it by reflected_photons"
+    ):
         mt.simulate(link, FLAT, photons=320, seed=1)
 
 
