@@ -12,7 +12,7 @@ def main(folder: Path) -> None:
         bubbles=mt.HallNovarini(wind_speed=13.0),
         receiver=mt.Receiver(tilt_deg=14.0),
     )
-    sea = JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)
+    sea = JonswapSea(wind_speed=13.0, fetch=30e3, omega_max=9.0, seed=7)
     style = viz.SceneStyle(off_screen=True, window_size=(1200, 750))
     plotter = viz.scene(link, sea, style=style)
     viz.save_picture(plotter, folder / "link_scene.png")

@@ -8,8 +8,8 @@ from meshtrace.surfaces import JonswapSea
 
 def main(folder: Path) -> None:
     for wind_speed in (5.0, 13.0):
-        sea = JonswapSea(wind_speed=wind_speed, fetch=30e3, seed=7)
-        mesh = sea.mesh(extent=50.0, spacing=0.5)
+        sea = JonswapSea(wind_speed=wind_speed, fetch=30e3, omega_max=9.0, seed=7)
+        mesh = sea.mesh(extent=30.0, spacing=0.12)
         for color, limit in (("elevation", 1.0), ("slope", 0.25)):
             plotter = viz.scene(
                 None,
