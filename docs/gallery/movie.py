@@ -9,7 +9,7 @@ from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
 
 
-def main(folder: Path, frames: int = 12) -> None:
+def main(folder: Path, frames: int = 11) -> None:
     link, sea = mt.Link(), JonswapSea(wind_speed=5.0, omega_max=9.0, seed=7)
     times = 0.4 * np.arange(frames)
     viz.save_movie(link, sea, times, folder / "movie.mp4", frame_rate=5.0, received=30)

@@ -20,7 +20,7 @@ def main(folder: Path) -> None:
                     opacity=1.0,
                     labels=False,
                     off_screen=True,
-                    window_size=(1200, 750),
+                    window_size=(1040, 650),
                 ),
             )
             viz.look(plotter, elevation_deg=24.0)
