@@ -101,7 +101,9 @@ def paper_band(wind_speed: float, fetch: float = PAPER_FETCH) -> str:
     >>> paper_band(5.0), paper_band(8.0), paper_band(5.0, fetch=5e3)
     ('paper', 'scaled', 'scaled')
     """
-    return "paper" if wind_speed in PAPER_BANDS and fetch == PAPER_FETCH else "scaled"
+    # a list: values of any type come from link files, before they are checked
+    known = wind_speed in list(PAPER_BANDS) and fetch == PAPER_FETCH
+    return "paper" if known else "scaled"
 
 
 def bin_count(band: Band, log: bool) -> int:

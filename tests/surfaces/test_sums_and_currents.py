@@ -123,7 +123,9 @@ def test_an_opposing_current_stops_short_waves():
     # deep water: waves beyond g / (4 |U|) cannot run against a current
     limit = 9.81 / (4.0 * 0.5)
     wavenumber_in_current(0.999 * limit, math.pi, (0.5, 0.0))
-    with pytest.raises(ValueError, match=r"current: .*wave of 4.9.* rad/s towards 180 deg pass"):
+    with pytest.raises(
+        ValueError, match=r"current: .*wave of 4.9.* rad/s towards 180 deg can pass"
+    ):
         wavenumber_in_current(1.001 * limit, math.pi, (0.5, 0.0))
     with pytest.raises(ValueError, match="current"):
         MeasuredSea(omega=[6.0], theta=[math.pi], variance=[[0.01]], current=(0.5, 0.0))
