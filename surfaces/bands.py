@@ -70,6 +70,24 @@ def natural_band(omega_p: float, half_range: float) -> Band:
     return Band(low, 2.1 * omega_p, width, 2.0 * half_range / DIRECTIONS)
 
 
+def sparse_band(omega_p: float, half_range: float) -> Band:
+    """Return the natural band of a sea of second order: 10 frequencies in 10 directions.
+
+    Parameters
+    ----------
+    omega_p : float
+        Peak frequency [rad s-1].
+    half_range : float
+        Largest |theta| of the spreading [rad].
+
+    Notes
+    -----
+    Every pair of waves has two bound waves: the 1073 waves of `natural_band` would have more than
+    a million.
+    """
+    return Band(0.6 * omega_p, 2.1 * omega_p, 0.15 * omega_p, 2.0 * half_range / 10)
+
+
 def scaled_band(omega_p: float) -> Band:
     """Return the band that moves with the peak: 0.6 to 2.1 omega_p in 21 steps, 21 directions.
 

@@ -27,6 +27,7 @@ from .bands import (
     natural_band,
     paper_band,
     scaled_band,
+    sparse_band,
 )
 from .dispersion import wavenumber
 from .parameters import (
@@ -100,9 +101,10 @@ class _BandedSea(RandomSea, frozen=True):
 
     def _default_band(self) -> Band:
         omega_p = self._sampled_spectrum().omega_p
-        if self.band == "natural":
-            return natural_band(omega_p, self.spreading.half_range)
-        return scaled_band(omega_p)
+        if self.band == "scaled":
+            return scaled_band(omega_p)
+        natural = natural_band if self.order == 1 else sparse_band
+        return natural(omega_p, self.spreading.half_range)
 
     def _peak_frequency(self) -> float:
         return self._sampled_spectrum().omega_p
@@ -125,7 +127,7 @@ class _BandedSea(RandomSea, frozen=True):
     @property
     def _log_spaced(self) -> bool:
         if self.spacing_law is None:
-            return self.band == "natural" and self.d_omega is None
+            return self.band == "natural" and self.d_omega is None and self.order == 1
         return self.spacing_law == "log"
 
     @property
@@ -233,7 +235,8 @@ class JonswapSea(_BandedSea, frozen=True):
         Seed of the random phases (and frequencies, with `jitter`).
     band : {"natural", "paper", "scaled"}
         "natural": 0.6 to 2.1 omega_p in bins of a sixteenth of an octave and 36 directions, with
-        one wave at a random place of each cell (`bands.drawn_waves`). "paper": the paper's table,
+        one wave at a random place of each cell (`bands.drawn_waves`); fewer cells with `order` 2
+        (`bands.sparse_band`). "paper": the paper's table,
         for 5 and 13 m/s, equally spaced. "scaled": `bands.scaled_band`, equally spaced.
     omega_min, omega_max : float, optional
         First and last frequency [rad s-1]; each replaces its value of the band. omega_max

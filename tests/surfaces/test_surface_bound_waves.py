@@ -276,3 +276,16 @@ def test_too_many_bound_waves_are_refused(monkeypatch):
     monkeypatch.setattr(JonswapSea, "most_components", 1000)
     with pytest.raises(Refused, match=r"bound waves, allowed: at most 1000 bound waves"):
         _ = JonswapSea(band="paper", order=2).components
+
+
+@pytest.mark.parametrize("wind_speed", [5.0, 13.0])
+def test_the_natural_band_of_second_order_is_sparse(wind_speed):
+    linear = JonswapSea(wind_speed=wind_speed)
+    sea = JonswapSea(wind_speed=wind_speed, order=2)
+    assert len(sea.free_waves.omega) < 150
+    assert len(sea.components.omega) < 30_000
+    assert components_hs(sea.free_waves) == pytest.approx(
+        components_hs(linear.components), rel=0.005
+    )
+    # other places of the waves in each cell, the same variance
+    assert not set(sea.free_waves.omega) & set(linear.components.omega)
