@@ -301,7 +301,8 @@ def _heading(provenance: dict[str, Any]) -> list[str]:
     parts = (surface, surface.get("spectrum"), link.get("bubbles"), link.get("whitecaps"))
     winds = [part["wind_speed"] for part in parts if part and "wind_speed" in part]
     wind = f", wind {winds[0]:g} m/s" if winds else ", wind 0 m/s"
-    return [f"{provenance['run']['estimator']} estimator, {surface['kind']} sea{wind}", ""]
+    band = f", waves up to {surface['omega_max']:.3g} rad/s" if "omega_max" in surface else ""
+    return [f"{provenance['run']['estimator']} estimator, {surface['kind']} sea{wind}{band}", ""]
 
 
 def _line(name: str, text: str) -> str:

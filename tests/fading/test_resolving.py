@@ -52,6 +52,7 @@ def test_runs_store_the_number():
     number = fading.fading_band(link, SEA)
     run = mt.simulate(link, SEA, photons=32, spacing=0.5)
     assert run.provenance["surface"]["omega_max"] == number
+    assert f"waves up to {number:.3g} rad/s" in run.summary()
     assert mt.simulate(Scenario.from_provenance(run.provenance)).gain == run.gain
     series = mt.time_series(link, SEA, [0.0], photons=32, spacing=0.5)
     assert series.provenance["surface"]["omega_max"] == number
