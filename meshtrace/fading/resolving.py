@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,7 +74,9 @@ def band_fading(link: Any, sea: Any) -> BandFading | None:
     omega_max, whole = sea.band_limits.omega_max, sea.short_waves
     try:
         found = BandFading(
-            omega_max, _index(link, sea, omega_max, True), _index(link, whole, None, True)
+            omega_max,
+            scintillation_of_spectrum(link, sea, omega_max, heights=True),
+            scintillation_of_spectrum(link, whole, heights=True),
         )
         if found.index_of_band >= (1.0 - SHORT) * found.index_of_all:
             return found
@@ -122,7 +123,7 @@ def fading_band(link: Any, sea: Any, within: float = WITHIN) -> float:
     target = scintillation_of_spectrum(link, sea)
 
     def resolved(omega: float) -> bool:
-        return abs(_index(link, sea, omega, False) - target) <= within * target
+        return abs(scintillation_of_spectrum(link, sea, omega) - target) <= within * target
 
     high = _start(link, sea)
     while not resolved(high):
@@ -173,44 +174,22 @@ def resolve_band(link: Any, sea: Any) -> Any:
         raise Refused("omega_max", found, allowed) from None
 
 
-class _Inputs:
-    """Link and sea of a cached search; equal to any others."""
-
-    def __init__(self, link: Any, sea: Any) -> None:
-        self.link, self.sea = link, sea
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Inputs)
-
-    def __hash__(self) -> int:
-        return 0
-
-
-def _key(link: Any, sea: Any) -> tuple[Any, str]:
-    """Return the parameters that determine the closed forms, as a key of the cache."""
-    view = link.only_receiver.fov_deg if len(link.receivers) == 1 else None
-    config = {key: value for key, value in sea.to_config().items() if key != "seed"}
-    return (paraxial_lever(link), view), json.dumps(config, sort_keys=True)
-
-
-@lru_cache(maxsize=64)
-def _band_of(lever: Any, config: str, inputs: _Inputs) -> float:
-    return fading_band(inputs.link, inputs.sea)
+_bands: dict[tuple[Any, ...], float] = {}
 
 
 def _cached_band(link: Any, sea: Any) -> float:
-    return _band_of(*_key(link, sea), _Inputs(link, sea))
-
-
-def _index(link: Any, sea: Any, omega_max: float | None, heights: bool) -> float:
-    return _cached_index(*_key(link, sea), omega_max, heights, _Inputs(link, sea))
-
-
-@lru_cache(maxsize=1024)
-def _cached_index(
-    lever: Any, config: str, omega_max: float | None, heights: bool, inputs: _Inputs
-) -> float:
-    return scintillation_of_spectrum(inputs.link, inputs.sea, omega_max, heights=heights)
+    """Return `fading_band`, searched once for the same geometry and sea."""
+    receiver = link.only_receiver
+    config = {key: value for key, value in sea.to_config().items() if key != "seed"}
+    key = (
+        paraxial_lever(link),
+        receiver.fov_deg,
+        receiver.height,
+        json.dumps(config, sort_keys=True),
+    )
+    if key not in _bands:
+        _bands[key] = fading_band(link, sea)
+    return _bands[key]
 
 
 def _start(link: Any, sea: Any) -> float:

@@ -217,7 +217,7 @@ class AimedChains:
             return None
         gain = np.zeros(len(self._mesh.faces))
         doubtful = np.zeros(len(gain), bool)
-        disk = blurred.Disk(*_disk_rule(blur), blur)
+        disk = blurred.Disk(*_disk_rule(*_disk_nodes(blur)), blur)
         if not blurred.blurred_gain(self.scene(emitter, target), disk, gain, doubtful):
             return None
         if doubtful.any():
@@ -272,16 +272,19 @@ class AimedChains:
         return paths[found]
 
 
-@cache
-def _disk_rule(blur: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return quadrature points and weights on the unit disk.
+def _disk_nodes(blur: float) -> tuple[int, int]:
+    """Return the rings, and the nodes of each, for 1e-3 of the light of a Gaussian spot.
 
-    Rings at Gauss's nodes of the area: 1e-3 of the light of a Gaussian spot anywhere, whose
-    standard deviation is 1 / blur of the radius.
+    The standard deviation of the spot, anywhere on the unit disk, is 1 / blur.
     """
-    rings, around = 1, 4
-    if blur > 0.5:
-        rings, around = math.ceil(1.0 + 1.05 * blur), math.ceil(4.0 + 1.9 * blur)
+    if blur <= 0.5:
+        return 1, 4
+    return math.ceil(1.0 + 1.05 * blur), math.ceil(4.0 + 1.9 * blur)
+
+
+@cache
+def _disk_rule(rings: int, around: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return quadrature points and weights on the unit disk, with rings at Gauss's nodes."""
     nodes, weights = np.polynomial.legendre.leggauss(rings)
     azimuth = 2.0 * math.pi * (np.arange(around) + 0.5 * (np.arange(rings)[:, None] % 2)) / around
     circle = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)

@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from meshtrace.link import Link, WaterSource
 from meshtrace.optics.fresnel import fresnel_reflectance
 
-_DIFFUSE = 0.48
-"""Reflectance of the surface for diffuse light from below at n = 1.34 (Mobley 1994, sec. 4.2)."""
 _RINGS, _AZIMUTHS = 48, 12
 
 
 def returned_gain(link: Link) -> NDArray[np.float64]:
-    r"""Estimate the gain of light that the surface sent back into the water first.
+    r"""Estimate the gain of light that leaves the water after a reflection at the surface.
 
     Returns
     -------
@@ -26,15 +24,15 @@ def returned_gain(link: Link) -> NDArray[np.float64]:
 
     Notes
     -----
-    Rays of equal power leave each source. Along D, the way to the surface, they fall as
-    :math:`e^{-a D} / (1 + b_b D)`. The share :math:`1 - e^{-2 b_b D}` of them is diffuse by then
-    and meets the reflectance of diffuse light, 0.48, the rest that of Fresnel. Water returns the
-    share of Kubelka and Munk (1931),
+    Rays of equal power leave each source. Over the distance D to the surface they fall as
+    :math:`e^{-a D} / (1 + b_b D)`. The share :math:`1 - e^{-2 b_b D}` of them is diffuse at the
+    surface, which reflects :math:`r = 2 \int_0^1 \mu R(\mu) d\mu` of diffuse light, with the
+    Fresnel reflectance R. Water returns the share of Kubelka and Munk (1931),
 
     .. math::
         R = (1 - \sqrt{1 - x^2}) / x, \quad x = b_b / (a + b_b),
 
-    as Lambert's light from a depth of about 1 / (2 (a + b_b)), of which 0.52 leaves. Diffuse
+    as Lambert's light from a depth of about 1 / (2 (a + b_b)), of which 1 - r leaves. Diffuse
     light is wider, as if from 3/4 of the depth of the source deeper: a factor chosen to agree
     with analog photons. Layers count with their means above the source and with the largest x;
     bubbles and waves are left out.
@@ -71,7 +69,8 @@ def returned_gain(link: Link) -> NDArray[np.float64]:
     albedo = x / (1.0 + math.sqrt(1.0 - x * x))
     sources = [t for t in link.transmitters if isinstance(t, WaterSource)]
     total = sum(t.power_mw for t in sources)
-    out = albedo * (1.0 - _DIFFUSE) / (1.0 - albedo * _DIFFUSE)
+    diffuse_reflectance = _diffuse_reflectance(water.n, link.n_air)
+    out = albedo * (1.0 - diffuse_reflectance) / (1.0 - albedo * diffuse_reflectance)
     for source in sources:
         a, b = _mean(rows, source.depth)
         below = 0.5 / max(a + back * b, 1e-12)
@@ -80,13 +79,20 @@ def returned_gain(link: Link) -> NDArray[np.float64]:
         unturned = np.exp(-2.0 * back * b * length)
         power = source.power_mw / total / (_RINGS * _AZIMUTHS) * out
         lit = power * np.exp(-a * length) / (1.0 + back * b * length)
-        mirrored = lit * unturned * fresnel_reflectance(rays[:, 2], water.n, 1.0)
-        diffuse = lit * (1.0 - unturned) * _DIFFUSE
+        mirrored = lit * unturned * fresnel_reflectance(rays[:, 2], water.n, link.n_air)
+        diffuse = lit * (1.0 - unturned) * diffuse_reflectance
         for sent, low in ((mirrored, below), (diffuse, below + 0.75 * source.depth)):
             place = rays[:, :2] * ((source.depth + below) / rays[:, 2:]) + source.position
             for i, r in enumerate(receivers):
                 gain[i] += math.pi * r.radius**2 * float(sent @ _seen(r, place, low))
     return gain
+
+
+def _diffuse_reflectance(n_water: float, n_air: float) -> float:
+    """Return the reflectance of the surface for diffuse light from below, 0.47 at n = 1.33."""
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    mu = 0.5 * (nodes + 1.0)
+    return float((weights * mu * fresnel_reflectance(mu, n_water, n_air)).sum())
 
 
 def _mean(rows: list[tuple[float, float, float]], depth: float) -> tuple[float, float]:
@@ -112,7 +118,7 @@ def _rays(source: WaterSource) -> NDArray[np.float64]:
     side /= np.linalg.norm(side)
     across = np.cross(axis, side)
     rays = c[:, None] * axis + (s * np.cos(f))[:, None] * side + (s * np.sin(f))[:, None] * across
-    rays[:, 2] = np.where(rays[:, 2] > 0.01, rays[:, 2], np.inf)  # brings nothing
+    rays[:, 2] = np.where(rays[:, 2] > 0.01, rays[:, 2], np.inf)  # contributes nothing
     return rays
 
 

@@ -133,7 +133,7 @@ def drill(kind, first, last):
             while True:
                 line = worker.answer(timeout)
                 if line is None:
-                    worker.process.wait(START)
+                    worker.process.wait(HANG)
                     break
                 timeout = PATIENCE if kind == "environment" else HANG
                 if "input" in line:

@@ -304,7 +304,7 @@ def test_locate_against_vertical_rays(extent, spacing, fine):
     mesh = sea.mesh(extent=extent, spacing=spacing, fine_extent=fine, coarse_spacing=coarse)
     scene = scene_of(mt.Link(), mesh)
     rng = np.random.default_rng(8)
-    points = rng.uniform(-4.0, 4.0, (400, 2))
+    points = rng.uniform(-4.0, 4.0, (2000, 2))
     origins = np.column_stack([points, np.full(len(points), 10.0)])
     down = np.broadcast_to((0.0, 0.0, -1.0), origins.shape)
     hits = BruteForceIntersector(mesh).intersect(origins, down)

@@ -130,7 +130,7 @@ def test_default_link():
     assert found.orders[0].sum() == pytest.approx(found.gain[0], rel=1e-12)
     assert found.orders[0, 0] == pytest.approx(1.2587e-5, rel=0.02)
     assert found.variance[0] == pytest.approx(131072 * found.stderr[0] ** 2, rel=1.0)
-    assert 0.7 < found.scored[0] / 131072 <= 1.0
+    assert 0.75 < found.scored[0] / 131072 <= 1.0
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 DEFAULT_BANDS = (4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 64.0, 128.0)
 """Highest frequencies of a study [rad s-1]."""
 
-_WAVE_STEPS = 0.9  # k_max times the spacing of the meshes
 _BOOTSTRAPS = 400
 
 
@@ -47,7 +46,7 @@ class FadingConvergence(Stored):
     measured, measured_stderr : ndarray, shape (n,)
         Index with tilts over an ensemble, and its standard error; nan if not measured.
     tolerance : float
-        Relative error of the index that `recommended` is about.
+        Relative error of the index at `recommended`.
     recommended : float
         Smallest omega_max within the tolerance [rad s-1], nan if there is none.
     provenance : dict
@@ -144,9 +143,9 @@ def fading_study(
     photons, seed, threads, progress
         As in `ensemble`.
     spacing : float, optional
-        Spacing of the meshes [m]; by default 0.9 over the largest wavenumber, at most 0.1 m.
+        Spacing of the meshes [m]; by default that of an ensemble.
     tolerance : float
-        Relative error of the index that the recommendation is about.
+        Relative error of the index at the recommended frequency.
 
     Returns
     -------
@@ -200,12 +199,7 @@ def _measured(
     """Return the index of unscattered light over an ensemble, and its standard error."""
     sea: Any = inputs.sea
     sea = sea.model_copy(update={"omega_max": omega_max})
-    meshing = inputs.meshing
-    if meshing.spacing is None:
-        waves = sea.components
-        k_max = float(np.hypot(waves.kx, waves.ky).max())
-        meshing = meshing.replace(spacing=min(_WAVE_STEPS / k_max, 0.1))
-    inputs = inputs._replace(surface=sea, meshing=meshing)
+    inputs = inputs._replace(surface=sea)
     gain = over_realizations(inputs, realizations, progress).gain_ballistic
     drawn = np.random.default_rng(inputs.run.seed).integers(
         0, realizations, (_BOOTSTRAPS, realizations)
