@@ -12,15 +12,9 @@ __all__ = [
     "ber",
     "converge",
     "figures",
-    "main",
     "run",
     "series",
     "sweep",
     "validate",
     "view",
 ]
-
-
-def main() -> None:
-    """Run the command line and exit."""
-    app(prog_name="meshtrace")
