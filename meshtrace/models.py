@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import inspect
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, Self, get_args
 
@@ -57,7 +57,7 @@ _NOTE = re.compile(r"^(\w[\w, ]*) : [^\n]*\n((?:[ ]{4}[^\n]*\n?|\n)+)", re.M)
 class _Documented(_ModelMetaclass):
     """Metaclass that keeps the internals of pydantic out of `help` and completion."""
 
-    def __dir__(cls) -> Iterable[str]:
+    def __dir__(cls) -> list[str]:  # noqa: N805
         hidden = dir(pydantic.BaseModel)
         return [n for n in super().__dir__() if n not in hidden and not n.startswith("_")]
 
@@ -118,7 +118,9 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
             text = inspect.cleandoc(parent.__doc__ or "")
             section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", text, re.M | re.S)
             for names, note in _NOTE.findall(section[1] if section else ""):
-                first = re.split(r"(?<!\.)[;.](?:\s|$)", " ".join(note.split()))[0]
+                if note.lstrip().startswith("See "):
+                    continue
+                first = re.split(r"(?<!\.)[:;.](?:\s|$)", " ".join(note.split()))[0]
                 found.update(dict.fromkeys(names.split(", "), first))
         return {name: found[name] for name in cls.model_fields if name in found}
 

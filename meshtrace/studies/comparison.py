@@ -170,7 +170,8 @@ def compare(
     the chains, for several from the scatter over the seas.
     """
     if not isinstance(links, Mapping) or len(links) < 2:
-        raise Refused("links", links, "a mapping of two or more names to links")
+        found = sorted(links) if isinstance(links, Mapping) else Described(type(links).__name__)
+        raise Refused("links", found, "a mapping of two or more names to links")
     require_whole(realizations, 1, 10_000_000, "realizations")
     inputs = {}
     for name, link in links.items():
