@@ -119,6 +119,18 @@ def with_notes(text: str, parts: Mapping[str, Iterable[Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def located(table: Mapping[str, Any], folder: str | Path) -> dict[str, Any]:
+    """Return a table in which the paths `file` are relative to a folder."""
+    return {
+        key: located(value, folder)
+        if isinstance(value, Mapping)
+        else str(Path(folder) / value)
+        if key == "file" and isinstance(value, str)
+        else value
+        for key, value in table.items()
+    }
+
+
 def set_value(config: dict[str, Any], key: str, value: Any) -> None:
     """Set the value at a dotted key of nested tables."""
     *parents, last = key.split(".")

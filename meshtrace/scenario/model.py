@@ -16,7 +16,7 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model
 from meshtrace.results.gain import GainResult
 from meshtrace.scenario import parts, seas
-from meshtrace.scenario.files import KEYS, parse_toml, read_text, set_value, with_notes
+from meshtrace.scenario.files import KEYS, located, parse_toml, read_text, set_value, with_notes
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.scenario.tables import Table, as_table, plain, validated
 from meshtrace.transport.case import Case
@@ -155,6 +155,7 @@ class Scenario(Model, frozen=True):
         spectrum, spreading and slope variance of Elfouhaily unless the table names others.
         """
         require_keys(config, KEYS)
+        config = located(config, folder)
         wind_speed = parts.read_wind_speed(config)
         sea = as_table(config.get("sea", {}), "sea")
         run = as_table(config.get("run", {}), "run")
