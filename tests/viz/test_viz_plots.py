@@ -23,7 +23,9 @@ from meshtrace.surfaces import JonswapSea
 @pytest.fixture(autouse=True)
 def _close_figures():
     yield
-    mpl.pyplot.close("all")
+    from matplotlib import pyplot
+
+    pyplot.close("all")
 
 
 def line(ax, i=0):
