@@ -53,6 +53,8 @@ from .studies.performance.link_performance import link_performance as link_perfo
 from .studies.performance.samples import Realizations as Realizations
 from .studies.performance.tables import DepthSweep as DepthSweep
 from .studies.performance.tables import LinkPerformance as LinkPerformance
+from .studies.sensitivity import Sensitivities as Sensitivities
+from .studies.sensitivity import sensitivities as sensitivities
 from .studies.series import CoupledSeries as CoupledSeries
 from .studies.series import coupled_series as coupled_series
 from .studies.series import ensemble as ensemble

@@ -37,6 +37,7 @@ _HOMES = {
     "performance": "meshtrace.studies.performance.tables",
     "depth-sweep": "meshtrace.studies.performance.tables",
     "convergence": "meshtrace.studies.convergence.study",
+    "sensitivity": "meshtrace.studies.sensitivity.result",
     "fading-convergence": "meshtrace.studies.convergence.fading",
 }
 """Modules of the results by kind, imported when a file asks for them."""

@@ -163,8 +163,7 @@ class FrozenForced:
 
         return (
             link.water.phase == mine.water.phase
-            and (link.water.n, link.n_air, link.bubbles)
-            == (mine.water.n, mine.n_air, mine.bubbles)
+            and (link.water.n, link.n_air, link.bubbles) == (mine.water.n, mine.n_air, mine.bubbles)
             and link.physics == mine.physics
             and places(arrays) == places(base)
         )
