@@ -9,13 +9,16 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.kernels.random import realization_seed
+from meshtrace.stored import SHIFTS
 from meshtrace.studies.sensitivity import study as study_module
+from meshtrace.studies.sensitivity.problem import error_of, without_each
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport.frozen import FrozenForced
 
 REFERENCE = json.loads(
     (Path(__file__).parents[1] / "data" / "sensitivity_reference.json").read_text()
 )
+SEED = 5  # without a vertex within 1e-4 of the surface
 NAMES = {
     "a": "water.a",
     "b": "water.b",
@@ -91,22 +94,36 @@ def test_moments_agree_with_differences():
 @pytest.mark.parametrize("wind_speed", [5.0, 13.0])
 def test_radius_on_the_axis(wind_speed):
     sea = JonswapSea(wind_speed=wind_speed, band="paper", seed=7)
-    found = elasticities(mt.Link(), sea, keys=("r",), photons=4096)
-    assert found.table[0].elasticity == pytest.approx(1.9998, abs=3e-4)
+    row = elasticities(mt.Link(), sea, keys=("r",), photons=8192).table[0]
+    assert row.stderr < 1e-3
+    assert row.elasticity == pytest.approx(1.9998, abs=3e-4 + 3.0 * row.stderr)
 
 
 def test_a_discontinuity_missed_by_a_small_step_is_suspicious(monkeypatch):
     # chains that do not stretch with the depth: vertices surface, carried by rare chains
     monkeypatch.setattr(FrozenForced, "_stretched", lambda self, arrays: self._nominals)
-    found = elasticities(mt.Link(), keys=("d",), step=1e-4)
+    found = elasticities(mt.Link(), keys=("d",), step=1e-4, seed=SEED)
     assert found.table[0].suspicious
     assert "over the longer step" in found.table[0].notes
     monkeypatch.undo()
-    assert not elasticities(mt.Link(), keys=("d",)).table[0].suspicious
+    assert not elasticities(mt.Link(), keys=("d",), seed=SEED).table[0].suspicious
 
 
 @pytest.mark.statistical
 def test_the_jackknife_covers():
+    rng = np.random.default_rng(1)
+    z = []
+    for _ in range(1000):
+        chains, seas = rng.gamma(8.0, size=SHIFTS) / 8.0, rng.gamma(20.0, size=40) / 20.0
+        gains = chains * seas[:, None]
+        logs = np.log([g.mean() for g in without_each(gains)])
+        z.append(logs[0] / error_of(logs))
+    assert 0.93 <= np.mean(np.abs(z) < 2.0) <= 0.97
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_errors_of_elasticities_cover():
     link = mt.Link()
     rows = [elasticities(link, keys=("b",), photons=256, seed=i).table[0] for i in range(200)]
     values, errors = (np.array([row[k] for row in rows]) for k in ("elasticity", "stderr"))
@@ -161,12 +178,12 @@ def test_wind_in_parts():
 
 
 def test_range_against_full_searches():
-    s = mt.sensitivities(mt.Link(), FlatSea(), wrt=["water.a"], of="range", photons=4096)
-    depths = np.arange(50.0, 61.0, 1.0)
+    s = mt.sensitivities(mt.Link(), FlatSea(), wrt=["water.a"], of="range", photons=2048)
+    depths = np.arange(52.0, 59.0, 1.0)
     ranges = []
     for factor in (0.98, 1.02):
         link = mt.Link().replace("water.a", 0.114 * factor)
-        found = mt.link_performance(link, FlatSea(), depths=depths, photons=4096)
+        found = mt.link_performance(link, FlatSea(), depths=depths, photons=2048)
         ranges.append(found.range_at_ber()[0].value)
     expected = (ranges[1] - ranges[0]) / math.log(1.02 / 0.98)
     assert s.value == pytest.approx(np.mean(ranges), rel=0.01)

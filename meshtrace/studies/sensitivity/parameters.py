@@ -21,7 +21,7 @@ from meshtrace.models import Model
 
 _ABSOLUTE = {"zenith_deg": "azimuth_deg", "tilt_deg": "tilt_azimuth_deg"}
 _ANGLE_STEP, _PLACE_STEP = 1.0, 0.01  # [deg], and over depth plus height
-_STEPS = {"fov_deg": 0.1, "phase.n": 0.05, "phase.mu": 0.034}
+_STEPS = {"fov_deg": 0.1, "radius": 0.1, "phase.n": 0.05, "phase.mu": 0.034}
 _ORIGINS = {"phase.n": 1.0, "phase.mu": 3.0}  # singular points of the phase function
 _SEA = ("wind_speed", "fetch", "gamma", "hs", "amplitude", "alpha_coefficient")
 _NOT_BY_DEFAULT = ("wavelength_nm", "power_mw", "n_air", "n_water")

@@ -177,12 +177,6 @@ def second_step(p: Parameter, default: float) -> float:
     return 3.0 * max(1.0, default / p.step)
 
 
-def jackknife(values: Floats) -> float:
-    """Return the standard error of the mean of groups from the values without each of them."""
-    n = len(values)
-    return math.sqrt((n - 1) / n * float(np.square(values - values.mean()).sum())) if n > 1 else 0.0
-
-
 def without_each(gains: Floats) -> Iterator[Floats]:
     """Yield the gains (seas, shifts): all, without each shift, and without each of several seas."""
     yield gains
@@ -191,3 +185,22 @@ def without_each(gains: Floats) -> Iterator[Floats]:
     if len(gains) > 1:
         for i in range(len(gains)):
             yield np.delete(gains, i, axis=0)
+
+
+def error_of(values: Floats) -> float:
+    """Return the standard error of the first of values (1 + groups,), see `without_each`."""
+    return math.sqrt(covariance_of(values[None])[0, 0])
+
+
+def covariance_of(values: Floats) -> Floats:
+    """Return the covariance (n, n) of the first of values (n, 1 + groups), see `without_each`.
+
+    var = (m - 1) / m sum_i (v_i - mean v)^2 over the m shifts, and the same over the seas
+    """
+    total = np.zeros((len(values), len(values)))
+    for groups in (values[:, 1 : 1 + SHIFTS], values[:, 1 + SHIFTS :]):
+        m = groups.shape[1]
+        if m > 1:
+            off = groups - groups.mean(axis=1, keepdims=True)
+            total += (m - 1) / m * off @ off.T
+    return total

@@ -23,9 +23,10 @@ from meshtrace.studies.sensitivity.problem import (
     Problem,
     Response,
     Shelf,
+    covariance_of,
     edge_of_view,
+    error_of,
     has_moments,
-    jackknife,
     moments,
     second_step,
     without_each,
@@ -90,8 +91,8 @@ def sensitivities(
     ook : OokLink or {"physical", "paper", "paper-ranges"}, optional
         Transmission, for all but the gain.
     step : float, optional
-        Step of the differences, relative, or in the unit of an offset or an angle; by default 1 %,
-        1 % of depth plus height, 1 deg.
+        Step of the differences, relative, or in the unit of an offset or an angle; by default 1 %
+        (10 % of a radius), 1 % of depth plus height, 1 deg.
     limit : float
         Bit error rate of a working link.
     bit_rate : float, optional
@@ -345,11 +346,11 @@ class _Study:
         """Return whether the derivatives over two steps disagree, and how."""
         if len(found) < 2:
             return False, "one step: the longer one leaves the range"
-        off, error = found[1] - found[0], self.error(found[1] - found[0])
+        off, error = found[1] - found[0], error_of(found[1] - found[0])
         bend = _BEND * max(abs(float(found[1][0])), 1.0)
         if abs(off[0]) <= math.hypot(_DOUBT * error, bend):
             return False, ""
-        longer = f"{found[1][0]:.5g} +- {self.error(found[1]):.1g} over the longer step"
+        longer = f"{found[1][0]:.5g} +- {error_of(found[1]):.1g} over the longer step"
         return True, longer
 
     def _second(self, p: Parameter, gains: Floats) -> float:
@@ -365,32 +366,18 @@ class _Study:
             return (high - 2.0 * mid + low) / steps**2
         return (math.exp(high - mid) - 2.0 + math.exp(low - mid)) / steps**2
 
-    def error(self, rates: Floats) -> float:
-        """Return the standard error of the first of the rates from the others."""
-        return math.hypot(jackknife(rates[1 : 1 + SHIFTS]), jackknife(rates[1 + SHIFTS :]))
-
-    def covariance(self, rates: Floats) -> Floats:
-        """Return the covariance of rates, shape (n, n), from rows (n, 1 + groups)."""
-        total = np.zeros((len(rates), len(rates)))
-        for groups in (rates[:, 1 : 1 + SHIFTS], rates[:, 1 + SHIFTS :]):
-            n = groups.shape[1]
-            if n > 1:
-                off = groups - groups.mean(axis=1, keepdims=True)
-                total += (n - 1) / n * off @ off.T
-        return total
-
 
 def _result(study: _Study, found: list[_Rates], asked: list[str], case: Case) -> Sensitivities:
     """Return the table of the derivatives."""
     quantity, setting = study.quantity, study.problem.setting
     logs = np.array([quantity.log(gains, setting.ook) for gains in without_each(study.base)])
-    value, stderr = quantity.value(float(logs[0])), study.error(logs)
+    value, stderr = quantity.value(float(logs[0])), error_of(logs)
     rates = np.array([one.rates for one in found])
     if quantity.of == "range":
         # at a fixed need: dR / R = -(d ln q / d ln p) / (d ln q / d ln d)
         deeper = rates[[one.parameter.name for one in found].index(_DEPTH)]
         value = float(setting.link.transmitters[0].depth)  # type: ignore[attr-defined]
-        stderr = abs(value * study.error(logs / deeper[0]))
+        stderr = abs(value * error_of(logs / deeper[0]))
         rates = np.where([[one.parameter.name == _DEPTH] for one in found], rates, -rates / deeper)
         found = [one._replace(second=-one.second / deeper[0]) for one in found]
     else:
@@ -399,10 +386,10 @@ def _result(study: _Study, found: list[_Rates], asked: list[str], case: Case) ->
     found, rates = [found[i] for i in kept], rates[kept]
     rows, factors = [], []
     for one, rate in zip(found, rates, strict=True):
-        row, factor = _row(one, float(rate[0]), study.error(rate), quantity, value)
+        row, factor = _row(one, float(rate[0]), error_of(rate), quantity, value)
         rows.append(row)
         factors.append(factor)
-    covariance = study.covariance(rates) * np.outer(factors, factors)
+    covariance = covariance_of(rates) * np.outer(factors, factors)
     origin = provenance(case.link, _surface(case), _key(case, setting, study.problem.realizations))
     origin["of"], origin["limit"] = quantity.of, quantity.limit
     return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
