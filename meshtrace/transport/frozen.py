@@ -36,6 +36,7 @@ class Light(NamedTuple):
     order: NDArray[np.int64]  # number of scatterings
     water: NDArray[np.float64]  # path in the water [m]
     angle: NDArray[np.float64]  # to the axis of the receiver [rad]
+    lamp: NDArray[np.float64]  # cosine of the emission to the axis of the source
     shift: NDArray[np.int64]
 
     def by_shift(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -194,12 +195,13 @@ class FrozenForced:
     ) -> Light:
         """Return the unscattered light, by facet."""
         lit = np.flatnonzero(gains)
-        crossing, target = aimed.centroids[lit], arrays.targets[receiver]
-        water = np.linalg.norm(crossing - np.array(arrays.emitters[source].position), axis=1)
-        ends = np.broadcast_to(target.center, crossing.shape)
-        same = np.zeros(len(lit), np.int64)
-        angle = _angle(ends - crossing, target.axis)
-        return Light(gains[lit], same, arrays.frame.unit * water, angle, same - 1)
+        crossing = aimed.centroids[lit]
+        target, emitter = arrays.targets[receiver], arrays.emitters[source]
+        up = crossing - np.array(emitter.position)
+        water, same = np.linalg.norm(up, axis=1), np.zeros(len(lit), np.int64)
+        angle = np.arccos(_cosine(np.array(target.center) - crossing, target.axis))
+        lamp = _cosine(up, emitter.axis)
+        return Light(gains[lit], same, arrays.frame.unit * water, angle, lamp, same - 1)
 
     def _arrivals(
         self, arrays: ForcedLink, aimed: AimedChains, source: int, receiver: int, chains: ChainSet
@@ -213,12 +215,12 @@ class FrozenForced:
             arrays.power[source] * found["weight"] / n,
             np.full(len(found), chains.order),
             arrays.frame.unit * found["water"],
-            _angle(way, target.axis),
+            np.arccos(_cosine(way, target.axis)),
+            _cosine(found["emission"], arrays.emitters[source].axis),
             chain // (n // SHIFTS),
         )
 
 
-def _angle(way: NDArray[np.float64], axis: tuple[float, float, float]) -> NDArray[np.float64]:
-    """Return the angles of directions (n, 3) to an axis [rad]."""
-    cosine = way @ np.array(axis) / np.linalg.norm(way, axis=1)
-    return np.arccos(np.clip(cosine, -1.0, 1.0))
+def _cosine(way: NDArray[np.float64], axis: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Return the cosines of the angles of directions (n, 3) to an axis."""
+    return np.clip(way @ np.array(axis) / np.linalg.norm(way, axis=1), -1.0, 1.0)
