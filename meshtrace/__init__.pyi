@@ -50,11 +50,15 @@ from .studies.convergence import band_limit_study as band_limit_study
 from .studies.convergence import convergence_study as convergence_study
 from .studies.convergence import time_step_study as time_step_study
 from .studies.coverage import coverage_map as coverage_map
+from .studies.optimisation import Optimum as Optimum
+from .studies.optimisation import optimize as optimize
 from .studies.performance.link_performance import depth_sweep as depth_sweep
 from .studies.performance.link_performance import link_performance as link_performance
 from .studies.performance.samples import Realizations as Realizations
 from .studies.performance.tables import DepthSweep as DepthSweep
 from .studies.performance.tables import LinkPerformance as LinkPerformance
+from .studies.sensitivity import Sensitivities as Sensitivities
+from .studies.sensitivity import sensitivities as sensitivities
 from .studies.series import CoupledSeries as CoupledSeries
 from .studies.series import coupled_series as coupled_series
 from .studies.series import ensemble as ensemble

@@ -38,6 +38,8 @@ _HOMES = {
     "performance": "meshtrace.studies.performance.tables",
     "depth-sweep": "meshtrace.studies.performance.tables",
     "convergence": "meshtrace.studies.convergence.study",
+    "optimum": "meshtrace.studies.optimisation.result",
+    "sensitivity": "meshtrace.studies.sensitivity.result",
     "fading-convergence": "meshtrace.studies.convergence.fading",
 }
 """Modules of the results by kind, imported when a file asks for them."""

@@ -42,8 +42,8 @@ def require_height_field(mesh: TriangleMesh) -> None:
         raise Refused("sea.mesh", found, f"a height field; overhangs need {_ANALOG[5:]}")
 
 
-def forced_link(link: Link) -> ForcedLink:
-    """Return the link as arrays and numbers for the chains.
+def forced_link(link: Link, frame: Frame | None = None) -> ForcedLink:
+    """Return the link as arrays and numbers for the chains, in its own frame unless one is given.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def forced_link(link: Link) -> ForcedLink:
     _require_points(link)
     power = np.array([t.power_mw for t in link.transmitters])
     medium = expected_water(link, crest=5.0)
-    frame = frame_of(link)
+    frame = frame or frame_of(link)
     return ForcedLink(
         frame,
         [emitter_of(t, frame) for t in link.transmitters if isinstance(t, WaterSource)],

@@ -1,0 +1,6 @@
+"""Sensitivities: derivatives of a link's quantities by its parameters, with common chains."""
+
+from meshtrace.studies.sensitivity.result import Row, Sensitivities
+from meshtrace.studies.sensitivity.study import sensitivities
+
+__all__ = ["Row", "Sensitivities", "sensitivities"]
