@@ -26,8 +26,9 @@ class Axis(NamedTuple):
     """Increasing grid lines, and for equal bins the line at or before each."""
 
     line: NDArray[np.float64]  # (n,)
-    guide: NDArray[np.int64]  # (bins,)
-    per_metre: float  # bins
+    per_edge: NDArray[np.float64]  # (n - 1,) [m-1]
+    guide: NDArray[np.int64]  # (bins,) no bin has more than one line inside
+    per_bin: float  # [m-1]
 
 
 class Grid(NamedTuple):
@@ -37,7 +38,8 @@ class Grid(NamedTuple):
     y: Axis
     level: float  # height of the first guess [m]
     steep: float  # least squared ratio of vertical to horizontal components of a ray
-    margin: float  # distance from the edges of a facet, in edges of its cell
+    rounding: float  # of a coordinate, relative
+    height: float  # largest coordinate across the grid [m]
     clear: float  # least distance of the facet [m]
 
 
@@ -47,13 +49,11 @@ def cell_of(axis, x):
 
     Array twin: numpy.searchsorted.
     """
-    at = (x - axis.line[0]) * axis.per_metre
+    at = (x - axis.line[0]) * axis.per_bin
     if not 0.0 <= at < len(axis.guide):
         return -1
     i = axis.guide[int(at)]
-    while i < len(axis.line) - 2 and axis.line[i + 1] <= x:
-        i += 1
-    return i
+    return i + (1 if i < len(axis.per_edge) - 1 and axis.line[i + 1] <= x else 0)
 
 
 @inlined
@@ -67,36 +67,30 @@ def grid_facet(grid, vertices, p, d):
     ny = len(grid.y.line)
     t = (grid.level - p.z) / d.z
     for _ in range(_STEPS):
-        x, y = p.x + t * d.x, p.y + t * d.y
+        x, y, z = p.x + t * d.x, p.y + t * d.y, p.z + t * d.z
         i, j = cell_of(grid.x, x), cell_of(grid.y, y)
         if i < 0 or j < 0:
             return UNKNOWN
-        x0, y0, a = grid.x.line[i], grid.y.line[j], i * ny + j
-        edge_x, edge_y = grid.x.line[i + 1] - x0, grid.y.line[j + 1] - y0
-        u, v = (x - x0) / edge_x, (y - y0) / edge_y
+        a = i * ny + j
         za, zb = vertices[a, 2], vertices[a + ny, 2]
         zc, zd = vertices[a + ny + 1, 2], vertices[a + 1, 2]
-        # rises along both edges of the cell; both diagonals reduce to "first if w > 0"
-        if (i + j) % 2 == 0:
-            first = u > v
-            rise_u, rise_v = (zb - za, zc - zb) if first else (zc - zd, zd - za)
-            height = za + u * rise_u + v * rise_v
-        else:
-            first = u + v < 1.0
-            rise_u, rise_v = (zb - za, zd - za) if first else (zc - zd, zc - zb)
-            height = zb + zd - zc if not first else za
-            height += u * rise_u + v * rise_v
-        du, dv = d.x / edge_x, d.y / edge_y
-        step = (height - p.z - t * d.z) / (d.z - du * rise_u - dv * rise_v)
+        per_x, per_y = grid.x.per_edge[i], grid.y.per_edge[j]
+        u, v = (x - grid.x.line[i]) * per_x, (y - grid.y.line[j]) * per_y
+        du, dv = d.x * per_x, d.y * per_y
+        if (i + j) & 1:  # mirrored, so that the diagonal is u = v
+            za, zb, zc, zd = zb, za, zd, zc
+            u, du = 1.0 - u, -du
+        first = u > v
+        rise_u, rise_v = (zb - za, zc - zb) if first else (zc - zd, zd - za)
+        step = (za + u * rise_u + v * rise_v - z) / (d.z - du * rise_u - dv * rise_v)
         t += step
         u, v = u + step * du, v + step * dv
-        w = u - v if (i + j) % 2 == 0 else 1.0 - u - v
-        near = min(min(min(u, 1.0 - u), min(v, 1.0 - v)), w if first else -w)
-        if near > grid.margin:
-            return np.int64(2 * (i * (ny - 1) + j) + (0 if first else 1)) if (
-                t > grid.clear
-            ) else UNKNOWN
-        if near > -grid.margin:
+        inside = min(u - v, min(1.0 - u, v)) if first else min(v - u, min(u, 1.0 - v))
+        margin = grid.rounding * (abs(x) + abs(y) + grid.height) * max(per_x, per_y)
+        if inside > margin:
+            facet = 2 * (a - i) + (0 if first else 1)
+            return np.int64(facet) if t > grid.clear else UNKNOWN
+        if inside > -margin:
             return UNKNOWN
     return UNKNOWN
 
