@@ -25,7 +25,7 @@ _STEPS = 8  # cells visited at most
 class Axis(NamedTuple):
     """Increasing grid lines, and for equal bins the line at or before each."""
 
-    line: NDArray[np.float64]  # (n,)
+    line: NDArray[np.float64]  # (n,) the last one replaced by infinity
     per_edge: NDArray[np.float64]  # (n - 1,) [m-1]
     guide: NDArray[np.int64]  # (bins,) no bin has more than one line inside
     per_bin: float  # [m-1]
@@ -53,7 +53,7 @@ def cell_of(axis, x):
     if not 0.0 <= at < len(axis.guide):
         return -1
     i = axis.guide[int(at)]
-    return i + (1 if i < len(axis.per_edge) - 1 and axis.line[i + 1] <= x else 0)
+    return i + np.int64(axis.line[i + 1] <= x)
 
 
 @inlined
@@ -66,30 +66,37 @@ def grid_facet(grid, vertices, p, d):
         return UNKNOWN
     ny = len(grid.y.line)
     t = (grid.level - p.z) / d.z
+    i, j = cell_of(grid.x, p.x + t * d.x), cell_of(grid.y, p.y + t * d.y)
+    if i < 0 or j < 0:
+        return UNKNOWN
+    t = (vertices[i * ny + j, 2] - p.z) / d.z
     for _ in range(_STEPS):
         x, y, z = p.x + t * d.x, p.y + t * d.y, p.z + t * d.z
         i, j = cell_of(grid.x, x), cell_of(grid.y, y)
         if i < 0 or j < 0:
             return UNKNOWN
-        a = i * ny + j
-        za, zb = vertices[a, 2], vertices[a + ny, 2]
-        zc, zd = vertices[a + ny + 1, 2], vertices[a + 1, 2]
+        # the diagonal is u = v, in odd cells after a reflection of u; without branches, of which
+        # half would be predicted wrongly
+        odd = (i + j) & 1
+        sign, left = 1.0 - 2.0 * odd, i * ny + j
+        a, b = left + odd * ny, left + (1 - odd) * ny
+        za, zb, zc, zd = vertices[a, 2], vertices[b, 2], vertices[b + 1, 2], vertices[a + 1, 2]
         per_x, per_y = grid.x.per_edge[i], grid.y.per_edge[j]
-        u, v = (x - grid.x.line[i]) * per_x, (y - grid.y.line[j]) * per_y
-        du, dv = d.x * per_x, d.y * per_y
-        if (i + j) & 1:  # mirrored, so that the diagonal is u = v
-            za, zb, zc, zd = zb, za, zd, zc
-            u, du = 1.0 - u, -du
+        u = odd + sign * (x - grid.x.line[i]) * per_x
+        v = (y - grid.y.line[j]) * per_y
+        du, dv = sign * d.x * per_x, d.y * per_y
         first = u > v
-        rise_u, rise_v = (zb - za, zc - zb) if first else (zc - zd, zd - za)
+        rise_u = zb - za if first else zc - zd
+        rise_v = zc - zb if first else zd - za
         step = (za + u * rise_u + v * rise_v - z) / (d.z - du * rise_u - dv * rise_v)
         t += step
         u, v = u + step * du, v + step * dv
-        inside = min(u - v, min(1.0 - u, v)) if first else min(v - u, min(u, 1.0 - v))
+        inside = min(min(u, 1.0 - u), min(v, 1.0 - v))
+        inside = min(inside, u - v if first else v - u)
         margin = grid.rounding * (abs(x) + abs(y) + grid.height) * max(per_x, per_y)
         if inside > margin:
-            facet = 2 * (a - i) + (0 if first else 1)
-            return np.int64(facet) if t > grid.clear else UNKNOWN
+            facet = 2 * (left - i) + np.int64(u <= v)
+            return facet if t > grid.clear else UNKNOWN
         if inside > -margin:
             return UNKNOWN
     return UNKNOWN

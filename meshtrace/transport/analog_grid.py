@@ -54,4 +54,4 @@ def _axis(line: Floats) -> Axis:
     bins = min(int(1.01 * span / edges.min()) + 1, _MOST_BINS + 1)
     starts = line[0] + span * np.arange(bins) / bins
     guide = np.searchsorted(line, starts, side="right") - 1
-    return Axis(line, 1.0 / edges, guide.astype(np.int64), bins / span)
+    return Axis(np.append(line[:-1], np.inf), 1.0 / edges, guide.astype(np.int64), bins / span)
