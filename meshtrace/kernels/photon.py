@@ -14,6 +14,7 @@ import numpy as np
 from meshtrace.kernels.facets import plane_distance
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import sample_free_path
+from meshtrace.kernels.photon_grid import UNKNOWN, grid_facet
 from meshtrace.kernels.photon_state import (
     GOES_ON,
     Miss,
@@ -94,8 +95,15 @@ def _cast(q, slot, n_rays, pool, world):
     pool.direction[n_rays, 1] = q.dy
     pool.direction[n_rays, 2] = q.dz
     pool.ray_slot[n_rays] = slot
-    q.status = Status.WAITING
     return n_rays + 1
+
+
+@inlined
+def _shortcut(q, world):
+    """Return the facet that a photon meets if no ray is needed to tell, else `UNKNOWN`."""
+    if len(world.grid.x.line) == 0 or q.retry > 0:
+        return UNKNOWN
+    return grid_facet(world.grid, world.surface.vertices, place(q), heading(q))
 
 
 @outlined
@@ -207,14 +215,19 @@ def advance(pool, n_waiting, facets, next_photon, last, world):
     for k in range(n_waiting):
         slot = pool.ray_slot[k]
         q = pool.photon[slot]
-        fate = GOES_ON
-        if q.status == Status.WAITING:
-            fate = _settle(q, np.int64(facets[k]), world)
+        facet = np.int64(facets[k])
         while True:
+            fate = GOES_ON
+            if q.status == Status.WAITING:
+                fate = _settle(q, facet, world)
             if q.status == Status.MOVING:
                 if fate == GOES_ON:
                     fate = _move(q, world)
                 if fate == GOES_ON:
+                    q.status = Status.WAITING
+                    facet = _shortcut(q, world)
+                    if facet >= 0:
+                        continue
                     n_rays = _cast(q, slot, n_rays, pool, world)
                     break
                 _end(q, fate, world)
@@ -222,5 +235,4 @@ def advance(pool, n_waiting, facets, next_photon, last, world):
                 break
             _start(q, next_photon, world)
             next_photon += 1
-            fate = GOES_ON
     return n_rays, next_photon

@@ -12,6 +12,7 @@ from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.photon_grid import Grid
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import Apertures, Fate, Tallies, deposit, score_apertures
@@ -109,6 +110,7 @@ class World(NamedTuple):
     seed: np.uint64
     sources: Sources
     surface: Surface
+    grid: Grid
     medium: Medium
     apertures: Apertures
     interface: Interface

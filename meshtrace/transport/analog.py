@@ -22,6 +22,7 @@ from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.photon import advance
+from meshtrace.kernels.photon_grid import Grid
 from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Apertures, Fate, Tallies
 from meshtrace.kernels.vectors import UP, Vec3
@@ -29,6 +30,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
+from meshtrace.transport.analog_grid import NO_GRID, grid_arrays
 from meshtrace.transport.arrays import (
     aperture_arrays,
     interface_arrays,
@@ -115,6 +117,7 @@ class Setup(NamedTuple):
     seed: int
     sources: Sources
     surface: Surface
+    grid: Grid
     medium: Medium
     apertures: Apertures
     interface: Interface
@@ -228,6 +231,7 @@ def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
         seed=np.uint64(setup.seed),  # numba takes a Python integer for a signed one
         sources=setup.sources,
         surface=setup.surface,
+        grid=setup.grid,
         medium=setup.medium,
         apertures=setup.apertures,
         interface=setup.interface,
@@ -272,6 +276,7 @@ def _setup(
         seed=seed,
         sources=sources,
         surface=surface,
+        grid=grid_arrays(intersector.mesh) if intersector.shortcut else NO_GRID,
         medium=with_raster(medium, intersector),
         apertures=frame.apertures(aperture_arrays(link)),
         interface=interface_arrays(link),
