@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import singledispatch
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pyvista as pv
@@ -17,8 +16,8 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths, Vertex
 
-if TYPE_CHECKING:
-    from .stage import Scene
+from .checks import checked
+from .stage import Scene
 
 
 @singledispatch
@@ -104,6 +103,7 @@ def _height(source: CoverageMap) -> float:
 _SUFFIXES = {pv.PolyData: (".vtp", ".vtu", ".ply", ".stl"), pv.ImageData: (".vti",)}
 
 
+@checked
 def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path) -> Path:
     """Write a surface, photon paths or a coverage map as a file for ParaView.
 
@@ -137,6 +137,7 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
     return path
 
 
+@checked
 def export_scene(scene: Scene, folder: str | Path) -> list[Path]:
     """Write the surface, paths and map of a scene as files for ParaView.
 
@@ -160,6 +161,7 @@ def export_scene(scene: Scene, folder: str | Path) -> list[Path]:
     ]
 
 
+@checked
 def save_picture(plotter: pv.Plotter, path: str | Path, largest: int = 300_000) -> Path:
     """Write the image of a plotter as a PNG of limited size.
 
@@ -176,11 +178,22 @@ def save_picture(plotter: pv.Plotter, path: str | Path, largest: int = 300_000) 
     -------
     Path
         The file.
+
+    Raises
+    ------
+    Refused
+        If the suffix is not .png, or the plotter has not been rendered.
     """
     from PIL import Image, ImageOps
 
     path = Path(path)
-    picture = Image.fromarray(np.asarray(plotter.screenshot(return_img=True)))
+    if path.suffix != ".png":
+        raise Refused("path", str(path), "a file name in .png")
+    try:
+        shot = plotter.screenshot(return_img=True)
+    except (AttributeError, RuntimeError) as error:  # pyvista's, of several lines
+        raise Refused("plotter", Described("not rendered, or closed"), "one in use") from error
+    picture = Image.fromarray(np.asarray(shot))
     with atomic(path) as temporary:
         for bits in (8, 7, 6, 5):
             ImageOps.posterize(picture, bits).save(temporary)

@@ -15,6 +15,7 @@ from meshtrace.link import CardioidalSky, Link, Sun, UniformSky
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.bubbles import HallNovarini
 
+from .checks import checked
 from .export import surface_sampler, to_pyvista
 from .stage import Scene, Z, add_labels, round_range
 from .style import LED_COLOR, PALETTE, RECEIVER_COLOR, UAV_COLOR, plain_label, water_map
@@ -38,6 +39,7 @@ NEAR_OPACITY = 0.35
 Vector = tuple[float, float, float]
 
 
+@checked
 def add_surface(
     scene: Scene,
     mesh: TriangleMesh,
@@ -94,6 +96,7 @@ def add_surface(
     return scene
 
 
+@checked
 def add_bubbles(
     scene: Scene, mesh: TriangleMesh, bubbles: HallNovarini | None = None, *, near: bool = False
 ) -> Scene:
@@ -166,6 +169,7 @@ def _tint(z: np.ndarray, bottom: float, bubbles: HallNovarini | None) -> np.ndar
     return np.rint(255.0 * np.hstack([color, alpha])).astype(np.uint8)
 
 
+@checked
 def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool = True) -> Scene:
     """Draw every source: an LED or a beam with its cone, or the light of the sun or sky.
 
@@ -209,6 +213,7 @@ def _add_sky(scene: Scene, source: Any, labels: bool) -> None:
         add_labels(scene, [target - 1.1 * length * along], [source.kind.replace("-", " ")])
 
 
+@checked
 def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool = True) -> Scene:
     """Draw every receiver: its disk, enlarged for visibility, and its field of view."""
     stage = scene.stage
@@ -279,6 +284,7 @@ def cone_rim(
     return rim
 
 
+@checked
 def add_uav(scene: Scene, link: Link) -> Scene:
     """Draw a quadcopter above every receiver in the air, tilted as the receiver."""
     for receiver in link.receivers:

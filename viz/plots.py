@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
 from meshtrace.errors import Described, Refused
+from meshtrace.results.gain import GainResult
+from meshtrace.stored import Stored
+from meshtrace.studies.comparison import Comparison
+from meshtrace.studies.convergence.fading import FadingConvergence
+from meshtrace.studies.performance.tables import DepthSweep
 
+from .checks import checked
 from .plots_curves import plot_curves, plot_sweep
 from .plots_gain import plot_autocorrelation, plot_coverage, plot_fates, plot_gain_series
 from .plots_signal import plot_impulse_response
 from .plots_study import plot_convergence, plot_performance
 from .style import INK, PALETTE, axes, axis_label
-
-if TYPE_CHECKING:
-    from meshtrace.results.gain import GainResult
-    from meshtrace.stored import Stored
-    from meshtrace.studies.comparison import Comparison
-    from meshtrace.studies.convergence.fading import FadingConvergence
-    from meshtrace.studies.performance.tables import DepthSweep
 
 
 _SHOWN = 1e-6  # of the largest bar, down to which bars are drawn
@@ -62,6 +61,7 @@ def plot(result: Stored | xr.Dataset, *, ax: Axes | None = None) -> Axes:
     return _PLOTS[kind](result, ax=ax)
 
 
+@checked
 def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
     """Plot the fates of analog light, or the gain of forced detection by order of scattering.
 
@@ -96,6 +96,7 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@checked
 def plot_comparison(result: Comparison, *, ax: Axes | None = None) -> Axes:
     """Plot the gains of links over that of the first one [dB], with two standard errors.
 
@@ -123,6 +124,7 @@ def plot_comparison(result: Comparison, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@checked
 def plot_fading_convergence(study: FadingConvergence, *, ax: Axes | None = None) -> Axes:
     """Plot the scintillation index over the highest frequency of the waves.
 

@@ -28,7 +28,6 @@ __all__ = [
     "converge",
     "coverage",
     "figures",
-    "main",
     "new",
     "plot",
     "run",
@@ -37,8 +36,3 @@ __all__ = [
     "validate",
     "view",
 ]
-
-
-def main() -> None:
-    """Run the command line and exit."""
-    app(prog_name="meshtrace")
