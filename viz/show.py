@@ -18,14 +18,21 @@ from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
+from meshtrace.surfaces import Surface
 from meshtrace.transport.paths import PhotonPaths
 
 from .export import export_scene
 from .html import save_html
+from .light_pattern import save_light
 from .movie import save_movie
 from .scenes import RECEIVED_SHOWN, SceneStyle, scene
 
-SUFFIXES = {"screenshot": (".png",), "html": (".html",), "movie": (".mp4", ".gif")}
+SUFFIXES = {
+    "screenshot": (".png",),
+    "html": (".html",),
+    "movie": (".mp4", ".gif"),
+    "light": (".png", ".mp4", ".gif"),
+}
 """File name suffixes of each kind of output."""
 
 FRAME_RATE = 10.0
@@ -45,6 +52,7 @@ def view(
     screenshot: str | Path | None = None,
     html: str | Path | None = None,
     movie: str | Path | None = None,
+    light: str | Path | None = None,
     export: str | Path | None = None,
     gain: GainSeries | None = None,
     frames: int = 50,
@@ -68,6 +76,8 @@ def view(
         As in `scene`.
     screenshot, html, movie : path, optional
         Files to write: .png, .html, .mp4 or .gif. Without any file or folder a window opens.
+    light : path, optional
+        Picture or movie of the light pattern to write, by `save_light`: .png, .mp4 or .gif.
     export : path, optional
         Folder for the surface, paths and map as VTK files.
     gain : GainSeries, optional
@@ -92,8 +102,9 @@ def view(
         If a file could not be written, there is no display to open a window on, or a movie of a
         mesh is requested.
     """
-    _refuse_unwritable({"screenshot": screenshot, "html": html, "movie": movie, "export": export})
-    window = not (screenshot or html or movie or export)
+    outputs = {"screenshot": screenshot, "html": html, "movie": movie, "light": light}
+    _refuse_unwritable({**outputs, "export": export})
+    window = not (any(outputs.values()) or export)
     if window and not has_display():
         raise Refused("view", Described("no display"), "screenshot, html, movie or export")
     if movie and (link is None or isinstance(surface, TriangleMesh)):
@@ -101,9 +112,9 @@ def view(
     files: list[Path] = []
     if window or screenshot or html or export:
         paths = paths if link is not None else None
-        light: Any = {"paths": paths, "received": received, "coverage": coverage, "seed": seed}
+        drawn: Any = {"paths": paths, "received": received, "coverage": coverage, "seed": seed}
         shown = replace(style, off_screen=not window)
-        plotter = scene(link, surface, time=time, **light, style=shown)
+        plotter = scene(link, surface, time=time, **drawn, style=shown)
         if screenshot:
             with atomic(screenshot) as temporary:
                 plotter.screenshot(temporary)
@@ -118,8 +129,14 @@ def view(
     if movie and isinstance(link, Link) and isinstance(surface, MeshSource):
         times, rate = _frames(gain, time, frames, frame_rate)
         frames_of: Any = {"gain": gain, "frame_rate": rate, "progress": progress}
-        light = {"received": received or RECEIVED_SHOWN, "coverage": coverage, "seed": seed}
-        files.append(save_movie(link, surface, times, movie, **frames_of, **light, style=style))
+        drawn = {"received": received or RECEIVED_SHOWN, "coverage": coverage, "seed": seed}
+        files.append(save_movie(link, surface, times, movie, **frames_of, **drawn, style=style))
+    if light:
+        if link is None or not isinstance(surface, Surface):
+            raise Refused("light", Described("of a mesh"), "a link over a sea")
+        times, rate = _frames(gain, time, frames, frame_rate)
+        sizes: Any = {"extent": style.extent, "frame_rate": rate, "progress": progress}
+        files.append(save_light(link, surface, light, times, **sizes))
     return files
 
 

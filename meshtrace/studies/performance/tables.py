@@ -142,7 +142,7 @@ class LinkPerformance(Stored):
         lines += [_figures_line(figures) for figures in self.figures]
         if len(self.depths) > 1:
             lines += ["", self._range_heading, *self._range_lines()]
-        return "\n".join([*lines, "", *self._overloads(), self.status])
+        return "\n".join([*lines, "", *self._overloads(), *self._band(), self.status])
 
     @property
     def _range_heading(self) -> str:
@@ -152,6 +152,17 @@ class LinkPerformance(Stored):
         """Return the range of each bit rate."""
         found = zip(self.bit_rates, self.range_at_ber(), strict=True)
         return [f"{wind}{rate / 1e6:>7g} Mbit/s  {_range_text(value)}" for rate, value in found]
+
+    def _band(self) -> list[str]:
+        """Return the fading of the band of waves and of all waves, in closed form."""
+        found = self.provenance.get("closed_form")
+        if not found:
+            return []
+        return [
+            f"{self.depths[0]:g} m: scintillation index of unscattered light "
+            f"{found['index_of_band']:.3g} up to {found['omega_max']:.3g} rad/s, "
+            f"{found['index_of_all']:.3g} with all waves (closed form)"
+        ]
 
     def _overloads(self) -> list[str]:
         """Return a warning that names the depths with most counts in the dead time of the cells."""
