@@ -88,13 +88,13 @@ def light_pattern(
     source, receiver = _checked(link, sea, extent, step)
     assert isinstance(sea, Surface)
     n = math.ceil(extent / step - 1e-9)
-    spacing, slope = _waves(sea, step)
+    spacing, slope, reach = _waves(sea, step)
     beyond, wind = _beyond(link, sea, spacing)
     blur = (link.water.n / link.n_air - 1.0) * receiver.height * np.sqrt(beyond) / step
     margin = math.ceil(4.0 * blur.max()) + 1
     light = np.zeros((2 * (n + margin), 2 * (n + margin)))
     center = np.array(receiver.position)
-    labels = _labels(link, step * (n + margin), spacing, slope)
+    labels = _labels(link, step * (n + margin), spacing, slope, reach)
     for points, normals in _strips(sea.sheet(*labels, time), labels, step / _RAYS):
         place, flux = _landed(link, source, receiver, points, normals)
         _share_out(light, (place - center) / step + (n + margin), flux)
@@ -123,15 +123,20 @@ def _checked(link: Link, surface: Any, extent: float, step: float) -> tuple[Any,
     return source, link.only_receiver
 
 
-def _waves(sea: Surface, step: float) -> tuple[float, float]:
-    """Return the distance of the points that represent the surface [m], and its rms slope."""
+def _waves(sea: Surface, step: float) -> tuple[float, float, float]:
+    """Return the distance of the points that represent the surface, its rms slope, and the reach.
+
+    The reach is how far points lie from their labels in a choppy sea [m].
+    """
     if not isinstance(sea, WaveSum):
-        return step, 0.3
+        return step, 0.3, 0.0
     waves = sea.components
     k = np.hypot(waves.kx, waves.ky)
     slope = math.sqrt(0.25 * float(np.square(waves.amplitude * k).sum()))
     shortest = float(k[waves.amplitude > 0.0].max(initial=0.0))
-    return GAIN_SPACING / shortest if shortest > 0.0 else step, slope
+    choppy = getattr(sea, "choppy", False)
+    reach = _SLOPES * math.sqrt(0.5 * float(np.square(waves.amplitude).sum())) if choppy else 0.0
+    return GAIN_SPACING / shortest if shortest > 0.0 else step, slope, reach
 
 
 def _beyond(link: Link, sea: Surface, spacing: float) -> tuple[Floats, float]:
@@ -142,13 +147,14 @@ def _beyond(link: Link, sea: Surface, spacing: float) -> tuple[Floats, float]:
     return np.array(found.vertex), math.radians(found.direction_deg)
 
 
-def _labels(link: Link, half: float, spacing: float, slope: float) -> list[Floats]:
+def _labels(link: Link, half: float, spacing: float, slope: float, reach: float) -> list[Floats]:
     """Return the grid lines of the surface whose light may reach |x|, |y| <= half [m]."""
     receiver, source = link.only_receiver, link.transmitters[0]
     n = link.water.n / link.n_air
     share = getattr(source, "depth", 1.0) / (getattr(source, "depth", 1.0) + n * receiver.height)
     start, end = np.array(source.position), np.array(receiver.position)
-    reach = share * half + _SLOPES * (n - 1.0) * receiver.height * share * slope + 4.0 * spacing
+    lever = (n - 1.0) * receiver.height * share
+    reach += share * half + _SLOPES * lever * slope + 4.0 * spacing
     lines = np.arange(-reach, reach + spacing, spacing)
     return [float(c) + lines for c in start + share * (end - start)]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mc_statistics import z_test
+from mc_statistics import ALPHA, z_test
 from scipy import optimize, stats
 
 from meshtrace.comms import OokLink
@@ -51,7 +51,9 @@ def test_interleaved_outage_against_drawn_code_words(m):
     information = hard_information(ber_of_gains(LINK, rng.choice(gain, (words, m)).ravel()))
     missed = (information.reshape(words, m).mean(axis=1) < RATE).mean()
     expected = interleaved_outage(LINK, gain, RATE, m)
-    z_test(missed, expected, np.sqrt(expected * (1.0 - expected) / words))
+    stderr = float(np.sqrt(expected * (1.0 - expected) / words))
+    assert 0.01 < expected < 0.5
+    assert z_test(float(missed), stderr, expected) > ALPHA
 
 
 def test_margins_fall_with_the_number_of_fades():
