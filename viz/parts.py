@@ -80,7 +80,7 @@ def add_surface(
     if color not in SURFACE_COLORS:
         raise Refused("color", color, ", ".join(SURFACE_COLORS))
     scene.shown["surface"] = mesh
-    data = to_pyvista(mesh)
+    data = _within(to_pyvista(mesh), scene.stage.bounds)
     look: dict[str, Any] = {"color": PALETTE["blue"]}
     if color != "plain":
         values = data.point_data[color]
@@ -94,6 +94,17 @@ def add_surface(
     look |= lines | shine
     scene.add_mesh(data, smooth_shading=True, opacity=opacity, name="surface", **look)
     return scene
+
+
+def _within(data: pv.PolyData, bounds: Any) -> pv.PolyData:
+    """Return a surface cut at the sides of the stage: the mesh of a choppy sea is larger."""
+    for i, normal in enumerate("xy"):
+        low, high = bounds[2 * i : 2 * i + 2]
+        if data.bounds[2 * i] < low:
+            data = data.clip(normal, origin=(low, low, 0.0), invert=False)
+        if data.bounds[2 * i + 1] > high:
+            data = data.clip(normal, origin=(high, high, 0.0))
+    return data
 
 
 @checked

@@ -23,7 +23,6 @@ from .plots_signal import plot_impulse_response
 from .plots_study import plot_convergence, plot_performance
 from .style import INK, PALETTE, axes, axis_label
 
-
 _SHOWN = 1e-6  # of the largest bar, down to which bars are drawn
 
 

@@ -224,17 +224,24 @@ def over_realizations(
     return _series(inputs.link, "realization", seeds, parts, inputs.provenance(), progress)
 
 
-def _beside_closed_form(inputs: Inputs, series: GainSeries) -> GainSeries:
-    """Add the closed form of the scintillation index to a series; warn of a short band."""
-    if len(series.coordinate) < _STATISTICS:
-        return series
-    found = band_fading(inputs.link, inputs.surface)
+def closed_form(link: Link, sea: MeshSource, n: int, level: int = 3) -> dict[str, Any]:
+    """Return `fading.band_fading` as plain data, empty below 50 surfaces; warn of a short band.
+
+    `level` is the stack level of the warning.
+    """
+    found = band_fading(link, sea) if n >= _STATISTICS else None
     if found is None:
-        return series
+        return {}
     text = found.warning()
     if text:
-        warnings.warn(text, stacklevel=3)
-    return replace(series, provenance={**series.provenance, "closed_form": found._asdict()})
+        warnings.warn(text, stacklevel=level + 1)
+    return {"closed_form": found._asdict()}
+
+
+def _beside_closed_form(inputs: Inputs, series: GainSeries) -> GainSeries:
+    """Add the closed form of the scintillation index to a series; warn of a short band."""
+    found = closed_form(inputs.link, inputs.surface, len(series.coordinate))
+    return replace(series, provenance={**series.provenance, **found})
 
 
 def common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[Parts]:

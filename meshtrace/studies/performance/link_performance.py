@@ -22,12 +22,13 @@ from meshtrace.errors import (
     require_whole,
 )
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel
+from meshtrace.mesh import RandomSea, SurfaceModel
 from meshtrace.scenario import Scenario
 from meshtrace.studies.inputs import resolve_chains
 from meshtrace.studies.performance.operating_point import operating_point
 from meshtrace.studies.performance.samples import Ensemble, Realizations
 from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
+from meshtrace.studies.series import closed_form
 from meshtrace.surfaces import sea_in_wind
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
@@ -109,6 +110,10 @@ def link_performance(
     Monte Carlo noise that differs between seas acts like additional fading: 0.2 % of the gain
     with the default chains, beside the 10 % that waves of 5 m/s cause.
 
+    From 50 seas on, the provenance and `LinkPerformance.summary` hold the closed form of the
+    scintillation index at the first depth (`fading.band_fading`), and a warning is issued if the
+    band of waves omits more than a tenth of the fading.
+
     All depths use the same phases and random numbers, so that curves are smooth.
 
     Examples
@@ -147,7 +152,13 @@ def link_performance(
         for depth, samples in fades.items()
         for one in ooks
     ]
-    origin = {"ook": [one.model_dump(mode="json") for one in ooks], **ensemble.provenance()}
+    seas = over.n if isinstance(inputs.surface, RandomSea) else 1
+    fading = closed_form(next(iter(links.values())), inputs.surface, seas, level=2)
+    origin = {
+        **fading,
+        "ook": [one.model_dump(mode="json") for one in ooks],
+        **ensemble.provenance(),
+    }
     origin = {**next(iter(fades.values())).series.provenance, **origin}
     return LinkPerformance(
         tuple(fades), ooks, tuple(points), tuple(fades.values()), limit, confidence,
