@@ -6,6 +6,7 @@ from . import viz as viz
 from .bvh import BruteForceIntersector as BruteForceIntersector
 from .bvh import EmbreeIntersector as EmbreeIntersector
 from .comms.ook import OokLink as OokLink
+from .daylight.light import Daylight as Daylight
 from .errors import DomainWarning as DomainWarning
 from .errors import Refused as Refused
 from .link import CardioidalSky as CardioidalSky
@@ -36,6 +37,7 @@ from .optics.phase import PhaseFunction as PhaseFunction
 from .optics.phase import Rayleigh as Rayleigh
 from .optics.phase import TabulatedPhase as TabulatedPhase
 from .optics.water import Water as Water
+from .results.background import Background as Background
 from .results.coverage import CoverageMap as CoverageMap
 from .results.gain import Fate as Fate
 from .results.gain import GainResult as GainResult
@@ -58,6 +60,7 @@ from .studies.series import coupled_series as coupled_series
 from .studies.series import ensemble as ensemble
 from .studies.series import time_series as time_series
 from .studies.sweep import sweep as sweep
+from .transport.backward import background as background
 from .transport.options import Analog as Analog
 from .transport.options import Arrivals as Arrivals
 from .transport.options import Forced as Forced

@@ -33,6 +33,7 @@ _HOMES = {
     "impulse-response": "meshtrace.results.impulse",
     "series": "meshtrace.results.series",
     "coverage": "meshtrace.results.coverage",
+    "background": "meshtrace.results.background",
     "fading": "meshtrace.fading.summary",
     "performance": "meshtrace.studies.performance.tables",
     "depth-sweep": "meshtrace.studies.performance.tables",
@@ -156,8 +157,8 @@ def load(path: str | Path) -> Stored:
 
     Returns
     -------
-    GainResult, GainSeries, CoverageMap, ImpulseResponse, FadingStatistics, LinkPerformance, \
-    DepthSweep or ConvergenceStudy
+    GainResult, GainSeries, CoverageMap, Background, ImpulseResponse, FadingStatistics, \
+    LinkPerformance, DepthSweep or ConvergenceStudy
 
     Raises
     ------
