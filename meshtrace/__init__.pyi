@@ -5,6 +5,7 @@ from . import uav as uav
 from . import viz as viz
 from .bvh import BruteForceIntersector as BruteForceIntersector
 from .bvh import EmbreeIntersector as EmbreeIntersector
+from .comms.background import DaylightWarning as DaylightWarning
 from .comms.ook import OokLink as OokLink
 from .daylight.light import Daylight as Daylight
 from .errors import DomainWarning as DomainWarning
@@ -38,6 +39,7 @@ from .optics.phase import Rayleigh as Rayleigh
 from .optics.phase import TabulatedPhase as TabulatedPhase
 from .optics.water import Water as Water
 from .results.background import Background as Background
+from .results.background import BackgroundSeries as BackgroundSeries
 from .results.coverage import CoverageMap as CoverageMap
 from .results.gain import Fate as Fate
 from .results.gain import GainResult as GainResult
@@ -46,6 +48,7 @@ from .results.impulse import ImpulseResponse as ImpulseResponse
 from .results.impulse import impulse_response as impulse_response
 from .results.series import GainSeries as GainSeries
 from .scenario.model import Scenario as Scenario
+from .studies.background import background_series as background_series
 from .studies.convergence import band_limit_study as band_limit_study
 from .studies.convergence import convergence_study as convergence_study
 from .studies.convergence import time_step_study as time_step_study

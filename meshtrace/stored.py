@@ -34,6 +34,7 @@ _HOMES = {
     "series": "meshtrace.results.series",
     "coverage": "meshtrace.results.coverage",
     "background": "meshtrace.results.background",
+    "background-series": "meshtrace.results.background",
     "fading": "meshtrace.fading.summary",
     "performance": "meshtrace.studies.performance.tables",
     "depth-sweep": "meshtrace.studies.performance.tables",
@@ -157,8 +158,8 @@ def load(path: str | Path) -> Stored:
 
     Returns
     -------
-    GainResult, GainSeries, CoverageMap, Background, ImpulseResponse, FadingStatistics, \
-    LinkPerformance, DepthSweep or ConvergenceStudy
+    GainResult, GainSeries, CoverageMap, Background, BackgroundSeries, ImpulseResponse, \
+    FadingStatistics, LinkPerformance, DepthSweep or ConvergenceStudy
 
     Raises
     ------

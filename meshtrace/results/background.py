@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
+import numpy as np
+
 from meshtrace.models import Floats
 from meshtrace.results.variables import StoredArrays, Variable
 
@@ -103,3 +105,52 @@ class Background(StoredArrays):
             if self.parts[name] > 0.0
         ]
         return "\n".join([*lines, f"  power  {self.power_per_nm:.4e} W nm-1"])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BackgroundSeries(StoredArrays):
+    """Background of a receiver over a moving sea, with the same rays at all times.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Times [s].
+    part_radiance, part_radiance_stderr : ndarray, shape (n, parts)
+        Mean radiance of each of `PARTS`, and its standard error [W m-2 sr-1 nm-1].
+    provenance : dict
+        Link, sea, daylight, seeds and versions.
+    """
+
+    time: Annotated[Floats, Variable("time")]
+    part_radiance: Annotated[Floats, Variable("time part")]
+    part_radiance_stderr: Annotated[Floats, Variable("time part")]
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    kind: ClassVar[str] = "background-series"
+    title: ClassVar[str] = "meshtrace background light over time"
+
+    @property
+    def radiance(self) -> Floats:
+        """Sum of the parts at each time, shape (n,)."""
+        return np.asarray(self.part_radiance.sum(axis=1))
+
+    @property
+    def parts(self) -> dict[str, Floats]:
+        """Mean radiance of each part at each time."""
+        return dict(zip(PARTS, self.part_radiance.T, strict=True))
+
+    @property
+    def scintillation_index(self) -> float:
+        """Variance of the radiance over its squared mean, with the noise of the rays."""
+        return float(self.radiance.var() / self.radiance.mean() ** 2)
+
+    def _headline(self) -> str:
+        return (
+            f"{len(self.time)} times, mean {self.radiance.mean():.4e} W m-2 sr-1 nm-1, "
+            f"scintillation index {self.scintillation_index:.3g}"
+        )
+
+    def summary(self) -> str:
+        """Return mean, extremes and fluctuation as text for a terminal."""
+        low, high = self.radiance.min(), self.radiance.max()
+        return f"{self._headline()}\n  from {low:.4e} to {high:.4e}"

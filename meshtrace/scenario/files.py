@@ -21,6 +21,7 @@ KEYS = (
     "planes",
     "detector",
     "uav",
+    "daylight",
     "run",
 )
 """Keys at the top of a link file."""

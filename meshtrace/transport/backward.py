@@ -178,11 +178,17 @@ def background(
     found, config = mesh_for(case.link, case.surface, case.meshing)
     run = {"photons": photons, "seed": seed, **case.meshing.model_dump()}
     origin = {**provenance(case.link, config, run), "daylight": day.model_dump(mode="json")}
-    aperture = only_aperture(case.link)
-    sums = seen_from_air(
-        case.link, found, day, photons, seed, case.meshing.normals, default_threads(threads)
-    )
-    return summed(sums, aperture, day, origin)
+    inputs = day, photons, seed, case.meshing.normals, default_threads(threads)
+    return background_over(case.link, found, *inputs, origin)
+
+
+def background_over(
+    link: Link, mesh: TriangleMesh, day: Daylight, photons: int, seed: int, normals: str,
+    threads: int, origin: dict[str, Any],
+) -> Background:  # fmt: skip
+    """Return the background of the one receiver of a link over a mesh, of checked inputs."""
+    sums = seen_from_air(link, mesh, day, photons, seed, normals, threads)
+    return summed(sums, only_aperture(link), day, origin)
 
 
 def only_aperture(link: Link) -> Aperture:
