@@ -5,7 +5,9 @@ from . import uav as uav
 from . import viz as viz
 from .bvh import BruteForceIntersector as BruteForceIntersector
 from .bvh import EmbreeIntersector as EmbreeIntersector
+from .comms.background import DaylightWarning as DaylightWarning
 from .comms.ook import OokLink as OokLink
+from .daylight.light import Daylight as Daylight
 from .errors import DomainWarning as DomainWarning
 from .errors import Refused as Refused
 from .link import CardioidalSky as CardioidalSky
@@ -36,6 +38,8 @@ from .optics.phase import PhaseFunction as PhaseFunction
 from .optics.phase import Rayleigh as Rayleigh
 from .optics.phase import TabulatedPhase as TabulatedPhase
 from .optics.water import Water as Water
+from .results.background import Background as Background
+from .results.background import BackgroundSeries as BackgroundSeries
 from .results.coverage import CoverageMap as CoverageMap
 from .results.gain import Fate as Fate
 from .results.gain import GainResult as GainResult
@@ -44,6 +48,7 @@ from .results.impulse import ImpulseResponse as ImpulseResponse
 from .results.impulse import impulse_response as impulse_response
 from .results.series import GainSeries as GainSeries
 from .scenario.model import Scenario as Scenario
+from .studies.background import background_series as background_series
 from .studies.comparison import Comparison as Comparison
 from .studies.comparison import compare as compare
 from .studies.convergence import band_limit_study as band_limit_study
@@ -65,6 +70,7 @@ from .studies.series import coupled_series as coupled_series
 from .studies.series import ensemble as ensemble
 from .studies.series import time_series as time_series
 from .studies.sweep import sweep as sweep
+from .transport.backward import background as background
 from .transport.options import Analog as Analog
 from .transport.options import Arrivals as Arrivals
 from .transport.options import Forced as Forced

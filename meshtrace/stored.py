@@ -34,6 +34,8 @@ _HOMES = {
     "series": "meshtrace.results.series",
     "coverage": "meshtrace.results.coverage",
     "comparison": "meshtrace.studies.comparison",
+    "background": "meshtrace.results.background",
+    "background-series": "meshtrace.results.background",
     "fading": "meshtrace.fading.summary",
     "performance": "meshtrace.studies.performance.tables",
     "depth-sweep": "meshtrace.studies.performance.tables",
@@ -159,8 +161,8 @@ def load(path: str | Path) -> Stored:
 
     Returns
     -------
-    GainResult, GainSeries, CoverageMap, ImpulseResponse, FadingStatistics, LinkPerformance, \
-    DepthSweep or ConvergenceStudy
+    GainResult, GainSeries, CoverageMap, Background, BackgroundSeries, ImpulseResponse, \
+    FadingStatistics, LinkPerformance, DepthSweep or ConvergenceStudy
 
     Raises
     ------
