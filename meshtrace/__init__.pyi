@@ -8,6 +8,9 @@ from .bvh import EmbreeIntersector as EmbreeIntersector
 from .comms.ook import OokLink as OokLink
 from .errors import DomainWarning as DomainWarning
 from .errors import Refused as Refused
+from .link import AirBeam as AirBeam
+from .link import AirLed as AirLed
+from .link import AirTopHatBeam as AirTopHatBeam
 from .link import CardioidalSky as CardioidalSky
 from .link import GaussianBeam as GaussianBeam
 from .link import IrradiancePlanes as IrradiancePlanes
@@ -20,6 +23,7 @@ from .link import Sun as Sun
 from .link import TopHatBeam as TopHatBeam
 from .link import UniformSky as UniformSky
 from .link import WaterAperture as WaterAperture
+from .link import WaterReceiver as WaterReceiver
 from .link import Whitecaps as Whitecaps
 from .link.link import in_wind as in_wind
 from .mesh import MeshSource as MeshSource

@@ -15,7 +15,7 @@ from meshtrace.kernels.vectors import TWO_PI, Vec3, along, dot, row, turn
 
 
 class SourceKind(IntEnum):
-    """Kinds of sources, as `kind` of the sources of `meshtrace.link`; from `SUN` on in the air."""
+    """Angular patterns, as `pattern` of the sources of `meshtrace.link`."""
 
     LED = 0
     GAUSSIAN_BEAM = 1
@@ -24,6 +24,8 @@ class SourceKind(IntEnum):
     SUN = 4
     UNIFORM_SKY = 5
     CARDIOIDAL_SKY = 6
+    APERTURE = 7
+    """Lambertian inside a cone: the light of an aperture, reversed."""
 
 
 _LAUNCH = int(Purpose.LAUNCH)
@@ -54,6 +56,8 @@ def intensity(emitter, w):
     if emitter.kind == SourceKind.ISOTROPIC:
         return emitter.norm
     theta = math.acos(min(max(cos_theta, -1.0), 1.0))
+    if emitter.kind == SourceKind.APERTURE:
+        return emitter.norm * max(cos_theta, 0.0) if theta <= emitter.spread else 0.0
     if emitter.kind == SourceKind.GAUSSIAN_BEAM:
         # density per solid angle of the sampler: theta Gaussian in the plane
         shape = theta / math.sin(theta) if theta > 1e-6 else 1.0
