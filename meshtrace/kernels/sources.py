@@ -66,6 +66,25 @@ def intensity(emitter, w):
 
 
 @inlined
+def emission_s(kind, spread, u):
+    """Return sin^2(theta / 2) of the angle to the axis of an emitted direction.
+
+    Array twin: inverse distributions of `intensity` in the tests.
+    """
+    if kind == SourceKind.LED:
+        return 0.5 - 0.5 * math.exp(math.log(u) / (spread + 1.0))
+    if kind == SourceKind.ISOTROPIC:
+        return u
+    if kind == SourceKind.TOP_HAT_BEAM:
+        return u * math.sin(0.5 * spread) ** 2
+    if kind == SourceKind.APERTURE:
+        sin2 = u * math.sin(spread) ** 2
+        return 0.5 * sin2 / (1.0 + math.sqrt(1.0 - sin2))
+    theta = spread * math.sqrt(-0.5 * math.log(u))
+    return math.sin(0.5 * min(theta, math.pi)) ** 2
+
+
+@inlined
 def launch(sources, seed, photon):
     """Return position, direction, medium and a spare uniform of a new photon.
 
@@ -80,16 +99,8 @@ def launch(sources, seed, photon):
     kind = sources.kind[i]
     p, axis = row(sources.position, i), row(sources.axis, i)
     spread, size = sources.spread[i], sources.size[i]
-    if kind == SourceKind.LED:
-        s = 0.5 - 0.5 * math.exp(math.log(u0) / (spread + 1.0))
-        d = turn(axis, s, u1)
-    elif kind == SourceKind.ISOTROPIC:
-        d = turn(axis, u0, u1)
-    elif kind == SourceKind.TOP_HAT_BEAM:
-        d = turn(axis, u0 * math.sin(0.5 * spread) ** 2, u1)
-    elif kind == SourceKind.GAUSSIAN_BEAM:
-        theta = spread * math.sqrt(-0.5 * math.log(u0))
-        d = turn(axis, math.sin(0.5 * min(theta, math.pi)) ** 2, u1)
+    if kind < SourceKind.SUN:
+        d = turn(axis, emission_s(kind, spread, u0), u1)
     elif kind == SourceKind.SUN:
         d = axis
     else:

@@ -213,11 +213,11 @@ class Link(Model, frozen=True):
         lamp, end = self.transmitter, self.receiver
         if self.planes is not None:
             raise Refused("planes", Described("given"), "None for the other direction")
-        if isinstance(lamp, tuple(_ABOVE)) and isinstance(end, Receiver):
+        if isinstance(lamp, WaterSource) and type(lamp) in _ABOVE and isinstance(end, Receiver):
             tilt = {"tilt_deg": lamp.zenith_deg, "tilt_azimuth_deg": lamp.azimuth_deg}
             turn = {"tilt_deg": end.tilt_deg, "tilt_azimuth_deg": end.tilt_azimuth_deg}
-            low = {"position": lamp.position, "depth": lamp.depth, **tilt}
-            high = {"position": end.position, "height": end.height, **turn}
+            low: dict[str, Any] = {"position": lamp.position, "depth": lamp.depth, **tilt}
+            high: dict[str, Any] = {"position": end.position, "height": end.height, **turn}
             return self.replace(
                 transmitter=_ABOVE[type(lamp)](**_kept(lamp), **high),
                 receiver=WaterReceiver(**_kept(end), **low),
@@ -386,11 +386,7 @@ class Link(Model, frozen=True):
             return (float(middle[0]), float(middle[1])), far, far
         n = self.water.n / self.n_air
         crossings = np.array(
-            [
-                _crossing(*_low_and_high(t, r), n)
-                for t in self.transmitters
-                for r in self.receivers
-            ]
+            [_crossing(*_low_and_high(t, r), n) for t in self.transmitters for r in self.receivers]
         )
         middle = 0.5 * (crossings.min(axis=0) + crossings.max(axis=0))
         half = float(np.abs(crossings - middle).max())
@@ -417,19 +413,17 @@ def _low_and_high(source: Source, end: Aperture) -> tuple[Source | Aperture, Sou
     return (end, source) if isinstance(source, AirLamp) else (source, end)
 
 
-def _crossing(
-    low: Source | Aperture, high: Source | Aperture, n: float
-) -> NDArray[np.float64]:
+def _crossing(low: Source | Aperture, high: Source | Aperture, n: float) -> NDArray[np.float64]:
     """Return the crossing (x, y) [m] of still water by light between two ends."""
-    a, b = np.array(low.position), np.array(high.position)
+    a, b = np.array(low.position, float), np.array(high.position, float)
     depth, height = getattr(low, "depth", 1.0), getattr(high, "height", 1.0)
     distance = math.dist(a, b)
-    low, high = 0.0, 1.0
+    least, most = 0.0, 1.0
     for _ in range(40):  # n sin(angle in water) - sin(angle in air) grows with the share
-        share = 0.5 * (low + high)
+        share = 0.5 * (least + most)
         x, y = share * distance, (1.0 - share) * distance
         if n * x * math.hypot(y, height) < y * math.hypot(x, depth):
-            low = share
+            least = share
         else:
-            high = share
-    return a + share * (b - a)
+            most = share
+    return np.asarray(a + share * (b - a))

@@ -326,9 +326,7 @@ def _disk_rule(rings: int, around: int) -> tuple[NDArray[np.float64], NDArray[np
     return points.reshape(-1, 2), shares
 
 
-def on_disk(
-    center: Vec3, end: Emitter | Target, disk: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def on_disk(center: Vec3, end: Emitter | Target, disk: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the points of an emitter or target that belong to points of the unit disk."""
     return np.asarray(center) + end.radius * disk @ np.array([end.e1, end.e2])
 

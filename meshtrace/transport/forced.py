@@ -116,13 +116,13 @@ class ForcedDetection:
 
         Pilots over a flat sea compare the estimators and allot the chains to the orders.
         """
-        photons, seed = self._key
-        link = self.arrays
+        photons, link = self._key[0], self.arrays
         sources, receivers = range(len(link.emitters)), len(self.link.receivers)
         flat = self._flat()
         aimed = self.over(flat)
+        targets = len(link.targets)
         try:
-            pilots = [pilot(self._drawer, aimed, s, self._seed(s), len(link.targets)) for s in sources]
+            pilots = [pilot(self._drawer, aimed, s, self._seed(s), targets) for s in sources]
         except Refused as refused:  # too many orders for chains
             if self._wanted == "chains":
                 raise
@@ -132,11 +132,11 @@ class ForcedDetection:
         kept = np.array([m == "chains" for m in self.method])
         if not kept.any():
             return [[] for _ in sources]
-        direct = [[aimed.facet_gains(e, t).sum() for t in range(len(link.targets))] for e in sources]
+        direct = [[aimed.facet_gains(e, t).sum() for t in range(targets)] for e in sources]
         scattered = np.array([p.mean.sum(axis=1) for p in pilots])
         gain = link.by_receiver(scattered + np.array(direct))
         share = photons if link.down else max(photons // len(sources), SHIFTS)
-        sets = []
+        sets: list[list[ChainSet]] = []
         for s in sources:
             expected = self._drawer.nominals[s].expected
             if link.down:
@@ -167,7 +167,8 @@ class ForcedDetection:
         if is_clear(found).all():
             return ["chains"] * receivers
         try:
-            paths = self._paths(PILOT_PATHS * len(pilots), tuple(self.link.receivers))
+            pilot_paths = PILOT_PATHS * len(self.link.transmitters)
+            paths = self._paths(pilot_paths, tuple(self.link.receivers))
         except Refused:  # a feature that the paths do not follow
             return ["chains"] * receivers
         seen = paths.evaluate(flat)
@@ -185,7 +186,7 @@ class ForcedDetection:
         chosen = [r for r, m in zip(self.link.receivers, method, strict=True) if m == "adjoint"]
         if chosen:
             try:
-                photons = max(self._key[0], SHIFTS * len(self.arrays.emitters))
+                photons = max(self._key[0], SHIFTS * len(self.link.transmitters))
                 self._adjoint = self._paths(photons, tuple(chosen))
             except Refused:
                 raise refused or Refused("scattered", "adjoint", "chains for this link") from None
@@ -215,9 +216,7 @@ class ForcedDetection:
         emitters = len(self.arrays.emitters)
         photons = self._key[0] / (1 if self.arrays.down else emitters)
         per_shift = max(math.ceil(_UNSCATTERED_SHARE * photons / SHIFTS), 2)
-        return [
-            self._drawer.draw(s, 0, per_shift, (*self._seed(s), 0, 1)) for s in range(emitters)
-        ]
+        return [self._drawer.draw(s, 0, per_shift, (*self._seed(s), 0, 1)) for s in range(emitters)]
 
     def evaluate(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> Parts:
         """Return the gain over a mesh, in parts."""

@@ -130,15 +130,46 @@ def _targets(link: Link, frame: Frame) -> list[Target]:
     """Return the receivers as numbers, with the reach beyond which light is negligible."""
     water = link.water
     a = water.a if water.layers is None else min(row[1] for row in water.layers)
-    low, high = link.transmitters, link.receivers
-    if link.direction == "down":
-        low, high = high, low  # type: ignore[assignment]
     targets = []
-    for end in high:
-        t = lamp_target(end, link, frame) if isinstance(end, AirLamp) else target_of(end, frame)
-        lit = [math.dist(s.position, end.position) + _lit_radius(-s.center[2], a) for s in low]
-        targets.append(t._replace(reach=min(t.reach, max(lit) / frame.unit)))
+    for lamp in link.transmitters:
+        if isinstance(lamp, AirLamp):
+            t = lamp_target(lamp, link, frame)
+            ways = [_way_of_light(lamp, end, a) for end in link.receivers]
+            targets.append(t._replace(reach=min(t.reach, max(ways) / frame.unit)))
+    for end in link.receivers:
+        if isinstance(end, Receiver):
+            t = target_of(end, frame)
+            lit = [
+                math.dist(s.position, end.position) + _lit_radius(s.depth, a)
+                for s in link.transmitters
+                if isinstance(s, WaterSource)
+            ]
+            targets.append(t._replace(reach=min(t.reach, max(lit) / frame.unit)))
     return targets
+
+
+def _way_of_light(lamp: AirLamp, end: Aperture, a: float) -> float:
+    """Return the distance from below a lamp beyond which its light to a receiver is negligible [m].
+
+    Beyond it the light on a ring of still water, times exp(-a D) / D^2 with the least distance D
+    from the ring to the receiver, is below 1e-7 of the largest.
+    """
+    height, depth, aside = lamp.height, -end.center[2], math.dist(lamp.position, end.position)
+    way = np.geomspace(1e-3, 1e3, 2048) * (height + depth + aside)
+    angle = np.arctan2(way, height)
+    off = np.maximum(angle - math.radians(lamp.tilt_deg), 0.0)
+    kind, spread = pattern_of(lamp)
+    light = np.log(np.cos(angle)) - 2.0 * np.log(np.hypot(way, height)) + np.log(way)
+    if kind == SourceKind.LED:
+        light += spread * np.log(np.maximum(np.cos(off), 1e-300))
+    elif kind == SourceKind.GAUSSIAN_BEAM:
+        light -= 2.0 * np.square(off / spread)
+    else:
+        light[off > spread] = -math.inf
+    distance = np.hypot(depth, np.maximum(way - aside, 0.0))
+    light -= a * distance + 2.0 * np.log(distance)
+    seen = np.flatnonzero(light > light.max() + math.log(_NEGLIGIBLE))
+    return float(way[min(seen[-1] + 1, len(way) - 1)])
 
 
 def _lit_radius(depth: float, a: float) -> float:
@@ -257,7 +288,8 @@ def _across(axis: tuple[float, float, float]) -> tuple[Vec3, Vec3]:
 def lamp_target(lamp: AirLamp, link: Link, frame: Frame = IDENTITY) -> Target:
     """Return a lamp in the air as the point that chains from the water aim at."""
     center = Vec3(*frame.points(np.array(lamp.center)).tolist())
-    widest = min(_lit_angle(lamp) + math.radians(lamp.tilt_deg), math.radians(88.0))
+    lit = _lit_angle(lamp)
+    widest = min(lit + math.radians(lamp.tilt_deg), math.radians(88.0))
     return Target(
         center=center,
         axis=Vec3(0.0, 0.0, 1.0),
@@ -265,7 +297,7 @@ def lamp_target(lamp: AirLamp, link: Link, frame: Frame = IDENTITY) -> Target:
         e2=Vec3(0.0, 1.0, 0.0),
         area=(link.water.n / link.n_air) ** 2,
         radius=0.0,
-        cos_half_fov=0.0,
+        cos_half_fov=max(math.cos(lit), 0.0),
         tan_half_fov=0.0,
         reach=min((center.z + 2.0) * math.tan(widest), 200.0),
         sin_widest=math.sin(widest),

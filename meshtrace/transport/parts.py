@@ -99,9 +99,7 @@ class Sums:
     def __init__(self, link: ForcedLink, method: list[Method], sets: list[list[ChainSet]]) -> None:
         self._link, self._method = link, method
         receivers = len(method)
-        self.pairs = [
-            (e, t) for e in range(len(link.emitters)) for t in range(len(link.targets))
-        ]
+        self.pairs = [(e, t) for e in range(len(link.emitters)) for t in range(len(link.targets))]
         self.jobs = [
             (e, t, chains)
             for e, t in self.pairs
