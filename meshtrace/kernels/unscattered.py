@@ -174,7 +174,9 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
         if n <= _FEW:
             gain[f], steep = _facet_gain(f, n, shot, scene)
         else:
-            image = Image(stretch + lever * facet.curvature, 5.0 * edge)
+            # light into the denser side is nowhere stretched more than at normal incidence
+            coarse = math.inf if scene.mirrored else 5.0 * edge
+            image = Image(stretch + lever * facet.curvature, coarse)
             gain[f], steep = _large_facet_gain(f, n, image, stack, shot, scene)
         doubtful[f] = gain[f] > 0.0 and not steep
 
