@@ -60,8 +60,9 @@ def time_series(
     times : array_like, shape (n,)
         Times [s]; evenly spaced with a flight.
     flight : Flight, optional
-        Aircraft that tilts the receiver, whose own tilt has to be 0. The tilt acts in the
-        cosine of the aperture and in the field of view of every photon.
+        Aircraft that tilts the receiver, or the lamp of a downlink, whose own tilt has to be 0.
+        The tilt acts in the cosine of the aperture and in the field of view of every photon, or
+        in the pattern of the lamp.
     photons : int, optional
         Chains, common to all times; 2048 by default.
     seed : int, optional
@@ -237,15 +238,15 @@ def _common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[P
 def _tilted_frames(inputs: Inputs, times: Floats, uav: Uav, wind: Dryden) -> Iterator[Parts]:
     """Yield the parts of the gain at each time of a flight, with chains of the same numbers."""
     link, sea, run, normals = inputs.link, inputs.surface, inputs.run, inputs.meshing.normals
-    receiver = link.only_receiver
-    if receiver.tilt_deg != 0.0:
-        raise Refused("receiver.tilt_deg", receiver.tilt_deg, "0: the flight tilts it")
+    name, end = link.air_end
+    if end.tilt_deg != 0.0:
+        raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the flight tilts it")
     tilt_deg, azimuth_deg = np.degrees(uav.simulate_flight(wind, times, run.seed).tilt)
     crest = _CREST_MARGIN * float(inputs.mesh(link, sea, float(times[0])).bounds[1, 2])
 
     def frame(i: int) -> Parts:
         tilt = {"tilt_deg": float(tilt_deg[i]), "tilt_azimuth_deg": float(azimuth_deg[i])}
-        tilted = link.model_copy(update={"receiver": receiver.model_copy(update=tilt)})
+        tilted = link.model_copy(update={name: end.model_copy(update=tilt)})
         mesh = inputs.mesh(tilted, sea, float(times[i]))
         forced = ForcedDetection(tilted, run.photons, run.seed, normals, crest=crest)
         return forced.evaluate(mesh)
