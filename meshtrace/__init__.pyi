@@ -54,6 +54,8 @@ from .studies.convergence import band_limit_study as band_limit_study
 from .studies.convergence import convergence_study as convergence_study
 from .studies.convergence import time_step_study as time_step_study
 from .studies.coverage import coverage_map as coverage_map
+from .studies.duplex import Duplex as Duplex
+from .studies.duplex import duplex as duplex
 from .studies.performance.link_performance import depth_sweep as depth_sweep
 from .studies.performance.link_performance import link_performance as link_performance
 from .studies.performance.samples import Realizations as Realizations

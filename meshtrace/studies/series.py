@@ -136,7 +136,7 @@ def over_times(
         wind = inputs.wind_of(flight)
         origin["uav"], origin["wind"] = (m.model_dump(mode="json") for m in (flight.uav, wind))
         parts = _tilted_frames(inputs, times, flight.uav, wind)
-    return _series(inputs.link, "time", times, parts, origin, progress)
+    return gain_series(inputs.link, "time", times, parts, origin, progress)
 
 
 def ensemble(
@@ -210,7 +210,7 @@ def over_realizations(
     )
     meshes = (inputs.mesh(inputs.link, sea.with_seed(int(s)), time) for s in seeds)
     parts = common_chains(inputs, meshes)
-    return _series(inputs.link, "realization", seeds, parts, inputs.provenance(), progress)
+    return gain_series(inputs.link, "realization", seeds, parts, inputs.provenance(), progress)
 
 
 def _beside_closed_form(inputs: Inputs, series: GainSeries) -> GainSeries:
@@ -254,7 +254,7 @@ def _tilted_frames(inputs: Inputs, times: Floats, uav: Uav, wind: Dryden) -> Ite
     return ordered_map(frame, range(len(times)), inputs.threads)
 
 
-def _series(
+def gain_series(
     link: Link,
     along: Literal["time", "realization"],
     coordinate: NDArray[Any],
