@@ -10,6 +10,9 @@ from .comms.ook import OokLink as OokLink
 from .daylight.light import Daylight as Daylight
 from .errors import DomainWarning as DomainWarning
 from .errors import Refused as Refused
+from .link import AirBeam as AirBeam
+from .link import AirLed as AirLed
+from .link import AirTopHatBeam as AirTopHatBeam
 from .link import CardioidalSky as CardioidalSky
 from .link import GaussianBeam as GaussianBeam
 from .link import IrradiancePlanes as IrradiancePlanes
@@ -22,6 +25,7 @@ from .link import Sun as Sun
 from .link import TopHatBeam as TopHatBeam
 from .link import UniformSky as UniformSky
 from .link import WaterAperture as WaterAperture
+from .link import WaterReceiver as WaterReceiver
 from .link import Whitecaps as Whitecaps
 from .link.link import in_wind as in_wind
 from .mesh import MeshSource as MeshSource
@@ -55,6 +59,8 @@ from .studies.convergence import band_limit_study as band_limit_study
 from .studies.convergence import convergence_study as convergence_study
 from .studies.convergence import time_step_study as time_step_study
 from .studies.coverage import coverage_map as coverage_map
+from .studies.duplex import Duplex as Duplex
+from .studies.duplex import duplex as duplex
 from .studies.light_pattern import light_pattern as light_pattern
 from .studies.optimisation import Optimum as Optimum
 from .studies.optimisation import optimize as optimize

@@ -32,6 +32,7 @@ _HOMES = {
     "gain": "meshtrace.results.gain",
     "impulse-response": "meshtrace.results.impulse",
     "series": "meshtrace.results.series",
+    "duplex": "meshtrace.studies.duplex",
     "coverage": "meshtrace.results.coverage",
     "comparison": "meshtrace.studies.comparison",
     "background": "meshtrace.results.background",

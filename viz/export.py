@@ -94,11 +94,13 @@ def _(source: CoverageMap) -> pv.ImageData:
 
 
 def _height(source: CoverageMap) -> float:
-    """Return the height of the first receiver in the air [m], 0 if the map has none."""
+    """Return the height of the first receiver of the map [m], 0 if the map has none."""
     receivers = source.provenance.get("link", {}).get("receiver", [])
     for receiver in receivers if isinstance(receivers, list | tuple) else [receivers]:
         if "height" in receiver:
             return float(receiver["height"])
+        if receiver.get("kind") == "water-receiver":
+            return -float(receiver["depth"])
     return 0.0
 
 

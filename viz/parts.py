@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from meshtrace.errors import Refused
 from meshtrace.link import CardioidalSky, Link, Sun, UniformSky
+from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.bubbles import HallNovarini
 
@@ -191,7 +192,7 @@ def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: boo
         if isinstance(source, Sun | UniformSky | CardioidalSky):
             _add_sky(scene, source, labels)
             continue
-        place = (*source.position, -source.depth)
+        place = source.center
         half = getattr(source, "half_angle_deg", getattr(source, "divergence_deg", None))
         if half is not None:
             _add_cone(scene, mesh, place, source.axis, half, LED_COLOR)
@@ -199,9 +200,10 @@ def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: boo
             continue
         ball = pv.Sphere(radius=0.012 * scene.stage.size, center=place)
         scene.add_mesh(ball, color=LED_COLOR, ambient=0.7, specular=0.3)
-        name = "LED" if source.kind == "led" else source.kind.replace("-", " ")
+        name = "LED" if source.pattern == "led" else source.kind.replace("-", " ")
         angle = "" if half is None else f"\nhalf-angle {half:g}°"
-        text = f"{name}, depth {source.depth:g} m{angle}"
+        level = f"height {place[2]:g}" if place[2] > 0.0 else f"depth {-place[2]:g}"
+        text = f"{name}, {level} m{angle}"
         if labels:
             _label(scene, place, 0.03, text)
     return scene
@@ -297,12 +299,16 @@ def cone_rim(
 
 @checked
 def add_uav(scene: Scene, link: Link) -> Scene:
-    """Draw a quadcopter above every receiver in the air, tilted as the receiver."""
-    for receiver in link.receivers:
-        if receiver.kind == "receiver" and scene.stage.contains(receiver.center):
+    """Draw a quadcopter above every receiver or lamp in the air, tilted as they are."""
+    carried = [(r.center, r.axis) for r in link.receivers if r.kind == "receiver"]
+    for lamp in link.transmitters:
+        if isinstance(lamp, AirLamp):
+            x, y, z = lamp.axis
+            carried.append((lamp.center, (-x, -y, -z)))
+    for center, up in carried:
+        if scene.stage.contains(center):
             glyph = _quadcopter(0.05 * scene.stage.size)
-            turn = _rotation_from_z(receiver.axis)
-            glyph.points = glyph.points @ turn.T + np.array(receiver.center)
+            glyph.points = glyph.points @ _rotation_from_z(up).T + np.array(center)
             scene.add_mesh(glyph, color=UAV_COLOR, ambient=0.35, specular=0.3)
     return scene
 

@@ -210,7 +210,7 @@ class FrozenForced:
         target, n = arrays.targets[receiver], len(chains.audit)
         _, found = aimed.aim(source, receiver, chains, keep=True)
         chain = found["chain"]
-        way = on_disk(target, chains.chains.disk[chain]) - found["point"]
+        way = on_disk(target.center, target, chains.chains.disk[chain]) - found["point"]
         return Light(
             arrays.power[source] * found["weight"] / n,
             np.full(len(found), chains.order),

@@ -7,7 +7,6 @@ error rate over depth.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -219,7 +218,7 @@ def _flight(
         return None
     flight = _with(flight or Flight(), shortcuts).checked()
     if flight.wind is None and wind_speed is not None:
-        wind = Dryden(wind_speed=wind_speed, height=link.only_receiver.height)
+        wind = Dryden(wind_speed=wind_speed, height=link.air_end[1].height)
         return flight._replace(wind=wind)
     return flight
 
@@ -227,7 +226,7 @@ def _flight(
 def _links(link: Link, depths: Sequence[float] | None) -> dict[float, Link]:
     """Return the link at each depth."""
     if depths is None:
-        return {float(getattr(link.transmitters[0], "depth", math.nan)): link}
+        return {link.depth: link}
     allowed = "at least one depth, strictly rising [m]"
     values = require_finite(depths, "depths", allowed).tolist()
     if not all(a < b for a, b in pairwise(values)):
