@@ -211,6 +211,6 @@ def _range(cls: type[pydantic.BaseModel], path: list[int | str], context: dict[s
 
 
 def _bound(value: Any) -> str:
-    """Return a bound as text, in powers of two where they are meant."""
+    """Return a bound as text, large powers of two as such."""
     power = isinstance(value, int) and value > 2**20 and value & (value - 1) == 0
     return f"2^{value.bit_length() - 1}" if power else f"{value:g}"

@@ -1,4 +1,4 @@
-"""The scenario itself: everything that one run depends on, read, written and run."""
+"""Scenarios: the complete description of a run, with its files and its run."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ class LinkPerformance(Stored):
         return [f"{wind}{rate / 1e6:>7g} Mbit/s  {_range_text(value)}" for rate, value in found]
 
     def _overloads(self) -> list[str]:
-        """Return a warning about depths with most counts in the dead time of the cells."""
+        """Return a warning that names the depths with most counts in the dead time of the cells."""
         ook, lines = self.ooks[0], []
         if not ook.saturation:
             return []
