@@ -130,7 +130,7 @@ def over_times(
     origin = inputs.provenance()
     if flight is None:
         meshes = (inputs.mesh(inputs.link, inputs.surface, float(t)) for t in times)
-        parts = _common_chains(inputs, meshes)
+        parts = common_chains(inputs, meshes)
     else:
         wind = inputs.wind_of(flight)
         origin["uav"], origin["wind"] = (m.model_dump(mode="json") for m in (flight.uav, wind))
@@ -208,7 +208,7 @@ def over_realizations(
         [realization_seed(inputs.run.seed, i) for i in range(n_realizations)], np.int64
     )
     meshes = (inputs.mesh(inputs.link, sea.with_seed(int(s)), time) for s in seeds)
-    parts = _common_chains(inputs, meshes)
+    parts = common_chains(inputs, meshes)
     return _series(inputs.link, "realization", seeds, parts, inputs.provenance(), progress)
 
 
@@ -225,7 +225,7 @@ def _beside_closed_form(inputs: Inputs, series: GainSeries) -> GainSeries:
     return replace(series, provenance={**series.provenance, "closed_form": found._asdict()})
 
 
-def _common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[Parts]:
+def common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[Parts]:
     """Yield the parts of the gain over each mesh, with one set of chains."""
     first = list(islice(meshes, 4))
     crest = _CREST_MARGIN * max(float(mesh.bounds[1, 2]) for mesh in first)
