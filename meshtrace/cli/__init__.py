@@ -3,7 +3,7 @@
 Heavy imports happen inside the commands, so that --help is quick.
 """
 
-from meshtrace.cli import bench, ber, converge, figures, run, series, sweep, validate, view
+from meshtrace.cli import bench, ber, converge, explore, figures, run, series, sweep, validate, view
 from meshtrace.cli.app import app
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "bench",
     "ber",
     "converge",
+    "explore",
     "figures",
     "main",
     "run",

@@ -29,6 +29,7 @@ WINDOW = (1200, 800)
 UNSCATTERED_COLOR, SCATTERED_COLOR = PALETTE["vermilion"], PALETTE["orange"]
 
 _WIDEST = 85.0  # half-angle, beyond which a cone is not drawn [deg]
+_ZOOM = 1.12  # there is no key or colour bar within the window
 _NEW_CAMERA = 1.3  # change of the size of the stage that moves the camera
 _NOTHING = pv.PolyData(np.zeros((3, 3)), faces=[3, 0, 1, 2])
 
@@ -56,7 +57,7 @@ class LiveScene:
         self.elevation_range = (-1.0, 1.0)
         self._place(state)
         self.plotter = Scene(self.stage, off_screen=True, window_size=WINDOW)
-        self._framed = self.stage.size
+        self._frame()
         self._add_parts()
         self.update(state)
 
@@ -84,9 +85,14 @@ class LiveScene:
             self._set(name, part)
         if 1.0 / _NEW_CAMERA < self.stage.size / self._framed < _NEW_CAMERA:
             return False
-        self._framed = self.plotter.stage.size
-        look(self.plotter)
+        self._frame()
         return True
+
+    def _frame(self) -> None:
+        """Point the camera at the stage."""
+        self._framed = self.stage.size
+        look(self.plotter)
+        self.plotter.camera.zoom(_ZOOM)
 
     def show_rays(self, paths: PhotonPaths | None) -> None:
         """Show paths of received light, or none."""
@@ -98,6 +104,14 @@ class LiveScene:
     def show_map(self, coverage: CoverageMap | None, height: float) -> None:
         """Show a map at a height [m], or none."""
         self._set("map", None if coverage is None else _plane(coverage, height))
+
+    def profile(self) -> list[tuple[float, float]]:
+        """Return points (x, z) [m] of the waves along x through the middle of the stage."""
+        vertices = self._parts["sea"].points
+        rows = np.abs(vertices[:, 1] - self.stage.center[1])
+        line = vertices[rows < rows.min() + 1e-4 * self.stage.half]
+        line = line[np.argsort(line[:, 0])]
+        return [(round(float(x), 3), round(float(z), 3)) for x, _, z in line]
 
     def _place(self, state: State) -> None:
         """Take over the link and the sea of a state."""
@@ -123,9 +137,10 @@ class LiveScene:
         self._add("beam", color=LED_COLOR, opacity=0.22, **plain)
         shine: Any = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.25, "specular_power": 30.0}
         self._add("sea", scalars="elevation", cmap=water_map(), opacity=0.85, **shine)
-        self._add("scattered", color=SCATTERED_COLOR, **plain)
-        self._add("unscattered", color=UNSCATTERED_COLOR, **plain)
-        self._add("crossings", color="white", **plain)
+        glow: Any = {"ambient": 0.75, "diffuse": 0.35}  # vtk.js draws unlit tubes black
+        self._add("scattered", color=SCATTERED_COLOR, **glow)
+        self._add("unscattered", color=UNSCATTERED_COLOR, **glow)
+        self._add("crossings", color="white", **glow)
         self._add("view", color=RECEIVER_COLOR, opacity=0.14, **plain)
         self._add("receiver", color=RECEIVER_COLOR, ambient=0.4)
         self._add("uav", color=UAV_COLOR, ambient=0.35, specular=0.3)

@@ -43,9 +43,10 @@ PHOTONS = (20_000, 500_000)
 RAYS = 60
 RAY_CHAINS = 1024
 
-FADING_CHAINS = 512
+FADING_CHAINS = 1024
 FADING_RATE = 8.0  # [Hz]
 FADING_FRAMES = 96
+_MOST_ERROR = 0.2  # of a gain of the series, which is left out beyond
 _SHOWN_EVERY = 8  # frames, after which a part of the series is published
 
 MAP_PHOTONS = (100_000, 1_000_000)
@@ -116,6 +117,8 @@ class Fading:
         Times [s] and gains.
     duration : float
         Time covered when complete [s].
+    left_out : int
+        Number of gains left out, with a relative standard error above 20 %.
     index : Estimate or None
         Scintillation index, of the complete series.
     """
@@ -123,6 +126,7 @@ class Fading:
     time: Floats
     gain: Floats
     duration: float
+    left_out: int = 0
     index: Estimate | None = None
 
 
@@ -216,10 +220,18 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
 
     gain = np.empty(FADING_FRAMES)
     for i, part in enumerate(common_chains(inputs, meshes())):
-        gain[i] = part.gain[0]
+        uncertain = part.stderr[0] > _MOST_ERROR * part.gain[0]
+        gain[i] = np.nan if uncertain else part.gain[0]
         if (i + 1) % _SHOWN_EVERY == 0 and i + 1 < FADING_FRAMES:
-            yield Fading(times[: i + 1], gain[: i + 1].copy(), duration)
-    yield Fading(times, gain, duration, _index_of(gain))
+            yield _series(times[: i + 1], gain[: i + 1], duration)
+    found = _series(times, gain, duration)
+    yield replace(found, index=_index_of(found.gain))
+
+
+def _series(times: Floats, gain: Floats, duration: float) -> Fading:
+    """Return the gains that are certain enough."""
+    kept = np.isfinite(gain)
+    return Fading(times[kept], gain[kept], duration, int((~kept).sum()))
 
 
 def _index_of(gain: Floats) -> Estimate | None:
