@@ -77,7 +77,7 @@ def fading_reading(session: Session) -> dict[str, Any]:
         "duration": found.duration,
         "index": index,
         "low": texts.decibels(float(relative.min())),
-        "note": f"{found.left_out} gains left out: error above 20 %" if found.left_out else "",
+        "note": f"left out for errors above 20 %: {found.left_out}" if found.left_out else "",
     }
 
 

@@ -29,9 +29,8 @@ WINDOW = (1200, 800)
 UNSCATTERED_COLOR, SCATTERED_COLOR = PALETTE["vermilion"], PALETTE["orange"]
 
 _WIDEST = 85.0  # half-angle, beyond which a cone is not drawn [deg]
-_ZOOM = 1.12  # there is no key or colour bar within the window
-_NEW_CAMERA = 1.3  # change of the size of the stage that moves the camera
-_NOTHING = pv.PolyData(np.zeros((3, 3)), faces=[3, 0, 1, 2])
+_ZOOM = 1.04  # there is no key or colour bar within the window
+_NEW_CAMERA = (0.6, 1.1)  # sizes of the stage, relative to that framed, that keep the camera
 
 
 class LiveScene:
@@ -83,7 +82,7 @@ class LiveScene:
         self._actors["sea"].mapper.scalar_range = self.elevation_range
         for name, part in _link_parts(state, self.stage).items():
             self._set(name, part)
-        if 1.0 / _NEW_CAMERA < self.stage.size / self._framed < _NEW_CAMERA:
+        if _NEW_CAMERA[0] < self.stage.size / self._framed < _NEW_CAMERA[1]:
             return False
         self._frame()
         return True
@@ -137,7 +136,7 @@ class LiveScene:
         self._add("beam", color=LED_COLOR, opacity=0.22, **plain)
         shine: Any = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.25, "specular_power": 30.0}
         self._add("sea", scalars="elevation", cmap=water_map(), opacity=0.85, **shine)
-        glow: Any = {"ambient": 0.75, "diffuse": 0.35}  # vtk.js draws unlit tubes black
+        glow: Any = {"ambient": 0.75, "diffuse": 0.35}
         self._add("scattered", color=SCATTERED_COLOR, **glow)
         self._add("unscattered", color=UNSCATTERED_COLOR, **glow)
         self._add("crossings", color="white", **glow)
@@ -150,21 +149,24 @@ class LiveScene:
 
     def _add(self, name: str, actor: str = "", **options: Any) -> None:
         part = self._parts.setdefault(name, pv.PolyData())
-        part.copy_from(_NOTHING)
-        part.point_data["elevation"] = np.zeros(3, np.float32)
-        part.point_data["tint"] = np.zeros((3, 4), np.uint8)
-        if not options.get("rgb"):
-            options.setdefault("show_scalar_bar", False)
+        self._set(name, None)
+        options.setdefault("show_scalar_bar", False)
+        if options.get("rgb"):
+            del options["show_scalar_bar"]
         self._actors[actor or name] = self.plotter.add_mesh(part, name=actor or name, **options)
 
     def _set(self, name: str, part: pv.PolyData | None) -> None:
-        """Replace the points and cells of a part, or hide it."""
-        shown = part is not None and part.n_points > 0
-        if shown:
-            self._parts[name].shallow_copy(part)
-        for key, actor in self._actors.items():
-            if key == name or key.endswith(f" {name}"):
-                actor.visibility = shown
+        """Replace the points and cells of a part; None leaves nothing to see."""
+        # not by visibility: the page draws parts white that were invisible at first
+        self._parts[name].shallow_copy(_nothing() if part is None or not part.n_points else part)
+
+
+def _nothing() -> pv.PolyData:
+    """Return a triangle without area, with the arrays that colour the parts."""
+    part = pv.PolyData(np.zeros((3, 3), np.float32), faces=[3, 0, 1, 2])
+    part.point_data["elevation"] = np.zeros(3, np.float32)
+    part.point_data["tint"] = np.zeros((3, 4), np.uint8)
+    return part
 
 
 def _sea(mesh: TriangleMesh) -> pv.PolyData:
@@ -265,7 +267,7 @@ def _rays(
         )
         points, cells = rows.polylines()
         lines = pv.PolyData(points.astype(np.float32), lines=cells) if len(points) else None
-        groups.append(lines and lines.tube(radius=0.0011 * stage.size, n_sides=6))
+        groups.append(lines and lines.tube(radius=0.0013 * stage.size, n_sides=6).triangulate())
     crossing = paths.vertex[np.arange(len(paths.what)), np.maximum(paths.length - 2, 0)]
     ball = pv.Sphere(radius=0.0035 * stage.size, theta_resolution=6, phi_resolution=6)
     dots = pv.PolyData(crossing).glyph(geom=ball, scale=False, orient=False)

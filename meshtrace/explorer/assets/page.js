@@ -125,13 +125,13 @@
           <g v-if="lamp" class="mt-handle" data-part="lamp" :transform="'translate(' + at(lamp.x, lamp.y) + ')'"
              @pointerdown="start('lamp', $event)" @pointermove="drag" @pointerup="stop" @pointercancel="stop">
             <circle class="mt-grip" r="14" /><circle class="mt-lamp" r="6.5" />
-            <text x="11" y="16">lamp</text>
+            <text x="-11" y="4" text-anchor="end">lamp</text>
           </g>
           <g v-if="receiver" class="mt-handle" data-part="receiver" :transform="'translate(' + at(receiver.x, receiver.y) + ')'"
              @pointerdown="start('receiver', $event)" @pointermove="drag" @pointerup="stop" @pointercancel="stop">
             <circle class="mt-grip" r="14" />
             <path class="mt-uav" d="M-11 -5 H-3 M3 -5 H11 M-7 -5 L-3 0 H3 L7 -5" /><circle class="mt-receiver" r="4.5" />
-            <text x="12" y="-9">UAV</text>
+            <text x="13" y="4">UAV</text>
           </g>
         </svg>
       </div>`,
@@ -218,7 +218,7 @@
         g.forEach((v) => { counts[Math.min(Math.floor(((v - low) / (high - low)) * n), n - 1)]++; });
         return { low, high, counts, most: Math.max(...counts) };
       },
-      xs() { return ticks(this.bins.low, this.bins.high, 3); },
+      xs() { return ticks(this.bins.low, this.bins.high, 5); },
       width() { return (this.w - 32) / Math.max(this.bins.counts.length, 1); },
     },
     methods: {
@@ -263,8 +263,8 @@
     // Downloads a picture of the scene with a caption below it.
     props: { shot: { default: null }, caption: String },
     watch: {
-      shot(url) {
-        if (!url) return;
+      shot(blob) {
+        if (!blob) return;
         const image = new Image();
         image.onload = () => {
           const size = Math.max(Math.round(image.width / 70), 12), room = 2.6 * size;
@@ -281,8 +281,9 @@
           link.download = "meshtrace.png";
           link.href = canvas.toDataURL("image/png");
           link.click();
+          URL.revokeObjectURL(image.src);
         };
-        image.src = url;
+        image.src = URL.createObjectURL(blob);
       },
     },
     template: "<span></span>",
