@@ -8,7 +8,7 @@ from .bvh import EmbreeIntersector as EmbreeIntersector
 from .comms.ook import OokLink as OokLink
 from .errors import DomainWarning as DomainWarning
 from .errors import Refused as Refused
-from .explorer.server import explore as explore
+from .explorer.launch import explore as explore
 from .link import CardioidalSky as CardioidalSky
 from .link import GaussianBeam as GaussianBeam
 from .link import IrradiancePlanes as IrradiancePlanes

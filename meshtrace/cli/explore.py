@@ -5,7 +5,7 @@ from __future__ import annotations
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import extra, scenario_of
+from meshtrace.cli.console import scenario_of
 from meshtrace.cli.options import LinkFile, Settings
 
 
@@ -20,8 +20,8 @@ def explore(
     settings: Settings = None,
 ) -> None:
     """Explore a link in the browser: move its parts and see gain, rays, fading and coverage."""
-    with extra("explore", "explore"):
-        from meshtrace.explorer.server import explore as serve
+    from meshtrace.explorer.launch import explore as start
+
     scenario = scenario_of(link, settings)
     title = "the link of the paper" if link is None else link.name
-    serve(scenario, host=host, port=port, open_browser=browser, title=title)
+    start(scenario, host=host, port=port, open_browser=browser, title=title)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from meshtrace.errors import Refused, require_keys
+from meshtrace.errors import Refused, require_word
 from meshtrace.optics.water import WATER_TYPES
 
 Table = dict[str, Any]
@@ -133,7 +133,7 @@ def with_water(config: Table, water: str) -> Table:
     Refused
         If the type is unknown.
     """
-    require_keys({water: None}, WATERS, "water.type")
+    require_word(water, WATERS, "water.type")
     return config if water == GIVEN_WATER else {**config, "water": {"type": water}}
 
 

@@ -83,9 +83,7 @@ def _group(group: str, controls: list[Control], values: dict[str, Any]) -> None:
             with html.Div(classes="mt-control"):
                 html.Label("Water")
                 with html.Select(v_model=("water",), id="water"):
-                    html.Option(
-                        "{{ w }}", v_for="w in waters", key=("w",), value=("w",)
-                    )
+                    html.Option("{{ w }}", v_for="w in waters", key=("w",), value=("w",))
 
 
 def _control(control: Control, value: float | None) -> None:
@@ -158,7 +156,7 @@ def _readings(actions: Actions) -> None:
             html.H2("Channel gain")
             with html.Div(classes=("stale.gain && !playing ? 'mt-faded' : ''",)):
                 html.Div("{{ reading.db }}", classes="mt-big", id="db")
-                html.Div("{{ reading.gain }}", id="gain", data_value=("reading.value",))
+                html.Div("{{ reading.gain }}", id="gain", raw_attrs=[':data-value="reading.value"'])
                 _rows([("Unscattered share", "reading.unscattered"), ("Sample", "reading.chains")])
         with html.Div(classes="mt-card"):
             html.H2("Bits")

@@ -132,7 +132,9 @@ class Page:
         now = {**state.values, "water": state.water}
         moved = {key: page[key] for key, value in now.items() if page[key] != value}
         try:
-            values = {key: _number(value) if key in BY_NAME else value for key, value in moved.items()}
+            values = {
+                key: _number(value) if key in BY_NAME else value for key, value in moved.items()
+            }
             self.session.move({key: v for key, v in values.items() if v != now[key]})
         except Refused as error:
             page.refused = str(error)

@@ -53,7 +53,9 @@ def _bits(gain: Gain) -> dict[str, str]:
     return {
         "power": f"{texts.power(bits.power)} ± {100.0 * error:.1g} %",
         "required": texts.power(bits.required) if np.isfinite(bits.required) else "none suffices",
-        "margin": f"{bits.margin_db:+.1f} dB".replace("-", "\N{MINUS SIGN}") if np.isfinite(bits.margin_db) else "–",
+        "margin": f"{bits.margin_db:+.1f} dB".replace("-", "\N{MINUS SIGN}")
+        if np.isfinite(bits.margin_db)
+        else "–",
         "ber": texts.bit_error_rate(bits.ber),
     }
 

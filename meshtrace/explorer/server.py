@@ -11,13 +11,8 @@ from aiohttp import web
 
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.explorer.page import Page
-from meshtrace.link import Link
-from meshtrace.mesh import MeshSource
 from meshtrace.scenario import Scenario
-from meshtrace.scenario.seas import wind_of
-from meshtrace.transport.case import resolve
 
-LOCAL = "127.0.0.1"
 MOST_SESSIONS = 16
 """Open sessions beyond which new browsers are turned away."""
 
@@ -37,9 +32,7 @@ class Explorer:
         Port of the first page, 0 for a free one. Each session is served on a further free port.
     """
 
-    def __init__(
-        self, scenario: Scenario, title: str = "link", host: str = LOCAL, port: int = 0
-    ) -> None:
+    def __init__(self, scenario: Scenario, title: str, host: str, port: int) -> None:
         self._scenario, self._title, self._host = scenario, title, host
         require_whole(port, 0, 65_535, "port")
         self._wanted_port = port
@@ -102,50 +95,7 @@ class Explorer:
         raise web.HTTPFound(f"http://{request.url.host}:{page.port}/index.html")
 
 
-def explore(
-    link: Link | Scenario | None = None,
-    surface: MeshSource | None = None,
-    *,
-    host: str = LOCAL,
-    port: int = 8080,
-    open_browser: bool = True,
-    title: str = "link",
-) -> None:
-    """Explore a link in the browser until interrupted.
-
-    Parameters
-    ----------
-    link : Link or Scenario, optional
-        Link at the start; the paper's by default.
-    surface : MeshSource, optional
-        The sea; by default that of the scenario, or a JONSWAP sea of the link's wind.
-    host : str
-        Address to listen on; the default is reached from this machine only.
-    port : int
-        Port of the first page, 0 for a free one.
-    open_browser : bool
-        Open the page in a browser.
-    title : str
-        Name shown in the page.
-
-    Raises
-    ------
-    Refused
-        If the link or the sea cannot be written as a link file, the address is in use, or the
-        packages of the extra "explore" are missing.
-
-    Notes
-    -----
-    Every browser, and every visit of the first page, has a state of its own.
-    """
-    scenario = scenario_of(link, surface)
-    try:
-        asyncio.run(_serve(Explorer(scenario, title, host, port), open_browser))
-    except KeyboardInterrupt:
-        pass
-
-
-async def _serve(explorer: Explorer, open_browser: bool) -> None:
+async def serve(explorer: Explorer, open_browser: bool) -> None:
     await explorer.start()
     print(f"explorer at {explorer.url} (Ctrl-C ends it)", flush=True)
     if open_browser:
@@ -154,23 +104,3 @@ async def _serve(explorer: Explorer, open_browser: bool) -> None:
         await asyncio.Event().wait()
     finally:
         await explorer.stop()
-
-
-def scenario_of(link: Link | Scenario | None, surface: MeshSource | None = None) -> Scenario:
-    """Return the scenario of a link with its sea.
-
-    Raises
-    ------
-    Refused
-        If it cannot be written as a link file.
-    """
-    if link is None:
-        link = Scenario.from_toml("")
-    if isinstance(link, Scenario) and surface is None:
-        scenario = link
-    else:
-        case = resolve(link, surface)
-        wind = wind_of(case.link, case.surface)
-        scenario = Scenario(wind_speed=wind, link=case.link, surface=case.surface)
-    Scenario.from_config(scenario.to_config())
-    return scenario

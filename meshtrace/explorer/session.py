@@ -1,4 +1,4 @@
-"""One user of the explorer: state, worker, and the answers to the state as far as they are known."""
+"""One user of the explorer: state, worker, and the answers to the newest state."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from meshtrace.scenario import Scenario
 
 
 class Answer(NamedTuple):
-    """Latest answer of a stage: its value, the key of the state that it belongs to, completeness."""
+    """Latest answer of a stage: value, key of the state that it belongs to, completeness."""
 
     value: Any
     key: Any

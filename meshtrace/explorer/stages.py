@@ -138,7 +138,7 @@ class Failed:
 
 
 def gains(state: State, check: Check) -> Iterator[Gain]:
-    """Yield the gain at the time of the state, roughly, then refined; each without and with bits."""
+    """Yield the gain at the time of the state without and with bits, roughly, then refined."""
     analog = isinstance(state.channel.run.estimator, Analog)
     run: Any = {"time": state.time, "progress": check}
     for photons in PHOTONS if analog else CHAINS:

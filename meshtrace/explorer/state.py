@@ -9,7 +9,14 @@ from typing import Any, Self
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import require_keys
-from meshtrace.explorer.controls import BY_NAME, GIVEN_WATER, Table, value_of, with_value, with_water
+from meshtrace.explorer.controls import (
+    BY_NAME,
+    GIVEN_WATER,
+    Table,
+    value_of,
+    with_value,
+    with_water,
+)
 from meshtrace.scenario import Scenario
 
 

@@ -10,7 +10,7 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import FlatSea, JonswapSea, TiltedPlane
 from meshtrace.transport.paths import PhotonPaths
-from meshtrace.viz.parts import rotation_from_z, cone_rim
+from meshtrace.viz.parts import cone_rim, rotation_from_z
 from meshtrace.viz.stage import ROOM, round_length, round_range
 from meshtrace.viz.style import FATE_COLORS, LED_COLOR
 
