@@ -74,8 +74,9 @@ def as_python(scenario: Scenario) -> str:
         rate = scenario.detector.bit_rate
         lines += [
             f"bits = mt.OokLink.of_link(link, {_expression(scenario.detector, 0)})",
-            f'print(f"BER at {rate:g} bit/s: {{float(bits.ber(bits.received_power(result.gain))):.3g}}")',
-        ]  # fmt: skip
+            "ber = float(bits.ber(bits.received_power(result.gain)))",
+            f'print(f"BER at {rate:g} bit/s: {{ber:.3g}}")',
+        ]
     return "\n".join([*lines, ""])
 
 

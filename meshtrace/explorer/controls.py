@@ -173,6 +173,6 @@ def _with(part: Any, path: list[str | int], value: Any) -> Any:
     """Return a copy of nested tables and lists with the value at a path."""
     if not path:
         return value
-    copy = list(part) if isinstance(part, list | tuple) else dict(part)
+    copy: Any = list(part) if isinstance(part, list | tuple) else dict(part)
     copy[path[0]] = _with(part[path[0]], path[1:], value)
     return copy

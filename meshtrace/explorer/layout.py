@@ -24,6 +24,15 @@ _STATUS = """working === "" ? "up to date" : ({
   map: "mapping …"})[working]"""
 
 
+_KEY = {
+    "lamp, half-power cone": LED_COLOR,
+    "receiver, field of view": RECEIVER_COLOR,
+    "received, unscattered": UNSCATTERED_COLOR,
+    "received, scattered": SCATTERED_COLOR,
+}
+
+_ENTER = "{name} = $event.target.value === '' ? null : Number($event.target.value)"
+
 _EVENTS = ("movelamp", "movereceiver", "seek")
 
 
@@ -104,7 +113,7 @@ def _control(control: Control, value: float | None) -> None:
         )  # fmt: skip
         html.Input(
             type="number", classes="mt-number", id=name, disabled=absent, step="any",
-            value=(name,), change=f"{name} = $event.target.value",
+            value=(name,), change=_ENTER.format(name=name),
         )  # fmt: skip
         html.Span(control.unit, classes="mt-unit")
 
@@ -123,10 +132,7 @@ def _scene(window: Any) -> Any:
             html.Div(style=f"background: linear-gradient(to right, {_gradient()})")
             html.Span("<span>{{ elevation[0] }}</span><span>{{ elevation[1] }}</span>")
         with html.Div(classes="mt-key"):
-            for color, text in (
-                (LED_COLOR, "lamp, half-power cone"), (RECEIVER_COLOR, "receiver, field of view"),
-                (UNSCATTERED_COLOR, "received, unscattered"), (SCATTERED_COLOR, "received, scattered"),
-            ):  # fmt: skip
+            for text, color in _KEY.items():
                 html.Span(f'<i style="background:{color}"></i>{text}')
         _part("picture", shot=("shot",), caption=("caption",))
     return view
@@ -136,8 +142,8 @@ def _views() -> None:
     with html.Div(classes="mt-views"):
         side: Any = {"title": "Side view", "across": "x", "up": "z", "side": True}
         _part(
-            "drag", id="side", frame=("side.frame",), lamp=("side.lamp",), profile=("side.profile",),
-            receiver=("side.receiver",), **side,
+            "drag", id="side", frame=("side.frame",), lamp=("side.lamp",),
+            receiver=("side.receiver",), profile=("side.profile",), **side,
             movelamp="lamp_x = $event.x; depth = -$event.y",
             movereceiver="offset_x = $event.x; height = $event.y",
         )  # fmt: skip
@@ -176,8 +182,10 @@ def _readings(actions: Actions) -> None:
             html.Div("{{ fading.note }}", v_if="fading.note", classes="mt-note")
         with html.Div(classes="mt-card"):
             html.H2("Coverage")
-            v3.VBtn("Map the gain", click=actions.make_map, size="small", variant="tonal",
-                    color="#2f6690", block=True, id="map", disabled=("working === 'map'",))  # fmt: skip
+            v3.VBtn(
+                "Map the gain", click=actions.make_map, size="small", variant="tonal",
+                color="#2f6690", block=True, id="map", disabled=("working === 'map'",),
+            )  # fmt: skip
             with html.Dl(v_if="map", classes="mt-rows", style="margin-top:5px"):
                 html.Dt("Peak")
                 html.Dd("{{ map.peak }}", id="peak")

@@ -171,7 +171,8 @@ def _nothing() -> pv.PolyData:
 
 def _sea(mesh: TriangleMesh) -> pv.PolyData:
     """Return the surface with its elevation [m] and normals, in single precision."""
-    part = pv.PolyData.from_regular_faces(mesh.vertices.astype(np.float32), mesh.faces.astype(int))
+    points: Any = mesh.vertices.astype(np.float32)
+    part = pv.PolyData.from_regular_faces(points, mesh.faces.astype(int))
     part.point_data["elevation"] = mesh.vertices[:, 2].astype(np.float32)
     part.point_data.active_normals = mesh.vertex_normals.astype(np.float32)
     return part
@@ -249,8 +250,8 @@ def _cone(
             side = np.copysign(stage.half, rays[:, i]) + stage.center[i] - apex[i]
             to_water = np.minimum(to_water, np.maximum(side / rays[:, i], 0.0))
     rim = np.array(apex) + to_water[:, None] * rays
-    i = np.arange(72)
-    fan = np.column_stack([np.full(72, 3), np.zeros(72, int), i + 1, (i + 1) % 72 + 1])
+    row = np.arange(72)
+    fan = np.column_stack([np.full(72, 3), np.zeros(72, int), row + 1, (row + 1) % 72 + 1])
     return [pv.PolyData(np.vstack([apex, rim]).astype(np.float32), faces=fan.ravel())]
 
 

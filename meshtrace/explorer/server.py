@@ -96,6 +96,8 @@ class Explorer:
 
 
 async def serve(explorer: Explorer, open_browser: bool) -> None:
+    """Serve until cancelled."""
+    asyncio.get_running_loop().set_exception_handler(_report)
     await explorer.start()
     print(f"explorer at {explorer.url} (Ctrl-C ends it)", flush=True)
     if open_browser:
@@ -104,3 +106,9 @@ async def serve(explorer: Explorer, open_browser: bool) -> None:
         await asyncio.Event().wait()
     finally:
         await explorer.stop()
+
+
+def _report(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Report an error of a task, unless a browser has just been closed."""
+    if not isinstance(context.get("exception"), ConnectionResetError):
+        loop.default_exception_handler(context)

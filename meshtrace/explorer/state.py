@@ -36,7 +36,7 @@ class State:
     Notes
     -----
     Moves act on the link as given, not on each other: a move to a wind of 0 m/s and back returns
-    the same sea.
+    the same sea, and a control at its value as given is not moved.
 
     Examples
     --------
@@ -61,8 +61,10 @@ class State:
             If a control is unknown, or its value or the link that it makes is not allowed.
         """
         require_keys(values, [*BY_NAME, "water"])
-        moves = dict(sorted({**dict(self.moves), **values}.items()))
-        state = replace(self, moves=tuple(moves.items()))
+        start = {**State(self.given).values, "water": GIVEN_WATER}
+        moves = {**dict(self.moves), **values}
+        moves = {name: value for name, value in moves.items() if value != start[name]}
+        state = replace(self, moves=tuple(sorted(moves.items())))
         state.scenario  # noqa: B018 - refuses values that are not allowed
         return state
 

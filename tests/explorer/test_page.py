@@ -195,7 +195,7 @@ def drag(driver, view, part, x, y):
     """Drag a part of a view by pixels, in steps as a hand does."""
     from selenium.webdriver import ActionChains
 
-    handle = driver.find_element("css selector", f"#{view} [data-part={part}]")
+    handle = driver.find_element("css selector", f"#{view} [data-part={part}] .mt-grip")
     chain = ActionChains(driver, duration=30).move_to_element(handle).click_and_hold()
     for _ in range(8):
         chain.move_by_offset(x // 8, y // 8)

@@ -36,7 +36,7 @@ def test_parts_and_actors_stay(scene):
 def test_the_sea_is_that_of_the_model(scene):
     state = STATE.moved({"wind": 9.0}).at(1.5)
     scene.update(state)
-    x, y, z = points(scene, "sea").T.astype(float)
+    x, _, z = points(scene, "sea").T.astype(float)
     sea = state.scenario.surface
     mesh = sea.mesh(1.5, scene.stage.half, 2 * scene.stage.half / 120, center=scene.stage.center)
     np.testing.assert_allclose(z, mesh.vertices[:, 2], atol=1e-6)

@@ -56,8 +56,9 @@ def test_the_water_is_that_of_the_type(water):
 def test_moves_act_on_the_link_as_given():
     state = State(PAPER).moved({"wind": 0.0})
     assert state.scenario.surface.to_config()["kind"] == "flat"
-    back = state.moved({"wind": 5.0}).moved({"bit_rate": 1.0})
-    assert back.scenario.replace(detector=None) == PAPER
+    back = state.moved({"water": "jerlov-I"}).moved({"wind": 5.0, "water": GIVEN_WATER})
+    assert back == State(PAPER)
+    assert back.scenario == PAPER
 
 
 def test_a_refused_move_names_the_value():
