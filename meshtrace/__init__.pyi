@@ -10,6 +10,7 @@ from .comms.ook import OokLink as OokLink
 from .daylight.light import Daylight as Daylight
 from .errors import DomainWarning as DomainWarning
 from .errors import Refused as Refused
+from .explorer.launch import explore as explore
 from .link import AirBeam as AirBeam
 from .link import AirLed as AirLed
 from .link import AirTopHatBeam as AirTopHatBeam

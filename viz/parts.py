@@ -286,7 +286,7 @@ def cone_rim(
     azimuth = np.linspace(0.0, 2.0 * math.pi, 97)
     half = math.radians(half_deg)
     around = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1) * math.sin(half)
-    rays = np.column_stack([around, np.full(97, math.cos(half))]) @ _rotation_from_z(axis).T
+    rays = np.column_stack([around, np.full(97, math.cos(half))]) @ rotation_from_z(axis).T
     elevation, towards = surface_sampler(mesh), -math.copysign(1.0, apex[2])
     climb = np.maximum(towards * rays[:, 2], 1e-3)
     rim, z = np.empty_like(rays), np.zeros(97)
@@ -307,13 +307,13 @@ def add_uav(scene: Scene, link: Link) -> Scene:
             carried.append((lamp.center, (-x, -y, -z)))
     for center, up in carried:
         if scene.stage.contains(center):
-            glyph = _quadcopter(0.05 * scene.stage.size)
-            glyph.points = glyph.points @ _rotation_from_z(up).T + np.array(center)
+            glyph = quadcopter(0.05 * scene.stage.size)
+            glyph.points = glyph.points @ rotation_from_z(up).T + np.array(center)
             scene.add_mesh(glyph, color=UAV_COLOR, ambient=0.35, specular=0.3)
     return scene
 
 
-def _quadcopter(arm: float) -> pv.PolyData:
+def quadcopter(arm: float) -> pv.PolyData:
     """Return an aircraft with arms of a length [m], its receiver at the origin."""
     up = 0.28 * arm
     body = pv.Cube(center=(0, 0, up), x_length=0.7 * arm, y_length=0.5 * arm, z_length=up)
@@ -329,7 +329,7 @@ def _quadcopter(arm: float) -> pv.PolyData:
     return pv.merge(parts).extract_surface(algorithm=None)
 
 
-def _rotation_from_z(normal: Vector) -> np.ndarray:
+def rotation_from_z(normal: Vector) -> np.ndarray:
     """Return a rotation (3, 3) that turns +z to a unit vector, about a horizontal axis."""
     if normal[2] < -1.0 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])
