@@ -231,7 +231,8 @@ def read_dataset(path: str | PathLike[str], **options: Any) -> xr.Dataset:
     import xarray as xr
 
     if not _is_file(path):
-        raise Refused(show(path), Described("no such file"), _ALLOWED)
+        name = str(path) if isinstance(path, str | PathLike) else show(path)
+        raise Refused(name, Described("no such file"), _ALLOWED)
     try:
         if _is_damaged(path):
             raise OSError("damaged: its checksum differs")

@@ -26,6 +26,7 @@ from .style import INK, PALETTE, axes, axis_label
 _SHOWN = 1e-6  # of the largest bar, down to which bars are drawn
 
 
+@checked
 def plot(result: Stored | xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot a result of any kind, or the dataset of a sweep.
 

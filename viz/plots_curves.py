@@ -153,7 +153,7 @@ def plot_sweep(
 
 def _over_parameters(data: xr.Dataset, quantity: str) -> xr.Dataset:
     """Return a variable averaged over realizations, over its one or two parameters."""
-    if quantity not in data:
+    if quantity not in data or data[quantity].dtype.kind not in "biuf":
         return data
     names = [name for name in data.data_vars if str(name).startswith(quantity)]
     found = data[names]

@@ -157,6 +157,8 @@ class Scene(pv.Plotter):
     def add_scalar_bar(self, *args: Any, **options: Any) -> Any:  # type: ignore[override]
         """Add a colour bar as pyvista does, in the font of all other texts."""
         bar = super().add_scalar_bar(*args, **options)
+        if bar is None:  # pyvista warns that it has no place for more
+            return bar
         for text in (bar.GetTitleTextProperty(), bar.GetLabelTextProperty()):
             text.SetFontFamily(FROM_FILE)
             text.SetFontFile(FONT_FILE)
