@@ -48,7 +48,8 @@ class Status(IntEnum):
 
     EMPTY = 0
     MOVING = 1
-    WAITING = 2
+    WAITING = 2  # for a ray
+    FACING = 3  # `facet`, or none if it is -1
 
 
 class Vertex(IntEnum):
@@ -82,6 +83,7 @@ class Pool(NamedTuple):
     origin: NDArray[np.float32]  # (slots, 3) rays to cast
     direction: NDArray[np.float32]
     ray_slot: NDArray[np.int64]  # slot that each ray belongs to
+    numbers: NDArray[np.float64]  # (4, slots) uniforms of the photons to start
 
 
 class Limits(NamedTuple):

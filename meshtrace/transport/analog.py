@@ -42,7 +42,8 @@ from meshtrace.transport.arrays import (
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 from meshtrace.transport.options import BLOCK, Analog, IrradianceMap, Record, read_records
 
-_SLOTS = 8192  # photons under way in a thread: their state stays in the cache
+_SLOTS = 1024  # photons under way in a thread: their state stays in the cache
+_SLOTS_CAST = 8192  # where all rays are cast: each batch has a fixed cost
 _GUIDED = 100  # crossings of light that a jet guides
 
 
@@ -219,12 +220,13 @@ def _chunk(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
 
 def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
     """Trace photons in a pool of slots, alternating kernel and Embree until all have ended."""
-    slots = min(_SLOTS, last - first)
+    slots = min(_SLOTS if len(setup.grid.x.line) else _SLOTS_CAST, last - first)
     pool = kernel.Pool(
         photon=np.zeros(slots, kernel.PHOTON),
         origin=np.zeros((slots, 3), np.float32),
         direction=np.zeros((slots, 3), np.float32),
-        ray_slot=np.arange(slots),
+        ray_slot=np.zeros(slots, np.int64),
+        numbers=np.zeros((4, slots)),
     )
     world = kernel.World(
         first=first,
@@ -239,9 +241,9 @@ def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
         tallies=tallies,
         recorder=setup.recorder,
     )
-    facets = np.full(slots, -1, np.int32)
-    n_rays, next_photon = slots, first
-    while n_rays:
+    facets = np.zeros(0, np.int32)
+    n_rays, next_photon = 0, first
+    while n_rays or next_photon < last:
         n_rays, next_photon = advance(pool, n_rays, facets, next_photon, last, world)
         if n_rays:
             facets = setup.intersector.facets(pool.origin[:n_rays], pool.direction[:n_rays])
