@@ -44,7 +44,7 @@ class SumSea(RandomSea, frozen=True):
 
     Raises
     ------
-    pydantic.ValidationError
+    Refused
         If a part is no random sea, choppy or of second order itself, or has
         `omega_max="fading"`, which is a number for one link and one spectrum.
 
