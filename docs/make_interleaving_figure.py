@@ -14,6 +14,7 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.interpolate import PchipInterpolator
 
 import meshtrace as mt
 from meshtrace import fading, viz
@@ -56,6 +57,24 @@ def statistics(name: str, gain: NDArray[np.float64]) -> str:
     quantiles = ", ".join(f"{q:.3f}" for q in np.quantile(relative, [0.01, 0.05, 0.5, 0.95, 0.99]))
     index = gain.var(ddof=1) / gain.mean() ** 2
     return f"| {name} | {index:.4f} ± {indices.std():.4f} | {quantiles} | {distances} |"
+
+
+def effective_fades(depths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the independent fades of the same variance of the mean over some times [s].
+
+    The variance of the mean over T is 2 / T int_0^T (1 - t / T) rho(t) dt of that of the gain.
+    """
+    sea = resolved_sea(5.0, fetch=30e3).model_copy(update={"omega_max": 24.0})
+    lag = np.concatenate([np.arange(0.0, 0.4, 0.01), np.arange(0.4, 4.0, 0.05)])
+    rho = fading.gain_autocovariance(mt.Link(), sea, lag)
+    curve = PchipInterpolator(lag, rho / rho[0])
+    return np.array(
+        [
+            0.5 * t / np.trapezoid((1.0 - x / t) * curve(x), x)
+            for t in depths
+            for x in [np.linspace(0.0, t, 2001)]
+        ]
+    )
 
 
 def average_bers(relative: NDArray[np.float64], margins: NDArray[np.float64]) -> list[float]:
@@ -111,18 +130,25 @@ def margin_without_fading() -> float:
 def main(path: str | None) -> None:
     found = gains_of(path)
     light = found.gain_ballistic
-    print("| light | scintillation index | 1, 5, 50, 95, 99 % over the mean | Kolmogorov |")
+    print("| light | scintillation index | quantiles 1, 5, 50, 95, 99 % | Kolmogorov distances |")
+    print("|---|---|---|---|")
     parts = (("unscattered", light), ("scattered", found.gain - light), ("all", found.gain))
     for name, gain in parts:
         print(statistics(name, gain))
+    depths = np.array([0.05, 0.1, 0.2, 0.5, 1.0, 2.0])
+    print("| depth [s] | fades | size at 1 Mbit/s |\n|---|---|---|")
+    for depth, fades in zip(depths, effective_fades(depths), strict=True):
+        print(f"| {depth:g} | {fades:.1f} | {depth:g} Mbit |")
     relative = found.gain / found.gain.mean()
-    print("| fades of a code word | margin for an outage of 1e-2 | of 1e-3 [dB] |")
+    print("| fades of a code word | margin for an outage of 1e-2 [dB] | of 1e-3 [dB] |")
+    print("|---|---|---|")
     for m in FADES:
         db = [fade_margin_db(OOK, relative, RATE, m, outage) for outage in (1e-2, 1e-3)]
         print(f"| {m} | {db[0]:.2f} | {db[1]:.2f} |")
+    print("| mean optical margin [dB] | BER without fading | average BER |\n|---|---|---|")
     for m in (0.0, 3.0, 6.0):
         plain, faded = (average_bers(g, np.array([m]))[0] for g in (np.ones(2), relative))
-        print(f"margin {m:g} dB: BER {plain:.2g} without, {faded:.2g} with fading")
+        print(f"| {m:g} | {plain:.1e} | {faded:.1e} |")
     viz.use_style()
     figure = Figure(figsize=(11.0, 3.6), dpi=110)
     panels(figure, found.gain)

@@ -112,8 +112,8 @@ def view(
         raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
     files: list[Path] = []
     if window or screenshot or html or export:
-        count = (100 if paths is None else paths or None) if link is not None else None
-        drawn: Any = {"paths": count, "received": received, "coverage": coverage, "seed": seed}
+        traced = (100 if paths is None else paths or None) if link is not None else None
+        drawn: Any = {"paths": traced, "received": received, "coverage": coverage, "seed": seed}
         shown = replace(style, off_screen=not window)
         plotter = scene(link, surface, time=time, **drawn, style=shown)
         if screenshot:
