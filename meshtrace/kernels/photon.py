@@ -28,6 +28,7 @@ from meshtrace.kernels.photon_state import (
 )
 from meshtrace.kernels.photon_surface import cross, to_sky
 from meshtrace.kernels.photon_water import bounce, fly_water, lowest, scatter
+from meshtrace.kernels.sky import is_backward, launch_back
 from meshtrace.kernels.sources import launch
 from meshtrace.kernels.tally import Fate, deposit
 from meshtrace.kernels.vectors import along, dot, row
@@ -39,7 +40,10 @@ _RETRIES = 3
 @inlined
 def _start(q, photon, world):
     """Put a new photon into a slot."""
-    p, d, in_water, u_path = launch(world.sources, world.seed, photon)
+    if is_backward(world.back):
+        p, d, in_water, u_path = launch_back(world.back, world.seed, photon)
+    else:
+        p, d, in_water, u_path = launch(world.sources, world.seed, photon)
     put(q, p)
     head(q, d)
     q.weight, q.water, q.air = 1.0, 0.0, 0.0
