@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.kernels.jit import inlined, outlined
-from meshtrace.kernels.medium import Medium, lookup, optical_depth, scattering_coefficients
+from meshtrace.kernels.medium import (
+    Medium,
+    absorption_path,
+    lookup,
+    scattering_coefficients,
+    scattering_depth,
+)
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.vectors import UP, Vec3, dot, row
 
@@ -39,13 +45,14 @@ class Backward(NamedTuple):
     sky: Sky
     sun: Vec3  # direction to the sun under water
     irradiance: float  # of the sun, across its direction below the surface [W m-2 nm-1]
+    kept: float  # share of the scattering that takes light out of the sun's beam
     phase_water: NDArray[np.float64]  # over the angle from 0 to pi, smoothed [sr-1]
     phase_bubble: NDArray[np.float64]
 
 
 NOWHERE = np.zeros((0, 3))
 FORWARD = Backward(
-    NOWHERE, NOWHERE, False, False, Sky(UP, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), UP, 0.0,
+    NOWHERE, NOWHERE, False, False, Sky(UP, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), UP, 0.0, 1.0,
     np.zeros(2), np.zeros(2),
 )  # fmt: skip
 """Photons that start at the sources."""
@@ -86,7 +93,9 @@ def sunlight(back, medium: Medium, p, d, weight):
     scattered = water * lookup(back.phase_water, angle * (len(back.phase_water) - 1))
     if bubbles > 0.0:
         scattered += bubbles * lookup(back.phase_bubble, angle * (len(back.phase_bubble) - 1))
-    tau = optical_depth(medium, p, back.sun, max(-p.z, 0.0) / back.sun.z)
+    t = max(-p.z, 0.0) / back.sun.z
+    tau = back.kept * scattering_depth(medium, p, back.sun, t)
+    tau += absorption_path(medium, p.z, p.z + t * back.sun.z, t)
     return weight * scattered / medium.b_max * back.irradiance * math.exp(-tau)
 
 

@@ -3,8 +3,10 @@
 Radiance over the squared index is kept along a ray, whatever the mesh: the mean score of photons
 that start by the cosine law inside the field of view is the mean radiance of the sky that they
 meet, times the squared index at the receiver. Sunlight is added at each collision in the water,
-through still water; its disk has a radius of 3 degrees there, which bounds the phase function and
-leaves fluxes unchanged.
+through still water. Under water its disk has a radius of 3 degrees, which bounds the phase function
+and leaves fluxes unchanged. For a receiver in the air light scattered by less than 10 degrees stays
+in the sun's beam: the rare paths that are scattered back and then end near the sun would carry
+most of the error.
 """
 
 from __future__ import annotations
@@ -33,6 +35,8 @@ from meshtrace.transport.options import Analog
 _BLUR = math.radians(3.0)
 _ANGLES = 1024
 _RINGS = 4000
+_FORWARD = math.radians(10.0)
+_WIDE = np.linspace(0.0, math.pi, _ANGLES) > _FORWARD
 
 
 def walked(
@@ -62,7 +66,8 @@ def walked(
     back = Backward(
         np.ascontiguousarray(origins), np.ascontiguousarray(directions), in_water, not in_water,
         day.sky, Vec3(*sun.tolist()), foam * irradiance if setup.medium.b_max > 0.0 else 0.0,
-        blurred_phase(link.water.phase), blurred_phase(bubbles),
+        1.0 if in_water else 1.0 - float(link.water.phase.cdf(_FORWARD)),
+        *(blurred_phase(p) * (in_water | _WIDE) for p in (link.water.phase, bubbles)),
     )  # fmt: skip
     spans = [(i, min(i + options.batch_size, len(origins)))
              for i in range(0, len(origins), options.batch_size)]  # fmt: skip
