@@ -68,6 +68,7 @@ def light_of(day, fov, seas):
 def ranges(fades, background, fov, rate, width):
     """Return the range with its lower and upper limit [m]."""
     base = mt.OokLink.of_link(link(fov), bit_rate=rate).replace("optics.filter_width_nm", width)
+    base = base.replace(window=base.averaging_window)  # that of the dark, for all backgrounds
     step = 2.0 * background.radiance_stderr / background.radiance
     scales = (1.0, 1.0 + step, max(1.0 - step, 0.0))
     return [mean_range(with_background(base, background, s), fades) for s in scales]

@@ -35,6 +35,7 @@ _HOMES = {
     "coverage": "meshtrace.results.coverage",
     "background": "meshtrace.results.background",
     "background-series": "meshtrace.results.background",
+    "comparison": "meshtrace.studies.comparison",
     "fading": "meshtrace.fading.summary",
     "performance": "meshtrace.studies.performance.tables",
     "depth-sweep": "meshtrace.studies.performance.tables",
