@@ -172,4 +172,4 @@ def sun_position(time: Any, latitude: float, longitude: float) -> SunPosition:
         raise Refused("time", time, "a time with its zone, such as 2026-06-21T10:00Z")
     row = pvlib.solarposition.get_solarposition(pd.DatetimeIndex([stamp]), latitude, longitude)
     zenith, azimuth = float(row["apparent_zenith"].iloc[0]), float(row["azimuth"].iloc[0])
-    return SunPosition(zenith, (90.0 - azimuth) % 360.0, stamp.dayofyear)
+    return SunPosition(zenith, (90.0 - azimuth) % 360.0, stamp.day_of_year)

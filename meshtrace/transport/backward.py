@@ -1,112 +1,26 @@
-"""Background light: rays from the receiver back to sky and sun, over the same mesh as the link.
-
-A receiver in the air sees the sky mirrored by the sea, glint, light out of the water and foam.
-Rays follow the mirror direction over up to eight reflections; at each of them the sun is connected
-by the density of the slopes that the mesh leaves out (`daylight.glint`), or, over a mesh that
-leaves none out, by the points of the mesh that mirror it exactly (`transport.mirror_points`).
-"""
+"""Background light of a receiver: rays back to sky and sun, over the same mesh as the link."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple, Unpack
+from typing import Any, Unpack
 
-import numpy as np
-
-from meshtrace.bvh import EmbreeIntersector
-from meshtrace.daylight.glint import connected_glint
 from meshtrace.daylight.light import Daylight
-from meshtrace.daylight.patterns import sky_radiance
-from meshtrace.daylight.water_leaving import QuasiSingle
-from meshtrace.errors import Described, Refused, require_kind, require_whole, require_word
-from meshtrace.kernels.facets import Surface
+from meshtrace.errors import Refused, require_kind, require_whole, require_word
 from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.parallel import default_threads
-from meshtrace.results.background import PARTS, Background
+from meshtrace.results.background import Background
 from meshtrace.results.provenance import provenance
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.arrays import surface_arrays
+from meshtrace.transport.above import seen_from_air
 from meshtrace.transport.case import HasCase, resolve
-from meshtrace.transport.frame import frame_of
 from meshtrace.transport.meshing import mesh_for
-from meshtrace.transport.mirror_points import mirrored_sun
 from meshtrace.transport.options import Meshing, Shortcuts
-
-_BOUNCES = 8
-_OFFSET = 1e-5  # start of a ray above its facet, in units of the frame
-_LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets, as in the photon kernels
-SKY, GLINT, WATER, FOAM, SUN = range(len(PARTS))
-
-
-class View(NamedTuple):
-    """Receiver in local coordinates: disk, line of sight, field of view, and its points."""
-
-    center: Floats
-    axis: Floats  # line of sight, from the receiver
-    radius: float
-    sin2_psi: float  # of half the field of view
-    uniforms: Floats  # (rays, 7): disk, cone, tilt of the first reflection
-
-    @classmethod
-    def of(cls, aperture: Aperture, center: Floats, radius: float, uniforms: Floats) -> View:
-        """Return the view of an aperture."""
-        psi = math.radians(0.5 * aperture.fov_deg)
-        axis = -np.array(aperture.axis)
-        return cls(center, axis, radius, math.sin(psi) ** 2, uniforms)
-
-    def origins(self) -> Floats:
-        """Return points on the disk (rays, 3)."""
-        r, phi = self.radius * np.sqrt(self.uniforms[:, 0]), 2 * math.pi * self.uniforms[:, 1]
-        e1, e2 = _across(self.axis)
-        return self.center + np.outer(r * np.cos(phi), e1) + np.outer(r * np.sin(phi), e2)
-
-    def directions(self) -> Floats:
-        """Return directions (rays, 3) by the cosine law inside the field of view."""
-        sin2, phi = self.sin2_psi * self.uniforms[:, 2], 2.0 * math.pi * self.uniforms[:, 3]
-        s = np.sqrt(sin2)
-        e1, e2 = _across(self.axis)
-        out = np.outer(s * np.cos(phi), e1) + np.outer(s * np.sin(phi), e2)
-        return out + np.outer(np.sqrt(1.0 - sin2), self.axis)
-
-
-def _across(axis: Floats) -> tuple[Floats, Floats]:
-    """Return two unit vectors across an axis and each other."""
-    aside = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    e1 = np.cross(axis, aside)
-    e1 /= np.linalg.norm(e1)
-    return e1, np.cross(axis, e1)
-
-
-def shifted_points(per_shift: int, width: int, seed: int) -> Floats:
-    """Return Sobol points (shifts x per_shift, width), each of the 32 shifts together."""
-    from scipy.stats import qmc
-
-    rng = np.random.default_rng((seed, 19))
-    size = math.ceil(math.log2(max(per_shift, 2)))
-    points = qmc.Sobol(width, scramble=True, rng=rng).random_base2(size)[:per_shift]
-    u = (points[None] + rng.random((SHIFTS, 1, width))) % 1.0
-    return np.clip(u.reshape(-1, width), 1e-12, 1.0 - 1e-12)
-
-
-class Scene(NamedTuple):
-    """Sea and light that the rays of a view meet."""
-
-    intersector: EmbreeIntersector
-    surface: Surface
-    day: Daylight
-    n: float  # index of the water over that of the air
-    foam: float  # share of the surface
-    water: QuasiSingle | None
-    second_hits: bool
-
-    @property
-    def rough(self) -> bool:
-        """Whether the mesh leaves out slopes."""
-        return self.surface.roughness.along > 0.0 or self.surface.roughness.across > 0.0
+from meshtrace.transport.submerged import seen_from_water
+from meshtrace.transport.view import only_aperture
 
 
 def background(
@@ -187,15 +101,10 @@ def background_over(
     threads: int, origin: dict[str, Any],
 ) -> Background:  # fmt: skip
     """Return the background of the one receiver of a link over a mesh, of checked inputs."""
-    sums = seen_from_air(link, mesh, day, photons, seed, normals, threads)
-    return summed(sums, only_aperture(link), day, origin)
-
-
-def only_aperture(link: Link) -> Aperture:
-    """Return the aperture of a link that has one, or refuse."""
-    if len(link.receivers) != 1:
-        raise Refused("receiver", Described(f"{len(link.receivers)} apertures"), "one aperture")
-    return link.receivers[0]
+    aperture = only_aperture(link)
+    seen = seen_from_air if aperture.center[2] > 0.0 else seen_from_water
+    sums = seen(link, mesh, day, photons, seed, normals, threads)
+    return summed(sums, aperture, day, origin)
 
 
 def summed(
@@ -214,167 +123,3 @@ def summed(
         wavelength_nm=day.wavelength_nm,
         provenance=origin,
     )
-
-
-def seen_from_air(
-    link: Link, mesh: TriangleMesh, day: Daylight, photons: int, seed: int, normals: str,
-    threads: int,
-) -> Floats:  # fmt: skip
-    """Return the radiances of the parts by shift (shifts, parts) for a receiver in the air."""
-    aperture, frame = only_aperture(link), frame_of(link)
-    mesh = frame.mesh(mesh)
-    u = shifted_points(photons // SHIFTS, 7, seed)
-    view = View.of(
-        aperture, frame.points(np.array(aperture.center)), aperture.radius / frame.unit, u
-    )
-    foam = 1.0 - link.whitecaps.transmittance if link.whitecaps else 0.0
-    scene = Scene(
-        EmbreeIntersector(mesh, threads),
-        surface_arrays(mesh, normals, link.physics.unresolved),
-        day,
-        link.water.n / link.n_air,
-        foam,
-        QuasiSingle(link, day) if day.water == "quasi-single" else None,
-        link.physics.second_hit == "trace",
-    )
-    parts = follow(scene, view.origins(), view.directions(), u[:, 4:], seed)
-    parts = parts.reshape(SHIFTS, -1, len(PARTS)).mean(axis=1)
-    if day.direct > 0.0:
-        parts[:, SUN] += sun_in_view(scene, view)
-        if not scene.rough:
-            glint = mirrored_sun(scene.intersector, scene.surface, np.array(day.sun), view, scene.n)
-            parts[:, GLINT] += day.direct * (1.0 - foam) * glint
-    return parts
-
-
-def sun_in_view(scene: Scene, view: View) -> float:
-    """Return the mean radiance of the sun where it stands within the field of view."""
-    sun = np.array(scene.day.sun)
-    cosine = float(sun @ view.axis)
-    if cosine <= 0.0 or 1.0 - cosine**2 > view.sin2_psi:
-        return 0.0
-    blocked = scene.intersector.intersect([view.center], [sun]).facet[0] >= 0
-    return 0.0 if blocked else scene.day.direct * cosine / (math.pi * view.sin2_psi)
-
-
-class Hit(NamedTuple):
-    """Points where rays meet the sea: facet normal, and normal for the bending of light."""
-
-    point: Floats
-    facet_normal: Floats
-    normal: Floats
-
-
-def follow(scene: Scene, origin: Floats, direction: Floats, u: Floats, seed: int) -> Floats:
-    """Return the radiance of each part along rays (rays, parts), without the disk of the sun."""
-    out = np.zeros((len(origin), len(PARTS)))
-    weight, rays = np.ones(len(origin)), np.arange(len(origin))
-    rng = np.random.default_rng((seed, 23))
-    sky = scene.day.sky
-    for bounce in range(_BOUNCES + 1):
-        hit, at_sea = _first_hits(scene, origin, direction)
-        if bounce == _BOUNCES or (bounce > 0 and not scene.second_hits):
-            at_sea[:] = False
-        free = ~at_sea
-        out[rays[free], SKY] += weight[free] * sky_radiance(sky, direction[free])
-        if not at_sea.any():
-            break
-        rays, weight = rays[at_sea], weight[at_sea]
-        hit, view = Hit(*(v[at_sea] for v in hit)), -direction[at_sea]
-        weight = _foam(scene, out, rays, weight)
-        if scene.day.direct > 0.0 and scene.rough:
-            out[rays, GLINT] += weight * _glint(scene, hit, view)
-        draws = u[rays] if bounce == 0 else rng.random((len(u), 3))[rays]
-        rho, mirrored, refracted = _split(scene, hit, view, draws)
-        if scene.water is not None:
-            light = scene.water.upwelling(-refracted) / scene.n**2
-            out[rays, WATER] += weight * (1.0 - rho) * light
-        weight = weight * rho
-        origin, direction = hit.point + _OFFSET * hit.facet_normal, mirrored
-    return out
-
-
-def _foam(scene: Scene, out: Floats, rays: Any, weight: Floats) -> Floats:
-    """Score the foam and return the weight of the rays that meet water."""
-    if scene.foam == 0.0:
-        return weight
-    day = scene.day
-    out[rays, FOAM] += weight * scene.foam * day.foam_reflectance * day.irradiance / math.pi
-    return weight * (1.0 - scene.foam)
-
-
-def _first_hits(scene: Scene, origin: Floats, direction: Floats) -> tuple[Hit, Any]:
-    """Return where rays meet the sea, and whether they do; the sea is level beyond the mesh."""
-    hits, surface = scene.intersector.intersect(origin, direction), scene.surface
-    facet = hits.facet
-    facet_normal = surface.face_normals[facet]
-    on_mesh = (facet >= 0) & (np.einsum("ij,ij->i", facet_normal, direction) < 0.0)
-    distance = np.where(on_mesh, hits.distance, 0.0)
-    point = origin + distance[:, None] * direction
-    normal = facet_normal
-    if surface.interpolate:
-        a, b, c = (surface.vertex_normals[surface.faces[facet, i]] for i in range(3))
-        u, v = (np.where(on_mesh, w, 0.0)[:, None] for w in (hits.u, hits.v))
-        normal = (1.0 - u - v) * a + u * b + v * c
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    up = np.array([0.0, 0.0, 1.0])
-    facet_normal = np.where(on_mesh[:, None], facet_normal, up)
-    normal = np.where(on_mesh[:, None], normal, up)
-    behind = np.einsum("ij,ij->i", normal, direction) >= 0.0
-    normal[behind] = facet_normal[behind]
-    return Hit(point, facet_normal, normal), on_mesh | (direction[:, 2] < 0.0)
-
-
-def _glint(scene: Scene, hit: Hit, view: Floats) -> Floats:
-    """Return the radiance of the sun mirrored by unresolved slopes, shadows by one ray."""
-    sun = np.array(scene.day.sun)
-    glint = connected_glint(
-        view, sun, hit.normal, hit.facet_normal, scene.surface.roughness, scene.n
-    )
-    lit = np.flatnonzero((glint > 0.0) & (hit.facet_normal @ sun > 0.0))
-    start = hit.point[lit] + _OFFSET * hit.facet_normal[lit]
-    shadow = scene.intersector.intersect(start, np.broadcast_to(sun, start.shape)).facet >= 0
-    out = np.zeros(len(view))
-    out[lit[~shadow]] = glint[lit[~shadow]]
-    return scene.day.direct * out
-
-
-def _split(scene: Scene, hit: Hit, view: Floats, u: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return reflectance and both directions of rays, twin of `kernels.interface.branches`."""
-    direction = -view
-    normal = _tilted(scene.surface, hit, direction, u)
-    rho, mirrored, refracted = _branches(direction, normal, scene.n)
-    wrong = np.einsum("ij,ij->i", mirrored, hit.facet_normal) <= 0.0
-    wrong |= np.einsum("ij,ij->i", direction, normal) >= 0.0
-    if wrong.any():
-        again = _branches(direction[wrong], hit.facet_normal[wrong], scene.n)
-        rho[wrong], mirrored[wrong], refracted[wrong] = again
-    return rho, mirrored, refracted
-
-
-def _branches(direction: Floats, normal: Floats, n: float) -> tuple[Floats, Floats, Floats]:
-    cos_i = np.clip(-np.einsum("ij,ij->i", direction, normal), 0.0, 1.0)
-    mirrored = direction + 2.0 * cos_i[:, None] * normal
-    cos_t = np.sqrt(1.0 - (1.0 - cos_i**2) / n**2)
-    refracted = direction / n + (cos_i / n - cos_t)[:, None] * normal
-    return fresnel_reflectance(cos_i, 1.0, n), mirrored, refracted
-
-
-def _tilted(surface: Surface, hit: Hit, direction: Floats, u: Floats) -> Floats:
-    """Return normals tilted by unresolved slopes, twin of `photon_surface._roughened`."""
-    roughness, normal = surface.roughness, hit.normal
-    if roughness.along == 0.0 == roughness.across:
-        return normal
-    r, phi = np.sqrt(-2.0 * np.log(u[:, 0])), 2.0 * math.pi * u[:, 1]
-    along, across = roughness.along * r * np.cos(phi), roughness.across * r * np.sin(phi)
-    tilt = np.stack(
-        [roughness.cos * along - roughness.sin * across,
-         roughness.sin * along + roughness.cos * across], axis=1
-    )  # fmt: skip
-    facing = np.einsum("ij,ij->i", direction, normal)
-    shown = 1.0 - normal[:, 2] * np.einsum("ij,ij->i", direction[:, :2], tilt) / facing
-    tilt[2.0 * u[:, 2] >= np.clip(shown, 0.0, 2.0)] *= -1.0
-    tilt[hit.facet_normal[:, 2] <= _LEAST_ROUGH] = 0.0
-    out = normal.copy()
-    out[:, :2] -= tilt * normal[:, 2:]
-    return out / np.linalg.norm(out, axis=1, keepdims=True)

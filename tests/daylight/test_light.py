@@ -76,7 +76,6 @@ def test_spectrum_of_pvlib(i):
     assert day.diffuse == pytest.approx(table["diffuse"][i], rel=1e-5)
 
 
-@pytest.mark.filterwarnings("ignore")
 def test_sun_over_toulon_at_noon_of_summer():
     pytest.importorskip("pvlib")
     day = mt.Daylight.at("2026-06-21T11:38Z", latitude=43.1, longitude=5.9)
