@@ -48,6 +48,8 @@ from .studies.convergence import band_limit_study as band_limit_study
 from .studies.convergence import convergence_study as convergence_study
 from .studies.convergence import time_step_study as time_step_study
 from .studies.coverage import coverage_map as coverage_map
+from .studies.inference import Inference as Inference
+from .studies.inference import infer as infer
 from .studies.optimisation import Optimum as Optimum
 from .studies.optimisation import optimize as optimize
 from .studies.performance.link_performance import depth_sweep as depth_sweep
