@@ -251,7 +251,7 @@ def _density(line, p, d, theta, t, r, optics):
 
 @outlined
 def _evaluated(line, p, d, theta, t, lamp, optics):
-    """Return the `LinePoint` at t, where the scattering angle is theta."""
+    """Return the `LinePoint` at t, with the scattering angle theta."""
     at = along(p, d, t)
     from_lamp = minus(at, lamp)
     r = norm(from_lamp)

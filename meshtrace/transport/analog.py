@@ -45,7 +45,7 @@ _GUIDED = 100  # crossings of light that a jet guides
 
 
 def options_over(mesh: TriangleMesh, options: Analog) -> Analog:
-    """Return the options for a mesh: up to 100 crossings by default where it overhangs.
+    """Return the options for a mesh: up to 100 crossings by default for one that overhangs.
 
     A jet guides light by dozens of total reflections.
     """

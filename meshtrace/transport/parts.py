@@ -1,4 +1,4 @@
-"""Gain over one surface in parts: by receiver, shift and order, with what it rests on."""
+"""Gain over one surface by receiver, shift and order, with the counts of its chains."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from meshtrace.transport.forced_link import ForcedLink
 
 
 class Counts(NamedTuple):
-    """What became of the chains."""
+    """Numbers of chains by outcome."""
 
     chains: int
     solved: int

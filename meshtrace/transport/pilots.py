@@ -17,12 +17,12 @@ _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
 
 
 class Pilot(NamedTuple):
-    """What a few chains of each order bring over a flat sea, by receiver and order from 1 on."""
+    """Statistics of pilot chains over a flat sea, by receiver and order from 1 on."""
 
     chains: NDArray[np.int64]  # (orders,)
     mean: NDArray[np.float64]  # (receivers, orders)
     spread: NDArray[np.float64]  # (receivers, orders) standard deviation of one chain
-    scored: NDArray[np.int64]  # (receivers, orders) chains that brought light
+    scored: NDArray[np.int64]  # (receivers, orders) chains with a score > 0
 
     def of(self, receivers: NDArray[np.bool_]) -> Pilot:
         """Return the pilot of some receivers."""
@@ -31,7 +31,7 @@ class Pilot(NamedTuple):
 
 
 def pilot(drawer: ChainDrawer, aimed: AimedChains, source: int, seed: int, receivers: int) -> Pilot:
-    """Return the scores of a few chains of each order, more where none brings light."""
+    """Return the statistics of pilot chains; orders without a score get more of them."""
     orders = drawer.last_order(source)
     chains = np.zeros(orders, np.int64)
     mean, spread = np.zeros((receivers, orders)), np.zeros((receivers, orders))
@@ -70,7 +70,7 @@ def allotment(
     -----
     The sum over the receivers of the squared relative errors is smallest for
     n_K ~ sqrt(sum_r (sigma_rK / h_r)^2 / cost_K). A share of the chains follows the Poisson law
-    of the number of scatterings instead: no order starves because its pilot was unlucky.
+    of the number of scatterings instead: an order that its pilot missed keeps a share.
     """
     from scipy.stats import poisson
 

@@ -85,7 +85,7 @@ def fields_of(data: xr.Dataset) -> dict[str, Any]:
 
 
 def table(study: ConvergenceStudy, kind: Normals) -> str:
-    """Return the part of a study about one kind of normals as text."""
+    """Return the results of a study for one kind of normals as text."""
     unit, k = UNITS[study.parameter], study.normals.index(kind)
     base = "the exact surface" if study.reference else "the finest"
     percent = 100.0 / study.anchor[k]
