@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 
 from meshtrace.errors import Described, Refused
 
+from .plots_answers import plot_inference, plot_optimum, plot_tornado
 from .plots_curves import plot_curves, plot_sweep
 from .plots_gain import plot_autocorrelation, plot_coverage, plot_fates, plot_gain_series
 from .plots_signal import plot_impulse_response
@@ -171,4 +172,7 @@ _PLOTS: dict[str, Callable[..., Any]] = {
     "convergence": plot_convergence,
     "fading-convergence": plot_fading_convergence,
     "comparison": plot_comparison,
+    "sensitivity": plot_tornado,
+    "optimum": plot_optimum,
+    "inference": plot_inference,
 }
