@@ -62,6 +62,8 @@ from .studies.convergence import time_step_study as time_step_study
 from .studies.coverage import coverage_map as coverage_map
 from .studies.duplex import Duplex as Duplex
 from .studies.duplex import duplex as duplex
+from .studies.inference import Inference as Inference
+from .studies.inference import infer as infer
 from .studies.light_pattern import light_pattern as light_pattern
 from .studies.optimisation import Optimum as Optimum
 from .studies.optimisation import optimize as optimize

@@ -41,6 +41,7 @@ _HOMES = {
     "performance": "meshtrace.studies.performance.tables",
     "depth-sweep": "meshtrace.studies.performance.tables",
     "convergence": "meshtrace.studies.convergence.study",
+    "inference": "meshtrace.studies.inference.result",
     "optimum": "meshtrace.studies.optimisation.result",
     "sensitivity": "meshtrace.studies.sensitivity.result",
     "fading-convergence": "meshtrace.studies.convergence.fading",

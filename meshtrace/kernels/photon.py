@@ -226,7 +226,7 @@ def _settle_all(pool, world):
 @outlined
 def _start_all(pool, next_photon, last, world):
     """Put new photons into the free slots; return the next id."""
-    free = 0
+    free = np.int64(0)
     for slot in range(len(pool.photon)):
         free += np.int64(pool.photon[slot].status == Status.EMPTY)
     numbers, n = pool.numbers, min(free, last - next_photon)

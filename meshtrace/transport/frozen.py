@@ -9,6 +9,7 @@ stretched.
 
 from __future__ import annotations
 
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,8 @@ from meshtrace.transport.aimed import AimedChains, Search, on_disk
 from meshtrace.transport.chain_sets import ChainDrawer, ChainSet
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import ForcedLink, forced_link
+
+_KEPT = 4  # sets of chains for the last geometries
 
 
 class Light(NamedTuple):
@@ -81,13 +84,15 @@ class FrozenForced:
         base = ForcedDetection(
             link, photons, seed, normals, crest=crest, search=search, scattered="chains"
         )
-        self.link, self._base, self._seed = link, base, seed
+        self._base, self._seed = base, seed
         self._options = normals, search
         top = max(crest, 0.0) / base.arrays.frame.unit
         lowest = min(t.center.z for t in base.arrays.targets)
         self._levels = top, top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
         self._nominals = ChainDrawer(base.arrays, *self._levels).nominals
         self._nodes: dict[tuple[int, int], tuple[int, int]] = {}
+        self._drawn: dict[str, list[list[ChainSet]]] = {}
+        self._lock = Lock()
 
     def gains(self, link: Link, mesh: TriangleMesh) -> NDArray[np.float64]:
         """Return the gain of a neighbouring link by the shift of the points.
@@ -95,7 +100,7 @@ class FrozenForced:
         Parameters
         ----------
         link : Link
-            A link with as many sources and receivers as the base.
+            A link with as many sources as the base; its receivers may be others.
         mesh : TriangleMesh
             The surface, which covers all neighbours.
 
@@ -134,40 +139,38 @@ class FrozenForced:
         self, link: Link, mesh: TriangleMesh
     ) -> tuple[ForcedLink, AimedChains, list[list[ChainSet]]]:
         """Return the arrays of a link, its surface and its chains."""
-        base, (normals, search) = self._base.arrays, self._options
-        arrays = forced_link(link, base.frame)
-        if (len(arrays.emitters), len(arrays.targets)) != (len(base.emitters), len(base.targets)):
-            raise Refused("link", link, "the sources and receivers of the base link")
-        unresolved = link.physics.unresolved
-        aimed = AimedChains(arrays, mesh, None, normals, unresolved, search)
+        normals, search = self._options
+        arrays = forced_link(link, self._base.arrays.frame)
+        if len(arrays.emitters) != len(self._nominals):
+            raise Refused("transmitter", len(arrays.emitters), "the sources of the base link")
+        aimed = AimedChains(arrays, mesh, None, normals, link.physics.unresolved, search)
         aimed.nodes = self._nodes
-        sets = self._base.sets(aimed)
-        if not self._same_chains(link, arrays):
-            drawer = ChainDrawer(arrays, *self._levels)
-            drawer.nominals = self._stretched(arrays)
-            sets = [
-                [
-                    drawer.draw(s, c.order, len(c.audit) // SHIFTS, (self._seed, s, c.order, 1))
-                    for c in row
-                ]
-                for s, row in enumerate(sets)
-            ]
-        return arrays, aimed, sets
+        return arrays, aimed, self._sets(link, arrays, aimed)
 
-    def _same_chains(self, link: Link, arrays: ForcedLink) -> bool:
-        """Return whether chains and their crossings of a flat sea are those of the base."""
-        mine, base = self.link, self._base.arrays
+    def _sets(self, link: Link, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
+        """Return the chains of a link; those of the last geometries are kept."""
+        lamps = [e.position for e in arrays.emitters]
+        ends = [(t.center, t.axis, t.radius) for t in arrays.targets]
+        parts = link.water.phase, link.bubbles, link.physics
+        models = [part and part.model_dump_json() for part in parts]
+        key = repr((lamps, ends, models, link.water.n, link.n_air, aimed.rough))
+        with self._lock:
+            if key not in self._drawn:
+                while len(self._drawn) >= _KEPT:
+                    del self._drawn[next(iter(self._drawn))]
+                self._drawn[key] = self._draw(arrays, aimed)
+            return self._drawn[key]
 
-        def places(found: ForcedLink) -> list[object]:
-            lamps: list[object] = [e.position for e in found.emitters]
-            return lamps + [(t.center, t.axis, t.radius) for t in found.targets]
+    def _draw(self, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
+        """Draw the chains of a link by the laws and numbers of the base."""
+        drawer = ChainDrawer(arrays, *self._levels)
+        drawer.nominals = self._stretched(arrays)
 
-        return (
-            link.water.phase == mine.water.phase
-            and (link.water.n, link.n_air, link.bubbles) == (mine.water.n, mine.n_air, mine.bubbles)
-            and link.physics == mine.physics
-            and places(arrays) == places(base)
-        )
+        def drawn(s: int, like: ChainSet) -> ChainSet:
+            per_shift = len(like.audit) // SHIFTS
+            return drawer.draw(s, like.order, per_shift, (self._seed, s, like.order, 1))
+
+        return [[drawn(s, like) for like in row] for s, row in enumerate(self._base.sets(aimed))]
 
     def _stretched(self, arrays: ForcedLink) -> list[Nominal]:
         """Return the laws of the base, with lengths times the ratio of the depths."""

@@ -8,11 +8,12 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from meshtrace.comms.budget import ber_of_gains, required_gain
+from meshtrace.comms.budget import required_gain
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Refused
 from meshtrace.link import Link
 from meshtrace.models import Floats
+from meshtrace.studies.sensitivity.quantities import Quantity
 
 Objective = Literal["outage", "gain", "range", "margin"]
 Custom = Callable[[Link, Floats, Floats], float]
@@ -57,6 +58,7 @@ class Goal:
             raise Refused("ook", None, f"a transmission, for {objective}")
         self.objective = objective
         self._quantile, self._ook, self._limit = quantile, ook, limit
+        self._rates = Quantity("range", limit)
 
     @property
     def name(self) -> str:
@@ -126,11 +128,12 @@ class Goal:
 
     def _excess(self, ook: OokLink, gains: Floats, weights: Floats) -> float:
         """Return the logarithm of the factor by which the light exceeds the need."""
+        law = self._rates.law(ook, rising=False)
+        logs = np.log(np.maximum(ook.received_power(gains), _DARK))
         low, high = -20.0, 20.0
         for _ in range(40):
             shift = 0.5 * (low + high)
-            rates = ber_of_gains(ook, gains * math.exp(shift))
-            if float(rates @ weights) / float(weights.sum()) > self._limit:
+            if float(np.exp(law(logs + shift)) @ weights) / float(weights.sum()) > self._limit:
                 low = shift
             else:
                 high = shift

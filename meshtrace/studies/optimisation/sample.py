@@ -98,7 +98,7 @@ class Sample:
         for mesh in self._meshes:
             require_cover(start, mesh)
         crest = _CREST_MARGIN * max(float(mesh.bounds[1, 2]) for mesh in self._meshes)
-        self._frozen = FrozenForced(start, run.photons, run.seed, crest, meshing.normals)
+        self._frozen = FrozenForced(link, run.photons, run.seed, crest, meshing.normals)
         self._lights = lru_cache(_CASES)(self._light)
 
     def _draw(self) -> None:

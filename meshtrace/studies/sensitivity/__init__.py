@@ -2,5 +2,6 @@
 
 from meshtrace.studies.sensitivity.result import Row, Sensitivities
 from meshtrace.studies.sensitivity.study import sensitivities
+from meshtrace.studies.sensitivity.swings import Swing, swings
 
-__all__ = ["Row", "Sensitivities", "sensitivities"]
+__all__ = ["Row", "Sensitivities", "Swing", "sensitivities", "swings"]

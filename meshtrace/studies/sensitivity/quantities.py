@@ -66,8 +66,8 @@ class Quantity:
             return self._outage(np.log(means / self._need(ook)))
         logs = np.log(ook.received_power(means))
         if self.of == "ber":
-            return math.log(np.exp(self._law(ook)(logs)).mean())
-        law = self._law(ook, rising=False)
+            return math.log(np.exp(self.law(ook)(logs)).mean())
+        law = self.law(ook, rising=False)
         goal = math.log(self.limit)
         spread = 30.0
 
@@ -107,7 +107,7 @@ class Quantity:
             self._needs[key] = required_gain(ook, self.limit)
         return self._needs[key]
 
-    def _law(self, ook: OokLink, rising: bool = True) -> Callable[[Floats], Floats]:
+    def law(self, ook: OokLink, rising: bool = True) -> Callable[[Floats], Floats]:
         """Return ln BER over ln power, tabulated once for each receiver.
 
         Without `rising` rates of an overloaded receiver stay at their minimum.

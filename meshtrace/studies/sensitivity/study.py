@@ -390,8 +390,12 @@ def _result(study: _Study, found: list[_Rates], asked: list[str], case: Case) ->
         rows.append(row)
         factors.append(factor)
     covariance = covariance_of(rates) * np.outer(factors, factors)
-    origin = provenance(case.link, _surface(case), _key(case, setting, study.problem.realizations))
-    origin["of"], origin["limit"] = quantity.of, quantity.limit
+    key = _key(case, setting, study.problem.realizations)
+    run = {**case.run.to_config(), **case.meshing.model_dump(mode="json")}
+    run.pop("threads")
+    origin = provenance(setting.link, key["surface"], run)
+    origin |= {"of": quantity.of, "limit": quantity.limit}
+    origin |= {name: key[name] for name in ("ook", "realizations")}
     return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
 
 
