@@ -45,6 +45,8 @@ from .results.impulse import ImpulseResponse as ImpulseResponse
 from .results.impulse import impulse_response as impulse_response
 from .results.series import GainSeries as GainSeries
 from .scenario.model import Scenario as Scenario
+from .studies.comparison import Comparison as Comparison
+from .studies.comparison import compare as compare
 from .studies.convergence import band_limit_study as band_limit_study
 from .studies.convergence import convergence_study as convergence_study
 from .studies.convergence import time_step_study as time_step_study
@@ -71,6 +73,7 @@ from .transport.simulate import simulate as simulate
 from .transport.simulate import trace_paths as trace_paths
 from .uav.airframe import Flight as Flight
 from .uav.airframe import Uav as Uav
+from .uav.route import Route as Route
 from .uav.wind import Dryden as Dryden
 
 __version__: str

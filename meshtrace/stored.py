@@ -33,6 +33,7 @@ _HOMES = {
     "impulse-response": "meshtrace.results.impulse",
     "series": "meshtrace.results.series",
     "coverage": "meshtrace.results.coverage",
+    "comparison": "meshtrace.studies.comparison",
     "fading": "meshtrace.fading.summary",
     "performance": "meshtrace.studies.performance.tables",
     "depth-sweep": "meshtrace.studies.performance.tables",

@@ -40,7 +40,7 @@ class SumSea(RandomSea, frozen=True):
 
     Raises
     ------
-    pydantic.ValidationError
+    Refused
         If a part is no random sea, or choppy or of second order itself.
 
     Notes

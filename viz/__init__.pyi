@@ -13,6 +13,10 @@ from .parts import add_receiver as add_receiver
 from .parts import add_surface as add_surface
 from .parts import add_transmitter as add_transmitter
 from .parts import add_uav as add_uav
+from .plots import plot as plot
+from .plots import plot_comparison as plot_comparison
+from .plots import plot_fading_convergence as plot_fading_convergence
+from .plots import plot_gain as plot_gain
 from .plots_curves import plot_ber as plot_ber
 from .plots_curves import plot_bubble_profile as plot_bubble_profile
 from .plots_curves import plot_curves as plot_curves
@@ -27,6 +31,7 @@ from .plots_gain import plot_fates as plot_fates
 from .plots_gain import plot_gain_cdf as plot_gain_cdf
 from .plots_gain import plot_gain_pdf as plot_gain_pdf
 from .plots_gain import plot_gain_series as plot_gain_series
+from .plots_gain import plot_route as plot_route
 from .plots_signal import plot_eye as plot_eye
 from .plots_signal import plot_impulse_response as plot_impulse_response
 from .plots_study import plot_convergence as plot_convergence

@@ -41,6 +41,7 @@ def save_movie(
     gain: GainSeries | None = None,
     frame_rate: float = 10.0,
     photons: int = 1024,
+    paths: PhotonPaths | int | None = None,
     received: PhotonPaths | int | None = None,
     coverage: CoverageMap | int | None = None,
     seed: int = 1,
@@ -65,7 +66,7 @@ def save_movie(
         Frames per second of the movie.
     photons, seed : int
         Chains and seed of a gain that is computed here, and seed of the paths.
-    received, coverage, style
+    paths, received, coverage, style
         As in `scene`; a `color_limit` common to all frames by default.
     progress : callable, optional
         Called with 1 after each frame.
@@ -94,7 +95,7 @@ def save_movie(
     limit = style.color_limit or 1.2 * float(np.abs(heights).max()) or None
     frame, plotter = _Frame(gain), None
     style = replace(style, color_limit=limit, off_screen=True, window_size=frame.scene_size)
-    light: Any = {"received": received, "coverage": coverage, "seed": seed}
+    light: Any = {"paths": paths, "received": received, "coverage": coverage, "seed": seed}
     with atomic(path) as temporary, imageio.get_writer(temporary, **options) as writer:
         for time in times:
             plotter = scene(link, sea, time=float(time), **light, style=style, plotter=plotter)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
 from meshtrace.fields import FIELDS
 
 from .style import INK, axes, label_of
@@ -118,13 +118,47 @@ def plot_spreading(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 def plot_sweep(
     data: xr.Dataset, *, quantity: str = "gain", log: bool = True, ax: Axes | None = None
 ) -> Axes:
-    """Plot a quantity over a parameter of the link, with bands; see `plot_curves`.
+    """Plot a quantity over one or two parameters, with bands; see `plot_curves`.
 
-    `log` sets a logarithmic ordinate.
+    Parameters
+    ----------
+    data : xarray.Dataset
+        Of `sweep`, or any with `quantity` over parameters. Gains over several realizations are
+        drawn as means with standard errors from their scatter.
+    quantity : str
+        Name of the variable.
+    log : bool
+        Logarithmic ordinate.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Raises
+    ------
+    Refused
+        If there are more than two parameters of several values.
     """
-    ax = plot_curves(data, quantity, style="o-", ax=ax)
+    ax = plot_curves(_over_parameters(data, quantity), quantity, style="o-", ax=ax)
     ax.set_yscale("log" if log else "linear")
     return ax
+
+
+def _over_parameters(data: xr.Dataset, quantity: str) -> xr.Dataset:
+    """Return a variable averaged over realizations, over its one or two parameters."""
+    if quantity not in data:
+        return data
+    names = [name for name in data.data_vars if str(name).startswith(quantity)]
+    found = data[names]
+    n = found.sizes.get("realization", 0)
+    if n > 1:
+        scatter = found[quantity].std("realization", ddof=1) / np.sqrt(n)
+        found = found[[quantity]].mean("realization").assign({f"{quantity}_stderr": scatter})
+    found = found.squeeze(drop=True)
+    dims = found[quantity].dims
+    if len(dims) > 2:
+        allowed = "one or two parameters of several values; select others by .sel"
+        raise Refused("data", Described(f"{len(dims)} of them"), allowed)
+    along = [name for name in dims if found[name].dtype.kind in "iuf"]
+    return found.transpose(..., along[-1]) if along else found
 
 
 def plot_ber(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:

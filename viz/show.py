@@ -37,7 +37,7 @@ def view(
     surface: MeshSource | TriangleMesh,
     *,
     time: float = 0.0,
-    paths: PhotonPaths | int | None = 100,
+    paths: PhotonPaths | int | None = None,
     received: PhotonPaths | int | None = None,
     coverage: CoverageMap | int | None = None,
     seed: int = 1,
@@ -63,7 +63,7 @@ def view(
     time : float
         Time of the sea [s], at which the movie begins.
     paths : PhotonPaths or int, optional
-        Photon paths, or the number to trace; not in movies, which show the received light.
+        Photon paths, or the number to trace: 100 in pictures and none in movies by default.
     received, coverage, seed, style
         As in `scene`.
     screenshot, html, movie : path, optional
@@ -100,8 +100,8 @@ def view(
         raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
     files: list[Path] = []
     if window or screenshot or html or export:
-        paths = paths if link is not None else None
-        light: Any = {"paths": paths, "received": received, "coverage": coverage, "seed": seed}
+        drawn = (100 if paths is None else paths or None) if link is not None else None
+        light: Any = {"paths": drawn, "received": received, "coverage": coverage, "seed": seed}
         shown = replace(style, off_screen=not window)
         plotter = scene(link, surface, time=time, **light, style=shown)
         if screenshot:
@@ -118,7 +118,8 @@ def view(
     if movie and isinstance(link, Link) and isinstance(surface, MeshSource):
         times, rate = _frames(gain, time, frames, frame_rate)
         frames_of: Any = {"gain": gain, "frame_rate": rate, "progress": progress}
-        light = {"received": received or RECEIVED_SHOWN, "coverage": coverage, "seed": seed}
+        light = {"paths": paths or None, "received": received or RECEIVED_SHOWN}
+        light |= {"coverage": coverage, "seed": seed}
         files.append(save_movie(link, surface, times, movie, **frames_of, **light, style=style))
     return files
 

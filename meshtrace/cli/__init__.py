@@ -3,17 +3,36 @@
 Heavy imports happen inside the commands, so that --help is quick.
 """
 
-from meshtrace.cli import bench, ber, converge, explore, figures, run, series, sweep, validate, view
+from meshtrace.cli import (
+    bench,
+    ber,
+    compare,
+    converge,
+    coverage,
+    explore,
+    figures,
+    new,
+    plot,
+    run,
+    series,
+    sweep,
+    validate,
+    view,
+)
 from meshtrace.cli.app import app
 
 __all__ = [
     "app",
     "bench",
     "ber",
+    "compare",
     "converge",
+    "coverage",
     "explore",
     "figures",
     "main",
+    "new",
+    "plot",
     "run",
     "series",
     "sweep",

@@ -54,8 +54,8 @@ class Receiver(Aperture, frozen=True):
     position : tuple of float
         Horizontal position (x, y) [m].
     tilt_deg, tilt_azimuth_deg : float
-        The receiver looks down; tilt leans its line of sight from nadir towards the azimuth
-        (from +x counter-clockwise) [deg], 0 <= tilt < 90.
+        Tilt of the line of sight from nadir, 0 <= tilt < 90, and its azimuth from +x,
+        counter-clockwise [deg].
 
     Notes
     -----

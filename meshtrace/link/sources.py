@@ -86,7 +86,7 @@ class Led(WaterSource, frozen=True):
     position : tuple of float
         Horizontal position (x, y) [m].
     zenith_deg, azimuth_deg : float
-        Direction of the axis; 0 is straight up.
+        Zenith angle of the axis, 0 for straight up, and its azimuth from +x [deg].
     power_mw : float
         Emitted optical power [mW]; the weight of the source in a list of sources.
     wavelength_nm : float

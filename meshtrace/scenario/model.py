@@ -16,7 +16,7 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model
 from meshtrace.results.gain import GainResult
 from meshtrace.scenario import parts, seas
-from meshtrace.scenario.files import KEYS, parse_toml, read_text, set_value
+from meshtrace.scenario.files import KEYS, located, parse_toml, read_text, set_value, with_notes
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.scenario.tables import Table, as_table, plain, validated
 from meshtrace.transport.case import Case
@@ -155,6 +155,7 @@ class Scenario(Model, frozen=True):
         spectrum, spreading and slope variance of Elfouhaily unless the table names others.
         """
         require_keys(config, KEYS)
+        config = located(config, folder)
         wind_speed = parts.read_wind_speed(config)
         sea = as_table(config.get("sea", {}), "sea")
         run = as_table(config.get("run", {}), "run")
@@ -236,11 +237,33 @@ class Scenario(Model, frozen=True):
             "run": {key: value for key, value in run.items() if value is not None},
         }
 
-    def to_toml(self) -> str:
-        """Return the full configuration as the text of a link file."""
+    def to_toml(self, notes: bool = False) -> str:
+        """Return the full configuration as the text of a link file.
+
+        Parameters
+        ----------
+        notes : bool
+            Describe the keys in comments.
+        """
         import tomli_w
 
-        return tomli_w.dumps(self.to_config())
+        text = tomli_w.dumps(self.to_config())
+        return with_notes(text, self._parts()) if notes else text
+
+    def _parts(self) -> dict[str, tuple[Any, ...]]:
+        """Return the models behind each table of a link file."""
+        link, run = self.link, self.run
+        return {
+            "": (self, link),
+            "sea": (self.surface, self.meshing),
+            "water": (link.water,),
+            "bubbles": (link.bubbles,),
+            "transmitter": (link.transmitter,),
+            "receiver": (link.receiver,),
+            "detector": (self.detector,),
+            "uav": (self.uav,),
+            "run": (run, run.estimator, self.meshing),
+        }
 
     def case(self, surface: MeshSource | TriangleMesh | None = None) -> Case:
         """Return link, surface and options of the run, over another surface if one is given.

@@ -329,7 +329,7 @@ class _Over:
         return np.column_stack([scores[:, 2], *ways, (first + path) % SHIFTS])
 
     def _follow(self, paths: starting.Paths, world: starting.World) -> NDArray[np.float64]:
-        """Trace paths to their ends, with rays for doubtful visibility; return the listed scores."""
+        """Trace paths to their ends, with rays for doubtful visibility; return the scores."""
         n = len(paths.weight)
         most = 6 * n + 64
         checks = kernel.Checks(self._arrivals, np.empty((most, 4)), np.empty((2 * most + n, 8)))

@@ -62,8 +62,9 @@ class LinkPerformance(Stored):
 
     def _headline(self) -> str:
         first, count = self.figures[0], len(self.figures)
+        rate = f"{first.bit_rate / 1e6:g} Mbit/s"
         return (
-            f"BER {first.ber.value:.3e} at {first.depth:g} m, {first.bit_rate / 1e6:g} Mbit/s; "
+            f"BER {_ratio(first.ber.value, 3)} at {first.depth:g} m, {rate}; "
             f"{count} point{'s' * (count > 1)}"
         )
 
@@ -150,8 +151,20 @@ class LinkPerformance(Stored):
 
     def _range_lines(self, wind: str = "") -> list[str]:
         """Return the range of each bit rate."""
-        found = zip(self.bit_rates, self.range_at_ber(), strict=True)
-        return [f"{wind}{rate / 1e6:>7g} Mbit/s  {_range_text(value)}" for rate, value in found]
+        rows = zip(self.bit_rates, self.range_at_ber(), self.estimates("ber").T[0], strict=True)
+        return [
+            f"{wind}{rate / 1e6:>7g} Mbit/s  {self._range_text(found, ber)}"
+            for rate, found, ber in rows
+        ]
+
+    def _range_text(self, found: Estimate, ber: Floats) -> str:
+        """Return a range, or its bound where the error ratios do not cross the limit."""
+        least, most = f"< {min(self.depths):g}", f"> {max(self.depths):g}"
+        if math.isnan(found.value):
+            return f"{most if (ber < self.limit).all() else least} m"
+        low = least if math.isnan(found.low) else f"{found.low:.1f}"
+        high = most if math.isnan(found.high) else f"{found.high:.1f}"
+        return f"{found.value:.1f} m  ({low}..{high})"
 
     def _overloads(self) -> list[str]:
         """Return a warning that names the depths with most counts in the dead time of the cells."""
@@ -218,6 +231,7 @@ class LinkPerformance(Stored):
 
 
 _ESTIMATES = [name for name, kind in get_type_hints(OperatingPoint).items() if kind is Estimate]
+_FLOOR = 1e-15  # of bit error ratios in texts
 _ENDS = ("", "_low", "_high")  # of the names of an estimate and of its limits
 
 
@@ -238,21 +252,21 @@ def _index(name: str, values: tuple[float, ...], wanted: float | None) -> int:
     return values.index(wanted)
 
 
+def _ratio(ber: float, digits: int = 2) -> str:
+    """Return a bit error ratio as text, with a floor below which none is known."""
+    return f"{ber:.{digits}e}" if ber >= _FLOOR else f"< {_FLOOR:g}"
+
+
 def _figures_line(f: OperatingPoint) -> str:
     power = 10.0 * math.log10(max(f.received_power.value, 1e-300) / 1e-3)
-    interval = f"{f.ber.low:.2e}..{f.ber.high:.2e}"
+    known = f.ber.high >= _FLOOR
+    interval = f"{_ratio(f.ber.low)}..{_ratio(f.ber.high)}" if known else _ratio(f.ber.high)
     return (
         f"{f.depth:>5g} m{f.bit_rate / 1e6:>8g}{power:>10.2f}{f.margin_optical_db.value:>19.2f}"
-        f"{f.margin_electrical_db.value:>12.2f}{f.ber.value:>13.3e}{interval:>22}"
+        f"{f.margin_electrical_db.value:>12.2f}{_ratio(f.ber.value, 3):>13}{interval:>22}"
         f"{f.outage.value:>9.2g}{f.photons_per_bit.value:>13.4g}{f.capacity.hard / 1e6:>15.4g}"
         f"{f.capacity.soft / 1e6:>13.4g}"
     )
-
-
-def _range_text(found: Estimate) -> str:
-    if math.isnan(found.value):
-        return "not between the depths computed"
-    return f"{found.value:.1f} m  ({found.low:.1f}..{found.high:.1f})"
 
 
 def _range(depths: tuple[float, ...], ber: Floats, target: float) -> float:
