@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from aiohttp import web
 from matplotlib.colors import to_hex
-from trame.app import get_server
+from trame.app.core import AVAILABLE_SERVERS, get_server
+from trame_vtk.modules.vtk import HELPERS_PER_SERVER
 
 from meshtrace.errors import Refused
 from meshtrace.explorer import code, layout, readings, stages
@@ -64,6 +65,7 @@ class Page:
         self.view = layout.build(self.server, self.scene.plotter.render_window, self)
         self.server.state.change(*BY_NAME, "water")(self._moved)
         self.server.state.change("playing")(self._play_or_pause)
+        self.server.controller.on_client_exited.add(self._pause)
 
     async def start(self, host: str) -> asyncio.Task[Any]:
         """Start to serve on a free port; return the task that ends with the session."""
@@ -73,7 +75,7 @@ class Page:
         options: Any = {"port": 0, "host": host, "timeout": _IDLE, "exec_mode": "coroutine"}
         quiet: Any = {"show_connection_info": False, "open_browser": False, "thread": True}
         task = asyncio.create_task(self.server.start(**options, **quiet, disable_logging=True))
-        task.add_done_callback(lambda _: self.session.close())
+        task.add_done_callback(self._end)
         await self.server.ready
         self.session.start()
         return task
@@ -82,6 +84,22 @@ class Page:
     def port(self) -> int:
         """Port of the page."""
         return int(self.server.port)
+
+    def _end(self, _: Any) -> None:
+        """Release the session, its running sea and its scene."""
+        self.session.close()
+        if self._running is not None:
+            self._running.cancel()
+        if self._scene_due is not None:
+            self._scene_due.cancel()
+        self._loop = None
+        self.scene.plotter.close()
+        AVAILABLE_SERVERS.pop(self.server.name, None)
+        HELPERS_PER_SERVER.pop(self.server.name, None)
+
+    def _pause(self, **_: Any) -> None:
+        """Stop the sea when its browser has left."""
+        self.server.state.playing = False
 
     def _add_session_route(self, host: str, web_server: Any) -> None:
         """Answer the first request of the page: address and secret of its connection.
@@ -235,7 +253,7 @@ class Page:
                 await asyncio.sleep(max(_FRAME_PERIOD - (loop.time() - begun), 0.005))
         finally:
             self._running = None
-            self.seek(session.state.time)
+        self.seek(session.state.time)
 
 
 def _paths_at(state: State) -> PhotonPaths | None:

@@ -24,14 +24,8 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
         Whether the sea runs: the gain is then that of the series.
     """
     found = session.answer("gain")
-    empty: dict[str, Any] = {
-        "gain": "–",
-        "db": "–",
-        "unscattered": "–",
-        "chains": "",
-        "notes": [],
-        "value": None,
-    }
+    empty: dict[str, Any] = dict.fromkeys(("gain", "db", "unscattered", "chains"), "–")
+    empty |= {"notes": [], "value": None}
     if isinstance(found, Failed):
         return {**empty, **_NO_BITS, "notes": [found.reason]}
     if not isinstance(found, Gain):

@@ -10,12 +10,19 @@ import statistics
 import subprocess
 import sys
 import time
+from itertools import pairwise
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from browser import chromium, until
 
+from meshtrace.explorer import stages
+from meshtrace.explorer.scene import LiveScene
+from meshtrace.explorer.state import State
+from meshtrace.scenario import Scenario
+
+PARTS = ("CPU of the first gain", "CPU of a new scene", "CPU of a scene in time")
 FRAMES = 5.0  # time over which frames are counted [s]
 
 # The canvas is drawn only when the scene changes: the first drawing after a move shows it.
@@ -79,6 +86,23 @@ def measure(driver, pid, moves):
     return rows
 
 
+def processor_times(moves):
+    """Return the CPU time of a first gain and of a scene update in this process [ms]."""
+    state = State(Scenario.from_toml(""))
+    scene, rows = LiveScene(state), []
+    for i in range(moves + 1):
+        moved = state.moved({"depth": 10.5 + 0.5 * (i % 7)})
+        times = [time.process_time()]
+        next(stages.gains(moved, lambda *_: None))
+        times.append(time.process_time())
+        scene.update(moved)
+        times.append(time.process_time())
+        scene.update(moved.at(0.1 * i), running=True)
+        times.append(time.process_time())
+        rows.append([1e3 * (b - a) for a, b in pairwise(times)])
+    return [statistics.median(column) for column in zip(*rows[1:], strict=True)]
+
+
 def main(moves):
     command = [sys.executable, "-m", "meshtrace", "explore", "--no-browser", "--port", "0"]
     with (
@@ -111,6 +135,8 @@ def main(moves):
             f"{ordered[int(0.9 * (len(ordered) - 1))]:.0f} ms 90 % of {len(times)}"
         )
     print(f"{'CPU until 0.3 s after the gain':<30}{statistics.median(r[2] for r in rows):8.0f} ms")
+    for name, value in zip(PARTS, processor_times(moves), strict=True):
+        print(f"{name:<30}{value:8.0f} ms")
     print(f"{'running sea':<30}{rate:8.1f} frames/s, {100.0 * busy:.0f} % of a core")
 
 
