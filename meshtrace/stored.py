@@ -32,12 +32,18 @@ _HOMES = {
     "gain": "meshtrace.results.gain",
     "impulse-response": "meshtrace.results.impulse",
     "series": "meshtrace.results.series",
+    "duplex": "meshtrace.studies.duplex",
     "coverage": "meshtrace.results.coverage",
     "comparison": "meshtrace.studies.comparison",
+    "background": "meshtrace.results.background",
+    "background-series": "meshtrace.results.background",
     "fading": "meshtrace.fading.summary",
     "performance": "meshtrace.studies.performance.tables",
     "depth-sweep": "meshtrace.studies.performance.tables",
     "convergence": "meshtrace.studies.convergence.study",
+    "inference": "meshtrace.studies.inference.result",
+    "optimum": "meshtrace.studies.optimisation.result",
+    "sensitivity": "meshtrace.studies.sensitivity.result",
     "fading-convergence": "meshtrace.studies.convergence.fading",
 }
 """Modules of the results by kind, imported when a file asks for them."""
@@ -157,8 +163,8 @@ def load(path: str | Path) -> Stored:
 
     Returns
     -------
-    GainResult, GainSeries, CoverageMap, ImpulseResponse, FadingStatistics, LinkPerformance, \
-    DepthSweep or ConvergenceStudy
+    GainResult, GainSeries, CoverageMap, Background, BackgroundSeries, ImpulseResponse, \
+    FadingStatistics, LinkPerformance, DepthSweep or ConvergenceStudy
 
     Raises
     ------

@@ -87,7 +87,7 @@ def save_movie(
     from imageio import v2 as imageio
 
     path, times = Path(path), require_finite(times, "times", "two times or more")
-    options = _writer_options(path, frame_rate)
+    options = writer_options(path, frame_rate)
     if len(times) < 2:
         raise Refused("times", times.tolist(), "two times or more")
     gain = gain or time_series(link, sea, times, photons=photons, seed=seed)
@@ -110,14 +110,21 @@ def save_movie(
     return path
 
 
-def _writer_options(path: Path, frame_rate: float) -> dict[str, Any]:
+def writer_options(
+    path: Path,
+    frame_rate: float,
+    quality: float = 8.0,
+    suffixes: tuple[str, ...] = (".mp4", ".gif"),
+) -> dict[str, Any]:
+    """Return the options of imageio for a movie; refuse other files."""
     if not frame_rate > 0.0:
         raise Refused("frame_rate", frame_rate, "> 0 frames per second")
     if path.suffix == ".gif":
         return {"duration": 1000.0 / frame_rate, "loop": 0}
     if path.suffix == ".mp4":
-        return {"fps": frame_rate, "quality": 8}
-    raise Refused("path", str(path), "a file name in .mp4 or .gif")
+        return {"fps": frame_rate, "quality": quality}
+    *first, last = suffixes
+    raise Refused("path", str(path), f"a file name in {', '.join(first)} or {last}")
 
 
 class _Frame:

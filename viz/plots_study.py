@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator
 
 from meshtrace.errors import Refused
 from meshtrace.studies.convergence.study import ConvergenceStudy
@@ -51,6 +52,10 @@ def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes
             ax.plot(study.values, one, "^--", color=color, lw=0.8, label=f"{kind} normals, scatter")
     ax.axhline(100.0 * study.tolerance, color="0.5", lw=0.8, ls=":", label="tolerance")
     ax.set(xscale="log", yscale="log", xlabel=_STEPS[study.parameter])
+    ax.set_xticks(study.values, [f"{value:g}" for value in study.values])
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.minorticks_off()
     ax.set_ylabel("error of the gain [%]")
     ax.legend()
     return ax
