@@ -15,9 +15,14 @@ from .parts import add_surface as add_surface
 from .parts import add_transmitter as add_transmitter
 from .parts import add_uav as add_uav
 from .plots import plot as plot
+from .plots import plot_background as plot_background
 from .plots import plot_comparison as plot_comparison
+from .plots import plot_duplex as plot_duplex
 from .plots import plot_fading_convergence as plot_fading_convergence
 from .plots import plot_gain as plot_gain
+from .plots_answers import plot_inference as plot_inference
+from .plots_answers import plot_optimum as plot_optimum
+from .plots_answers import plot_tornado as plot_tornado
 from .plots_curves import plot_ber as plot_ber
 from .plots_curves import plot_bubble_profile as plot_bubble_profile
 from .plots_curves import plot_curves as plot_curves

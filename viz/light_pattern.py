@@ -18,7 +18,6 @@ from meshtrace.files import atomic
 from meshtrace.link import Link
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.studies.light_pattern import light_pattern
-from meshtrace.surfaces import Surface
 
 from .movie import writer_options
 from .style import RC, SKY, axis_label, water_map
@@ -34,7 +33,7 @@ _CELLS = 150  # over the half-width of the map
 
 def save_light(
     link: Link,
-    sea: Surface,
+    sea: Any,
     path: str | Path,
     times: ArrayLike = (0.0,),
     *,
@@ -104,7 +103,7 @@ class _Frame:
     """Figure with the slope of the sea on the left and the light on the right."""
 
     @mpl.rc_context(RC | {"axes.grid": False})
-    def __init__(self, link: Link, sea: Surface, pattern: CoverageMap) -> None:
+    def __init__(self, link: Link, sea: Any, pattern: CoverageMap) -> None:
         depth, height = getattr(link.transmitters[0], "depth", 1.0), link.only_receiver.height
         share = depth / (depth + link.water.n / link.n_air * height)
         source = np.array(link.transmitters[0].position)

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
 from meshtrace.errors import Refused
+from meshtrace.studies.convergence.study import ConvergenceStudy
+from meshtrace.studies.performance.tables import LinkPerformance
 
+from .checks import checked
 from .plots_curves import BER_SHOWN, plot_curves, positive
 from .style import INK, axes
-
-if TYPE_CHECKING:
-    from meshtrace.studies.convergence.study import ConvergenceStudy
-    from meshtrace.studies.performance.tables import LinkPerformance
 
 _STEPS = {
     "spacing": "mesh spacing [m]",
@@ -24,6 +21,7 @@ _STEPS = {
 }
 
 
+@checked
 def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes:
     """Plot errors of the gain over the step of a study, with the fitted law.
 
@@ -63,6 +61,7 @@ def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes
     return ax
 
 
+@checked
 def plot_performance(
     performance: LinkPerformance, *, quantity: str = "ber", ax: Axes | None = None
 ) -> Axes:

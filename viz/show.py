@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.files import atomic, check_writable
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, TriangleMesh
+from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
-from meshtrace.surfaces import Surface
 from meshtrace.transport.paths import PhotonPaths
 
+from .checks import checked
 from .export import export_scene
 from .html import save_html
 from .light_pattern import save_light
@@ -39,6 +39,7 @@ FRAME_RATE = 10.0
 """Frames per second of a movie without a given gain."""
 
 
+@checked
 def view(
     link: Link | None,
     surface: MeshSource | TriangleMesh,
@@ -133,7 +134,7 @@ def view(
         drawn |= {"coverage": coverage, "seed": seed}
         files.append(save_movie(link, surface, times, movie, **frames_of, **drawn, style=style))
     if light:
-        if link is None or not isinstance(surface, Surface):
+        if link is None or not isinstance(surface, SurfaceModel):
             raise Refused("light", Described("of a mesh"), "a link over a sea")
         times, rate = _frames(gain, time, frames, frame_rate)
         sizes: Any = {"extent": style.extent, "frame_rate": rate, "progress": progress}
@@ -145,9 +146,13 @@ def _frames(
     gain: GainSeries | None, start: float, frames: int, rate: float | None
 ) -> tuple[np.ndarray, float]:
     """Return the times of the frames [s] and the frame rate [s-1]."""
+    require_whole(frames, 2, 100_000, "frames")
+    if rate is not None and not rate > 0.0:
+        raise Refused("frame_rate", rate, "> 0 frames per second")
     if gain is None:
         rate = rate or FRAME_RATE
         return start + np.arange(frames) / rate, rate
+    require_whole(len(gain.time), 2, 100_000, "times of the gain")
     return gain.time, rate or float(1.0 / np.diff(gain.time).mean())
 
 
