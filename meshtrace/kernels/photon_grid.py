@@ -8,7 +8,6 @@ with and without this shortcut.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
