@@ -32,6 +32,7 @@ from meshtrace.kernels.photon_surface import cross, to_sky
 from meshtrace.kernels.photon_water import bounce, fly_water, lowest, scatter
 from meshtrace.kernels.prefetch import prefetch
 from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.sky import is_backward, launch_back
 from meshtrace.kernels.sources import launched
 from meshtrace.kernels.tally import Fate, deposit
 from meshtrace.kernels.vectors import along, dot, row
@@ -44,7 +45,10 @@ _LAUNCH = int(Purpose.LAUNCH)
 @inlined
 def _start(q, photon, numbers, world):
     """Put a new photon into a slot."""
-    p, d, in_water, u_path = launched(world.sources, world.seed, photon, numbers)
+    if is_backward(world.back):
+        p, d, in_water, u_path = launch_back(world.back, world.seed, photon)
+    else:
+        p, d, in_water, u_path = launched(world.sources, world.seed, photon, numbers)
     put(q, p)
     head(q, d)
     q.weight, q.water, q.air = 1.0, 0.0, 0.0
@@ -222,7 +226,7 @@ def _settle_all(pool, world):
 @outlined
 def _start_all(pool, next_photon, last, world):
     """Put new photons into the free slots; return the next id."""
-    free = 0
+    free = np.int64(0)
     for slot in range(len(pool.photon)):
         if pool.photon[slot].status == Status.EMPTY:
             free += 1

@@ -14,6 +14,7 @@ from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.photon_grid import Grid
 from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.sky import Backward
 from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import Apertures, Fate, Tallies, deposit, score_apertures
 from meshtrace.kernels.vectors import Vec3, write
@@ -119,6 +120,7 @@ class World(NamedTuple):
     limits: Limits
     tallies: Tallies
     recorder: Recorder
+    back: Backward
 
 
 @inlined

@@ -23,6 +23,7 @@ from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.photon import advance
 from meshtrace.kernels.photon_grid import Grid
+from meshtrace.kernels.sky import FORWARD, N_SCORES, Backward
 from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Apertures, Fate, Tallies
 from meshtrace.kernels.vectors import UP, Vec3
@@ -48,7 +49,7 @@ _GUIDED = 100  # crossings of light that a jet guides
 
 
 def options_over(mesh: TriangleMesh, options: Analog) -> Analog:
-    """Return the options for a mesh: up to 100 crossings by default where it overhangs.
+    """Return the options for a mesh: up to 100 crossings by default for one that overhangs.
 
     A jet guides light by dozens of total reflections.
     """
@@ -128,10 +129,13 @@ class Setup(NamedTuple):
     map: IrradianceMap | None
     arrivals: bool
     recorder: kernel.Recorder
+    back: Backward = FORWARD
 
     @property
     def n_scores(self) -> int:
-        """Scores of a photon: one for each aperture, four for each plane."""
+        """Scores of a photon: one for each aperture, four for each plane; two on the way back."""
+        if len(self.back.origin):
+            return N_SCORES
         return len(self.apertures.radius) + N_PLANE_SCORES * len(self.planes)
 
 
@@ -185,7 +189,7 @@ def run_analog(
     frame = frame_of(link)
     if frame != IDENTITY:
         intersector = EmbreeIntersector(frame.mesh(intersector.mesh), threads)
-    setup = _setup(link, frame, intersector, seed, normals, options, first_scored)
+    setup = setup_of(link, frame, intersector, seed, normals, options, first_scored)
     setup = setup._replace(
         map=records.get("irradiance-map"),  # type: ignore[arg-type]
         arrivals="arrivals" in records,
@@ -195,7 +199,7 @@ def run_analog(
     first, end = options.first_photon, options.first_photon + photons
     starts = range(first, end, options.batch_size)
     chunks = [(start, min(start + options.batch_size, end)) for start in starts]
-    for n, tallies in ordered_map(partial(_chunk, setup), chunks, threads):
+    for n, tallies in ordered_map(partial(chunk_tallies, setup), chunks, threads):
         sums.add(n, tallies)
         if progress is not None:
             progress(n)
@@ -204,7 +208,7 @@ def run_analog(
     return sums
 
 
-def _chunk(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
+def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
     """Trace the photons first <= id < last; repeat with more room if arrivals overflow."""
     first, last = span
     room = (last - first) * len(setup.apertures.radius) if setup.arrivals else 0
@@ -240,6 +244,7 @@ def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
         limits=setup.limits,
         tallies=tallies,
         recorder=setup.recorder,
+        back=setup.back,
     )
     facets = np.zeros(0, np.int32)
     n_rays, next_photon = 0, first
@@ -249,7 +254,7 @@ def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
             facets = setup.intersector.facets(pool.origin[:n_rays], pool.direction[:n_rays])
 
 
-def _setup(
+def setup_of(
     link: Link,
     frame: Frame,
     intersector: Intersector,
