@@ -68,6 +68,6 @@ def cast(intersect, scene, rays, words, origins, directions, out):
             word[Word.MASK], word[Word.ID], word[Word.FLAGS] = -1, 0, 0
             word[Word.FACET], word[Word.GEOMETRY], word[Word.INSTANCE] = -1, -1, -1
         for i in range(n):
-            _call(intersect, scene, start + 4 * RAY_WORDS * i)
+            _call(intersect, scene, start + 4 * RAY_WORDS * i)  # type: ignore[call-arg]
         for i in range(n):
             out[first + i] = words[i, Word.FACET]
