@@ -62,10 +62,10 @@ SECTIONS: list[tuple[str, str, list[type[Model]] | type[Family]]] = [
     (
         "[daylight]",
         '`model` is "clear" (default), "overcast", "uniform", "moon", "night" or "none"; the '
-        "wavelength is that of the transmitter. Without `direct` and `diffuse` these follow from the "
-        "model: a clear sky also has `aerosol`, `ozone`, `water_vapour`, `pressure`, `day_of_year`, "
-        "`width_nm`, and `time`, `latitude`, `longitude` in place of the sun; an overcast one "
-        "`transmittance`; the moon `phase_deg`.",
+        "wavelength is that of the transmitter. Without `direct` and `diffuse` these follow from "
+        "the model: a clear sky also has `aerosol`, `ozone`, `water_vapour`, `pressure`, "
+        "`day_of_year`, `width_nm`, and `time`, `latitude`, `longitude` in place of the sun; an "
+        "overcast one `transmittance`; the moon `phase_deg`.",
         [mt.Daylight],
     ),
     (
