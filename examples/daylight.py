@@ -3,10 +3,10 @@
 import meshtrace as mt
 from meshtrace.surfaces import JonswapSea
 
-link = mt.Link(receiver=mt.Receiver(fov_deg=20.0))
+link = mt.Link(receiver=mt.Receiver(fov_deg=6.0))
 sea = JonswapSea(wind_speed=5.0, seed=3)
-day = mt.Daylight(direct=1.42, diffuse=0.295, sun_zenith_deg=30.0)  # W m-2 nm-1; needs no pvlib
+day = mt.Daylight(direct=1.108, diffuse=0.236, sun_zenith_deg=60.0)  # W m-2 nm-1; needs no pvlib
 print(mt.background(link, sea, day))
 
-receiver = mt.OokLink().replace("optics.filter_width_nm", 2.0)
-print(mt.link_performance(link, sea, ook=receiver, daylight=day, realizations=4, photons=512))
+receiver = mt.OokLink().replace("optics.filter_width_nm", 0.5)
+print(mt.link_performance(link, sea, ook=receiver, daylight=day, realizations=2, photons=256))
