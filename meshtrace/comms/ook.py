@@ -27,7 +27,7 @@ from meshtrace.errors import (
     require_whole,
     require_word,
 )
-from meshtrace.link import Link, WaterAperture
+from meshtrace.link import Link, Receiver
 from meshtrace.models import Floats, Model, NonNegative
 
 Preset = Literal["physical", "paper", "paper-ranges"]
@@ -206,7 +206,7 @@ class OokLink(Model, frozen=True):
         first = link.transmitters[0]
         base = base if isinstance(base, OokLink) else cls.preset(base)
         power = 1e-3 * sum(t.power_mw for t in link.transmitters)
-        index = link.water.n if isinstance(aperture, WaterAperture) else link.n_air
+        index = link.n_air if isinstance(aperture, Receiver) else link.water.n
         view = {"radius": aperture.radius, "fov_deg": aperture.fov_deg, "medium_index": index}
         changes = {
             "bit_rate": base.bit_rate if bit_rate is None else bit_rate,

@@ -48,7 +48,7 @@ def to_sky(q, d, weight, world):
         world.tallies.score[q.id - world.first, SKY_SCORE] += light
     scored = q.crossings >= world.limits.first_scored
     received = scored and score_on_apertures(q, False, flight, world)
-    score_map(world.tallies, flight)
+    score_map(world.tallies, flight, world.medium)
     deposit(world.tallies, Fate.RECEIVED if received else Fate.LANDED, weight)
     if received:
         q.outcome = Fate.RECEIVED

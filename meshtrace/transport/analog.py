@@ -22,6 +22,7 @@ from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.photon import advance
+from meshtrace.kernels.photon_grid import Grid
 from meshtrace.kernels.sky import FORWARD, N_SCORES, Backward
 from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Apertures, Fate, Tallies
@@ -30,6 +31,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
+from meshtrace.transport.analog_grid import NO_GRID, grid_arrays
 from meshtrace.transport.arrays import (
     aperture_arrays,
     interface_arrays,
@@ -41,7 +43,8 @@ from meshtrace.transport.arrays import (
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 from meshtrace.transport.options import BLOCK, Analog, IrradianceMap, Record, read_records
 
-_SLOTS = 8192  # photons under way in a thread: their state stays in the cache
+_SLOTS = 1024  # photons under way in a thread: their state stays in the cache
+_SLOTS_CAST = 8192  # where all rays are cast: each batch has a fixed cost
 _GUIDED = 100  # crossings of light that a jet guides
 
 
@@ -116,6 +119,7 @@ class Setup(NamedTuple):
     seed: int
     sources: Sources
     surface: Surface
+    grid: Grid
     medium: Medium
     apertures: Apertures
     interface: Interface
@@ -220,18 +224,20 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
 
 def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
     """Trace photons in a pool of slots, alternating kernel and Embree until all have ended."""
-    slots = min(_SLOTS, last - first)
+    slots = min(_SLOTS if len(setup.grid.x.line) else _SLOTS_CAST, last - first)
     pool = kernel.Pool(
         photon=np.zeros(slots, kernel.PHOTON),
         origin=np.zeros((slots, 3), np.float32),
         direction=np.zeros((slots, 3), np.float32),
-        ray_slot=np.arange(slots),
+        ray_slot=np.zeros(slots, np.int64),
+        numbers=np.zeros((4, slots)),
     )
     world = kernel.World(
         first=first,
         seed=np.uint64(setup.seed),  # numba takes a Python integer for a signed one
         sources=setup.sources,
         surface=setup.surface,
+        grid=setup.grid,
         medium=setup.medium,
         apertures=setup.apertures,
         interface=setup.interface,
@@ -240,9 +246,9 @@ def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
         recorder=setup.recorder,
         back=setup.back,
     )
-    facets = np.full(slots, -1, np.int32)
-    n_rays, next_photon = slots, first
-    while n_rays:
+    facets = np.zeros(0, np.int32)
+    n_rays, next_photon = 0, first
+    while n_rays or next_photon < last:
         n_rays, next_photon = advance(pool, n_rays, facets, next_photon, last, world)
         if n_rays:
             facets = setup.intersector.facets(pool.origin[:n_rays], pool.direction[:n_rays])
@@ -277,6 +283,7 @@ def setup_of(
         seed=seed,
         sources=sources,
         surface=surface,
+        grid=grid_arrays(intersector.mesh) if intersector.shortcut else NO_GRID,
         medium=with_raster(medium, intersector),
         apertures=frame.apertures(aperture_arrays(link)),
         interface=interface_arrays(link),

@@ -7,7 +7,6 @@ error rate over depth.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -24,7 +23,7 @@ from meshtrace.errors import (
     require_whole,
 )
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel
+from meshtrace.mesh import RandomSea, SurfaceModel
 from meshtrace.results.background import Background
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import background_over_seas, checked_daylight
@@ -32,6 +31,7 @@ from meshtrace.studies.inputs import Inputs, resolve_chains
 from meshtrace.studies.performance.operating_point import operating_point
 from meshtrace.studies.performance.samples import Ensemble, Realizations
 from meshtrace.studies.performance.tables import DARK, DepthSweep, LinkPerformance, described
+from meshtrace.studies.series import closed_form
 from meshtrace.surfaces import sea_in_wind
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
@@ -123,6 +123,10 @@ def link_performance(
     Monte Carlo noise that differs between seas acts like additional fading: 0.2 % of the gain
     with the default chains, beside the 10 % that waves of 5 m/s cause.
 
+    From 50 seas on, the provenance and `LinkPerformance.summary` hold the closed form of the
+    scintillation index at the first depth (`fading.band_fading`), and a warning is issued if the
+    band of waves omits more than a tenth of the fading.
+
     With daylight the background is the mean over up to 16 of the seas (`background`), whose error
     widens the intervals of the bit error rate; the flicker of glint within a sea does not.
 
@@ -171,8 +175,13 @@ def link_performance(
         ooks = tuple(with_background(one, found) for one in ooks)
         warn_of_background(ooks[0], found)
         light = described(ooks[0], found)
-    origin = {"ook": [one.model_dump(mode="json") for one in ooks], **ensemble.provenance()}
-    origin["daylight"] = daylight.model_dump(mode="json") if daylight else None
+    seas = over.n if isinstance(inputs.surface, RandomSea) else 1
+    origin = {
+        **closed_form(next(iter(links.values())), inputs.surface, seas, level=2),
+        "ook": [one.model_dump(mode="json") for one in ooks],
+        "daylight": daylight.model_dump(mode="json") if daylight else None,
+        **ensemble.provenance(),
+    }
     origin = {**next(iter(fades.values())).series.provenance, **origin}
     return LinkPerformance(
         tuple(fades), ooks, tuple(points), tuple(fades.values()), limit, confidence,
@@ -209,7 +218,7 @@ def _flight(
         return None
     flight = _with(flight or Flight(), shortcuts).checked()
     if flight.wind is None and wind_speed is not None:
-        wind = Dryden(wind_speed=wind_speed, height=link.only_receiver.height)
+        wind = Dryden(wind_speed=wind_speed, height=link.air_end[1].height)
         return flight._replace(wind=wind)
     return flight
 
@@ -217,7 +226,7 @@ def _flight(
 def _links(link: Link, depths: Sequence[float] | None) -> dict[float, Link]:
     """Return the link at each depth."""
     if depths is None:
-        return {float(getattr(link.transmitters[0], "depth", math.nan)): link}
+        return {link.depth: link}
     allowed = "at least one depth, strictly rising [m]"
     values = require_finite(depths, "depths", allowed).tolist()
     if not all(a < b for a, b in pairwise(values)):

@@ -153,7 +153,8 @@ class LinkPerformance(Stored):
         if len(self.depths) > 1:
             lines += ["", self._range_heading, *self._range_lines()]
         light = [f"background light: {self.light}", *self._filters()]
-        return "\n".join([*lines, "", *light, *self._overloads(), self.status])
+        end = [*light, *self._overloads(), *self._band(), self.status]
+        return "\n".join([*lines, "", *end])
 
     def _filters(self) -> list[str]:
         """Return the widest filters of the first depth, where there is background light."""
@@ -185,6 +186,17 @@ class LinkPerformance(Stored):
         low = least if math.isnan(found.low) else f"{found.low:.1f}"
         high = most if math.isnan(found.high) else f"{found.high:.1f}"
         return f"{found.value:.1f} m  ({low}..{high})"
+
+    def _band(self) -> list[str]:
+        """Return the fading of the band of waves and of all waves, in closed form."""
+        found = self.provenance.get("closed_form")
+        if not found:
+            return []
+        return [
+            f"{self.depths[0]:g} m: scintillation index of unscattered light "
+            f"{found['index_of_band']:.3g} up to {found['omega_max']:.3g} rad/s, "
+            f"{found['index_of_all']:.3g} with all waves (closed form)"
+        ]
 
     def _overloads(self) -> list[str]:
         """Return a warning that names the depths with most counts in the dead time of the cells."""
