@@ -162,6 +162,22 @@ def require_real(value: Any, path: str, allowed: str) -> float:
         raise Refused(path, value, allowed) from error
 
 
+def require_pair(value: Any, path: str, allowed: str) -> tuple[float, float]:
+    """Return two finite numbers; refuse any other value."""
+    pair = require_finite(value, path, allowed)
+    if pair.shape != (2,) or isinstance(value, str | bytes):
+        raise Refused(path, value, allowed)
+    return float(pair[0]), float(pair[1])
+
+
+def require_names(value: Any, path: str) -> list[str]:
+    """Return one name or a sequence of names as a list; refuse any other value."""
+    names = [value] if isinstance(value, str) else value
+    if not isinstance(names, list | tuple) or not all(isinstance(n, str) for n in names):
+        raise Refused(path, value, "names")
+    return list(names)
+
+
 def require_seed(value: Any) -> None:
     """Refuse all but keys of random numbers."""
     try:

@@ -81,6 +81,13 @@ class WaveSum(SurfaceModel, Protocol):
         ...
 
 
+def require_surface(surface: Any) -> None:
+    """Refuse all but a source of meshes and a mesh."""
+    if not isinstance(surface, MeshSource | TriangleMesh):
+        kind = Described(type(surface).__name__)
+        raise Refused("surface", kind, "a sea (SurfaceModel) or a TriangleMesh")
+
+
 class UnresolvedSlopes(NamedTuple):
     """Slope variances (along, across the wind) of the waves that a mesh is too coarse to show.
 

@@ -10,13 +10,18 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+from meshtrace.errors import require_whole
+
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
 def default_threads(threads: int | None = None) -> int:
-    """Return the number of threads, all cores by default."""
-    return threads or os.cpu_count() or 1
+    """Return the number of threads, 1 to 1024, all cores by default."""
+    if threads is None:
+        return os.cpu_count() or 1
+    require_whole(threads, 1, 1024, "threads")
+    return threads
 
 
 def trim_memory() -> None:

@@ -101,11 +101,13 @@ class Stored(abc.ABC):
 
     def to_dataset(self) -> xr.Dataset:
         """Return the result as an xarray Dataset with units and provenance."""
+        import numpy as np
+
         return self._content().assign_attrs(
             title=self.title,
             kind=self.kind,
             format_version=FORMAT_VERSION,
-            provenance=json.dumps(self.provenance),
+            provenance=json.dumps(self.provenance, default=np.generic.item),
         )
 
     @classmethod

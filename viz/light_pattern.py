@@ -13,12 +13,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.files import atomic
 from meshtrace.link import Link
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.studies.light_pattern import light_pattern
 
+from .checks import checked
 from .movie import writer_options
 from .style import RC, SKY, axis_label, water_map
 
@@ -31,6 +32,7 @@ _QUALITY = 4.0  # of the encoder: fine caustics that move leave little to predic
 _CELLS = 150  # over the half-width of the map
 
 
+@checked
 def save_light(
     link: Link,
     sea: Any,
@@ -74,13 +76,13 @@ def save_light(
         If the suffix is another, a movie has fewer than two times, or as in
         `meshtrace.light_pattern`.
     """
-    path, at = Path(path), np.atleast_1d(np.asarray(times, dtype=float))
+    path, at = Path(path), require_finite(times, "times", "(n,) times [s]")
     still = path.suffix == ".png"
     options = {} if still else writer_options(path, frame_rate, _QUALITY, (".png", ".mp4", ".gif"))
-    if at.ndim != 1 or len(at) < (1 if still else 2):
+    if len(at) < (1 if still else 2):
         raise Refused("times", Described(f"shape {at.shape}"), "(n,) with n >= 2, or a .png")
-    extent = extent or 0.4 * link.only_receiver.height
-    size: Any = {"extent": extent, "step": step or extent / _CELLS}
+    extent = 0.4 * link.only_receiver.height if extent is None else extent
+    size: Any = {"extent": extent, "step": extent / _CELLS if step is None else step}
     frame = None
     with atomic(path) as temporary:
         if still:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 
+from meshtrace.studies.inference.result import Inference
+from meshtrace.studies.optimisation.result import Optimum
+from meshtrace.studies.sensitivity.result import Sensitivities
+from meshtrace.studies.sensitivity.swings import swings
+
+from .checks import checked
 from .style import INK, axes
 
-if TYPE_CHECKING:
-    from meshtrace.studies.inference.result import Inference
-    from meshtrace.studies.optimisation.result import Optimum
-    from meshtrace.studies.sensitivity.result import Sensitivities
 
-
+@checked
 def plot_tornado(
     s: Sensitivities,
     *,
@@ -39,8 +40,6 @@ def plot_tornado(
     Axes
         Bars in dB, in m for the range, the largest on top; standard errors as whiskers.
     """
-    from meshtrace.studies.sensitivity import swings
-
     ax = axes(ax)
     found = swings(s, change)
     place = np.arange(len(found))
@@ -60,6 +59,7 @@ def plot_tornado(
     return ax
 
 
+@checked
 def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
     """Plot the cost of all candidates over the first variable, with the best one.
 
@@ -83,6 +83,7 @@ def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@checked
 def plot_inference(f: Inference, *, ax: Axes | None = None) -> Axes:
     """Plot measured over fitted gains.
 

@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from meshtrace.daylight.patterns import PATTERNS, sky
 from meshtrace.daylight.spectrum import clear_irradiance, default_irradiance, sun_position
-from meshtrace.errors import Refused, require_finite, require_word
+from meshtrace.errors import Refused, require_finite, require_real, require_word
 from meshtrace.kernels.sky import Sky
 from meshtrace.link.directions import unit_vector
 from meshtrace.models import Finite, Model, NonNegative
@@ -220,8 +220,9 @@ class Daylight(Model, frozen=True):
         0.25 at 8/8 of cloud: Kasten and Czeplak (1980), Solar Energy 24, 177, from memory,
         without dependence on wavelength; unverified.
         """
-        if not 0.0 < transmittance <= 1.0:
-            raise Refused("transmittance", transmittance, "0 < transmittance <= 1")
+        allowed = "0 < transmittance <= 1"
+        if not 0.0 < require_real(transmittance, "transmittance", allowed) <= 1.0:
+            raise Refused("transmittance", transmittance, allowed)
         band = {"sun_zenith_deg": sun_zenith_deg, "wavelength_nm": wavelength_nm}
         checked = cls(direct=1.0, diffuse=1.0, **band)
         clear = checked.replace(**default_irradiance(sun_zenith_deg, wavelength_nm)._asdict())

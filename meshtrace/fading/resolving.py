@@ -10,7 +10,7 @@ import numpy as np
 
 from meshtrace.errors import Described, Refused
 from meshtrace.fading.spectral import paraxial_lever, scintillation_of_spectrum
-from meshtrace.mesh import FADING
+from meshtrace.mesh import FADING, require_surface
 
 WITHIN = 0.03
 """Relative error of the scintillation index up to which a band counts as resolved."""
@@ -153,7 +153,7 @@ def resolve_band(link: Any, sea: Any) -> Any:
     Raises
     ------
     Refused
-        As `fading_band`.
+        If it is no surface, or as `fading_band`.
 
     Examples
     --------
@@ -162,6 +162,7 @@ def resolve_band(link: Any, sea: Any) -> Any:
     >>> 16.0 < resolve_band(mt.Link(), resolved_sea(5.0)).omega_max < 32.0
     True
     """
+    require_surface(sea)
     if getattr(sea, "omega_max", None) != FADING:
         return sea
     try:

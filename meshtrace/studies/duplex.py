@@ -11,7 +11,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Described, Refused, require_finite, require_kind, require_whole
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_finite,
+    require_kind,
+    require_real,
+    require_whole,
+)
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea, TriangleMesh
@@ -87,7 +94,7 @@ class Duplex(Stored):
             Least gain of each direction with a connection, >= 0.
         """
         for name, value in (("up_gain", up_gain), ("down_gain", down_gain)):
-            if not (math.isfinite(value) and value >= 0.0):
+            if not 0.0 <= require_real(value, name, "a gain >= 0") < math.inf:
                 raise Refused(name, value, "a gain >= 0")
         up, down = self.up.gain < up_gain, self.down.gain < down_gain
         alone = float(up.mean()), float(down.mean())

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from meshtrace.errors import Described, Refused, require_between
+from meshtrace.errors import Described, Refused, require_between, require_real
 from meshtrace.link import IsotropicSource, Led, Link, Receiver
 from meshtrace.mesh import WaveSum
 from meshtrace.models import Floats
@@ -83,6 +83,7 @@ def light_pattern(
     >>> float(pattern.gain.mean().round(7))
     4.77e-05
     """
+    require_between(time, -math.inf, math.inf, "time")
     case = resolve(link, surface)
     link, sea = case.link, case.surface
     source, receiver = _checked(link, sea, extent, step)
@@ -111,8 +112,9 @@ def _checked(link: Link, surface: Any, extent: float, step: float) -> tuple[Any,
     """Return source and receiver of a link that the pattern is defined for."""
     require_between(extent, 0.0, math.inf, "extent")
     least, most = 2.0 * extent / _MOST_CELLS, 0.25 * extent
-    if not least <= step <= most:
-        raise Refused("step", step, f"{least:g} to {most:g} m, extent / 4")
+    allowed = f"{least:g} to {most:g} m, extent / 4"
+    if not least <= require_real(step, "step", allowed) <= most:
+        raise Refused("step", step, allowed)
     source = link.transmitter
     if not isinstance(source, Led | IsotropicSource):
         kinds = ", ".join(t.kind for t in link.transmitters)

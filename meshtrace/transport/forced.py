@@ -259,7 +259,8 @@ class ForcedDetection:
             self.link, _CUT_CHAINS, self._key[1], *self._options, self._crest, self._search
         )
         whole = few.evaluate(self._flat()).gain
-        return 1.0 - few.evaluate(flat_mesh(low, high)).gain / np.maximum(whole, 1e-300)
+        cut = whole - few.evaluate(flat_mesh(low, high)).gain
+        return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)
 
     def _flat(self) -> TriangleMesh:
         """Return a flat sea larger than the footprint of the light."""

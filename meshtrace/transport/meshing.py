@@ -11,7 +11,7 @@ import numpy as np
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.link.link import Footprint
-from meshtrace.mesh import MeshSource, TriangleMesh, WaveSum
+from meshtrace.mesh import MeshSource, TriangleMesh, WaveSum, require_surface
 from meshtrace.transport.options import Meshing
 
 GAIN_SPACING = 0.45
@@ -61,12 +61,10 @@ def mesh_for(
     """
     if isinstance(surface, TriangleMesh):
         mesh, config = surface, _identity(surface)
-    elif isinstance(surface, MeshSource):
+    else:
+        require_surface(surface)
         lines = mesh_lines(link, surface, meshing, reach, per_wave)
         mesh, config = surface.mesh(meshing.time, **lines), surface.to_config()
-    else:
-        kind = Described(type(surface).__name__)
-        raise Refused("surface", kind, "a sea (SurfaceModel) or a TriangleMesh")
     require_cover(link, mesh)
     return mesh, config
 

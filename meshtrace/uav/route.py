@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Self
 
 import numpy as np
 from pydantic import model_validator
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_between, require_finite
 from meshtrace.models import Finite, Floats, Model, Position, Positive
 
 
@@ -73,7 +74,8 @@ class Route(Model, frozen=True):
         Refused
             If a time lies outside of the route.
         """
-        wanted = np.asarray(times, dtype=float)
+        wanted = require_finite(times, "times", "times (n,) [s]")
+        require_between(height, 0.0, math.inf, "height")
         first, last = self.times[0], self.times[-1]
         outside = (wanted < first) | (wanted > last)
         if outside.any():

@@ -33,6 +33,8 @@ LINKS = [
     "[water.phase]\nmodel = 'mixture'\ncomponents = ['petzold', 'rayleigh']\nweights = [1.0, 2.0]",
     "[sea]\nspectrum = 'sinusoidal'\namplitude = 0.1\nwavelength = 2.0\nspacing = 0.5\n"
     "[transmitter]\nkind = 'sun'\n[run]\nestimator = 'analog'",
+    "[sea]\nspacing = 0.5\n[transmitter]\nkind = 'air-led'\n[receiver]\nkind = 'water-receiver'\n"
+    "[daylight]\nmodel = 'clear-sky'\nsun_zenith_deg = 40.0",
 ]
 
 
@@ -129,6 +131,10 @@ def _calls():
     grid = {"spacing": 0.5, "threads": 1}
     run = {"link": link, "surface": sea, "photons": 32, "seed": 1, "time": 0.0, **grid}
     many = {"link": link, "sea": sea, "surface": sea, "photons": 32, "seed": 1, **grid}
+    down = mt.Link(transmitter=mt.AirLed(), receiver=mt.WaterReceiver())
+    day = mt.Daylight(direct=1.4, diffuse=0.3)
+    rows = [{"transmitter.depth": d, "gain": 1e-5, "stderr": 1e-6} for d in (5.0, 10.0)]
+    flat = {**run, "surface": surfaces.FlatSea(), "sea": surfaces.FlatSea()}
     corners = [(-50.0, -50.0, 0.0), (50.0, -50.0, 0.0), (50.0, 50.0, 0.0), (-50.0, 50.0, 0.0)]
     return [
         (mt.Water, {"a": 0.1, "b": 0.03}),
@@ -146,6 +152,26 @@ def _calls():
         (surfaces.JonswapSea, {"wind_speed": 5.0, "fetch": 30e3, "seed": 7, "omega_max": 6.0}),
         (surfaces.TiltedPlane, {"slope_x": 0.1, "slope_y": 0.0}),
         (surfaces.from_trimesh, {"source": (corners, [(0, 1, 2), (0, 2, 3)])}),
+        (mt.Daylight, day.model_dump()),
+        (mt.Daylight.clear_sky, {"sun_zenith_deg": 30.0, "aerosol": 0.1, "day_of_year": 80}),
+        (mt.AirLed, {"height": 5.0, "half_angle_deg": 10.0, "position": (0.0, 0.0)}),
+        (mt.WaterReceiver, {"depth": 10.0, "radius": 0.05, "fov_deg": 60.0, "tilt_deg": 0.0}),
+        (mt.Route, {"times": (0.0, 1.0), "positions": ((0.0, 0.0), (1.0, 0.0)), "heights": None}),
+        (mt.time_series, {**many, "times": [0.0], "route": mt.Route(
+            times=(0.0, 1.0), positions=((0.0, 0.0), (1.0, 0.0)))}),
+        (mt.simulate, {**run, "link": down}),
+        *[(mt.background, {**run, "day": day, "water": "none"})] * 2,
+        (mt.background_series, {**many, "day": day, "times": [0.0, 1.0]}),
+        (mt.compare, {**many, "links": {"a": link, "b": link}, "realizations": 2}),
+        (mt.duplex, {**many, "up": link, "down": down, "times": [0.0], "realizations": None}),
+        (mt.light_pattern, {**flat, "extent": 1.0, "step": 0.1}),
+        *[(mt.sensitivities, {**flat, "wrt": ["water.a"], "of": "gain", "realizations": 1,
+                              "step": None, "limit": 1e-3, "bit_rate": 1e6, "ook": "paper"})] * 2,
+        *[(mt.infer, {**flat, "measurements": rows, "unknown": ["water.a"],
+                      "prior": {"water.a": (0.1, 0.05)}})] * 2,
+        *[(mt.optimize, {**flat, "over": {"receiver.fov_deg": (10.0, 60.0)}, "objective": "gain",
+                         "constraints": (), "hover_std": (0.0, 0.0), "method": "auto",
+                         "realizations": 1, "bit_rate": 1e6, "limit": 1e-3})] * 2,
         *[(mt.simulate, run)] * 6,
         *[(mt.simulate, {**run, "estimator": "analog", "rtol": 0.5, "max_events": 1000})] * 3,
         *[(mt.time_series, {**many, "times": [0.0, 0.5]})] * 3,
@@ -161,7 +187,7 @@ def arguments(random, folder):
     import inspect
 
     function, sound = random.choice(_calls())
-    if inspect.isfunction(function):
+    if not inspect.isclass(function):
         sound = {k: v for k, v in sound.items() if k in inspect.signature(function).parameters}
     given = dict(sound)
     names = sorted(sound)
@@ -188,6 +214,10 @@ OPTIONS = {
     "converge": ["--spacings", "--time-steps", "--omega-max", "--tolerance", "--set"],
     "view": ["--html", "--spacing", "--extent", "--time", "--color", "--paths", "--set"],
     "figures": ["--only", "--seed", "--threads"],
+    "compare": ["-n", "--photons", "--seed", "--plot", "--set", "-o"],
+    "sensitivity": ["--wrt", "--of", "-n", "--limit", "--step", "--photons", "--set", "-o"],
+    "optimize": ["--over", "--objective", "--hover", "-n", "--quantile", "--method", "--set"],
+    "coverage": ["--extent", "--step", "--photons", "--seed", "--set", "-o"],
     "sweep": ["--store", "--workers", "-o"],
     "bench": ["-o"],
 }

@@ -10,6 +10,7 @@ from meshtrace import fading, surfaces
 from meshtrace.errors import Refused
 from meshtrace.paper import profiles
 from meshtrace.results.gain import bound_where_dark
+from meshtrace.studies.sensitivity import swings
 from meshtrace.surfaces import FlatSea
 
 CORNERS = [(-9.0, -9.0, 0.0), (9.0, -9.0, 0.0), (9.0, 9.0, 0.0)]
@@ -32,6 +33,10 @@ CALLS = {
 
 GAINS, TIMES = np.array([1.0, 2.0, 3.0, 4.0]), np.arange(4.0)
 OOK, WIND, UAV, SEA_OF_WAVES = mt.OokLink(), mt.Dryden(), mt.Uav(), surfaces.JonswapSea()
+
+ROWS = [{"transmitter.depth": 5.0, "gain": 3e-4, "stderr": 3e-5}]
+SERIES = mt.GainSeries("time", TIMES, GAINS, GAINS, GAINS, 1e-7)
+OVER, DAY = {"receiver.fov_deg": (10.0, 60.0)}, mt.Daylight(direct=1.4, diffuse=0.3)
 
 Z = np.array([0.0, 50.0])
 WATER = profiles.WaterProfile(Z, np.array([26.0, 22.0]), np.array([35.0, 35.0]))
@@ -111,6 +116,30 @@ METHODS = [
     ("receiver.position", lambda: mt.Link(receiver={"position": [1.0, 2.0, 3.0]})),
     ("whitecaps.wind_speed", lambda: mt.Link(whitecaps={"wind_speed": 31.0})),
     ("profile", lambda: mt.Dryden(profile="log")),
+    ("surface", lambda: mt.sensitivities(LINK, 1.0, ["water.a"])),
+    ("surface", lambda: mt.infer(ROWS, LINK, ["water.a"], sea=len)),
+    ("surface", lambda: mt.optimize(LINK, True, OVER, "gain")),
+    ("wrt", lambda: mt.sensitivities(LINK, SEA, 90.0)),
+    ("step", lambda: mt.sensitivities(LINK, SEA, ["water.a"], step=1e30)),
+    ("unknown", lambda: mt.infer(ROWS, LINK, math.inf)),
+    ("prior", lambda: mt.infer(ROWS, LINK, ["water.a"], 1.0)),
+    ("prior.water.a", lambda: mt.infer(ROWS, LINK, ["water.a"], {"water.a": "ab"})),
+    ("threads", lambda: mt.infer(ROWS, LINK, ["water.a"], threads="x")),
+    ("measurements[0].gain", lambda: mt.infer([{"counts": "x"}], LINK, ["water.a"])),
+    ("measurements.gain", lambda: mt.infer({"gain": [[1], [1, 2]]}, LINK, ["water.a"])),
+    ("constraints", lambda: mt.optimize(LINK, SEA, OVER, "gain", 1.0)),
+    ("over.receiver.fov_deg", lambda: mt.optimize(LINK, SEA, {"receiver.fov_deg": "ab"})),
+    ("hover_std", lambda: mt.optimize(LINK, SEA, OVER, "gain", hover_std="ab")),
+    ("step", lambda: mt.light_pattern(LINK, SEA, 1.0, "")),
+    ("time", lambda: mt.light_pattern(LINK, SEA, 1.0, 0.1, time="x")),
+    ("up_gain", lambda: mt.Duplex(SERIES, SERIES, 1.0).outage("x", 1.0)),
+    ("transmittance", lambda: mt.Daylight.overcast(transmittance="x")),
+    ("times", lambda: mt.Route(times=(0, 1), positions=((0, 0), (1, 0))).at({}, 5.0)),
+    ("height", lambda: mt.Route(times=(0, 1), positions=((0, 0), (1, 0))).at(0.5, [5.0, 6.0])),
+    ("s", lambda: swings(2.5)),
+    ("link", lambda: mt.depth_sweep(1)),
+    ("wind_speeds", lambda: mt.depth_sweep(LINK, wind_speeds=1j)),
+    ("threads", lambda: mt.background(LINK, SEA, DAY, threads="x")),
 ]
 
 
@@ -168,6 +197,13 @@ def test_an_unreadable_cache_folder_counts_as_empty(monkeypatch):
 def test_ranges_of_optional_parts_are_whole():
     with pytest.raises(Refused, match=r"31\.0, allowed: 0 <= wind_speed <= 30"):
         mt.Link(whitecaps={"wind_speed": 31.0})
+
+
+def test_counts_of_numpy_are_kept_in_files(tmp_path):
+    """The provenance of an option that is numpy's integer once ended in a TypeError of json."""
+    pattern = mt.light_pattern(LINK, SEA, np.int64(1), 0.2)
+    pattern.save(tmp_path / "pattern.nc")
+    assert mt.results.load(tmp_path / "pattern.nc").provenance["extent"] == 1
 
 
 def test_one_dark_photon_bounds_the_gain_by_one():

@@ -109,7 +109,7 @@ def test_reweighting_is_a_new_run():
 
     sea, link = FlatSea(), mt.Link()
     unknowns = parameters(Setting(link, sea, None), ["water.a", "water.b"], None, "vertex")
-    model = Model(link, sea, [{}], unknowns, Run(photons=4096), 1)
+    model = Model(link, sea, [{}], unknowns, Run(photons=4096, threads=1))
     x = np.log([1.3, 0.7])
     new = link.replace("water.a", 1.3 * 0.114).replace("water.b", 0.7 * 0.037)
     expected = mt.simulate(new, sea, photons=16384)
@@ -135,7 +135,7 @@ def test_file(truth, tmp_path):
         ([{"gain": 1e-5, "stderr": 1e-6}], ["water.aa"], None, "did you mean water.a"),
         ([{"gain": 1e-5, "stderr": 1e-6}], ["water.a", "water.b"], None, "at most 1"),
         ([{"gain": 1e-5, "stderr": 1e-6, "lamp": 3}], ["water.a"], None, "no such key"),
-        ([{"gain": 1e-5, "stderr": 1e-6}], ["water.a"], {"water.b": (1, 1)}, "prior: 'water.b'"),
+        ([{"gain": 1e-5, "stderr": 1e-6}], ["water.a"], {"water.b": (1, 1)}, r"prior\.'water\.b'"),
     ],
 )
 def test_refusals(data, unknown, prior, message):

@@ -53,6 +53,12 @@ def sound(scene):
         data = {name: (along, [1.0, 2.0]), f"{name}_stderr": (along, [0.1, 0.1])}
         return {"data": xr.Dataset(data, {along: [1.0, 2.0]})}
 
+    sharp = mt.Link(physics={"unresolved": "none"})
+    route = mt.Route(times=(0.0, 1.0), positions=((0.0, 0.0), (1.0, 0.0)))
+    down = mt.Link(transmitter=mt.AirLed(), receiver=mt.WaterReceiver())
+    rows = [{"transmitter.depth": d, "gain": g, "stderr": 0.1 * g}
+            for d, g in ((5.0, 3e-4), (10.0, 6e-5))]  # fmt: skip
+    few = {"photons": 64, "threads": 1}
     drawn = {"link": LINK, "scene": scene}
     return {
         "plot_curves": {**curve("gain"), "quantity": "gain", "style": "-"},
@@ -73,9 +79,16 @@ def sound(scene):
         "plot_eye": {"eye": mt.OokLink().eye(1e-9)},
         "plot": {"result": result},
         "plot_gain": {"result": result},
-        "plot_comparison": {"result": None},
+        "plot_comparison": {"result": mt.compare({"a": LINK, "b": sharp}, FLAT, **few)},
+        "plot_tornado": {"s": mt.sensitivities(LINK, FLAT, ["water.a"], **few), "change": 0.1},
+        "plot_optimum": {"o": mt.optimize(LINK, FLAT, {"receiver.fov_deg": (10.0, 60.0)}, "gain",
+                                          realizations=1, **few)},
+        "plot_inference": {"f": mt.infer(rows, LINK, ["water.a"], **few)},
+        "plot_background": {"result": mt.background(LINK, FLAT, mt.Daylight.overcast(), **few)},
+        "plot_duplex": {"result": mt.duplex(LINK, down, JonswapSea(band="paper"), [0.0, 1.0],
+                                            spacing=0.5, **few)},
         "plot_fading_convergence": {"study": None},
-        "plot_route": {"series": series},
+        "plot_route": {"series": mt.time_series(LINK, FLAT, [0.0, 1.0], route=route, **few)},
         "plot_convergence": {"study": None},
         "plot_performance": {"performance": None, "quantity": "ber"},
         "scene": {"link": LINK, "surface": FLAT, "time": 0.0, "paths": paths, "received": 8,
@@ -85,6 +98,8 @@ def sound(scene):
                  "export": None, "gain": series, "frames": 2, "frame_rate": 2.0, "title": "x"},
         "save_movie": {"link": LINK, "sea": FLAT, "times": times[:2], "path": "a.gif",
                        "frame_rate": 5.0, "photons": 32, "seed": 1, "style": style},
+        "save_light": {"link": sharp, "sea": FLAT, "path": "b.png", "times": [0.0], "extent": 1.0,
+                       "step": 0.2, "frame_rate": 5.0},
         "save_html": {"plotter": scene, "path": "a.html", "title": "x"},
         "save_picture": {"plotter": scene, "path": "a.png", "largest": 1000},
         "save_vtk": {"source": mesh, "path": "a.vtp"},
@@ -112,8 +127,7 @@ def sound(scene):
     }  # fmt: skip
 
 
-WITHOUT = ("plot_comparison", "plot_convergence", "plot_fading_convergence", "plot_performance",
-           "plot_route")  # fmt: skip
+WITHOUT = ("plot_convergence", "plot_fading_convergence", "plot_performance")
 """Functions whose sound results take a study; they are drawn in other tests."""
 
 PLAIN = [None, "x", "", 3, -1, 0, 2.5, math.nan, math.inf, True, [], {}, [1, "x"], b"x", object(),
@@ -150,6 +164,7 @@ def test_every_function_draws_its_sound_arguments(sound, tmp_path, monkeypatch):
     for name in functions():
         if name not in WITHOUT:
             assert not check(name, sound[name], tmp_path), name
+            pyplot.close("all")
 
 
 @pytest.mark.parametrize("name", functions())

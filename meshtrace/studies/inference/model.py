@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_array, require_real
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting
 from meshtrace.studies.sensitivity.problem import has_moments, moments
@@ -49,7 +49,12 @@ def read_measurements(given: Any) -> Measurements:
     """
     rows: list[Mapping[str, Any]]
     if isinstance(given, Mapping) or hasattr(given, "columns"):
-        columns = {str(key): np.atleast_1d(given[key]).tolist() for key in given}
+        columns = {
+            str(key): np.atleast_1d(
+                require_array(given[key], f"measurements.{key}", "a column of values", None)
+            ).tolist()
+            for key in given
+        }
         n = max((len(column) for column in columns.values()), default=0)
         uneven = [key for key, column in columns.items() if len(column) not in (1, n)]
         if uneven:
@@ -65,15 +70,19 @@ def read_measurements(given: Any) -> Measurements:
     for i, row in enumerate(rows):
         rest = dict(row)
         counts = rest.pop("counts", None)
-        value = rest.pop("gain", counts)
-        error = rest.pop("stderr", None if counts is None else math.sqrt(max(counts, 0.0)))
-        for name, number in (("gain", value), ("stderr", error)):
-            if not isinstance(number, int | float) or not 0.0 < number < math.inf:
-                raise Refused(f"measurements[{i}].{name}", number, "a number > 0")
-        values.append(float(value))
-        errors.append(float(error))
+        values.append(_positive(rest.pop("gain", counts), f"measurements[{i}].gain"))
+        law = None if counts is None else math.sqrt(values[-1])
+        errors.append(_positive(rest.pop("stderr", law), f"measurements[{i}].stderr"))
         keys.append(rest)
     return Measurements(np.array(values), np.array(errors), keys)
+
+
+def _positive(value: Any, path: str) -> float:
+    """Return a finite number above 0; refuse any other value."""
+    number = require_real(value, path, "a number > 0")
+    if not 0.0 < number < math.inf:
+        raise Refused(path, value, "a number > 0")
+    return number
 
 
 class Prediction(NamedTuple):
@@ -110,10 +119,9 @@ class Model:
         keys: list[dict[str, Any]],
         unknowns: list[Parameter],
         run: Run,
-        threads: int,
     ) -> None:
         self._surface, self._unknowns = surface, unknowns
-        self._threads, self._run = threads, run
+        self._threads, self._run = default_threads(run.threads), run
         self._links = []
         for i, row in enumerate(keys):
             at = link

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_keys, require_names, require_pair
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.parallel import default_threads
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
 from meshtrace.studies.inference.model import (
@@ -105,8 +104,8 @@ def infer(
     data = read_measurements(measurements)
     if sea is None and not isinstance(link, Scenario):
         sea = FlatSea()
-    case = resolve(link, sea).with_options(photons=photons, seed=seed)
-    names = [unknown] if isinstance(unknown, str) else list(unknown)
+    case = resolve(link, sea).with_options(photons=photons, seed=seed, threads=threads)
+    names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
     setting = Setting(case.link, case.surface, None)
     found = parameters(setting, keys, None, "vertex") if keys else []
@@ -114,7 +113,7 @@ def infer(
         if p.name.split(".")[0] in ("sea", "wind_speed"):
             raise Refused("unknown", p.name, "keys of the link, or scale")
     fit = _Fit(data, names, found, _priors(prior, names, found))
-    fit.model = Model(case.link, case.surface, data.keys, found, case.run, default_threads(threads))
+    fit.model = Model(case.link, case.surface, data.keys, found, case.run)
     surface = {} if isinstance(case.surface, TriangleMesh) else dict(case.surface.to_config())
     origin = provenance(case.link, surface, {"photons": photons, "seed": seed})
     return fit.result(origin)
@@ -132,10 +131,10 @@ def _priors(prior: Any, names: list[str], found: list[Parameter]) -> list[_Prior
     """Return the priors in the coordinates of the fit."""
     known = {p.name: p for p in found}
     rows = []
-    for name, pair in (prior or {}).items():
-        if name not in names:
-            raise Refused("prior", name, ", ".join(names))
-        mean, std = (float(v) for v in pair)
+    table = {} if prior is None else prior
+    require_keys(table, names, "prior")
+    for name, pair in table.items():
+        mean, std = require_pair(pair, f"prior.{name}", "(mean, std), std > 0")
         p = known.get(name)
         if not std > 0.0 or not (mean > 0.0 or (p is not None and p.absolute)):
             raise Refused(f"prior.{name}", pair, "(mean, std), std > 0")

@@ -9,7 +9,15 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from meshtrace.comms.ook import OokLink, Preset
-from meshtrace.errors import Refused, require_between, require_kind, require_whole, require_word
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_between,
+    require_kind,
+    require_pair,
+    require_whole,
+    require_word,
+)
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
@@ -136,7 +144,12 @@ def optimize(
         raise Refused("run.estimator", "analog", "forced")
     require_whole(realizations, 1, 100_000, "realizations")
     require_between(quantile, 0.0, 1.0, "quantile")
+    require_between(limit, 0.0, 0.5, "limit")
     require_kind(uav, Uav, "uav")
+    require_kind(wind, Dryden, "wind")
+    functions = isinstance(constraints, list | tuple) and all(map(callable, constraints))
+    if not functions:
+        raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")
     if isinstance(link, Scenario):
         uav = uav or link.uav
         ook = link.detector if link.detector is not None and ook == "physical" else ook
@@ -153,10 +166,10 @@ def optimize(
 
 def _stds(hover_std: Any) -> tuple[float, float]:
     """Return the checked standard deviations of the place."""
-    pair = np.asarray(hover_std, dtype=float)
-    if pair.shape != (2,) or not (pair >= 0.0).all() or not np.isfinite(pair).all():
+    pair = require_pair(hover_std, "hover_std", "two numbers >= 0 [m]")
+    if min(pair) < 0.0:
         raise Refused("hover_std", hover_std, "two numbers >= 0 [m]")
-    return float(pair[0]), float(pair[1])
+    return pair
 
 
 def _wind(case: Case, uav: Uav | None, wind: Dryden | None) -> Dryden | None:
@@ -178,8 +191,8 @@ def _variables(
     setting = Setting(case.link, case.surface, None)
     bounds = []
     for name, ends in over.items():
-        pair = np.asarray(ends, dtype=float)
-        if pair.shape != (2,) or not pair[0] < pair[1]:
+        pair = require_pair(ends, f"over.{name}", "(low, high), low < high")
+        if not pair[0] < pair[1]:
             raise Refused(f"over.{name}", ends, "(low, high), low < high")
         if str(name).split(".")[0] in ("sea", "wind_speed", "detector"):
             raise Refused("over", name, "keys of the link")

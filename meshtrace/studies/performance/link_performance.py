@@ -15,6 +15,7 @@ from meshtrace.comms.background import warn_of_background, with_background
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import (
+    Described,
     Refused,
     require_between,
     require_finite,
@@ -271,8 +272,11 @@ def depth_sweep(
     '55 m'
     """
     require_kind(over, Realizations, "over")
+    if not isinstance(link, Link | Scenario):
+        raise Refused("link", Described(type(link).__name__), "a Link or a Scenario")
     performances = []
-    for speed in wind_speeds:
+    speeds = require_finite(wind_speeds, "wind_speeds", "one or more wind speeds [m/s]").tolist()
+    for speed in speeds:
         at: Link | Scenario
         if isinstance(link, Scenario):
             at = link.model_copy(update={"link": link.link.in_wind(speed), "wind_speed": speed})
@@ -283,4 +287,4 @@ def depth_sweep(
             over=over or Realizations(50), **options,
         )  # fmt: skip
         performances.append(found)
-    return DepthSweep(tuple(float(u) for u in wind_speeds), tuple(performances))
+    return DepthSweep(tuple(speeds), tuple(performances))

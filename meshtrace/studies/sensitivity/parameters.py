@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Described, Refused, did_you_mean
+from meshtrace.errors import Described, Refused, did_you_mean, require_between, require_names
 from meshtrace.link import Link
 from meshtrace.mesh import RandomSea, WaveSum
 from meshtrace.models import Model
@@ -210,9 +210,10 @@ def parameters(
         has other waves at another value.
     """
     known = _known(setting)
-    if isinstance(wrt, str):
-        wrt = [wrt]
-    names = list(known) if wrt is None else [re.sub(r"\[(\d+)\]", r".\1", str(n)) for n in wrt]
+    given = list(known) if wrt is None else require_names(wrt, "wrt")
+    names = [re.sub(r"\[(\d+)\]", r".\1", name) for name in given]
+    if step is not None:
+        require_between(step, 0.0, 100.0, "step")
     if len(set(names)) < len(names):
         raise Refused("wrt", names, "each name once")
     found = []

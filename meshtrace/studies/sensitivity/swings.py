@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Refused, require_keys
+from meshtrace.errors import Described, Refused, require_between, require_keys, require_pair
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
@@ -69,14 +69,18 @@ def swings(
     Refused
         If a parameter is not in the table, or the study was one over a mesh.
     """
+    if not isinstance(s, Sensitivities):
+        raise Refused("s", Described(type(s).__name__), "Sensitivities")
     swing = _Swings(s)
     names = [row.name for row in s.table]
     if isinstance(change, Mapping):
         require_keys(change, names)
-        ends = {name: (float(low), float(high)) for name, (low, high) in change.items()}
+        ends = {
+            name: require_pair(pair, f"change.{name}", "(low, high)")
+            for name, pair in change.items()
+        }
     else:
-        if not 0.0 < change < 1.0:
-            raise Refused("change", change, "0 < change < 1")
+        change = require_between(change, 0.0, 1.0, "change")
         ends = {name: swing.ends(name, change) for name in names}
     found = [swing.of(name, pair) for name, pair in ends.items()]
     return sorted(found, key=lambda one: -max(map(abs, one.change)))
