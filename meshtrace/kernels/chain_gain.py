@@ -12,7 +12,7 @@ from meshtrace.kernels.aiming import jacobian
 from meshtrace.kernels.crossings import find_crossings, shot_of
 from meshtrace.kernels.facets import exposure, normal_at
 from meshtrace.kernels.interface import FieldOfView, FresnelMode
-from meshtrace.kernels.jit import entry, inlined, outlined
+from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import (
     absorption_path,
     bubble_scattering,
@@ -72,7 +72,7 @@ def contributions(chains, flat, audits, search, scene, out):
     Crossings that a wave may cut off before or behind are not scored but listed as doubtful,
     with the rays of their paths, which the caller checks by Embree.
     """
-    counts = 0, 0, 0
+    counts = ZERO, ZERO, ZERO
     for i in range(len(chains.last)):
         for k in range(find_crossings(chains, i, flat[i], audits[i], search, scene, out)):
             root = out.roots[k]

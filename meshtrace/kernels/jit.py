@@ -28,6 +28,7 @@ from typing import Any
 
 import llvmlite
 import numba
+import numpy as np
 from numba import njit
 from numba.core import dispatcher
 from numba.core.caching import FunctionCache
@@ -36,6 +37,7 @@ from numba.core.serialize import dumps
 
 from meshtrace.cache import cache_directory
 from meshtrace.files import atomic
+from meshtrace.kernels.linking import PartCompiler, WholeCompiler
 
 config: Any = numba.config  # numba's stubs lack its fields
 # nor the last two options and `_nrt`
@@ -43,7 +45,12 @@ _bare: dict[str, Any] = {
     "_nrt": False,
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
+    "pipeline_class": PartCompiler,
 }
+
+ZERO, ONE, TWO = np.int64(0), np.int64(1), np.int64(2)
+"""Numbers as arguments: a literal has a type of its own, which would compile the function again."""
+NO, YES = np.bool_(False), np.bool_(True)
 
 _SUFFIX = ".kernel"
 _CHECKSUM = hashlib.sha256
@@ -164,7 +171,7 @@ def _warn_unsaved(path: Path, reason: str) -> None:
 
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
-    compiled = njit(nogil=True, **options)(function)
+    compiled = njit(nogil=True, pipeline_class=WholeCompiler, **options)(function)
     if compiled is not function:  # as it is under NUMBA_DISABLE_JIT, for debuggers
         compiled._cache = KernelCache(function)
     return compiled
