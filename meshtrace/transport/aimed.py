@@ -20,6 +20,7 @@ from meshtrace.kernels.interface import Direction, Snell
 from meshtrace.kernels.medium import DepthMode
 from meshtrace.kernels.roots import ROOT
 from meshtrace.kernels.scene import FACET, Emitter, Scene, Target, facet_summary
+from meshtrace.kernels.shadow import BESIDE, CUT, shadows
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.arrays import locator, surface_arrays, with_raster
 from meshtrace.transport.chain_sets import ChainSet
@@ -173,7 +174,8 @@ class AimedChains:
         if n_doubt:
             cut = np.zeros(n_doubt, bool)
             rays = out.rays[:n_rays]
-            blocked = self._cut(rays["origin"], rays["direction"], rays["length"])
+            ways = (np.ascontiguousarray(rays[name]) for name in ("origin", "direction", "length"))
+            blocked = self._cut(*ways)
             cut[rays["crossing"][blocked]] = True
             clear = out.doubtful[:n_doubt][~cut]
             np.add.at(out.score, clear["chain"], clear["weight"])
@@ -190,12 +192,18 @@ class AimedChains:
     ) -> NDArray[np.bool_]:
         """Return the straight paths that the surface blocks.
 
-        A path that starts or ends on the surface is shortened by a hair at both ends.
+        A path that starts or ends on the surface is shortened by a hair at both ends. Paths
+        outside the region that the receivers see are checked by Embree.
         """
-        hair = 1e-4 * (1.0 + lengths)
-        start = origins + hair[:, None] * directions
-        hits = self._intersector.intersect(start, directions)
-        return hits.distance < lengths - 3.0 * hair
+        outcome = np.empty(len(lengths), np.int64)
+        shadows(origins, directions, lengths, self.surface, self.locator, outcome)
+        cut, beside = outcome == CUT, np.flatnonzero(outcome == BESIDE)
+        if len(beside):
+            hair = 1e-4 * (1.0 + lengths[beside])
+            start = origins[beside] + hair[:, None] * directions[beside]
+            hits = self._intersector.intersect(start, directions[beside])
+            cut[beside] = hits.distance < lengths[beside] - 3.0 * hair
+        return cut
 
     def direct_gains(self, source: int, receiver: int) -> NDArray[np.float64] | None:
         """Return the unscattered gain through each facet, without noise.
@@ -249,7 +257,8 @@ class AimedChains:
         for end in (emitter.position, target.center):
             way = centroid - np.asarray(end)
             length = np.linalg.norm(way, axis=1)
-            cut |= self._cut(np.broadcast_to(end, way.shape), way / length[:, None], length)
+            start = np.tile(np.asarray(end), (len(way), 1))
+            cut |= self._cut(start, way / length[:, None], length)
         return facets[cut]
 
     def direct_paths(

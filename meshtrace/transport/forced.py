@@ -15,7 +15,8 @@ The chains do not depend on the surface: one set serves every frame of a moving 
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import islice
 from typing import Any, Literal
 
 import numpy as np
@@ -30,7 +31,7 @@ from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.adjoint import AdjointPaths
 from meshtrace.transport.aimed import AimedChains, Search
-from meshtrace.transport.chain_sets import ChainDrawer, ChainSet, flat_mesh
+from meshtrace.transport.chain_sets import ChainDrawer, ChainSet, Request, flat_mesh
 from meshtrace.transport.choice import (
     PILOT_PATHS,
     Method,
@@ -116,12 +117,12 @@ class ForcedDetection:
 
         Pilots over a flat sea compare the estimators and allot the chains to the orders.
         """
-        photons, seed = self._key
+        (photons, seed), threads = self._key, self._options[1]
         sources, receivers = range(len(self.arrays.emitters)), len(self.arrays.targets)
         flat = self._flat()
         aimed = self.over(flat)
         try:
-            pilots = [pilot(self._drawer, aimed, s, seed, receivers) for s in sources]
+            pilots = [pilot(self._drawer, aimed, s, seed, receivers, threads) for s in sources]
         except Refused as refused:  # too many orders for chains
             if self._wanted == "chains":
                 raise
@@ -136,14 +137,14 @@ class ForcedDetection:
             direct = [aimed.facet_gains(s, r).sum() for r in range(receivers)]
             gain += self.arrays.power[s] * (pilots[s].mean.sum(axis=1) + direct)
         share = max(photons // len(sources), SHIFTS)
-        sets = []
+        requests = []
         for s in sources:
             expected = self._drawer.nominals[s].expected
             counts = allotment(share, expected, pilots[s].of(kept), gain[kept])
-            sets.append(
-                [self._drawer.draw(s, k, int(n), (seed, s, k, 1)) for k, n in enumerate(counts, 1)]
-            )
-        return sets
+            requests += [Request(s, k, int(n), (seed, s, k, 1)) for k, n in enumerate(counts, 1)]
+        drawn = self._drawer.draw_all(requests, threads)
+        pairs = list(zip(requests, drawn, strict=True))
+        return [[chains for request, chains in pairs if request.source == s] for s in sources]
 
     def _compare(self, pilots: list[Pilot], flat: TriangleMesh) -> list[Method]:
         """Return the estimator of each receiver."""
@@ -212,9 +213,11 @@ class ForcedDetection:
             return higher.evaluate(mesh, intersector)
         aimed = self.over(mesh, intersector)
         sums = Sums(self.arrays, self.method, self.scattered_sets)
-        gains = ordered_map(lambda pair: self._direct(aimed, *pair), sums.pairs, self._options[1])
-        sampled = sums.add_direct(gains)
-        sums.add_chains(ordered_map(lambda job: aimed.score(*job), sums.jobs, self._options[1]))
+        jobs = [partial(self._direct, aimed, *pair) for pair in sums.pairs]
+        jobs += [partial(aimed.score, *job) for job in sums.jobs]
+        scores = ordered_map(lambda job: job(), jobs, self._options[1], ahead=len(jobs))
+        sampled = sums.add_direct(islice(scores, len(sums.pairs)))
+        sums.add_chains(scores)
         if self._adjoint is not None:
             sums.add_paths(self._adjoint.evaluate(mesh, intersector), self._adjoint.photons)
         counts = Counts(sums.chains, *(int(c) for c in aimed.counters))

@@ -100,9 +100,10 @@ class Sums:
         self._link, self._method = link, method
         receivers = len(method)
         self.pairs = [(s, r) for s in range(len(link.emitters)) for r in range(receivers)]
-        self.jobs = [
+        self._sets = [
             (s, r, chains) for s, r in self.pairs for chains in sets[s] if method[r] == "chains"
         ]
+        self.jobs = [(s, r, block) for s, r, chains in self._sets for block in chains.blocks()]
         self.chains = sum(len(chains.audit) for row in sets for chains in row)
         self._orders = max((chains.order for row in sets for chains in row), default=0)
         self._direct = np.zeros((receivers, SHIFTS))
@@ -121,7 +122,9 @@ class Sums:
 
     def add_chains(self, scores: Iterable[NDArray[np.float64]]) -> None:
         """Add the scores of each job."""
-        for (s, r, chains), score in zip(self.jobs, scores, strict=True):
+        found = iter(scores)
+        for s, r, chains in self._sets:
+            score = np.concatenate([next(found) for _ in chains.blocks()])
             means = self._link.power[s] * score.reshape(SHIFTS, -1).mean(axis=1)
             self._scattered[r, chains.order - 1] += means
             self._samples[r] += len(score)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.aimed import AimedChains
 from meshtrace.transport.chain_sets import ChainDrawer
@@ -30,22 +31,27 @@ class Pilot(NamedTuple):
         return Pilot(self.chains, *rows)
 
 
-def pilot(drawer: ChainDrawer, aimed: AimedChains, source: int, seed: int, receivers: int) -> Pilot:
+def pilot(
+    drawer: ChainDrawer, aimed: AimedChains, source: int, seed: int, receivers: int, threads: int
+) -> Pilot:
     """Return the scores of a few chains of each order, more where none brings light."""
     orders = drawer.last_order(source)
     chains = np.zeros(orders, np.int64)
     mean, spread = np.zeros((receivers, orders)), np.zeros((receivers, orders))
     scored = np.zeros((receivers, orders), np.int64)
-    for k in range(orders):
+
+    def scores_of(order: int) -> NDArray[np.float64]:
         n = _PILOT // SHIFTS
         for step in range(_PILOT_STEPS):
-            chosen = drawer.draw(source, k + 1, n, (seed, source, k + 1, 2 + step))
+            chosen = drawer.draw(source, order, n, (seed, source, order, 2 + step))
             scores = np.array([aimed.score(source, r, chosen) for r in range(receivers)])
-            hits = np.count_nonzero(scores, axis=1)
-            if hits.min() >= 4:
+            if np.count_nonzero(scores, axis=1).min() >= 4:
                 break
             n *= _PILOT_GROWTH
-        chains[k], scored[:, k] = scores.shape[1], hits
+        return scores
+
+    for k, scores in enumerate(ordered_map(scores_of, range(1, orders + 1), threads)):
+        chains[k], scored[:, k] = scores.shape[1], np.count_nonzero(scores, axis=1)
         mean[:, k], spread[:, k] = scores.mean(axis=1), scores.std(axis=1)
     return Pilot(chains, mean, spread, scored)
 
