@@ -74,11 +74,12 @@ class Whole(_Lowered):
             if function.linkage == Linkage.linkonce_odr and not function.is_declaration:
                 function.linkage = Linkage.internal  # nothing else calls it: unused arguments go
         super().finalize()
+        generator: Any = self._codegen
         for variable in self._final_module.global_variables:
             if variable.name.startswith(_ENVIRONMENT):
                 environment = lookup_environment(variable.name)
                 if environment is not None:
-                    self._codegen.set_env(variable.name, environment)
+                    generator.set_env(variable.name, environment)
 
     def _optimize_final_module(self) -> None:
         manager, builder = self._codegen._module_pass_manager()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from meshtrace.kernels.facets import inside_facet, plane_distance
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.vectors import along, row
@@ -58,9 +60,10 @@ def _walk(p, d, first, last, surface, grid):
         for j in range(j0, j1 + 1):
             cell = i * grid.ny + j
             for k in range(grid.start[cell], grid.start[cell + 1]):
-                t = plane_distance(p, d, grid.facet[k], surface)
+                f = np.int64(grid.facet[k])
+                t = plane_distance(p, d, f, surface)
                 if first <= t <= last:
                     q = along(p, d, t)
-                    if inside_facet(q.x, q.y, grid.facet[k], surface):
+                    if inside_facet(q.x, q.y, f, surface):
                         return CUT
     return FREE

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from functools import cache, lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from meshtrace.errors import Refused
 from meshtrace.kernels import chains as kernel
 from meshtrace.kernels.aiming import FLAT
+from meshtrace.kernels.chain_gain import flat_contributions
 from meshtrace.kernels.chains import Chains, Nominal
 from meshtrace.kernels.crossings import flat_crossings
 from meshtrace.kernels.facets import Surface
@@ -54,7 +55,8 @@ class ChainSet(NamedTuple):
         return [self._rows(slice(first, first + step)) for first in range(0, n, step)]
 
     def _rows(self, rows: slice) -> ChainSet:
-        chains = Chains(*(array[rows] for array in self.chains))
+        arrays: Any = (array[rows] for array in self.chains)
+        chains = Chains(*arrays)
         return ChainSet(self.order, chains, [f[rows] for f in self.flat], self.audit[rows])
 
 
@@ -134,25 +136,30 @@ class ChainDrawer:
         block.audit[:] = u[:, -2]
         component = np.searchsorted(np.cumsum(_MIXTURE)[:-1], u[:, -1])
         kernel.make_chains(block.chains, self.nominals[source], self._medium, u, component)
-        for target, out in zip(self._link.targets, block.flat, strict=True):
-            self._cross(self._link.emitters[source], target, block.chains, out)
+        for receiver, out in enumerate(block.flat):
+            scene = self._still(source, receiver)
+            raised = scene._replace(surface=scene.surface._replace(level=self._ceiling))
+            starts = _starts(scene.emitter, scene.target)
+            flat_crossings(block.chains, starts, scene, raised, out)
 
-    def _cross(
-        self, emitter: Emitter, target: Target, chains: Chains, out: NDArray[np.void]
-    ) -> None:
-        """Write the crossings of a flat sea by chains to a receiver."""
-        still = _still_water()
-        scene = Scene(
-            emitter,
-            target,
-            still,
+    def _still(self, source: int, receiver: int) -> Scene:
+        """Return a source and a receiver over still water."""
+        return Scene(
+            self._link.emitters[source],
+            self._link.targets[receiver],
+            _still_water(),
             empty_locator(),
             np.zeros(0, FACET),
             self._medium,
             self._link.interface,
         )
-        raised = scene._replace(surface=still._replace(level=self._ceiling))
-        flat_crossings(chains, _starts(emitter, target), scene, raised, out)
+
+    def flat_scores(self, source: int, chains: ChainSet) -> NDArray[np.float64]:
+        """Return the scores of chains over still water, shape (receivers, chains)."""
+        scores = np.empty((len(chains.flat), len(chains.audit)))
+        for receiver, (flat, score) in enumerate(zip(chains.flat, scores, strict=True)):
+            flat_contributions(chains.chains, flat, self._still(source, receiver), score)
+        return scores
 
 
 def _points_of(request: Request) -> tuple[_Points, _Points]:

@@ -119,23 +119,18 @@ class ForcedDetection:
         """
         (photons, seed), threads = self._key, self._options[1]
         sources, receivers = range(len(self.arrays.emitters)), len(self.arrays.targets)
-        flat = self._flat()
-        aimed = self.over(flat)
         try:
-            pilots = [pilot(self._drawer, aimed, s, seed, receivers, threads) for s in sources]
+            pilots = [pilot(self._drawer, s, seed, receivers, threads) for s in sources]
         except Refused as refused:  # too many orders for chains
             if self._wanted == "chains":
                 raise
             self._take(["adjoint"] * receivers, refused)
             return [[] for _ in sources]
-        self._take(self._compare(pilots, flat))
+        self._take(self._compare(pilots))
         kept = np.array([m == "chains" for m in self.method])
         if not kept.any():
             return [[] for _ in sources]
-        gain = np.zeros(receivers)
-        for s in sources:
-            direct = [aimed.facet_gains(s, r).sum() for r in range(receivers)]
-            gain += self.arrays.power[s] * (pilots[s].mean.sum(axis=1) + direct)
+        gain = self._flat_gain(pilots) if receivers > 1 else np.ones(1)
         share = max(photons // len(sources), SHIFTS)
         requests = []
         for s in sources:
@@ -146,7 +141,15 @@ class ForcedDetection:
         pairs = list(zip(requests, drawn, strict=True))
         return [[chains for request, chains in pairs if request.source == s] for s in sources]
 
-    def _compare(self, pilots: list[Pilot], flat: TriangleMesh) -> list[Method]:
+    def _flat_gain(self, pilots: list[Pilot]) -> NDArray[np.float64]:
+        """Return the gain of each receiver over a flat sea."""
+        aimed, gain = self.over(self._flat()), np.zeros(len(self.arrays.targets))
+        for s, (power, found) in enumerate(zip(self.arrays.power, pilots, strict=True)):
+            direct = [aimed.facet_gains(s, r).sum() for r in range(len(gain))]
+            gain += power * (found.mean.sum(axis=1) + direct)
+        return gain
+
+    def _compare(self, pilots: list[Pilot]) -> list[Method]:
         """Return the estimator of each receiver."""
         receivers = len(self.arrays.targets)
         found = chain_pilot(pilots, self.arrays.power)
@@ -159,7 +162,7 @@ class ForcedDetection:
             paths = self._paths(PILOT_PATHS * len(pilots), tuple(self.link.receivers))
         except Refused:  # a feature that the paths do not follow
             return ["chains"] * receivers
-        seen = paths.evaluate(flat)
+        seen = paths.evaluate(self._flat())
         other = ScatteredPilot(seen.gain, seen.variance, seen.stderr)
         return choose(found, other)
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.aimed import AimedChains
 from meshtrace.transport.chain_sets import ChainDrawer
 
 _PILOT = 128  # chains of each order in the first pilot
@@ -31,10 +30,8 @@ class Pilot(NamedTuple):
         return Pilot(self.chains, *rows)
 
 
-def pilot(
-    drawer: ChainDrawer, aimed: AimedChains, source: int, seed: int, receivers: int, threads: int
-) -> Pilot:
-    """Return the scores of a few chains of each order, more where none brings light."""
+def pilot(drawer: ChainDrawer, source: int, seed: int, receivers: int, threads: int) -> Pilot:
+    """Return what a few chains of each order bring, more of them where none brings light."""
     orders = drawer.last_order(source)
     chains = np.zeros(orders, np.int64)
     mean, spread = np.zeros((receivers, orders)), np.zeros((receivers, orders))
@@ -44,7 +41,7 @@ def pilot(
         n = _PILOT // SHIFTS
         for step in range(_PILOT_STEPS):
             chosen = drawer.draw(source, order, n, (seed, source, order, 2 + step))
-            scores = np.array([aimed.score(source, r, chosen) for r in range(receivers)])
+            scores = drawer.flat_scores(source, chosen)
             if np.count_nonzero(scores, axis=1).min() >= 4:
                 break
             n *= _PILOT_GROWTH
