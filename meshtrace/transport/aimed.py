@@ -21,6 +21,7 @@ from meshtrace.kernels.medium import DepthMode
 from meshtrace.kernels.roots import ROOT
 from meshtrace.kernels.scene import FACET, Emitter, Scene, Target, facet_summary
 from meshtrace.kernels.shadow import BESIDE, CUT, shadows
+from meshtrace.kernels.vectors import Vec3
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.arrays import locator, surface_arrays, with_raster
 from meshtrace.transport.chain_sets import ChainSet
@@ -205,19 +206,30 @@ class AimedChains:
             cut[beside] = hits.distance < lengths[beside] - 3.0 * hair
         return cut
 
-    def direct_gains(self, source: int, receiver: int) -> NDArray[np.float64] | None:
+    def direct_gains(
+        self, source: int, receiver: int, at: Vec3 | None = None
+    ) -> NDArray[np.float64] | None:
         """Return the unscattered gain through each facet, without noise.
 
-        None where it has to be sampled: random slopes are too narrow to be integrated over, for
-        the facets or for the aperture.
+        From the centre of the source, or from the point `at`. None where it has to be sampled:
+        random slopes are too narrow to be integrated over, for the facets or for the aperture.
         """
         if not self.rough:
-            return self.facet_gains(source, receiver)
-        return self._blurred_gains(source, receiver) if self.blurred else None
+            return self.facet_gains(source, receiver, at)
+        return self._blurred_gains(source, receiver, at) if self.blurred else None
 
-    def _blurred_gains(self, source: int, receiver: int) -> NDArray[np.float64] | None:
+    def _ends(self, source: int, receiver: int, at: Vec3 | None) -> tuple[Emitter, Target]:
+        """Return a source, moved to a point if one is given, and a receiver."""
+        emitter = self._link.emitters[source]
+        if at is not None:
+            emitter = emitter._replace(position=at)
+        return emitter, self._link.targets[receiver]
+
+    def _blurred_gains(
+        self, source: int, receiver: int, at: Vec3 | None
+    ) -> NDArray[np.float64] | None:
         """Return the unscattered gain through each facet of a mesh with random slopes."""
-        emitter, target = self._link.emitters[source], self._link.targets[receiver]
+        emitter, target = self._ends(source, receiver, at)
         n = self.medium.n_water / self.medium.n_air
         lever = (n - 1.0) * max(target.center[2] - float(self.surface.high[2]), 1e-6)
         blur = target.radius / (lever * min(self.surface.roughness[:2]))
@@ -232,9 +244,11 @@ class AimedChains:
             gain[self._hidden(emitter, target, np.flatnonzero(doubtful))] = 0.0
         return gain
 
-    def facet_gains(self, source: int, receiver: int) -> NDArray[np.float64]:
+    def facet_gains(
+        self, source: int, receiver: int, at: Vec3 | None = None
+    ) -> NDArray[np.float64]:
         """Return the unscattered gain through each facet."""
-        emitter, target = self._link.emitters[source], self._link.targets[receiver]
+        emitter, target = self._ends(source, receiver, at)
         n = self.medium.n_water / self.medium.n_air
         depth = -emitter.position[2]
         stretch = 1.5 * (1.0 + n * (target.center[2] + self._waves) / max(depth - self._waves, 0.1))

@@ -102,7 +102,7 @@ class ChainDrawer:
         def jobs() -> Iterator[tuple[int, ChainSet, _Points, _Points]]:
             for request in requests:
                 sets.append(self._empty(request))
-                points, shifts = _points_of(request)
+                points, shifts = points_of(request)
                 first = 0
                 for block in sets[-1].blocks():
                     n = len(block.audit) // request.per_shift
@@ -162,7 +162,7 @@ class ChainDrawer:
         return scores
 
 
-def _points_of(request: Request) -> tuple[_Points, _Points]:
+def points_of(request: Request) -> tuple[_Points, _Points]:
     """Return the points of a set of chains and their shifts, kept if they are few."""
     width = kernel.DIMENSIONS * request.order + 6
     few = request.per_shift * width <= _MOST_KEPT

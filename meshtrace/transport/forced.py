@@ -23,7 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
+from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import TriangleMesh
@@ -31,7 +33,7 @@ from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.adjoint import AdjointPaths
 from meshtrace.transport.aimed import AimedChains, Search
-from meshtrace.transport.chain_sets import ChainDrawer, ChainSet, Request, flat_mesh
+from meshtrace.transport.chain_sets import ChainDrawer, ChainSet, Request, flat_mesh, points_of
 from meshtrace.transport.choice import (
     PILOT_PATHS,
     Method,
@@ -40,13 +42,21 @@ from meshtrace.transport.choice import (
     choose,
     is_clear,
 )
-from meshtrace.transport.forced_link import crossing_reach, forced_link, require_height_field
+from meshtrace.transport.forced_link import (
+    ANALOG,
+    crossing_reach,
+    forced_link,
+    needs_paths,
+    require_height_field,
+)
 from meshtrace.transport.parts import Counts, Parts, Sums
 from meshtrace.transport.pilots import Pilot, allotment, pilot
 
 Scattered = Literal["auto", "chains", "adjoint"]
 
 _MOST_CHAINS = 2**22  # 1 kB each, and more with their order
+_CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is summed
+_POINTS_ONLY = f"a point source in bottomless water, with these switches of physics; {ANALOG}"
 _CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
@@ -117,6 +127,13 @@ class ForcedDetection:
 
         Pilots over a flat sea compare the estimators and allot the chains to the orders.
         """
+        beyond = needs_paths(self.link)
+        if beyond is not None:
+            refused = Refused(*beyond, _POINTS_ONLY)
+            if self._wanted == "chains":
+                raise refused
+            self._take(["adjoint"] * len(self.arrays.targets), refused)
+            return [[] for _ in self.arrays.emitters]
         (photons, seed), threads = self._key, self._options[1]
         sources, receivers = range(len(self.arrays.emitters)), len(self.arrays.targets)
         try:
@@ -228,10 +245,43 @@ class ForcedDetection:
 
     def _direct(self, aimed: AimedChains, s: int, r: int) -> NDArray[np.float64]:
         """Return the unscattered gain of a source and a receiver: one number, or one per shift."""
+        if self.arrays.sizes[s] > 0.0:
+            points = self._lamp_points(s)
+            found = np.array([self._from_point(aimed, s, r, p).sum() for p in points])
+            return found.reshape(SHIFTS, -1).mean(axis=1)
         gains = aimed.direct_gains(s, r)
         if gains is not None:
             return gains.sum(keepdims=True)
         return aimed.score(s, r, self._unscattered[s]).reshape(SHIFTS, -1).mean(axis=1)
+
+    def _from_point(
+        self, aimed: AimedChains, s: int, r: int, point: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the unscattered gain through each facet from a point of an extended source."""
+        gains = aimed.direct_gains(s, r, Vec3(*point.tolist()))
+        if gains is None:
+            narrow = Described(f"a radius of {self.arrays.sizes[s] * self.arrays.frame.unit:g} m")
+            allowed = f"a point source below random slopes this narrow; {ANALOG}"
+            raise Refused("transmitter", narrow, allowed)
+        return gains
+
+    def _lamp_points(self, s: int) -> NDArray[np.float64]:
+        """Return points of an extended source, those of each shift in turn."""
+        photons, seed = self._key
+        per_shift = max(photons // (_CHAINS_PER_POINT * SHIFTS), 2)
+        points, shifts = points_of(Request(s, -1, per_shift, (seed, s, 0, 6)))
+        u = ((points[None] + shifts) % 1.0).reshape(-1, points.shape[1])
+        emitter, size = self.arrays.emitters[s], self.arrays.sizes[s]
+        if emitter.kind == SourceKind.TOP_HAT_BEAM:
+            radius = size * np.sqrt(u[:, 0])
+        else:
+            radius = size * np.sqrt(-0.5 * np.log(np.maximum(u[:, 0], 1e-12)))
+        axis = np.array(emitter.axis)
+        e1 = np.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.9 else (1.0, 0.0, 0.0))
+        e1 /= np.linalg.norm(e1)
+        phi = 2.0 * math.pi * u[:, 1:2]
+        circle = np.cos(phi) * e1 + np.sin(phi) * np.cross(axis, e1)
+        return np.array(emitter.position) + radius[:, None] * circle
 
     def _reaching(self, mesh: TriangleMesh) -> ForcedDetection:
         """Return chains that reach the mesh; new ones if it is far higher than expected."""
@@ -287,14 +337,15 @@ class ForcedDetection:
         unit, center = self.arrays.frame.unit, self.arrays.targets[r].center
         rows = [np.zeros((0, 4))]
         for s, (power, sets) in enumerate(zip(self.arrays.power, self.scattered_sets, strict=True)):
-            found = aimed.direct_gains(s, r)
-            if found is not None:
-                gains = power * found
-                lit = np.flatnonzero(gains)
-                crossing = aimed.centroids[lit]
-                lamp = self.arrays.emitters[s].position
-                water, air = (np.linalg.norm(crossing - end, axis=1) for end in (lamp, center))
-                rows.append(_rows(gains[lit], unit * water, unit * air, np.full(len(lit), -1)))
+            if self.arrays.sizes[s] > 0.0:
+                points = self._lamp_points(s)
+                for i, lamp in enumerate(points):
+                    gains = power * self._from_point(aimed, s, r, lamp) / len(points)
+                    shift = i * SHIFTS // len(points)
+                    rows.append(_direct_rows(aimed, gains, lamp, center, unit, shift))
+            elif (found := aimed.direct_gains(s, r)) is not None:
+                lamp = np.array(self.arrays.emitters[s].position)
+                rows.append(_direct_rows(aimed, power * found, lamp, center, unit, -1))
             else:
                 sets = [self._unscattered[s], *sets]
             for chains in sets:
@@ -306,6 +357,21 @@ class ForcedDetection:
                 shift = light["chain"] // (n // SHIFTS)
                 rows.append(_rows(weight, unit * light["water"], unit * light["air"], shift))
         return np.concatenate(rows)
+
+
+def _direct_rows(
+    aimed: AimedChains,
+    gains: NDArray[np.float64],
+    lamp: NDArray[np.float64],
+    center: Vec3,
+    unit: float,
+    shift: int,
+) -> NDArray[np.float64]:
+    """Return the arrivals of unscattered light from a point through facets."""
+    lit = np.flatnonzero(gains)
+    crossing = aimed.centroids[lit]
+    water, air = (np.linalg.norm(crossing - end, axis=1) for end in (lamp, center))
+    return _rows(gains[lit], unit * water, unit * air, np.full(len(lit), shift))
 
 
 def _rows(*columns: NDArray[Any]) -> NDArray[np.float64]:

@@ -19,7 +19,8 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.arrays import interface_arrays, medium_arrays
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 
-_ANALOG = 'else estimator="analog"'
+ANALOG = 'else estimator="analog"'
+"""Advice of a refusal."""
 _NEGLIGIBLE = 1e-7  # light at the reach over that straight above the source
 _NARROWEST = 0.1  # [deg], of a lamp: narrower spots are smaller than the parts of a facet
 
@@ -33,40 +34,53 @@ class ForcedLink(NamedTuple):
     targets: list[Target]
     medium: Medium
     interface: Interface
+    sizes: tuple[float, ...]  # radius of each source, in the unit of the frame
 
 
 def require_height_field(mesh: TriangleMesh) -> None:
     """Refuse a surface with more than one crossing on a vertical."""
     if not mesh.single_valued:
         found = Described(f"overhangs ({mesh.facing_down} facets face down)")
-        raise Refused("sea.mesh", found, f"a height field; overhangs need {_ANALOG[5:]}")
+        raise Refused("sea.mesh", found, f"a height field; overhangs need {ANALOG[5:]}")
 
 
 def forced_link(link: Link) -> ForcedLink:
-    """Return the link as arrays and numbers for the chains.
+    """Return the link as arrays and numbers.
 
     Raises
     ------
     Refused
         If the link has a feature that only the analog estimator follows.
     """
-    _require_points(link)
+    require_followable(link)
     power = np.array([t.power_mw for t in link.transmitters])
     medium = expected_water(link, crest=5.0)
     frame = frame_of(link)
+    sources = [t for t in link.transmitters if isinstance(t, WaterSource)]
     return ForcedLink(
         frame,
-        [emitter_of(t, frame) for t in link.transmitters if isinstance(t, WaterSource)],
+        [emitter_of(t, frame) for t in sources],
         power / power.sum(),
         _targets(link, frame),
         frame.medium(medium),
         interface_arrays(link),
+        tuple(t.size / frame.unit for t in sources),
     )
+
+
+def needs_paths(link: Link) -> tuple[str, object] | None:
+    """Return the field and value that chains do not follow, but adjoint paths do; None if none."""
+    for path, item in link.items():
+        if isinstance(item, WaterSource) and item.size > 0.0:
+            return path, Described(f"a radius of {item.size:g} m")
+    if link.water.bottom_depth is not None:
+        return "water.bottom_depth", link.water.bottom_depth
+    return None
 
 
 def crossing_reach(link: Link) -> float:
     """Return the largest distance from `Link.origin` of light that crosses to a receiver [m]."""
-    _require_points(link)
+    require_followable(link)
     frame = frame_of(link)
     farthest = max(t.reach + math.hypot(t.center.x, t.center.y) for t in _targets(link, frame))
     return frame.unit * farthest
@@ -81,7 +95,7 @@ def _targets(link: Link, frame: Frame) -> list[Target]:
         if isinstance(r, Receiver):
             t = target_of(r, frame)
             lit = [
-                math.dist(s.position, r.position) + _lit_radius(s.depth, a)
+                math.dist(s.position, r.position) + _lit_radius(s.depth, a) + 4.0 * s.size
                 for s in link.transmitters
                 if isinstance(s, WaterSource)
             ]
@@ -112,31 +126,20 @@ def require_followable(link: Link) -> None:
         if isinstance(item, WaterSource):
             if item.spread_deg < _NARROWEST:
                 angle = Described(f"a half-angle of {item.spread_deg:g} deg")
-                raise Refused(path, angle, f">= {_NARROWEST:g} deg; {_ANALOG}")
+                raise Refused(path, angle, f">= {_NARROWEST:g} deg; {ANALOG}")
         elif isinstance(item, Source):
-            raise Refused(path, Described(item.kind), f"a source in the water; {_ANALOG}")
+            raise Refused(path, Described(item.kind), f"a source in the water; {ANALOG}")
         elif not isinstance(item, Receiver):
-            raise Refused(path, Described(item.kind), f"a receiver in the air; {_ANALOG}")
+            raise Refused(path, Described(item.kind), f"a receiver in the air; {ANALOG}")
     if not link.receivers:
         raise Refused("receiver", (), "at least one")
     if link.planes is not None:
-        raise Refused("planes", Described("given"), f"None; {_ANALOG}")
+        raise Refused("planes", Described("given"), f"None; {ANALOG}")
     if link.bubbles is not None or link.water.layers is not None:
         for name, paper in (("absorption", "paper"), ("free_path", "local_c")):
             if getattr(link.physics, name) == paper:
-                allowed = f"the physical form in stratified water; {_ANALOG}"
+                allowed = f"the physical form in stratified water; {ANALOG}"
                 raise Refused(f"physics.{name}", paper, allowed)
-
-
-def _require_points(link: Link) -> None:
-    """Refuse what chains do not follow."""
-    require_followable(link)
-    for path, item in link.items():
-        if isinstance(item, WaterSource) and item.size > 0.0:
-            size = Described(f"a radius of {item.size:g} m")
-            raise Refused(path, size, f"a point source; {_ANALOG}")
-    if link.water.bottom_depth is not None:
-        raise Refused("water.bottom_depth", link.water.bottom_depth, f"None; {_ANALOG}")
 
 
 def expected_water(link: Link, crest: float) -> Medium:
