@@ -3,7 +3,7 @@
 Heavy imports happen inside the commands, so that --help is quick.
 """
 
-from meshtrace.cli import bench, ber, converge, figures, run, series, sweep, validate, view
+from meshtrace.cli import bench, ber, converge, figures, run, series, sweep, validate, view, warm
 from meshtrace.cli.app import app
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "sweep",
     "validate",
     "view",
+    "warm",
 ]
 
 

@@ -341,8 +341,8 @@ class ForcedDetection:
                 points = self._lamp_points(s)
                 for i, lamp in enumerate(points):
                     gains = power * self._from_point(aimed, s, r, lamp) / len(points)
-                    shift = i * SHIFTS // len(points)
-                    rows.append(_direct_rows(aimed, gains, lamp, center, unit, shift))
+                    group = i * SHIFTS // len(points)
+                    rows.append(_direct_rows(aimed, gains, lamp, center, unit, group))
             elif (found := aimed.direct_gains(s, r)) is not None:
                 lamp = np.array(self.arrays.emitters[s].position)
                 rows.append(_direct_rows(aimed, power * found, lamp, center, unit, -1))
