@@ -5,9 +5,15 @@ from . import uav as uav
 from . import viz as viz
 from .bvh import BruteForceIntersector as BruteForceIntersector
 from .bvh import EmbreeIntersector as EmbreeIntersector
+from .comms.background import DaylightWarning as DaylightWarning
 from .comms.ook import OokLink as OokLink
+from .daylight.light import Daylight as Daylight
 from .errors import DomainWarning as DomainWarning
 from .errors import Refused as Refused
+from .explorer.launch import explore as explore
+from .link import AirBeam as AirBeam
+from .link import AirLed as AirLed
+from .link import AirTopHatBeam as AirTopHatBeam
 from .link import CardioidalSky as CardioidalSky
 from .link import GaussianBeam as GaussianBeam
 from .link import IrradiancePlanes as IrradiancePlanes
@@ -20,6 +26,7 @@ from .link import Sun as Sun
 from .link import TopHatBeam as TopHatBeam
 from .link import UniformSky as UniformSky
 from .link import WaterAperture as WaterAperture
+from .link import WaterReceiver as WaterReceiver
 from .link import Whitecaps as Whitecaps
 from .link.link import in_wind as in_wind
 from .mesh import MeshSource as MeshSource
@@ -36,6 +43,8 @@ from .optics.phase import PhaseFunction as PhaseFunction
 from .optics.phase import Rayleigh as Rayleigh
 from .optics.phase import TabulatedPhase as TabulatedPhase
 from .optics.water import Water as Water
+from .results.background import Background as Background
+from .results.background import BackgroundSeries as BackgroundSeries
 from .results.coverage import CoverageMap as CoverageMap
 from .results.gain import Fate as Fate
 from .results.gain import GainResult as GainResult
@@ -44,20 +53,33 @@ from .results.impulse import ImpulseResponse as ImpulseResponse
 from .results.impulse import impulse_response as impulse_response
 from .results.series import GainSeries as GainSeries
 from .scenario.model import Scenario as Scenario
+from .studies.background import background_series as background_series
+from .studies.comparison import Comparison as Comparison
+from .studies.comparison import compare as compare
 from .studies.convergence import band_limit_study as band_limit_study
 from .studies.convergence import convergence_study as convergence_study
 from .studies.convergence import time_step_study as time_step_study
 from .studies.coverage import coverage_map as coverage_map
+from .studies.duplex import Duplex as Duplex
+from .studies.duplex import duplex as duplex
+from .studies.inference import Inference as Inference
+from .studies.inference import infer as infer
+from .studies.light_pattern import light_pattern as light_pattern
+from .studies.optimisation import Optimum as Optimum
+from .studies.optimisation import optimize as optimize
 from .studies.performance.link_performance import depth_sweep as depth_sweep
 from .studies.performance.link_performance import link_performance as link_performance
 from .studies.performance.samples import Realizations as Realizations
 from .studies.performance.tables import DepthSweep as DepthSweep
 from .studies.performance.tables import LinkPerformance as LinkPerformance
+from .studies.sensitivity import Sensitivities as Sensitivities
+from .studies.sensitivity import sensitivities as sensitivities
 from .studies.series import CoupledSeries as CoupledSeries
 from .studies.series import coupled_series as coupled_series
 from .studies.series import ensemble as ensemble
 from .studies.series import time_series as time_series
 from .studies.sweep import sweep as sweep
+from .transport.backward import background as background
 from .transport.options import Analog as Analog
 from .transport.options import Arrivals as Arrivals
 from .transport.options import Forced as Forced
@@ -70,6 +92,7 @@ from .transport.simulate import simulate as simulate
 from .transport.simulate import trace_paths as trace_paths
 from .uav.airframe import Flight as Flight
 from .uav.airframe import Uav as Uav
+from .uav.route import Route as Route
 from .uav.wind import Dryden as Dryden
 
 __version__: str

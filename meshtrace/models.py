@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import html
+import inspect
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Annotated, Any, NoReturn, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, Self, get_args
 
 import numpy as np
 import pydantic
@@ -19,6 +22,11 @@ from meshtrace.errors import (
     require_kind,
     require_number,
 )
+
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass as _ModelMetaclass
+else:
+    _ModelMetaclass = type(pydantic.BaseModel)
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -42,7 +50,19 @@ _WORDS = {
 }
 
 
-class Model(pydantic.BaseModel, frozen=True, extra="forbid"):
+_NOTE = re.compile(r"^(\w[\w, ]*) : [^\n]*\n((?:[ ]{4}[^\n]*\n?|\n)+)", re.M)
+"""Names and description of a field in a numpydoc docstring."""
+
+
+class _Documented(_ModelMetaclass):
+    """Metaclass that keeps the internals of pydantic out of `help` and completion."""
+
+    def __dir__(cls) -> list[str]:  # noqa: N805
+        hidden = dir(pydantic.BaseModel)
+        return [n for n in super().__dir__() if n not in hidden and not n.startswith("_")]
+
+
+class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Documented):
     """Validated, frozen, comparable description; loads back from its own `model_dump`.
 
     Raises
@@ -56,6 +76,53 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid"):
             super().__init__(**data)
 
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        """Shorten the signature that `help` shows: types are in the docstring."""
+        super().__pydantic_init_subclass__(**options)
+        empty, signature = inspect.Parameter.empty, inspect.signature(cls)
+        parameters = [p.replace(annotation=empty) for p in signature.parameters.values()]
+        cls.__signature__ = inspect.Signature(parameters)
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        """Yield the fields that differ from their defaults."""
+        for name, value in super().__repr_args__():
+            field = type(self).model_fields.get(name or "")
+            if field is None or not _equal(value, field.get_default(call_default_factory=True)):
+                yield name, value
+
+    __str__ = pydantic.BaseModel.__repr__
+
+    def _repr_html_(self) -> str:
+        notes = self.notes()
+        rows = (
+            f"<tr><td>{name}</td><td>{html.escape(_shown(getattr(self, name)))}</td>"
+            f"<td style='text-align:left'>{html.escape(notes.get(name, ''))}</td></tr>"
+            for name in type(self).model_fields
+        )
+        return f"<b>{type(self).__name__}</b><table>{''.join(rows)}</table>"
+
+    @classmethod
+    def notes(cls) -> dict[str, str]:
+        """Return the description of each field, the first sentence of the docstring.
+
+        Examples
+        --------
+        >>> from meshtrace.link import Receiver
+        >>> Receiver.notes()["radius"]
+        'Aperture radius [m]'
+        """
+        found: dict[str, str] = {}
+        for parent in reversed(cls.__mro__):
+            text = inspect.cleandoc(parent.__doc__ or "")
+            section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", text, re.M | re.S)
+            for names, note in _NOTE.findall(section[1] if section else ""):
+                if note.lstrip().startswith("See "):
+                    continue
+                first = re.split(r"(?<!\.)[:;.](?:\s|$)", " ".join(note.split()))[0]
+                found.update(dict.fromkeys(names.split(", "), first))
+        return {name: found[name] for name in cls.model_fields if name in found}
 
     @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:
@@ -124,6 +191,20 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid"):
             if kind is not bool and kind is not str:
                 _require_numbers(value, name)
         return data
+
+
+def _equal(a: Any, b: Any) -> bool:
+    """Return whether two values are equal, arrays included."""
+    try:
+        return bool(np.all(a == b))
+    except (TypeError, ValueError):
+        return False
+
+
+def _shown(value: Any, most: int = 120) -> str:
+    """Return a value as a text of limited length."""
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def _require_numbers(value: Any, path: str) -> None:
@@ -211,6 +292,6 @@ def _range(cls: type[pydantic.BaseModel], path: list[int | str], context: dict[s
 
 
 def _bound(value: Any) -> str:
-    """Return a bound as text, in powers of two where they are meant."""
+    """Return a bound as text, large powers of two as such."""
     power = isinstance(value, int) and value > 2**20 and value & (value - 1) == 0
     return f"2^{value.bit_length() - 1}" if power else f"{value:g}"

@@ -20,7 +20,7 @@ def default_threads(threads: int | None = None) -> int:
 
 
 def trim_memory() -> None:
-    """Return free pages of the heap to the system, where the C library can (glibc).
+    """Return free pages of the heap to the system, on Linux with glibc.
 
     Arrays of a few hundred kB that differ from mesh to mesh fragment the heap: without it an
     ensemble over resolved seas grows by half a megabyte for each of them.

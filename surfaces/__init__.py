@@ -19,6 +19,7 @@ from .spreading import (
 )
 from .sum_sea import SumSea
 from .surface import FlatSea, Surface, TiltedPlane
+from .tabulated import TabulatedSpectrum
 from .wave_surface import SinusoidalSea, WaveSurface
 from .waves import WaveComponents
 
@@ -43,6 +44,7 @@ __all__ = [
     "Spreading",
     "SumSea",
     "Surface",
+    "TabulatedSpectrum",
     "TiltedPlane",
     "Tma",
     "Torsethaugen",

@@ -104,7 +104,7 @@ class Torsethaugen(Spectrum, frozen=True):
 
     Raises
     ------
-    pydantic.ValidationError
+    Refused
         If a parameter is out of range, or hs >= 50 m.
 
     Notes

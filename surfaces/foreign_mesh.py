@@ -1,4 +1,4 @@
-"""Meshes from surfaces made elsewhere: what they are read from, and what is refused."""
+"""Meshes of other programs: accepted objects and files, limits and refusals."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
+from meshtrace.columns import read_columns
 from meshtrace.errors import Described, DomainWarning, Refused, did_you_mean
 from meshtrace.stored import read_dataset
 
@@ -59,7 +60,9 @@ def from_wavespectra(
     ----------
     source : path or xarray.Dataset
         netCDF file or dataset with `efth` [m2 Hz-1 deg-1] over `freq` [Hz] and `dir` [deg], the
-        nautical direction the waves come from, clockwise from north; or, with `reader`, a file.
+        nautical direction the waves come from, clockwise from north; or, with `reader`, a file;
+        or a text file (.csv, .txt) whose header holds the directions and whose first column the
+        frequencies, see `meshtrace.columns.read_columns`.
     seed : int
         Seed of the random phases.
     depth : float, optional
@@ -141,8 +144,11 @@ def _read(
 ) -> tuple[_Table, str | None]:
     if reader is not None:
         dataset = _reader(reader)(source)
+    elif isinstance(source, str | PathLike):
+        is_text = str(source).lower().endswith((".csv", ".txt"))
+        dataset = _text_table(source) if is_text else read_dataset(source)
     else:
-        dataset = read_dataset(source) if isinstance(source, str | PathLike) else source
+        dataset = source
     missing = [name for name in ("efth", "freq", "dir") if name not in dataset.variables]
     if missing:
         raise Refused(
@@ -168,6 +174,22 @@ def _read(
         raise Refused("efth", "negative or not finite", "finite variance densities >= 0")
     theta = np.radians(180.0 + x_axis_deg - direction)
     return _Table(freq, theta, variance), ", ".join(record) or None
+
+
+def _text_table(path: str | PathLike[str]) -> xarray.Dataset:
+    """Return the dataset of a text file with directions in its header."""
+    import xarray as xr
+
+    header, values = read_columns(path)
+    try:
+        directions = [float(word) for word in header[1:]]
+    except ValueError:
+        directions = []
+    if len(directions) != values.shape[1] - 1:
+        found = Described(" ".join(header) or "no header")
+        raise Refused(str(path), found, "a header with a direction [deg] for each column but one")
+    coords = {"freq": values[:, 0], "dir": directions}
+    return xr.Dataset({"efth": (("freq", "dir"), values[:, 1:])}, coords)
 
 
 def _reader(name: str) -> Any:

@@ -61,7 +61,7 @@ class MeasuredSea(RandomSea, frozen=True):
 
     Raises
     ------
-    pydantic.ValidationError
+    Refused
         If a parameter is out of range, the table has not m by n values, or a current stops a wave.
 
     Examples

@@ -234,10 +234,10 @@ class JonswapSea(_BandedSea, frozen=True):
     seed : int
         Seed of the random phases (and frequencies, with `jitter`).
     band : {"natural", "paper", "scaled"}
-        "natural": 0.6 to 2.1 omega_p in bins of a sixteenth of an octave and 36 directions, with
-        one wave at a random place of each cell (`bands.drawn_waves`); fewer cells with `order` 2
-        (`bands.sparse_band`). "paper": the paper's table,
-        for 5 and 13 m/s, equally spaced. "scaled": `bands.scaled_band`, equally spaced.
+        Waves of the sum. "natural": 0.6 to 2.1 omega_p in bins of a sixteenth of an octave and
+        36 directions, with one wave at a random place of each cell (`bands.drawn_waves`); fewer
+        cells with `order` 2 (`bands.sparse_band`). "paper": the paper's table, for 5 and 13 m/s,
+        equally spaced. "scaled": `bands.scaled_band`, equally spaced.
     omega_min, omega_max : float, optional
         First and last frequency [rad s-1]; each replaces its value of the band. omega_max
         "fading" is the band with the fading of all waves: `simulate` and the studies
@@ -281,7 +281,7 @@ class JonswapSea(_BandedSea, frozen=True):
 
     Raises
     ------
-    pydantic.ValidationError
+    Refused
         If a parameter is out of range, or band="paper" at another wind speed.
 
     Notes
@@ -371,7 +371,7 @@ class SpectralSea(_BandedSea, frozen=True):
 
     Raises
     ------
-    pydantic.ValidationError
+    Refused
         If a parameter is out of range, or `depth` contradicts the spectrum.
 
     Examples

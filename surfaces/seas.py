@@ -66,7 +66,7 @@ def resolved_sea(wind_speed: float, fetch: float | None = None, seed: int = 0) -
 
     Raises
     ------
-    pydantic.ValidationError
+    Refused
         If an argument is out of range.
 
     Examples
@@ -95,7 +95,7 @@ def sea_in_wind(wind_speed: float, seed: int = 0) -> Surface:
 
     Raises
     ------
-    pydantic.ValidationError
+    Refused
         If an argument is out of range.
 
     Examples

@@ -3,25 +3,44 @@
 Heavy imports happen inside the commands, so that --help is quick.
 """
 
-from meshtrace.cli import bench, ber, converge, figures, run, series, sweep, validate, view, warm
+from meshtrace.cli import (
+    bench,
+    ber,
+    compare,
+    converge,
+    coverage,
+    explore,
+    figures,
+    new,
+    optimize,
+    plot,
+    run,
+    sensitivity,
+    series,
+    sweep,
+    validate,
+    view,
+    warm,
+)
 from meshtrace.cli.app import app
 
 __all__ = [
     "app",
     "bench",
     "ber",
+    "compare",
     "converge",
+    "coverage",
+    "explore",
     "figures",
-    "main",
+    "new",
+    "optimize",
+    "plot",
     "run",
+    "sensitivity",
     "series",
     "sweep",
     "validate",
     "view",
     "warm",
 ]
-
-
-def main() -> None:
-    """Run the command line and exit."""
-    app(prog_name="meshtrace")

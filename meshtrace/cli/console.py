@@ -40,12 +40,17 @@ def numbers(option: str, text: str) -> list[float]:
 
 
 def scenario_of(
-    link: Path | None, settings: list[str] | None, **options: str | float | None
+    link: Path | None,
+    settings: list[str] | None,
+    wind: str | float | None = None,
+    **options: str | float | None,
 ) -> Scenario:
-    """Return the scenario of a link file, with changes by "key=value" and to its [run] table."""
+    """Return the scenario of a link file, with changes by "key=value", wind and [run] options."""
     from meshtrace.scenario import Scenario, parse_setting
 
     given = [f"run.{key}={value}" for key, value in options.items() if value is not None]
+    if wind is not None:
+        given.append(f"wind_speed={wind}")
     changes = dict(parse_setting(setting) for setting in [*(settings or []), *given])
     if link is None:
         return Scenario.from_toml("", changes=changes)

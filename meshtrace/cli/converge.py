@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, extra, numbers, progress, save, scenario_of
-from meshtrace.cli.options import LinkFile, Output, Seed, Settings, Threads
+from meshtrace.cli.console import check_output, numbers, progress, save, scenario_of
+from meshtrace.cli.drawing import check_plot, draw
+from meshtrace.cli.options import LinkFile, Output, Plot, Seed, Settings, Threads, Wind
 from meshtrace.errors import Refused, require_word
-from meshtrace.files import atomic
 
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
@@ -57,9 +56,10 @@ def converge(
         None, metavar="WORD", help="Slopes of waves too short for the mesh: tilt (random) or none."
     ),
     output: Output = None,
-    plot: Path | None = Option(None, metavar="A.PNG", help="Draw errors and orders."),
+    plot: Plot = None,
     seed: Seed = None,
     threads: Threads = None,
+    wind: Wind = None,
     settings: Settings = None,
 ) -> None:
     """Study the convergence of the gain with mesh spacing, time step or band of waves.
@@ -70,7 +70,7 @@ def converge(
     form, and over --realizations seas.
     """
     require_word(what, ("gain", "fading"), "--what")
-    scenario = scenario_of(link, settings, seed=seed, threads=threads)
+    scenario = scenario_of(link, settings, wind, seed=seed, threads=threads)
     given = {"spacing": spacings, "time_step": time_steps, "omega_max": omega_max}
     parameter, values = _values(what, {k: text for k, text in given.items() if text is not None})
     if (parameter, duration) == ("time_step", None):
@@ -88,41 +88,16 @@ def converge(
         "photons": photons,
     }
     check_output(output, link)
-    check_output(plot, link, "--plot")
-    if plot is not None:
-        _refuse_undrawable(plot)
+    check_plot(plot, link)
     options = {key: value for key, value in options.items() if value is not None}
     study: Stored
     if what == "fading":
-        study = _fading(scenario, values, {**options, **({} if plot is None else {"plot": plot})})
+        study = _fading(scenario, values, options)
     else:
-        study = gain_study = _study(scenario, parameter, values, options)
+        study = _study(scenario, parameter, values, options)
     typer.echo(study.summary())
     save(study, output)
-    if plot is not None:
-        _draw(gain_study, plot)
-        typer.echo(f"\nwritten to {plot}")
-
-
-def _refuse_undrawable(path: Path) -> None:
-    """Refuse a picture that could not be drawn, before anything is computed."""
-    with extra("--plot", "viz"):
-        from matplotlib.figure import Figure
-    kinds = Figure().canvas.get_supported_filetypes()
-    if path.suffix[1:].lower() not in kinds:
-        raise Refused("--plot", str(path), f"a file .{', .'.join(sorted(kinds))}")
-
-
-def _draw(study: ConvergenceStudy, path: Path) -> None:
-    """Write the plot of a study."""
-    import matplotlib.pyplot as plt
-
-    from meshtrace.viz import plot_convergence
-
-    plot_convergence(study)
-    with atomic(path) as temporary:
-        plt.savefig(temporary)
-    plt.close()
+    draw(study, plot)
 
 
 def _values(what: str, given: dict[str, str]) -> tuple[str, list[float]]:
@@ -149,7 +124,7 @@ def _fading(scenario: Scenario, values: list[float], options: dict[str, Any]) ->
     """Return the study of the fading of a scenario, with a bar while it runs."""
     from meshtrace.studies.convergence import fading_study
 
-    for name in ("unresolved", "normals", "plot"):
+    for name in ("unresolved", "normals"):
         if name in options:
             raise Refused(f"--{name}", str(options[name]), "only with --what gain")
     seas = len(values) * options.get("realizations", 0)

@@ -20,7 +20,7 @@ from meshtrace.cli.console import (
     save,
     scenario_of,
 )
-from meshtrace.cli.options import AsJson, LinkFile, Output, Seed, Settings, Threads
+from meshtrace.cli.options import AsJson, LinkFile, Output, Seed, Settings, Threads, Wind
 
 if TYPE_CHECKING:
     from meshtrace.results.gain import GainResult
@@ -39,16 +39,19 @@ def run(
     seed: Seed = None,
     estimator: str | None = Option(None, metavar="NAME", help="forced or analog."),
     threads: Threads = None,
+    wind: Wind = None,
     settings: Settings = None,
+    verbose: bool = Option(False, "--verbose", "-v", help="Print samples and chains, too."),
 ) -> None:
     """Simulate one link and print its channel gain."""
     # words as yet, for the link file's own checks
     options = {"photons": photons, "rtol": rtol, "seed": seed, "estimator": estimator}
-    scenario = scenario_of(link, settings, **options, threads=threads)
+    scenario = scenario_of(link, settings, wind, **options, threads=threads)
     check_output(output, link)
     result, wall_time = _simulate(scenario, quiet=as_json)
     data = _plain(result, wall_time) if as_json else None
-    typer.echo(json.dumps(data, allow_nan=False) if as_json else result.summary(wall_time))
+    text = result.summary(wall_time, verbose) if data is None else json.dumps(data, allow_nan=False)
+    typer.echo(text)
     save(result, output, as_json)
 
 

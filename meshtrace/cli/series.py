@@ -11,7 +11,16 @@ from typer import Option
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import check_output, numbers, over_seas, save, scenario_of
-from meshtrace.cli.options import SERIES_CHAINS, Chains, LinkFile, Output, Seed, Settings, Threads
+from meshtrace.cli.options import (
+    SERIES_CHAINS,
+    Chains,
+    LinkFile,
+    Output,
+    Seed,
+    Settings,
+    Threads,
+    Wind,
+)
 
 if TYPE_CHECKING:
     from meshtrace.results.series import GainSeries
@@ -27,13 +36,14 @@ def series(
     photons: Chains = SERIES_CHAINS,
     seed: Seed = None,
     threads: Threads = None,
+    wind: Wind = None,
     settings: Settings = None,
 ) -> None:
     """Compute the channel gain over a moving sea and print its fading statistics."""
     from meshtrace.studies.series import time_series
 
     at = numbers("--times", times)
-    scenario = scenario_of(link, settings, photons=photons, seed=seed, threads=threads)
+    scenario = scenario_of(link, settings, wind, photons=photons, seed=seed, threads=threads)
     _report(link, len(at), output, lambda step: time_series(scenario, times=at, progress=step))
 
 
@@ -45,12 +55,13 @@ def ensemble_command(
     photons: Chains = SERIES_CHAINS,
     seed: Seed = None,
     threads: Threads = None,
+    wind: Wind = None,
     settings: Settings = None,
 ) -> None:
     """Compute the channel gain over random seas and print its distribution and fading."""
     from meshtrace.studies.series import ensemble
 
-    scenario = scenario_of(link, settings, photons=photons, seed=seed, threads=threads)
+    scenario = scenario_of(link, settings, wind, photons=photons, seed=seed, threads=threads)
     _report(link, n, output, lambda step: ensemble(scenario, n, progress=step))
 
 

@@ -11,7 +11,7 @@ from typer import Argument, Option
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import extra, progress, scenario_of
-from meshtrace.cli.options import Settings
+from meshtrace.cli.options import Settings, Wind
 from meshtrace.errors import Described, Refused
 
 if TYPE_CHECKING:
@@ -48,11 +48,20 @@ def view(
     movie: Path | None = Option(
         None, metavar="A.MP4", help="Write a movie (.mp4, .gif) of the sea and the gain."
     ),
+    light: Path | None = Option(
+        None,
+        metavar="A.MP4",
+        help="Write a picture (.png) or movie of the light pattern on the receiver's plane.",
+    ),
     export: Path | None = Option(
         None, metavar="FOLDER", help="Write surface, paths and map as VTK files."
     ),
-    paths: int = Option(
-        100, metavar="N", min=0, max=100_000, help="Photon paths, in addition to received light."
+    paths: int | None = Option(
+        None,
+        metavar="N",
+        min=0,
+        max=100_000,
+        help="Photon paths, in addition to received light [default: 100; movie: 0].",
     ),
     received: int | None = Option(
         None, metavar="N", min=1, max=100_000, help="Paths of received light."
@@ -73,6 +82,7 @@ def view(
         None, metavar="N", help="Frames per second; default: real time."
     ),
     seed: int = Option(1, metavar="N", min=0, help="Seed of the paths."),
+    wind: Wind = None,
     settings: Settings = None,
 ) -> None:
     """Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files."""
@@ -85,7 +95,7 @@ def view(
     with extra("viz", "viz"):
         from meshtrace.viz import SceneStyle
         from meshtrace.viz import view as show
-    subject = _subject(file, settings)
+    subject = _subject(file, settings, wind)
     subject = subject._replace(
         time=subject.time if time is None else time, coverage=map_photons or subject.coverage
     )
@@ -94,11 +104,12 @@ def view(
     with progress(steps, False, "drawing frames", *kernels) as (_, advance), extra("viz", "viz"):
         written = show(
             **subject._asdict(),
-            paths=paths or None,
+            paths=paths,
             received=received,
             screenshot=screenshot,
             html=html,
             movie=movie,
+            light=light,
             export=export,
             frames=frames,
             frame_rate=frame_rate,
@@ -113,16 +124,17 @@ def view(
         typer.echo(f"written to {path}")
 
 
-def _subject(file: Path | None, settings: list[str] | None) -> Subject:
+def _subject(file: Path | None, settings: list[str] | None, wind: str | None) -> Subject:
     """Return the contents of a file."""
     from meshtrace.scenario import MeshFile
 
     suffix = ".toml" if file is None else file.suffix.lower()
     if suffix == ".toml":
-        return _of_scenario(scenario_of(file, settings))
+        return _of_scenario(scenario_of(file, settings, wind))
     assert file is not None
-    if settings:
-        raise Refused("--set", settings[0], "with a link file")
+    for option, values in (("--set", settings), ("--wind", [wind] if wind else None)):
+        if values:
+            raise Refused(option, values[0], "with a link file")
     if not file.is_file():
         raise Refused(str(file), Described("no such file"), "a link file, result or mesh")
     if suffix == ".nc":

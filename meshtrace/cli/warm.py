@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from typing import Literal
 
 import typer
 
@@ -21,7 +22,7 @@ def warm() -> None:
     from meshtrace.transport.simulate import simulate
 
     start, sea = time.perf_counter(), JonswapSea()
-    runs = [
+    runs: list[tuple[Link, Literal["forced", "analog"]]] = [
         (Link(), "forced"),
         (Link(physics=Physics(unresolved="none")), "forced"),
         (Link(water=Water(bottom_depth=20.0), receiver=(Receiver(), Receiver())), "forced"),

@@ -43,6 +43,7 @@ from meshtrace.kernels.linking import PartCompiler, WholeCompiler
 config: Any = numba.config  # numba's stubs lack its fields
 # nor the last two options and `_nrt`
 _bare: dict[str, Any] = {
+    "error_model": "numpy",  # IEEE division: the test for zero costs a branch and all vector code
     "_nrt": False,
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
@@ -185,7 +186,8 @@ def _warn_unsaved(path: Path, reason: str) -> None:
 
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
-    compiled = njit(nogil=True, pipeline_class=WholeCompiler, **options)(function)
+    options = {"error_model": "numpy", "pipeline_class": WholeCompiler, **options}
+    compiled = njit(nogil=True, **options)(function)
     if compiled is not function:  # as it is under NUMBA_DISABLE_JIT, for debuggers
         compiled._cache = KernelCache(function)
     return compiled

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -10,6 +11,7 @@ import numpy as np
 import pydantic
 from pydantic import Field
 
+from meshtrace.columns import read_columns
 from meshtrace.errors import Described, Refused
 from meshtrace.optics.phase_base import BuiltInPhase, s_of
 from meshtrace.optics.phase_tables import Segments, power_law_segments
@@ -32,6 +34,9 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
     value : sequence of float
         Phase function or volume scattering function at these angles, > 0, in any unit.
 
+    file : path, optional
+        Text file of both columns in place of them, see `from_file`.
+
     Notes
     -----
     Between the angles the function is a power of s = sin^2(theta / 2), that is, linear in log-log
@@ -44,6 +49,15 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
     kind: Literal["tabulated"] = "tabulated"
     theta_deg: Numbers
     value: Numbers
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _from_table(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and "file" in data:
+            return dict(cls.from_file(data["file"])) | {
+                k: v for k, v in data.items() if k != "file"
+            }
+        return data
 
     @pydantic.model_validator(mode="after")
     def _check(self) -> Self:
@@ -62,9 +76,9 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
 
     @classmethod
     def from_file(cls, path: str | Path, *, delimiter: str | None = None) -> Self:
-        """Read a text file of two columns, angle [degree] and value; ``#`` begins a comment."""
-        theta_deg, value = np.loadtxt(path, delimiter=delimiter, usecols=(0, 1), unpack=True)
-        return cls(theta_deg=theta_deg, value=value)
+        """Read a text file of two columns, angle [degree] and value, see `read_columns`."""
+        values = read_columns(path, 2, delimiter).values
+        return cls(theta_deg=values[:, 0], value=values[:, 1])
 
     def _segments(self) -> Segments:
         theta = np.radians(self.theta_deg)

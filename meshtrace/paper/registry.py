@@ -1,4 +1,4 @@
-"""The figures of the paper, as rows.toml describes them, and the tables filled with numbers."""
+"""Registry of the figures of the paper: descriptions in rows.toml, tables of numbers."""
 
 from __future__ import annotations
 

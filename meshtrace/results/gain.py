@@ -176,27 +176,32 @@ class GainResult(WithArrays, Stored):
         kinds = dict.fromkeys(row.estimator for row in self.scattered)
         return " or ".join(kinds) or ("photons" if self.fates else "chains")
 
-    def summary(self, wall_time: float | None = None) -> str:
-        """Return gain, fates and chains as text for a terminal.
+    def summary(self, wall_time: float | None = None, verbose: bool = False) -> str:
+        """Return the gain and the fates of the photons as text for a terminal.
 
         Parameters
         ----------
         wall_time : float, optional
             Duration of the run [s], shown with the number of photons.
+        verbose : bool
+            Include fates without photons, lost rays and the outcomes of the chains.
         """
         count = f"{self.photons:,}"
         if wall_time is not None:
             count += f" in {wall_time:.2f} s, {self.photons / wall_time:,.0f} per second"
         samples = self._samples if len(self._samples) < 18 else "samples"
-        lines = [*_heading(self.provenance), *self._gain_lines(), _line(samples, count)]
+        lines = [*self._gain_lines(), *_heading(self.provenance), _line(samples, count)]
         if self.fates:
             cast, lost = self.misses
-            lines.append(_line("misses", f"{cast:,} rays cast again, {lost:,} lost"))
+            if verbose or lost:
+                lines.append(_line("misses", f"{cast:,} rays cast again, {lost:,} lost"))
             lines += ["", f"{'fate':<12}{'photons':>15}{'weight %':>12}  meaning"]
             for name, (photons, weight) in self.fates.items():
+                if not (photons or weight or verbose):
+                    continue
                 meaning = FATE_MEANING[Fate[name.upper()]]
                 lines.append(f"{name:<12}{photons:>15,}{100.0 * weight:>12.4g}  {meaning}")
-        if self.chains.get("chains"):
+        if verbose and self.chains.get("chains"):
             lines += ["", f"{'chains':<12}{'number':>15}  meaning"]
             for name, number in self.chains.items():
                 lines.append(f"{name:<12}{number:>15,}  {CHAIN_MEANING.get(name, name)}")
@@ -302,7 +307,8 @@ def _heading(provenance: dict[str, Any]) -> list[str]:
     winds = [part["wind_speed"] for part in parts if part and "wind_speed" in part]
     wind = f", wind {winds[0]:g} m/s" if winds else ", wind 0 m/s"
     band = f", waves up to {surface['omega_max']:.3g} rad/s" if "omega_max" in surface else ""
-    return [f"{provenance['run']['estimator']} estimator, {surface['kind']} sea{wind}{band}", ""]
+    text = f"{provenance['run']['estimator']} estimator, {surface['kind']} sea{wind}{band}"
+    return [_line("run", text)]
 
 
 def _line(name: str, text: str) -> str:

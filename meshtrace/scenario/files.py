@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from meshtrace.errors import Described, Refused
+from meshtrace.models import Model
 
 KEYS = (
     "wind_speed",
@@ -21,6 +23,7 @@ KEYS = (
     "planes",
     "detector",
     "uav",
+    "daylight",
     "run",
 )
 """Keys at the top of a link file."""
@@ -91,6 +94,42 @@ def parse_setting(setting: str) -> tuple[str, Any]:
         return key.strip(), parse_toml(f"value = {value}")["value"]
     except Refused:
         return key.strip(), value.strip()
+
+
+def with_notes(text: str, parts: Mapping[str, Iterable[Any]]) -> str:
+    """Return the text of a link file with the notes of its models as comments.
+
+    Parameters
+    ----------
+    text : str
+        Text of a link file.
+    parts : mapping of str to models
+        Models behind each table; those of inner tables are fields of them.
+    """
+    lines, models = [], list(parts.get("", ()))
+    for line in text.splitlines():
+        if line.startswith("["):
+            head, *inner = line.strip("[]").split(".")
+            models = list(parts.get(head, ()))
+            for name in inner:
+                models = [getattr(m, name) for m in models if hasattr(m, name)]
+        key = line.partition(" = ")[0]
+        notes = [type(m).notes() for m in models if isinstance(m, Model)]
+        note = next((n[key] for n in notes if key in n), "")
+        lines.append(f"{line}  # {note}" if note and not line.startswith((" ", "[")) else line)
+    return "\n".join(lines) + "\n"
+
+
+def located(table: Mapping[str, Any], folder: str | Path) -> dict[str, Any]:
+    """Return a table in which the paths `file` are relative to a folder."""
+    return {
+        key: located(value, folder)
+        if isinstance(value, Mapping)
+        else str(Path(folder) / value)
+        if key == "file" and isinstance(value, str)
+        else value
+        for key, value in table.items()
+    }
 
 
 def set_value(config: dict[str, Any], key: str, value: Any) -> None:

@@ -1,4 +1,4 @@
-"""The scenario itself: everything that one run depends on, read, written and run."""
+"""Scenarios: the complete description of a run, with its files and its run."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, Self
 from pydantic import field_validator
 
 from meshtrace.comms.ook import OokLink
+from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Described, Refused, require_keys, require_kind
 from meshtrace.fading.resolving import resolve_band
 from meshtrace.link import Link
@@ -16,7 +17,8 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model
 from meshtrace.results.gain import GainResult
 from meshtrace.scenario import parts, seas
-from meshtrace.scenario.files import KEYS, parse_toml, read_text, set_value
+from meshtrace.scenario.daylight import daylight_config, read_daylight
+from meshtrace.scenario.files import KEYS, located, parse_toml, read_text, set_value, with_notes
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.scenario.tables import Table, as_table, plain, validated
 from meshtrace.transport.case import Case
@@ -46,6 +48,8 @@ class Scenario(Model, frozen=True):
         Electronics and modulation; power, wavelength, aperture and field of view are the link's.
     uav : Uav, optional
         Airframe that carries the receiver.
+    daylight : Daylight, optional
+        Light of sun, sky or moon behind bit error rates.
 
     Notes
     -----
@@ -68,6 +72,7 @@ class Scenario(Model, frozen=True):
     run: Run = Run()
     detector: OokLink | None = None
     uav: Uav | None = None
+    daylight: Daylight | None = None
 
     @field_validator("surface")
     @classmethod
@@ -155,6 +160,7 @@ class Scenario(Model, frozen=True):
         spectrum, spreading and slope variance of Elfouhaily unless the table names others.
         """
         require_keys(config, KEYS)
+        config = located(config, folder)
         wind_speed = parts.read_wind_speed(config)
         sea = as_table(config.get("sea", {}), "sea")
         run = as_table(config.get("run", {}), "run")
@@ -174,6 +180,7 @@ class Scenario(Model, frozen=True):
             run=validated(Run, run, "run", (*run_keys(), "fading")),
             detector=parts.read_detector(config["detector"]) if "detector" in config else None,
             uav=parts.read_uav(config["uav"]) if "uav" in config else None,
+            daylight=read_daylight(config["daylight"], link) if "daylight" in config else None,
         )
 
     @classmethod
@@ -233,14 +240,37 @@ class Scenario(Model, frozen=True):
             **({"planes": plain(link.planes)} if link.planes else {}),
             **({"detector": plain(self.detector)} if self.detector else {}),
             **({"uav": plain(self.uav)} if self.uav else {}),
+            **({"daylight": daylight_config(self.daylight)} if self.daylight else {}),
             "run": {key: value for key, value in run.items() if value is not None},
         }
 
-    def to_toml(self) -> str:
-        """Return the full configuration as the text of a link file."""
+    def to_toml(self, notes: bool = False) -> str:
+        """Return the full configuration as the text of a link file.
+
+        Parameters
+        ----------
+        notes : bool
+            Describe the keys in comments.
+        """
         import tomli_w
 
-        return tomli_w.dumps(self.to_config())
+        text = tomli_w.dumps(self.to_config())
+        return with_notes(text, self._parts()) if notes else text
+
+    def _parts(self) -> dict[str, tuple[Any, ...]]:
+        """Return the models behind each table of a link file."""
+        link, run = self.link, self.run
+        return {
+            "": (self, link),
+            "sea": (self.surface, self.meshing),
+            "water": (link.water,),
+            "bubbles": (link.bubbles,),
+            "transmitter": (link.transmitter,),
+            "receiver": (link.receiver,),
+            "detector": (self.detector,),
+            "uav": (self.uav,),
+            "run": (run, run.estimator, self.meshing),
+        }
 
     def case(self, surface: MeshSource | TriangleMesh | None = None) -> Case:
         """Return link, surface and options of the run, over another surface if one is given.

@@ -5,6 +5,7 @@ Here the core meets `meshtrace.surfaces`, by late imports.
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -94,6 +95,8 @@ def read_surface(
         return _mesh_sequence(table, folder)
     from meshtrace.surfaces import FlatSea, Surface
 
+    if table.get("spectrum") == "measured" and "file" in table:
+        return _measured(table, wind_speed)
     if "part" in table:
         return _sum(table, wind_speed, folder, printed)
     if table.get("omega_max") == FADING and table.get("spectrum", _SHORT_WAVES) == _SHORT_WAVES:
@@ -113,6 +116,21 @@ def read_surface(
         table = {"band": banded.equally_spaced_band(table), **table}
     surface = validated(model, table, "sea", keys)
     return FlatSea() if calm else surface
+
+
+def _measured(table: Table, wind_speed: float) -> Any:
+    """Return the sea of a measured spectrum in a file, with the options of its reader."""
+    from meshtrace.surfaces import from_wavespectra
+
+    own = {key: value for key, value in table.items() if key not in ("spectrum", "file")}
+    known = list(inspect.signature(from_wavespectra).parameters)[1:]
+    require_keys(own, [*known, "file", *_SEA_KEYS], "sea")
+    if {"tail", "mss"} & own.keys():
+        own.setdefault("wind_speed", wind_speed)
+    try:
+        return from_wavespectra(table["file"], **own)
+    except Refused as error:
+        raise error.inside("sea") from None
 
 
 def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:

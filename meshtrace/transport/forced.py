@@ -44,6 +44,7 @@ from meshtrace.transport.choice import (
 )
 from meshtrace.transport.forced_link import (
     ANALOG,
+    POINTS_ONLY,
     crossing_reach,
     forced_link,
     needs_paths,
@@ -56,7 +57,6 @@ Scattered = Literal["auto", "chains", "adjoint"]
 
 _MOST_CHAINS = 2**22  # 1 kB each, and more with their order
 _CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is summed
-_POINTS_ONLY = f"a point source in bottomless water, with these switches of physics; {ANALOG}"
 _CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
@@ -67,7 +67,7 @@ class ForcedDetection:
     Parameters
     ----------
     link : Link
-        The link; sources must be points in the water, receivers in the air.
+        The link; sources must be points, on the other side of the surface than the receivers.
     photons : int
         Chains in all, or adjoint paths of each receiver.
     seed : int
@@ -129,15 +129,16 @@ class ForcedDetection:
         """
         beyond = needs_paths(self.link)
         if beyond is not None:
-            refused = Refused(*beyond, _POINTS_ONLY)
+            refused = Refused(*beyond, POINTS_ONLY)
             if self._wanted == "chains":
                 raise refused
-            self._take(["adjoint"] * len(self.arrays.targets), refused)
+            self._take(["adjoint"] * len(self.link.receivers), refused)
             return [[] for _ in self.arrays.emitters]
-        (photons, seed), threads = self._key, self._options[1]
-        sources, receivers = range(len(self.arrays.emitters)), len(self.arrays.targets)
+        photons, link, threads = self._key[0], self.arrays, self._options[1]
+        sources, receivers = range(len(link.emitters)), len(self.link.receivers)
+        targets = len(link.targets)
         try:
-            pilots = [pilot(self._drawer, s, seed, receivers, threads) for s in sources]
+            pilots = [pilot(self._drawer, s, self._seed(s), targets, threads) for s in sources]
         except Refused as refused:  # too many orders for chains
             if self._wanted == "chains":
                 raise
@@ -147,36 +148,49 @@ class ForcedDetection:
         kept = np.array([m == "chains" for m in self.method])
         if not kept.any():
             return [[] for _ in sources]
-        gain = self._flat_gain(pilots) if receivers > 1 else np.ones(1)
-        share = max(photons // len(sources), SHIFTS)
+        # a common factor of the gain does not matter for one receiver
+        together = receivers > 1 and not link.down
+        gain = self._flat_gain(pilots) if together else np.ones(receivers)
+        share = photons if link.down else max(photons // len(sources), SHIFTS)
         requests = []
         for s in sources:
             expected = self._drawer.nominals[s].expected
-            counts = allotment(share, expected, pilots[s].of(kept), gain[kept])
-            requests += [Request(s, k, int(n), (seed, s, k, 1)) for k, n in enumerate(counts, 1)]
-        drawn = self._drawer.draw_all(requests, threads)
-        pairs = list(zip(requests, drawn, strict=True))
+            if link.down:
+                found, light = pilots[s].joined(link.power), gain[s : s + 1]
+            else:
+                found, light = pilots[s].of(kept), gain[kept]
+            if link.down and not kept[s]:
+                continue
+            counts = allotment(share, expected, found, light)
+            key = self._seed(s)
+            requests += [Request(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
+        pairs = list(zip(requests, self._drawer.draw_all(requests, threads), strict=True))
         return [[chains for request, chains in pairs if request.source == s] for s in sources]
+
+    def _seed(self, emitter: int) -> tuple[int, int]:
+        """Return the seed of the chains of an emitter: receivers have the same in any order."""
+        return self._key[1], 0 if self.arrays.down else emitter
 
     def _flat_gain(self, pilots: list[Pilot]) -> NDArray[np.float64]:
         """Return the gain of each receiver over a flat sea."""
-        aimed, gain = self.over(self._flat()), np.zeros(len(self.arrays.targets))
-        for s, (power, found) in enumerate(zip(self.arrays.power, pilots, strict=True)):
-            direct = [aimed.facet_gains(s, r).sum() for r in range(len(gain))]
-            gain += power * (found.mean.sum(axis=1) + direct)
-        return gain
+        aimed, link = self.over(self._flat()), self.arrays
+        targets = range(len(link.targets))
+        direct = [[aimed.facet_gains(e, t).sum() for t in targets] for e in range(len(pilots))]
+        scattered = np.array([p.mean.sum(axis=1) for p in pilots])
+        return link.by_receiver(scattered + np.array(direct))
 
     def _compare(self, pilots: list[Pilot]) -> list[Method]:
         """Return the estimator of each receiver."""
-        receivers = len(self.arrays.targets)
-        found = chain_pilot(pilots, self.arrays.power)
+        receivers = len(self.link.receivers)
+        found = chain_pilot(pilots, self.arrays)
         scatters = any(len(p.chains) for p in pilots)
         if self._wanted != "auto" or self._search == "thorough" or not scatters:
             return ["adjoint" if self._wanted == "adjoint" else "chains"] * receivers
         if is_clear(found).all():
             return ["chains"] * receivers
         try:
-            paths = self._paths(PILOT_PATHS * len(pilots), tuple(self.link.receivers))
+            pilot_paths = PILOT_PATHS * len(self.link.transmitters)
+            paths = self._paths(pilot_paths, tuple(self.link.receivers))
         except Refused:  # a feature that the paths do not follow
             return ["chains"] * receivers
         seen = paths.evaluate(self._flat())
@@ -194,7 +208,7 @@ class ForcedDetection:
         chosen = [r for r, m in zip(self.link.receivers, method, strict=True) if m == "adjoint"]
         if chosen:
             try:
-                photons = max(self._key[0], SHIFTS * len(self.arrays.emitters))
+                photons = max(self._key[0], SHIFTS * len(self.link.transmitters))
                 self._adjoint = self._paths(photons, tuple(chosen))
             except Refused:
                 raise refused or Refused("scattered", "adjoint", "chains for this link") from None
@@ -221,10 +235,10 @@ class ForcedDetection:
     @cached_property
     def _unscattered(self) -> list[ChainSet]:
         """Unscattered chains by source, which differ by their random slopes only."""
-        photons, seed = self._key
-        sources = len(self.arrays.emitters)
-        per_shift = max(math.ceil(_UNSCATTERED_SHARE * photons / sources / SHIFTS), 2)
-        return [self._drawer.draw(s, 0, per_shift, (seed, s, 0, 1)) for s in range(sources)]
+        emitters = len(self.arrays.emitters)
+        photons = self._key[0] / (1 if self.arrays.down else emitters)
+        per_shift = max(math.ceil(_UNSCATTERED_SHARE * photons / SHIFTS), 2)
+        return [self._drawer.draw(s, 0, per_shift, (*self._seed(s), 0, 1)) for s in range(emitters)]
 
     def evaluate(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> Parts:
         """Return the gain over a mesh, in parts."""
@@ -297,7 +311,7 @@ class ForcedDetection:
         low, high = mesh.bounds[:, :2]
         reach = crossing_reach(self.link) + np.array(self.link.origin) * [[-1.0], [1.0]]
         if (low <= -reach[0]).all() and (high >= reach[1]).all():
-            return np.zeros(len(self.arrays.targets))
+            return np.zeros(len(self.link.receivers))
         few = ForcedDetection(
             self.link, _CUT_CHAINS, self._key[1], *self._options, self._crest, self._search
         )
@@ -320,7 +334,7 @@ class ForcedDetection:
         if higher is not self:
             return higher.arrivals(mesh)
         aimed = self.over(mesh)
-        result = [self._aimed_arrivals(aimed, r) for r in range(len(self.arrays.targets))]
+        result = [self._aimed_arrivals(aimed, r) for r in range(len(self.link.receivers))]
         if self._adjoint is not None:
             found = self._adjoint.evaluate(mesh, arrivals=True).arrivals or []
             for r, rows in zip(self._on_paths, found, strict=True):
@@ -334,24 +348,26 @@ class ForcedDetection:
 
     def _aimed_arrivals(self, aimed: AimedChains, r: int) -> NDArray[np.float64]:
         """Return arrivals of a receiver over facets and chains."""
-        unit, center = self.arrays.frame.unit, self.arrays.targets[r].center
+        link, unit = self.arrays, self.arrays.frame.unit
         rows = [np.zeros((0, 4))]
-        for s, (power, sets) in enumerate(zip(self.arrays.power, self.scattered_sets, strict=True)):
-            if self.arrays.sizes[s] > 0.0:
-                points = self._lamp_points(s)
+        for s, power in enumerate(link.power):
+            e, t = (r, s) if link.down else (s, r)
+            sets, center = self.scattered_sets[e], link.targets[t].center
+            if link.sizes[e] > 0.0:
+                points = self._lamp_points(e)
                 for i, lamp in enumerate(points):
-                    gains = power * self._from_point(aimed, s, r, lamp) / len(points)
+                    gains = power * self._from_point(aimed, e, t, lamp) / len(points)
                     group = i * SHIFTS // len(points)
                     rows.append(_direct_rows(aimed, gains, lamp, center, unit, group))
-            elif (found := aimed.direct_gains(s, r)) is not None:
-                lamp = np.array(self.arrays.emitters[s].position)
+            elif (found := aimed.direct_gains(e, t)) is not None:
+                lamp = np.array(link.emitters[e].position)
                 rows.append(_direct_rows(aimed, power * found, lamp, center, unit, -1))
             else:
-                sets = [self._unscattered[s], *sets]
+                sets = [self._unscattered[e], *sets]
             for chains in sets:
                 if chains.order > 0 and self.method[r] == "adjoint":
                     continue
-                _, light = aimed.aim(s, r, chains, keep=True)
+                _, light = aimed.aim(e, t, chains, keep=True)
                 n = len(chains.audit)
                 weight = power * light["weight"] / n
                 shift = light["chain"] // (n // SHIFTS)

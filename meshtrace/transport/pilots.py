@@ -17,21 +17,28 @@ _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
 
 
 class Pilot(NamedTuple):
-    """What a few chains of each order bring over a flat sea, by receiver and order from 1 on."""
+    """Statistics of pilot chains over a flat sea, by receiver and order from 1 on."""
 
     chains: NDArray[np.int64]  # (orders,)
     mean: NDArray[np.float64]  # (receivers, orders)
     spread: NDArray[np.float64]  # (receivers, orders) standard deviation of one chain
-    scored: NDArray[np.int64]  # (receivers, orders) chains that brought light
+    scored: NDArray[np.int64]  # (receivers, orders) chains with a score > 0
 
     def of(self, receivers: NDArray[np.bool_]) -> Pilot:
         """Return the pilot of some receivers."""
         rows = (self.mean[receivers], self.spread[receivers], self.scored[receivers])
         return Pilot(self.chains, *rows)
 
+    def joined(self, power: NDArray[np.float64]) -> Pilot:
+        """Return the pilot of one receiver with targets of shares of the power."""
+        mean, spread = (power @ self.mean)[None], (power @ self.spread)[None]
+        return Pilot(self.chains, mean, spread, self.scored.max(axis=0)[None])
 
-def pilot(drawer: ChainDrawer, source: int, seed: int, receivers: int, threads: int) -> Pilot:
-    """Return what a few chains of each order bring, more of them where none brings light."""
+
+def pilot(
+    drawer: ChainDrawer, source: int, seed: tuple[int, int], receivers: int, threads: int
+) -> Pilot:
+    """Return the statistics of pilot chains; orders without a score get more of them."""
     orders = drawer.last_order(source)
     chains = np.zeros(orders, np.int64)
     mean, spread = np.zeros((receivers, orders)), np.zeros((receivers, orders))
@@ -40,7 +47,7 @@ def pilot(drawer: ChainDrawer, source: int, seed: int, receivers: int, threads: 
     def scores_of(order: int) -> NDArray[np.float64]:
         n = _PILOT // SHIFTS
         for step in range(_PILOT_STEPS):
-            chosen = drawer.draw(source, order, n, (seed, source, order, 2 + step))
+            chosen = drawer.draw(source, order, n, (*seed, order, 2 + step))
             scores = drawer.flat_scores(source, chosen)
             if np.count_nonzero(scores, axis=1).min() >= 4:
                 break
@@ -73,7 +80,7 @@ def allotment(
     -----
     The sum over the receivers of the squared relative errors is smallest for
     n_K ~ sqrt(sum_r (sigma_rK / h_r)^2 / cost_K). A share of the chains follows the Poisson law
-    of the number of scatterings instead: no order starves because its pilot was unlucky.
+    of the number of scatterings instead: an order that its pilot missed keeps a share.
     """
     from scipy.stats import poisson
 

@@ -47,7 +47,7 @@ def test_run_without_arguments_is_the_default_link():
 
 
 def test_analog_tells_the_fates():
-    shown = run("--set", "receiver.radius=3", *ANALOG).stdout
+    shown = run("-v", "--set", "receiver.radius=3", *ANALOG).stdout
     result = Scenario.from_toml("", changes={**analog_changes(), "receiver.radius": 3}).simulate()
     assert f"{result.gain:.4e}" in shown
     assert "5,000 in" in shown

@@ -60,7 +60,7 @@ run --set sea.spectrum=flatt
 run --set sea.spacing=1e-4
 run -o none/out.nc
 run -o .
-run --wind 3
+run --wind fast
 ber --wind x
 ber --depths 9:1:1
 ber --depths 1:2:nan

@@ -176,6 +176,50 @@ def test_sweeps():
     assert viz.plot_sweep(data, log=False).get_yscale() == "linear"
 
 
+def test_sweeps_with_realizations_and_one_more_parameter():
+    """Means over realizations with the error of their scatter; other parameters name the curves."""
+    gain = np.array([[[1.0, 3.0], [5.0, 5.0]], [[2.0, 2.0], [4.0, 8.0]]])
+    dims = ("transmitter.depth", "water.b", "realization")
+    data = xr.Dataset({"gain": (dims, gain), "gain_stderr": (dims, 0.1 * gain)})
+    data = data.assign_coords({"transmitter.depth": [5.0, 10.0], "water.b": [0.1, 0.2]})
+    ax = viz.plot(data)
+    np.testing.assert_array_equal(line(ax, 0), ([0.1, 0.2], [2.0, 5.0]))
+    np.testing.assert_array_equal(line(ax, 1), ([0.1, 0.2], [2.0, 6.0]))
+    assert legend(ax) == ["5.0", "10.0"]
+    band = ax.collections[0].get_paths()[0].vertices[:, 1]  # two standard errors of 1 and 3
+    assert (band.min(), band.max()) == (0.0, 5.0)
+    ax = viz.plot_sweep(data.isel(realization=[0], **{"water.b": [0]}))
+    np.testing.assert_array_equal(line(ax), ([5.0, 10.0], [1.0, 2.0]))
+    with pytest.raises(Refused, match="one or two parameters"):
+        viz.plot_sweep(data.expand_dims({"receiver.height": [1.0, 2.0]}))
+
+
+def test_every_kind_of_result_has_a_plot():
+    """Kinds of files beside kinds of plots."""
+    from meshtrace import stored
+    from meshtrace.viz import plots
+
+    assert plots._PLOTS.keys() == stored._HOMES.keys()
+    with pytest.raises(Refused, match="result: int"):
+        viz.plot(3)
+
+
+def test_orders_of_scattering():
+    found = mt.simulate(mt.Link(), mt.surfaces.FlatSea(), photons=64)
+    heights = [bar.get_height() for bar in viz.plot(found).patches]
+    np.testing.assert_allclose(heights[0], found.gain_ballistic)
+    shown = found.gain_order[0][found.gain_order[0] > 0.0]
+    np.testing.assert_allclose(heights[1:], shown)
+
+
+def test_comparison():
+    link = mt.Link()
+    found = mt.compare({"a": link, "b": link.at_depth(12.0)}, mt.surfaces.FlatSea(), photons=64)
+    ax = viz.plot(found)
+    assert [bar.get_width() for bar in ax.patches] == pytest.approx(found.ratio_db.tolist())
+    assert [text.get_text() for text in ax.get_yticklabels()] == ["a", "b"]
+
+
 def test_convergence_shows_the_errors_and_the_law_of_a_study():
     spacing = np.array([0.4, 0.2, 0.1, 0.05])
     law = SimpleNamespace(order=Estimate(2.0, 1.9, 2.1), coefficient=5e-5)

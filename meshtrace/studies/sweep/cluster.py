@@ -165,7 +165,7 @@ def _other_worker(address: str, found: Any) -> Refused:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep distributed's messages about lost connections off the terminal."""
+    """Suppress the messages of distributed about lost connections."""
     names = [name for name in logging.root.manager.loggerDict if name.startswith(_CHATTY)]
     loggers = [logging.getLogger(name) for name in names]
     levels = [logger.level for logger in loggers]

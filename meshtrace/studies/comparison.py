@@ -1,0 +1,242 @@
+"""Gains of several links over common seas, and the errors of their differences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+import xarray as xr
+
+from meshtrace.errors import Described, Refused, require_whole
+from meshtrace.kernels.random import realization_seed
+from meshtrace.link import Link
+from meshtrace.mesh import MeshSource, RandomSea, TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.results.variables import StoredArrays, Variable
+from meshtrace.scenario import Scenario
+from meshtrace.studies.inputs import Inputs, resolve_chains
+from meshtrace.studies.series import common_chains
+from meshtrace.tables import text_table
+
+_DECIBEL = 10.0 / math.log(10.0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(StoredArrays):
+    """Gains of several links and their differences from the first one.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the links.
+    gain, gain_stderr : ndarray, shape (links,)
+        Gain of each link, and its standard error.
+    difference, difference_stderr : ndarray, shape (links,)
+        Gain minus that of the first link, and its standard error.
+    ratio_db, ratio_db_stderr : ndarray, shape (links,)
+        10 log10 of the gain over that of the first link [dB], and its standard error.
+    provenance : list of dict
+        Configuration of each link.
+    """
+
+    names: tuple[str, ...]
+    gain: Annotated[Floats, Variable("link")]
+    gain_stderr: Annotated[Floats, Variable("link")]
+    difference: Annotated[Floats, Variable("link", name="gain_difference")]
+    difference_stderr: Annotated[Floats, Variable("link", name="gain_difference_stderr")]
+    ratio_db: Annotated[Floats, Variable("link", name="gain_ratio_db")]
+    ratio_db_stderr: Annotated[Floats, Variable("link", name="gain_ratio_db_stderr")]
+    provenance: list[dict[str, Any]] = field(default_factory=list)
+
+    kind: ClassVar[str] = "comparison"
+    title: ClassVar[str] = "meshtrace comparison of links"
+
+    @classmethod
+    def of_samples(
+        cls, names: tuple[str, ...], samples: Floats, provenance: list[dict[str, Any]]
+    ) -> Comparison:
+        r"""Return the comparison of paired gains.
+
+        Parameters
+        ----------
+        names : tuple of str
+            Names of the links.
+        samples : ndarray, shape (links, n)
+            Gains of n independent groups or seas, each common to all links.
+        provenance : list of dict
+            Configuration of each link.
+
+        Notes
+        -----
+        With the mean gains h, the standard error of the ratio r = h_i / h_0 is that of the mean
+        of :math:`h_i - r h_0`, over h_0 (delta method).
+        """
+        mean = samples.mean(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = mean / mean[0]
+            relative = _stderr(samples - ratio[:, None] * samples[0]) / mean
+            ratio_db = 10.0 * np.log10(ratio)
+        return cls(
+            names,
+            mean,
+            _stderr(samples),
+            mean - mean[0],
+            _stderr(samples - samples[0]),
+            ratio_db,
+            _DECIBEL * relative,
+            provenance,
+        )
+
+    def _headline(self) -> str:
+        rest = [
+            f"{name} {db:+.2f} +- {error:.2g} dB"
+            for name, db, error in zip(self.names, self.ratio_db, self.ratio_db_stderr, strict=True)
+        ]
+        return f"{self.names[0]} {self.gain[0]:.4e}, {', '.join(rest[1:])}"
+
+    def summary(self) -> str:
+        """Return gains and differences as a table for a terminal."""
+        rows = [
+            (
+                name,
+                f"{self.gain[i]:.4e} +- {self.gain_stderr[i]:.1e}",
+                f"{self.difference[i]:+.3e} +- {self.difference_stderr[i]:.1e}" if i else "",
+                f"{self.ratio_db[i]:+.3f} +- {self.ratio_db_stderr[i]:.2g}" if i else "",
+            )
+            for i, name in enumerate(self.names)
+        ]
+        first = self.names[0]
+        headings = ("link", "gain", f"difference from {first}", f"gain over {first} [dB]")
+        return text_table(rows, headings)
+
+    def _content(self) -> xr.Dataset:
+        return super()._content().assign_coords(link=list(self.names))
+
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any) -> Comparison:
+        names = tuple(data["link"].values.tolist())
+        return cls(names, **cls.arrays(data), provenance=provenance)
+
+
+def _stderr(samples: Floats) -> Floats:
+    return samples.std(axis=1, ddof=1) / math.sqrt(samples.shape[1])
+
+
+def compare(
+    links: Mapping[str, Link | Scenario],
+    surface: MeshSource | None = None,
+    *,
+    realizations: int = 1,
+    photons: int | None = None,
+    seed: int | None = None,
+    normals: Literal["vertex", "facet"] | None = None,
+    threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Comparison:
+    """Compare the gains of links over common seas with common chains.
+
+    Parameters
+    ----------
+    links : mapping of str to Link or Scenario
+        Two links or more by name, each with one receiver; differences are from the first.
+    surface : MeshSource, optional
+        The sea; by default that of each scenario, or a JONSWAP sea of the wind of each link.
+    realizations : int
+        Realizations of the sea, 1 to 10 000 000.
+    photons : int, optional
+        Chains of each link, 2048 by default.
+    seed, normals, threads
+        As in `ensemble`; realization 0 of a single one has the seed of the sea.
+    progress : callable, optional
+        Called with 1 after each realization of each link.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    Refused
+        If there are fewer than two links, one of them has several receivers, or the sea has no
+        random phases and `realizations` > 1.
+
+    Notes
+    -----
+    The links share the numbers of their chains and, over equal seas, one mesh: errors common to
+    both links cancel in the difference. For one sea its error comes from the 32 randomizations of
+    the chains, for several from the scatter over the seas.
+    """
+    if not isinstance(links, Mapping) or len(links) < 2:
+        found = sorted(links) if isinstance(links, Mapping) else Described(type(links).__name__)
+        raise Refused("links", found, "a mapping of two or more names to links")
+    require_whole(realizations, 1, 10_000_000, "realizations")
+    inputs = {}
+    for name, link in links.items():
+        try:
+            inputs[str(name)] = _single(
+                resolve_chains(
+                    link, surface, photons=photons, seed=seed, normals=normals, threads=threads
+                )
+            )
+        except Refused as error:
+            raise error.inside("links", str(name)) from None
+    over = _joint(list(inputs.values()))
+    samples = np.array([
+        _samples(one, _meshes(of, one, realizations), progress)
+        for one, of in zip(inputs.values(), over, strict=True)
+    ])  # fmt: skip
+    more = {"realizations": realizations}
+    return Comparison.of_samples(
+        tuple(inputs), samples, [one.provenance(**more) for one in inputs.values()]
+    )
+
+
+def _single(inputs: Inputs) -> Inputs:
+    """Return the inputs of a link with one receiver; refuse those of any other."""
+    count = len(inputs.link.receivers)
+    if count != 1:
+        raise Refused("receiver", Described(f"{count} receivers"), "one receiver")
+    return inputs
+
+
+def _joint(inputs: list[Inputs]) -> list[Inputs]:
+    """Return the inputs of the meshes: with all sources and receivers where the seas are equal."""
+    first = inputs[0]
+    same = all((i.surface, i.meshing) == (first.surface, first.meshing) for i in inputs)
+    if not same:
+        return inputs
+    clearest = min((i.link for i in inputs), key=lambda link: link.water.a)
+    ends = {
+        "transmitter": tuple(t for i in inputs for t in i.link.transmitters),
+        "receiver": tuple(r for i in inputs for r in i.link.receivers),
+    }
+    return [first._replace(link=clearest.replace(**ends))] * len(inputs)
+
+
+def _meshes(over: Inputs, inputs: Inputs, realizations: int) -> Iterator[TriangleMesh]:
+    """Yield the mesh of each realization of a sea."""
+    time, sea = inputs.meshing.time, inputs.surface
+    if realizations == 1:
+        yield over.mesh(over.link, sea, time)
+        return
+    if not isinstance(sea, RandomSea):
+        raise Refused("surface", Described(type(sea).__name__), "a sea with random phases")
+    for i in range(realizations):
+        yield over.mesh(over.link, sea.with_seed(realization_seed(inputs.run.seed, i)), time)
+
+
+def _samples(
+    inputs: Inputs,
+    meshes: Iterator[TriangleMesh],
+    progress: Callable[[int], None] | None,
+) -> Floats:
+    """Return the gain by group of chains over one sea, or by sea over several."""
+    groups = []
+    for parts in common_chains(inputs, meshes):
+        groups.append(parts.shifts[0])
+        if progress is not None:
+            progress(1)
+    return groups[0] if len(groups) == 1 else np.mean(groups, axis=1)

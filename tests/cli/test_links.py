@@ -1,0 +1,57 @@
+"""Commands that write and compare link files, and draw results."""
+
+import pytest
+from command_line import meshtrace, refusal
+
+import meshtrace as mt
+from meshtrace import results
+
+
+def test_new_prints_a_file_that_loads_back(tmp_path):
+    printed = meshtrace("new", "--wind", "8", "--set", "receiver.height=7")
+    assert printed.exit_code == 0
+    scenario = mt.Scenario.from_toml(printed.stdout)
+    assert (scenario.wind_speed, scenario.link.receiver.height) == (8.0, 7.0)
+    assert scenario == mt.Scenario.from_toml("wind_speed = 8\n[receiver]\nheight = 7")
+    assert "depth = 10.0  # Depth below still water [m]" in printed.stdout
+
+
+def test_compare(tmp_path):
+    for name, height in (("low", 5), ("high", 8)):
+        (tmp_path / f"{name}.toml").write_text(f"[receiver]\nheight = {height}\n")
+    low, high, file = tmp_path / "low.toml", tmp_path / "high.toml", tmp_path / "c.nc"
+    done = meshtrace("compare", low, high, "--photons", 64, "-o", file, "--wind", 2)
+    assert done.exit_code == 0, done.stderr
+    found = results.load(file)
+    assert found.names == ("low", "high")
+    assert found.summary() in done.stdout
+    assert found.provenance[0]["link"]["whitecaps"]["wind_speed"] == 2.0
+    alone = "links: ['low'], allowed: a mapping of two or more names to links"
+    assert refusal("compare", low) == alone
+    assert "files of different names" in refusal("compare", low, low)
+
+
+def test_coverage_and_plot(tmp_path):
+    file, picture = tmp_path / "map.nc", tmp_path / "map.png"
+    done = meshtrace("coverage", "--photons", 2000, "--extent", 2, "--step", 1, "-o", file,
+                     "--plot", picture)  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    found = results.load(file)
+    assert found.gain.shape == (4, 4)
+    assert found.summary() in done.stdout
+    again = tmp_path / "again.png"
+    assert meshtrace("plot", file, "-o", again).exit_code == 0
+    assert again.read_bytes()[:4] == picture.read_bytes()[:4] == b"\x89PNG"
+    assert "a file ." in refusal("plot", file, "-o", tmp_path / "a.xyz")
+    assert "undamaged" in refusal("plot", tmp_path / "none.nc")
+
+
+@pytest.mark.parametrize("command", ["run", "series", "ensemble", "ber", "compare", "coverage"])
+def test_common_options(command):
+    text = meshtrace(command, "--help").stdout
+    for option in ("--wind", "--set", "--seed", "--threads", "--photons", "--output"):
+        assert option in text
+
+
+def test_completion():
+    assert "--install-completion" in meshtrace("--help").stdout
