@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels.aiming import jacobian
 from meshtrace.kernels.crossings import find_crossings, shot_of
-from meshtrace.kernels.facets import exposure, normal_at
+from meshtrace.kernels.facets import SMOOTH, exposure, normal_at
 from meshtrace.kernels.interface import FieldOfView, FresnelMode
-from meshtrace.kernels.jit import entry, inlined, outlined
+from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import (
     absorption_path,
     bubble_scattering,
@@ -20,7 +20,7 @@ from meshtrace.kernels.medium import (
     scattering_path,
     water_coefficients,
 )
-from meshtrace.kernels.scene import height_on
+from meshtrace.kernels.scene import FLAT_SEA, height_on
 from meshtrace.kernels.sources import intensity
 from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm, plus, row, scaled, write
 
@@ -72,7 +72,7 @@ def contributions(chains, flat, audits, search, scene, out):
     Crossings that a wave may cut off before or behind are not scored but listed as doubtful,
     with the rays of their paths, which the caller checks by Embree.
     """
-    counts = 0, 0, 0
+    counts = ZERO, ZERO, ZERO
     for i in range(len(chains.last)):
         for k in range(find_crossings(chains, i, flat[i], audits[i], search, scene, out)):
             root = out.roots[k]
@@ -84,6 +84,29 @@ def contributions(chains, flat, audits, search, scene, out):
                 continue
             counts = keep(chains, i, p, w, steep, aim, shot.start, counts, scene, out)
     return counts
+
+
+@entry
+def flat_contributions(chains, flat, scene, score):
+    """Write the contribution of each chain to the aperture over still water.
+
+    Array twin: `contributions` over a flat mesh.
+    The crossings are known; still water cuts off a path with a vertex above it.
+    """
+    for i in range(len(chains.last)):
+        score[i] = 0.0
+        for k in range(len(flat[i])):
+            f = flat[i, k]
+            if f.branch == 0.0:
+                break
+            if f.level != scene.surface.level:
+                continue
+            shot = shot_of(chains, i, scene, f.branch, SMOOTH)
+            j = jacobian(f.x, f.y, FLAT_SEA, shot, scene)
+            p = Vec3(f.x, f.y, f.level)
+            w, deep = weight_of(chains, i, p, j, FLAT_SEA, shot, scene)
+            if deep:
+                score[i] += w
 
 
 @inlined
