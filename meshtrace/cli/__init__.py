@@ -12,8 +12,10 @@ from meshtrace.cli import (
     explore,
     figures,
     new,
+    optimize,
     plot,
     run,
+    sensitivity,
     series,
     sweep,
     validate,
@@ -30,17 +32,13 @@ __all__ = [
     "coverage",
     "explore",
     "figures",
-    "main",
     "new",
+    "optimize",
     "plot",
     "run",
+    "sensitivity",
     "series",
     "sweep",
     "validate",
     "view",
 ]
-
-
-def main() -> None:
-    """Run the command line and exit."""
-    app(prog_name="meshtrace")

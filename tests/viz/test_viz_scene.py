@@ -319,3 +319,12 @@ def test_without_labels_no_text_is_written():
         plotter = viz.scene(LINK, SEA, style=replace(style, labels=labels))
         assert bool(plotter.texts) is labels
         plotter.close()
+
+
+def test_choppy_seas_end_at_the_sides_of_the_stage(shoot):
+    sea = JonswapSea(wind_speed=8.0, choppy=True, seed=2)
+    plotter, _ = shoot(mt.Link(), sea, spacing=0.5)
+    half = plotter.stage.half
+    assert plotter.shown["surface"].bounds[1, :2].max() > half + 0.1  # the mesh is larger
+    drawn = plotter.actors["surface"].bounds
+    np.testing.assert_allclose(drawn[:4], [-half, half, -half, half], atol=1e-6)
