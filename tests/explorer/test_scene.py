@@ -92,3 +92,18 @@ def test_the_camera_moves_only_with_the_size_of_the_stage(scene):
     assert scene.plotter.camera.position == before
     assert scene.update(STATE.moved({"depth": 30.0})) is True
     assert scene.plotter.camera.position != before
+
+
+def test_a_lamp_in_the_air_is_carried_by_the_aircraft():
+    import meshtrace as mt
+    from meshtrace.explorer.launch import scenario_of
+
+    state = State(scenario_of(mt.Link().mirrored(), STATE.scenario.surface))
+    scene = LiveScene(state.moved({"lamp_x": 1.0}))
+    np.testing.assert_allclose(points(scene, "lamp").mean(axis=0), (1.0, 0.0, 5.0), atol=1e-3)
+    np.testing.assert_allclose(points(scene, "receiver").mean(axis=0), (0, 0, -10.0), atol=1e-3)
+    assert points(scene, "uav")[:, 2].min() > 5.0
+    beam, view = points(scene, "beam")[1:], points(scene, "view")[1:]
+    for rim in (beam, view):
+        np.testing.assert_allclose(rim[:, 2], 0.0, atol=1e-5)
+    scene.plotter.close()
