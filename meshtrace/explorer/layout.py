@@ -180,7 +180,8 @@ def _readings(actions: Actions) -> None:
             with html.Div(classes=("stale.gain && !playing ? 'mt-faded' : ''",)):
                 _rows([
                     ("Received power", "reading.power"), ("Required power", "reading.required"),
-                    (MARGIN_LABEL, "reading.margin"), ("Bit error rate", "reading.ber"), ("Background light", "reading.background"),
+                    (MARGIN_LABEL, "reading.margin"), ("Bit error rate", "reading.ber"),
+                    ("Background light", "reading.background"),
                 ])  # fmt: skip
         with html.Div(classes="mt-card"):
             html.H2("Fading")

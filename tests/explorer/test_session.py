@@ -230,6 +230,6 @@ def test_two_sessions_do_not_mix():
 def test_warnings_are_notes_of_their_gain(session):
     session.move({"water": "petzold-harbour", "fov": 180.0})
     assert session.wait(240.0)
-    with pytest.warns(mt.DomainWarning) as caught:
+    with pytest.warns(mt.FewSamplesWarning) as caught:
         mt.simulate(session.state.scenario, photons=8192)
     assert session.answer("gain").notes == tuple(" ".join(str(w.message).split()) for w in caught)
