@@ -10,6 +10,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -152,12 +153,12 @@ def gains(state: State, check: Check) -> Iterator[Gain]:
     detector: OokLink | None = None
     for photons in PHOTONS if analog else CHAINS:
         check()
-        result, notes = _noted(lambda n=photons: simulate(state.channel, photons=n, **run))
+        result, notes = _noted(partial(simulate, state.channel, photons=photons, **run))
         gain = _gain_of(result, notes)
         yield gain
         if len(state.scenario.link.receivers) == 1:
             if detector is None:
-                detector, more = _noted(lambda: _detector(state))
+                detector, more = _noted(partial(_detector, state))
             yield replace(gain, bits=_bits_of(state, detector, gain), notes=notes + more)
 
 
