@@ -93,7 +93,7 @@ class Page:
         if self._scene_due is not None:
             self._scene_due.cancel()
         self._loop = None
-        self.scene.plotter.close()
+        self.scene.close()
         AVAILABLE_SERVERS.pop(self.server.name, None)
         HELPERS_PER_SERVER.pop(self.server.name, None)
 

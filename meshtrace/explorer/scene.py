@@ -104,6 +104,24 @@ class LiveScene:
         """Show a map at a height [m], or none."""
         self._set("map", None if coverage is None else _plane(coverage, height))
 
+    def close(self) -> None:
+        """Release all parts.
+
+        The observers that trame adds to serialized objects are removed first: called during a
+        garbage collection they end the process.
+        """
+        window = self.plotter.render_window
+        objects = [window]
+        for renderer in window.GetRenderers():
+            objects += [renderer, renderer.GetActiveCamera(), *renderer.GetLights()]
+            for prop in renderer.GetViewProps():
+                objects += [prop, prop.GetProperty()]
+        for actor in self._actors.values():
+            objects += [actor.mapper, actor.mapper.lookup_table, actor.mapper.dataset]
+        for found in objects:
+            found.RemoveObservers("DeleteEvent")
+        self.plotter.close()
+
     def profile(self) -> list[tuple[float, float]]:
         """Return points (x, z) [m] of the waves along x through the middle of the stage."""
         vertices = self._parts["sea"].points

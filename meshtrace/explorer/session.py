@@ -119,8 +119,12 @@ class Session:
         return self._worker.wait(timeout)
 
     def close(self) -> None:
-        """End the work."""
+        """End the work after its present step."""
         self._worker.close()
+
+    def join(self) -> None:
+        """Wait for the end of the work, after `close`: the interpreter must not end before."""
+        self._worker.join()
 
     def _submit(self) -> None:
         state, with_map = self._state, self._map_wanted

@@ -28,6 +28,7 @@ def session():
     session = Session(PAPER)
     yield session
     session.close()
+    session.join()
 
 
 def test_gain_and_bits_are_those_of_the_library(session):
@@ -77,6 +78,7 @@ def test_light_downwards(session):
     assert len(down.answer("rays").what) == stages.RAYS
     assert len(down.answer("fading").gain) == 16
     down.close()
+    down.join()
 
 
 def test_the_series_is_that_of_the_library(session):
@@ -150,6 +152,7 @@ def test_the_newest_move_wins(monkeypatch):
     expected = mt.simulate(PAPER.replace(link=PAPER.link.at_depth(14.0)), photons=8192)
     assert session.answer("gain").gain == expected.gain
     session.close()
+    session.join()
 
 
 def test_answers_come_in_order_and_stale_ones_are_marked(session):
@@ -225,6 +228,7 @@ def test_two_sessions_do_not_mix():
         expected = mt.simulate(session.state.scenario, photons=8192)
         assert session.answer("gain").gain == expected.gain
         session.close()
+        session.join()
 
 
 def test_warnings_are_notes_of_their_gain(session):
