@@ -119,7 +119,8 @@ def gain_autocovariance(link: Any, sea: Any, lags: ArrayLike) -> Floats:
     link : Link
         As for `scintillation_of_spectrum`.
     sea : JonswapSea or SpectralSea
-        The sea, with its band of frequencies, all waves for `omega_max="fading"`; `choppy` and `order` are left out.
+        The sea, with its band of frequencies, all waves for `omega_max="fading"`; `choppy` and
+        `order` are left out.
     lags : array_like
         Time lags tau [s].
 
