@@ -78,6 +78,7 @@ from .transport.simulate import simulate as simulate
 from .transport.simulate import trace_paths as trace_paths
 from .uav.airframe import Flight as Flight
 from .uav.airframe import Uav as Uav
+from .uav.route import Route as Route
 from .uav.wind import Dryden as Dryden
 
 __version__: str

@@ -31,6 +31,7 @@ from .plots_gain import plot_fates as plot_fates
 from .plots_gain import plot_gain_cdf as plot_gain_cdf
 from .plots_gain import plot_gain_pdf as plot_gain_pdf
 from .plots_gain import plot_gain_series as plot_gain_series
+from .plots_gain import plot_route as plot_route
 from .plots_signal import plot_eye as plot_eye
 from .plots_signal import plot_impulse_response as plot_impulse_response
 from .plots_study import plot_convergence as plot_convergence

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from meshtrace import fading
 from meshtrace.errors import Described, Refused
+from meshtrace.link import Link
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
+from meshtrace.uav import Route
 
 from .plots_curves import plot_curves
-from .style import INK, PALETTE, axes, axis_label, draw_map
+from .style import INK, LED_COLOR, PALETTE, axes, axis_label, draw_map
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -82,6 +84,41 @@ def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None)
         names = [f"receiver {i}" for i in range(data.sizes[receiver])]
         data = data.transpose(receiver, along).assign_coords({receiver: names})
     return plot_curves(data, "gain", ax=ax)
+
+
+def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
+    """Plot the gain along the route of a receiver, from above.
+
+    Parameters
+    ----------
+    series : GainSeries
+        Of `time_series` with a route.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    Refused
+        If the receiver of the series does not move.
+    """
+    origin = getattr(series, "provenance", {})
+    if "route" not in origin:
+        raise Refused("series", Described("no route"), "a time series along a route")
+    ax, route = axes(ax), Route.model_validate(origin["route"])
+    x, y = route.at(series.time, 1.0).position.T
+    ax.plot(*np.transpose(route.positions), color=INK, lw=0.8, zorder=1)
+    points = ax.scatter(x, y, c=series.gains[:, 0], s=24, zorder=2)
+    ax.figure.colorbar(points, ax=ax, label=axis_label("gain"))
+    link = Link.model_validate(origin["link"])
+    places = np.transpose([source.position for source in link.transmitters])
+    ax.plot(*places, "*", color=LED_COLOR, mec=INK, ms=12, label="source")
+    ax.set(aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
+    ax.legend()
+    return ax
 
 
 def plot_gain_pdf(

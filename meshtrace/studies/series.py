@@ -24,6 +24,7 @@ from meshtrace.studies.inputs import Inputs, resolve_chains
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.parts import Parts
 from meshtrace.uav.airframe import Flight, FlightRecord, Uav
+from meshtrace.uav.route import Route
 from meshtrace.uav.wind import Dryden
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ def time_series(
     times: ArrayLike | None = None,
     *,
     flight: Flight | None = None,
+    route: Route | None = None,
     photons: int | None = None,
     seed: int | None = None,
     normals: Literal["vertex", "facet"] | None = None,
@@ -63,6 +65,8 @@ def time_series(
         Aircraft that tilts the receiver, or the lamp of a downlink, whose own tilt has to be 0.
         The tilt acts in the cosine of the aperture and in the field of view of every photon, or
         in the pattern of the lamp.
+    route : Route, optional
+        Waypoints of the receiver, or of the lamp of a downlink, whose own position they replace.
     photons : int, optional
         Chains, common to all times; 2048 by default.
     seed : int, optional
@@ -114,11 +118,12 @@ def time_series(
     )  # fmt: skip
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
     require_kind(flight, Flight, "flight")
+    require_kind(route, Route, "route")
     flight = flight and flight.checked()
     if inputs.scenario is not None and inputs.scenario.meshing.time != 0.0:
         raise Refused("sea.time", inputs.scenario.meshing.time, "0 with times")
-    series = over_times(inputs, at, flight, progress)
-    return series if flight else _beside_closed_form(inputs, series)
+    series = over_times(inputs, at, flight, progress, route)
+    return series if flight or route else _beside_closed_form(inputs, series)
 
 
 def over_times(
@@ -126,16 +131,25 @@ def over_times(
     times: Floats,
     flight: Flight | None = None,
     progress: Callable[[int], None] | None = None,
+    route: Route | None = None,
 ) -> GainSeries:
     """Return the gains at times (n,) [s] of resolved inputs, see `time_series`."""
     origin = inputs.provenance()
-    if flight is None:
+    if flight is None and route is None:
         meshes = (inputs.mesh(inputs.link, inputs.surface, float(t)) for t in times)
-        parts = common_chains(inputs, meshes)
-    else:
+        return gain_series(
+            inputs.link, "time", times, common_chains(inputs, meshes), origin, progress
+        )
+    changes: dict[str, Any] = {}
+    if flight is not None:
         wind = inputs.wind_of(flight)
         origin["uav"], origin["wind"] = (m.model_dump(mode="json") for m in (flight.uav, wind))
-        parts = _tilted_frames(inputs, times, flight.uav, wind)
+        changes |= _tilts(inputs, times, flight.uav, wind)
+    if route is not None:
+        origin["route"] = route.model_dump(mode="json")
+        changes |= route.at(times, inputs.link.air_end[1].height)._asdict()
+    rows = [dict(zip(changes, row, strict=True)) for row in zip(*changes.values(), strict=True)]
+    parts = _frames(inputs, times, [_moved(inputs.link, row) for row in rows])
     return gain_series(inputs.link, "time", times, parts, origin, progress)
 
 
@@ -235,20 +249,30 @@ def common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[Pa
     return ordered_map(forced.evaluate, chain(first, meshes), inputs.threads)
 
 
-def _tilted_frames(inputs: Inputs, times: Floats, uav: Uav, wind: Dryden) -> Iterator[Parts]:
-    """Yield the parts of the gain at each time of a flight, with chains of the same numbers."""
-    link, sea, run, normals = inputs.link, inputs.surface, inputs.run, inputs.meshing.normals
-    name, end = link.air_end
+def _tilts(inputs: Inputs, times: Floats, uav: Uav, wind: Dryden) -> dict[str, Floats]:
+    """Return the tilt of the end in the air at each time of a flight [deg]."""
+    name, end = inputs.link.air_end
     if end.tilt_deg != 0.0:
         raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the flight tilts it")
-    tilt_deg, azimuth_deg = np.degrees(uav.simulate_flight(wind, times, run.seed).tilt)
-    crest = _CREST_MARGIN * float(inputs.mesh(link, sea, float(times[0])).bounds[1, 2])
+    tilt_deg, azimuth_deg = np.degrees(uav.simulate_flight(wind, times, inputs.run.seed).tilt)
+    return {"tilt_deg": tilt_deg, "tilt_azimuth_deg": azimuth_deg}
+
+
+def _moved(link: Link, changes: dict[str, Any]) -> Link:
+    """Return a link with other values of its end in the air."""
+    name, end = link.air_end
+    plain = {key: np.asarray(value).tolist() for key, value in changes.items()}
+    return link.model_copy(update={name: end.model_copy(update=plain)})
+
+
+def _frames(inputs: Inputs, times: Floats, links: list[Link]) -> Iterator[Parts]:
+    """Yield the parts of the gain of a link at each time, with chains of the same numbers."""
+    sea, run, normals = inputs.surface, inputs.run, inputs.meshing.normals
+    crest = _CREST_MARGIN * float(inputs.mesh(links[0], sea, float(times[0])).bounds[1, 2])
 
     def frame(i: int) -> Parts:
-        tilt = {"tilt_deg": float(tilt_deg[i]), "tilt_azimuth_deg": float(azimuth_deg[i])}
-        tilted = link.model_copy(update={name: end.model_copy(update=tilt)})
-        mesh = inputs.mesh(tilted, sea, float(times[i]))
-        forced = ForcedDetection(tilted, run.photons, run.seed, normals, crest=crest)
+        mesh = inputs.mesh(links[i], sea, float(times[i]))
+        forced = ForcedDetection(links[i], run.photons, run.seed, normals, crest=crest)
         return forced.evaluate(mesh)
 
     return ordered_map(frame, range(len(times)), inputs.threads)

@@ -1,6 +1,7 @@
 """Aircraft with a receiver: gusts, tilt and airframe."""
 
 from meshtrace.uav.airframe import UAVS, Flight, FlightRecord, Uav
+from meshtrace.uav.route import Route
 from meshtrace.uav.wind import Dryden
 
-__all__ = ["UAVS", "Dryden", "Flight", "FlightRecord", "Uav"]
+__all__ = ["UAVS", "Dryden", "Flight", "FlightRecord", "Route", "Uav"]

@@ -102,3 +102,9 @@ def _section(page, start):
     """Return the table that begins with a header."""
     text = (DOCS / page).read_text("utf-8")
     return text[text.index(start) :].split("\n\n")[0]
+
+
+def test_link_file_page_is_that_of_the_models():
+    """In another process: tests register kinds of their own."""
+    code = "from make_link_file import PAGE, page; assert page() == PAGE.read_text('utf-8')"
+    subprocess.run([sys.executable, "-c", code], cwd=DOCS, check=True)
