@@ -9,10 +9,13 @@ from meshtrace.cli import (
     compare,
     converge,
     coverage,
+    explore,
     figures,
     new,
+    optimize,
     plot,
     run,
+    sensitivity,
     series,
     sweep,
     validate,
@@ -27,18 +30,15 @@ __all__ = [
     "compare",
     "converge",
     "coverage",
+    "explore",
     "figures",
-    "main",
     "new",
+    "optimize",
     "plot",
     "run",
+    "sensitivity",
     "series",
     "sweep",
     "validate",
     "view",
 ]
-
-
-def main() -> None:
-    """Run the command line and exit."""
-    app(prog_name="meshtrace")

@@ -18,6 +18,7 @@ from meshtrace.kernels.photon_state import (
     set_weight,
 )
 from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.sky import SUN_SCORE, sunlight
 from meshtrace.kernels.sources import lambert_reflection
 from meshtrace.kernels.tally import Fate, Flight, score_map, score_planes
 from meshtrace.kernels.vectors import along, turn
@@ -73,6 +74,9 @@ def _continue(q, u_path, world):
 def scatter(q, world):
     """Apply a collision at the position of a photon."""
     q.event += 1
+    if world.back.irradiance > 0.0:
+        light = sunlight(world.back, world.medium, place(q), heading(q), q.weight)
+        world.tallies.score[q.id - world.first, SUN_SCORE] += light
     u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION)
     s, weight = collide(world.medium, place(q), q.weight, u_kind, u_theta)
     if weight != q.weight:

@@ -66,7 +66,7 @@ def time_series(
         The tilt acts in the cosine of the aperture and in the field of view of every photon, or
         in the pattern of the lamp.
     route : Route, optional
-        Waypoints of the receiver, or of the lamp of a downlink, whose own position they replace.
+        Waypoints of the receiver, or the lamp of a downlink, whose own position they replace.
     photons : int, optional
         Chains, common to all times; 2048 by default.
     seed : int, optional
@@ -137,9 +137,8 @@ def over_times(
     origin = inputs.provenance()
     if flight is None and route is None:
         meshes = (inputs.mesh(inputs.link, inputs.surface, float(t)) for t in times)
-        return gain_series(
-            inputs.link, "time", times, common_chains(inputs, meshes), origin, progress
-        )
+        parts = common_chains(inputs, meshes)
+        return gain_series(inputs.link, "time", times, parts, origin, progress)
     changes: dict[str, Any] = {}
     if flight is not None:
         wind = inputs.wind_of(flight)
@@ -227,17 +226,24 @@ def over_realizations(
     return gain_series(inputs.link, "realization", seeds, parts, inputs.provenance(), progress)
 
 
-def _beside_closed_form(inputs: Inputs, series: GainSeries) -> GainSeries:
-    """Add the closed form of the scintillation index to a series; warn of a short band."""
-    if len(series.coordinate) < _STATISTICS:
-        return series
-    found = band_fading(inputs.link, inputs.surface)
+def closed_form(link: Link, sea: MeshSource, n: int, level: int = 3) -> dict[str, Any]:
+    """Return `fading.band_fading` as plain data, empty below 50 surfaces; warn of a short band.
+
+    `level` is the stack level of the warning.
+    """
+    found = band_fading(link, sea) if n >= _STATISTICS else None
     if found is None:
-        return series
+        return {}
     text = found.warning()
     if text:
-        warnings.warn(text, stacklevel=3)
-    return replace(series, provenance={**series.provenance, "closed_form": found._asdict()})
+        warnings.warn(text, stacklevel=level + 1)
+    return {"closed_form": found._asdict()}
+
+
+def _beside_closed_form(inputs: Inputs, series: GainSeries) -> GainSeries:
+    """Add the closed form of the scintillation index to a series; warn of a short band."""
+    found = closed_form(inputs.link, inputs.surface, len(series.coordinate))
+    return replace(series, provenance={**series.provenance, **found})
 
 
 def common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[Parts]:

@@ -80,6 +80,7 @@ class AimedChains:
             self.medium = with_raster(self.medium, self._intersector)
         self.locator = locator(self.surface, link.targets)
         self.counters = np.zeros(len(Counter), np.int64)
+        self.nodes: dict[tuple[int, int], tuple[int, int]] = {}  # quadratures of the apertures
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     @cached_property
@@ -252,7 +253,8 @@ class AimedChains:
             return None
         gain = np.zeros(len(self._mesh.faces))
         doubtful = np.zeros(len(gain), bool)
-        disk = blurred.Disk(*_disk_rule(*_disk_nodes(blur)), blur)
+        nodes = self.nodes.setdefault((source, receiver), _disk_nodes(blur))
+        disk = blurred.Disk(*_disk_rule(*nodes), blur)
         if not blurred.blurred_gain(scene, disk, gain, doubtful):
             return None
         if doubtful.any():

@@ -76,8 +76,8 @@ def require_height_field(mesh: TriangleMesh) -> None:
         raise Refused("sea.mesh", found, f"a height field; overhangs need {_ANALOG[5:]}")
 
 
-def forced_link(link: Link) -> ForcedLink:
-    """Return the link as arrays and numbers for the chains.
+def forced_link(link: Link, frame: Frame | None = None) -> ForcedLink:
+    """Return the link as arrays and numbers for the chains, in its own frame unless one is given.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def forced_link(link: Link) -> ForcedLink:
     _require_points(link)
     power = np.array([t.power_mw for t in link.transmitters])
     medium = expected_water(link, crest=5.0)
-    frame = frame_of(link)
+    frame = frame or frame_of(link)
     low: tuple[Source | Aperture, ...] = link.transmitters
     if link.direction == "down":
         low = link.receivers

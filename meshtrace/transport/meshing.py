@@ -62,11 +62,12 @@ def mesh_for(
     if isinstance(surface, TriangleMesh):
         mesh, config = surface, _identity(surface)
     elif isinstance(surface, MeshSource):
-        mesh, config = _triangulated(link, surface, meshing, reach, per_wave), surface.to_config()
+        lines = mesh_lines(link, surface, meshing, reach, per_wave)
+        mesh, config = surface.mesh(meshing.time, **lines), surface.to_config()
     else:
         kind = Described(type(surface).__name__)
         raise Refused("surface", kind, "a sea (SurfaceModel) or a TriangleMesh")
-    _require_cover(link, mesh)
+    require_cover(link, mesh)
     return mesh, config
 
 
@@ -77,9 +78,25 @@ def _identity(mesh: TriangleMesh) -> dict[str, Any]:
     return {"kind": "mesh", "sha256": digest, "facets": len(mesh.faces)}
 
 
-def _triangulated(
-    link: Link, surface: MeshSource, meshing: Meshing, reach: float | None, per_wave: float
-) -> TriangleMesh:
+def mesh_lines(
+    link: Link,
+    surface: MeshSource,
+    meshing: Meshing = Meshing(),  # noqa: B008 - frozen
+    reach: float | None = None,
+    per_wave: float = GAIN_SPACING,
+) -> dict[str, Any]:
+    """Return the extent, spacing and centre of the mesh of a sea, as arguments of its `mesh`.
+
+    Parameters
+    ----------
+    link, surface, meshing, reach, per_wave
+        As for `mesh_for`.
+
+    Raises
+    ------
+    Refused
+        If the mesh would have too many facets.
+    """
     f = link.footprint() if reach is None else link.footprint(_ASIDE)
     if reach is not None:
         far = math.dist(f.center, link.origin)
@@ -91,15 +108,14 @@ def _triangulated(
     spacing = meshing.spacing or f.spacing
     _require_size(f, meshing)
     if meshing.extent is not None:
-        return surface.mesh(meshing.time, meshing.extent, spacing, center=link.origin)
-    return surface.mesh(
-        meshing.time,
-        f.extent,
-        spacing,
-        center=f.center,
-        fine_extent=f.fine_extent,
-        coarse_spacing=max(f.coarse_spacing, meshing.spacing or 0.0),
-    )
+        return {"extent": meshing.extent, "spacing": spacing, "center": link.origin}
+    return {
+        "extent": f.extent,
+        "spacing": spacing,
+        "center": f.center,
+        "fine_extent": f.fine_extent,
+        "coarse_spacing": max(f.coarse_spacing, meshing.spacing or 0.0),
+    }
 
 
 def _resolving(link: Link, surface: WaveSum, f: Footprint, per_wave: float) -> Footprint:
@@ -139,7 +155,8 @@ def _require_size(f: Footprint, meshing: Meshing) -> None:
         raise Refused("mesh", size, allowed)
 
 
-def _require_cover(link: Link, mesh: TriangleMesh) -> None:
+def require_cover(link: Link, mesh: TriangleMesh) -> None:
+    """Refuse a mesh that does not reach over the link, or reaches a source or a receiver."""
     low, high = mesh.bounds
     for path, item in link.items():
         x, y, z = item.center

@@ -1,0 +1,84 @@
+"""Score the results of any program for the reference case W2A-1.
+
+python score.py results.csv needs nothing but Python. Columns of the file, with a heading:
+
+    case,time,unscattered,total,total_stderr
+
+`case` is a key of "cases" in w2a1.json with an empty time, or "jonswap5/series" and
+"jonswap13/series" with the time in s. Empty cells are not scored.
+"""
+
+import csv
+import json
+import math
+import sys
+from pathlib import Path
+
+CASE = json.loads(Path(__file__).with_name("w2a1.json").read_text(encoding="utf-8"))
+
+
+def number(row, key):
+    """Return a cell as a number, nan if it is empty."""
+    return float(row.get(key) or "nan")
+
+
+def scored(row):
+    """Yield (what, passed, remark) for the numbers of one case."""
+    name, expected = row["case"], CASE["cases"][row["case"]]
+    got = number(row, "unscattered")
+    if not math.isnan(got):
+        off, tolerance = got / expected["unscattered"] - 1.0, expected["unscattered_tol_rel"]
+        yield f"{name} unscattered", abs(off) <= tolerance, f"{off:+.1e} of {tolerance:g}"
+    got, error = number(row, "total"), number(row, "total_stderr")
+    if not math.isnan(got):
+        z = (got - expected["total"]) / math.hypot(error, expected["total_stderr"])
+        precise = error <= 0.005 * expected["total"]
+        remark = f"z = {z:+.2f}" + ("" if precise else ", error beyond 0.5 %")
+        yield f"{name} total", abs(z) <= 3.0 and precise, remark
+
+
+def scored_series(name, rows):
+    """Yield (what, passed, remark) for one series."""
+    expected = CASE["series_frozen_phases"][name]
+    worst, totals = 0.0, []
+    for row in rows:
+        k = round((number(row, "time") - expected["t0"]) / expected["dt"])
+        off = number(row, "unscattered") / expected["unscattered_gain"][k] - 1.0
+        worst = off if abs(off) > abs(worst) else worst
+        totals.append(number(row, "total"))
+    whole = len(rows) == expected["n"]
+    yield f"{name} unscattered", whole and abs(worst) <= 5e-3, f"worst {worst:+.1e} of 0.005"
+    mean = sum(totals) / len(totals)
+    spread = math.sqrt(sum((t - mean) ** 2 for t in totals) / (len(totals) - 1)) / mean
+    off = spread / expected["total_rel_std"] - 1.0
+    yield f"{name} spread of total", whole and abs(off) <= 0.01, f"{off:+.1e} of 0.01"
+
+
+def score(rows):
+    """Return (what, passed, remark) of all rows of a file of results."""
+    found, series = [], {}
+    for row in rows:
+        if row["case"] in CASE["cases"]:
+            found += scored(row)
+        elif row["case"] in CASE["series_frozen_phases"]:
+            series.setdefault(row["case"], []).append(row)
+        else:
+            raise SystemExit(f"case: {row['case']!r}, allowed: a case or series of w2a1.json")
+    for name, times in series.items():
+        found += scored_series(name, times)
+    return found
+
+
+def main():
+    """Print the score of a file."""
+    if len(sys.argv) != 2:
+        raise SystemExit(__doc__)
+    with open(sys.argv[1], newline="", encoding="utf-8") as file:
+        found = score(csv.DictReader(file))
+    for what, passed, remark in found:
+        print(f"{'pass' if passed else 'FAIL'}  {what:32s} {remark}")
+    print(f"score {sum(passed for _, passed, _ in found)} of {len(found)}")
+
+
+if __name__ == "__main__":
+    main()

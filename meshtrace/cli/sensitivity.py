@@ -1,0 +1,53 @@
+"""`meshtrace sensitivity`: derivatives of a link's gain, error rate, outage, range or margin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import typer
+from typer import Option
+
+from meshtrace.cli.app import app
+from meshtrace.cli.console import check_output, progress, save, scenario_of
+from meshtrace.cli.drawing import check_plot, draw
+from meshtrace.cli.options import LinkFile, Output, Plot, Seed, Settings, Threads, Wind
+
+
+@app.command("sensitivity")
+def sensitivity_command(
+    link: LinkFile = None,
+    wrt: list[str] | None = Option(
+        None, "--wrt", metavar="KEY", help="Parameter, such as water.a; repeatable; default: all."
+    ),
+    of: str = Option("gain", metavar="WORD", help="gain, ber, outage, range or margin."),
+    realizations: int = Option(1, "-n", "--realizations", min=1, help="Independent seas."),
+    limit: float = Option(1e-3, metavar="BER", help="Largest bit error rate of a working link."),
+    step: float | None = Option(None, metavar="S", help="Step of the differences, relative."),
+    resume: Path | None = Option(
+        None, metavar="FOLDER", help="Keep finished parameters here; a stopped run goes on."
+    ),
+    output: Output = None,
+    plot: Plot = None,
+    photons: str = Option("8192", metavar="N", help="Chains, common to all evaluations."),
+    seed: Seed = None,
+    threads: Threads = None,
+    wind: Wind = None,
+    settings: Settings = None,
+) -> None:
+    """Print the sensitivity of a link to its parameters, with standard errors.
+
+    An elasticity is the change in per cent for 1 % more of the parameter. All evaluations share
+    their chains and seas.
+    """
+    from meshtrace.studies.sensitivity import sensitivities
+
+    scenario = scenario_of(link, settings, wind, photons=photons, seed=seed, threads=threads)
+    check_output(output, link)
+    check_plot(plot, link)
+    asked: Any = {"of": of, "realizations": realizations, "limit": limit, "step": step}
+    with progress(len(wrt or []) or None, False, "parameters", "forced") as (_, advance):
+        found = sensitivities(scenario, wrt=wrt, resume=resume, progress=advance, **asked)
+    typer.echo(found.summary())
+    save(found, output)
+    draw(found, plot)

@@ -1,0 +1,227 @@
+"""Measured gains, and the model that predicts them for any values of the unknowns."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from meshtrace.errors import Described, Refused
+from meshtrace.link import Link
+from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.parallel import ordered_map
+from meshtrace.stored import SHIFTS
+from meshtrace.studies.sensitivity.parameters import Parameter, Setting
+from meshtrace.studies.sensitivity.problem import has_moments, moments
+from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.frozen import FrozenForced, Light
+from meshtrace.transport.meshing import mesh_lines, require_cover
+from meshtrace.transport.options import Meshing, Run
+
+WATER = ("water.a", "water.b")
+SCALE = "scale"
+"""Unknown factor of all measurements: the calibration of the receiver."""
+
+_WIDER = 1.2
+_LARGEST = 64  # predicted measurements that are kept for further fits
+_STEP = 0.01  # of differences in the logarithm
+
+
+class Measurements(NamedTuple):
+    """Gains, or counts, with errors, and the values of the link that belong to each."""
+
+    value: Floats  # (n,)
+    stderr: Floats  # (n,)
+    keys: list[dict[str, Any]]  # (n,) values by dotted key
+
+
+def read_measurements(given: Any) -> Measurements:
+    """Return measurements from rows, or from a table of columns.
+
+    Raises
+    ------
+    Refused
+        If a value or an error is missing or not above 0.
+    """
+    rows: list[Mapping[str, Any]]
+    if isinstance(given, Mapping) or hasattr(given, "columns"):
+        columns = {str(key): np.atleast_1d(given[key]).tolist() for key in given}
+        n = max((len(column) for column in columns.values()), default=0)
+        uneven = [key for key, column in columns.items() if len(column) not in (1, n)]
+        if uneven:
+            raise Refused(f"measurements.{uneven[0]}", Described("too short"), f"{n} values")
+        rows = [{k: c[i % len(c)] for k, c in columns.items()} for i in range(n)]
+    elif isinstance(given, Sequence) and all(isinstance(row, Mapping) for row in given):
+        rows = list(given)
+    else:
+        raise Refused("measurements", Described(type(given).__name__), "rows, or a table")
+    if not rows:
+        raise Refused("measurements", Described("empty"), "at least one")
+    values, errors, keys = [], [], []
+    for i, row in enumerate(rows):
+        rest = dict(row)
+        counts = rest.pop("counts", None)
+        value = rest.pop("gain", counts)
+        error = rest.pop("stderr", None if counts is None else math.sqrt(max(counts, 0.0)))
+        for name, number in (("gain", value), ("stderr", error)):
+            if not isinstance(number, int | float) or not 0.0 < number < math.inf:
+                raise Refused(f"measurements[{i}].{name}", number, "a number > 0")
+        values.append(float(value))
+        errors.append(float(error))
+        keys.append(rest)
+    return Measurements(np.array(values), np.array(errors), keys)
+
+
+class Prediction(NamedTuple):
+    """Predicted gains with their derivatives and errors."""
+
+    log: Floats  # (n,) ln gain
+    slope: Floats  # (n, unknowns) d ln gain / d unknown: of ln p, or of p for offsets and angles
+    covariance: Floats  # (n, n) of ln gain, by the chains
+
+
+class Model:
+    """Predictions of all measurements with common chains.
+
+    Parameters
+    ----------
+    link : Link
+        The link at the starting values.
+    surface : MeshSource or TriangleMesh
+        The surface.
+    keys : list of dict
+        Values of the link that belong to each measurement.
+    unknowns : list of Parameter
+        Unknown parameters; a and b of uniform water weigh the arrivals again.
+    run : Run
+        Photons, seed and threads.
+    threads : int
+        Threads.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        surface: Any,
+        keys: list[dict[str, Any]],
+        unknowns: list[Parameter],
+        run: Run,
+        threads: int,
+    ) -> None:
+        self._surface, self._unknowns = surface, unknowns
+        self._threads, self._run = threads, run
+        self._links = []
+        for i, row in enumerate(keys):
+            at = link
+            for key, value in row.items():
+                try:
+                    at = at.replace(key, value)
+                except Refused as refused:
+                    raise refused.inside("measurements", i) from None
+            at.only_receiver  # noqa: B018 - refuses links without exactly one
+            self._links.append(at)
+        self._quick = has_moments(link)
+
+    def at(self, x: Floats) -> Prediction:
+        """Return the predictions at a point: ln(p / start), or p - start for offsets and angles."""
+        jobs = [(link, tuple(x.tolist())) for link in self._links]
+        rows = list(ordered_map(lambda job: self._one(*job), jobs, self._threads))
+        shifts = np.array([gains for gains, _ in rows])
+        means = shifts.mean(axis=1)
+        off = shifts / means[:, None] - 1.0
+        covariance = off @ off.T / (SHIFTS * (SHIFTS - 1))
+        return Prediction(np.log(means), np.array([slope for _, slope in rows]), covariance)
+
+    def _one(self, link: Link, x: tuple[float, ...]) -> tuple[Floats, Floats]:
+        """Return gains by shift and logarithmic slopes of one measurement."""
+        gains = self._gains(link, x)
+        slopes = []
+        for i, p in enumerate(self._unknowns):
+            if self._quick and p.name in WATER:
+                at, light = self._weighed(link, x)
+                slope = float(moments(at, light)[p.name].mean() / gains.mean())
+            else:
+                step = p.step if p.absolute else _STEP
+                sides = [
+                    self._gains(link, (*x[:i], x[i] + side * step, *x[i + 1 :])).mean()
+                    for side in (-1.0, 1.0)
+                ]
+                slope = math.log(sides[1] / sides[0]) / (2.0 * step)
+            slopes.append(slope)
+        return gains, np.array(slopes)
+
+    def _gains(self, link: Link, x: tuple[float, ...]) -> Floats:
+        _, light = self._weighed(link, x)
+        gains = light.by_shift(np.ones(len(light.weight)))
+        if not gains.mean() > 0.0:
+            raise Refused("measurements", Described("a dark link"), "links with light")
+        return gains
+
+    def _weighed(self, link: Link, x: tuple[float, ...]) -> tuple[Link, Light]:
+        """Return a link at a point of the unknowns, and its light.
+
+        w' = w exp(-(a' - a + b' - b) L) (b' / b)^K
+        """
+        setting = Setting(link, self._surface, None)
+        same = setting
+        for p, step in zip(self._unknowns, x, strict=True):
+            value = p.base + step if p.absolute else p.origin + p.scale * math.exp(step)
+            setting = p.at(setting, value)
+            if not (self._quick and p.name in WATER):
+                same = p.at(same, value)
+        light = _predictor(link, self._surface, self._run).light(same.link)
+        old, new = same.link.water, setting.link.water
+        if (old.a, old.b) != (new.a, new.b):
+            factor = np.exp((old.a - new.a + old.b - new.b) * light.water)
+            if new.b != old.b:
+                factor *= (new.b / old.b) ** light.order
+            light = light._replace(weight=light.weight * factor)
+        return setting.link, light
+
+
+class _Predictor:
+    """Chains of one link and the light of its last neighbours."""
+
+    def __init__(self, link: Link, surface: Any, run: Run) -> None:
+        if isinstance(surface, TriangleMesh):
+            self._mesh = surface
+        else:
+            lines: dict[str, Any] = {}
+            if isinstance(surface, SurfaceModel):
+                lines = mesh_lines(link, surface, Meshing(), _WIDER * crossing_reach(link))
+            self._mesh = surface.mesh(0.0, **lines)
+        require_cover(link, self._mesh)
+        crest = float(self._mesh.bounds[1, 2])
+        self._frozen = FrozenForced(link, run.photons, run.seed, crest)
+        self._lights: OrderedDict[str, Light] = OrderedDict()
+
+    def light(self, link: Link) -> Light:
+        """Return the light that a neighbouring link receives."""
+        key = link.model_dump_json()
+        if key not in self._lights:
+            while len(self._lights) >= 3:
+                self._lights.popitem(last=False)
+            self._lights[key] = self._frozen.light(link, self._mesh)[0]
+        return self._lights[key]
+
+
+_kept: OrderedDict[tuple[Any, ...], _Predictor] = OrderedDict()
+
+
+def _predictor(link: Link, surface: Any, run: Run) -> _Predictor:
+    """Return the chains of a link; those of the last ones are kept between fits."""
+    mesh = isinstance(surface, TriangleMesh)
+    identity = id(surface) if mesh else repr(surface.to_config())
+    key = link.model_dump_json(), identity, run.photons, run.seed
+    found = _kept.get(key)
+    if found is None:
+        found = _Predictor(link, surface, run)
+        if not mesh:  # an identity may return
+            _kept[key] = found
+        while len(_kept) > _LARGEST:
+            _kept.popitem(last=False)
+    return found

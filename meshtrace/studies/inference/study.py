@@ -1,0 +1,295 @@
+"""Properties of a link from measured gains: least squares with covariance and identifiability."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from meshtrace.errors import Refused
+from meshtrace.link import Link
+from meshtrace.mesh import MeshSource, TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.parallel import default_threads
+from meshtrace.results.provenance import provenance
+from meshtrace.scenario import Scenario
+from meshtrace.studies.inference.model import (
+    SCALE,
+    Measurements,
+    Model,
+    Prediction,
+    read_measurements,
+)
+from meshtrace.studies.inference.result import Inference
+from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
+from meshtrace.surfaces import FlatSea
+from meshtrace.transport.case import resolve
+
+DEFAULT_CHAINS = 4096
+"""Chains of the prediction of each measurement."""
+
+_FARTHEST = 5.0  # of a logarithm from its start
+_ANY_SCALE = 100.0  # of the logarithm of the scale
+_UNKNOWN = 1.0  # relative standard error beyond which no value is quoted
+_LEAST = 1e-12  # singular value over the largest, below which a direction is unknown
+_ROUNDS = 2  # of the fit: the error of the prediction is updated in between
+
+
+def infer(
+    measurements: Any,
+    link: Link | Scenario,
+    unknown: Sequence[str] = ("water.a", "water.b", SCALE),
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    *,
+    sea: MeshSource | TriangleMesh | None = None,
+    photons: int = DEFAULT_CHAINS,
+    seed: int = 1,
+    threads: int | None = None,
+) -> Inference:
+    """Return unknown parameters of a link from measured gains.
+
+    Parameters
+    ----------
+    measurements : sequence of mappings, or mapping of columns
+        Each with "gain" and "stderr", or "counts" (with the error of a Poisson law unless
+        "stderr" is given), and the keys of the link that differ between measurements, such as
+        "transmitter.depth" and "receiver.fov_deg".
+    link : Link or Scenario
+        The link at the starting values of the unknowns.
+    unknown : sequence of str
+        Keys of the link, and "scale" for a common factor of all measurements.
+    prior : mapping of str to (mean, std), optional
+        Independent knowledge of unknowns.
+    sea : MeshSource or TriangleMesh, optional
+        The surface; still water by default, or that of the scenario.
+    photons : int
+        Chains of each prediction.
+    seed : int
+        Seed, the same for all predictions.
+    threads : int, optional
+        Threads, all cores by default; the result does not depend on them.
+
+    Returns
+    -------
+    Inference
+
+    Raises
+    ------
+    Refused
+        If a key or an unknown is not known, or there are more unknowns than measurements and
+        priors.
+
+    Notes
+    -----
+    Least squares in the logarithms of gains and parameters (offsets and angles as they are):
+
+        chi2 = (y - m(x))^T C^-1 (y - m(x)),    cov(x) = (J^T C^-1 J)^-1,
+
+    with the relative errors of the measurements and the covariance of the predictions by their
+    common chains in C, and J the sensitivities (moments for a and b). Before the fit the
+    singular values of C^-1/2 J, without priors, tell which combinations the measurements see;
+    `weakest` names the one that they see least. A parameter whose relative error without
+    priors exceeds 100 % is not quoted: its value is nan.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> rows = [{"transmitter.depth": d, "gain": g, "stderr": 0.02 * g}
+    ...         for d, g in ((5.0, 3.0e-4), (10.0, 6.0e-5), (20.0, 6.9e-6))]
+    >>> f = mt.infer(rows, mt.Link(), ["water.a"], photons=512)
+    >>> f"{f.value['water.a']:.2f}"
+    '0.11'
+    """
+    data = read_measurements(measurements)
+    if sea is None and not isinstance(link, Scenario):
+        sea = FlatSea()
+    case = resolve(link, sea).with_options(photons=photons, seed=seed)
+    names = [unknown] if isinstance(unknown, str) else list(unknown)
+    keys = [name for name in names if name != SCALE]
+    setting = Setting(case.link, case.surface, None)
+    found = parameters(setting, keys, None, "vertex") if keys else []
+    for p in found:
+        if p.name.split(".")[0] in ("sea", "wind_speed"):
+            raise Refused("unknown", p.name, "keys of the link, or scale")
+    fit = _Fit(data, names, found, _priors(prior, names, found))
+    fit.model = Model(case.link, case.surface, data.keys, found, case.run, default_threads(threads))
+    surface = {} if isinstance(case.surface, TriangleMesh) else dict(case.surface.to_config())
+    origin = provenance(case.link, surface, {"photons": photons, "seed": seed})
+    return fit.result(origin)
+
+
+class _Prior(NamedTuple):
+    """Knowledge of an unknown in the coordinates of the fit."""
+
+    axis: int
+    mean: float
+    std: float
+
+
+def _priors(prior: Any, names: list[str], found: list[Parameter]) -> list[_Prior]:
+    """Return the priors in the coordinates of the fit."""
+    known = {p.name: p for p in found}
+    rows = []
+    for name, pair in (prior or {}).items():
+        if name not in names:
+            raise Refused("prior", name, ", ".join(names))
+        mean, std = (float(v) for v in pair)
+        p = known.get(name)
+        if not std > 0.0 or not (mean > 0.0 or (p is not None and p.absolute)):
+            raise Refused(f"prior.{name}", pair, "(mean, std), std > 0")
+        if p is not None and p.absolute:
+            rows.append(_Prior(names.index(name), mean - p.base, std))
+        else:
+            base, origin = (1.0, 0.0) if p is None else (p.scale, p.origin)
+            off = mean - origin
+            rows.append(_Prior(names.index(name), math.log(off / base), std / off))
+    return rows
+
+
+class _Fit:
+    """Least squares for the unknowns `names`, of which `found` are parameters of the link."""
+
+    model: Model
+
+    def __init__(
+        self,
+        data: Measurements,
+        names: list[str],
+        found: list[Parameter],
+        priors: list[_Prior],
+    ) -> None:
+        if not names or len(set(names)) < len(names):
+            raise Refused("unknown", names, "one or more names, each once")
+        if len(names) > len(data.value) + len(priors):
+            allowed = f"at most {len(data.value) + len(priors)}: measurements and priors"
+            raise Refused("unknown", names, allowed)
+        self._data, self._names, self._found, self._priors = data, names, found, priors
+        self._link_axes = [i for i, name in enumerate(names) if name != SCALE]
+
+    def _predicted(self, x: Floats) -> Prediction:
+        """Return the predictions with the scale, and slopes by all unknowns."""
+        found = self.model.at(x[self._link_axes])
+        slope = np.ones((len(found.log), len(self._names)))
+        slope[:, self._link_axes] = found.slope
+        log = found.log + sum(x[i] for i, name in enumerate(self._names) if name == SCALE)
+        return Prediction(log, slope, found.covariance)
+
+    def _root(self, covariance: Any) -> Any:
+        """Return the Cholesky root of the covariance of ln gain, measured and predicted."""
+        relative = self._data.stderr / self._data.value
+        return np.linalg.cholesky(np.diag(relative**2) + covariance)
+
+    def _solved(self, x0: Floats, root: Floats) -> Floats:
+        """Return the least-squares solution for one covariance."""
+        from scipy.optimize import least_squares
+
+        logs = np.log(self._data.value)
+        axes, means, stds = (np.array([p[k] for p in self._priors]) for k in range(3))
+        axes = axes.astype(int)
+
+        def residuals(x: Floats) -> Floats:
+            whitened = np.linalg.solve(root, self._predicted(x).log - logs)
+            return np.concatenate([whitened, (x[axes] - means) / stds])
+
+        def jacobian(x: Floats) -> Floats:
+            rows = np.zeros((len(axes), len(x)))
+            rows[np.arange(len(axes)), axes] = 1.0 / stds
+            return np.concatenate([np.linalg.solve(root, self._predicted(x).slope), rows])
+
+        found = least_squares(
+            residuals, x0, jac=jacobian, bounds=(-self._limits(), self._limits()), x_scale="jac"
+        )
+        solution: Floats = found.x
+        return solution
+
+    def _limits(self) -> Floats:
+        """Return how far each unknown may move from its start."""
+        limits = np.array([_ANY_SCALE if n == SCALE else _FARTHEST for n in self._names])
+        for i, p in zip(self._link_axes, self._found, strict=True):
+            if p.absolute:
+                limits[i] = 100.0 * p.step
+        return limits
+
+    def result(self, origin: dict[str, Any]) -> Inference:
+        """Return the fit, with the identifiability at its start."""
+        x = np.zeros(len(self._names))
+        first = self._predicted(x)
+        if SCALE in self._names:  # start with the right mean
+            x[self._names.index(SCALE)] = float(np.mean(np.log(self._data.value) - first.log))
+        root = self._root(first.covariance)
+        _, singular, rows = np.linalg.svd(np.linalg.solve(root, first.slope), full_matrices=False)
+        before = _relative(singular, rows)
+        for _ in range(_ROUNDS):
+            x = self._solved(x, root)
+            last = self._predicted(x)
+            root = self._root(last.covariance)
+        whitened = np.linalg.solve(root, last.slope)
+        information = whitened.T @ whitened
+        for prior in self._priors:
+            information[prior.axis, prior.axis] += prior.std**-2
+        covariance = np.linalg.pinv(information, rcond=_LEAST**2, hermitian=True)
+        after = _relative(*np.linalg.svd(whitened, full_matrices=False)[1:])
+        off = np.linalg.solve(root, last.log - np.log(self._data.value))
+        chi2 = float(off @ off) + sum(((x[p.axis] - p.mean) / p.std) ** 2 for p in self._priors)
+        values, units, scales = self._values(x)
+        relative = [p.absolute for p in self._found]
+        absolute = np.zeros(len(self._names), bool)
+        absolute[self._link_axes] = relative
+        hidden = ~absolute & ((before > _UNKNOWN) | (after > _UNKNOWN))
+        return Inference(
+            unknown=tuple(self._names),
+            unit=tuple(units),
+            estimate=np.where(hidden, math.nan, values),
+            error=np.where(hidden, math.nan, np.sqrt(np.diag(covariance)) * scales),
+            covariance=covariance,
+            free_error=before,
+            singular_values=singular,
+            weakest=_words(self._names, absolute, singular, rows),
+            chi2=chi2,
+            degrees=len(self._data.value) + len(self._priors) - len(self._names),
+            measured=self._data.value,
+            predicted=np.exp(last.log),
+            provenance=origin,
+        )
+
+    def _values(self, x: Floats) -> tuple[Floats, list[str], Floats]:
+        """Return values and units of the unknowns, and their changes per unit of x."""
+        known = {p.name: p for p in self._found}
+        values, units, scales = [], [], []
+        for name, step in zip(self._names, x, strict=True):
+            p = known.get(name)
+            if p is not None and p.absolute:
+                values.append(p.base + step)
+                scales.append(1.0)
+            else:
+                origin, base = (0.0, 1.0) if p is None else (p.origin, p.scale)
+                values.append(origin + base * math.exp(step))
+                scales.append(abs(base) * math.exp(step))
+            units.append("1" if p is None else p.unit)
+        return np.array(values), units, np.array(scales)
+
+
+def _relative(singular: Floats, rows: Floats) -> Floats:
+    """Return the standard errors of the unknowns without priors, infinite where undetermined."""
+    n = rows.shape[1]
+    known = np.zeros(n)
+    known[: len(singular)] = np.where(singular > _LEAST * singular[0], singular, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        parts = np.where(rows[: len(known)] != 0.0, rows / known[: len(rows), None], 0.0)
+    found: Floats = np.sqrt(np.square(parts).sum(axis=0))
+    return np.full(n, math.inf) if len(rows) < n else found
+
+
+def _words(names: list[str], absolute: Any, singular: Floats, rows: Floats) -> str:
+    """Return the combination that the measurements see least, in words."""
+    v = rows[-1] / rows[-1][int(np.abs(rows[-1]).argmax())]
+    step, parts = 0.1, []
+    for i in np.argsort(-np.abs(v)):
+        if abs(v[i]) >= 0.005:
+            change = f"{step * v[i]:+.2g}" if absolute[i] else f"{100.0 * step * v[i]:+.2g} %"
+            parts.append(f"{names[i]} {change}")
+    length = step / np.abs(rows[-1]).max()
+    seen = singular[-1] * length
+    return f"{' with '.join(parts)} changes the measurements by {seen:.2g} standard errors"

@@ -1,0 +1,192 @@
+"""Common seas, hover errors, tilts and chains over which candidates of a link are averaged."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from meshtrace.errors import Refused
+from meshtrace.kernels.random import realization_seed
+from meshtrace.link import Led, Link
+from meshtrace.mesh import RandomSea, SurfaceModel, TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.parallel import default_threads, ordered_map
+from meshtrace.stored import SHIFTS
+from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.frozen import FrozenForced, Light
+from meshtrace.transport.meshing import FADING_SPACING, mesh_lines, require_cover
+from meshtrace.transport.options import Meshing, Run
+from meshtrace.uav.airframe import Uav
+from meshtrace.uav.wind import Dryden
+
+_POSITIONS = 12  # of the receiver over each of several seas
+_GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # azimuths that fill a disk evenly
+_CREST_MARGIN = 1.5  # over the highest crest of the first surface
+_CASES = 4  # candidates whose arrivals are kept for other fields of view
+_WIDER = 1.2  # reach of the mesh over that of the start
+
+
+REWEIGHED = ("receiver.fov_deg", "transmitter.half_angle_deg")
+"""Variables for which the arrivals stay: the view cuts them off, the lamp weighs them again."""
+
+
+class Aircraft(NamedTuple):
+    """Errors of the place of a receiver and the airframe that tilts it."""
+
+    hover_std: tuple[float, float]  # [m], along x and y
+    uav: Uav | None
+    wind: Dryden | None
+
+
+class Sample:
+    """Surfaces and receivers common to all candidates.
+
+    Parameters
+    ----------
+    link : Link
+        The start, with the widest field of view of all candidates.
+    sea : MeshSource or TriangleMesh
+        The surface.
+    run : Run
+        Photons, seed and threads.
+    meshing : Meshing
+        Time and resolution of the surface.
+    realizations : int
+        Seas, each with 12 places and tilts; over a surface without random phases, places.
+    aircraft : Aircraft
+        Errors of the receiver.
+    turned : tuple of str
+        Variables that only weigh the arrivals again, see `REWEIGHED`.
+
+    Notes
+    -----
+    Hover errors are stratified in the probability t that a place lies farther out,
+    r = sqrt(-2 ln t) in standard deviations: strata become narrower outwards as (1 - k / m)^2,
+    so that low quantiles of the gain rest on places of their own.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        sea: Any,
+        run: Run,
+        meshing: Meshing,
+        realizations: int,
+        aircraft: Aircraft,
+        turned: tuple[str, ...],
+    ) -> None:
+        self._sea, self._run, self._meshing = sea, run, meshing
+        self._aircraft, self._start, self._turned = aircraft, link, turned
+        self._random = isinstance(sea, RandomSea)
+        self._seas = realizations if self._random else 1
+        moving = aircraft.uav is not None or any(aircraft.hover_std)
+        self._places = 1
+        if moving:
+            self._places = _POSITIONS if self._random else realizations
+        elif not self._random and realizations > 1:
+            self._seas = 1
+        self._draw()
+        start = self._spread(link, 0)
+        self._lines: dict[str, Any] = {}
+        if isinstance(sea, SurfaceModel):
+            reach = _WIDER * crossing_reach(start)
+            self._lines = mesh_lines(start, sea, meshing, reach, FADING_SPACING)
+        self._meshes = [self._mesh(i) for i in range(self._seas)]
+        for mesh in self._meshes:
+            require_cover(start, mesh)
+        crest = _CREST_MARGIN * max(float(mesh.bounds[1, 2]) for mesh in self._meshes)
+        self._frozen = FrozenForced(link, run.photons, run.seed, crest, meshing.normals)
+        self._lights = lru_cache(_CASES)(self._light)
+
+    def _draw(self) -> None:
+        """Draw places, their weights and the winds of all seas."""
+        aircraft, m = self._aircraft, self._places
+        rng = np.random.default_rng([self._run.seed, 1])
+        edges = (1.0 - np.arange(m + 1) / m) ** 2
+        share = rng.random() if m == 1 else 0.5
+        beyond = edges[1:] + share * (edges[:-1] - edges[1:])
+        radius = np.sqrt(-2.0 * np.log(beyond)) if m > 1 else np.zeros(1)
+        azimuth = 2.0 * math.pi * rng.random() + _GOLDEN * np.arange(m)
+        places = radius[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+        self._offsets = places * np.array(aircraft.hover_std)
+        self.weights = np.tile(edges[:-1] - edges[1:], self._seas) / self._seas
+        self._tilts = np.zeros((self._seas, m, 2))
+        if aircraft.uav is not None and aircraft.wind is not None:
+            winds = aircraft.wind.sample_wind(self._seas * m, realization_seed(self._run.seed, 0))
+            tilt = aircraft.uav.tilt(winds)
+            angles = np.degrees(np.stack([tilt.angle, tilt.azimuth], axis=1))
+            self._tilts = angles.reshape(self._seas, m, 2)
+
+    def _mesh(self, i: int) -> TriangleMesh:
+        """Return the surface of realization i."""
+        if isinstance(self._sea, TriangleMesh):
+            return self._sea
+        sea = self._sea
+        if self._random:
+            sea = sea.with_seed(realization_seed(self._run.seed, i))
+        mesh: TriangleMesh = sea.mesh(self._meshing.time, **self._lines)
+        return mesh
+
+    def _spread(self, link: Link, i: int) -> Link:
+        """Return a link with its receiver at all places over sea i."""
+        receiver = link.only_receiver
+        if receiver.tilt_deg != 0.0 and self._aircraft.uav is not None:
+            raise Refused("receiver.tilt_deg", receiver.tilt_deg, "0: the aircraft tilts it")
+        receivers = []
+        for (x, y), (tilt, azimuth) in zip(self._offsets, self._tilts[i], strict=True):
+            place = (receiver.position[0] + float(x), receiver.position[1] + float(y))
+            lean = {} if self._aircraft.uav is None else {
+                "tilt_deg": float(tilt), "tilt_azimuth_deg": float(azimuth)
+            }  # fmt: skip
+            receivers.append(receiver.replace(position=place, **lean))
+        return link.model_copy(update={"receiver": tuple(receivers)})
+
+    def _light(self, link: Link) -> list[Light]:
+        """Return the light at each place over each sea."""
+
+        def one(i: int) -> list[Light]:
+            return self._frozen.light(self._spread(link, i), self._meshes[i])
+
+        found = ordered_map(one, range(self._seas), default_threads(self._run.threads))
+        return [light for row in found for light in row]
+
+    def gains(self, link: Link) -> Floats:
+        """Return the gains of a candidate, shape (seas * places, shifts)."""
+        if self._turned:
+            same = link
+            for name in self._turned:
+                part, key = name.split(".")
+                same = same.replace(name, getattr(getattr(self._start, part), key))
+            rows = [light.by_shift(self._factor(link, light)) for light in self._lights(same)]
+            return np.array(rows)
+
+        def one(i: int) -> Floats:
+            return self._frozen.gains(self._spread(link, i), self._meshes[i])
+
+        found = ordered_map(one, range(self._seas), default_threads(self._run.threads))
+        return np.concatenate(list(found))
+
+    def _factor(self, link: Link, light: Light) -> Floats:
+        """Return the weights of arrivals at a candidate over those at the start."""
+        half = math.radians(0.5 * link.only_receiver.fov_deg)
+        factor = (light.angle <= half).astype(float)
+        old, new = self._start.transmitters[0], link.transmitters[0]
+        if isinstance(old, Led) and isinstance(new, Led):
+            lit = np.maximum(light.lamp, 1e-300)
+            factor *= (new.order + 1.0) / (old.order + 1.0) * lit ** (new.order - old.order)
+        return factor
+
+    def resampled(self, gains: Floats) -> list[tuple[Floats, Floats]]:
+        """Return means over the shifts, and weights: all, without each shift, without each sea."""
+        found = [(gains.mean(axis=1), self.weights)]
+        found += [(np.delete(gains, i, axis=1).mean(axis=1), self.weights) for i in range(SHIFTS)]
+        if self._seas > 1:
+            sea = np.repeat(np.arange(self._seas), self._places)
+            means = gains.mean(axis=1)
+            for i in range(self._seas):
+                kept = sea != i
+                found.append((means[kept], self.weights[kept] * self._seas / (self._seas - 1)))
+        return found

@@ -1,0 +1,394 @@
+"""Search for the best link: sample averages with common random numbers, by scipy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from meshtrace.comms.ook import OokLink, Preset
+from meshtrace.errors import Refused, require_between, require_kind, require_whole, require_word
+from meshtrace.link import Link
+from meshtrace.mesh import MeshSource, TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.results.provenance import provenance
+from meshtrace.scenario import Scenario
+from meshtrace.studies.optimisation.objectives import Custom, Goal, Objective
+from meshtrace.studies.optimisation.result import Optimum, Validation
+from meshtrace.studies.optimisation.sample import REWEIGHED, Aircraft, Sample
+from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
+from meshtrace.studies.sensitivity.problem import error_of
+from meshtrace.transport.case import Case, resolve
+from meshtrace.transport.options import Forced
+from meshtrace.uav.airframe import Uav
+from meshtrace.uav.wind import Dryden
+
+Method = Literal["auto", "bounded", "cobyqa", "global"]
+
+_FRESH = 1_000_003  # added to the seed for the validation
+_GRID = 7  # candidates of one variable before the bounded search
+_MOST = 6  # variables of COBYQA
+_AT_BOUND = 0.01  # of the range of a variable
+_HALVINGS = 4  # of the search for the flat interval
+_FINEST = 0.005  # of the range of a variable, resolution of the searches
+_FOV = "receiver.fov_deg"
+
+
+def optimize(
+    link: Link | Scenario,
+    sea: MeshSource | TriangleMesh | None = None,
+    over: Mapping[str, tuple[float, float]] | None = None,
+    objective: Objective | Custom = "outage",
+    constraints: Sequence[Callable[[Link], float]] = (),
+    hover_std: tuple[float, float] = (0.0, 0.0),
+    uav: Uav | None = None,
+    realizations: int = 64,
+    photons: int = 2048,
+    method: Method = "auto",
+    seed: int = 1,
+    *,
+    wind: Dryden | None = None,
+    ook: OokLink | Preset | None = "physical",
+    bit_rate: float | None = None,
+    limit: float = 1e-3,
+    quantile: float = 0.01,
+    threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
+    **options: Any,
+) -> Optimum:
+    """Return the best link within bounds.
+
+    Parameters
+    ----------
+    link : Link or Scenario
+        The start, with one receiver in the air.
+    sea : MeshSource or TriangleMesh, optional
+        The surface, by default as for `simulate`.
+    over : mapping of str to (low, high)
+        Variables by their keys in a link file, with bounds.
+    objective : {"outage", "gain", "range", "margin"} or callable
+        "outage" minimises the `quantile` of -ln(gain / need), "gain" and "margin" maximise means,
+        "range" the depth at which the averaged error rate meets `limit`. A callable takes
+        (link, gains, weights) and returns a number to minimise.
+    constraints : sequence of callable
+        Functions of the link that are >= 0 where it is allowed.
+    hover_std : (float, float)
+        Standard deviations of the receiver's place along x and y [m].
+    uav : Uav, optional
+        Airframe that tilts the receiver; a fixed mount unless `uav.gimbal`.
+    realizations : int
+        Seas, each with 12 places; over a surface without random phases the number of places.
+    photons : int
+        Chains, common to all candidates.
+    method : {"auto", "bounded", "cobyqa", "global"}
+        Bounded search of one variable, COBYQA (up to six, with constraints) or differential
+        evolution. "auto" takes the first that fits.
+    seed : int
+        Seed of seas, places, tilts and chains.
+    wind : Dryden, optional
+        Wind at the aircraft, by default that over the sea.
+    ook : OokLink or preset, optional
+        Transmission, for all but the gain.
+    bit_rate : float, optional
+        R_b [bit s-1].
+    limit : float
+        Bit error rate of a working link.
+    quantile : float
+        Quantile of the gain for "outage".
+    threads : int, optional
+        Threads, all cores by default; the result does not depend on them.
+    progress : callable, optional
+        Called with 1 after each candidate.
+    **options
+        Fields of `Meshing`.
+
+    Returns
+    -------
+    Optimum
+
+    Raises
+    ------
+    Refused
+        If a variable is unknown or its bounds are not allowed, or the method does not fit.
+
+    Notes
+    -----
+    The same seas, places, tilts and chains serve every candidate (sample average approximation),
+    so that the cost is a deterministic, nearly smooth function. The optimum of a sample is
+    optimistic: `validation` compares it with the start on fresh ones. Fields of view come from
+    the angles of arrival of one run, and half angles from its directions of emission.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> from meshtrace.surfaces import FlatSea
+    >>> o = mt.optimize(mt.Link(), FlatSea(), {"transmitter.half_angle_deg": (3.0, 30.0)},
+    ...                 objective="gain", realizations=1, photons=256)
+    >>> o.notes[0]
+    'transmitter.half_angle_deg is at the bound 3'
+    """
+    given = {"photons": photons, "seed": seed, **options}
+    given |= {} if threads is None else {"threads": threads}
+    case = resolve(link, sea).with_options(**given)
+    if not isinstance(case.run.estimator, Forced):
+        raise Refused("run.estimator", "analog", "forced")
+    require_whole(realizations, 1, 100_000, "realizations")
+    require_between(quantile, 0.0, 1.0, "quantile")
+    require_kind(uav, Uav, "uav")
+    if isinstance(link, Scenario):
+        uav = uav or link.uav
+        ook = link.detector if link.detector is not None and ook == "physical" else ook
+    electronics = None
+    if ook is not None:
+        electronics = OokLink.of_link(case.link, ook, bit_rate)
+        case = case._replace(link=electronics.channel(case.link))
+    goal = Goal(objective, quantile, electronics, limit)
+    variables, bounds = _variables(case, over)
+    aircraft = Aircraft(_stds(hover_std), uav, _wind(case, uav, wind))
+    search = _Search(case, goal, variables, bounds, realizations, aircraft, progress)
+    return search.optimum(tuple(constraints), method)
+
+
+def _stds(hover_std: Any) -> tuple[float, float]:
+    """Return the checked standard deviations of the place."""
+    pair = np.asarray(hover_std, dtype=float)
+    if pair.shape != (2,) or not (pair >= 0.0).all() or not np.isfinite(pair).all():
+        raise Refused("hover_std", hover_std, "two numbers >= 0 [m]")
+    return float(pair[0]), float(pair[1])
+
+
+def _wind(case: Case, uav: Uav | None, wind: Dryden | None) -> Dryden | None:
+    """Return the wind at an aircraft."""
+    if uav is None or wind is not None:
+        return wind
+    speed = getattr(case.surface, "wind_speed", None)
+    if speed is None:
+        raise Refused("wind", None, "a wind, over a sea without wind speed")
+    return Dryden(wind_speed=speed, height=case.link.only_receiver.height)
+
+
+def _variables(
+    case: Case, over: Mapping[str, tuple[float, float]] | None
+) -> tuple[list[Parameter], Floats]:
+    """Return the variables and their bounds (n, 2)."""
+    if not isinstance(over, Mapping) or not over:
+        raise Refused("over", over, "a table of names and bounds (low, high)")
+    setting = Setting(case.link, case.surface, None)
+    bounds = []
+    for name, ends in over.items():
+        pair = np.asarray(ends, dtype=float)
+        if pair.shape != (2,) or not pair[0] < pair[1]:
+            raise Refused(f"over.{name}", ends, "(low, high), low < high")
+        if str(name).split(".")[0] in ("sea", "wind_speed", "detector"):
+            raise Refused("over", name, "keys of the link")
+        bounds.append(pair)
+    found = parameters(setting, list(over), None, case.meshing.normals)
+    for p, pair in zip(found, bounds, strict=True):
+        for end in pair:
+            p.at(setting, float(end))
+    return found, np.array(bounds)
+
+
+class _Search:
+    """Candidates of one optimisation."""
+
+    def __init__(
+        self,
+        case: Case,
+        goal: Goal,
+        variables: list[Parameter],
+        bounds: Floats,
+        realizations: int,
+        aircraft: Aircraft,
+        progress: Callable[[int], None] | None,
+    ) -> None:
+        self._case, self._goal, self._variables = case, goal, variables
+        self._bounds, self._progress = bounds, progress
+        self._log = np.array([not p.absolute for p in variables]) & (bounds[:, 0] > 0.0)
+        names = [p.name for p in variables]
+        self._widest = float(bounds[names.index(_FOV), 1]) if _FOV in names else None
+        turned = tuple(name for name in REWEIGHED if name in names)
+        if case.link.physics.fov != "angle" or isinstance(case.link.transmitter, tuple):
+            turned = ()
+        self._options = case.meshing, realizations, aircraft, turned
+        self._sample = self._new_sample(case.run.seed)
+        self._history: dict[tuple[float, ...], Floats] = {}
+        base = np.array([p.base for p in variables])
+        self._start = np.clip(base, bounds[:, 0], bounds[:, 1])
+
+    def _new_sample(self, seed: int) -> Sample:
+        case = self._case
+        link = case.link
+        if self._widest is not None:
+            link = link.replace(_FOV, self._widest)
+        return Sample(link, case.surface, case.run.replace(seed=seed), *self._options)
+
+    def _values(self, x: Floats) -> Floats:
+        """Return the variables of a point of the unit cube."""
+        low, high = self._bounds.T
+        x = np.clip(x, 0.0, 1.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            logs = low * (high / low) ** x
+        return np.where(self._log, logs, low + x * (high - low))
+
+    def _place(self, values: Floats) -> Floats:
+        """Return the point of the unit cube of variables."""
+        low, high = self._bounds.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            logs = np.log(values / low) / np.log(high / low)
+        return np.where(self._log, logs, (values - low) / (high - low))
+
+    def _link(self, values: Floats) -> Link:
+        setting = Setting(self._case.link, self._case.surface, None)
+        for p, value in zip(self._variables, values, strict=True):
+            setting = p.at(setting, float(value))
+        return setting.link
+
+    def _costs(self, values: Floats, sample: Sample | None = None) -> Floats:
+        """Return the costs of a candidate: of all gains, and of the groups of the jackknife."""
+        chosen = sample or self._sample
+        return self._goal.costs(self._link(values), lambda link: self._groups(link, chosen))
+
+    def _groups(self, link: Link, sample: Sample) -> list[tuple[Floats, Floats]]:
+        return sample.resampled(sample.gains(link))
+
+    def _cost(self, x: Any) -> float:
+        """Return the cost of a point of the unit cube, kept in the history."""
+        values = self._values(np.atleast_1d(np.asarray(x, dtype=float)))
+        key = tuple(values.tolist())
+        if key not in self._history:
+            self._history[key] = self._costs(values)
+            if self._progress is not None:
+                self._progress(1)
+        return float(self._history[key][0])
+
+    def optimum(self, constraints: tuple[Callable[[Link], float], ...], method: str) -> Optimum:
+        """Return the best candidate with its flatness and validation."""
+        require_word(method, get_args(Method), "method")
+        n = len(self._variables)
+        if method == "auto":
+            method = "bounded" if n == 1 and not constraints else "cobyqa"
+            method = "global" if n > _MOST else method
+        if method == "bounded" and (n > 1 or constraints):
+            raise Refused(
+                "method", method, "cobyqa or global, for several variables or constraints"
+            )
+        if method == "cobyqa" and n > _MOST:
+            raise Refused("method", method, f"global, for more than {_MOST} variables")
+        self._cost(self._place(self._start))
+        getattr(self, f"_{method}")(constraints)
+        allowed = {k: v for k, v in self._history.items()
+                   if all(g(self._link(np.array(k))) >= -1e-9 for g in constraints)}  # fmt: skip
+        if not allowed:
+            raise Refused("constraints", "no candidate", "constraints that some candidate meets")
+        best = np.array(min(allowed, key=lambda k: float(allowed[k][0])))
+        costs = allowed[tuple(best.tolist())]
+        return self._result(best, float(costs[0]), error_of(costs))
+
+    def _bounded(self, constraints: Any) -> None:
+        """Search one variable: a grid, then the interval around its best point."""
+        from scipy.optimize import minimize_scalar
+
+        grid = np.linspace(0.0, 1.0, _GRID)
+        best = int(np.argmin([self._cost(x) for x in grid]))
+        ends = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, _GRID - 1)])
+        minimize_scalar(self._cost, bounds=ends, method="bounded", options={"xatol": _FINEST})
+
+    def _cobyqa(self, constraints: tuple[Callable[[Link], float], ...]) -> None:
+        """Search several variables with constraints, without derivatives."""
+        from scipy.optimize import Bounds, minimize
+
+        n = len(self._variables)
+        limits = [{"type": "ineq", "fun": lambda x, g=g: g(self._link(self._values(x)))}
+                  for g in constraints]  # fmt: skip
+        minimize(
+            self._cost,
+            self._place(self._start),
+            method="COBYQA",
+            bounds=Bounds(np.zeros(n), np.ones(n)),
+            constraints=limits,
+            options={"initial_tr_radius": 0.25, "final_tr_radius": _FINEST, "maxfev": 40 + 25 * n},
+        )
+
+    def _global(self, constraints: tuple[Callable[[Link], float], ...]) -> None:
+        """Search by differential evolution; candidates that break a constraint are not run."""
+        from scipy.optimize import differential_evolution
+
+        def cost(x: Floats) -> float:
+            link = self._link(self._values(x))
+            broken = sum(max(-float(g(link)), 0.0) for g in constraints)
+            return 1e9 * (1.0 + broken) if broken else self._cost(x)
+
+        n = len(self._variables)
+        differential_evolution(
+            cost, [(0.0, 1.0)] * n, seed=self._case.run.seed, polish=False, popsize=6, maxiter=20
+        )
+
+    def _flat(self, best: Floats, cost: float, stderr: float) -> Floats:
+        """Return the interval of each variable with costs within one standard error (n, 2)."""
+        x0 = self._place(best)
+        found = np.empty((len(best), 2))
+        for i in range(len(best)):
+            for side in (0, 1):
+                inside, outside = float(x0[i]), float(side)
+                at = x0.copy()
+                at[i] = outside
+                if self._cost(at) <= cost + stderr:
+                    inside = outside
+                for _ in range(_HALVINGS if inside != outside else 0):
+                    at[i] = 0.5 * (inside + outside)
+                    if self._cost(at) <= cost + stderr:
+                        inside = float(at[i])
+                    else:
+                        outside = float(at[i])
+                at[i] = inside
+                found[i, side] = self._values(at)[i]
+        return found
+
+    def _result(self, best: Floats, cost: float, stderr: float) -> Optimum:
+        """Return the optimum with its validation on fresh seeds."""
+        case, goal, link = self._case, self._goal, self._link(best)
+        tried = np.array([[*k, v[0]] for k, v in self._history.items()])
+        flatness = self._flat(best, cost, stderr)
+        fresh = self._new_sample((case.run.seed + _FRESH) % 2**64)
+        notes, new, old = [], self._costs(best, fresh), self._costs(self._start, fresh)
+        difference, error = float(old[0] - new[0]), error_of(old - new)
+        improved = bool(difference > 2.0 * error) if error > 0.0 else difference > 0.0
+        quantities = [
+            goal.quantity(self._link(v), float(c[0]), lambda at: self._groups(at, fresh))
+            for v, c in ((best, new), (self._start, old))
+        ]
+        for p, value, (low, high) in zip(self._variables, best, self._bounds, strict=True):
+            for end in (low, high):
+                if abs(value - end) < _AT_BOUND * (high - low):
+                    notes.append(f"{p.name} is at the bound {end:g}")
+        if not improved:
+            notes.append("no improvement found")
+        value = goal.quantity(link, cost, lambda at: self._groups(at, self._sample))
+        error_of_value = goal.error(cost, stderr)
+        options = {**case.run.to_config(), **case.meshing.model_dump()}
+        return Optimum(
+            best=link,
+            objective=goal.name,
+            value=value,
+            stderr=stderr if math.isnan(error_of_value) else error_of_value,
+            cost=cost,
+            variables=tuple(p.name for p in self._variables),
+            values=best,
+            start=self._start,
+            bounds=self._bounds,
+            flatness=flatness,
+            history=tried,
+            validation=Validation(quantities[0], quantities[1], difference, error, improved),
+            notes=tuple(notes),
+            provenance=provenance(case.link, _config(case), options),
+        )
+
+
+def _config(case: Case) -> dict[str, Any]:
+    """Return the configuration of the surface."""
+    if isinstance(case.surface, TriangleMesh):
+        return {"kind": "mesh", "facets": len(case.surface.faces)}
+    return dict(case.surface.to_config())

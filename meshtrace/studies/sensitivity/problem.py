@@ -1,0 +1,206 @@
+"""Gains of neighbouring links over the same seas, with common random numbers."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from meshtrace.errors import Refused, require_whole
+from meshtrace.files import atomic
+from meshtrace.kernels.random import realization_seed
+from meshtrace.link import Link
+from meshtrace.mesh import RandomSea, SurfaceModel, TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.stored import SHIFTS
+from meshtrace.studies.sensitivity.parameters import Parameter, Setting
+from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.frozen import FrozenForced, Light
+from meshtrace.transport.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines, require_cover
+from meshtrace.transport.options import Meshing, Run
+
+_WIDER = 1.2  # reach of the mesh over that of the base link: neighbours lie within
+_KEPT = 4  # meshes of the base sea that stay in memory
+_CREST_MARGIN = 1.5  # over the highest crest of the first seas: later ones may be higher
+_KERNEL_DEG = 4.0  # half-width of the window in angle at the edge of the field of view
+
+
+class Problem:
+    """Base of a study: setting, options, seas and the chains that all evaluations share.
+
+    Parameters
+    ----------
+    setting : Setting
+        Link, surface and electronics.
+    run : Run
+        Photons, seed and threads.
+    meshing : Meshing
+        Time and resolution of the surface.
+    realizations : int
+        Seas; 1 is the surface as it is.
+
+    Raises
+    ------
+    Refused
+        If forced detection does not follow the link, or there are several seas of a surface
+        without random phases.
+    """
+
+    def __init__(self, setting: Setting, run: Run, meshing: Meshing, realizations: int) -> None:
+        require_whole(realizations, 1, 100_000, "realizations")
+        sea = setting.sea
+        if realizations > 1 and not isinstance(sea, RandomSea):
+            kind = getattr(sea, "kind", type(sea).__name__)
+            raise Refused("realizations", realizations, f"1 over a surface of kind {kind}")
+        self.setting, self.run, self.meshing = setting, run, meshing
+        self.realizations = realizations
+        self._lines: dict[str, Any] = {}
+        if isinstance(sea, SurfaceModel):
+            reach = _WIDER * crossing_reach(setting.link)
+            per_wave = GAIN_SPACING if realizations == 1 else FADING_SPACING
+            self._lines = mesh_lines(setting.link, sea, meshing, reach, per_wave)
+        self._meshes = [self.mesh(sea, i) for i in range(min(realizations, _KEPT))]
+        crest = max(float(mesh.bounds[1, 2]) for mesh in self._meshes)
+        crest *= 1.0 if realizations == 1 else _CREST_MARGIN
+        self._frozen = FrozenForced(setting.link, run.photons, run.seed, crest, meshing.normals)
+
+    def mesh(self, sea: Any, i: int) -> TriangleMesh:
+        """Return realization i of a sea on the grid lines of the base."""
+        if isinstance(sea, TriangleMesh):
+            mesh = sea
+        else:
+            if self.realizations > 1:
+                sea = sea.with_seed(realization_seed(self.run.seed, i))
+            mesh = sea.mesh(self.meshing.time, **self._lines)
+        require_cover(self.setting.link, mesh)
+        return mesh
+
+    def base_mesh(self, i: int) -> TriangleMesh:
+        """Return realization i of the base sea; the first ones are kept."""
+        return self._meshes[i] if i < len(self._meshes) else self.mesh(self.setting.sea, i)
+
+    def gains(self, setting: Setting, i: int) -> Floats:
+        """Return the gain of the first receiver over realization i by shift, shape (shifts,)."""
+        same = setting.sea is self.setting.sea
+        mesh = self.base_mesh(i) if same else self.mesh(setting.sea, i)
+        return self._frozen.gains(setting.link, mesh)[0]
+
+    def light(self, link: Link, i: int) -> Light:
+        """Return the light that a neighbouring link receives over realization i."""
+        return self._frozen.light(link, self.base_mesh(i))[0]
+
+
+class Response(NamedTuple):
+    """Gains (seas, shifts) at a step to either side of the base."""
+
+    below: Floats
+    above: Floats
+    step: float
+
+
+def has_moments(link: Link) -> bool:
+    """Return whether a and b enter the weights alone, as powers of b and exp(-(a + b) L)."""
+    plain = link.bubbles is None and link.water.layers is None
+    return plain and link.physics.absorption != "paper"
+
+
+def moments(link: Link, light: Light) -> dict[str, Floats]:
+    """Return dh / d ln a and dh / d ln b by shift.
+
+    dw / da = -L w, dw / db = (K / b - L) w
+    """
+    way = light.by_shift(light.water)
+    scatterings = light.by_shift(light.order.astype(float))
+    return {"water.a": -link.water.a * way, "water.b": scatterings - link.water.b * way}
+
+
+def edge_of_view(light: Light, half_deg: float) -> Floats:
+    """Return dh / d ln fov by shift from the angles of arrival, half_deg the half-angle.
+
+    The light per angle at the edge is that within a window (Epanechnikov).
+    """
+    width = min(_KERNEL_DEG, 0.5 * half_deg)
+    off = (np.degrees(light.angle) - half_deg) / width
+    window = np.where(np.abs(off) < 1.0, 0.75 * (1.0 - off**2), 0.0) / width
+    return half_deg * light.by_shift(window)
+
+
+class Shelf:
+    """Finished parameters of a run on disk, by which a stopped run resumes.
+
+    Parameters
+    ----------
+    folder : path, optional
+        Folder of the files; None keeps nothing.
+    key : mapping
+        Everything that the numbers depend on but the parameter.
+    """
+
+    def __init__(self, folder: str | Path | None, key: dict[str, Any]) -> None:
+        self._folder = None if folder is None else Path(folder)
+        self._key = json.dumps(key, sort_keys=True)
+        if self._folder is not None:
+            self._folder.mkdir(parents=True, exist_ok=True)
+
+    def _path(self, name: str) -> Path:
+        assert self._folder is not None
+        return self._folder / f"{hashlib.sha256((self._key + name).encode()).hexdigest()[:24]}.npy"
+
+    def get(self, name: str) -> Floats | None:
+        """Return the numbers of a finished parameter; None if there are none."""
+        if self._folder is None:
+            return None
+        try:
+            with self._path(name).open("rb") as file:
+                found: Floats = np.load(file, allow_pickle=False)
+        except (OSError, ValueError, EOFError):
+            return None
+        return found
+
+    def put(self, name: str, numbers: Floats) -> None:
+        """Keep the numbers of a parameter."""
+        if self._folder is not None:
+            with atomic(self._path(name)) as temporary, temporary.open("wb") as file:
+                np.save(file, numbers, allow_pickle=False)
+
+
+def second_step(p: Parameter, default: float) -> float:
+    """Return the steps at which a difference is repeated: thrice, and at least thrice as usual.
+
+    A small step sees none of the discontinuities that rare chains carry.
+    """
+    return 3.0 * max(1.0, default / p.step)
+
+
+def without_each(gains: Floats) -> Iterator[Floats]:
+    """Yield the gains (seas, shifts): all, without each shift, and without each of several seas."""
+    yield gains
+    for i in range(SHIFTS):
+        yield np.delete(gains, i, axis=1)
+    if len(gains) > 1:
+        for i in range(len(gains)):
+            yield np.delete(gains, i, axis=0)
+
+
+def error_of(values: Floats) -> float:
+    """Return the standard error of the first of values (1 + groups,), see `without_each`."""
+    return math.sqrt(covariance_of(values[None])[0, 0])
+
+
+def covariance_of(values: Floats) -> Floats:
+    """Return the covariance (n, n) of the first of values (n, 1 + groups), see `without_each`.
+
+    var = (m - 1) / m sum_i (v_i - mean v)^2 over the m shifts, and the same over the seas
+    """
+    total = np.zeros((len(values), len(values)))
+    for groups in (values[:, 1 : 1 + SHIFTS], values[:, 1 + SHIFTS :]):
+        m = groups.shape[1]
+        if m > 1:
+            off = groups - groups.mean(axis=1, keepdims=True)
+            total += (m - 1) / m * off @ off.T
+    return total

@@ -1,0 +1,122 @@
+"""Quantities that sensitivities are taken of, as smooth functions of the gains over seas."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Literal, get_args
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import brentq
+from scipy.special import ndtr
+
+from meshtrace.comms.budget import required_gain
+from meshtrace.comms.ook import OokLink
+from meshtrace.errors import Refused, require_word
+from meshtrace.models import Floats
+
+Of = Literal["gain", "ber", "outage", "range", "margin"]
+
+_POINTS = 200  # of the table of error rates
+_LEAST_OUTAGES = 30
+_LEAST_SEAS = 8
+_DB = 10.0 / math.log(10.0)
+
+
+class Quantity:
+    """A quantity of a link over seas.
+
+    Parameters
+    ----------
+    of : {"gain", "ber", "outage", "range", "margin"}
+        Mean gain; bit error rate averaged over the seas; probability that the bit error rate of a
+        sea misses the limit; depth at which the averaged rate meets it, or else at which the mean
+        gain is that of the link; mean over required gain.
+    limit : float
+        Bit error rate of a working link.
+
+    Notes
+    -----
+    `log` is the natural logarithm of the quantity; for "range" that of the factor by which the
+    light exceeds the need, whose zero is the range.
+    """
+
+    def __init__(self, of: Of, limit: float) -> None:
+        require_word(of, get_args(Of), "of")
+        self.of, self.limit = of, limit
+        self._laws: dict[str, Callable[[Floats], Floats]] = {}
+        self._needs: dict[str, float] = {}
+
+    @property
+    def unit(self) -> str:
+        """Unit of the quantity."""
+        return {"range": "m", "margin": "dB"}.get(self.of, "1")
+
+    def log(self, gains: Floats, ook: OokLink | None) -> float:
+        """Return the logarithm of the quantity for the gains (seas, shifts)."""
+        means = gains.mean(axis=1)
+        if not means.min() > 0.0:
+            raise Refused("link", float(means.min()), "a gain > 0 over each sea")
+        if self.of == "gain" or ook is None:
+            return math.log(means.mean())
+        if self.of == "margin":
+            return math.log(means.mean() / self._need(ook))
+        if self.of == "outage":
+            return self._outage(np.log(means / self._need(ook)))
+        logs = np.log(ook.received_power(means))
+        if self.of == "ber":
+            return math.log(np.exp(self.law(ook)(logs)).mean())
+        law = self.law(ook, rising=False)
+        goal = math.log(self.limit)
+        spread = 30.0
+
+        def excess(shift: float) -> float:
+            return math.log(np.exp(law(logs + shift)).mean()) - goal
+
+        if not excess(-spread) > 0.0 > excess(spread):
+            raise Refused("limit", self.limit, "a bit error rate that some power reaches")
+        return -float(brentq(excess, -spread, spread, xtol=1e-9))
+
+    def value(self, log: float) -> float:
+        """Return the quantity from its logarithm; for "range" the factor of the light."""
+        return _DB * log if self.of == "margin" else math.exp(log)
+
+    def slope(self, value: float) -> float:
+        """Return d quantity / d log; for "range" 1."""
+        return {"margin": _DB, "range": 1.0}.get(self.of, value)
+
+    def _outage(self, logs: Floats) -> float:
+        """Return the logarithm of the outage from the logarithms of gain over need.
+
+        With 30 outages at least: smoothed by a normal kernel. Otherwise: log-normal law.
+        """
+        if len(logs) < _LEAST_SEAS - 1:
+            raise Refused("realizations", len(logs), f">= {_LEAST_SEAS} for outages")
+        spread = float(logs.std(ddof=1))
+        if np.count_nonzero(logs < 0.0) >= _LEAST_OUTAGES:
+            width = 1.06 * spread * len(logs) ** -0.2
+            share = float(ndtr(-logs / width).mean())
+        else:
+            share = float(ndtr(-logs.mean() / spread))
+        return math.log(max(share, 1e-300))
+
+    def _need(self, ook: OokLink) -> float:
+        key = ook.model_dump_json()
+        if key not in self._needs:
+            self._needs[key] = required_gain(ook, self.limit)
+        return self._needs[key]
+
+    def law(self, ook: OokLink, rising: bool = True) -> Callable[[Floats], Floats]:
+        """Return ln BER over ln power, tabulated once for each receiver.
+
+        Without `rising` rates of an overloaded receiver stay at their minimum.
+        """
+        key = f"{rising}{ook.model_dump_json()}"
+        if key not in self._laws:
+            middle = math.log(ook.required_power(self.limit))
+            nodes = np.linspace(middle - 9.0, middle + 7.0, _POINTS)
+            rates = np.log(np.maximum(ook.ber(np.exp(nodes)), 1e-300))
+            table = PchipInterpolator(nodes, rates if rising else np.minimum.accumulate(rates))
+            self._laws[key] = lambda logs: table(np.clip(logs, nodes[0], nodes[-1]))
+        return self._laws[key]

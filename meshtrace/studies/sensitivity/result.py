@@ -1,0 +1,265 @@
+"""Sensitivities of a link: table, covariance, forecast, file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, overload
+
+import numpy as np
+
+from meshtrace.errors import Refused, require_keys, require_real
+from meshtrace.fields import attrs
+from meshtrace.models import Floats
+from meshtrace.stored import Stored
+from meshtrace.tables import text_table
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_FARTHEST = 0.3  # change of a logarithm that a first-order forecast may reach
+_WORDS = ("name", "unit", "method", "notes")
+_NUMBERS = (
+    "base", "elasticity", "stderr", "relative", "derivative", "derivative_stderr", "second",
+)  # fmt: skip
+
+
+class Value(NamedTuple):
+    """A number with its standard error."""
+
+    value: float
+    stderr: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """Sensitivity to one parameter.
+
+    Attributes
+    ----------
+    name : str
+        Parameter, a key of a link file.
+    base : float
+        Its value.
+    unit : str
+        Its unit.
+    elasticity : float
+        d ln q / d ln p of the quantity q; of a margin that of the power ratio. For the indices of
+        the phase function p is n - 1 and mu - 3. nan for an offset or an angle whose base is 0.
+    stderr : float
+        Standard error of the elasticity, or of `relative` where that is nan.
+    relative : float
+        (dq / dp) / q [1 / unit]; of a margin that of the power ratio.
+    derivative, derivative_stderr : float
+        dq / dp and its standard error.
+    second : float
+        (d^2 q / dp^2) / q of offsets and angles [1 / unit^2], else nan.
+    method : {"moment", "difference", "angle"}
+        Estimator.
+    suspicious : bool
+        Whether a difference over thrice the step disagrees.
+    notes : str
+        Remarks.
+    """
+
+    name: str
+    base: float
+    unit: str
+    elasticity: float
+    stderr: float
+    relative: float
+    derivative: float
+    derivative_stderr: float
+    second: float
+    method: str
+    suspicious: bool
+    notes: str
+
+    def __getitem__(self, key: str) -> Any:
+        return getattr(self, key)
+
+
+class Table(tuple[Row, ...]):
+    """Rows, by number or by the name of the parameter."""
+
+    @overload  # type: ignore[override]
+    def __getitem__(self, key: int | str) -> Row: ...
+    @overload
+    def __getitem__(self, key: slice) -> tuple[Row, ...]: ...
+    def __getitem__(self, key: Any) -> Any:
+        """Return a row by number or name."""
+        if not isinstance(key, str):
+            return super().__getitem__(key)
+        for row in self:
+            if row.name == key:
+                return row
+        raise Refused("wrt", key, ", ".join(row.name for row in self))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensitivities(Stored):
+    """Sensitivities of a quantity of a link.
+
+    Attributes
+    ----------
+    of : str
+        Quantity: "gain", "ber", "outage", "range" or "margin".
+    value, stderr : float
+        The quantity and its standard error, of the chains and of the seas.
+    unit : str
+        Its unit.
+    table : Table
+        One `Row` a parameter, by number or name.
+    logs : ndarray, shape (n, n)
+        Covariance of the logarithmic derivatives: of `elasticity`, or `relative` where that
+        is nan.
+    provenance : dict
+        Versions and configuration.
+    """
+
+    of: str
+    value: float
+    stderr: float
+    unit: str
+    table: Table
+    logs: Floats
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    kind: ClassVar[str] = "sensitivity"
+    title: ClassVar[str] = "meshtrace sensitivities"
+
+    def _headline(self) -> str:
+        largest = max(self.table, key=lambda row: abs(np.nan_to_num(row.elasticity)))
+        shown = f"{self.value:.4g} {self.unit}".removesuffix(" 1")
+        return f"{self.of} {shown}, most sensitive to {largest.name} ({largest.elasticity:.3g})"
+
+    def summary(self) -> str:
+        """Return the table as text for a terminal."""
+        shown = f"{self.value:.5g} +- {self.stderr:.1g} {self.unit}".removesuffix(" 1")
+        head = ("parameter", "base", "unit", "elasticity", "std. error", "derivative", "method")
+        rows = [
+            (
+                row.name,
+                f"{row.base:g}",
+                row.unit,
+                "-" if math.isnan(row.elasticity) else f"{row.elasticity:.5f}",
+                f"{row.stderr:.1e}",
+                f"{row.derivative:.4g}",
+                row.method + (" (suspicious)" if row.suspicious else ""),
+            )
+            for row in self.table
+        ]
+        notes = [f"{row.name}: {row.notes}" for row in self.table if row.notes]
+        return "\n".join([f"{self.of} {shown}", "", text_table(rows, head), *notes])
+
+    def derivative(self, name: str) -> Value:
+        """Return d quantity / d parameter with its standard error, in their units."""
+        row = self.table[name]
+        return Value(row.derivative, row.derivative_stderr)
+
+    def covariance(self) -> Floats:
+        """Return the covariance of the derivatives in the order of the table, shape (n, n).
+
+        The common chains and seas correlate them.
+        """
+        factor = np.array([_factor(row) for row in self.table])
+        return self.logs * np.outer(factor, factor)
+
+    def predict(self, changes: Mapping[str, float]) -> Value:
+        """Return a first-order forecast of the quantity for other values of parameters.
+
+        ln q' = ln q + sum E ln(p' / p), and q' = q + sum (dq / dp) (p' - p) for margin and range
+
+        Parameters
+        ----------
+        changes : mapping of str to float
+            New values by parameter, such as {"water.a": 0.12}. An offset or an angle whose base
+            is 0 acts by its second derivative, too.
+
+        Returns
+        -------
+        Value
+            With the standard error of the change joined to that of the quantity.
+
+        Raises
+        ------
+        Refused
+            If a parameter is not in the table or changes by more than |ln(p' / p)| = 0.3.
+        """
+        require_keys(changes, [row.name for row in self.table])
+        weight, curved = np.zeros(len(self.table)), 0.0
+        for i, row in enumerate(self.table):
+            if row.name in changes:
+                weight[i], bend = _step(row, changes[row.name])
+                curved += bend
+        rate = np.array(
+            [row.relative if math.isnan(row.elasticity) else row.elasticity for row in self.table]
+        )
+        change, spread = float(weight @ rate) + curved, math.sqrt(weight @ self.logs @ weight)
+        if self.of == "margin":
+            decibels = 10.0 / math.log(10.0)
+            return Value(self.value + decibels * change, math.hypot(self.stderr, decibels * spread))
+        if self.of == "range":
+            return Value(self.value * (1.0 + change), math.hypot(self.stderr, self.value * spread))
+        value = self.value * math.exp(change)
+        return Value(value, value * math.hypot(self.stderr / self.value, spread))
+
+    def _content(self) -> xr.Dataset:
+        import xarray as xr
+
+        data: dict[str, Any] = {
+            f"sensitivity_{key}": ("parameter", [row[key] for row in self.table])
+            for key in (*_WORDS[1:], *_NUMBERS)
+        }
+        suspicious = np.array([row.suspicious for row in self.table], np.int8)
+        data["sensitivity_suspicious"] = ("parameter", suspicious)
+        data["sensitivity_covariance"] = (("parameter", "parameter_too"), self.logs)
+        data["quantity"], data["quantity_stderr"] = ((), self.value), ((), self.stderr)
+        names = [row.name for row in self.table]
+        found = xr.Dataset(data, {"parameter": names}, {"of": self.of, "unit": self.unit})
+        for name in found.variables:
+            found[name].attrs.update(attrs(str(name)))
+        return found
+
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any) -> Sensitivities:
+        columns: list[list[Any]] = [[str(name) for name in data["parameter"].values]]
+        columns += [[str(v) for v in data[f"sensitivity_{key}"].values] for key in _WORDS[1:]]
+        columns += [data[f"sensitivity_{key}"].values.tolist() for key in _NUMBERS]
+        columns.append([bool(v) for v in data["sensitivity_suspicious"].values])
+        keys = (*_WORDS, *_NUMBERS, "suspicious")
+        rows = [Row(**dict(zip(keys, row, strict=True))) for row in zip(*columns, strict=True)]
+        return cls(
+            of=data.attrs["of"],
+            value=float(data["quantity"]),
+            stderr=float(data["quantity_stderr"]),
+            unit=data.attrs["unit"],
+            table=Table(rows),
+            logs=data["sensitivity_covariance"].values,
+            provenance=provenance,
+        )
+
+
+def _factor(row: Row) -> float:
+    """Return derivative over the logarithmic derivative of a row."""
+    log = row.relative if math.isnan(row.elasticity) else row.elasticity
+    return row.derivative / log if log != 0.0 else 0.0
+
+
+def _step(row: Row, value: float) -> tuple[float, float]:
+    """Return the change by which the logarithmic derivative counts, and the second-order part."""
+    value = require_real(value, row.name, "a finite number")
+    if math.isnan(row.elasticity):
+        step = value - row.base
+        bend = 0.5 * np.nan_to_num(row.second) * step**2
+        if not abs(row.relative * step + bend) <= _FARTHEST:
+            raise Refused(row.name, value, f"a change of the logarithm up to {_FARTHEST:g}")
+        return step, float(bend)
+    # the elasticity counts from where the relative steps do: 1 for the index of the particles
+    scale = row.elasticity / row.relative if row.relative != 0.0 else row.base
+    ratio = 1.0 + (value - row.base) / scale
+    if not ratio > 0.0 or abs(math.log(ratio)) > _FARTHEST:
+        low, high = (row.base + scale * math.expm1(s * _FARTHEST) for s in (-1.0, 1.0))
+        raise Refused(row.name, value, f"{low:.4g} <= {row.name} <= {high:.4g}")
+    return math.log(ratio), 0.0

@@ -1,0 +1,434 @@
+"""Derivatives of the gain, the error rate, the outage, the range and the margin of a link."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from meshtrace.comms.ook import OokLink, Preset
+from meshtrace.errors import Described, Refused, require_between
+from meshtrace.link import Link
+from meshtrace.mesh import MeshSource, TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.parallel import default_threads, ordered_map
+from meshtrace.results.provenance import environment, provenance
+from meshtrace.scenario import Scenario
+from meshtrace.stored import SHIFTS
+from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
+from meshtrace.studies.sensitivity.problem import (
+    Problem,
+    Response,
+    Shelf,
+    covariance_of,
+    edge_of_view,
+    error_of,
+    has_moments,
+    moments,
+    second_step,
+    without_each,
+)
+from meshtrace.studies.sensitivity.quantities import Of, Quantity
+from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
+from meshtrace.transport.case import Case, resolve
+from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.options import Forced
+
+DEFAULT_CHAINS = 8192
+"""Chains of a study of sensitivities."""
+
+_DIRECT = 1e-3  # step at which exact derivatives of the gain act on other quantities
+_DOUBT = 3.0  # standard errors by which two steps may differ
+_BEND = 2e-3  # of the elasticity, by which they may differ as the square of the step
+_DEPTH = "transmitter.depth"
+_WIDER_DEG = 8.0  # full angle by which the view is widened to see light beyond its edge
+
+
+def sensitivities(
+    link: Link | Scenario,
+    sea: MeshSource | TriangleMesh | None = None,
+    wrt: Sequence[str] | None = None,
+    of: Of = "gain",
+    *,
+    realizations: int = 1,
+    photons: int | None = None,
+    seed: int | None = None,
+    ook: OokLink | Preset | None = "physical",
+    step: float | None = None,
+    limit: float = 1e-3,
+    bit_rate: float | None = None,
+    threads: int | None = None,
+    resume: str | Path | None = None,
+    progress: Callable[[int], None] | None = None,
+    **options: Any,
+) -> Sensitivities:
+    """Return the derivatives of a quantity of a link by its parameters.
+
+    Parameters
+    ----------
+    link : Link or Scenario
+        The link; of several receivers the first counts. A scenario also gives the sea and, unless
+        `ook` is another one, the electronics.
+    sea : MeshSource or TriangleMesh, optional
+        The surface, by default as for `simulate`.
+    wrt : sequence of str, optional
+        Parameters by their keys in a link file, such as "water.a" and "receiver.position.0"; by
+        default all continuous keys of the link, and of the sea if its band does not follow
+        them. "wind_speed" changes sea, whitecaps and bubbles together; "sea.wind_speed",
+        "whitecaps.wind_speed" and "bubbles.wind_speed" are the parts.
+    of : {"gain", "ber", "outage", "range", "margin"}
+        Quantity. "range" is the depth at which the error rate, averaged over the seas, meets
+        `limit`; with `ook=None` it is the depth of the link, at a fixed gain.
+    realizations : int
+        Seas; 1 is the sea as it is, more have their own phases.
+    photons : int, optional
+        Chains, common to all evaluations, 8192 by default.
+    seed : int, optional
+        Seed, 1 by default.
+    ook : OokLink or {"physical", "paper", "paper-ranges"}, optional
+        Transmission, for all but the gain.
+    step : float, optional
+        Step of the differences, relative, or in the unit of an offset or an angle; by default 1 %
+        (10 % of a radius), 1 % of depth plus height, 1 deg.
+    limit : float
+        Bit error rate of a working link.
+    bit_rate : float, optional
+        R_b [bit s-1], by default that of `ook`.
+    threads : int, optional
+        Threads, all cores by default; the result does not depend on them.
+    resume : path, optional
+        Folder that keeps finished parameters: a run that was stopped goes on from there.
+    progress : callable, optional
+        Called with 1 after each parameter.
+    **options
+        Fields of `Meshing`: `time`, `extent`, `spacing`, `normals`.
+
+    Returns
+    -------
+    Sensitivities
+
+    Raises
+    ------
+    Refused
+        If a name is unknown or not continuous, the waves of the sea would change with a
+        parameter, or forced detection does not follow the link.
+
+    Notes
+    -----
+    By a and b in uniform water the derivative is a moment of the arrivals, with K scatterings
+    and the path L in the water,
+
+        E_a = -a <L>,    E_b = <K> - b <L>;
+
+    by the field of view it is the light that arrives at its edge; otherwise a central difference
+    over links that share chains, mesh and every choice of the estimator:
+
+        E_p = [ln q(p e^s) - ln q(p e^-s)] / (2 s).
+
+    Standard errors are jackknives over the 32 shifts of the chains and over the seas. Differences
+    are repeated over thrice the step; `suspicious` marks those that disagree by more than three
+    standard errors (a discontinuity that rare chains carry). Chains of a deeper source are
+    stretched with the depth. Light that the surface reflects back is not included.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> from meshtrace.surfaces import FlatSea
+    >>> s = mt.sensitivities(mt.Link(), FlatSea(), wrt=["water.a", "water.b"], photons=1024)
+    >>> [round(row.elasticity, 2) for row in s.table]
+    [-1.14, -0.09]
+    """
+    given = {"photons": photons, "seed": seed, "threads": threads, **options}
+    case = _case(link, sea, {k: v for k, v in given.items() if v is not None})
+    require_between(limit, 0.0, 0.5, "limit")
+    quantity = Quantity(of, limit)
+    setting = _setting(case, link, of, ook, bit_rate)
+    normals = case.meshing.normals
+    names = parameters(setting, wrt, step, normals)
+    default = {p.name: p.step for p in parameters(setting, [p.name for p in names], None, normals)}
+    if of == "range" and setting.ook is not None:
+        setting = _at_range(setting, case, realizations, quantity)
+        names = parameters(setting, [p.name for p in names], step, normals)
+    asked = [p.name for p in names]
+    if of == "range" and _DEPTH not in asked:
+        names += parameters(setting, [_DEPTH], None, normals)
+    problem = Problem(setting, case.run, case.meshing, realizations)
+    shelf = Shelf(resume, _key(case, setting, realizations))
+    study = _Study(problem, quantity, shelf, default)
+    with np.errstate(divide="ignore"):
+        found = [study.derivatives(p, progress) for p in names]
+    return _result(study, found, asked, case)
+
+
+def _case(link: Any, sea: Any, options: dict[str, Any]) -> Case:
+    """Return the checked inputs of a study."""
+    if not isinstance(link, Scenario):
+        options = {"photons": DEFAULT_CHAINS, **options}
+    case = resolve(link, sea).with_options(**options)
+    if not isinstance(case.run.estimator, Forced):
+        raise Refused("run.estimator", "analog", "forced")
+    return case
+
+
+def _setting(
+    case: Case, link: Any, of: str, ook: OokLink | Preset | None, bit_rate: float | None
+) -> Setting:
+    """Return link, surface and, except for the gain, the electronics."""
+    if isinstance(link, Scenario) and link.detector is not None and ook == "physical":
+        ook = link.detector
+    if of == "gain":
+        return Setting(case.link, case.surface, None)
+    if ook is None:
+        if of != "range":
+            raise Refused("ook", None, f"a transmission, for {of}")
+        return Setting(case.link, case.surface, None)
+    electronics = OokLink.of_link(case.link, ook, bit_rate)
+    return Setting(electronics.channel(case.link), case.surface, electronics)
+
+
+def _at_range(setting: Setting, case: Case, realizations: int, quantity: Quantity) -> Setting:
+    """Return the setting at the depth where the error rate meets the limit."""
+    depth = float(setting.link.transmitters[0].depth)  # type: ignore[attr-defined]
+    for _ in range(12):
+        problem = Problem(setting, case.run, case.meshing, realizations)
+        study = _Study(problem, quantity, Shelf(None, {}), {})
+        p = parameters(setting, [_DEPTH], None, case.meshing.normals)[0]
+        excess = quantity.log(study.gains(setting), setting.ook)
+        rate = study.derivatives(p, None).rates[0]
+        # ln gain is nearly linear in the depth and its logarithm together
+        new = depth * (1.0 + max(min(-excess / rate, 1.0), -0.5))
+        done = abs(new - depth) < 1e-3 * depth
+        depth = new
+        setting = setting._replace(link=setting.link.at_depth(depth))
+        if done:
+            return setting
+    raise Refused("transmitter.depth", Described("no range found"), "a link with a range")
+
+
+def _key(case: Case, setting: Setting, realizations: int) -> dict[str, Any]:
+    """Return everything that the gains depend on, but the parameter."""
+    ook = None if setting.ook is None else setting.ook.model_dump(mode="json")
+    return {
+        "link": setting.link.model_dump(mode="json"),
+        "surface": _surface(case),
+        "run": {"photons": case.run.photons, "seed": case.run.seed},
+        "meshing": case.meshing.model_dump(mode="json"),
+        "realizations": realizations,
+        "ook": ook,
+        "versions": environment(),
+    }
+
+
+class _Rates(NamedTuple):
+    """Logarithmic derivatives of a quantity by one parameter.
+
+    `rates` holds that of all gains, those without each shift, and those without each sea.
+    """
+
+    parameter: Parameter
+    rates: Floats
+    second: float
+    method: str
+    suspicious: bool
+    notes: str
+
+
+class _Study:
+    """Evaluation of a quantity and its derivatives."""
+
+    def __init__(
+        self, problem: Problem, quantity: Quantity, shelf: Shelf, steps: dict[str, float]
+    ) -> None:
+        self.problem, self.quantity = problem, quantity
+        self._shelf, self._steps = shelf, steps
+        self._threads = default_threads(problem.run.threads)
+        self._exact: dict[str, Floats] = {}
+
+    def gains(self, *settings: Setting) -> Floats:
+        """Return the gains of settings over all seas, shape (settings * seas, shifts)."""
+        seas = range(self.problem.realizations)
+        jobs = [(setting, i) for setting in settings for i in seas]
+        found = ordered_map(lambda job: self.problem.gains(*job), jobs, self._threads)
+        return np.array(list(found))
+
+    @property
+    def base(self) -> Floats:
+        """Gains of the base, shape (seas, shifts)."""
+        return self._kept("base", lambda: self.gains(self.problem.setting))
+
+    def _kept(self, name: str, make: Callable[[], Floats]) -> Floats:
+        """Return numbers of this study, made once."""
+        if name not in self._exact:
+            numbers = self._shelf.get(name)
+            if numbers is None:
+                numbers = make()
+                self._shelf.put(name, numbers)
+            self._exact[name] = numbers
+        return self._exact[name]
+
+    def _moments(self) -> Floats:
+        """Return dh / d ln a and dh / d ln b, shape (2, seas, shifts)."""
+        link, seas = self.problem.setting.link, range(self.problem.realizations)
+
+        def one(i: int) -> Floats:
+            found = moments(link, self.problem.light(link, i))
+            return np.array([found["water.a"], found["water.b"]])
+
+        return np.stack(list(ordered_map(one, seas, self._threads)), axis=1)
+
+    def _edge(self, name: str) -> Floats:
+        """Return dh / d ln fov, shape (seas, shifts)."""
+        link, seas = self.problem.setting.link, range(self.problem.realizations)
+        fov = link.receivers[0].fov_deg
+        wide = link.replace(name, min(fov + _WIDER_DEG, 180.0))
+
+        def one(i: int) -> Floats:
+            return edge_of_view(self.problem.light(wide, i), 0.5 * fov)
+
+        return np.stack(list(ordered_map(one, seas, self._threads)))
+
+    def derivatives(self, p: Parameter, progress: Callable[[int], None] | None) -> _Rates:
+        """Return the derivatives by a parameter."""
+        link = self.problem.setting.link
+        first = "receiver.0" if isinstance(link.receiver, tuple) else "receiver"
+        if p.name in ("water.a", "water.b") and has_moments(link):
+            gains = self._kept("moments", self._moments)[int(p.name == "water.b")]
+            found = self._exactly(p, gains, "moment")
+        elif p.name == f"{first}.fov_deg" and link.physics.fov == "angle":
+            gains = self._kept(p.name, lambda: self._edge(p.name))
+            found = self._exactly(p, gains, "angle")
+        else:
+            found = self._differences(p)
+        if progress is not None:
+            progress(1)
+        return found
+
+    def _exactly(self, p: Parameter, change: Floats, method: str) -> _Rates:
+        """Return the derivatives of the quantity from those of the gains (seas, shifts)."""
+        base, setting = self.base, self.problem.setting
+        sides = [p.at(setting, p.shifted(side * _DIRECT / p.step)).ook for side in (-1.0, 1.0)]
+        response = Response(base - _DIRECT * change, base + _DIRECT * change, _DIRECT)
+        return _Rates(p, self._rates(response, sides), math.nan, method, False, "")
+
+    def _rates(self, response: Response, ooks: list[OokLink | None]) -> Floats:
+        """Return the derivative of the logarithm: of all, without each shift, without each sea."""
+        low, high = (
+            np.array([self.quantity.log(gains, ook) for gains in without_each(side)])
+            for side, ook in zip((response.below, response.above), ooks, strict=True)
+        )
+        return (high - low) / (2.0 * response.step)
+
+    def _differences(self, p: Parameter) -> _Rates:
+        """Return central differences over a step, compared with those over a longer one."""
+        setting, seas = self.problem.setting, self.problem.realizations
+        factors = [1.0, second_step(p, self._steps.get(p.name, p.step))]
+        sides = []
+        for factor in factors:
+            try:
+                sides += [p.at(setting, p.shifted(side * factor)) for side in (-1.0, 1.0)]
+            except Refused:  # the longer step leaves the range
+                break
+        name = f"{p.name} {p.step!r}"
+        gains = self._kept(name, lambda: self.gains(*sides)).reshape(-1, seas, SHIFTS)
+        found = []
+        for k in range(0, len(gains), 2):
+            response = Response(gains[k], gains[k + 1], factors[k // 2] * p.step)
+            found.append(self._rates(response, [side.ook for side in sides[k : k + 2]]))
+        suspicious, notes = self._compared(found)
+        if p.origin:
+            notes = f"relative to {p.name} - {p.origin:g}" + (f"; {notes}" if notes else "")
+        return _Rates(p, found[0], self._second(p, gains), "difference", suspicious, notes)
+
+    def _compared(self, found: list[Floats]) -> tuple[bool, str]:
+        """Return whether the derivatives over two steps disagree, and how."""
+        if len(found) < 2:
+            return False, "one step: the longer one leaves the range"
+        off, error = found[1] - found[0], error_of(found[1] - found[0])
+        bend = _BEND * max(abs(float(found[1][0])), 1.0)
+        if abs(off[0]) <= math.hypot(_DOUBT * error, bend):
+            return False, ""
+        longer = f"{found[1][0]:.5g} +- {error_of(found[1]):.1g} over the longer step"
+        return True, longer
+
+    def _second(self, p: Parameter, gains: Floats) -> float:
+        """Return the second derivative of the quantity over itself, for offsets and angles."""
+        if not p.absolute:
+            return math.nan
+        setting, k = self.problem.setting, 2 if len(gains) > 2 else 0
+        steps = p.step * (1.0 if k == 0 else second_step(p, self._steps.get(p.name, p.step)))
+        low, mid, high = (
+            self.quantity.log(g, setting.ook) for g in (gains[k], self.base, gains[k + 1])
+        )
+        if self.quantity.of in ("margin", "range"):
+            return (high - 2.0 * mid + low) / steps**2
+        return (math.exp(high - mid) - 2.0 + math.exp(low - mid)) / steps**2
+
+
+def _result(study: _Study, found: list[_Rates], asked: list[str], case: Case) -> Sensitivities:
+    """Return the table of the derivatives."""
+    quantity, setting = study.quantity, study.problem.setting
+    logs = np.array([quantity.log(gains, setting.ook) for gains in without_each(study.base)])
+    value, stderr = quantity.value(float(logs[0])), error_of(logs)
+    rates = np.array([one.rates for one in found])
+    if quantity.of == "range":
+        # at a fixed need: dR / R = -(d ln q / d ln p) / (d ln q / d ln d)
+        deeper = rates[[one.parameter.name for one in found].index(_DEPTH)]
+        value = float(setting.link.transmitters[0].depth)  # type: ignore[attr-defined]
+        stderr = abs(value * error_of(logs / deeper[0]))
+        rates = np.where([[one.parameter.name == _DEPTH] for one in found], rates, -rates / deeper)
+        found = [one._replace(second=-one.second / deeper[0]) for one in found]
+    else:
+        stderr *= abs(quantity.slope(value))
+    kept = [i for i, one in enumerate(found) if one.parameter.name in asked]
+    found, rates = [found[i] for i in kept], rates[kept]
+    rows, factors = [], []
+    for one, rate in zip(found, rates, strict=True):
+        row, factor = _row(one, float(rate[0]), error_of(rate), quantity, value)
+        rows.append(row)
+        factors.append(factor)
+    covariance = covariance_of(rates) * np.outer(factors, factors)
+    key = _key(case, setting, study.problem.realizations)
+    run = {**case.run.to_config(), **case.meshing.model_dump(mode="json")}
+    run.pop("threads")
+    origin = provenance(setting.link, key["surface"], run)
+    origin |= {"of": quantity.of, "limit": quantity.limit}
+    origin |= {name: key[name] for name in ("ook", "realizations")}
+    return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
+
+
+def _surface(case: Case) -> dict[str, Any]:
+    """Return the configuration that identifies the surface."""
+    if isinstance(case.surface, TriangleMesh):
+        return mesh_for(case.link, case.surface)[1]
+    return dict(case.surface.to_config())
+
+
+def _row(
+    one: _Rates, rate: float, error: float, quantity: Quantity, value: float
+) -> tuple[Row, float]:
+    """Return the row of a parameter, and its logarithmic derivative over the rate."""
+    p = one.parameter
+    relative = rate if p.absolute else rate / p.scale
+    if not p.absolute:
+        elasticity, factor = rate, 1.0
+    else:
+        factor = p.base if p.base != 0.0 else 1.0
+        elasticity = rate * p.base if p.base != 0.0 else math.nan
+    slope = value if quantity.of == "range" else quantity.slope(value)
+    return Row(
+        p.name,
+        p.base,
+        p.unit,
+        elasticity,
+        abs(factor) * error,
+        relative,
+        slope * relative,
+        abs(slope / (1.0 if p.absolute else p.scale)) * error,
+        one.second,
+        one.method,
+        one.suspicious,
+        one.notes,
+    ), factor

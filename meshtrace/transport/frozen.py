@@ -1,0 +1,229 @@
+"""Forced detection of neighbouring links with common random numbers.
+
+Two runs of the same seed differ by more than the link: the number of chains of each order, the
+law of their free paths, the mesh and the chains whose facets are all searched follow the link.
+Here they are those of a base link, so that differences between links have little noise. Lengths
+of the law scale with the depth of the source: chains of a deeper source are the same chains,
+stretched.
+"""
+
+from __future__ import annotations
+
+from threading import Lock
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.errors import Refused
+from meshtrace.kernels.chains import Nominal
+from meshtrace.link import Link
+from meshtrace.mesh import TriangleMesh
+from meshtrace.stored import SHIFTS
+from meshtrace.transport.aimed import AimedChains, Search, on_disk
+from meshtrace.transport.chain_sets import ChainDrawer, ChainSet
+from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced_link import ForcedLink, forced_link
+
+_KEPT = 4  # sets of chains for the last geometries
+
+
+class Light(NamedTuple):
+    """Light that arrives at one receiver, one row an arrival; the weights sum to the gain.
+
+    Unscattered light without random slopes is one row a facet, with shift -1: it has no Monte
+    Carlo error, and belongs to every shift alike.
+    """
+
+    weight: NDArray[np.float64]
+    order: NDArray[np.int64]  # number of scatterings
+    water: NDArray[np.float64]  # path in the water [m]
+    angle: NDArray[np.float64]  # to the axis of the receiver [rad]
+    lamp: NDArray[np.float64]  # cosine of the emission to the axis of the source
+    shift: NDArray[np.int64]
+
+    def by_shift(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the sum of the weights times values (n,) of each shift, shape (shifts,)."""
+        light = self.weight * values
+        common = self.shift < 0
+        sums = np.bincount(self.shift[~common], light[~common], minlength=SHIFTS)
+        return light[common].sum() + SHIFTS * sums
+
+
+class FrozenForced:
+    """Chains of a base link that serve its neighbours, too.
+
+    Parameters
+    ----------
+    link : Link
+        The base link.
+    photons, seed : int
+        Chains in all, and the seed of their points.
+    crest : float
+        Highest crest of the surfaces [m].
+    normals : {"vertex", "facet"}
+        Normals interpolated from the corners, or those of the facets.
+    search : {"thorough", "usual"}
+        Search of crossings over surfaces without random slopes, see `AimedChains`.
+
+    Raises
+    ------
+    Refused
+        If the link has a feature that chains do not follow.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        photons: int,
+        seed: int,
+        crest: float = 0.0,
+        normals: str = "vertex",
+        search: Search = "thorough",
+    ) -> None:
+        base = ForcedDetection(
+            link, photons, seed, normals, crest=crest, search=search, scattered="chains"
+        )
+        self._base, self._seed = base, seed
+        self._options = normals, search
+        top = max(crest, 0.0) / base.arrays.frame.unit
+        lowest = min(t.center.z for t in base.arrays.targets)
+        self._levels = top, top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
+        self._nominals = ChainDrawer(base.arrays, *self._levels).nominals
+        self._nodes: dict[tuple[int, int], tuple[int, int]] = {}
+        self._drawn: dict[str, list[list[ChainSet]]] = {}
+        self._lock = Lock()
+
+    def gains(self, link: Link, mesh: TriangleMesh) -> NDArray[np.float64]:
+        """Return the gain of a neighbouring link by the shift of the points.
+
+        Parameters
+        ----------
+        link : Link
+            A link with as many sources as the base; its receivers may be others.
+        mesh : TriangleMesh
+            The surface, which covers all neighbours.
+
+        Returns
+        -------
+        ndarray, shape (receivers, shifts)
+        """
+        arrays, aimed, sets = self._aimed(link, mesh)
+        found = np.zeros((len(arrays.targets), SHIFTS))
+        for s, power in enumerate(arrays.power):
+            for r in range(len(arrays.targets)):
+                direct = aimed.direct_gains(s, r)
+                if direct is not None:
+                    found[r] += power * direct.sum()
+                for chains in sets[s]:
+                    if chains.order > 0 or direct is None:
+                        score = aimed.score(s, r, chains)
+                        found[r] += power * score.reshape(SHIFTS, -1).mean(axis=1)
+        return found
+
+    def light(self, link: Link, mesh: TriangleMesh) -> list[Light]:
+        """Return the light that arrives at each receiver of a neighbouring link."""
+        arrays, aimed, sets = self._aimed(link, mesh)
+        rows: list[list[Light]] = [[] for _ in arrays.targets]
+        for s, power in enumerate(arrays.power):
+            for r, row in enumerate(rows):
+                direct = aimed.direct_gains(s, r)
+                if direct is not None:
+                    row.append(self._direct(arrays, aimed, s, r, power * direct))
+                for chains in sets[s]:
+                    if chains.order > 0 or direct is None:
+                        row.append(self._arrivals(arrays, aimed, s, r, chains))
+        return [Light(*map(np.concatenate, zip(*row, strict=True))) for row in rows]
+
+    def _aimed(
+        self, link: Link, mesh: TriangleMesh
+    ) -> tuple[ForcedLink, AimedChains, list[list[ChainSet]]]:
+        """Return the arrays of a link, its surface and its chains."""
+        normals, search = self._options
+        arrays = forced_link(link, self._base.arrays.frame)
+        if len(arrays.emitters) != len(self._nominals):
+            raise Refused("transmitter", len(arrays.emitters), "the sources of the base link")
+        aimed = AimedChains(arrays, mesh, None, normals, link.physics.unresolved, search)
+        aimed.nodes = self._nodes
+        return arrays, aimed, self._sets(link, arrays, aimed)
+
+    def _sets(self, link: Link, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
+        """Return the chains of a link; those of the last geometries are kept."""
+        lamps = [e.position for e in arrays.emitters]
+        ends = [(t.center, t.axis, t.radius) for t in arrays.targets]
+        parts = link.water.phase, link.bubbles, link.physics
+        models = [part and part.model_dump_json() for part in parts]
+        key = repr((lamps, ends, models, link.water.n, link.n_air, aimed.rough))
+        with self._lock:
+            if key not in self._drawn:
+                while len(self._drawn) >= _KEPT:
+                    del self._drawn[next(iter(self._drawn))]
+                self._drawn[key] = self._draw(arrays, aimed)
+            return self._drawn[key]
+
+    def _draw(self, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
+        """Draw the chains of a link by the laws and numbers of the base."""
+        drawer = ChainDrawer(arrays, *self._levels)
+        drawer.nominals = self._stretched(arrays)
+
+        def drawn(s: int, like: ChainSet) -> ChainSet:
+            per_shift = len(like.audit) // SHIFTS
+            return drawer.draw(s, like.order, per_shift, (self._seed, s, like.order, 1))
+
+        return [[drawn(s, like) for like in row] for s, row in enumerate(self._base.sets(aimed))]
+
+    def _stretched(self, arrays: ForcedLink) -> list[Nominal]:
+        """Return the laws of the base, with lengths times the ratio of the depths."""
+        laws = []
+        pairs = zip(self._nominals, self._base.arrays.emitters, arrays.emitters, strict=True)
+        for law, before, now in pairs:
+            k = now.position.z / before.position.z
+            laws.append(
+                law._replace(
+                    distance=law.distance * k,
+                    step=law.step * k,
+                    c=law.c / k,
+                    density=law.density / k,
+                )
+            )
+        return laws
+
+    def _direct(
+        self,
+        arrays: ForcedLink,
+        aimed: AimedChains,
+        source: int,
+        receiver: int,
+        gains: NDArray[np.float64],
+    ) -> Light:
+        """Return the unscattered light, by facet."""
+        lit = np.flatnonzero(gains)
+        crossing = aimed.centroids[lit]
+        target, emitter = arrays.targets[receiver], arrays.emitters[source]
+        up = crossing - np.array(emitter.position)
+        water, same = np.linalg.norm(up, axis=1), np.zeros(len(lit), np.int64)
+        angle = np.arccos(_cosine(np.array(target.center) - crossing, target.axis))
+        lamp = _cosine(up, emitter.axis)
+        return Light(gains[lit], same, arrays.frame.unit * water, angle, lamp, same - 1)
+
+    def _arrivals(
+        self, arrays: ForcedLink, aimed: AimedChains, source: int, receiver: int, chains: ChainSet
+    ) -> Light:
+        """Return the arrivals of a set of chains."""
+        target, n = arrays.targets[receiver], len(chains.audit)
+        _, found = aimed.aim(source, receiver, chains, keep=True)
+        chain = found["chain"]
+        way = on_disk(target.center, target, chains.chains.disk[chain]) - found["point"]
+        return Light(
+            arrays.power[source] * found["weight"] / n,
+            np.full(len(found), chains.order),
+            arrays.frame.unit * found["water"],
+            np.arccos(_cosine(way, target.axis)),
+            _cosine(found["emission"], arrays.emitters[source].axis),
+            chain // (n // SHIFTS),
+        )
+
+
+def _cosine(way: NDArray[np.float64], axis: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Return the cosines of the angles of directions (n, 3) to an axis."""
+    return np.clip(way @ np.array(axis) / np.linalg.norm(way, axis=1), -1.0, 1.0)

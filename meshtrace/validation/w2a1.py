@@ -1,0 +1,168 @@
+"""W2A-1, a reference case for light that crosses a wavy sea: inputs, gains of this package, checks.
+
+The inputs, values, errors and rules of the score are in `w2a1.json`; `examples/w2a1` has the same
+file with a script that scores the results of any program.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from meshtrace.link import Led, Link, Physics, Receiver
+from meshtrace.mesh import SurfaceModel, WaveSum
+from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
+from meshtrace.transport.forced import ForcedDetection
+from meshtrace.validation.check import Check, exact
+
+CHAINS, QUICK_CHAINS, SERIES_CHAINS = 16_384, 4096, 2048
+"""Chains of a total, and of each time of a series."""
+
+_HALF_WIDTH, _SPACING, _SERIES_SPACING = 6.0, 0.05, 0.1  # [m], of the meshes
+_SERIES = 5e-3  # of an unscattered gain of a series
+_SPREAD = 0.01  # of a relative standard deviation
+_LISTED = 1e-8  # of the waves, printed with nine digits
+_RECEIVERS: dict[str, dict[str, Any]] = {
+    "r5cm": {},
+    "default": {},
+    "depth40": {},
+    "r25cm": {"radius": 0.25},
+    "offset1m": {"position": (1.0, 0.0)},
+    "fov6": {"fov_deg": 6.0},
+}
+
+
+class Gain(NamedTuple):
+    """Unscattered gain, and total gain with its standard error."""
+
+    unscattered: float
+    total: float
+    stderr: float
+
+
+STEPS = 16
+"""Cases and series."""
+
+
+@cache
+def reference() -> dict[str, Any]:
+    """Return the reference case as plain data."""
+    found: dict[str, Any] = json.loads(Path(__file__).with_name("w2a1.json").read_text("utf-8"))
+    return found
+
+
+def surface(name: str) -> SurfaceModel:
+    """Return a surface of the case: "flat", "sinusoid", "jonswap5" or "jonswap13"."""
+    if name == "flat":
+        return FlatSea()
+    if name == "sinusoid":
+        return SinusoidalSea(amplitude=0.05, wavelength=3.0)
+    return JonswapSea(wind_speed=float(name.removeprefix("jonswap")), band="paper", seed=7)
+
+
+def link(variant: str) -> Link:
+    """Return the link of a case: its part behind the slash, such as "r5cm"."""
+    depth = 40.0 if variant == "depth40" else 10.0
+    receiver = Receiver(**_RECEIVERS[variant])
+    return Link(transmitter=Led(depth=depth), receiver=receiver, physics=Physics(unresolved="none"))
+
+
+def gain(case: str, chains: int = CHAINS, seed: int = 1) -> Gain:
+    """Return the gains of a case, such as "jonswap5/r25cm", by forced detection."""
+    sea, variant = case.split("/")
+    mesh = surface(sea).mesh(0.0, _HALF_WIDTH, _SPACING)
+    crest = float(mesh.bounds[1, 2])
+    parts = ForcedDetection(link(variant), chains, seed, crest=crest).evaluate(mesh)
+    return Gain(float(parts.ballistic[0]), float(parts.gain[0]), float(parts.stderr[0]))
+
+
+def series(sea: str, chains: int = SERIES_CHAINS, seed: int = 1) -> list[Gain]:
+    """Return the gains at the times of a series, with the same chains at all of them."""
+    row = reference()["series_frozen_phases"][f"{sea}/series"]
+    moving, forced = surface(sea), None
+    found = []
+    for time in row["t0"] + row["dt"] * np.arange(row["n"]):
+        mesh = moving.mesh(float(time), _HALF_WIDTH, _SERIES_SPACING)
+        if forced is None:
+            crest = 1.5 * float(mesh.bounds[1, 2])
+            forced = ForcedDetection(link("r5cm"), chains, seed, crest=crest)
+        parts = forced.evaluate(mesh)
+        found.append(Gain(*(float(v[0]) for v in (parts.ballistic, parts.gain, parts.stderr))))
+    return found
+
+
+def checks(quick: bool = False, progress: Callable[[str], None] | None = None) -> Iterator[Check]:
+    """Yield the comparison of this package with every number of the case.
+
+    Parameters
+    ----------
+    quick : bool
+        A quarter of the chains.
+    progress : callable, optional
+        Called with the name of each case before it runs.
+    """
+    source = "W2A-1"
+    yield from _wave_checks()
+    for name, row in reference()["cases"].items():
+        if progress is not None:
+            progress(name)
+        found = gain(name, QUICK_CHAINS if quick else CHAINS)
+        tolerance = row["unscattered_tol_rel"]
+        yield exact(f"{name} unscattered", source, row["unscattered"], found.unscattered, tolerance)
+        status = source if _is_checked(row) else f"{source}, single code"
+        total = row["total"], found.total, found.stderr, row["total_stderr"]
+        yield Check(f"{name} total", status, *total)
+    for name, row in reference()["series_frozen_phases"].items():
+        if progress is not None:
+            progress(name)
+        yield from _series_checks(name, row)
+
+
+def _series_checks(name: str, row: dict[str, Any]) -> Iterator[Check]:
+    """Yield the checks of a series: its worst time, and its spread."""
+    found = series(name.split("/")[0])
+    unscattered, total = (
+        np.array([getattr(g, k) for g in found]) for k in ("unscattered", "total")
+    )
+    expected = np.array(row["unscattered_gain"])
+    worst = int(np.abs(unscattered / expected - 1.0).argmax())
+    what = f"{name} unscattered, worst of {len(expected)}"
+    yield exact(what, "W2A-1", expected[worst], unscattered[worst], _SERIES)
+    spread = float(total.std(ddof=1) / total.mean())
+    yield exact(f"{name} spread of total", "W2A-1", row["total_rel_std"], spread, _SPREAD)
+
+
+def _is_checked(row: dict[str, Any]) -> bool:
+    """Return whether a second estimator or program has confirmed a total."""
+    return any(key.startswith("total_independent") for key in row)
+
+
+def _wave_checks() -> Iterator[Check]:
+    """Yield the comparison of the waves of the seas with the listed ones."""
+    for name, listed in (
+        ("jonswap5", reference()["jonswap5_components"]["rows"]),
+        ("jonswap13", None),
+    ):
+        sea = surface(name)
+        assert isinstance(sea, WaveSum)
+        waves = np.array(sea.components[:5]).T
+        if listed is None:
+            check = reference()["jonswap13_check"]
+            listed = np.array([check["first"], check["last"]])
+            variance = 0.5 * float(np.square(waves[:, 0]).sum())
+            expected = check["sum_amplitude_squared_half"]
+            yield exact(f"{name} waves, variance", "W2A-1", expected, variance, _LISTED)
+            waves = waves[[0, -1]]
+        phases = np.abs(waves[:, :4] - np.array(listed)[:, :4]).max()
+        phases = max(phases, np.abs(np.sin(0.5 * (waves[:, 4] - np.array(listed)[:, 4]))).max())
+        yield Check(f"{name} waves, largest difference", "W2A-1", 0.0, float(phases), 0.0, _LISTED)
+
+
+def score(found: Iterable[Check]) -> int:
+    """Return the number of checks within the rules of the case: |z| <= 3, or the tolerance."""
+    return sum(abs(check.z) <= (3.0 if check.stderr else 1.0) for check in found)

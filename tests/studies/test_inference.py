@@ -1,0 +1,143 @@
+"""Inference: planted water is found, degenerate measurements are reported, priors, files."""
+
+import math
+
+import numpy as np
+import pytest
+
+import meshtrace as mt
+from meshtrace.surfaces import FlatSea
+
+DEPTHS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0)
+START = mt.Link().replace("water.a", 0.125).replace("water.b", 0.032)
+CHAINS = 1024
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """Return gains of the planted water by depth and field of view, with other chains."""
+    found = {}
+    for depth in DEPTHS:
+        for fov in (60.0, 6.0):
+            link = mt.Link().replace("transmitter.depth", depth).replace("receiver.fov_deg", fov)
+            found[depth, fov] = mt.simulate(link, FlatSea(), photons=8192, seed=77).gain
+    return found
+
+
+def rows(truth, fovs, rng=None, scale=1.0, error=0.02):
+    found = []
+    for (depth, fov), gain in truth.items():
+        if fov in fovs:
+            noise = 1.0 if rng is None else math.exp(error * rng.standard_normal())
+            found.append(
+                {
+                    "transmitter.depth": depth,
+                    "receiver.fov_deg": fov,
+                    "gain": scale * gain * noise,
+                    "stderr": error * scale * gain,
+                }
+            )
+    return found
+
+
+@pytest.mark.statistical
+def test_planted_water_is_found_from_two_fields_of_view(truth):
+    rng, inside = np.random.default_rng(5), 0
+    unknown = ["water.a", "water.b", "scale"]
+    for _ in range(20):
+        f = mt.infer(rows(truth, (60.0, 6.0), rng, scale=2.5), START, unknown, photons=CHAINS)
+        off = [
+            abs(f.value[n] - v) / f.stderr[n] for n, v in (("water.a", 0.114), ("water.b", 0.037))
+        ]
+        inside += max(off) < 2.0
+    assert inside >= 16  # 20 draws of two correlated unknowns: 18.2 on average
+    assert f.stderr["water.a"] / 0.114 == pytest.approx(0.0067, rel=0.3)
+    assert f.stderr["water.b"] / 0.037 == pytest.approx(0.0515, rel=0.4)
+    assert f.value["scale"] == pytest.approx(2.5, rel=0.05)
+    assert f.degrees == 13
+    assert f.chi2 < 30.0
+
+
+def test_depth_alone_reports_the_weak_direction(truth):
+    f = mt.infer(rows(truth, (60.0,)), START, ["water.a", "water.b"], photons=CHAINS)
+    assert math.isnan(f.value["water.b"])
+    assert math.isnan(f.stderr["water.b"])
+    assert f.free_error[1] > 1.0
+    assert f.correlation[0, 1] < -0.99
+    assert f.weakest.startswith("water.b +10 % with water.a -0.")
+    assert f.singular_values[0] > 300.0 * f.singular_values[1]
+    assert "not determined" in f.summary()
+
+
+def test_a_prior_adds_information(truth):
+    data = rows(truth, (60.0, 6.0))
+    free = mt.infer(data, START, ["water.a", "water.b"], photons=CHAINS)
+    tied = mt.infer(
+        data, START, ["water.a", "water.b"], {"water.b": (0.04, 0.0004)}, photons=CHAINS
+    )
+    assert tied.stderr["water.b"] < 0.5 * free.stderr["water.b"]
+    assert abs(tied.value["water.b"] - 0.04) < abs(free.value["water.b"] - 0.04)
+    assert tied.degrees == free.degrees + 1
+
+
+def test_counts_and_columns_are_read_alike(truth):
+    depths = DEPTHS[:3]
+    counts = [round(1e9 * truth[d, 60.0]) for d in depths]
+    columns = {"transmitter.depth": depths, "counts": counts}
+    by_columns = mt.infer(columns, START, ["water.a", "scale"], photons=256)
+    by_rows = mt.infer(
+        [{"transmitter.depth": d, "counts": c} for d, c in zip(depths, counts, strict=True)],
+        START, ["water.a", "scale"], photons=256,
+    )  # fmt: skip
+    assert by_columns.value == by_rows.value
+    assert by_rows.value["scale"] == pytest.approx(1e9, rel=0.1)
+
+
+def test_geometry_is_inferred_by_differences(truth):
+    gains = {d: g for (d, fov), g in truth.items() if fov == 60.0 and d <= 15.0}
+    data = [{"transmitter.depth": d, "gain": g, "stderr": 0.001 * g} for d, g in gains.items()]
+    link = mt.Link().replace("receiver.height", 4.5)
+    f = mt.infer(data, link, ["receiver.height"], photons=512)
+    assert f.value["receiver.height"] == pytest.approx(5.0, abs=0.1)
+
+
+def test_reweighting_is_a_new_run():
+    """The gain at other a and b from the same chains is that of a simulation."""
+    from meshtrace.studies.inference.model import Model
+    from meshtrace.studies.sensitivity.parameters import Setting, parameters
+    from meshtrace.transport.options import Run
+
+    sea, link = FlatSea(), mt.Link()
+    unknowns = parameters(Setting(link, sea, None), ["water.a", "water.b"], None, "vertex")
+    model = Model(link, sea, [{}], unknowns, Run(photons=4096), 1)
+    x = np.log([1.3, 0.7])
+    new = link.replace("water.a", 1.3 * 0.114).replace("water.b", 0.7 * 0.037)
+    expected = mt.simulate(new, sea, photons=16384)
+    assert math.exp(model.at(x).log[0]) == pytest.approx(expected.gain, rel=4e-3)
+    h = 1e-3
+    for i in range(2):
+        sides = [model.at(x + s * h * np.eye(2)[i]).log[0] for s in (-1.0, 1.0)]
+        assert model.at(x).slope[0, i] == pytest.approx((sides[1] - sides[0]) / (2 * h), rel=1e-4)
+
+
+def test_file(truth, tmp_path):
+    f = mt.infer(rows(truth, (60.0, 6.0)), START, ["water.a"], photons=CHAINS)
+    f.save(tmp_path / "f.nc")
+    assert mt.Inference.load(tmp_path / "f.nc").summary() == f.summary()
+
+
+@pytest.mark.parametrize(
+    ("data", "unknown", "prior", "message"),
+    [
+        ([], ["water.a"], None, "measurements: empty"),
+        ([{"gain": 1e-5}], ["water.a"], None, r"measurements\[0\].stderr"),
+        ([{"gain": -1.0, "stderr": 1.0}], ["water.a"], None, r"measurements\[0\].gain"),
+        ([{"gain": 1e-5, "stderr": 1e-6}], ["water.aa"], None, "did you mean water.a"),
+        ([{"gain": 1e-5, "stderr": 1e-6}], ["water.a", "water.b"], None, "at most 1"),
+        ([{"gain": 1e-5, "stderr": 1e-6, "lamp": 3}], ["water.a"], None, "no such key"),
+        ([{"gain": 1e-5, "stderr": 1e-6}], ["water.a"], {"water.b": (1, 1)}, "prior: 'water.b'"),
+    ],
+)
+def test_refusals(data, unknown, prior, message):
+    with pytest.raises(mt.Refused, match=message):
+        mt.infer(data, mt.Link(), unknown, prior, photons=64)

@@ -1,0 +1,300 @@
+"""Sensitivities: closed forms, Euler's relation, moments against differences, errors, files."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import meshtrace as mt
+from meshtrace.kernels.random import realization_seed
+from meshtrace.stored import SHIFTS
+from meshtrace.studies.sensitivity import study as study_module
+from meshtrace.studies.sensitivity.problem import error_of, without_each
+from meshtrace.surfaces import FlatSea, JonswapSea
+from meshtrace.transport.frozen import FrozenForced
+
+REFERENCE = json.loads(
+    (Path(__file__).parents[1] / "data" / "sensitivity_reference.json").read_text()
+)
+SEED = 5  # without a vertex within 1e-4 of the surface
+NAMES = {
+    "a": "water.a",
+    "b": "water.b",
+    "d": "transmitter.depth",
+    "th": "transmitter.half_angle_deg",
+    "h": "receiver.height",
+    "r": "receiver.radius",
+    "x": "receiver.position.0",
+    "tilt": "receiver.tilt_deg",
+    "zen": "transmitter.zenith_deg",
+    "n": "water.n",
+    "fov": "receiver.fov_deg",
+    "ff_n-1": "water.phase.n",
+    "ff_mu-3": "water.phase.mu",
+}
+
+
+def oblique(b=0.0):
+    """Return the link of the closed forms: offset, tilted, with a leaning lamp."""
+    link = mt.Link().replace("water.b", b).replace("receiver.position", (0.5, 0.0))
+    return link.replace("receiver.tilt_deg", 5.0).replace("transmitter.zenith_deg", 3.0)
+
+
+def elasticities(link, sea=None, keys=("a", "b", "d", "h", "r"), **options):
+    wrt = [NAMES[key] for key in keys]
+    return mt.sensitivities(link, sea or FlatSea(), wrt=wrt, **options)
+
+
+def test_closed_forms_without_scattering():
+    closed = REFERENCE["closed_flat_b0"]
+    found = elasticities(oblique(), keys=closed["elasticity"], photons=1024)
+    assert found.value == pytest.approx(closed["gain"], rel=1e-4)
+    for key, expected in closed["elasticity"].items():
+        row = found.table[NAMES[key]]
+        assert row.elasticity == pytest.approx(expected, abs=closed["tolerance_abs"]), key
+        assert not row.suspicious
+
+
+@pytest.mark.parametrize("depth", [10.0, 40.0])
+def test_euler_relation(depth):
+    # lengths enter as a L, b L and ratios alone: exact on a flat sea for stretched chains
+    link = oblique(0.037).replace("transmitter.depth", depth)
+    found = elasticities(link, keys=("a", "b", "d", "h", "r", "x"), photons=4096)
+    e = {key: found.table[NAMES[key]].elasticity for key in ("a", "b", "d", "h", "r", "x")}
+    assert e["a"] + e["b"] == pytest.approx(e["d"] + e["h"] + e["r"] + e["x"], abs=1e-3)
+
+
+def test_the_reference_with_scattering():
+    expected = REFERENCE["with_scattering"]["flat-10"]
+    keys = [key for key in NAMES if key in expected]
+    found = elasticities(mt.Link(), keys=keys)
+    assert found.value == pytest.approx(expected["gain"][0], rel=3e-3)
+    for key in keys:
+        row, (value, error) = found.table[NAMES[key]], expected[key]
+        assert abs(row.elasticity - value) < 4.0 * math.hypot(row.stderr, error) + 1e-4, key
+
+
+def test_moments_agree_with_differences():
+    link, step = mt.Link(), 1e-2
+    found = elasticities(link, keys=("a", "b"), photons=4096)
+    mesh = FlatSea().mesh(extent=8.0)
+    frozen = FrozenForced(link, 4096, 1)
+    for key, tolerance in (("a", 2e-4), ("b", 1e-3)):
+        base = {"a": link.water.a, "b": link.water.b}[key]
+        low, high = (
+            frozen.gains(link.replace(NAMES[key], base * math.exp(s)), mesh).mean()
+            for s in (-step, step)
+        )
+        difference = math.log(high / low) / (2.0 * step)
+        assert found.table[NAMES[key]].elasticity == pytest.approx(difference, abs=tolerance)
+
+
+@pytest.mark.parametrize("wind_speed", [5.0, 13.0])
+def test_radius_on_the_axis(wind_speed):
+    sea = JonswapSea(wind_speed=wind_speed, band="paper", seed=7)
+    row = elasticities(mt.Link(), sea, keys=("r",), photons=8192).table[0]
+    assert row.stderr < 1e-3
+    assert row.elasticity == pytest.approx(1.9998, abs=3e-4 + 3.0 * row.stderr)
+
+
+def test_a_discontinuity_missed_by_a_small_step_is_suspicious(monkeypatch):
+    # chains that do not stretch with the depth: vertices surface, carried by rare chains
+    monkeypatch.setattr(FrozenForced, "_stretched", lambda self, arrays: self._nominals)
+    found = elasticities(mt.Link(), keys=("d",), step=1e-4, seed=SEED)
+    assert found.table[0].suspicious
+    assert "over the longer step" in found.table[0].notes
+    monkeypatch.undo()
+    assert not elasticities(mt.Link(), keys=("d",), seed=SEED).table[0].suspicious
+
+
+@pytest.mark.statistical
+def test_the_jackknife_covers():
+    rng = np.random.default_rng(1)
+    z = []
+    for _ in range(1000):
+        chains, seas = rng.gamma(8.0, size=SHIFTS) / 8.0, rng.gamma(20.0, size=40) / 20.0
+        gains = chains * seas[:, None]
+        logs = np.log([g.mean() for g in without_each(gains)])
+        z.append(logs[0] / error_of(logs))
+    assert 0.93 <= np.mean(np.abs(z) < 2.0) <= 0.97
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_errors_of_elasticities_cover():
+    link = mt.Link()
+    rows = [elasticities(link, keys=("b",), photons=256, seed=i).table[0] for i in range(200)]
+    values, errors = (np.array([row[k] for row in rows]) for k in ("elasticity", "stderr"))
+    z = (values - values.mean()) / errors
+    assert 0.91 <= np.mean(np.abs(z) < 2.0) <= 0.98
+
+
+def test_field_of_view_from_angles_of_arrival():
+    link = mt.Link().replace("transmitter.depth", 40.0).replace("receiver.fov_deg", 20.0)
+    angle = elasticities(link, keys=("fov",)).table[0]
+    assert angle.method == "angle"
+    frozen, mesh = FrozenForced(link, 8192, 1), FlatSea().mesh(extent=30.0, spacing=0.2)
+    sides = [frozen.gains(link.replace("receiver.fov_deg", 20.0 * math.exp(s)), mesh)[0]
+             for s in (-0.1, 0.1)]  # fmt: skip
+    difference = math.log(sides[1].mean() / sides[0].mean()) / 0.2
+    assert abs(angle.elasticity - difference) < 3.0 * math.hypot(angle.stderr, 0.1 * difference)
+    light = frozen.light(link.replace("receiver.fov_deg", 60.0), mesh)[0]
+    halves = np.radians([1.0, 3.0, 5.0, 10.0, 20.0, 30.0])
+    curve = [light.weight[light.angle <= half].sum() for half in halves]
+    assert np.all(np.diff(curve) > 0.0)
+    plain = frozen.gains(link.replace("receiver.fov_deg", 60.0), mesh).mean()
+    assert curve[-1] == pytest.approx(plain, rel=1e-9)
+    reference = REFERENCE["fov_curve_flat"]["40.0"]
+    for fov, gain, error in zip(
+        *(reference[k] for k in ("fov_deg", "gain", "stderr")), strict=True
+    ):
+        if fov in (6.0, 20.0, 60.0):
+            mine = light.by_shift((light.angle <= math.radians(fov / 2.0)).astype(float))
+            assert abs(mine.mean() - gain) < 4.0 * math.hypot(error, mine.std() / math.sqrt(31))
+
+
+def test_wind_needs_an_explicit_band():
+    with pytest.raises(mt.Refused, match=r"sea.wind_speed: other waves.*omega_min"):
+        mt.sensitivities(mt.Link(), JonswapSea(wind_speed=5.0), wrt=["sea.wind_speed"], photons=64)
+    sea = JonswapSea(wind_speed=5.0, seed=7, omega_min=1.2, omega_max=4.0)
+    found = mt.sensitivities(mt.Link(), sea, wrt=["sea.wind_speed"], photons=1024)
+    assert found.table[0].method == "difference"
+    assert not found.table[0].suspicious
+    assert abs(found.table[0].elasticity) < 0.3
+
+
+def test_wind_in_parts():
+    link = mt.Link().replace(whitecaps=mt.Whitecaps(wind_speed=12.0))
+    sea = JonswapSea(wind_speed=12.0, seed=7, omega_min=0.7, omega_max=2.5)
+    parts = ["wind_speed", "sea.wind_speed", "whitecaps.wind_speed"]
+    found = mt.sensitivities(link, sea, wrt=parts, photons=512).table
+    total = found["sea.wind_speed"].elasticity + found["whitecaps.wind_speed"].elasticity
+    assert found["wind_speed"].elasticity == pytest.approx(total, abs=2e-4)
+    foam = [mt.Whitecaps(wind_speed=12.0 * f).transmittance for f in (0.99, 1.01)]
+    expected = math.log(foam[1] / foam[0]) / math.log(1.01 / 0.99)
+    assert found["whitecaps.wind_speed"].elasticity == pytest.approx(expected, rel=1e-3)
+
+
+def test_range_against_full_searches():
+    s = mt.sensitivities(mt.Link(), FlatSea(), wrt=["water.a"], of="range", photons=2048)
+    depths = np.arange(52.0, 59.0, 1.0)
+    ranges = []
+    for factor in (0.98, 1.02):
+        link = mt.Link().replace("water.a", 0.114 * factor)
+        found = mt.link_performance(link, FlatSea(), depths=depths, photons=2048)
+        ranges.append(found.range_at_ber()[0].value)
+    expected = (ranges[1] - ranges[0]) / math.log(1.02 / 0.98)
+    assert s.value == pytest.approx(np.mean(ranges), rel=0.01)
+    assert s.derivative("water.a").value * 0.114 == pytest.approx(expected, rel=0.03)
+
+
+def test_margin_error_rate_and_fixed_gain_follow_the_gain():
+    link, keys = mt.Link().replace("transmitter.depth", 50.0), ("a", "d")
+    gain, margin, fixed = (
+        elasticities(link, keys=keys, of=of, ook=ook, photons=1024)
+        for of, ook in (("gain", "physical"), ("margin", "physical"), ("range", None))
+    )
+    for key in keys:
+        row = gain.table[NAMES[key]]
+        assert margin.table[row.name].elasticity == pytest.approx(row.elasticity, rel=1e-9)
+    a, d = (gain.table[NAMES[key]].elasticity for key in keys)
+    assert fixed.value == 50.0
+    assert fixed.derivative("water.a").value == pytest.approx(-a / d * 50.0 / 0.114, rel=1e-9)
+    # the receiver's own parameters count, too: 10 % more power is 0.41 dB
+    power = mt.sensitivities(
+        link, FlatSea(), wrt=["transmitter.power_mw"], of="margin", photons=256
+    )
+    assert power.table[0].elasticity == pytest.approx(1.0, rel=1e-9)
+    ber = elasticities(link, keys=("a",), of="ber", photons=1024)
+    ook = mt.OokLink.of_link(link)
+    rates = [float(ook.ber(ook.received_power(gain.value * f))) for f in (0.99, 1.01)]
+    slope = math.log(rates[1] / rates[0]) / math.log(1.01 / 0.99)
+    assert ber.table[0].elasticity == pytest.approx(a * slope, rel=0.02)
+
+
+def test_outage_over_common_seas():
+    link = mt.Link().replace("transmitter.depth", 55.0)
+    s = mt.sensitivities(
+        link, JonswapSea(wind_speed=5.0), wrt=["water.a"], of="outage", realizations=12, photons=256
+    )
+    assert 0.0 < s.value < 1.0
+    assert s.table[0].elasticity > 0.0
+    assert s.stderr > 0.0
+    with pytest.raises(mt.Refused, match="realizations"):
+        mt.sensitivities(link, FlatSea(), wrt=["water.a"], of="outage", photons=64)
+
+
+def test_averages_over_seas():
+    sea = JonswapSea(wind_speed=5.0)
+    s = mt.sensitivities(mt.Link(), sea, wrt=["water.a"], realizations=3, photons=256, seed=4)
+    means = [mt.sensitivities(mt.Link(), sea.with_seed(realization_seed(4, i)), photons=256, seed=4,
+                              wrt=["water.a"]).value for i in range(3)]  # fmt: skip
+    assert s.value == pytest.approx(np.mean(means), rel=0.01)
+
+
+def test_forecast():
+    s = elasticities(mt.Link(), keys=("a", "x"), photons=512)
+    new = mt.simulate(mt.Link().replace("water.a", 0.12), FlatSea(), photons=4096).gain
+    forecast = s.predict({"water.a": 0.12})
+    assert abs(forecast.value - new) < 4.0 * forecast.stderr + 1e-3 * new
+    moved = mt.Link().replace("receiver.position", (0.3, 0.0))
+    near = mt.simulate(moved, FlatSea(), photons=4096).gain / s.value
+    assert s.predict({"receiver.position.0": 0.3}).value / s.value == pytest.approx(near, abs=0.005)
+    with pytest.raises(mt.Refused, match=r"water.a: 0.2, allowed: 0.08445 <= water.a <= 0.1539"):
+        s.predict({"water.a": 0.2})
+    with pytest.raises(mt.Refused, match="no such key"):
+        s.predict({"water.aa": 0.1})
+
+
+def test_file_and_covariance(tmp_path):
+    s = elasticities(mt.Link(), keys=("b", "fov", "x"), photons=512)
+    s.save(tmp_path / "s.nc")
+    loaded = mt.Sensitivities.load(tmp_path / "s.nc")
+    assert repr(loaded.table) == repr(s.table)
+    assert loaded.summary() == s.summary()
+    for found in (s.covariance(), loaded.covariance()):
+        errors = [row.derivative_stderr for row in s.table]
+        assert np.sqrt(np.diag(found)) == pytest.approx(errors)
+
+
+def test_same_digits_for_any_threads_and_after_a_stop(tmp_path, monkeypatch):
+    sea = JonswapSea(wind_speed=5.0, seed=3)
+    keys = ("a", "d", "h")
+    first = elasticities(mt.Link(), sea, keys=keys, photons=256, threads=1)
+    assert repr(first.table) == repr(
+        elasticities(mt.Link(), sea, keys=keys, photons=256, threads=2).table
+    )
+
+    def stop(done):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        elasticities(mt.Link(), sea, keys=keys, photons=256, resume=tmp_path, progress=stop)
+    kept = len(list(tmp_path.iterdir()))
+    assert kept > 0
+    next(tmp_path.iterdir()).write_bytes(b"torn")
+    again = elasticities(mt.Link(), sea, keys=keys, photons=256, resume=tmp_path)
+    assert repr(again.table) == repr(first.table)
+    # a finished run computes nothing
+    monkeypatch.setattr(study_module.Problem, "gains", lambda *_: pytest.fail("computed again"))
+    elasticities(mt.Link(), sea, keys=keys, photons=256, resume=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("wrt", "options", "message"),
+    [
+        (["water.aa"], {}, "no such continuous key, did you mean water.a"),
+        (["transmitter.kind"], {}, "no such continuous key"),
+        (["water.a", "water.a"], {}, "each name once"),
+        (["water.bottom_albedo"], {}, "a value other than 0"),
+        (["receiver.height"], {"normals": "facet"}, "normals: 'facet', allowed: vertex"),
+        (["water.a"], {"realizations": 4}, "1 over a surface of kind flat"),
+        (["water.a"], {"of": "gian"}, "did you mean gain"),
+        (["water.a"], {"of": "ber", "ook": None}, "a transmission, for ber"),
+    ],
+)
+def test_refusals(wrt, options, message):
+    with pytest.raises(mt.Refused, match=message):
+        mt.sensitivities(mt.Link(), FlatSea(), wrt=wrt, photons=64, **options)

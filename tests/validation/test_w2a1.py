@@ -1,0 +1,108 @@
+"""The reference case W2A-1: its own numbers, the example, and the score of other programs."""
+
+import csv
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from meshtrace import cli
+from meshtrace.validation import w2a1
+from meshtrace.validation.check import Check
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "w2a1"
+
+
+def perfect_rows():
+    """Return the rows of a program that meets the reference."""
+    case = w2a1.reference()
+    for name, row in case["cases"].items():
+        yield name, "", row["unscattered"], row["total"], row["total_stderr"]
+    for name, row in case["series_frozen_phases"].items():
+        # totals about the right spread: two values
+        spread = row["total_rel_std"] * np.sqrt((row["n"] - 1) / row["n"])
+        for i, gain in enumerate(row["unscattered_gain"]):
+            side = 0 if i == row["n"] - 1 else 1 - 2 * (i % 2)
+            factor = np.sqrt(row["n"] / (row["n"] - 1))
+            yield name, row["t0"] + i * row["dt"], gain, 1.0 + side * factor * spread, ""
+
+
+def write(path, rows):
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(("case", "time", "unscattered", "total", "total_stderr"))
+        writer.writerows(rows)
+    return path
+
+
+def scored(path):
+    done = subprocess.run(
+        [sys.executable, EXAMPLE / "score.py", path], capture_output=True, text=True, check=False
+    )
+    return done.stdout + done.stderr
+
+
+def test_the_example_holds_the_same_case():
+    packaged = Path(w2a1.__file__).with_name("w2a1.json")
+    assert (EXAMPLE / "w2a1.json").read_bytes() == packaged.read_bytes()
+    case = w2a1.reference()
+    assert w2a1.STEPS == len(case["cases"]) + len(case["series_frozen_phases"])
+
+
+def test_score_of_a_perfect_program_and_of_a_wrong_one(tmp_path):
+    rows = list(perfect_rows())
+    assert scored(write(tmp_path / "a.csv", rows)).splitlines()[-1] == "score 32 of 32"
+    rows[0] = (*rows[0][:2], 1.01 * rows[0][2], 1.002 * rows[0][3], 0.01 * rows[0][3])
+    rows[20] = (*rows[20][:2], 1.01 * rows[20][2], rows[20][3], "")
+    lines = scored(write(tmp_path / "b.csv", rows)).splitlines()
+    failed = [line.split()[1:3] for line in lines if line.startswith("FAIL")]
+    name = rows[0][0]
+    assert failed == [[name, "unscattered"], [name, "total"], ["jonswap5/series", "unscattered"]]
+    assert lines[-1] == "score 29 of 32"
+    short = scored(write(tmp_path / "c.csv", [("flat/default", "", 4.51666165e-05, "", "")]))
+    assert short.splitlines()[-1] == "score 1 of 1"
+    assert "allowed: a case or series" in scored(write(tmp_path / "d.csv", [("x", "", 1, 1, 1)]))
+
+
+def test_waves_of_the_seas_are_those_of_the_list():
+    found = list(w2a1._wave_checks())
+    assert len(found) == 3
+    assert all(abs(check.z) <= 1.0 for check in found)
+
+
+@pytest.mark.parametrize("case", ["flat/fov6", "jonswap5/r25cm", "sinusoid/offset1m"])
+def test_cases(case):
+    row, found = w2a1.reference()["cases"][case], w2a1.gain(case, chains=2048)
+    assert found.unscattered == pytest.approx(row["unscattered"], rel=row["unscattered_tol_rel"])
+    assert found.stderr < 0.005 * found.total
+    assert abs(found.total - row["total"]) < 3.0 * np.hypot(found.stderr, row["total_stderr"])
+
+
+@pytest.mark.slow
+def test_all_of_it():
+    assert w2a1.score(w2a1.checks()) == 35
+
+
+def test_command(monkeypatch):
+    good = Check("q", "W2A-1", 1.0, 1.0, tolerance=1e-3)
+    monkeypatch.setattr(w2a1, "checks", lambda quick, progress: iter([good]))
+    result = CliRunner().invoke(cli.app, ["validate", "--case", "w2a1"])
+    assert result.exit_code == 0
+    assert "Score by the rules of the case: 1 of 1." in result.output
+    refused = CliRunner().invoke(cli.app, ["validate", "--case", "w2a2"])
+    assert refused.exit_code != 0
+
+
+def test_script(monkeypatch, tmp_path, capfd):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(w2a1, "gain", lambda name: w2a1.Gain(1.0, 1.0, 0.001))
+    monkeypatch.setattr(
+        w2a1, "series", lambda name: [w2a1.Gain(1.0, 1.0 + 0.001 * i, 0.001) for i in range(41)]
+    )
+    runpy.run_path(str(EXAMPLE / "run.py"), run_name="__main__")
+    assert "score 0 of 32" in capfd.readouterr().out
+    assert len((tmp_path / "results.csv").read_text().splitlines()) == 1 + 14 + 82
