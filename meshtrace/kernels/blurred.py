@@ -302,11 +302,11 @@ def _weigh(chains, i, flat, p, facet, shot, spread, scene):
     density = _density(flat, p.x, p.y, shot.branch, spread, scene)
     if s.density == 0.0 or density == 0.0:
         return 0.0, True, none
-    x = _emission_at(p.x + STEP, p.y, facet, shot, scene)
-    y = _emission_at(p.x, p.y + STEP, facet, shot, scene)
+    ok_x, x = _emission_at(p.x + STEP, p.y, facet, shot, scene)
+    ok_y, y = _emission_at(p.x, p.y + STEP, facet, shot, scene)
     h = 1.0 / STEP
     j = Jacobian(
-        True,
+        ok_x and ok_y,  # a scattering closer to the surface than a step has no derivative
         s.aim,
         density / s.density,
         0.0,
@@ -324,7 +324,7 @@ def _weigh(chains, i, flat, p, facet, shot, spread, scene):
 
 @inlined
 def _emission_at(x, y, facet, shot, scene):
-    """Return the direction of emission through the plane of a facet over (x, y)."""
+    """Return (ok, direction of emission) through the plane of a facet over (x, y)."""
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))
-    _, _, w, _ = emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
-    return w
+    ok, _, w, _ = emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
+    return ok, w
