@@ -60,6 +60,15 @@ SECTIONS: list[tuple[str, str, list[type[Model]] | type[Family]]] = [
     ("[detector]", "Fields that replace those of a `preset`.", [OokLink]),
     ("[uav]", "Fields that replace those of a `preset`.", [mt.Uav]),
     (
+        "[daylight]",
+        '`model` is "clear" (default), "overcast", "uniform", "moon", "night" or "none"; the '
+        "wavelength is that of the transmitter. Without `direct` and `diffuse` these follow from "
+        "the model: a clear sky also has `aerosol`, `ozone`, `water_vapour`, `pressure`, "
+        "`day_of_year`, `width_nm`, and `time`, `latitude`, `longitude` in place of the sun; an "
+        "overcast one `transmittance`; the moon `phase_deg`.",
+        [mt.Daylight],
+    ),
+    (
         "[run]",
         "Options of the run; those of the estimator are keys of the same table.",
         [type(mt.Scenario.from_toml("").run), mt.Forced, mt.Analog],

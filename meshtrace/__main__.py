@@ -1,6 +1,68 @@
-"""`python -m meshtrace`: the command line."""
+"""Command line, as `meshtrace` and `python -m meshtrace`, with Ctrl-C from its first moment."""
 
-from meshtrace.cli import main
+from __future__ import annotations
+
+import _thread
+import signal
+import sys
+import threading
+from types import FrameType
+from typing import Any
+
+_LATER = 0.05  # [s]
+
+
+def main() -> None:
+    """Run the command line and exit."""
+    # a shell's background jobs ignore Ctrl-C
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _interrupt)
+    sys.excepthook, sys.unraisablehook = _report, _unraisable
+    try:
+        from meshtrace.cli import app
+
+        app(prog_name="meshtrace")
+    except KeyboardInterrupt:  # while the commands were set up
+        print("interrupted", file=sys.stderr)
+        sys.exit(130)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt, once the current import is complete.
+
+    Compiled modules turn an interrupted import into other errors, and Python ends by the signal
+    if the exception passes through `exec` of a text, as in dataclasses.
+    """
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            _interrupt_later()
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
+def _report(kind: type[BaseException], error: BaseException, traceback: Any) -> None:
+    """Print an error; nothing for Ctrl-C in a callback, which compiled modules report here."""
+    if not issubclass(kind, KeyboardInterrupt):
+        sys.__excepthook__(kind, error, traceback)
+
+
+def _unraisable(unraisable: Any) -> None:
+    """Raise KeyboardInterrupt again if a callback could not pass it on."""
+    if issubclass(unraisable.exc_type, KeyboardInterrupt):
+        _interrupt_later()
+    else:
+        sys.__unraisablehook__(unraisable)
+
+
+def _interrupt_later() -> None:
+    """Send the signal again, to the main thread, so that it wakes from a system call."""
+    to_main: Any = getattr(signal, "pthread_kill", lambda *_: _thread.interrupt_main())
+    signal_of = (threading.main_thread().ident, signal.SIGINT)
+    timer = threading.Timer(_LATER, to_main, signal_of)
+    timer.daemon = True
+    timer.start()
+
 
 if __name__ == "__main__":
     main()

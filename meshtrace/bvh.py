@@ -45,6 +45,7 @@ class Intersector(Protocol):
     """Interface of an acceleration structure, as the tracers use it."""
 
     mesh: TriangleMesh
+    shortcut: bool  # whether facets may be found without it where the answer is known
 
     def facets(
         self, origins: NDArray[np.float32], directions: NDArray[np.float32]
@@ -96,6 +97,8 @@ class EmbreeIntersector:
     cannot be refitted: a moving sea is a new intersector for each time step.
     """
 
+    shortcut = True
+
     def __init__(self, mesh: TriangleMesh, threads: int | None = None) -> None:
         from embreex.mesh_construction import TriangleMesh as EmbreeMesh
         from embreex.rtcore_scene import EmbreeScene
@@ -132,6 +135,8 @@ class EmbreeIntersector:
 
 class BruteForceIntersector:
     """Brute force: every ray against every facet in double precision, the reference of tests."""
+
+    shortcut = False
 
     def __init__(self, mesh: TriangleMesh) -> None:
         self.mesh = mesh

@@ -16,7 +16,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from meshtrace.errors import Described, Refused, one_line
+from meshtrace.errors import Described, Refused, one_line, show
 from meshtrace.files import atomic
 
 if TYPE_CHECKING:
@@ -32,8 +32,11 @@ _HOMES = {
     "gain": "meshtrace.results.gain",
     "impulse-response": "meshtrace.results.impulse",
     "series": "meshtrace.results.series",
+    "duplex": "meshtrace.studies.duplex",
     "coverage": "meshtrace.results.coverage",
     "comparison": "meshtrace.studies.comparison",
+    "background": "meshtrace.results.background",
+    "background-series": "meshtrace.results.background",
     "fading": "meshtrace.fading.summary",
     "performance": "meshtrace.studies.performance.tables",
     "depth-sweep": "meshtrace.studies.performance.tables",
@@ -160,8 +163,8 @@ def load(path: str | Path) -> Stored:
 
     Returns
     -------
-    GainResult, GainSeries, CoverageMap, ImpulseResponse, FadingStatistics, LinkPerformance, \
-    DepthSweep or ConvergenceStudy
+    GainResult, GainSeries, CoverageMap, Background, BackgroundSeries, ImpulseResponse, \
+    FadingStatistics, LinkPerformance, DepthSweep or ConvergenceStudy
 
     Raises
     ------
@@ -210,13 +213,15 @@ def write_dataset(data: xr.Dataset, path: str | Path) -> None:
         file.write(_MARK + hashlib.sha256(content).digest())
 
 
-def read_dataset(path: str | PathLike[str]) -> xr.Dataset:
+def read_dataset(path: str | PathLike[str], **options: Any) -> xr.Dataset:
     """Read a netCDF file into memory.
 
     Parameters
     ----------
     path : path
         Regular file, netCDF-4 or classic netCDF.
+    **options
+        Options of `xarray.open_dataset`.
 
     Raises
     ------
@@ -226,8 +231,9 @@ def read_dataset(path: str | PathLike[str]) -> xr.Dataset:
     import h5py
     import xarray as xr
 
-    if not Path(path).is_file():
-        raise Refused(str(path), Described("no such file"), _ALLOWED)
+    if not _is_file(path):
+        name = str(path) if isinstance(path, str | PathLike) else show(path)
+        raise Refused(name, Described("no such file"), _ALLOWED)
     try:
         if _is_damaged(path):
             raise OSError("damaged: its checksum differs")
@@ -236,19 +242,41 @@ def read_dataset(path: str | PathLike[str]) -> xr.Dataset:
         if engine == "h5netcdf":
             with h5py.File(path, "r") as found:  # h5netcdf leaves a traceback where this fails
                 found.attrs.get("_nc3_strict")
-        with xr.open_dataset(path, engine=engine, decode_timedelta=False) as opened:
+        with xr.open_dataset(path, engine=engine, decode_timedelta=False, **options) as opened:
             return opened.load()
     except Exception as error:  # the readers raise any exception
         reason = one_line(str(error)) or type(error).__name__
         raise Refused(str(path), Described(reason), _ALLOWED) from error
 
 
+def _is_file(path: Any) -> bool:
+    """Return whether a value is the path of a regular file."""
+    try:
+        return Path(path).is_file()
+    except (TypeError, ValueError, OSError):
+        return False
+
+
 def _is_damaged(path: str | PathLike[str]) -> bool:
-    """Return whether the digest at the end of a file differs from that of its bytes."""
+    """Return whether a file has a digest at its end that differs from that of its bytes.
+
+    HDF5 notes where its bytes end: a digest that was overwritten is noticed by what is left.
+    """
     size = Path(path).stat().st_size - _TRAILER
     with open(path, "rb") as file:
+        end = _hdf5_end(file.read(52))
+        file.seek(0)
         digest = hashlib.sha256()
         for start in range(0, max(size, 0), 2**20):
             digest.update(file.read(min(2**20, size - start)))
         trailer = file.read()
-    return trailer.startswith(_MARK) and trailer != _MARK + digest.digest()
+    expected = trailer.startswith(_MARK) or (end is not None and end < size + _TRAILER)
+    return expected and trailer != _MARK + digest.digest()
+
+
+def _hdf5_end(head: bytes) -> int | None:
+    """Return the length that the superblock of an HDF5 file gives, None for other files."""
+    if len(head) < 52 or not head.startswith(b"\x89HDF\r\n\x1a\n"):
+        return None
+    place = {0: 40, 1: 44}.get(head[8], 28)  # by the version of the superblock
+    return int.from_bytes(head[place : place + 8], "little")

@@ -13,7 +13,7 @@ from meshtrace.errors import Refused
 from meshtrace.mesh import TriangleMesh
 
 from .gridding import GridLines, grid_axis
-from .parameters import TIME, Floats, Positive, finite_array
+from .parameters import TIME, Floats, Positive, finite_array, grid_lines, points
 from .surface import Surface
 from .triangulate import mesh_of_sheet
 
@@ -98,13 +98,13 @@ class LeaningWave(Surface, frozen=True):
     def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> Floats:
         """Return z [m]; see `Surface.elevation`. Refused where the crests overhang."""
         TIME.check(time)
-        x, y = np.broadcast_arrays(finite_array("x", x), finite_array("y", y))
+        x, y = points(x, y)
         return self.profile(self._labels(x))[1]
 
     def slopes(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> tuple[Floats, Floats]:
         """Return dz/dx and dz/dy = 0; see `elevation`."""
         TIME.check(time)
-        x, y = np.broadcast_arrays(finite_array("x", x), finite_array("y", y))
+        x, y = points(x, y)
         dx, dz = self._tangent(self._labels(x))
         return dz / dx, np.zeros(x.shape)
 
@@ -127,7 +127,7 @@ class LeaningWave(Surface, frozen=True):
     ) -> tuple[Floats, Floats]:
         """Return points and normals over a tensor grid of labels s and y; see `Surface.sheet`."""
         TIME.check(time)
-        s, y = finite_array("x_axis", x_axis), finite_array("y_axis", y_axis)
+        s, y = grid_lines(x_axis, y_axis)
         (x, z), (dx, dz) = self.profile(s), self._tangent(s)
         length = np.hypot(dx, dz)
         shape = (len(s), len(y), 3)

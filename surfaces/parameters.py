@@ -67,6 +67,16 @@ def finite_array(name: str, value: ArrayLike, minimum: float = -math.inf) -> Flo
     return array
 
 
+def grid_lines(x_axis: ArrayLike, y_axis: ArrayLike) -> tuple[Floats, Floats]:
+    """Return the lines of a tensor grid as float64, one or more along each axis."""
+    axes = {"x_axis": finite_array("x_axis", x_axis), "y_axis": finite_array("y_axis", y_axis)}
+    for name, axis in axes.items():
+        if axis.ndim > 1:
+            raise Refused(name, Described(f"shape {axis.shape}"), "grid lines (n,)")
+    x, y = map(np.atleast_1d, axes.values())
+    return x, y
+
+
 def points(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
     """Return the broadcast coordinates of points as float64; raise `Refused` for unequal shapes."""
     found = finite_array("x", x), finite_array("y", y)

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from meshtrace.errors import Refused
+from meshtrace.mesh import FADING
 
 from .random_sea import RandomSea
 from .surface import Surface
@@ -21,6 +22,9 @@ def _part(value: Any) -> RandomSea:
         raise Refused("parts", getattr(sea, "kind", value), "random seas only")
     if sea.choppy or sea.order != 1:
         raise Refused("parts", sea.kind, "choppy and order of the sum, not of its parts")
+    if getattr(sea, "omega_max", None) == FADING:
+        allowed = "a frequency > 0 rad/s: a sum has no closed form, see fading.resolve_band"
+        raise Refused("omega_max", FADING, allowed)
     return sea
 
 
@@ -41,7 +45,8 @@ class SumSea(RandomSea, frozen=True):
     Raises
     ------
     Refused
-        If a part is no random sea, or choppy or of second order itself.
+        If a part is no random sea, choppy or of second order itself, or has
+        `omega_max="fading"`, which is a number for one link and one spectrum.
 
     Notes
     -----

@@ -14,7 +14,7 @@ from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.registry import Family
 
 from .gridding import GridLines, grid_axis
-from .parameters import TIME, Finite, Floats, finite_array, points
+from .parameters import TIME, Finite, Floats, grid_lines, points
 from .triangulate import height_field, mesh_of_sheet
 
 
@@ -73,8 +73,13 @@ class Surface(Family, ABC, frozen=True):
         -------
         z, sx, sy : ndarray, shape (nx, ny)
             Elevation [m] and slopes at (x_axis[i], y_axis[j]).
+
+        Raises
+        ------
+        Refused
+            If an axis is not finite or has two dimensions.
         """
-        x_axis, y_axis = finite_array("x_axis", x_axis), finite_array("y_axis", y_axis)
+        x_axis, y_axis = grid_lines(x_axis, y_axis)
         x, y = np.meshgrid(x_axis, y_axis, indexing="ij")
         return self.elevation(x, y, time), *self.slopes(x, y, time)
 

@@ -17,7 +17,7 @@ from meshtrace.mesh import TriangleMesh
 from .choppy import ChoppyWaves, Sheet, with_straight_rim
 from .dispersion import angular_frequency
 from .gridding import GridLines, grid_axis
-from .parameters import TIME, Depth, Finite, Floats, Positive, finite_array
+from .parameters import TIME, Depth, Finite, Floats, Positive, grid_lines, points
 from .surface import Surface
 from .triangulate import mesh_of_sheet
 from .waves import (
@@ -87,7 +87,7 @@ class WaveSurface(Surface, frozen=True):
 
     def _at(self, x: ArrayLike, y: ArrayLike, time: float) -> Sheet:
         """Return the choppy sheet at fixed points."""
-        x, y = np.broadcast_arrays(finite_array("x", x), finite_array("y", y))
+        x, y = points(x, y)
         return self._sheet.at(x, y, TIME.check(time))
 
     def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> Floats:
@@ -107,7 +107,7 @@ class WaveSurface(Surface, frozen=True):
     ) -> tuple[Floats, Floats, Floats]:
         """Return the second derivatives zxx, zxy, zyy [m-1]; arguments as for `elevation`."""
         if self.choppy:
-            x, y = np.broadcast_arrays(finite_array("x", x), finite_array("y", y))
+            x, y = points(x, y)
             return self._sheet.second_derivatives(x, y, TIME.check(time))
         return sum_second_derivatives(self.components, x, y, TIME.check(time))
 
@@ -116,10 +116,10 @@ class WaveSurface(Surface, frozen=True):
     ) -> tuple[Floats, Floats, Floats]:
         """Return z [m], dz/dx and dz/dy on a tensor grid; see `Surface.grid`."""
         if self.choppy:
-            at = self._at(*np.meshgrid(x_axis, y_axis, indexing="ij"), time)
+            at = self._at(*np.meshgrid(*grid_lines(x_axis, y_axis), indexing="ij"), time)
             return at.z, *at.slopes
         waves = self.components
-        x_axis, y_axis = finite_array("x_axis", x_axis), finite_array("y_axis", y_axis)
+        x_axis, y_axis = grid_lines(x_axis, y_axis)
         factors = self._factors.get(waves, x_axis, y_axis)
         turn = np.exp(1j * (waves.omega * TIME.check(time) + waves.phase))
         return factors.evaluate(waves.amplitude * turn)
@@ -130,7 +130,7 @@ class WaveSurface(Surface, frozen=True):
         """Return points and normals; see `Surface.sheet`. A choppy sea moves the labels."""
         if not self.choppy:
             return super().sheet(x_axis, y_axis, time)
-        x_axis, y_axis = finite_array("x_axis", x_axis), finite_array("y_axis", y_axis)
+        x_axis, y_axis = grid_lines(x_axis, y_axis)
         factors = self._factors.get(self.components, x_axis, y_axis)
         sheet = self._sheet.on_grid(factors, x_axis, y_axis, TIME.check(time))
         return np.stack([sheet.x, sheet.y, sheet.z], axis=-1), sheet.normals

@@ -7,6 +7,7 @@ from .light import add_coverage as add_coverage
 from .light import add_footprint as add_footprint
 from .light import add_paths as add_paths
 from .light import select_paths as select_paths
+from .light_pattern import save_light as save_light
 from .movie import save_movie as save_movie
 from .parts import add_bubbles as add_bubbles
 from .parts import add_receiver as add_receiver
@@ -14,7 +15,9 @@ from .parts import add_surface as add_surface
 from .parts import add_transmitter as add_transmitter
 from .parts import add_uav as add_uav
 from .plots import plot as plot
+from .plots import plot_background as plot_background
 from .plots import plot_comparison as plot_comparison
+from .plots import plot_duplex as plot_duplex
 from .plots import plot_fading_convergence as plot_fading_convergence
 from .plots import plot_gain as plot_gain
 from .plots_answers import plot_inference as plot_inference

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import singledispatch
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pyvista as pv
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused
@@ -17,8 +18,8 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths, Vertex
 
-if TYPE_CHECKING:
-    from .stage import Scene
+from .checks import checked
+from .stage import Scene
 
 
 @singledispatch
@@ -93,17 +94,20 @@ def _(source: CoverageMap) -> pv.ImageData:
 
 
 def _height(source: CoverageMap) -> float:
-    """Return the height of the first receiver in the air [m], 0 if the map has none."""
+    """Return the height of the first receiver of the map [m], 0 if the map has none."""
     receivers = source.provenance.get("link", {}).get("receiver", [])
     for receiver in receivers if isinstance(receivers, list | tuple) else [receivers]:
         if "height" in receiver:
             return float(receiver["height"])
+        if receiver.get("kind") == "water-receiver":
+            return -float(receiver["depth"])
     return 0.0
 
 
 _SUFFIXES = {pv.PolyData: (".vtp", ".vtu", ".ply", ".stl"), pv.ImageData: (".vti",)}
 
 
+@checked
 def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path) -> Path:
     """Write a surface, photon paths or a coverage map as a file for ParaView.
 
@@ -137,6 +141,7 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
     return path
 
 
+@checked
 def export_scene(scene: Scene, folder: str | Path) -> list[Path]:
     """Write the surface, paths and map of a scene as files for ParaView.
 
@@ -160,30 +165,51 @@ def export_scene(scene: Scene, folder: str | Path) -> list[Path]:
     ]
 
 
-def save_picture(plotter: pv.Plotter, path: str | Path, largest: int = 300_000) -> Path:
-    """Write the image of a plotter as a PNG of limited size.
+@checked
+def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 300_000) -> Path:
+    """Write the image of a plotter or a figure as a PNG of limited size.
 
     Parameters
     ----------
-    plotter : pyvista.Plotter
-        Plotter or scene.
+    picture : pyvista.Plotter or matplotlib.figure.Figure
+        Plotter or scene, or a figure, which is written in a palette of 256 colours.
     path : path
         File, .png.
     largest : int
-        Size [byte] beyond which colours are rounded to 7, 6 or 5 bits.
+        Size [byte] beyond which colours are rounded: of a plotter to 7, 6 or 5 bits, of a figure
+        to 128 or 64 colours.
 
     Returns
     -------
     Path
         The file.
+
+    Raises
+    ------
+    Refused
+        If the suffix is not .png, or the plotter has not been rendered.
     """
     from PIL import Image, ImageOps
 
     path = Path(path)
-    picture = Image.fromarray(np.asarray(plotter.screenshot(return_img=True)))
+    if path.suffix != ".png":
+        raise Refused("path", str(path), "a file name in .png")
+    if isinstance(picture, Figure):
+        buffer = BytesIO()
+        picture.savefig(buffer, format="png")
+        drawn = Image.open(buffer).convert("RGB")
+        options = (drawn.quantize(n, dither=Image.Dither.NONE) for n in (256, 128, 64))
+    else:
+        try:
+            pixels = np.asarray(picture.screenshot(return_img=True))
+        except (AttributeError, RuntimeError) as error:  # pyvista's, of several lines
+            closed = Described("not rendered, or closed")
+            raise Refused("picture", closed, "a plotter in use") from error
+        shot = Image.fromarray(pixels)
+        options = (ImageOps.posterize(shot, bits) for bits in (8, 7, 6, 5))
     with atomic(path) as temporary:
-        for bits in (8, 7, 6, 5):
-            ImageOps.posterize(picture, bits).save(temporary)
+        for image in options:
+            image.save(temporary, optimize=True)
             if temporary.stat().st_size <= largest:
                 break
     return path

@@ -26,6 +26,7 @@ from trame_vtk.tools.vtksz2html import write_html  # type: ignore[import-untyped
 from meshtrace.errors import Refused
 from meshtrace.files import atomic
 
+from .checks import checked
 from .stage import Scene
 from .style import INK
 
@@ -35,6 +36,7 @@ _HEAD, _LIGHTS = (
 )
 
 
+@checked
 def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -> Path:
     """Write a scene as a self-contained interactive web page.
 

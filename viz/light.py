@@ -12,6 +12,7 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths, Vertex
 
+from .checks import checked
 from .export import surface_sampler, to_pyvista
 from .stage import Scene
 from .style import FATE_COLORS, INK, SEQUENTIAL
@@ -28,6 +29,7 @@ def fate_names(paths: PhotonPaths) -> np.ndarray:
     return names
 
 
+@checked
 def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") -> Scene:
     """Draw photon paths within the stage.
 
@@ -73,9 +75,14 @@ def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") ->
     return scene
 
 
+@checked
 def select_paths(paths: PhotonPaths, rows: np.ndarray | slice) -> PhotonPaths:
     """Return some of the paths, chosen by index, mask or slice."""
-    return PhotonPaths(paths.vertex[rows], paths.weight[rows], paths.what[rows], paths.photon[rows])
+    chosen = (paths.vertex, paths.weight, paths.what, paths.photon)
+    try:
+        return PhotonPaths(*(values[rows] for values in chosen))
+    except (IndexError, TypeError) as error:
+        raise Refused("rows", rows, f"indices, a mask or a slice of {len(paths.what)}") from error
 
 
 def _path_look(scene: Scene, color: PathColor, shade: str) -> dict[str, Any]:
@@ -100,6 +107,7 @@ FOOTPRINT_RANGE_DB = 20.0
 """Lower end of the colours of the footprint, below its brightest spot."""
 
 
+@checked
 def add_footprint(scene: Scene, mesh: TriangleMesh, received: PhotonPaths) -> Scene:
     """Draw the crossings of the received light, in decibels below the brightest spot.
 
@@ -151,6 +159,7 @@ def _footprint(mesh: TriangleMesh, crossings: np.ndarray, blur: float) -> pv.Str
     return patch
 
 
+@checked
 def add_coverage(scene: Scene, coverage: CoverageMap) -> Scene:
     """Draw a map of the gain in the plane of the receiver, clipped to the stage."""
     scene.shown["map"] = coverage

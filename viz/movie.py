@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.files import atomic
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
@@ -22,6 +22,7 @@ from meshtrace.results.series import GainSeries
 from meshtrace.studies.series import time_series
 from meshtrace.transport.paths import PhotonPaths
 
+from .checks import checked
 from .plots_gain import plot_gain_series
 from .scenes import SceneStyle, scene
 from .style import PALETTE, RC, SKY
@@ -32,6 +33,7 @@ SIZE = (1280, 640)
 _SCENE_SHARE = 0.64
 
 
+@checked
 def save_movie(
     link: Link,
     sea: MeshSource,
@@ -84,10 +86,10 @@ def save_movie(
     """
     from imageio import v2 as imageio
 
-    path, times = Path(path), np.asarray(times, dtype=float)
-    options = _writer_options(path, frame_rate)
-    if times.ndim != 1 or len(times) < 2:
-        raise Refused("times", Described(f"shape {times.shape}"), "(n,) with n >= 2")
+    path, times = Path(path), require_finite(times, "times", "two times or more")
+    options = writer_options(path, frame_rate)
+    if len(times) < 2:
+        raise Refused("times", times.tolist(), "two times or more")
     gain = gain or time_series(link, sea, times, photons=photons, seed=seed)
     if not np.array_equal(gain.coordinate, times):
         raise Refused("gain", Described("at other times"), "a series at the times of the frames")
@@ -108,14 +110,21 @@ def save_movie(
     return path
 
 
-def _writer_options(path: Path, frame_rate: float) -> dict[str, Any]:
+def writer_options(
+    path: Path,
+    frame_rate: float,
+    quality: float = 8.0,
+    suffixes: tuple[str, ...] = (".mp4", ".gif"),
+) -> dict[str, Any]:
+    """Return the options of imageio for a movie; refuse other files."""
     if not frame_rate > 0.0:
         raise Refused("frame_rate", frame_rate, "> 0 frames per second")
     if path.suffix == ".gif":
         return {"duration": 1000.0 / frame_rate, "loop": 0}
     if path.suffix == ".mp4":
-        return {"fps": frame_rate, "quality": 8}
-    raise Refused("path", str(path), "a file name in .mp4 or .gif")
+        return {"fps": frame_rate, "quality": quality}
+    *first, last = suffixes
+    raise Refused("path", str(path), f"a file name in {', '.join(first)} or {last}")
 
 
 class _Frame:

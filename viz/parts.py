@@ -12,9 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from meshtrace.errors import Refused
 from meshtrace.link import CardioidalSky, Link, Sun, UniformSky
+from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.bubbles import HallNovarini
 
+from .checks import checked
 from .export import surface_sampler, to_pyvista
 from .stage import Scene, Z, add_labels, round_range
 from .style import LED_COLOR, PALETTE, RECEIVER_COLOR, UAV_COLOR, plain_label, water_map
@@ -38,6 +40,7 @@ NEAR_OPACITY = 0.35
 Vector = tuple[float, float, float]
 
 
+@checked
 def add_surface(
     scene: Scene,
     mesh: TriangleMesh,
@@ -78,7 +81,7 @@ def add_surface(
     if color not in SURFACE_COLORS:
         raise Refused("color", color, ", ".join(SURFACE_COLORS))
     scene.shown["surface"] = mesh
-    data = to_pyvista(mesh)
+    data = _within(to_pyvista(mesh), scene.stage.bounds)
     look: dict[str, Any] = {"color": PALETTE["blue"]}
     if color != "plain":
         values = data.point_data[color]
@@ -94,6 +97,18 @@ def add_surface(
     return scene
 
 
+def _within(data: pv.PolyData, bounds: Any) -> pv.PolyData:
+    """Return a surface cut at the sides of the stage: the mesh of a choppy sea is larger."""
+    for i, normal in enumerate("xy"):
+        low, high = bounds[2 * i : 2 * i + 2]
+        if data.bounds[2 * i] < low:
+            data = data.clip(normal, origin=(low, low, 0.0), invert=False)
+        if data.bounds[2 * i + 1] > high:
+            data = data.clip(normal, origin=(high, high, 0.0))
+    return data
+
+
+@checked
 def add_bubbles(
     scene: Scene, mesh: TriangleMesh, bubbles: HallNovarini | None = None, *, near: bool = False
 ) -> Scene:
@@ -166,6 +181,7 @@ def _tint(z: np.ndarray, bottom: float, bubbles: HallNovarini | None) -> np.ndar
     return np.rint(255.0 * np.hstack([color, alpha])).astype(np.uint8)
 
 
+@checked
 def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool = True) -> Scene:
     """Draw every source: an LED or a beam with its cone, or the light of the sun or sky.
 
@@ -176,7 +192,7 @@ def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: boo
         if isinstance(source, Sun | UniformSky | CardioidalSky):
             _add_sky(scene, source, labels)
             continue
-        place = (*source.position, -source.depth)
+        place = source.center
         half = getattr(source, "half_angle_deg", getattr(source, "divergence_deg", None))
         if half is not None:
             _add_cone(scene, mesh, place, source.axis, half, LED_COLOR)
@@ -184,9 +200,10 @@ def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: boo
             continue
         ball = pv.Sphere(radius=0.012 * scene.stage.size, center=place)
         scene.add_mesh(ball, color=LED_COLOR, ambient=0.7, specular=0.3)
-        name = "LED" if source.kind == "led" else source.kind.replace("-", " ")
+        name = "LED" if source.pattern == "led" else source.kind.replace("-", " ")
         angle = "" if half is None else f"\nhalf-angle {half:g}°"
-        text = f"{name}, depth {source.depth:g} m{angle}"
+        level = f"height {place[2]:g}" if place[2] > 0.0 else f"depth {-place[2]:g}"
+        text = f"{name}, {level} m{angle}"
         if labels:
             _label(scene, place, 0.03, text)
     return scene
@@ -209,6 +226,7 @@ def _add_sky(scene: Scene, source: Any, labels: bool) -> None:
         add_labels(scene, [target - 1.1 * length * along], [source.kind.replace("-", " ")])
 
 
+@checked
 def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool = True) -> Scene:
     """Draw every receiver: its disk, enlarged for visibility, and its field of view."""
     stage = scene.stage
@@ -268,7 +286,7 @@ def cone_rim(
     azimuth = np.linspace(0.0, 2.0 * math.pi, 97)
     half = math.radians(half_deg)
     around = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1) * math.sin(half)
-    rays = np.column_stack([around, np.full(97, math.cos(half))]) @ _rotation_from_z(axis).T
+    rays = np.column_stack([around, np.full(97, math.cos(half))]) @ rotation_from_z(axis).T
     elevation, towards = surface_sampler(mesh), -math.copysign(1.0, apex[2])
     climb = np.maximum(towards * rays[:, 2], 1e-3)
     rim, z = np.empty_like(rays), np.zeros(97)
@@ -279,18 +297,23 @@ def cone_rim(
     return rim
 
 
+@checked
 def add_uav(scene: Scene, link: Link) -> Scene:
-    """Draw a quadcopter above every receiver in the air, tilted as the receiver."""
-    for receiver in link.receivers:
-        if receiver.kind == "receiver" and scene.stage.contains(receiver.center):
-            glyph = _quadcopter(0.05 * scene.stage.size)
-            turn = _rotation_from_z(receiver.axis)
-            glyph.points = glyph.points @ turn.T + np.array(receiver.center)
+    """Draw a quadcopter above every receiver or lamp in the air, tilted as they are."""
+    carried = [(r.center, r.axis) for r in link.receivers if r.kind == "receiver"]
+    for lamp in link.transmitters:
+        if isinstance(lamp, AirLamp):
+            x, y, z = lamp.axis
+            carried.append((lamp.center, (-x, -y, -z)))
+    for center, up in carried:
+        if scene.stage.contains(center):
+            glyph = quadcopter(0.05 * scene.stage.size)
+            glyph.points = glyph.points @ rotation_from_z(up).T + np.array(center)
             scene.add_mesh(glyph, color=UAV_COLOR, ambient=0.35, specular=0.3)
     return scene
 
 
-def _quadcopter(arm: float) -> pv.PolyData:
+def quadcopter(arm: float) -> pv.PolyData:
     """Return an aircraft with arms of a length [m], its receiver at the origin."""
     up = 0.28 * arm
     body = pv.Cube(center=(0, 0, up), x_length=0.7 * arm, y_length=0.5 * arm, z_length=up)
@@ -306,7 +329,7 @@ def _quadcopter(arm: float) -> pv.PolyData:
     return pv.merge(parts).extract_surface(algorithm=None)
 
 
-def _rotation_from_z(normal: Vector) -> np.ndarray:
+def rotation_from_z(normal: Vector) -> np.ndarray:
     """Return a rotation (3, 3) that turns +z to a unit vector, about a horizontal axis."""
     if normal[2] < -1.0 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
 from meshtrace.errors import Described, Refused
+from meshtrace.results.background import Background, BackgroundSeries
+from meshtrace.results.gain import GainResult
+from meshtrace.stored import Stored
+from meshtrace.studies.comparison import Comparison
+from meshtrace.studies.convergence.fading import FadingConvergence
+from meshtrace.studies.duplex import Duplex
+from meshtrace.studies.performance.tables import DepthSweep
 
+from .checks import checked
 from .plots_answers import plot_inference, plot_optimum, plot_tornado
 from .plots_curves import plot_curves, plot_sweep
 from .plots_gain import plot_autocorrelation, plot_coverage, plot_fates, plot_gain_series
@@ -18,17 +26,10 @@ from .plots_signal import plot_impulse_response
 from .plots_study import plot_convergence, plot_performance
 from .style import INK, PALETTE, axes, axis_label
 
-if TYPE_CHECKING:
-    from meshtrace.results.gain import GainResult
-    from meshtrace.stored import Stored
-    from meshtrace.studies.comparison import Comparison
-    from meshtrace.studies.convergence.fading import FadingConvergence
-    from meshtrace.studies.performance.tables import DepthSweep
-
-
 _SHOWN = 1e-6  # of the largest bar, down to which bars are drawn
 
 
+@checked
 def plot(result: Stored | xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot a result of any kind, or the dataset of a sweep.
 
@@ -63,6 +64,7 @@ def plot(result: Stored | xr.Dataset, *, ax: Axes | None = None) -> Axes:
     return _PLOTS[kind](result, ax=ax)
 
 
+@checked
 def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
     """Plot the fates of analog light, or the gain of forced detection by order of scattering.
 
@@ -97,6 +99,7 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@checked
 def plot_comparison(result: Comparison, *, ax: Axes | None = None) -> Axes:
     """Plot the gains of links over that of the first one [dB], with two standard errors.
 
@@ -124,6 +127,7 @@ def plot_comparison(result: Comparison, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@checked
 def plot_fading_convergence(study: FadingConvergence, *, ax: Axes | None = None) -> Axes:
     """Plot the scintillation index over the highest frequency of the waves.
 
@@ -151,6 +155,64 @@ def plot_fading_convergence(study: FadingConvergence, *, ax: Axes | None = None)
     return ax
 
 
+@checked
+def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = None) -> Axes:
+    """Plot the background radiance by its parts, as bars or over time.
+
+    Parameters
+    ----------
+    result : Background or BackgroundSeries
+        Of `background` or `background_series`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax, label = axes(ax), axis_label("background_radiance")
+    if isinstance(result, BackgroundSeries):
+        for name, radiance in result.parts.items():
+            if radiance.any():
+                ax.plot(result.time, radiance, label=name)
+        ax.set(xlabel=axis_label("time"), ylabel=label, ylim=(0.0, None))
+        ax.legend()
+        return ax
+    names = [name for name, radiance in result.parts.items() if radiance > 0.0]
+    radiance = [result.parts[name] for name in names]
+    errors = [2.0 * result.parts_stderr[name] for name in names]
+    ax.bar(names, radiance, yerr=errors, color=PALETTE["sky"], ecolor=INK, capsize=3)
+    ax.set(ylabel=label, title=result.light)
+    ax.grid(axis="x", visible=False)
+    return ax
+
+
+@checked
+def plot_duplex(result: Duplex, *, ax: Axes | None = None) -> Axes:
+    """Plot the gains of both directions over their means, over time or realizations.
+
+    Parameters
+    ----------
+    result : Duplex
+        Of `duplex`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = axes(ax)
+    for name, series in (("up", result.up), ("down", result.down)):
+        gain = series.gains[:, 0]
+        x = series.time if series.along == "time" else np.arange(len(gain))
+        ax.plot(x, gain / gain.mean(), label=name)
+    along = axis_label("time") if result.up.along == "time" else "realization"
+    ax.set(xlabel=along, ylabel="gain over its mean", ylim=(0.0, None))
+    ax.legend()
+    return ax
+
+
 def _plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:
     """Plot the bit error ratio of the first bit rate over depth, one curve for each wind."""
     data = result.to_dataset().isel(bit_rate=0, drop=True).transpose("wind_speed", "depth")
@@ -172,6 +234,9 @@ _PLOTS: dict[str, Callable[..., Any]] = {
     "convergence": plot_convergence,
     "fading-convergence": plot_fading_convergence,
     "comparison": plot_comparison,
+    "duplex": plot_duplex,
+    "background": plot_background,
+    "background-series": plot_background,
     "sensitivity": plot_tornado,
     "optimum": plot_optimum,
     "inference": plot_inference,

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Hashable, Iterator
+from typing import Any
 
 import numpy as np
+import xarray as xr
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_array
 from meshtrace.fields import FIELDS
 
+from .checks import checked
 from .style import INK, axes, label_of
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 Floats = NDArray[np.float64]
 
@@ -24,6 +22,7 @@ BER_SHOWN = (1e-9, 1.0)
 """Limits of the axis of error ratios."""
 
 
+@checked
 def plot_curves(
     data: xr.Dataset, quantity: str, *, style: str = "-", ax: Axes | None = None
 ) -> Axes:
@@ -59,10 +58,14 @@ def plot_curves(
     >>> plot_curves(gain, "gain").get_xlabel()
     'depth below still water $d$ [m]'
     """
-    ax = axes(ax)
     x, label = _abscissa(data, quantity)
-    for name, values, low, high in _curves(data, quantity):
-        (line,) = ax.plot(x, values, style, markersize=4, label=name)
+    curves = list(_curves(data, quantity))
+    ax = axes(ax)
+    for name, values, low, high in curves:
+        try:
+            (line,) = ax.plot(x, values, style, markersize=4, label=name)
+        except ValueError as error:
+            raise Refused("style", style, "a line and a marker as in o--") from error
         if low is not None and high is not None:
             ax.fill_between(x, low, high, color=line.get_color(), alpha=0.25, lw=0)
     _legend(ax)
@@ -70,6 +73,7 @@ def plot_curves(
     return ax
 
 
+@checked
 def plot_phase_function(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot `phase_function` [sr-1] over `theta` [rad], both logarithmic; see `plot_curves`."""
     ax = plot_curves(data, "phase_function", ax=ax)
@@ -78,6 +82,7 @@ def plot_phase_function(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@checked
 def plot_phase_cdf(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot `phase_cdf`, the probability of a scattering angle up to `theta` [rad]."""
     ax = plot_curves(data, "phase_cdf", ax=ax)
@@ -86,12 +91,13 @@ def plot_phase_cdf(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@checked
 def plot_bubble_profile(
     data: xr.Dataset, *, quantity: str = "b_bub", ax: Axes | None = None
 ) -> Axes:
     """Plot `b_bub` or `n_bubbles` over `depth` [m], which points down; see `plot_curves`."""
-    ax = axes(ax)
     z, label = _abscissa(data, quantity)
+    ax = axes(ax)
     for name, values, _, _ in _curves(data, quantity):
         ax.plot(values, z, label=name)
     _legend(ax)
@@ -99,6 +105,7 @@ def plot_bubble_profile(
     return ax
 
 
+@checked
 def plot_spectrum(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot wave frequency spectra `spectrum` over `omega` [rad s-1]; see `plot_curves`."""
     ax = plot_curves(data, "spectrum", ax=ax)
@@ -106,6 +113,7 @@ def plot_spectrum(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@checked
 def plot_spreading(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot directional spreadings `spreading` over `theta` [rad] off the wind."""
     ax = plot_curves(data, "spreading", ax=ax)
@@ -115,6 +123,7 @@ def plot_spreading(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@checked
 def plot_sweep(
     data: xr.Dataset, *, quantity: str = "gain", log: bool = True, ax: Axes | None = None
 ) -> Axes:
@@ -144,7 +153,7 @@ def plot_sweep(
 
 def _over_parameters(data: xr.Dataset, quantity: str) -> xr.Dataset:
     """Return a variable averaged over realizations, over its one or two parameters."""
-    if quantity not in data:
+    if quantity not in data or data[quantity].dtype.kind not in "biuf":
         return data
     names = [name for name in data.data_vars if str(name).startswith(quantity)]
     found = data[names]
@@ -161,6 +170,7 @@ def _over_parameters(data: xr.Dataset, quantity: str) -> xr.Dataset:
     return found.transpose(..., along[-1]) if along else found
 
 
+@checked
 def plot_ber(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot bit error ratios `ber`, logarithmic, over any dimension; see `plot_curves`.
 
@@ -174,17 +184,20 @@ def plot_ber(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 
 def positive(data: xr.Dataset, quantity: str) -> xr.Dataset:
     """Return a dataset for a logarithmic axis: nan for 0; a lower limit of 0 is below the axis."""
-    shown = data.assign({quantity: data[quantity].where(data[quantity] > 0.0)})
+    values = _variable(data, quantity)
+    shown = data.assign({quantity: values.where(values > 0.0)})
     low = f"{quantity}_low"
     return shown.assign({low: data[low].clip(min=1e-300)}) if low in data else shown
 
 
 def _curves(data: xr.Dataset, quantity: str) -> Iterator[tuple[Any, ...]]:
     """Yield name, values, lower and upper limit of each curve."""
-    values = data[quantity]
-    low, high = data.get(f"{quantity}_low"), data.get(f"{quantity}_high")
-    if f"{quantity}_stderr" in data:
-        low, high = (values + s * data[f"{quantity}_stderr"] for s in (-2.0, 2.0))
+    values, dims = data[quantity], data[quantity].dims
+    kinds = [kind for kind in ("low", "high", "stderr") if f"{quantity}_{kind}" in data]
+    limits = {kind: _variable(data, f"{quantity}_{kind}", dims) for kind in kinds}
+    low, high = limits.get("low"), limits.get("high")
+    if "stderr" in limits:
+        low, high = (values + s * limits["stderr"] for s in (-2.0, 2.0))
     if values.ndim == 1:
         yield None, values, low, high
         return
@@ -195,17 +208,25 @@ def _curves(data: xr.Dataset, quantity: str) -> Iterator[tuple[Any, ...]]:
 
 def _abscissa(data: xr.Dataset, quantity: str) -> tuple[Floats, str]:
     """Return the last dimension as shown, angles in degrees and powers in dBm, and its label."""
-    if quantity not in data or data[quantity].ndim not in (1, 2):
-        dims = data[quantity].dims if quantity in data else None
-        raise Refused(quantity, dims, "a variable of one or two dimensions")
-    along = str(data[quantity].dims[-1])
-    x = np.asarray(data[along], dtype=float)
+    along = str(_variable(data, quantity).dims[-1])
+    x = require_array(data[along].to_numpy(), along, "numbers along the axis")
     field = FIELDS.get(along)
     if field is not None and field.units == "rad":
         return np.degrees(x), f"{field.long_name} ${field.symbol}$ [°]"
     if field is not None and along == "received_power":
         return 10.0 * np.log10(x / 1e-3), f"{field.long_name} [dBm]"
     return x, label_of(along)
+
+
+def _variable(data: xr.Dataset, name: str, dims: tuple[Hashable, ...] = ()) -> xr.DataArray:
+    """Return a variable of numbers, of some dimensions or of any one or two."""
+    found = data.get(name)
+    if found is None or (found.dims != dims if dims else found.ndim not in (1, 2)):
+        allowed = f"a variable over {dims}" if dims else "a variable of one or two dimensions"
+        raise Refused(name, None if found is None else found.dims, allowed)
+    if found.dtype.kind not in "biuf" or not found.size:
+        raise Refused(name, Described(f"{found.size} values of {found.dtype}"), "numbers")
+    return found
 
 
 def _legend(ax: Axes) -> None:

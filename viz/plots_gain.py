@@ -3,32 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from meshtrace import fading
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
+from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
+from meshtrace.results.series import GainSeries
 from meshtrace.uav import Route
 
+from .checks import checked
 from .plots_curves import plot_curves
 from .style import INK, LED_COLOR, PALETTE, axes, axis_label, draw_map
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from meshtrace.results.coverage import CoverageMap
-    from meshtrace.results.series import GainSeries
 
 Floats = NDArray[np.float64]
 
 _FITS = {"lognormal": fading.fit_lognormal, "gamma-gamma": fading.fit_gamma_gamma}
 
 
+@checked
 def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
     """Plot the fates of the light: share of the launched weight, logarithmic.
 
@@ -48,10 +46,10 @@ def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
     Refused
         If the result has no fates.
     """
-    if not result.fates:
+    shares = {name: tally.weight for name, tally in result.fates.items() if tally.weight > 0.0}
+    if not shares:
         raise Refused("result", Described("no fates"), 'a result of estimator="analog"')
     ax = axes(ax)
-    shares = {name: tally.weight for name, tally in result.fates.items() if tally.weight > 0.0}
     meanings = [FATE_MEANING[Fate[name.upper()]] for name in shares]
     bars = ax.barh(meanings, list(shares.values()), color=PALETTE["blue"])
     ax.bar_label(bars, [f"{v:.2g}" for v in shares.values()], padding=3, fontsize=9)
@@ -63,6 +61,7 @@ def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@checked
 def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the gain over time, or over realizations, with a band of two standard errors.
 
@@ -78,14 +77,15 @@ def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None)
     -------
     Axes
     """
-    data = _dataset(series)[["gain", "gain_stderr"]]
+    data = _dataset(series, "gain", "gain_stderr")[["gain", "gain_stderr"]]
     along, *others = data["gain"].dims
-    for receiver in others:
+    for receiver in others[:1]:
         names = [f"receiver {i}" for i in range(data.sizes[receiver])]
         data = data.transpose(receiver, along).assign_coords({receiver: names})
     return plot_curves(data, "gain", ax=ax)
 
 
+@checked
 def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     """Plot the gain along the route of a receiver, from above.
 
@@ -121,6 +121,7 @@ def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@checked
 def plot_gain_pdf(
     series: GainSeries | xr.Dataset,
     *,
@@ -166,6 +167,7 @@ def plot_gain_pdf(
     return ax
 
 
+@checked
 def plot_gain_cdf(
     series: GainSeries | xr.Dataset,
     *,
@@ -212,16 +214,23 @@ def _fitted(
     for name in names:
         if name not in _FITS:
             raise Refused("fits", name, ", ".join(_FITS))
-    data = _dataset(series)
+    data = _dataset(series, "gain", "gain_stderr")
     gain = data["gain"].to_numpy(), data["gain_stderr"].to_numpy()
     clean = fading.remove_noise(*gain)
     return gain, {name: _FITS[name](clean) for name in names}
 
 
-def _dataset(result: Any) -> xr.Dataset:
-    return result.to_dataset() if hasattr(result, "to_dataset") else result
+def _dataset(result: GainSeries | CoverageMap | xr.Dataset, *names: str) -> xr.Dataset:
+    """Return a result as a dataset with the named variables, each of one dimension or more."""
+    data = result if isinstance(result, xr.Dataset) else result.to_dataset()
+    for name in names:
+        if name not in data or not data[name].ndim or data[name].dtype.kind not in "biuf":
+            found = data[name].dims if name in data else None
+            raise Refused(name, found, f"numbers {', '.join(names)} over one dimension or more")
+    return data
 
 
+@checked
 def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None = None) -> Axes:
     """Plot the autocorrelation of the gain with the coherence time at 1/e.
 
@@ -256,6 +265,7 @@ def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None
     return ax
 
 
+@checked
 def plot_coverage(
     coverage: CoverageMap | xr.Dataset, *, decibel: bool = False, ax: Axes | None = None
 ) -> Axes:
@@ -274,7 +284,10 @@ def plot_coverage(
     -------
     Axes
     """
-    x, y, gain = (np.asarray(v) for v in (coverage.x, coverage.y, coverage.gain))
+    data = _dataset(coverage, "x", "y", "gain")
+    x, y, gain = (data[name].to_numpy() for name in ("x", "y", "gain"))
+    if gain.shape != (*x.shape, *y.shape) or not gain.size:
+        raise Refused("gain", Described(f"shape {gain.shape}"), "values over x and y")
     ax, label = axes(ax), axis_label("gain")
     if decibel:
         with np.errstate(divide="ignore"):

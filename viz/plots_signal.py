@@ -12,13 +12,16 @@ from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from meshtrace.comms.pulses import Eye
+from meshtrace.errors import Described, Refused
 from meshtrace.results.impulse import ImpulseResponse
 
+from .checks import checked
 from .style import PALETTE, axes, axis_label
 
 Floats = NDArray[np.float64]
 
 
+@checked
 def plot_impulse_response(
     responses: ImpulseResponse | Mapping[str, ImpulseResponse],
     *,
@@ -41,8 +44,12 @@ def plot_impulse_response(
     Axes
     """
     named = responses if isinstance(responses, Mapping) else {"": responses}
+    top = max((float(np.max(response.h, initial=0.0)) for response in named.values()), default=0.0)
+    if not 0.0 < top < np.inf:
+        raise Refused("responses", Described("no light"), "responses with light")
+    if not 0.0 < decades < 300.0:
+        raise Refused("decades", decades, "0 < decades < 300")
     ax, last = axes(ax), 0.0
-    top = max(float(response.h.max()) for response in named.values())
     floor = top * 10.0**-decades
     for name, response in named.items():
         spread = f"rms delay spread {1e9 * response.rms_delay_spread:.3g} ns"
@@ -52,13 +59,14 @@ def plot_impulse_response(
         steps.set_label(f"{name}, {spread}" if name else spread)
         band: Any = {"color": steps.get_edgecolor(), "alpha": 0.25, "lw": 0}
         ax.stairs(high, edges, baseline=low, fill=True, **band)
-        last = max(last, float(edges[1:][response.h > floor].max()))
+        last = max(last, float(np.max(edges[1:][response.h > floor], initial=0.0)))
     ax.set(yscale="log", xlim=(0.0, last), ylim=(floor, 2.0 * top))
     ax.set(xlabel=r"delay after the first light $\tau$ [ns]", ylabel=axis_label("impulse_response"))
     ax.legend()
     return ax
 
 
+@checked
 def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
     """Plot an eye diagram: the mean signal of each bit pattern and its standard deviation.
 
@@ -73,6 +81,8 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
+    if not eye.level.size or not np.isfinite(eye.level).all():
+        raise Refused("eye", Described("no levels, or nan"), "an eye of OokLink.eye")
     ax, time = axes(ax), 1e9 * eye.time
     floor = eye.level.min()
     for bit, shade, name in ((True, "vermilion", "one"), (False, "blue", "zero")):

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator
 
 from meshtrace.errors import Refused
+from meshtrace.studies.convergence.study import ConvergenceStudy
+from meshtrace.studies.performance.tables import LinkPerformance
 
+from .checks import checked
 from .plots_curves import BER_SHOWN, plot_curves, positive
 from .style import INK, axes
-
-if TYPE_CHECKING:
-    from meshtrace.studies.convergence.study import ConvergenceStudy
-    from meshtrace.studies.performance.tables import LinkPerformance
 
 _STEPS = {
     "spacing": "mesh spacing [m]",
@@ -23,6 +21,7 @@ _STEPS = {
 }
 
 
+@checked
 def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes:
     """Plot errors of the gain over the step of a study, with the fitted law.
 
@@ -53,11 +52,16 @@ def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes
             ax.plot(study.values, one, "^--", color=color, lw=0.8, label=f"{kind} normals, scatter")
     ax.axhline(100.0 * study.tolerance, color="0.5", lw=0.8, ls=":", label="tolerance")
     ax.set(xscale="log", yscale="log", xlabel=_STEPS[study.parameter])
+    ax.set_xticks(study.values, [f"{value:g}" for value in study.values])
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.minorticks_off()
     ax.set_ylabel("error of the gain [%]")
     ax.legend()
     return ax
 
 
+@checked
 def plot_performance(
     performance: LinkPerformance, *, quantity: str = "ber", ax: Axes | None = None
 ) -> Axes:

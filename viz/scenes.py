@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, get_type_hints
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_whole, require_word
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
@@ -15,8 +15,9 @@ from meshtrace.studies.coverage import coverage_map
 from meshtrace.transport.paths import PhotonPaths
 from meshtrace.transport.simulate import trace_paths
 
+from .checks import check_values, checked
 from .light import PathColor, add_coverage, add_footprint, add_paths, select_paths
-from .parts import add_bubbles, add_receiver, add_surface, add_transmitter, add_uav
+from .parts import SURFACE_COLORS, add_bubbles, add_receiver, add_surface, add_transmitter, add_uav
 from .stage import Scene, Stage, add_compass, add_key, add_scale, look, stage_of
 from .style import SLIDE
 
@@ -58,6 +59,11 @@ class SceneStyle:
         Render without a window.
     window_size : tuple of int
         Pixels.
+
+    Raises
+    ------
+    Refused
+        If a value is not allowed.
     """
 
     color: str = "elevation"
@@ -74,7 +80,20 @@ class SceneStyle:
     off_screen: bool | None = None
     window_size: tuple[int, int] = SLIDE
 
+    def __post_init__(self) -> None:
+        check_values(vars(self), get_type_hints(type(self)))
+        for name in ("color_limit", "extent", "spacing"):
+            value = getattr(self, name)
+            if value is not None and not value > 0.0:
+                raise Refused(name, value, f"{name} > 0")
+        if not 0.0 <= self.opacity <= 1.0:
+            raise Refused("opacity", self.opacity, "0 <= opacity <= 1")
+        require_word(self.color, SURFACE_COLORS, "color")
+        for pixels in self.window_size:
+            require_whole(pixels, 1, 10_000, "window_size")
 
+
+@checked
 def scene(
     link: Link | None,
     surface: MeshSource | TriangleMesh,
@@ -204,6 +223,8 @@ def received_light(
     """Return the received light for the footprint, and the paths to draw."""
     if isinstance(received, PhotonPaths):
         return received, received
+    if received is not None:
+        require_whole(received, 1, 100_000, "received")
     if paths is None and received is None:
         return None, None
     try:

@@ -12,26 +12,34 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.files import atomic, check_writable
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, TriangleMesh
+from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
 from meshtrace.transport.paths import PhotonPaths
 
+from .checks import checked
 from .export import export_scene
 from .html import save_html
+from .light_pattern import save_light
 from .movie import save_movie
 from .scenes import RECEIVED_SHOWN, SceneStyle, scene
 
-SUFFIXES = {"screenshot": (".png",), "html": (".html",), "movie": (".mp4", ".gif")}
+SUFFIXES = {
+    "screenshot": (".png",),
+    "html": (".html",),
+    "movie": (".mp4", ".gif"),
+    "light": (".png", ".mp4", ".gif"),
+}
 """File name suffixes of each kind of output."""
 
 FRAME_RATE = 10.0
 """Frames per second of a movie without a given gain."""
 
 
+@checked
 def view(
     link: Link | None,
     surface: MeshSource | TriangleMesh,
@@ -45,6 +53,7 @@ def view(
     screenshot: str | Path | None = None,
     html: str | Path | None = None,
     movie: str | Path | None = None,
+    light: str | Path | None = None,
     export: str | Path | None = None,
     gain: GainSeries | None = None,
     frames: int = 50,
@@ -68,6 +77,8 @@ def view(
         As in `scene`.
     screenshot, html, movie : path, optional
         Files to write: .png, .html, .mp4 or .gif. Without any file or folder a window opens.
+    light : path, optional
+        Picture or movie of the light pattern to write, by `save_light`: .png, .mp4 or .gif.
     export : path, optional
         Folder for the surface, paths and map as VTK files.
     gain : GainSeries, optional
@@ -92,18 +103,19 @@ def view(
         If a file could not be written, there is no display to open a window on, or a movie of a
         mesh is requested.
     """
-    _refuse_unwritable({"screenshot": screenshot, "html": html, "movie": movie, "export": export})
-    window = not (screenshot or html or movie or export)
+    outputs = {"screenshot": screenshot, "html": html, "movie": movie, "light": light}
+    _refuse_unwritable({**outputs, "export": export})
+    window = not (any(outputs.values()) or export)
     if window and not has_display():
         raise Refused("view", Described("no display"), "screenshot, html, movie or export")
     if movie and (link is None or isinstance(surface, TriangleMesh)):
         raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
     files: list[Path] = []
     if window or screenshot or html or export:
-        drawn = (100 if paths is None else paths or None) if link is not None else None
-        light: Any = {"paths": drawn, "received": received, "coverage": coverage, "seed": seed}
+        traced = (100 if paths is None else paths or None) if link is not None else None
+        drawn: Any = {"paths": traced, "received": received, "coverage": coverage, "seed": seed}
         shown = replace(style, off_screen=not window)
-        plotter = scene(link, surface, time=time, **light, style=shown)
+        plotter = scene(link, surface, time=time, **drawn, style=shown)
         if screenshot:
             with atomic(screenshot) as temporary:
                 plotter.screenshot(temporary)
@@ -118,9 +130,15 @@ def view(
     if movie and isinstance(link, Link) and isinstance(surface, MeshSource):
         times, rate = _frames(gain, time, frames, frame_rate)
         frames_of: Any = {"gain": gain, "frame_rate": rate, "progress": progress}
-        light = {"paths": paths or None, "received": received or RECEIVED_SHOWN}
-        light |= {"coverage": coverage, "seed": seed}
-        files.append(save_movie(link, surface, times, movie, **frames_of, **light, style=style))
+        drawn = {"paths": paths or None, "received": received or RECEIVED_SHOWN}
+        drawn |= {"coverage": coverage, "seed": seed}
+        files.append(save_movie(link, surface, times, movie, **frames_of, **drawn, style=style))
+    if light:
+        if link is None or not isinstance(surface, SurfaceModel):
+            raise Refused("light", Described("of a mesh"), "a link over a sea")
+        times, rate = _frames(gain, time, frames, frame_rate)
+        sizes: Any = {"extent": style.extent, "frame_rate": rate, "progress": progress}
+        files.append(save_light(link, surface, light, times, **sizes))
     return files
 
 
@@ -128,9 +146,13 @@ def _frames(
     gain: GainSeries | None, start: float, frames: int, rate: float | None
 ) -> tuple[np.ndarray, float]:
     """Return the times of the frames [s] and the frame rate [s-1]."""
+    require_whole(frames, 2, 100_000, "frames")
+    if rate is not None and not rate > 0.0:
+        raise Refused("frame_rate", rate, "> 0 frames per second")
     if gain is None:
         rate = rate or FRAME_RATE
         return start + np.arange(frames) / rate, rate
+    require_whole(len(gain.time), 2, 100_000, "times of the gain")
     return gain.time, rate or float(1.0 / np.diff(gain.time).mean())
 
 

@@ -5,17 +5,18 @@ from __future__ import annotations
 import itertools
 import math
 import textwrap
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pyvista as pv
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_array
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths
 
+from .checks import checked
 from .style import FONT_FILE, INK, PALETTE, SKY, SLIDE
 
 VIEW_ANGLE_DEG = 24.0
@@ -25,6 +26,8 @@ ROOM = ((-0.9, 0.7), (-0.86, 0.93))
 
 FROM_FILE = 4
 """VTK_FONT_FILE."""
+
+Side = Literal["left", "center", "right"]
 
 Z = np.array([0.0, 0.0, 1.0])
 
@@ -154,6 +157,8 @@ class Scene(pv.Plotter):
     def add_scalar_bar(self, *args: Any, **options: Any) -> Any:  # type: ignore[override]
         """Add a colour bar as pyvista does, in the font of all other texts."""
         bar = super().add_scalar_bar(*args, **options)
+        if bar is None:  # pyvista warns that it has no place for more
+            return bar
         for text in (bar.GetTitleTextProperty(), bar.GetLabelTextProperty()):
             text.SetFontFamily(FROM_FILE)
             text.SetFontFile(FONT_FILE)
@@ -171,6 +176,7 @@ def add_lights(scene: Scene) -> Scene:
     return scene
 
 
+@checked
 def look(scene: Scene, azimuth_deg: float = -68.0, elevation_deg: float = 11.0) -> Scene:
     """Point the camera at the stage from an azimuth and elevation; the stage fills the window.
 
@@ -201,6 +207,7 @@ def look(scene: Scene, azimuth_deg: float = -68.0, elevation_deg: float = 11.0) 
     return scene
 
 
+@checked
 def add_scale(scene: Scene) -> Scene:
     """Draw a ruler of z at the left edge of the stage and a bar of round length in front.
 
@@ -228,6 +235,7 @@ def add_scale(scene: Scene) -> Scene:
     return scene
 
 
+@checked
 def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0.0) -> Scene:
     """Draw a down-wind arrow in front of the near edge of the sea, with the wind speed [m s-1]."""
     s = scene.stage
@@ -243,6 +251,7 @@ def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0
     return scene
 
 
+@checked
 def add_key(scene: Scene) -> Scene:
     """Draw the legend of the colours along the lower edge."""
     left, bottom = 0.02, 0.02
@@ -259,16 +268,20 @@ def add_key(scene: Scene) -> Scene:
     return scene
 
 
+@checked
 def add_labels(
-    scene: Scene, points: list[np.ndarray], texts: list[str], align: Any = "center"
+    scene: Scene, points: list[np.ndarray], texts: list[str], align: Side = "center"
 ) -> Scene:
     """Draw texts at points, upright and in front of all other parts."""
-    scene.texts += [(point, text, align) for point, text in zip(points, texts, strict=True)]
+    places = require_array(points, "points", "points (n, 3)").reshape(len(points), -1)
+    if not len(texts) == len(places) > 0 or places.shape[1] != 3:
+        raise Refused("points", places.shape, "a point (3,) for each text")
+    scene.texts += [(point, text, align) for point, text in zip(places, texts, strict=True)]
     font: Any = {"font_size": scene.font_size, "font_file": FONT_FILE, "bold": False}
     place: Any = {"justification_horizontal": align, "justification_vertical": "center"}
     back: Any = {"shape": None, "background_color": SKY, "background_opacity": 0.55}
     shown: Any = {"show_points": False, "always_visible": True, "text_color": INK}
-    scene.add_point_labels(np.array(points), texts, **font, **place, **back, **shown)
+    scene.add_point_labels(places, texts, **font, **place, **back, **shown)
     return scene
 
 

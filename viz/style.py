@@ -12,7 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.font_manager import findfont
 
+from meshtrace.errors import require_word
 from meshtrace.fields import FIELDS
+
+from .checks import checked
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -99,6 +102,7 @@ def draw_map(ax: Axes, x: Any, y: Any, values: Any, label: str, **options: Any) 
     ax.grid(visible=False)
 
 
+@checked
 def axis_label(name: str) -> str:
     r"""Return the label of an axis: long name, symbol and units of a registered variable.
 
@@ -117,6 +121,7 @@ def axis_label(name: str) -> str:
     >>> axis_label("spectrum")
     'wave frequency spectrum $S(\\omega)$ [m$^{2}$ s rad$^{-1}$]'
     """
+    require_word(name, FIELDS, "name")
     field = FIELDS[name]
     label = f"{field.long_name} ${field.symbol}$"
     return label if field.units == "1" else f"{label} [{_typeset(field.units)}]"

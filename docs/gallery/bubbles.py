@@ -24,7 +24,7 @@ def main(folder: Path) -> None:
     )
     for quantity in ("b_bub", "n_bubbles"):
         ax = viz.plot_bubble_profile(data, quantity=quantity)
-        ax.figure.savefig(folder / f"bubbles_{quantity}.png")
+        viz.save_picture(ax.figure, folder / f"bubbles_{quantity}.png")
 
     link = mt.Link(bubbles=layers["13 m/s"], transmitter=mt.Led(depth=4.0))
     sea = JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)

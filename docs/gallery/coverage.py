@@ -16,7 +16,7 @@ def main(folder: Path) -> None:
         link, sea, extent=5.0, step=0.25, times=np.arange(0.0, 10.0, 2.0), photons=200_000
     )
     ax = viz.plot_coverage(coverage, decibel=True)
-    ax.figure.savefig(folder / "coverage.png")
+    viz.save_picture(ax.figure, folder / "coverage.png")
 
     style = viz.SceneStyle(uav=False, off_screen=True, window_size=(1200, 750))
     plotter = viz.scene(link, sea, coverage=coverage, style=style)

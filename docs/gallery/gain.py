@@ -14,19 +14,19 @@ def main(folder: Path) -> None:
     link, sea = mt.Link(), resolved_sea(5.0, fetch=30e3, seed=7)  # all waves that light feels
     series = mt.time_series(link, sea, np.arange(0.0, 4.0, 0.02), photons=1024)
     ax = viz.plot_gain_series(series)
-    ax.figure.savefig(folder / "gain_series.png")
+    viz.save_picture(ax.figure, folder / "gain_series.png")
     ax = viz.plot_autocorrelation(series.fading())
-    ax.figure.savefig(folder / "gain_autocorrelation.png")
+    viz.save_picture(ax.figure, folder / "gain_autocorrelation.png")
 
     many = mt.ensemble(link, 200, sea, photons=1024)
     ax = viz.plot_gain_pdf(many)
-    ax.figure.savefig(folder / "gain_pdf.png")
+    viz.save_picture(ax.figure, folder / "gain_pdf.png")
     ax = viz.plot_gain_cdf(many)
-    ax.figure.savefig(folder / "gain_cdf.png")
+    viz.save_picture(ax.figure, folder / "gain_cdf.png")
 
     result = mt.simulate(link, sea, estimator="analog", photons=100_000)
     ax = viz.plot_fates(result)
-    ax.figure.savefig(folder / "fates.png")
+    viz.save_picture(ax.figure, folder / "fates.png")
 
 
 if __name__ == "__main__":

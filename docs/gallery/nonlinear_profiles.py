@@ -39,7 +39,7 @@ def main(folder: Path) -> None:
     bottom.set_title("JONSWAP sea at 13 m/s, along the wind, through a high crest")
     bottom.set_xlabel("x [m]")
     bottom.legend(loc="upper left")
-    figure.savefig(folder / "nonlinear_profiles.png")
+    viz.save_picture(figure, folder / "nonlinear_profiles.png")
     plt.close(figure)
 
 

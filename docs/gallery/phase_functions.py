@@ -26,9 +26,9 @@ def main(folder: Path) -> None:
         {"medium": list(phases), "theta": theta},
     )
     ax = viz.plot_phase_function(data)
-    ax.figure.savefig(folder / "phase_functions.png")
+    viz.save_picture(ax.figure, folder / "phase_functions.png")
     ax = viz.plot_phase_cdf(data)
-    ax.figure.savefig(folder / "phase_cdf.png")
+    viz.save_picture(ax.figure, folder / "phase_cdf.png")
 
 
 if __name__ == "__main__":

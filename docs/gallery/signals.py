@@ -20,11 +20,12 @@ def main(folder: Path) -> None:
         result = mt.simulate(link, sea, photons=20_000, record=[mt.Arrivals()])
         responses[name] = mt.impulse_response(result, bin_width=2.5e-10)
     ax = viz.plot_impulse_response(responses)
-    ax.figure.savefig(folder / "impulse_response.png")
+    ax.set_xlim(0.0, 8.0)  # ns; later light: single photons
+    viz.save_picture(ax.figure, folder / "impulse_response.png")
 
     receiver = OokLink(bit_rate=5e6)
     ax = viz.plot_eye(receiver.eye(receiver.required_power(1e-3)))
-    ax.figure.savefig(folder / "eye.png")
+    viz.save_picture(ax.figure, folder / "eye.png")
 
     power = 1e-3 * 10.0 ** (np.linspace(-82.0, -50.0, 60) / 10.0)
     rates = (1e6, 5e6, 1e7)
@@ -34,14 +35,14 @@ def main(folder: Path) -> None:
         {"ber": (("rate", "received_power"), ber)}, {"rate": names, "received_power": power}
     )
     ax = viz.plot_ber(data)
-    ax.figure.savefig(folder / "ber.png")
+    viz.save_picture(ax.figure, folder / "ber.png")
 
     depths = [24.0, 28.0, 32.0, 36.0, 40.0, 44.0]
     performance = mt.link_performance(
         mt.Link(), sea, depths=depths, bit_rate=[5e6, 1e7], realizations=12, photons=512
     )
     ax = viz.plot_performance(performance)
-    ax.figure.savefig(folder / "performance.png")
+    viz.save_picture(ax.figure, folder / "performance.png")
 
 
 if __name__ == "__main__":

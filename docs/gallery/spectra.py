@@ -31,7 +31,7 @@ def main(folder: Path) -> None:
         )
     )
     ax.set_title("wind 13 m/s")
-    ax.figure.savefig(folder / "spectra.png")
+    viz.save_picture(ax.figure, folder / "spectra.png")
 
     theta = np.radians(np.linspace(-180.0, 180.0, 361))
     jonswap = spectra["JONSWAP, fetch 30 km"]
@@ -48,7 +48,7 @@ def main(folder: Path) -> None:
         )
     )
     ax.set_title("at the peak, wind 13 m/s")
-    ax.figure.savefig(folder / "spreading.png")
+    viz.save_picture(ax.figure, folder / "spreading.png")
 
 
 if __name__ == "__main__":

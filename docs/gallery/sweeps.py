@@ -27,12 +27,12 @@ def main(folder: Path) -> None:
         {"half_angle": [f"half-angle {a:g}°" for a in half_angles], "depth": depths},
     )
     ax = viz.plot_sweep(data)
-    ax.figure.savefig(folder / "sweep_depth.png")
+    viz.save_picture(ax.figure, folder / "sweep_depth.png")
 
     wave = SinusoidalSea(amplitude=0.12, wavelength=6.0)
     study = mt.convergence_study(mt.Link(), wave, (0.8, 0.6, 0.4, 0.3), ("vertex",), photons=512)
     ax = viz.plot_convergence(study)
-    ax.figure.savefig(folder / "convergence.png")
+    viz.save_picture(ax.figure, folder / "convergence.png")
 
 
 if __name__ == "__main__":

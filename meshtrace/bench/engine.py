@@ -26,7 +26,9 @@ Rays = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 
 
 class RayRecorder(EmbreeIntersector):
-    """Intersector that records its rays."""
+    """Intersector that records its rays, all of them."""
+
+    shortcut = False
 
     def __init__(self, mesh: TriangleMesh, threads: int) -> None:
         super().__init__(mesh, threads)

@@ -12,6 +12,7 @@ from typing import Any
 from meshtrace.bench.engine import analog_rate, figure_of_merit, new_sea, resolved_sea
 from meshtrace.bench.scaling import thread_scaling, worker_scaling
 from meshtrace.errors import Described, Refused
+from meshtrace.link import Link
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import Elfouhaily, SpectralSea
@@ -35,8 +36,9 @@ def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
     dict
         Plain data: `environment`, `cores`; `analog` and `analog_tilted` of `analog_rate`, without
         and with tilts for unresolved slopes; `merit` of `figure_of_merit`; `new_sea`;
-        `resolved_sea`; `peak_memory_mib` of this process; `thread_scaling`, `worker_scaling`, the
-        latter None where dask is not installed.
+        `resolved_sea`; `downlink`, `new_sea` of the mirrored link to 1 %, None without one;
+        `peak_memory_mib` of this process; `thread_scaling`, `worker_scaling`, the latter None
+        where dask is not installed.
 
     Raises
     ------
@@ -61,10 +63,20 @@ def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
         "merit": figure_of_merit(link, near, chains, photons),
         "new_sea": new_sea(link, sea),
         "resolved_sea": resolved_sea(link, _resolved(sea)),
+        "downlink": _downlink(link, sea),
         "peak_memory_mib": _peak_memory(),
         "thread_scaling": thread_scaling(link, mesh, near, photons, chains),
         "worker_scaling": worker_scaling(scenario, 128 // scale) if dask else None,
     }
+
+
+def _downlink(link: Link, sea: Any) -> dict[str, Any] | None:
+    """Return the cost of a gain to 1 % in the air-to-water direction, None without one."""
+    try:
+        down = link if link.direction == "down" else link.mirrored()
+        return new_sea(down, sea, rtol=0.01)
+    except Refused:
+        return None
 
 
 def _resolved(sea: Any) -> SpectralSea:
@@ -102,10 +114,19 @@ def report(result: dict[str, Any]) -> str:
         f"resolved sea to {fine['gain']['rtol']:.2%}": f"{fine['gain']['seconds']:.3f} s "
         f"({fine['gain']['facets']} facets); {fine['seconds_per_realization']:.3f} s each in an "
         f"ensemble ({fine['facets']} facets), unscattered light {fine['direct_seconds']:.4f} s",
+        **_down(result["downlink"]),
         "peak memory": f"{result['peak_memory_mib']:.0f} MiB",
         **_scaling(result["thread_scaling"], result["worker_scaling"]),
     }
     return text_table(rows.items())
+
+
+def _down(cost: dict[str, Any] | None) -> dict[str, str]:
+    """Return the time of a downlink as text."""
+    if cost is None:
+        return {}
+    text = f"{cost['seconds']:.3f} s with mesh ({cost['mesh_seconds']:.3f} s) and chains"
+    return {f"downlink to {cost['rtol']:.2%}": text}
 
 
 def _scaling(threads: dict[str, Any], workers: dict[str, Any] | None) -> dict[str, str]:

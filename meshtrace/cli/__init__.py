@@ -9,6 +9,7 @@ from meshtrace.cli import (
     compare,
     converge,
     coverage,
+    explore,
     figures,
     new,
     optimize,
@@ -29,8 +30,8 @@ __all__ = [
     "compare",
     "converge",
     "coverage",
+    "explore",
     "figures",
-    "main",
     "new",
     "optimize",
     "plot",
@@ -41,8 +42,3 @@ __all__ = [
     "validate",
     "view",
 ]
-
-
-def main() -> None:
-    """Run the command line and exit."""
-    app(prog_name="meshtrace")

@@ -20,6 +20,7 @@ from meshtrace.cli.options import (
     Settings,
     Threads,
 )
+from meshtrace.errors import Refused
 
 if TYPE_CHECKING:
     from meshtrace.studies.performance.tables import LinkPerformance
@@ -41,6 +42,12 @@ def ber(
         None, "-n", "--realizations", help="Independent seas per depth: 200, or 50 with --depths."
     ),
     uav: str | None = Option(None, metavar="NAME", help="Airframe that tilts the receiver."),
+    daylight: str | None = Option(
+        None, metavar="NAME", help="clear, overcast, uniform, moon, night or none."
+    ),
+    sun_zenith: float | None = Option(None, metavar="DEG", help="Zenith angle of sun or moon."),
+    sun_elevation: float | None = Option(None, metavar="DEG", help="90 minus the zenith angle."),
+    filter_nm: float | None = Option(None, metavar="NM", help="Width of the optical filter."),
     coupled: bool = Option(False, "--coupled", help="Apply the tilt to every photon."),
     output: Output = None,
     as_json: AsJson = False,
@@ -58,6 +65,8 @@ def ber(
     scenarios = []
     for speed in [None] if winds is None else numbers("--wind", winds):
         given = {"detector.preset": preset, "uav.preset": uav, "wind_speed": speed}
+        given |= _light(daylight, sun_zenith, sun_elevation)
+        given |= {"detector.optics.filter_width_nm": filter_nm}
         changes = [f"{key}={value}" for key, value in given.items() if value is not None]
         scenarios.append(scenario_of(link, [*(settings or []), *changes], **run))
     check_output(output, link)
@@ -84,6 +93,17 @@ def ber(
     save(result, output, as_json)
 
 
+def _light(model: str | None, zenith: float | None, elevation: float | None) -> dict[str, Any]:
+    """Return the settings of [daylight]; an angle alone stands for a clear sky."""
+    if zenith is not None and elevation is not None:
+        raise Refused("--sun-elevation", elevation, "without --sun-zenith")
+    if elevation is not None:
+        zenith = 90.0 - elevation
+    if model is None and zenith is None:
+        return {}
+    return {"daylight.model": model or "clear", "daylight.sun_zenith_deg": zenith}
+
+
 def _plain(speed: float, performance: LinkPerformance) -> dict[str, Any]:
     """Return the performance in a wind as plain data for JSON."""
     ranges = zip(performance.bit_rates, performance.range_at_ber(), strict=True)
@@ -92,6 +112,7 @@ def _plain(speed: float, performance: LinkPerformance) -> dict[str, Any]:
         "limit": performance.limit,
         "confidence": performance.confidence,
         "status": performance.status,
+        "light": performance.light,
         "figures": finite(performance.figures),
         "ranges": [{"bit_rate": rate, "range": finite(value)} for rate, value in ranges],
         "provenance": performance.provenance,

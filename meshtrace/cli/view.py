@@ -48,6 +48,11 @@ def view(
     movie: Path | None = Option(
         None, metavar="A.MP4", help="Write a movie (.mp4, .gif) of the sea and the gain."
     ),
+    light: Path | None = Option(
+        None,
+        metavar="A.MP4",
+        help="Write a picture (.png) or movie of the light pattern on the receiver's plane.",
+    ),
     export: Path | None = Option(
         None, metavar="FOLDER", help="Write surface, paths and map as VTK files."
     ),
@@ -104,6 +109,7 @@ def view(
             screenshot=screenshot,
             html=html,
             movie=movie,
+            light=light,
             export=export,
             frames=frames,
             frame_rate=frame_rate,

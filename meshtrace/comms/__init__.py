@@ -4,7 +4,16 @@ import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
-    submodules=["budget", "capacity", "decisions", "devices", "ook", "pulses", "receivers"],
+    submodules=[
+        "budget",
+        "capacity",
+        "decisions",
+        "devices",
+        "interleaving",
+        "ook",
+        "pulses",
+        "receivers",
+    ],
     submod_attrs={
         "decisions": ["Decision"],
         "devices": ["LedDriver", "OpticalFrontEnd", "SiPM", "Tia"],

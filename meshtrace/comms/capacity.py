@@ -77,8 +77,11 @@ def capacity(
     if not 0.0 <= outage < 1.0:
         raise Refused("outage", outage, "0 <= outage < 1")
     g = faded_gains(gain, h_alpha)
-    counts = (level * link.bit_time for level in link.levels(link.received_power(g)))
-    pairs = zip(*counts, strict=True)
+    power = link.received_power(g)
+    low, high = link.levels(power)
+    # Poisson counts with the signal-to-noise ratio of quieter ones
+    quiet = sum(link.shot_levels(power)) / (low + high)
+    pairs = zip(*(level * link.bit_time / quiet for level in (low, high)), strict=True)
     soft = np.array([soft_information(float(a), float(b), link.sipm.branching) for a, b in pairs])
     # full counts bound every decision; Gaussian models break that below a count or so in a one
     hard = np.minimum(hard_information(ber_of_gains(link, g)), soft)

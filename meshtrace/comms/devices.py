@@ -131,6 +131,27 @@ class SiPM(Model, frozen=True):
         r = np.asarray(rate, dtype=float)
         return r / (1.0 + r * self.recovery_time / self.n_spads)
 
+    def fano_factor(self, rate: ArrayLike) -> Floats:
+        """Return the variance of the counts that saturated cells pass on over their mean.
+
+        1 / (1 + x)^2,  x = r tau / N
+
+        Parameters
+        ----------
+        rate : array_like
+            Primary counts, dark ones included [s-1], any shape.
+
+        Notes
+        -----
+        Asymptotic law of the renewal process of a dead time, for times much longer than it.
+
+        References
+        ----------
+        Cox (1962), Renewal Theory, Methuen.
+        """
+        r = np.asarray(rate, dtype=float)
+        return 1.0 / (1.0 + r * self.recovery_time / self.n_spads) ** 2
+
     def fired_cells(self, photons: ArrayLike) -> Floats:
         """Return the mean number of cells fired by a flash shorter than the dead time.
 

@@ -27,7 +27,7 @@ from meshtrace.errors import (
     require_whole,
     require_word,
 )
-from meshtrace.link import Link, WaterAperture
+from meshtrace.link import Link, Receiver
 from meshtrace.models import Floats, Model, NonNegative
 
 Preset = Literal["physical", "paper", "paper-ranges"]
@@ -67,6 +67,10 @@ class OokLink(Model, frozen=True):
         Primary counts from background light [s-1].
     saturation : bool
         Whether the dead time of the cells compresses the levels.
+    saturation_noise : {"auto", "renewal", "poisson"}
+        Shot noise of saturated cells: "renewal" reduces it by the Fano factor of their dead time
+        (`SiPM.fano_factor`), "poisson" keeps that of the compressed rate. "auto" is "renewal" with
+        background light and a Gaussian model, otherwise "poisson".
     memory : int
         Bits of intersymbol interference, the present one included.
     window : float, optional
@@ -117,6 +121,7 @@ class OokLink(Model, frozen=True):
     model: str | pydantic.SerializeAsAny[ReceiverModel] = "W"
     background_rate: NonNegative = 0.0
     saturation: bool = True
+    saturation_noise: Literal["auto", "renewal", "poisson"] = "auto"
     memory: int = pydantic.Field(default=8, ge=1, le=12)
     window: float | None = pydantic.Field(default=None, ge=0.0, allow_inf_nan=False)
     equalizer: Literal["none", "dfe"] = "none"
@@ -133,6 +138,13 @@ class OokLink(Model, frozen=True):
     def _window_within_bit(self) -> OokLink:
         if self.window is not None and self.window > self.bit_time * (1.0 + 1e-12):
             raise Refused("window", self.window, f"0 <= window <= {self.bit_time} s")
+        return self
+
+    @pydantic.model_validator(mode="after")
+    def _noise_of_model(self) -> OokLink:
+        if self.saturation_noise == "renewal" and self.receiver.exact_counts:
+            allowed = "auto or poisson for models of exact counts (CP, GP)"
+            raise Refused("saturation_noise", "renewal", allowed)
         return self
 
     @classmethod
@@ -194,7 +206,7 @@ class OokLink(Model, frozen=True):
         first = link.transmitters[0]
         base = base if isinstance(base, OokLink) else cls.preset(base)
         power = 1e-3 * sum(t.power_mw for t in link.transmitters)
-        index = link.water.n if isinstance(aperture, WaterAperture) else link.n_air
+        index = link.n_air if isinstance(aperture, Receiver) else link.water.n
         view = {"radius": aperture.radius, "fov_deg": aperture.fov_deg, "medium_index": index}
         changes = {
             "bit_rate": base.bit_rate if bit_rate is None else bit_rate,
@@ -276,12 +288,41 @@ class OokLink(Model, frozen=True):
         power : array_like
             Optical power on the SiPM [W], any shape.
         """
-        light = self.sipm.count_rate(non_negative("power", power, _MOST_POWER), self.led.wavelength)
-        dark = self.sipm.dark_count_rate + self.background_rate
-        low, high = (level + dark for level in self.led.levels(light))
+        low, high = self._rates(power)
         if not self.saturation:
             return low, high
         return self.sipm.saturated_rate(low), self.sipm.saturated_rate(high)
+
+    def shot_levels(self, power: ArrayLike) -> tuple[Floats, Floats]:
+        """Return the count rates whose Poisson noise is that of long zeros and long ones [s-1].
+
+        Those of `levels`, times the Fano factor of saturated cells with renewal noise.
+
+        Parameters
+        ----------
+        power : array_like
+            Optical power on the SiPM [W], any shape.
+        """
+        low, high = self.levels(power)
+        if not self.renewal_noise:
+            return low, high
+        zero, one = (self.sipm.fano_factor(rate) for rate in self._rates(power))
+        return low * zero, high * one
+
+    @property
+    def renewal_noise(self) -> bool:
+        """Whether the shot noise has the Fano factor of saturated cells."""
+        chosen = self.saturation_noise
+        if chosen == "auto" and self.background_rate > 0.0 and not self.receiver.exact_counts:
+            chosen = "renewal"
+        return self.saturation and chosen == "renewal"
+
+    def _rates(self, power: ArrayLike) -> tuple[Floats, Floats]:
+        """Return the primary count rates of long zeros and ones before saturation [s-1]."""
+        light = self.sipm.count_rate(non_negative("power", power, _MOST_POWER), self.led.wavelength)
+        dark = self.sipm.dark_count_rate + self.background_rate
+        low, high = self.led.levels(light)
+        return low + dark, high + dark
 
     def patterns(self) -> NDArray[np.bool_]:
         """Return the bit patterns (p, k) that matter, present bit first."""

@@ -56,6 +56,9 @@ class ReceiverModel(Family, default="W"):
     has_pulses: ClassVar[bool] = False
     """Whether the model follows pulses, so that an eye diagram exists."""
 
+    exact_counts: ClassVar[bool] = False
+    """Whether the model takes the law of Poisson counts itself, which renewal noise is not."""
+
     def averaging_window(self, link: OokLink) -> float:
         """Return the averaging window in front of the decision [s]."""
         return 0.0
@@ -66,10 +69,9 @@ class ReceiverModel(Family, default="W"):
         By default those of independent bits: levels of a zero and a one, Gaussian noise in
         B = R_b / 2.
         """
-        low, high = (level[..., None] for level in link.levels(power))
-        mean = low + (high - low) * np.array([0.0, 1.0])
+        mean, shot = (np.stack(v, axis=-1) for v in (link.levels(power), link.shot_levels(power)))
         thermal = link.tia.thermal_noise(link.sipm.gain)
-        noise = 2.0 * link.sipm.excess_noise_factor * mean + thermal
+        noise = 2.0 * link.sipm.excess_noise_factor * shot + thermal
         return mean, noise * 0.5 * link.bit_rate
 
     @abc.abstractmethod
@@ -92,6 +94,7 @@ class CountedBits(ReceiverModel):
     """GP: no intersymbol interference, exact generalized Poisson counts in each bit."""
 
     kind: Literal["GP"] = "GP"
+    exact_counts: ClassVar[bool] = True
 
     def decide(self, link: OokLink, power: Floats) -> Decision:
         """Decide by the number of counts."""
@@ -110,7 +113,7 @@ class SampledPulses(ReceiverModel):
     def moments(self, link: OokLink, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
         """Return the moments of filtered pulses with Campbell shot noise."""
         bits, filters = link.patterns(), link.filters
-        low, high = (level[..., None] for level in link.levels(power))
+        low, high = (level[..., None] for level in link.shot_levels(power))
         shot = bits @ filters.shot_cursors(link.bit_time, bits.shape[1], phase)
         energy, f = filters.noise_energy, link.sipm.excess_noise_factor
         thermal = link.tia.thermal_noise(link.sipm.gain)
@@ -119,10 +122,12 @@ class SampledPulses(ReceiverModel):
 
     def pattern_means(self, link: OokLink, power: ArrayLike, phase: float) -> Floats:
         """Return the mean of the sample for each bit pattern, behind the equaliser [s-1]."""
-        return self._means(link, power, phase, link.equalizer == "dfe")
+        return self._means(link, link.levels(power), phase, link.equalizer == "dfe")
 
-    def _means(self, link: OokLink, power: ArrayLike, phase: float, equalized: bool) -> Floats:
-        low, high = (level[..., None] for level in link.levels(power))
+    def _means(
+        self, link: OokLink, levels: tuple[Floats, Floats], phase: float, equalized: bool
+    ) -> Floats:
+        low, high = (level[..., None] for level in levels)
         bits = link.patterns()
         w = link.filters.mean_cursors(link.bit_time, bits.shape[1], phase)
         heard = w * (np.arange(len(w)) == 0) if equalized else w
@@ -143,7 +148,8 @@ class PatternNoise(SampledPulses):
         """Return the moments of filtered pulses with noise in a fixed bandwidth."""
         bandwidth = min(0.5 * link.bit_rate, 0.5 * math.pi * link.sipm.bandwidth)
         f, thermal = link.sipm.excess_noise_factor, link.tia.thermal_noise(link.sipm.gain)
-        variance = (2.0 * f * self._means(link, power, phase, False) + thermal) * bandwidth
+        shot = self._means(link, link.shot_levels(power), phase, False)
+        variance = (2.0 * f * shot + thermal) * bandwidth
         return self.pattern_means(link, power, phase), variance
 
 
@@ -161,6 +167,7 @@ class CompoundPoisson(AveragedPulses):
     """CP: as W, with the exact compound Poisson law in place of the Gaussian one; slower."""
 
     kind: Literal["CP"] = "CP"  # type: ignore[assignment]
+    exact_counts: ClassVar[bool] = True
 
     def decide(self, link: OokLink, power: Floats) -> Decision:
         """Decide between compound Poisson variables."""

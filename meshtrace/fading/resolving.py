@@ -179,12 +179,12 @@ _bands: dict[tuple[Any, ...], float] = {}
 
 def _cached_band(link: Any, sea: Any) -> float:
     """Return `fading_band`, searched once for the same geometry and sea."""
-    receiver = link.only_receiver
+    lever, receiver = paraxial_lever(link), link.receivers[0]
     config = {key: value for key, value in sea.to_config().items() if key != "seed"}
     key = (
-        paraxial_lever(link),
+        lever,
         receiver.fov_deg,
-        receiver.height,
+        abs(receiver.center[2]),
         json.dumps(config, sort_keys=True),
     )
     if key not in _bands:

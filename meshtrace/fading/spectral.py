@@ -145,23 +145,30 @@ def paraxial_lever(link: Any) -> Lever:
     """Return the paraxial geometry of a link on its axis."""
     if not hasattr(link, "transmitters"):
         raise Refused("link", Described(type(link).__name__), "a Link")
-    if len(link.transmitters) != 1 or not hasattr(link.transmitters[0], "depth"):
-        raise Refused("transmitter", link.transmitter, "one source under water")
-    if len(link.receivers) != 1 or not hasattr(link.receivers[0], "height"):
-        raise Refused("receiver", link.receiver, "one receiver in the air")
+    down = getattr(link, "direction", "up") == "down"
+    side, other = ("height", "depth") if down else ("depth", "height")
+    places = {"depth": "under water", "height": "in the air"}
+    if len(link.transmitters) != 1 or not hasattr(link.transmitters[0], side):
+        raise Refused("transmitter", link.transmitter, f"one source {places[side]}")
+    if len(link.receivers) != 1 or not hasattr(link.receivers[0], other):
+        raise Refused("receiver", link.receiver, f"one receiver {places[other]}")
     source, receiver = link.transmitters[0], link.receivers[0]
     if tuple(source.position) != tuple(receiver.position):
         raise Refused(
             "receiver.position", receiver.position, f"that of the source, {source.position}"
         )
-    if source.zenith_deg != 0.0:
-        raise Refused("transmitter.zenith_deg", source.zenith_deg, "0: the closed form is paraxial")
+    leans = "tilt_deg" if down else "zenith_deg"
+    if getattr(source, leans) != 0.0:
+        paraxial = "0: the closed form is paraxial"
+        raise Refused(f"transmitter.{leans}", getattr(source, leans), paraxial)
     if receiver.tilt_deg != 0.0:
         raise Refused("receiver.tilt_deg", receiver.tilt_deg, "0: the closed form is paraxial")
     n = link.water.n / link.n_air
-    d, h = source.depth, receiver.height
+    d, h = (receiver.depth, source.height) if down else (source.depth, receiver.height)
     height = -link.water.c + 2.0 * (n - 1.0) / (d + n * h)
-    return Lever((n - 1.0) * h * d / (d + n * h), receiver.radius / (1.0 + n * h / d), height)
+    seen = n * h if down else d  # share of the aperture's radius at the surface
+    beta = (n - 1.0) * h * d / (d + n * h)
+    return Lever(beta, receiver.radius * seen / (d + n * h), height)
 
 
 def _slopes_seen(
@@ -186,7 +193,8 @@ def _require_spectrum(sea: Any) -> None:
 def _require_view(link: Any, lever: Lever, slope: float) -> None:
     """Require a field of view wide enough for light deflected by waves of an rms slope."""
     receiver = link.receivers[0]
-    edge = (3.0 * lever.beta * slope + lever.aperture) / receiver.height
+    away = receiver.height if hasattr(receiver, "height") else receiver.depth
+    edge = (3.0 * lever.beta * slope + lever.aperture) / away
     if math.tan(math.radians(min(receiver.fov_deg, 179.0)) / 2.0) < edge:
         least = 2.0 * math.degrees(math.atan(edge))
         raise Refused("receiver.fov_deg", receiver.fov_deg, f">= {least:.3g}, the whole footprint")

@@ -13,6 +13,7 @@ from meshtrace.kernels.angle_table import phase_at
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.phase import sample_s
 from meshtrace.kernels.random import uniforms
+from meshtrace.kernels.sources import emission_s, intensity
 from meshtrace.kernels.vectors import Vec3, angle_between, dot, minus, norm, row, turn, unit, write
 
 PEAK = 0.3
@@ -119,7 +120,8 @@ def look(paths, origins, directions, world):
     Array twin: the integral of the density in the tests.
     A mixture of a cosine lobe over the field of view and of lobes about the directions of
     unscattered light: the phase function about those inside the field of view, or, where all lie
-    outside, the field of view beside them. Rays start above the highest crest.
+    outside, the field of view beside them. The pattern of a lamp takes the place of the cosine
+    lobe. Rays start above the highest crest.
     """
     target, high = world.target, world.surface.high[2]
     axis = world.axis
@@ -135,7 +137,9 @@ def look(paths, origins, directions, world):
         if lobes > 0:
             share = _LOBES if inside else _LOBES_OUTSIDE
         u_kind, u, v, u_lobe = uniforms(world.key, world.first + i, 0, LOOK)
-        if u_kind >= share:
+        if u_kind >= share and target.is_lamp:
+            w = turn(axis, emission_s(target.lamp.kind, target.lamp.spread, u), v)
+        elif u_kind >= share:
             w = turn(axis, 0.5 * u * sin2 / (1.0 + math.sqrt(1.0 - u * sin2)), v)
         else:
             pick, j = int(u_kind / share * used), 0
@@ -156,9 +160,16 @@ def look(paths, origins, directions, world):
                 if not inside or _in_cone(lobe, world):
                     density += _lobe_density(w, lobe, axis, inside, world)
             density *= share / max(used, 1)
-            density += (1.0 - share) * max(dot(w, axis), 0.0) / (math.pi * sin2)
-            paths.weight[i] = math.pi * target.radius**2 * facing / density
-            paths.state[i] = STARTED
+            if target.is_lamp:
+                light = intensity(target.lamp, w)
+                density += (1.0 - share) * light
+                light *= world.optics.emitter.power
+            else:
+                light = target.area * facing
+                density += (1.0 - share) * max(dot(w, axis), 0.0) / (math.pi * sin2)
+            if light > 0.0:
+                paths.weight[i] = light / density
+                paths.state[i] = STARTED
         write(paths.direction[i], w)
         t = max((high - p.z) / w.z, 0.0) * (1.0 - 1e-3) if w.z < 0.0 else 0.0
         for k in range(3):

@@ -119,10 +119,8 @@ def begin(paths, starts, world):
             paths.point[i, k] = target.center[k] + p * target.e1[k] + q * target.e2[k]
             paths.lamp[i, k] = emitter.position[k]
         if world.size > 0.0:
-            if emitter.kind == SourceKind.TOP_HAT_BEAM:
-                r = world.size * math.sqrt(u_lamp)
-            else:
-                r = world.size * math.sqrt(-0.5 * math.log(u_lamp))
+            gaussian = emitter.kind == SourceKind.GAUSSIAN_BEAM
+            r = world.size * math.sqrt(-0.5 * math.log(u_lamp) if gaussian else u_lamp)
             across = turn(emitter.axis, 0.5, v_lamp)
             write(paths.lamp[i], along(emitter.position, across, r))
         u, v, _, _ = uniforms(world.key, world.first + i, 0, _TILT)
@@ -223,7 +221,8 @@ def enter(paths, facets, world):
 
     Array twin: the analog crossing, `kernels.photon`.
     Radiance over n^2 is kept but for the transmittance; interpolated and tilted normals add the
-    projected areas that the analog photon meets, so that both estimate one integral.
+    projected areas that the analog photon meets, so that both estimate one integral. A path from
+    a lamp in the air runs with the light, and is such a photon.
     """
     medium, surface, target = world.optics.medium, world.surface, world.target
     beside = 0
@@ -276,13 +275,16 @@ def _crossed(p, d, f, g, tilt_x, tilt_y, world):
     if from_below <= 0.0 or from_below - 2.0 * cos_water * dot(m, g) >= 0.0:
         return 0.0, d
     through = 1.0 - reflectance(cos_water, cos_air, medium.n_water, medium.n_air)
+    tilt = Vec2(tilt_x, tilt_y)
+    if world.target.is_lamp:
+        return through * world.interface.foam_transmittance * exposure(d, n, tilt), inwards
     if world.interface.fresnel == FresnelMode.PAPER_BOTH:
         through *= through
     through *= world.interface.foam_transmittance
     through *= (medium.n_air / medium.n_water) ** 2
     through *= from_below * cos_air / (cos_water * -dot(d, g))
     if tilt_x != 0.0 or tilt_y != 0.0:
-        through *= exposure(scaled(-1.0, inwards), n, Vec2(tilt_x, tilt_y))
+        through *= exposure(scaled(-1.0, inwards), n, tilt)
     return through, inwards
 
 

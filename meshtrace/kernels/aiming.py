@@ -49,7 +49,8 @@ FLAT = np.dtype(
 class Shot(NamedTuple):
     """The open segment of a chain and the point aimed at."""
 
-    q: Vec3  # last vertex, relative to the source
+    start: Vec3  # of the chain
+    q: Vec3  # last vertex, relative to the start
     v: Vec3  # direction
     goal: Vec2  # point in the plane of the aperture [m]
     branch: float  # +1 or -1, see `emission_through`
@@ -130,8 +131,7 @@ def land(p, n, shot, scene):
     Array twin: `tests/kernels/test_aiming.py`, against rays traced forwards.
     """
     target, medium = scene.target, scene.medium
-    source = scene.emitter.position
-    ok, length, w, d = emission_through(shot.q, shot.v, minus(p, source), shot.branch)
+    ok, length, w, d = emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
     cos_i = dot(d, n)
     cos_t, rho, r = -1.0, 1.0, ORIGIN
     if ok and cos_i > 0.0:

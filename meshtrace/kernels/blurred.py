@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.aiming import STEP, Aim, Jacobian, emission_through
-from meshtrace.kernels.chain_gain import accepted, is_steep, keep, transmittance, weight_of
+from meshtrace.kernels.aiming import STEP, Aim, Jacobian, Shot, emission_through
+from meshtrace.kernels.chain_gain import acceptance, is_steep, keep, transmittance, weight_of
 from meshtrace.kernels.crossings import Counter, shot_of
 from meshtrace.kernels.facets import corners, exposure, normal_at, slope_tilt
 from meshtrace.kernels.interface import reflectance
@@ -23,7 +23,7 @@ from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import absorption_path, scattering_path
 from meshtrace.kernels.scene import height_on, locate
 from meshtrace.kernels.sources import intensity
-from meshtrace.kernels.unscattered import beam_width, node, solid_angle
+from meshtrace.kernels.unscattered import beam_width, node, solid_angle, straight_depth
 from meshtrace.kernels.vectors import (
     UP,
     Vec2,
@@ -77,7 +77,8 @@ def _normal_to(p, d, goal, scene):
     way = minus(at, p)
     flight = norm(way)
     r = scaled(1.0 / flight, way)
-    return along(scaled(medium.n_water, d), r, -medium.n_air), r, flight
+    big = along(scaled(medium.n_water, d), r, -medium.n_air)
+    return scaled(-1.0, big) if scene.mirrored else big, r, flight
 
 
 @outlined
@@ -204,16 +205,20 @@ def _part_gain(f, n, i, j, side, disk, scene):
     for k in range(len(disk.points)):
         goal = Vec2(radius * disk.points[k, 0], radius * disk.points[k, 1])
         s = slope_towards(middle, normal, w, w, length, goal, scene)
-        if s.density > 0.0 and accepted(s.aim, middle, scene.target, scene.interface.fov):
-            share = exposure(w, normal, s.tilt) * transmittance(s.aim, scene.interface)
+        if s.density > 0.0:
+            share = acceptance(s.aim, middle, scene.target, scene.interface.fov)
+            share *= exposure(w, normal, s.tilt) * transmittance(s.aim, scene.interface)
+            if scene.mirrored and share > 0.0:
+                share *= math.exp(-straight_depth(middle, s.aim, source, scene))
             total += disk.shares[k] * s.density * share
             steep = steep and is_steep(s.aim, scene)
     if total == 0.0:
         return 0.0, True
-    tau = absorption_path(scene.medium, source.z, middle.z, length)
-    tau += scattering_path(scene.medium, source, middle, length)
-    area = math.pi * radius * radius
-    return area * light * math.exp(-tau) * solid_angle(p, q, r) * total, steep
+    if not scene.mirrored:
+        tau = absorption_path(scene.medium, source.z, middle.z, length)
+        tau += scattering_path(scene.medium, source, middle, length)
+        light *= math.exp(-tau)
+    return scene.target.area * light * solid_angle(p, q, r) * total, steep
 
 
 @entry
@@ -239,12 +244,12 @@ def blurred_contributions(chains, flat, spread, scene, out):
             if facet < 0:
                 continue
             p = Vec3(x, y, height_on(x, y, facet, scene.surface))
-            shot = shot_of(chains, i, scene.target, flat[i, k].branch, scene.surface.roughness)
+            shot = shot_of(chains, i, scene, flat[i, k].branch, scene.surface.roughness)
             w, steep, aim = _weigh(chains, i, flat[i], p, facet, shot, spread, scene)
             if w <= 0.0:
                 continue
             out.counters[Counter.SOLVED] += 1
-            counts = keep(chains, i, p, w, steep, aim, counts, scene, out)
+            counts = keep(chains, i, p, w, steep, aim, shot.start, counts, scene, out)
     return counts
 
 
@@ -288,8 +293,7 @@ def _density(flat, x, y, branch, spread, scene):
 @outlined
 def _weigh(chains, i, flat, p, facet, shot, spread, scene):
     """Return (weight, steep, aim) of chain i through P: its light over the density of P."""
-    source = scene.emitter.position
-    ok, length, w, d = emission_through(shot.q, shot.v, minus(p, source), shot.branch)
+    ok, length, w, d = emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
     n = normal_at(p.x, p.y, facet, scene.surface)
     none = Aim(False, shot.goal, w, d, UP, 1.0, length, 0.0)
     if not ok or dot(d, row(scene.surface.face_normals, facet)) <= 0.0:
@@ -313,7 +317,8 @@ def _weigh(chains, i, flat, p, facet, shot, spread, scene):
         (x.y - w.y) * h,
         (y.y - w.y) * h,
     )
-    weight, deep = weight_of(chains, i, p, j, facet, s.tilt, scene)
+    shot = Shot(shot.start, shot.q, shot.v, shot.goal, shot.branch, s.tilt)
+    weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
     return weight, is_steep(s.aim, scene) and deep, s.aim
 
 
@@ -321,5 +326,5 @@ def _weigh(chains, i, flat, p, facet, shot, spread, scene):
 def _emission_at(x, y, facet, shot, scene):
     """Return the direction of emission through the plane of a facet over (x, y)."""
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))
-    _, _, w, _ = emission_through(shot.q, shot.v, minus(p, scene.emitter.position), shot.branch)
+    _, _, w, _ = emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
     return w

@@ -22,7 +22,7 @@ from meshtrace.kernels.medium import (
 )
 from meshtrace.kernels.scene import height_on
 from meshtrace.kernels.sources import intensity
-from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm, plus, row, write
+from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm, plus, row, scaled, write
 
 RAY = np.dtype(
     [
@@ -76,18 +76,18 @@ def contributions(chains, flat, audits, search, scene, out):
     for i in range(len(chains.last)):
         for k in range(find_crossings(chains, i, flat[i], audits[i], search, scene, out)):
             root = out.roots[k]
-            shot = shot_of(chains, i, scene.target, root.branch, scene.surface.roughness)
+            shot = shot_of(chains, i, scene, root.branch, scene.surface.roughness)
             p = Vec3(root.x, root.y, height_on(root.x, root.y, root.facet, scene.surface))
             w, steep, aim = weigh(chains, i, p, root.facet, shot, scene)
             w *= root.multiplicity
             if w <= 0.0:
                 continue
-            counts = keep(chains, i, p, w, steep, aim, counts, scene, out)
+            counts = keep(chains, i, p, w, steep, aim, shot.start, counts, scene, out)
     return counts
 
 
 @inlined
-def keep(chains, i, p, w, steep, aim, counts, scene, out):
+def keep(chains, i, p, w, steep, aim, start, counts, scene, out):
     """Score the light w of chain i that crosses at p, or list it as doubtful with its rays.
 
     Array twin: none, a list for Embree.
@@ -96,7 +96,7 @@ def keep(chains, i, p, w, steep, aim, counts, scene, out):
     n_doubt, n_rays, n_arrivals = counts
     first = n_rays
     if not steep:
-        n_rays = list_paths(chains, i, aim, p, n_doubt, scene, out.rays, n_rays)
+        n_rays = list_paths(chains, i, aim, p, start, n_doubt, scene, out.rays, n_rays)
     if n_arrivals < len(out.arrivals):
         a = out.arrivals[n_arrivals]
         a.chain, a.weight = i, w
@@ -138,11 +138,19 @@ def transmittance(m, interface):
 
 
 @inlined
-def accepted(m, p, target, fov):
-    """Return whether light that crosses at P arrives inside the field of view.
+def acceptance(m, p, target, fov):
+    """Return the weight of light by its arrival: whether it lies inside the field of view.
 
     Array twin: `meshtrace.kernels.tally.crosses_aperture`.
+    A lamp that is reached backwards weighs by its intensity over the cosine on its plane.
     """
+    if target.is_lamp:
+        return intensity(target.lamp, scaled(-1.0, m.r)) / dot(m.r, target.axis)
+    return 1.0 if _is_seen(m, p, target, fov) else 0.0
+
+
+@inlined
+def _is_seen(m, p, target, fov):
     if fov == FieldOfView.ANGLE:
         return dot(m.r, target.axis) >= target.cos_half_fov * norm(m.r)
     reach = target.radius + (target.center.z - p.z) * target.tan_half_fov
@@ -156,25 +164,45 @@ def weigh(chains, i, p, facet, shot, scene):
     `steep`: no wave can cut its paths off.
     """
     j = jacobian(p.x, p.y, facet, shot, scene)
-    weight, deep = weight_of(chains, i, p, j, facet, shot.tilt, scene)
+    weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
     return weight, is_steep(j.aim, scene) and deep, j.aim
 
 
 @inlined
-def weight_of(chains, i, p, j, facet, tilt, scene):
-    """Return (|A| I(w) W / |det dX/dOmega|, all vertices deep) of chain i through a crossing."""
-    m, target = j.aim, scene.target
+def weight_of(chains, i, p, j, facet, shot, scene):
+    """Return (|A| I(w) W / |det dX/dOmega|, all vertices deep) of chain i through a crossing.
+
+    The random slope is that of `shot`.
+    """
+    m, target, tilt = j.aim, scene.target, shot.tilt
     spread = abs(j.a * j.d - j.b * j.c)
     if not j.ok or m.w.z <= -0.999999 or spread == 0.0:
         return 0.0, True
-    if not accepted(m, p, target, scene.interface.fov):
+    seen = acceptance(m, p, target, scene.interface.fov)
+    if seen == 0.0:
         return 0.0, True
     solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (abs(m.w.z) * spread)
-    light = intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
+    light = seen * intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
     if tilt.x != 0.0 or tilt.y != 0.0:
         light *= exposure(m.d, normal_at(p.x, p.y, facet, scene.surface), tilt)
-    w, deep = _transmit(chains, i, m, p, scene)
-    return math.pi * target.radius**2 * light * solid_angle * w * chains.weight[i], deep
+    if target.is_lamp and facet >= 0 and scene.surface.interpolate:
+        light *= _forwards(m, p, facet, scene.surface)
+    w, deep = _transmit(chains, i, m, p, shot.start, scene)
+    area = target.area * scene.emitter.power
+    return area * light * solid_angle * w * chains.weight[i], deep
+
+
+@inlined
+def _forwards(m, p, facet, surface):
+    """Return the light that meets an interpolated normal from above, over that from below.
+
+    Array twin: the analog photon from a lamp in the air.
+    A facet g that bends light by the normal n takes |a.g| of the flux from the air but |w.g| of
+    that from the water, which balance for n alone: |a.g| |w.n| / (|w.g| |a.n|).
+    """
+    n, g = normal_at(p.x, p.y, facet, surface), row(surface.face_normals, facet)
+    below, above = dot(m.d, g) * dot(m.r, n), dot(m.r, g) * dot(m.d, n)
+    return above / below if below > 0.0 and above > 0.0 else 0.0
 
 
 @inlined
@@ -192,20 +220,20 @@ def turned(w, p):
 
 
 @inlined
-def _vertex(chains, i, k, m, scene):
+def _vertex(chains, i, k, m, start):
     """Return vertex k of chain i."""
-    return plus(turned(m.w, row(chains.vertex[i], k)), scene.emitter.position)
+    return plus(turned(m.w, row(chains.vertex[i], k)), start)
 
 
 @inlined
-def _transmit(chains, i, m, p, scene):
+def _transmit(chains, i, m, p, start, scene):
     """Return (coefficients of the scatterings times transmittance, all vertices deep)."""
     medium = scene.medium
-    before = scene.emitter.position
+    before = start
     simple = is_uniform(medium)
     weight, tau, deep = 1.0, 0.0, True
     for k in range(chains.vertex.shape[1]):
-        v = _vertex(chains, i, k, m, scene)
+        v = _vertex(chains, i, k, m, start)
         if v.z > scene.surface.low[2]:
             deep = False
         if simple:
@@ -228,18 +256,18 @@ def _transmit(chains, i, m, p, scene):
 
 
 @outlined
-def list_paths(chains, i, m, p, crossing, scene, rays, n):
+def list_paths(chains, i, m, p, source, crossing, scene, rays, n):
     """List the straight parts of a path that a wave may block; return the number of rays.
 
     Array twin: none, a list for Embree.
     A vertex above the highest crest needs no ray of its own: the path to it or from it is cut.
     """
     low, high, slope = scene.surface.low[2], scene.surface.high[2], scene.surface.max_slope
-    start = scene.emitter.position
+    start = source
     order = chains.vertex.shape[1]
     for k in range(order + (2 if scene.interface.follow_second_hit else 1)):
         if k < order:
-            end = _vertex(chains, i, k, m, scene)
+            end = _vertex(chains, i, k, m, source)
         elif k == order:
             end = p
         else:

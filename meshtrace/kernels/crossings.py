@@ -11,7 +11,7 @@ from meshtrace.kernels.facets import SMOOTH, inside_facet, slope_tilt
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.roots import MARGIN, enumerate_roots, is_known
 from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
-from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, dot, norm, row
+from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, along, dot, norm, row
 
 _FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, that is much
 _AUDIT_FAILED = 0.25  # share of chains without a solution whose facets are all searched
@@ -38,17 +38,29 @@ class Search(NamedTuple):
 
 
 @inlined
-def shot_of(chains, i, target, branch, roughness):
-    """Return the open segment of chain i and the point that it aims at."""
-    goal = Vec2(target.radius * chains.disk[i, 0], target.radius * chains.disk[i, 1])
-    tilt = slope_tilt(roughness, chains.tilt[i, 0], chains.tilt[i, 1])
-    return Shot(row(chains.tail, i), row(chains.last, i), goal, branch, tilt)
+def start_of(emitter, u, v):
+    """Return the start of a chain: the source, or a point (u, v) of the unit disk on its disk."""
+    if emitter.radius == 0.0:
+        return emitter.position
+    side = along(emitter.position, emitter.e1, emitter.radius * u)
+    return along(side, emitter.e2, emitter.radius * v)
 
 
 @inlined
-def straight_shot(x, y):
-    """Return the unscattered light that aims at a point in the plane of the aperture."""
-    return Shot(ORIGIN, UP, Vec2(x, y), 1.0, Vec2(0.0, 0.0))
+def shot_of(chains, i, scene, branch, roughness):
+    """Return the open segment of chain i and the point that it aims at."""
+    u, v = chains.disk[i, 0], chains.disk[i, 1]
+    goal = Vec2(scene.target.radius * u, scene.target.radius * v)
+    tilt = slope_tilt(roughness, chains.tilt[i, 0], chains.tilt[i, 1])
+    start = start_of(scene.emitter, u, v)
+    return Shot(start, row(chains.tail, i), row(chains.last, i), goal, branch, tilt)
+
+
+@inlined
+def straight_shot(u, v, scene):
+    """Return the unscattered light that belongs to a point (u, v) of the unit disk."""
+    goal = Vec2(scene.target.radius * u, scene.target.radius * v)
+    return Shot(start_of(scene.emitter, u, v), ORIGIN, UP, goal, 1.0, Vec2(0.0, 0.0))
 
 
 @entry
@@ -72,7 +84,7 @@ def flat_crossings(chains, starts, still, raised, out):
             for side in range(1 if size < depth else 2):
                 for k in range(len(starts)):
                     if n < len(out[i]) and not (n > 0 and plain):
-                        shot = shot_of(chains, i, scene.target, 1.0 - 2.0 * side, SMOOTH)
+                        shot = shot_of(chains, i, scene, 1.0 - 2.0 * side, SMOOTH)
                         n = _flat_root(n, starts[k], shot, scene, out[i])
             if n > 0:
                 break
@@ -98,7 +110,7 @@ def direct_crossings(points, starts, scene, found, out):
     Array twin: `meshtrace.transport.forced.ForcedDetection`, by the images of the facets.
     """
     for i in range(len(points)):
-        shot = straight_shot(scene.target.radius * points[i, 0], scene.target.radius * points[i, 1])
+        shot = straight_shot(points[i, 0], points[i, 1], scene)
         x, y = starts[i, 0], starts[i, 1]
         facet = locate(scene.locator, scene.surface, x, y)
         if facet >= 0:
@@ -119,7 +131,7 @@ def find_crossings(chains, i, flat, audit, search, scene, out):
             if k == 0:
                 out.counters[Counter.NO_FLAT] += 1
             break
-        shot = shot_of(chains, i, scene.target, flat[k].branch, scene.surface.roughness)
+        shot = shot_of(chains, i, scene, flat[k].branch, scene.surface.roughness)
         n = _near(n, flat[k], audit, search, shot, scene, out.roots, out.counters)
     return n
 
@@ -172,7 +184,7 @@ def _reaches(flat, radius, shot, scene):
     """
     if dot(shot.q, shot.v) < 0.0:
         return True
-    source = scene.emitter.position
+    source = shot.start
     side = math.hypot(flat.x - source.x, flat.y - source.y) + radius
     rise = scene.surface.high[2] - source.z
     return dot(shot.q, shot.q) < side * side + rise * rise

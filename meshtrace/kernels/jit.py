@@ -40,6 +40,7 @@ from meshtrace.files import atomic
 config: Any = numba.config  # numba's stubs lack its fields
 # nor the last two options and `_nrt`
 _bare: dict[str, Any] = {
+    "error_model": "numpy",  # IEEE division: the test for zero costs a branch and all vector code
     "_nrt": False,
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
@@ -164,7 +165,7 @@ def _warn_unsaved(path: Path, reason: str) -> None:
 
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
-    compiled = njit(nogil=True, **options)(function)
+    compiled = njit(nogil=True, error_model="numpy", **options)(function)
     if compiled is not function:  # as it is under NUMBA_DISABLE_JIT, for debuggers
         compiled._cache = KernelCache(function)
     return compiled

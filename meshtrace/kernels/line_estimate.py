@@ -37,7 +37,7 @@ from meshtrace.kernels.medium import (
     scattering_depth,
 )
 from meshtrace.kernels.scene import Emitter
-from meshtrace.kernels.sources import SourceKind, intensity
+from meshtrace.kernels.sources import SourceKind, emission_s, intensity
 from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm, turn
 
 _DISTANCE_SHARE = 0.25  # of the samples drawn by the distance along the line
@@ -296,16 +296,7 @@ def point_of_beam(lamp, u, v, u_length, optics):
     Array twin: `kernels.sources.launch`.
     """
     emitter = optics.emitter
-    if emitter.kind == SourceKind.LED:
-        s = 0.5 - 0.5 * math.exp(math.log(u) / (emitter.spread + 1.0))
-    elif emitter.kind == SourceKind.ISOTROPIC:
-        s = u
-    elif emitter.kind == SourceKind.TOP_HAT_BEAM:
-        s = u * math.sin(0.5 * emitter.spread) ** 2
-    else:
-        theta = min(emitter.spread * math.sqrt(-0.5 * math.log(u)), math.pi)
-        s = math.sin(0.5 * theta) ** 2
-    w = turn(emitter.axis, s, v)
+    w = turn(emitter.axis, emission_s(emitter.kind, emitter.spread, u), v)
     return along(lamp, w, -math.log(u_length) / optics.beam_rate)
 
 

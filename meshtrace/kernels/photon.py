@@ -1,8 +1,9 @@
 """The analog photon: from the source through the water to the surface and beyond.
 
-A pool of slots holds the photons under way. One call of `advance` settles the rays that were
-cast for the pool, moves every photon until it needs the surface again or has ended, and puts a
-new photon into each free slot: the rays of one pool are one batch for Embree.
+A pool of slots holds the photons under way. `advance` takes them through rounds of four passes: the
+flight to a known facet or past it, new photons in free slots, the flight in the water up to the
+surface, and the facet there or, where `photon_grid` does not know it, a ray to cast. Short passes
+over many photons keep the processor busy while one of them waits for memory or a square root.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from meshtrace.kernels.facets import plane_distance
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import sample_free_path
+from meshtrace.kernels.photon_grid import UNKNOWN, grid_facet
 from meshtrace.kernels.photon_state import (
     GOES_ON,
     Miss,
@@ -28,18 +30,25 @@ from meshtrace.kernels.photon_state import (
 )
 from meshtrace.kernels.photon_surface import cross, to_sky
 from meshtrace.kernels.photon_water import bounce, fly_water, lowest, scatter
-from meshtrace.kernels.sources import launch
+from meshtrace.kernels.prefetch import prefetch
+from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.sky import is_backward, launch_back
+from meshtrace.kernels.sources import launched
 from meshtrace.kernels.tally import Fate, deposit
 from meshtrace.kernels.vectors import along, dot, row
 
 _NUDGE = 1e-4  # [m], displacement of a missed ray that is cast again
 _RETRIES = 3
+_LAUNCH = int(Purpose.LAUNCH)
 
 
 @inlined
-def _start(q, photon, world):
+def _start(q, photon, numbers, world):
     """Put a new photon into a slot."""
-    p, d, in_water, u_path = launch(world.sources, world.seed, photon)
+    if is_backward(world.back):
+        p, d, in_water, u_path = launch_back(world.back, world.seed, photon)
+    else:
+        p, d, in_water, u_path = launched(world.sources, world.seed, photon, numbers)
     put(q, p)
     head(q, d)
     q.weight, q.water, q.air = 1.0, 0.0, 0.0
@@ -94,8 +103,15 @@ def _cast(q, slot, n_rays, pool, world):
     pool.direction[n_rays, 1] = q.dy
     pool.direction[n_rays, 2] = q.dz
     pool.ray_slot[n_rays] = slot
-    q.status = Status.WAITING
     return n_rays + 1
+
+
+@inlined
+def _shortcut(q, world):
+    """Return the facet that a photon meets if no ray is needed to tell, else `UNKNOWN`."""
+    if len(world.grid.x.line) == 0 or q.retry > 0:
+        return UNKNOWN
+    return grid_facet(world.grid, world.surface.vertices, place(q), heading(q))
 
 
 @outlined
@@ -132,9 +148,10 @@ def _settle_miss(q, seen, world):
 
 
 @inlined
-def _settle(q, facet, world):
-    """Apply the result of a photon's ray: crossing, collision before it, or a miss."""
+def _settle(q, world):
+    """Fly to the facet ahead: crossing, collision before it, or a miss."""
     q.status = Status.MOVING
+    facet = q.facet
     t = math.inf
     if facet >= 0:
         n = row(world.surface.face_normals, facet)
@@ -161,7 +178,6 @@ def _settle(q, facet, world):
     else:
         put(q, along(place(q), heading(q), t))
         q.air += t
-    q.facet = facet
     return cross(q, world)
 
 
@@ -196,31 +212,94 @@ def _move(q, world):
             return fate
 
 
+@outlined
+def _settle_all(pool, world):
+    """Fly the photons that face a facet, or none."""
+    for slot in range(len(pool.photon)):
+        q = pool.photon[slot]
+        if q.status == Status.FACING:
+            fate = _settle(q, world)
+            if fate != GOES_ON:
+                _end(q, fate, world)
+
+
+@outlined
+def _start_all(pool, next_photon, last, world):
+    """Put new photons into the free slots; return the next id."""
+    free = np.int64(0)
+    for slot in range(len(pool.photon)):
+        free += np.int64(pool.photon[slot].status == Status.EMPTY)
+    numbers, n = pool.numbers, min(free, last - next_photon)
+    for i in range(n):  # apart from all else: vector code
+        numbers[0, i], numbers[1, i], numbers[2, i], numbers[3, i] = uniforms(
+            world.seed, next_photon + i, 0, _LAUNCH
+        )
+    started = 0
+    for slot in range(len(pool.photon)):
+        q = pool.photon[slot]
+        if q.status == Status.EMPTY and started < n:
+            i = started
+            u = (numbers[0, i], numbers[1, i], numbers[2, i], numbers[3, i])
+            _start(q, next_photon + i, u, world)
+            started += 1
+    return next_photon + started
+
+
+@outlined
+def _move_all(pool, world):
+    """Advance the photons under way until they need the surface or have ended."""
+    for slot in range(len(pool.photon)):
+        q = pool.photon[slot]
+        if q.status == Status.MOVING:
+            fate = _move(q, world)
+            if fate != GOES_ON:
+                _end(q, fate, world)
+
+
+@inlined
+def _expect(facet, surface):
+    """Request what `_settle` reads of a facet."""
+    prefetch(surface.face_normals, facet)
+    prefetch(surface.faces, facet)
+
+
+@outlined
+def _face_all(pool, n_rays, world):
+    """Find the facets ahead or write rays; return rays and photons whose facet is known."""
+    facing = 0
+    for slot in range(len(pool.photon)):
+        q = pool.photon[slot]
+        if q.status == Status.MOVING:
+            q.facet = _shortcut(q, world)
+            if q.facet >= 0:
+                q.status = Status.FACING
+                facing += 1
+                _expect(q.facet, world.surface)
+            else:
+                q.status = Status.WAITING
+                n_rays = _cast(q, slot, n_rays, pool, world)
+    return n_rays, facing
+
+
 @entry
 def advance(pool, n_waiting, facets, next_photon, last, world):
     """Apply the rays of a pool, advance its photons, fill free slots; return the new rays.
 
     Array twin: the plain tracer of `tests/benchmarks`.
     Photon ids run from `world.first` to `last`; a photon's result does not depend on its slot.
+    Rays are returned once they are those of half of the pool, or nothing else is left to do.
     """
-    n_rays = 0
     for k in range(n_waiting):
-        slot = pool.ray_slot[k]
-        q = pool.photon[slot]
-        fate = GOES_ON
-        if q.status == Status.WAITING:
-            fate = _settle(q, np.int64(facets[k]), world)
-        while True:
-            if q.status == Status.MOVING:
-                if fate == GOES_ON:
-                    fate = _move(q, world)
-                if fate == GOES_ON:
-                    n_rays = _cast(q, slot, n_rays, pool, world)
-                    break
-                _end(q, fate, world)
-            if next_photon >= last:
-                break
-            _start(q, next_photon, world)
-            next_photon += 1
-            fate = GOES_ON
-    return n_rays, next_photon
+        q = pool.photon[pool.ray_slot[k]]
+        q.facet, q.status = np.int64(facets[k]), Status.FACING
+        if q.facet >= 0:
+            _expect(q.facet, world.surface)
+    n_rays = 0
+    while True:
+        _settle_all(pool, world)
+        next_photon = _start_all(pool, next_photon, last, world)
+        _move_all(pool, world)
+        n_rays, facing = _face_all(pool, n_rays, world)
+        ended = facing == 0 and (n_rays > 0 or next_photon >= last)
+        if ended or 2 * n_rays > len(pool.photon):
+            return n_rays, next_photon

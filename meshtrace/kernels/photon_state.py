@@ -12,7 +12,9 @@ from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.photon_grid import Grid
 from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.sky import Backward
 from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import Apertures, Fate, Tallies, deposit, score_apertures
 from meshtrace.kernels.vectors import Vec3, write
@@ -47,7 +49,8 @@ class Status(IntEnum):
 
     EMPTY = 0
     MOVING = 1
-    WAITING = 2
+    WAITING = 2  # for a ray
+    FACING = 3  # `facet`, or none if it is -1
 
 
 class Vertex(IntEnum):
@@ -81,6 +84,7 @@ class Pool(NamedTuple):
     origin: NDArray[np.float32]  # (slots, 3) rays to cast
     direction: NDArray[np.float32]
     ray_slot: NDArray[np.int64]  # slot that each ray belongs to
+    numbers: NDArray[np.float64]  # (4, slots) uniforms of the photons to start
 
 
 class Limits(NamedTuple):
@@ -109,12 +113,14 @@ class World(NamedTuple):
     seed: np.uint64
     sources: Sources
     surface: Surface
+    grid: Grid
     medium: Medium
     apertures: Apertures
     interface: Interface
     limits: Limits
     tallies: Tallies
     recorder: Recorder
+    back: Backward
 
 
 @inlined

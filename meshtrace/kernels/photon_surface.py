@@ -23,6 +23,7 @@ from meshtrace.kernels.photon_state import (
     write_vertex,
 )
 from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.sky import SKY_SCORE, is_backward, radiance
 from meshtrace.kernels.tally import Fate, Flight, deposit, score_map
 from meshtrace.kernels.vectors import Vec2, along, on_circle, row, scaled
 
@@ -42,9 +43,12 @@ def _free_of_surface(z, d, world):
 def to_sky(q, d, weight, world):
     """Score light that leaves the surface for good and deposit its weight."""
     flight = Flight(place(q), d, math.inf, weight, q.water, q.air)
+    if is_backward(world.back) and (q.water > 0.0 or not world.back.after_water):
+        light = weight * radiance(world.back.sky, d)
+        world.tallies.score[q.id - world.first, SKY_SCORE] += light
     scored = q.crossings >= world.limits.first_scored
     received = scored and score_on_apertures(q, False, flight, world)
-    score_map(world.tallies, flight)
+    score_map(world.tallies, flight, world.medium)
     deposit(world.tallies, Fate.RECEIVED if received else Fate.LANDED, weight)
     if received:
         q.outcome = Fate.RECEIVED

@@ -18,8 +18,9 @@ from meshtrace.kernels.photon_state import (
     set_weight,
 )
 from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.sky import SUN_SCORE, sunlight
 from meshtrace.kernels.sources import lambert_reflection
-from meshtrace.kernels.tally import Fate, Flight, score_planes
+from meshtrace.kernels.tally import Fate, Flight, score_map, score_planes
 from meshtrace.kernels.vectors import along, turn
 
 
@@ -30,7 +31,7 @@ def fly_water(q, length, world):
     a_path = 0.0
     if world.medium.absorption == Absorption.CONTINUOUS:
         a_path = absorption_path(world.medium, q.z, p.z, length)
-    if len(world.tallies.planes) > 0 or world.apertures.any_in_water:
+    if len(world.tallies.planes) > 0 or world.apertures.any_in_water or world.tallies.map_z < 0.0:
         _score_water(q, length, world)
     put(q, p)
     q.water += length
@@ -40,8 +41,8 @@ def fly_water(q, length, world):
 
 @inlined
 def lowest(world):
-    """Return a height below every plane and aperture in the water."""
-    low = world.surface.low[2]
+    """Return a height below every plane, map and aperture in the water."""
+    low = min(world.surface.low[2], world.tallies.map_z)
     for h in world.tallies.planes:
         low = min(low, h)
     for i in range(len(world.apertures.radius)):
@@ -56,6 +57,8 @@ def _score_water(q, length, world):
     column = len(world.apertures.radius)
     score_planes(world.tallies, column, q.id - world.first, flight, world.medium)
     score_on_apertures(q, True, flight, world)
+    if world.tallies.map_z < 0.0:
+        score_map(world.tallies, flight, world.medium)
 
 
 @inlined
@@ -71,6 +74,9 @@ def _continue(q, u_path, world):
 def scatter(q, world):
     """Apply a collision at the position of a photon."""
     q.event += 1
+    if world.back.irradiance > 0.0:
+        light = sunlight(world.back, world.medium, place(q), heading(q), q.weight)
+        world.tallies.score[q.id - world.first, SUN_SCORE] += light
     u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION)
     s, weight = collide(world.medium, place(q), q.weight, u_kind, u_theta)
     if weight != q.weight:

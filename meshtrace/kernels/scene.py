@@ -31,18 +31,35 @@ FACET = np.dtype(
 """Summary of a facet, see `facet_summary`."""
 
 
+class Emitter(NamedTuple):
+    """A source: position, axis and angular distribution; an aperture whose light is reversed."""
+
+    position: Vec3
+    axis: Vec3
+    kind: int  # SourceKind
+    spread: float  # Lambertian order, or half-angle of divergence or field of view [rad]
+    norm: float  # intensity on the axis [sr-1]
+    power: float  # 1, or the etendue of an aperture [m2 sr]
+    radius: float  # of the disk that the chains start from [m], 0 for a point
+    e1: Vec3  # unit vectors in the plane of the disk
+    e2: Vec3
+
+
 class Target(NamedTuple):
-    """An aperture, its plane, and the region of crossings to it."""
+    """An aperture, its plane, and the region of crossings to it; or a lamp, reached backwards."""
 
     center: Vec3
     axis: Vec3
     e1: Vec3  # unit vectors in the plane of the aperture
     e2: Vec3
+    area: float  # of the aperture [m2]; the square of the relative index for a lamp
     radius: float
     cos_half_fov: float
     tan_half_fov: float
     reach: float  # largest horizontal distance of a crossing inside the field of view [m]
     sin_widest: float  # sine of the largest angle of accepted light from the vertical
+    is_lamp: bool
+    lamp: Emitter  # pattern of the lamp
 
 
 class Locator(NamedTuple):
@@ -57,18 +74,12 @@ class Locator(NamedTuple):
     facet: NDArray[np.int32]
 
 
-class Emitter(NamedTuple):
-    """A point source: position, axis and angular distribution."""
-
-    position: Vec3
-    axis: Vec3
-    kind: int  # SourceKind
-    spread: float  # Lambertian order or divergence half-angle [rad]
-    norm: float  # intensity on the axis [sr-1]
-
-
 class Scene(NamedTuple):
-    """One source, one surface and one aperture."""
+    """One source, one surface and one aperture.
+
+    A mirrored scene is turned upside down: its source lies in the air, drawn below the surface,
+    and the indices of its medium are interchanged.
+    """
 
     emitter: Emitter
     target: Target
@@ -77,6 +88,7 @@ class Scene(NamedTuple):
     facets: NDArray[np.void]  # (m,) FACET
     medium: Medium
     interface: Interface
+    mirrored: bool = False
 
 
 @inlined

@@ -15,7 +15,7 @@ from meshtrace.kernels.vectors import TWO_PI, Vec3, along, dot, row, turn
 
 
 class SourceKind(IntEnum):
-    """Kinds of sources, as `kind` of the sources of `meshtrace.link`; from `SUN` on in the air."""
+    """Angular patterns, as `pattern` of the sources of `meshtrace.link`."""
 
     LED = 0
     GAUSSIAN_BEAM = 1
@@ -24,6 +24,8 @@ class SourceKind(IntEnum):
     SUN = 4
     UNIFORM_SKY = 5
     CARDIOIDAL_SKY = 6
+    APERTURE = 7
+    """Lambertian inside a cone: the light of an aperture, reversed."""
 
 
 _LAUNCH = int(Purpose.LAUNCH)
@@ -54,11 +56,32 @@ def intensity(emitter, w):
     if emitter.kind == SourceKind.ISOTROPIC:
         return emitter.norm
     theta = math.acos(min(max(cos_theta, -1.0), 1.0))
+    if emitter.kind == SourceKind.APERTURE:
+        return emitter.norm * max(cos_theta, 0.0) if theta <= emitter.spread else 0.0
     if emitter.kind == SourceKind.GAUSSIAN_BEAM:
         # density per solid angle of the sampler: theta Gaussian in the plane
         shape = theta / math.sin(theta) if theta > 1e-6 else 1.0
         return emitter.norm * shape * math.exp(-2.0 * (theta / emitter.spread) ** 2)
     return emitter.norm if theta <= emitter.spread else 0.0
+
+
+@inlined
+def emission_s(kind, spread, u):
+    """Return sin^2(theta / 2) of the angle to the axis of an emitted direction.
+
+    Array twin: inverse distributions of `intensity` in the tests.
+    """
+    if kind == SourceKind.LED:
+        return 0.5 - 0.5 * math.exp(math.log(u) / (spread + 1.0))
+    if kind == SourceKind.ISOTROPIC:
+        return u
+    if kind == SourceKind.TOP_HAT_BEAM:
+        return u * math.sin(0.5 * spread) ** 2
+    if kind == SourceKind.APERTURE:
+        sin2 = u * math.sin(spread) ** 2
+        return 0.5 * sin2 / (1.0 + math.sqrt(1.0 - sin2))
+    theta = spread * math.sqrt(-0.5 * math.log(u))
+    return math.sin(0.5 * min(theta, math.pi)) ** 2
 
 
 @inlined
@@ -68,7 +91,16 @@ def launch(sources, seed, photon):
     Array twin: the closed-form distributions, chi-square tested.
     Two uniforms make the direction; extended sources draw two more for the position.
     """
-    u0, u1, u2, u3 = uniforms(seed, photon, 0, _LAUNCH)
+    return launched(sources, seed, photon, uniforms(seed, photon, 0, _LAUNCH))
+
+
+@inlined
+def launched(sources, seed, photon, numbers):
+    """Return what `launch` does, of the four uniforms of a photon.
+
+    Array twin: see `launch`.
+    """
+    u0, u1, u2, u3 = numbers
     i = 0
     if len(sources.kind) > 1:
         while i < len(sources.kind) - 1 and u3 >= sources.cum_power[i]:
@@ -76,16 +108,8 @@ def launch(sources, seed, photon):
     kind = sources.kind[i]
     p, axis = row(sources.position, i), row(sources.axis, i)
     spread, size = sources.spread[i], sources.size[i]
-    if kind == SourceKind.LED:
-        s = 0.5 - 0.5 * math.exp(math.log(u0) / (spread + 1.0))
-        d = turn(axis, s, u1)
-    elif kind == SourceKind.ISOTROPIC:
-        d = turn(axis, u0, u1)
-    elif kind == SourceKind.TOP_HAT_BEAM:
-        d = turn(axis, u0 * math.sin(0.5 * spread) ** 2, u1)
-    elif kind == SourceKind.GAUSSIAN_BEAM:
-        theta = spread * math.sqrt(-0.5 * math.log(u0))
-        d = turn(axis, math.sin(0.5 * min(theta, math.pi)) ** 2, u1)
+    if kind < SourceKind.SUN:
+        d = turn(axis, emission_s(kind, spread, u0), u1)
     elif kind == SourceKind.SUN:
         d = axis
     else:

@@ -220,26 +220,28 @@ def score_planes(tallies, column, index, flight, medium):
 
 
 @inlined
-def score_map(tallies, flight):
-    """Add a path in air to the map on the receiver plane, if within the field of view.
+def score_map(tallies, flight, medium):
+    """Add a path to the map on the receiver plane, if within the field of view.
 
     Array twin: numpy.histogram2d of recorded paths.
     A tilted aperture takes d . axis / d_z of the light across the level plane.
     """
     nx, ny = tallies.map.shape
     d = flight.direction
-    if nx == 0 or d.z <= 0.0:
+    if nx == 0 or d.z == 0.0:
         return
     facing = dot(d, tallies.map_axis)
     if facing < tallies.map_cos * norm(d):
         return
     t = (tallies.map_z - flight.origin.z) / d.z
-    if t <= 0.0:
+    if t <= 0.0 or t > flight.length:
         return
     p = along(flight.origin, d, t)
     i = math.floor((p.x - tallies.map_x) / tallies.map_step)
     j = math.floor((p.y - tallies.map_y) / tallies.map_step)
     if 0 <= i < nx and 0 <= j < ny:
-        w = flight.weight * facing / d.z
+        w = flight.weight * facing / abs(d.z)
+        if tallies.map_z < 0.0:
+            w *= _transmission(medium, flight.origin.z, tallies.map_z, t)
         tallies.map[i, j] += units(w)
         tallies.map_squared[i, j] += units(w * w)

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from meshtrace.kernels.aiming import aim_at
-from meshtrace.kernels.chain_gain import accepted, is_steep, transmittance
+from meshtrace.kernels.chain_gain import acceptance, is_steep, transmittance
 from meshtrace.kernels.crossings import straight_shot
 from meshtrace.kernels.facets import corners, normal_at
 from meshtrace.kernels.jit import entry, inlined, outlined
@@ -122,13 +122,27 @@ def _light(x, y, f, shot, scene):
     if not m.ok:
         return 0.0, True
     p, source = Vec3(x, y, height_on(x, y, f, scene.surface)), scene.emitter.position
-    light = 0.0
-    if accepted(m, p, scene.target, scene.interface.fov):
-        tau = absorption_path(scene.medium, source.z, p.z, m.length)
-        tau += scattering_path(scene.medium, source, p, m.length)
-        light = intensity(scene.emitter, m.w) * math.exp(-tau)
-        light *= transmittance(m, scene.interface)
+    light = acceptance(m, p, scene.target, scene.interface.fov)
+    if light > 0.0:
+        light *= intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
+        light *= math.exp(-straight_depth(p, m, source, scene))
     return light, is_steep(m, scene)
+
+
+@inlined
+def straight_depth(p, m, source, scene):
+    """Return the optical depth of unscattered light that crosses at P.
+
+    Array twin: `meshtrace.kernels.medium` along straight ways in the tests.
+    In a mirrored scene the water lies behind the crossing, at the heights -z.
+    """
+    if scene.mirrored:
+        q, end = Vec3(p.x, p.y, -p.z), along(p, m.r, m.flight)
+        end = Vec3(end.x, end.y, -end.z)
+        tau = absorption_path(scene.medium, q.z, end.z, m.flight)
+        return tau + scattering_path(scene.medium, q, end, m.flight)
+    tau = absorption_path(scene.medium, source.z, p.z, m.length)
+    return tau + scattering_path(scene.medium, source, p, m.length)
 
 
 @entry
@@ -141,7 +155,7 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
     themselves, since images overlap. `stretch` and `lever` bound |dX/dP| of a flat sea and
     |dX/dslope|; `stack` is room for (STACK, 3) integers.
     """
-    shot = straight_shot(0.0, 0.0)
+    shot = straight_shot(0.0, 0.0, scene)
     depth = -scene.emitter.position.z
     edge = min(max(_EDGE * depth, 0.005), 0.1)
     fine = min(edge, _BEAM_SHARE * beam_width(scene.emitter) * depth)
@@ -160,7 +174,9 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
         if n <= _FEW:
             gain[f], steep = _facet_gain(f, n, shot, scene)
         else:
-            image = Image(stretch + lever * facet.curvature, 5.0 * edge)
+            # light into the denser side is nowhere stretched more than at normal incidence
+            coarse = math.inf if scene.mirrored else 5.0 * edge
+            image = Image(stretch + lever * facet.curvature, coarse)
             gain[f], steep = _large_facet_gain(f, n, image, stack, shot, scene)
         doubtful[f] = gain[f] > 0.0 and not steep
 

@@ -19,7 +19,7 @@ from meshtrace.kernels.crossings import shot_of, straight_shot
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.roots import is_known
 from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
-from meshtrace.kernels.vectors import Vec2, Vec3, dot, row
+from meshtrace.kernels.vectors import Vec3, dot, row
 
 _TOLERANCE = 1e-8  # [m]: separates crossings that lie close together at a caustic
 _SAME = 1e-6  # [m], crossings nearer to each other are one
@@ -119,7 +119,7 @@ def _exact_weight(chains, i, x, y, waves, shot, scene):
     As `weigh` on a mesh, with slopes and curvatures of the waves.
     """
     z, j = _exact_jacobian(x, y, waves, shot, scene)
-    return weight_of(chains, i, Vec3(x, y, z), j, FLAT_SEA, Vec2(0.0, 0.0), scene)[0]
+    return weight_of(chains, i, Vec3(x, y, z), j, FLAT_SEA, shot, scene)[0]
 
 
 @entry
@@ -136,7 +136,7 @@ def move_crossings(chains, arrivals, waves, scene, score, counters):
         i, x, y = a.chain, a.point[0], a.point[1]
         forward = dot(row(chains.tail, i), row(chains.last, i))
         branch = 1.0 if a.water - chains.path[i] + forward >= 0.0 else -1.0
-        shot = shot_of(chains, i, scene.target, branch, scene.surface.roughness)
+        shot = shot_of(chains, i, scene, branch, scene.surface.roughness)
         facet = locate(scene.locator, scene.surface, x, y)
         meshed = 0.0
         if facet >= 0:
@@ -164,9 +164,8 @@ def direct_light(points, starts, waves, scene, found, score):
     `points` are chains without scatterings. Newton starts from every (x, y) of `starts`: the
     facets through which a mesh sends light to the aperture. `found` is room for the crossings.
     """
-    radius = scene.target.radius
     for i in range(len(points.weight)):
-        shot = straight_shot(radius * points.disk[i, 0], radius * points.disk[i, 1])
+        shot = straight_shot(points.disk[i, 0], points.disk[i, 1], scene)
         n = 0
         for k in range(len(starts)):
             ok, x, y = _exact_newton(starts[k, 0], starts[k, 1], waves, shot, scene)

@@ -8,9 +8,14 @@ from meshtrace.link.receivers import (
     IrradiancePlanes,
     Receiver,
     WaterAperture,
+    WaterReceiver,
 )
 from meshtrace.link.sources import (
+    AirBeam,
+    AirLamp,
+    AirLed,
     AirSource,
+    AirTopHatBeam,
     AnySource,
     CardioidalSky,
     GaussianBeam,
@@ -24,7 +29,11 @@ from meshtrace.link.sources import (
 )
 
 __all__ = [
+    "AirBeam",
+    "AirLamp",
+    "AirLed",
     "AirSource",
+    "AirTopHatBeam",
     "AnyAperture",
     "AnySource",
     "Aperture",
@@ -42,6 +51,7 @@ __all__ = [
     "TopHatBeam",
     "UniformSky",
     "WaterAperture",
+    "WaterReceiver",
     "WaterSource",
     "Whitecaps",
 ]

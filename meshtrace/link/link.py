@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,25 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from meshtrace.errors import Described, Refused, require_kind
 from meshtrace.link.physics import Physics, Whitecaps
-from meshtrace.link.receivers import AnyAperture, Aperture, IrradiancePlanes, Receiver
-from meshtrace.link.sources import AnySource, Led, Source, WaterSource
+from meshtrace.link.receivers import (
+    AnyAperture,
+    Aperture,
+    IrradiancePlanes,
+    Receiver,
+    WaterReceiver,
+)
+from meshtrace.link.sources import (
+    AirBeam,
+    AirLamp,
+    AirLed,
+    AirTopHatBeam,
+    AnySource,
+    GaussianBeam,
+    Led,
+    Source,
+    TopHatBeam,
+    WaterSource,
+)
 from meshtrace.models import Model
 from meshtrace.optics.bubble_base import AnyBubbles
 from meshtrace.optics.bubbles import HallNovarini
@@ -23,6 +40,14 @@ _TYPICAL = 16.0  # [m], depth plus height of links that keep the metre
 _SMALL = 8.0  # units below a metre, up to which meshes keep their spacing
 _ASIDE = 20.0  # [m], receivers farther aside have the fine mesh where their light crosses
 _NEAR = 64.0  # depths plus heights: links closer to the origin keep it
+_PLACED = {"kind", "position", "depth", "height"}
+_PLACED |= {"zenith_deg", "azimuth_deg", "tilt_deg", "tilt_azimuth_deg"}
+_ABOVE: dict[type[Source], type[AirLamp]] = {
+    Led: AirLed,
+    GaussianBeam: AirBeam,
+    TopHatBeam: AirTopHatBeam,
+}
+_BELOW = {air: water for water, air in _ABOVE.items()}
 
 
 class Footprint(NamedTuple):
@@ -62,9 +87,10 @@ class Link(Model, frozen=True):
     bubbles : BubblePopulation or None
         Bubbles below the surface.
     transmitter : source or tuple of sources
-        `Led`, `GaussianBeam`, `TopHatBeam`, `IsotropicSource`, `Sun`, `UniformSky`,
-        `CardioidalSky`. Several share the photons in proportion to their power.
-    receiver : Receiver, WaterAperture or tuple of them
+        `Led`, `GaussianBeam`, `TopHatBeam`, `IsotropicSource` in the water; `AirLed`, `AirBeam`,
+        `AirTopHatBeam`, `Sun`, `UniformSky`, `CardioidalSky` in the air. Several share the
+        photons in proportion to their power.
+    receiver : Receiver, WaterReceiver, WaterAperture or tuple of them
         Apertures; each has its own gain.
     whitecaps : Whitecaps or None
         Foam on the surface.
@@ -142,6 +168,74 @@ class Link(Model, frozen=True):
         return self.receiver
 
     @property
+    def air_end(self) -> tuple[Literal["transmitter", "receiver"], AirLamp | Receiver]:
+        """The lamp or the receiver of a link that has one end in the air, and its field.
+
+        Raises
+        ------
+        Refused
+            If there are several such ends, or none.
+        """
+        if isinstance(self.transmitter, AirLamp) and self.direction == "down":
+            return "transmitter", self.transmitter
+        return "receiver", self.only_receiver
+
+    @property
+    def direction(self) -> Literal["up", "down", "mixed"]:
+        """Direction of the light: "up" from the water into the air, "down", or "mixed"."""
+        low = [isinstance(t, WaterSource) for t in self.transmitters]
+        high = [isinstance(r, Receiver) for r in self.receivers]
+        if all(low) and all(high):
+            return "up"
+        return "mixed" if any(low) or any(high) else "down"
+
+    def mirrored(self) -> Self:
+        """Return the link in the other direction: lamp and receiver change places.
+
+        Each keeps its pattern: half-angle or divergence, radius, field of view, power and
+        wavelength. Positions and axes stay with the places, so that ends that face each other
+        still do.
+
+        Raises
+        ------
+        Refused
+            If the link has several sources or receivers, sun, sky or an isotropic source,
+            apertures without direction, or planes.
+
+        Examples
+        --------
+        >>> down = Link().mirrored()
+        >>> down.transmitter.kind, down.transmitter.height, down.receiver.depth
+        ('air-led', 5.0, 10.0)
+        >>> down.mirrored() == Link()
+        True
+        """
+        lamp, end = self.transmitter, self.receiver
+        if self.planes is not None:
+            raise Refused("planes", Described("given"), "None for the other direction")
+        if isinstance(lamp, WaterSource) and type(lamp) in _ABOVE and isinstance(end, Receiver):
+            tilt = {"tilt_deg": lamp.zenith_deg, "tilt_azimuth_deg": lamp.azimuth_deg}
+            turn = {"tilt_deg": end.tilt_deg, "tilt_azimuth_deg": end.tilt_azimuth_deg}
+            low: dict[str, Any] = {"position": lamp.position, "depth": lamp.depth, **tilt}
+            high: dict[str, Any] = {"position": end.position, "height": end.height, **turn}
+            return self.replace(
+                transmitter=_ABOVE[type(lamp)](**_kept(lamp), **high),
+                receiver=WaterReceiver(**_kept(end), **low),
+            )
+        if isinstance(lamp, AirLamp) and isinstance(end, WaterReceiver):
+            turn = {"zenith_deg": end.tilt_deg, "azimuth_deg": end.tilt_azimuth_deg}
+            tilt = {"tilt_deg": lamp.tilt_deg, "tilt_azimuth_deg": lamp.tilt_azimuth_deg}
+            low = {"position": end.position, "depth": end.depth, **turn}
+            high = {"position": lamp.position, "height": lamp.height, **tilt}
+            return self.replace(
+                transmitter=_BELOW[type(lamp)](**_kept(lamp), **low),
+                receiver=Receiver(**_kept(end), **high),
+            )
+        kinds = ", ".join(item.kind for _, item in self.items()) or "none"
+        allowed = "one LED or beam and one receiver, on either side of the surface"
+        raise Refused("link", Described(kinds), allowed)
+
+    @property
     def wind_speed(self) -> float | None:
         """Wind speed of the bubbles, or else of the whitecaps [m s-1]; None without either."""
         parts = (self.bubbles, self.whitecaps)
@@ -170,14 +264,22 @@ class Link(Model, frozen=True):
             ),
         )
 
+    @property
+    def depth(self) -> float:
+        """Depth of the only source or receiver in the water [m]; nan for another link."""
+        end = self.receiver if self.direction == "down" else self.transmitter
+        return float(getattr(end, "depth", math.nan))
+
     def at_depth(self, depth: float) -> Self:
-        """Return the link with its only source at a depth [m] in the water.
+        """Return the link with its only source, or receiver, in the water at a depth [m].
 
         Raises
         ------
         Refused
-            If there are several sources, or one in the air, or the depth is not allowed.
+            If there are several sources, or none in the water, or the depth is not allowed.
         """
+        if self.direction == "down" and isinstance(self.receiver, WaterReceiver):
+            return self.replace("receiver.depth", depth)
         if not isinstance(self.transmitter, WaterSource):
             kinds = ", ".join(t.kind for t in self.transmitters)
             raise Refused("transmitter", Described(kinds), "one source in the water")
@@ -222,15 +324,17 @@ class Link(Model, frozen=True):
         The extent reaches to the rays of which the water leaves e^-6 of the vertical light.
         """
         scale = min(_SMALL * self.unit, 1.0)
-        height = max((r.height for r in self.receivers if isinstance(r, Receiver)), default=1.0)
+        high = [item.height for _, item in self.items() if isinstance(item, Receiver | AirLamp)]
+        low = [
+            item.depth for _, item in self.items() if isinstance(item, WaterSource | WaterReceiver)
+        ]
+        height, depth = max(high, default=1.0), max(low, default=1.0)
         radius = max((r.radius for r in self.receivers), default=0.0)
-        depth = max((getattr(t, "depth", 1.0) for t in self.transmitters), default=1.0)
         n = self.water.n / self.n_air
         beta = (n - 1.0) * height * depth / (depth + n * height)
         center, aside, far = self._middle(aside * scale)
         fine = max(2.5 * beta + radius + aside, scale)
-        submerged = any(hasattr(t, "depth") for t in self.transmitters)
-        reach = 10.0 * depth if submerged else 50.0
+        reach = 10.0 * depth if low else 50.0
         if self.water.a > 0.0:
             clear = 6.0 / self.water.a  # sqrt((depth + clear)^2 - depth^2), which may not overflow
             reach = min(reach, math.sqrt(clear) * math.sqrt(2.0 * depth + clear))
@@ -258,12 +362,14 @@ class Link(Model, frozen=True):
         low, high = np.full(2, math.inf), np.full(2, -math.inf)
         for t in self.transmitters:
             for r in self.receivers:
-                depth, height = getattr(t, "depth", 1.0), getattr(r, "height", 1.0)
-                share = depth / (depth + n * height)  # of the way to the receiver, in the water
-                place = _crossing(t, r, n)
+                low_end, high_end = _low_and_high(t, r)
+                depth, height = getattr(low_end, "depth", 1.0), getattr(high_end, "height", 1.0)
+                share = depth / (depth + n * height)  # of the way to the upper end, in the water
+                place = _crossing(low_end, high_end, n)
                 aside = math.dist(t.position, r.position) / (depth + height)
                 lever = (n - 1.0) * height * share * (1.0 + 2.0 * aside**2) ** 1.5
-                reach = 4.5 * lever * slope + share * r.radius + 0.05 * min(_SMALL * self.unit, 1.0)
+                seen = r.radius * (share if r is high_end else 1.0 - share)
+                reach = 4.5 * lever * slope + seen + 0.05 * min(_SMALL * self.unit, 1.0)
                 low, high = np.minimum(low, place - reach), np.maximum(high, place + reach)
         middle = 0.5 * (low + high)
         return (float(middle[0]), float(middle[1])), float(0.5 * (high - low).max())
@@ -280,7 +386,7 @@ class Link(Model, frozen=True):
             return (float(middle[0]), float(middle[1])), far, far
         n = self.water.n / self.n_air
         crossings = np.array(
-            [_crossing(t, r, n) for t in self.transmitters for r in self.receivers]
+            [_crossing(*_low_and_high(t, r), n) for t in self.transmitters for r in self.receivers]
         )
         middle = 0.5 * (crossings.min(axis=0) + crossings.max(axis=0))
         half = float(np.abs(crossings - middle).max())
@@ -297,17 +403,27 @@ def _power_of_two(size: float) -> float:
     return float(2.0 ** round(math.log2(size))) if size > 0.0 else 0.0
 
 
-def _crossing(source: Source, end: Aperture, n: float) -> NDArray[np.float64]:
-    """Return the crossing (x, y) [m] of still water by light from a source to a receiver."""
-    a, b = np.array(source.position), np.array(end.position)
-    depth, height = getattr(source, "depth", 1.0), getattr(end, "height", 1.0)
+def _kept(end: Source | Aperture) -> dict[str, Any]:
+    """Return the given fields of a source or receiver but for place, axis and kind."""
+    return {name: getattr(end, name) for name in end.model_fields_set if name not in _PLACED}
+
+
+def _low_and_high(source: Source, end: Aperture) -> tuple[Source | Aperture, Source | Aperture]:
+    """Return a source and a receiver, the lower one first."""
+    return (end, source) if isinstance(source, AirLamp) else (source, end)
+
+
+def _crossing(low: Source | Aperture, high: Source | Aperture, n: float) -> NDArray[np.float64]:
+    """Return the crossing (x, y) [m] of still water by light between two ends."""
+    a, b = np.array(low.position, float), np.array(high.position, float)
+    depth, height = getattr(low, "depth", 1.0), getattr(high, "height", 1.0)
     distance = math.dist(a, b)
-    low, high = 0.0, 1.0
+    least, most = 0.0, 1.0
     for _ in range(40):  # n sin(angle in water) - sin(angle in air) grows with the share
-        share = 0.5 * (low + high)
+        share = 0.5 * (least + most)
         x, y = share * distance, (1.0 - share) * distance
         if n * x * math.hypot(y, height) < y * math.hypot(x, depth):
-            low = share
+            least = share
         else:
-            high = share
-    return a + share * (b - a)
+            most = share
+    return np.asarray(a + share * (b - a))

@@ -112,6 +112,46 @@ class WaterAperture(Aperture, frozen=True):
         return unit_vector(self.zenith_deg, self.azimuth_deg)
 
 
+class WaterReceiver(Aperture, frozen=True):
+    """Disk that collects light in the water, seen from above.
+
+    Parameters
+    ----------
+    depth : float
+        Depth of its centre below still water [m], > 0.
+    radius : float
+        Radius of the aperture [m], > 0.
+    fov_deg : float
+        Full angle of the field of view [deg], 0 < fov <= 180.
+    position : tuple of float
+        Horizontal position (x, y) [m].
+    tilt_deg, tilt_azimuth_deg : float
+        The receiver looks up; tilt leans its line of sight from the zenith towards the azimuth
+        (from +x counter-clockwise) [deg], 0 <= tilt < 90.
+
+    Notes
+    -----
+    It does not stop the light: light that scattering sends through it again counts again.
+    """
+
+    kind: Literal["water-receiver"] = "water-receiver"
+    depth: float = Field(10.0, gt=0.0, le=12_000.0, allow_inf_nan=False)
+    fov_deg: float = Field(60.0, gt=0.0, le=180.0, allow_inf_nan=False)
+    tilt_deg: float = Field(0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
+    tilt_azimuth_deg: Finite = 0.0
+
+    @property
+    def center(self) -> tuple[float, float, float]:
+        """Centre of the disk [m]."""
+        return (*self.position, -self.depth)
+
+    @property
+    def axis(self) -> tuple[float, float, float]:
+        """Direction of light at normal incidence: opposite to the line of sight."""
+        x, y, z = unit_vector(self.tilt_deg, self.tilt_azimuth_deg)
+        return -x, -y, -z
+
+
 AnyAperture = Annotated[SerializeAsAny[Aperture], BeforeValidator(Aperture.read)]
 """An aperture, or plain data with its `kind`."""
 

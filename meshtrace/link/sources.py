@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, SerializeAsAny
@@ -48,6 +49,11 @@ class Source(
     def size(self) -> float:
         """Radius of the emitting disk, or half-width of the lit square [m]; 0 for a point."""
         return 0.0
+
+    @property
+    def pattern(self) -> str:
+        """Kind of the angular pattern: that of the source in the water with the same pattern."""
+        return str(getattr(self, "kind", ""))
 
 
 class WaterSource(Source, frozen=True):
@@ -113,7 +119,7 @@ class Led(WaterSource, frozen=True):
     @property
     def order(self) -> float:
         """Lambertian order m."""
-        return -math.log(2.0) / math.log(math.cos(math.radians(self.half_angle_deg)))
+        return _lambertian_order(self.half_angle_deg)
 
 
 class GaussianBeam(WaterSource, frozen=True):
@@ -174,8 +180,143 @@ class IsotropicSource(WaterSource, frozen=True):
     kind: Literal["isotropic"] = "isotropic"
 
 
+class AirLamp(Source, frozen=True):
+    """Base of the lamps in the air, with a height and an axis that leans from straight down."""
+
+    height: Positive = 5.0
+    tilt_deg: float = Field(0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
+    tilt_azimuth_deg: Finite = 0.0
+
+    @property
+    def center(self) -> tuple[float, float, float]:
+        """Centre of the lamp [m]."""
+        return (*self.position, self.height)
+
+    @property
+    def axis(self) -> tuple[float, float, float]:
+        """Unit vector of the emission."""
+        x, y, z = unit_vector(self.tilt_deg, self.tilt_azimuth_deg)
+        return x, y, -z
+
+    @property
+    @abstractmethod
+    def spread_deg(self) -> float:
+        """Half-angle of the emitted cone [deg]."""
+
+
+class AirLed(AirLamp, frozen=True):
+    """Lambertian LED in the air that shines down, with the pattern of `Led`.
+
+    Parameters
+    ----------
+    height : float
+        Height above still water [m], > 0.
+    half_angle_deg : float
+        Half-angle at half power [deg], 0.001 <= theta_1/2 < 90.
+    position : tuple of float
+        Horizontal position (x, y) [m].
+    tilt_deg, tilt_azimuth_deg : float
+        The lamp shines down; tilt leans its axis from nadir towards the azimuth (from +x
+        counter-clockwise) [deg], 0 <= tilt < 90.
+    power_mw : float
+        Emitted optical power [mW]; the weight of the source in a list of sources.
+    wavelength_nm : float
+        Wavelength in vacuum [nm].
+
+    Examples
+    --------
+    >>> from meshtrace.link import Link, WaterReceiver
+    >>> Link(transmitter=AirLed(height=5.0), receiver=WaterReceiver(depth=10.0)).direction
+    'down'
+    """
+
+    kind: Literal["air-led"] = "air-led"
+    half_angle_deg: float = Field(10.0, ge=1e-3, lt=90.0, allow_inf_nan=False)
+
+    @property
+    def pattern(self) -> str:
+        """Kind of the source in the water with the same pattern."""
+        return "led"
+
+    @property
+    def spread_deg(self) -> float:
+        """Half-angle at half power [deg]."""
+        return self.half_angle_deg
+
+    @property
+    def order(self) -> float:
+        """Lambertian order m."""
+        return _lambertian_order(self.half_angle_deg)
+
+
+class AirBeam(AirLamp, frozen=True):
+    """Gaussian beam in the air that shines down, with the pattern of `GaussianBeam`.
+
+    Parameters
+    ----------
+    height, position, tilt_deg, tilt_azimuth_deg, power_mw, wavelength_nm
+        As those of `AirLed`.
+    divergence_deg : float
+        Half-angle at 1/e^2 of the on-axis intensity [deg], 0 <= divergence < 60.
+    waist : float
+        Radius at 1/e^2 of the on-axis irradiance at the source [m], >= 0.
+    """
+
+    kind: Literal["air-gaussian-beam"] = "air-gaussian-beam"
+    divergence_deg: float = Field(1.0, ge=0.0, lt=60.0, allow_inf_nan=False)
+    waist: NonNegative = 0.0
+
+    @property
+    def pattern(self) -> str:
+        """Kind of the source in the water with the same pattern."""
+        return "gaussian-beam"
+
+    @property
+    def size(self) -> float:
+        """Radius of the emitting disk [m]."""
+        return self.waist
+
+    @property
+    def spread_deg(self) -> float:
+        """Half-angle of the emitted cone [deg]."""
+        return self.divergence_deg
+
+
+class AirTopHatBeam(AirLamp, frozen=True):
+    """Beam in the air that shines down, uniform over a disk and over a cone, as `TopHatBeam`.
+
+    Parameters
+    ----------
+    height, position, tilt_deg, tilt_azimuth_deg, power_mw, wavelength_nm
+        As those of `AirLed`.
+    divergence_deg : float
+        Half-angle of the cone [deg], 0 <= divergence <= 90.
+    radius : float
+        Radius of the disk [m], >= 0.
+    """
+
+    kind: Literal["air-top-hat-beam"] = "air-top-hat-beam"
+    divergence_deg: float = Field(1.0, ge=0.0, le=90.0, allow_inf_nan=False)
+    radius: NonNegative = 0.0
+
+    @property
+    def pattern(self) -> str:
+        """Kind of the source in the water with the same pattern."""
+        return "top-hat-beam"
+
+    @property
+    def size(self) -> float:
+        """Radius of the emitting disk [m]."""
+        return self.radius
+
+    @property
+    def spread_deg(self) -> float:
+        """Half-angle of the emitted cone [deg]."""
+        return self.divergence_deg
+
+
 class AirSource(Source, frozen=True):
-    """Base of the sources in the air, which illuminate a square of the sea."""
+    """Base of the sun and the skies, which illuminate a square of the sea."""
 
     half_width: Positive = 5.0
 
@@ -231,6 +372,11 @@ class CardioidalSky(AirSource, frozen=True):
     """
 
     kind: Literal["cardioidal-sky"] = "cardioidal-sky"
+
+
+def _lambertian_order(half_angle_deg: float) -> float:
+    """Return the order m of I ~ cos^m with half of the intensity at an angle [deg]."""
+    return -math.log(2.0) / math.log(math.cos(math.radians(half_angle_deg)))
 
 
 AnySource = Annotated[SerializeAsAny[Source], BeforeValidator(Source.read)]

@@ -13,8 +13,6 @@ import json
 import logging
 import os
 import warnings
-import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -346,7 +344,7 @@ def cached_table(
             try:
                 with file.open("rb") as stream:
                     return _read(stream, text)
-            except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as why:
+            except Exception as why:  # numpy and zipfile raise any exception
                 warnings.warn(f"{file}: damaged, computed again ({why})", stacklevel=2)
     _LOG.info("computing the Mie table %s (about 10 s, once)", name)
     table = compute()

@@ -349,7 +349,13 @@ def quan_fry(
     >>> round(float(quan_fry(470.0, temperature_c=20.0, salinity=35.0)), 4)
     1.3446
     """
-    w, t, s = (np.asarray(x, dtype=np.float64) for x in (wavelength_nm, temperature_c, salinity))
+    given = {"wavelength_nm": wavelength_nm, "temperature_c": temperature_c, "salinity": salinity}
+    w, t, s = (require_array(value, name, "numbers") for name, value in given.items())
+    shapes = [w.shape, t.shape, s.shape]
+    try:
+        np.broadcast_shapes(*shapes)
+    except ValueError as error:
+        raise Refused("wavelength_nm", Described(f"shapes {shapes}"), "shapes that fit") from error
     _check_range("wavelength_nm", w, 400.0, 700.0, "nm")
     _check_range("temperature_c", t, 0.0, 30.0, "degrees Celsius")
     _check_range("salinity", s, 0.0, 35.0, "g/kg")

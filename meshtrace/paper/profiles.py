@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, one_line, require_array, require_kind, require_real
 from meshtrace.optics.water import quan_fry
+from meshtrace.stored import read_dataset
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -82,7 +83,12 @@ class WaterProfile:
     name: str = ""
 
     def __post_init__(self) -> None:
-        columns = (self.depth, self.temperature, self.salinity)
+        names = ("depth", "temperature", "salinity")
+        columns = [require_array(getattr(self, name), name, "numbers (n,)") for name in names]
+        for name, values in zip(names, columns, strict=True):
+            object.__setattr__(self, name, values)
+        for name in ("latitude", "longitude"):
+            object.__setattr__(self, name, require_real(getattr(self, name), name, "degrees"))
         shapes = [np.shape(values) for values in columns]
         if len(set(shapes)) != 1 or len(shapes[0]) != 1 or shapes[0][0] < 2:
             raise Refused("depth, temperature, salinity", shapes, "shapes (n,) of n >= 2")
@@ -117,7 +123,7 @@ class WaterProfile:
         Quan and Fry fitted up to 35 g/kg, coral seas have a little more: their formula, which is
         linear in the salinity, is extended.
         """
-        z = np.asarray(depth, dtype=float)
+        z = require_array(depth, "depth", "numbers")
         if not ((z >= 0.0) & (z <= self.depth[-1])).all():
             raise Refused("depth", z.tolist(), f"0 <= depth <= {self.depth[-1]:g} m")
         fresh, salt = (quan_fry(wavelength_nm, self.temperature, s) for s in (0.0, 35.0))
@@ -169,10 +175,15 @@ def ray_deflection(
     >>> f"{1e3 * bent.offset:.1f} mm"
     '1.6 mm'
     """
-    if not 0.0 <= zenith <= STEEPEST:
-        raise Refused("zenith", zenith, f"0 <= zenith <= {STEEPEST:.3f} rad")
-    if not 0.0 < depth <= profile.depth[-1]:
-        raise Refused("depth", depth, f"0 < depth <= {profile.depth[-1]:g} m")
+    if profile is None:
+        raise Refused("profile", None, "a WaterProfile")
+    require_kind(profile, WaterProfile, "profile")
+    allowed = f"0 <= zenith <= {STEEPEST:.3f} rad"
+    if not 0.0 <= require_real(zenith, "zenith", allowed) <= STEEPEST:
+        raise Refused("zenith", zenith, allowed)
+    allowed = f"0 < depth <= {profile.depth[-1]:g} m"
+    if not 0.0 < require_real(depth, "depth", allowed) <= profile.depth[-1]:
+        raise Refused("depth", depth, allowed)
     invariant = float(profile.n(depth, wavelength_nm)) * math.sin(zenith)
     inner = profile.depth[(profile.depth > 0.0) & (profile.depth < depth)]
     edges = np.concatenate([[0.0], inner, [depth]])
@@ -201,6 +212,11 @@ def depth_of_pressure(pressure: ArrayLike, latitude: float) -> Floats:
     ndarray
         Depth [m].
 
+    Raises
+    ------
+    Refused
+        If an argument is no number, or the latitude is not one.
+
     References
     ----------
     Fofonoff and Millard 1983, Unesco technical papers in marine science 44, algorithm 5.
@@ -210,7 +226,10 @@ def depth_of_pressure(pressure: ArrayLike, latitude: float) -> Floats:
     >>> round(float(depth_of_pressure(10000.0, 30.0)), 3)
     9712.653
     """
-    p = np.asarray(pressure, dtype=float)
+    p = require_array(pressure, "pressure", "numbers [dbar]")
+    latitude = require_real(latitude, "latitude", "-90 <= latitude <= 90 degrees")
+    if not abs(latitude) <= 90.0:
+        raise Refused("latitude", latitude, "-90 <= latitude <= 90 degrees")
     x = math.sin(math.radians(latitude)) ** 2
     gravity = 9.780318 * (1.0 + (5.2788e-3 + 2.36e-5 * x) * x) + 1.092e-6 * p
     return (((-1.82e-15 * p + 2.279e-10) * p - 2.2512e-5) * p + 9.72659) * p / gravity
@@ -235,14 +254,14 @@ def load_profiles(path: str | Path) -> list[WaterProfile]:
     Refused
         If the file cannot be read, lacks a variable, or has no good profile.
     """
-    import xarray as xr
-
+    data = read_dataset(path, decode_times=False)
     try:
-        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
-            data = opened.load()
-    except (OSError, ValueError) as error:
-        raise Refused("", Described(error), "a netCDF-4 file", source=str(path)) from error
-    found = list(_profiles(data, str(path)))
+        found = list(_profiles(data, str(path)))
+    except (ValueError, TypeError, IndexError, KeyError) as error:
+        if isinstance(error, Refused):
+            raise
+        described = Described(f"{type(error).__name__}: {one_line(str(error))}")
+        raise Refused("", described, "profiles of the AODN or of Argo", source=str(path)) from error
     if not found:
         described = Described("no good samples")
         raise Refused("", described, "a profile of two or more samples", source=str(path))

@@ -13,7 +13,7 @@ from typing import Any
 
 from meshtrace.files import atomic
 from meshtrace.paper.index import write_index
-from meshtrace.paper.records import read_record
+from meshtrace.paper.records import read_record, write_record
 from meshtrace.paper.registry import FIGURES, Figure, FigureOutput, Row, Setting, load
 from meshtrace.stored import write_dataset
 
@@ -132,8 +132,7 @@ def _made(folder: Path, one: Figure, setting: Setting, quick: bool) -> dict[str,
         "cpu_s": time.process_time() - cpu,
         "rows": [row._asdict() for row in rows],
     }
-    with atomic(record_path) as temporary:
-        temporary.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    write_record(record_path, record)
     return {**record, "kept": False}
 
 

@@ -23,6 +23,7 @@ KEYS = (
     "planes",
     "detector",
     "uav",
+    "daylight",
     "run",
 )
 """Keys at the top of a link file."""

@@ -9,6 +9,7 @@ from typing import Any, Self
 from pydantic import field_validator
 
 from meshtrace.comms.ook import OokLink
+from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Described, Refused, require_keys, require_kind
 from meshtrace.fading.resolving import resolve_band
 from meshtrace.link import Link
@@ -16,6 +17,7 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model
 from meshtrace.results.gain import GainResult
 from meshtrace.scenario import parts, seas
+from meshtrace.scenario.daylight import daylight_config, read_daylight
 from meshtrace.scenario.files import KEYS, located, parse_toml, read_text, set_value, with_notes
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.scenario.tables import Table, as_table, plain, validated
@@ -46,6 +48,8 @@ class Scenario(Model, frozen=True):
         Electronics and modulation; power, wavelength, aperture and field of view are the link's.
     uav : Uav, optional
         Airframe that carries the receiver.
+    daylight : Daylight, optional
+        Light of sun, sky or moon behind bit error rates.
 
     Notes
     -----
@@ -68,6 +72,7 @@ class Scenario(Model, frozen=True):
     run: Run = Run()
     detector: OokLink | None = None
     uav: Uav | None = None
+    daylight: Daylight | None = None
 
     @field_validator("surface")
     @classmethod
@@ -175,6 +180,7 @@ class Scenario(Model, frozen=True):
             run=validated(Run, run, "run", (*run_keys(), "fading")),
             detector=parts.read_detector(config["detector"]) if "detector" in config else None,
             uav=parts.read_uav(config["uav"]) if "uav" in config else None,
+            daylight=read_daylight(config["daylight"], link) if "daylight" in config else None,
         )
 
     @classmethod
@@ -234,6 +240,7 @@ class Scenario(Model, frozen=True):
             **({"planes": plain(link.planes)} if link.planes else {}),
             **({"detector": plain(self.detector)} if self.detector else {}),
             **({"uav": plain(self.uav)} if self.uav else {}),
+            **({"daylight": daylight_config(self.daylight)} if self.daylight else {}),
             "run": {key: value for key, value in run.items() if value is not None},
         }
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from meshtrace.errors import Described, Refused, require_finite, require_whole
-from meshtrace.link import Link, Receiver
+from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.scenario import Scenario
@@ -32,13 +32,14 @@ def coverage_map(
 ) -> CoverageMap:
     """Return the gain over the plane of the receiver, by analog photons.
 
-    Every photon that leaves the sea lands somewhere on the plane: one run maps it all.
+    Every photon that leaves the sea, or goes down, passes the plane somewhere: one run maps it
+    all.
 
     Parameters
     ----------
     link : Link or Scenario
-        The link, or a scenario; height, radius, field of view and tilt of the (first) receiver
-        are used.
+        The link, or a scenario; height or depth, radius, field of view and tilt of the (first)
+        receiver are used.
     surface : SurfaceModel or TriangleMesh, optional
         The surface; by default that of the scenario.
     extent : float
@@ -61,13 +62,14 @@ def coverage_map(
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     case = resolve(link, surface).with_options(**options)
     link = case.link
-    receiver = next((r for r in link.receivers if isinstance(r, Receiver)), None)
+    kinds = (Receiver, WaterReceiver)
+    receiver = next((r for r in link.receivers if isinstance(r, kinds)), None)
     if receiver is None:
-        raise Refused("receiver", Described("none in the air"), "a link with one")
+        raise Refused("receiver", Described("no receiver"), "a Receiver or a WaterReceiver")
     require_whole(photons, 1, 2**53, "photons")
     at = require_finite(times, "times", "one or more times [s]").tolist()
-    view = {name: getattr(receiver, name) for name in ("height", "axis", "fov_deg")}
-    grid = IrradianceMap(extent=extent, step=step, **view)
+    view = {"axis": receiver.axis, "fov_deg": receiver.fov_deg}
+    grid = IrradianceMap(height=receiver.center[2], extent=extent, step=step, **view)
     runs = [
         simulate(
             link, case.surface, "analog", photons=photons, seed=case.run.seed,

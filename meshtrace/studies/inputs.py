@@ -67,7 +67,7 @@ class Inputs(NamedTuple):
         speed = getattr(self.scenario or self.surface, "wind_speed", None)
         if speed is None:
             raise Refused("flight.wind", None, "a wind, over a sea without wind speed")
-        return Dryden(wind_speed=speed, height=self.link.only_receiver.height)
+        return Dryden(wind_speed=speed, height=self.link.air_end[1].height)
 
 
 def resolve_chains(

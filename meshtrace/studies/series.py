@@ -62,10 +62,11 @@ def time_series(
     times : array_like, shape (n,)
         Times [s]; evenly spaced with a flight.
     flight : Flight, optional
-        Aircraft that tilts the receiver, whose own tilt has to be 0. The tilt acts in the
-        cosine of the aperture and in the field of view of every photon.
+        Aircraft that tilts the receiver, or the lamp of a downlink, whose own tilt has to be 0.
+        The tilt acts in the cosine of the aperture and in the field of view of every photon, or
+        in the pattern of the lamp.
     route : Route, optional
-        Waypoints of the receiver, whose own position they replace.
+        Waypoints of the receiver, or the lamp of a downlink, whose own position they replace.
     photons : int, optional
         Chains, common to all times; 2048 by default.
     seed : int, optional
@@ -136,7 +137,8 @@ def over_times(
     origin = inputs.provenance()
     if flight is None and route is None:
         meshes = (inputs.mesh(inputs.link, inputs.surface, float(t)) for t in times)
-        return _series(inputs.link, "time", times, common_chains(inputs, meshes), origin, progress)
+        parts = common_chains(inputs, meshes)
+        return gain_series(inputs.link, "time", times, parts, origin, progress)
     changes: dict[str, Any] = {}
     if flight is not None:
         wind = inputs.wind_of(flight)
@@ -144,10 +146,10 @@ def over_times(
         changes |= _tilts(inputs, times, flight.uav, wind)
     if route is not None:
         origin["route"] = route.model_dump(mode="json")
-        changes |= route.at(times, inputs.link.only_receiver.height)._asdict()
+        changes |= route.at(times, inputs.link.air_end[1].height)._asdict()
     rows = [dict(zip(changes, row, strict=True)) for row in zip(*changes.values(), strict=True)]
     parts = _frames(inputs, times, [_moved(inputs.link, row) for row in rows])
-    return _series(inputs.link, "time", times, parts, origin, progress)
+    return gain_series(inputs.link, "time", times, parts, origin, progress)
 
 
 def ensemble(
@@ -221,20 +223,27 @@ def over_realizations(
     )
     meshes = (inputs.mesh(inputs.link, sea.with_seed(int(s)), time) for s in seeds)
     parts = common_chains(inputs, meshes)
-    return _series(inputs.link, "realization", seeds, parts, inputs.provenance(), progress)
+    return gain_series(inputs.link, "realization", seeds, parts, inputs.provenance(), progress)
+
+
+def closed_form(link: Link, sea: MeshSource, n: int, level: int = 3) -> dict[str, Any]:
+    """Return `fading.band_fading` as plain data, empty below 50 surfaces; warn of a short band.
+
+    `level` is the stack level of the warning.
+    """
+    found = band_fading(link, sea) if n >= _STATISTICS else None
+    if found is None:
+        return {}
+    text = found.warning()
+    if text:
+        warnings.warn(text, stacklevel=level + 1)
+    return {"closed_form": found._asdict()}
 
 
 def _beside_closed_form(inputs: Inputs, series: GainSeries) -> GainSeries:
     """Add the closed form of the scintillation index to a series; warn of a short band."""
-    if len(series.coordinate) < _STATISTICS:
-        return series
-    found = band_fading(inputs.link, inputs.surface)
-    if found is None:
-        return series
-    text = found.warning()
-    if text:
-        warnings.warn(text, stacklevel=3)
-    return replace(series, provenance={**series.provenance, "closed_form": found._asdict()})
+    found = closed_form(inputs.link, inputs.surface, len(series.coordinate))
+    return replace(series, provenance={**series.provenance, **found})
 
 
 def common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[Parts]:
@@ -247,18 +256,19 @@ def common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[Pa
 
 
 def _tilts(inputs: Inputs, times: Floats, uav: Uav, wind: Dryden) -> dict[str, Floats]:
-    """Return the tilt of the receiver at each time of a flight [deg]."""
-    receiver = inputs.link.only_receiver
-    if receiver.tilt_deg != 0.0:
-        raise Refused("receiver.tilt_deg", receiver.tilt_deg, "0: the flight tilts it")
+    """Return the tilt of the end in the air at each time of a flight [deg]."""
+    name, end = inputs.link.air_end
+    if end.tilt_deg != 0.0:
+        raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the flight tilts it")
     tilt_deg, azimuth_deg = np.degrees(uav.simulate_flight(wind, times, inputs.run.seed).tilt)
     return {"tilt_deg": tilt_deg, "tilt_azimuth_deg": azimuth_deg}
 
 
 def _moved(link: Link, changes: dict[str, Any]) -> Link:
-    """Return a link with other values of its receiver."""
+    """Return a link with other values of its end in the air."""
+    name, end = link.air_end
     plain = {name: np.asarray(value).tolist() for name, value in changes.items()}
-    return link.model_copy(update={"receiver": link.only_receiver.model_copy(update=plain)})
+    return link.model_copy(update={name: end.model_copy(update=plain)})
 
 
 def _frames(inputs: Inputs, times: Floats, links: list[Link]) -> Iterator[Parts]:
@@ -274,7 +284,7 @@ def _frames(inputs: Inputs, times: Floats, links: list[Link]) -> Iterator[Parts]
     return ordered_map(frame, range(len(times)), inputs.threads)
 
 
-def _series(
+def gain_series(
     link: Link,
     along: Literal["time", "realization"],
     coordinate: NDArray[Any],

@@ -31,7 +31,8 @@ from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.line_estimate import Optics
 from meshtrace.kernels.medium import DepthMode, Medium
 from meshtrace.kernels.vectors import Vec3
-from meshtrace.link import Link, Receiver, WaterSource
+from meshtrace.link import Link
+from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.phase import PhaseFunction
 from meshtrace.stored import SHIFTS
@@ -39,6 +40,7 @@ from meshtrace.transport.arrays import interface_arrays, surface_arrays, with_ra
 from meshtrace.transport.forced_link import (
     emitter_of,
     expected_water,
+    lamp_target,
     require_followable,
     target_of,
 )
@@ -109,7 +111,7 @@ class AdjointPaths:
     Parameters
     ----------
     link : Link
-        The link; sources in the water, receivers in the air.
+        The link; sources on the other side of the surface than the receivers.
     photons : int
         Paths for each receiver, >= 32 for each source.
     seed : int
@@ -232,20 +234,28 @@ class _Over:
         water = angle_table(link.water.phase)
         bubble = angle_table(link.bubbles.phase_function()) if link.bubbles else water
         self._sources = []
-        for t in link.transmitters:
-            assert isinstance(t, WaterSource)
-            size = t.size / frame.unit
-            rate = frame.unit / t.depth + medium.a + medium.b
+        self._down = link.direction == "down"
+        for end in link.receivers if self._down else link.transmitters:
+            size = getattr(end, "radius" if self._down else "size") / frame.unit
+            rate = -frame.unit / end.center[2] + medium.a + medium.b
             bubbly = link.bubbles is not None
-            optics = Optics(emitter_of(t, frame), medium, sampled, water, bubble, bubbly, rate)
+            optics = Optics(emitter_of(end, frame), medium, sampled, water, bubble, bubbly, rate)
             self._sources.append((optics, size))
-        self._targets = [target_of(r, frame) for r in link.receivers if isinstance(r, Receiver)]
+        self._targets = [
+            lamp_target(end, link, frame) if isinstance(end, AirLamp) else target_of(end, frame)
+            for end in (link.transmitters if self._down else link.receivers)
+        ]
 
     def _world(self, receiver: int, source: int, first: int) -> starting.World:
-        optics, size = self._sources[source]
-        target = self._targets[receiver]
-        axis = Vec3(-target.axis.x, -target.axis.y, -target.axis.z)
-        cos_cone = target.cos_half_fov
+        if self._down:  # paths start at the lamps, and receivers have the same in any order
+            optics, size = self._sources[receiver]
+            target, receiver = self._targets[source], 0
+            axis, cos_cone = target.lamp.axis, target.cos_half_fov
+        else:
+            optics, size = self._sources[source]
+            target = self._targets[receiver]
+            axis = Vec3(-target.axis.x, -target.axis.y, -target.axis.z)
+            cos_cone = target.cos_half_fov
         if self._interface.fov != FieldOfView.ANGLE:  # a disk about the point below the receiver
             axis = Vec3(0.0, 0.0, -1.0)
             fall = target.center[2] - float(self._surface.high[2])

@@ -20,6 +20,7 @@ from meshtrace.kernels.interface import Direction, Snell
 from meshtrace.kernels.medium import DepthMode
 from meshtrace.kernels.roots import ROOT
 from meshtrace.kernels.scene import FACET, Emitter, Scene, Target, facet_summary
+from meshtrace.kernels.vectors import Vec3
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.arrays import locator, surface_arrays, with_raster
 from meshtrace.transport.chain_sets import ChainSet
@@ -113,6 +114,40 @@ class AimedChains:
     def centroids(self) -> NDArray[np.float64]:
         """Centroids of the facets, shape (m, 3)."""
         return np.stack([self.facets[name] for name in ("x", "y", "z")], axis=1)
+
+    @cached_property
+    def _mirrored(self) -> tuple[Surface, NDArray[np.void]]:
+        """The surface upside down, with facets in the same order, and their summary."""
+        flip = np.array([1.0, 1.0, -1.0])
+        s = self.surface
+        surface = s._replace(
+            vertices=s.vertices * flip,
+            faces=np.ascontiguousarray(s.faces[:, ::-1]),
+            face_normals=-s.face_normals * flip,
+            vertex_normals=-s.vertex_normals * flip,
+            low=np.array([s.low[0], s.low[1], -s.high[2]]),
+            high=np.array([s.high[0], s.high[1], -s.low[2]]),
+        )
+        facets = np.empty(len(s.faces), FACET)
+        facet_summary(surface, facets)
+        return surface, facets
+
+    def _forwards(self, emitter: int, target: int) -> Scene:
+        """Return the scene in which unscattered light runs from the source to the receiver."""
+        link, forwards = self._link, self._link.forwards
+        scene = self.scene(link.emitters[emitter], link.targets[target])
+        if forwards is None:
+            return scene
+        surface, facets = self._mirrored
+        n = forwards.medium
+        return scene._replace(
+            emitter=forwards.emitters[target],
+            target=forwards.targets[emitter],
+            surface=surface,
+            facets=facets,
+            medium=self.medium._replace(n_water=n.n_water, n_air=n.n_air),
+            mirrored=True,
+        )
 
     def scene(self, emitter: Emitter, target: Target) -> Scene:
         """Return one source, the surface and one aperture as the kernels take them."""
@@ -210,9 +245,9 @@ class AimedChains:
 
     def _blurred_gains(self, source: int, receiver: int) -> NDArray[np.float64] | None:
         """Return the unscattered gain through each facet of a mesh with random slopes."""
-        emitter, target = self._link.emitters[source], self._link.targets[receiver]
-        n = self.medium.n_water / self.medium.n_air
-        lever = (n - 1.0) * max(target.center[2] - float(self.surface.high[2]), 1e-6)
+        scene = self._forwards(source, receiver)
+        target, n = scene.target, scene.medium.n_water / scene.medium.n_air
+        lever = abs(n - 1.0) * max(target.center[2] - float(scene.surface.high[2]), 1e-6)
         blur = target.radius / (lever * min(self.surface.roughness[:2]))
         if blur > _WIDEST:
             return None
@@ -220,32 +255,30 @@ class AimedChains:
         doubtful = np.zeros(len(gain), bool)
         nodes = self.nodes.setdefault((source, receiver), _disk_nodes(blur))
         disk = blurred.Disk(*_disk_rule(*nodes), blur)
-        if not blurred.blurred_gain(self.scene(emitter, target), disk, gain, doubtful):
+        if not blurred.blurred_gain(scene, disk, gain, doubtful):
             return None
         if doubtful.any():
-            gain[self._hidden(emitter, target, np.flatnonzero(doubtful))] = 0.0
+            gain[self._hidden(source, receiver, np.flatnonzero(doubtful))] = 0.0
         return gain
 
     def facet_gains(self, source: int, receiver: int) -> NDArray[np.float64]:
         """Return the unscattered gain through each facet."""
-        emitter, target = self._link.emitters[source], self._link.targets[receiver]
-        n = self.medium.n_water / self.medium.n_air
-        depth = -emitter.position[2]
+        scene = self._forwards(source, receiver)
+        target, n = scene.target, scene.medium.n_water / scene.medium.n_air
+        depth = -scene.emitter.position[2]
         stretch = 1.5 * (1.0 + n * (target.center[2] + self._waves) / max(depth - self._waves, 0.1))
         lever = 1.5 * _lever(n, target, self._waves)
         gain = np.zeros(len(self._mesh.faces))
         doubtful = np.zeros(len(gain), bool)
         stack = np.empty((image.STACK, 3), np.int64)
-        scene = self.scene(emitter, target)
         image.image_gain(scene, 1.5 * stretch, lever, stack, gain, doubtful)
         if doubtful.any():
-            gain[self._hidden(emitter, target, np.flatnonzero(doubtful))] = 0.0
+            gain[self._hidden(source, receiver, np.flatnonzero(doubtful))] = 0.0
         return gain
 
-    def _hidden(
-        self, emitter: Emitter, target: Target, facets: NDArray[np.intp]
-    ) -> NDArray[np.intp]:
+    def _hidden(self, source: int, receiver: int, facets: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the facets with a centroid hidden from the source or the aperture's centre."""
+        emitter, target = self._link.emitters[source], self._link.targets[receiver]
         centroid = self.centroids[facets]
         cut = np.zeros(len(facets), bool)
         for end in (emitter.position, target.center):
@@ -268,9 +301,9 @@ class AimedChains:
             disk, self.centroids[facets], self.scene(emitter, target), found, crossings
         )
         paths = np.empty((len(facets), 3, 3))
-        paths[:, 0] = emitter.position
+        paths[:, 0] = on_disk(emitter.position, emitter, disk)
         paths[:, 1] = crossings
-        paths[:, 2] = on_disk(target, disk)
+        paths[:, 2] = on_disk(target.center, target, disk)
         return paths[found]
 
 
@@ -295,15 +328,14 @@ def _disk_rule(rings: int, around: int) -> tuple[NDArray[np.float64], NDArray[np
     return points.reshape(-1, 2), shares
 
 
-def on_disk(target: Target, disk: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the points of an aperture that belong to points of the unit disk."""
-    plane = np.array([target.e1, target.e2])
-    return np.asarray(target.center) + target.radius * disk @ plane
+def on_disk(center: Vec3, end: Emitter | Target, disk: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the points of an emitter or target that belong to points of the unit disk."""
+    return np.asarray(center) + end.radius * disk @ np.array([end.e1, end.e2])
 
 
 def _lever(n: float, target: Target, waves: float) -> float:
     """Return a bound on how far a unit of slope moves the landing point."""
-    sin_t = min(target.sin_widest, 0.98)
+    sin_t = min(target.sin_widest, 0.98 * min(n, 1.0))
     cos_t = math.sqrt(1.0 - sin_t**2)
     cos_i = math.sqrt(1.0 - (sin_t / n) ** 2)
     return (target.center[2] + waves) * abs(n * cos_i / cos_t - 1.0) / cos_t**2

@@ -22,6 +22,8 @@ from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.photon import advance
+from meshtrace.kernels.photon_grid import Grid
+from meshtrace.kernels.sky import FORWARD, N_SCORES, Backward
 from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Apertures, Fate, Tallies
 from meshtrace.kernels.vectors import UP, Vec3
@@ -29,6 +31,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
+from meshtrace.transport.analog_grid import NO_GRID, grid_arrays
 from meshtrace.transport.arrays import (
     aperture_arrays,
     interface_arrays,
@@ -40,7 +43,8 @@ from meshtrace.transport.arrays import (
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 from meshtrace.transport.options import BLOCK, Analog, IrradianceMap, Record, read_records
 
-_SLOTS = 8192  # photons under way in a thread: their state stays in the cache
+_SLOTS = 1024  # photons under way in a thread: their state stays in the cache
+_SLOTS_CAST = 8192  # where all rays are cast: each batch has a fixed cost
 _GUIDED = 100  # crossings of light that a jet guides
 
 
@@ -115,6 +119,7 @@ class Setup(NamedTuple):
     seed: int
     sources: Sources
     surface: Surface
+    grid: Grid
     medium: Medium
     apertures: Apertures
     interface: Interface
@@ -124,10 +129,13 @@ class Setup(NamedTuple):
     map: IrradianceMap | None
     arrivals: bool
     recorder: kernel.Recorder
+    back: Backward = FORWARD
 
     @property
     def n_scores(self) -> int:
-        """Scores of a photon: one for each aperture, four for each plane."""
+        """Scores of a photon: one for each aperture, four for each plane; two on the way back."""
+        if len(self.back.origin):
+            return N_SCORES
         return len(self.apertures.radius) + N_PLANE_SCORES * len(self.planes)
 
 
@@ -181,7 +189,7 @@ def run_analog(
     frame = frame_of(link)
     if frame != IDENTITY:
         intersector = EmbreeIntersector(frame.mesh(intersector.mesh), threads)
-    setup = _setup(link, frame, intersector, seed, normals, options, first_scored)
+    setup = setup_of(link, frame, intersector, seed, normals, options, first_scored)
     setup = setup._replace(
         map=records.get("irradiance-map"),  # type: ignore[arg-type]
         arrivals="arrivals" in records,
@@ -191,7 +199,7 @@ def run_analog(
     first, end = options.first_photon, options.first_photon + photons
     starts = range(first, end, options.batch_size)
     chunks = [(start, min(start + options.batch_size, end)) for start in starts]
-    for n, tallies in ordered_map(partial(_chunk, setup), chunks, threads):
+    for n, tallies in ordered_map(partial(chunk_tallies, setup), chunks, threads):
         sums.add(n, tallies)
         if progress is not None:
             progress(n)
@@ -200,7 +208,7 @@ def run_analog(
     return sums
 
 
-def _chunk(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
+def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
     """Trace the photons first <= id < last; repeat with more room if arrivals overflow."""
     first, last = span
     room = (last - first) * len(setup.apertures.radius) if setup.arrivals else 0
@@ -216,34 +224,37 @@ def _chunk(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
 
 def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
     """Trace photons in a pool of slots, alternating kernel and Embree until all have ended."""
-    slots = min(_SLOTS, last - first)
+    slots = min(_SLOTS if len(setup.grid.x.line) else _SLOTS_CAST, last - first)
     pool = kernel.Pool(
         photon=np.zeros(slots, kernel.PHOTON),
         origin=np.zeros((slots, 3), np.float32),
         direction=np.zeros((slots, 3), np.float32),
-        ray_slot=np.arange(slots),
+        ray_slot=np.zeros(slots, np.int64),
+        numbers=np.zeros((4, slots)),
     )
     world = kernel.World(
         first=first,
         seed=np.uint64(setup.seed),  # numba takes a Python integer for a signed one
         sources=setup.sources,
         surface=setup.surface,
+        grid=setup.grid,
         medium=setup.medium,
         apertures=setup.apertures,
         interface=setup.interface,
         limits=setup.limits,
         tallies=tallies,
         recorder=setup.recorder,
+        back=setup.back,
     )
-    facets = np.full(slots, -1, np.int32)
-    n_rays, next_photon = slots, first
-    while n_rays:
+    facets = np.zeros(0, np.int32)
+    n_rays, next_photon = 0, first
+    while n_rays or next_photon < last:
         n_rays, next_photon = advance(pool, n_rays, facets, next_photon, last, world)
         if n_rays:
             facets = setup.intersector.facets(pool.origin[:n_rays], pool.direction[:n_rays])
 
 
-def _setup(
+def setup_of(
     link: Link,
     frame: Frame,
     intersector: Intersector,
@@ -272,6 +283,7 @@ def _setup(
         seed=seed,
         sources=sources,
         surface=surface,
+        grid=grid_arrays(intersector.mesh) if intersector.shortcut else NO_GRID,
         medium=with_raster(medium, intersector),
         apertures=frame.apertures(aperture_arrays(link)),
         interface=interface_arrays(link),

@@ -16,7 +16,7 @@ from meshtrace.kernels.medium import Absorption, DepthMode, Medium
 from meshtrace.kernels.scene import Locator, Target, count_bins, fill_bins
 from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import Apertures
-from meshtrace.link import GaussianBeam, Led, Link, Receiver, TopHatBeam, WaterSource
+from meshtrace.link import AirSource, Link, Receiver, Source, WaterSource
 from meshtrace.mesh import TriangleMesh
 
 
@@ -65,29 +65,33 @@ def interface_arrays(link: Link) -> Interface:
     )
 
 
+def pattern_of(source: Source) -> tuple[int, float]:
+    """Return the kind of the pattern of a source and its spread, a Lambertian order or [rad]."""
+    spread = getattr(source, "order", None)
+    if spread is None:
+        spread = math.radians(getattr(source, "divergence_deg", 0.0))
+    return _code(SourceKind, source.pattern), float(spread)
+
+
 def source_arrays(link: Link, top: float) -> Sources:
     """Return the sources; light from the air starts at height `top`, above every wave."""
     rows = link.transmitters
     n = len(rows)
-    kind = np.array([_code(SourceKind, t.kind) for t in rows], np.int64)
+    kind = np.array([pattern_of(t)[0] for t in rows], np.int64)
     position, axis = np.zeros((n, 3)), np.zeros((n, 3))
-    spread, size = np.zeros(n), np.zeros(n)
+    spread, size = np.array([pattern_of(t)[1] for t in rows]), np.zeros(n)
     for i, t in enumerate(rows):
         axis[i], size[i] = t.axis, t.size
-        if isinstance(t, WaterSource):
+        if not isinstance(t, AirSource):
             position[i] = t.center
         else:
             # a slanted beam is started up-sun, so that it lights the square at still water
             back = top / axis[i, 2]
             position[i] = t.position[0] + back * axis[i, 0], t.position[1] + back * axis[i, 1], top
-        if isinstance(t, Led):
-            spread[i] = t.order
-        elif isinstance(t, GaussianBeam | TopHatBeam):
-            spread[i] = math.radians(t.divergence_deg)
+    in_water = np.array([isinstance(t, WaterSource) for t in rows], bool)
     power = np.array([t.power_mw for t in rows])
-    return Sources(
-        kind, position, axis, spread, size, kind < SourceKind.SUN, np.cumsum(power) / power.sum()
-    )
+    share = np.cumsum(power) / power.sum()
+    return Sources(kind, position, axis, spread, size, in_water, share)
 
 
 def aperture_arrays(link: Link) -> Apertures:

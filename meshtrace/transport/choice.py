@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.transport.forced_link import ForcedLink
 from meshtrace.transport.pilots import Pilot
 
 Method = Literal["chains", "adjoint"]
@@ -33,17 +34,15 @@ class ScatteredPilot(NamedTuple):
     stderr: NDArray[np.float64]
 
 
-def chain_pilot(pilots: list[Pilot], power: NDArray[np.float64]) -> ScatteredPilot:
+def chain_pilot(pilots: list[Pilot], link: ForcedLink) -> ScatteredPilot:
     """Combine the pilots of the sources, for the optimal allotment of chains.
 
     With n_K ~ sigma_K the variance times the number of chains is (sum_K sigma_K)^2.
     """
-    shape = len(pilots[0].mean)
-    mean, spread, square = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    for share, found in zip(power, pilots, strict=True):
-        mean += share * found.mean.sum(axis=1)
-        spread += share * found.spread.sum(axis=1)
-        square += share**2 * (found.spread**2 / np.maximum(found.chains, 1)).sum(axis=1)
+    mean = link.by_receiver(np.array([p.mean.sum(axis=1) for p in pilots]))
+    spread = link.by_receiver(np.array([p.spread.sum(axis=1) for p in pilots]))
+    noise = [(p.spread**2 / np.maximum(p.chains, 1)).sum(axis=1) for p in pilots]
+    square = link._replace(power=link.power**2).by_receiver(np.array(noise))
     return ScatteredPilot(mean, spread**2, np.sqrt(square))
 
 

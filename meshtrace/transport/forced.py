@@ -56,7 +56,7 @@ class ForcedDetection:
     Parameters
     ----------
     link : Link
-        The link; sources must be points in the water, receivers in the air.
+        The link; sources must be points, on the other side of the surface than the receivers.
     photons : int
         Chains in all, or adjoint paths of each receiver.
     seed : int
@@ -116,12 +116,13 @@ class ForcedDetection:
 
         Pilots over a flat sea compare the estimators and allot the chains to the orders.
         """
-        photons, seed = self._key
-        sources, receivers = range(len(self.arrays.emitters)), len(self.arrays.targets)
+        photons, link = self._key[0], self.arrays
+        sources, receivers = range(len(link.emitters)), len(self.link.receivers)
         flat = self._flat()
         aimed = self.over(flat)
+        targets = len(link.targets)
         try:
-            pilots = [pilot(self._drawer, aimed, s, seed, receivers) for s in sources]
+            pilots = [pilot(self._drawer, aimed, s, self._seed(s), targets) for s in sources]
         except Refused as refused:  # too many orders for chains
             if self._wanted == "chains":
                 raise
@@ -131,31 +132,43 @@ class ForcedDetection:
         kept = np.array([m == "chains" for m in self.method])
         if not kept.any():
             return [[] for _ in sources]
-        gain = np.zeros(receivers)
-        for s in sources:
-            direct = [aimed.facet_gains(s, r).sum() for r in range(receivers)]
-            gain += self.arrays.power[s] * (pilots[s].mean.sum(axis=1) + direct)
-        share = max(photons // len(sources), SHIFTS)
-        sets = []
+        direct = [[aimed.facet_gains(e, t).sum() for t in range(targets)] for e in sources]
+        scattered = np.array([p.mean.sum(axis=1) for p in pilots])
+        gain = link.by_receiver(scattered + np.array(direct))
+        share = photons if link.down else max(photons // len(sources), SHIFTS)
+        sets: list[list[ChainSet]] = []
         for s in sources:
             expected = self._drawer.nominals[s].expected
-            counts = allotment(share, expected, pilots[s].of(kept), gain[kept])
+            if link.down:
+                found, light = pilots[s].joined(link.power), gain[s : s + 1]
+            else:
+                found, light = pilots[s].of(kept), gain[kept]
+            if link.down and not kept[s]:
+                sets.append([])
+                continue
+            counts = allotment(share, expected, found, light)
+            key = self._seed(s)
             sets.append(
-                [self._drawer.draw(s, k, int(n), (seed, s, k, 1)) for k, n in enumerate(counts, 1)]
+                [self._drawer.draw(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
             )
         return sets
 
+    def _seed(self, emitter: int) -> tuple[int, int]:
+        """Return the seed of the chains of an emitter: receivers have the same in any order."""
+        return self._key[1], 0 if self.arrays.down else emitter
+
     def _compare(self, pilots: list[Pilot], flat: TriangleMesh) -> list[Method]:
         """Return the estimator of each receiver."""
-        receivers = len(self.arrays.targets)
-        found = chain_pilot(pilots, self.arrays.power)
+        receivers = len(self.link.receivers)
+        found = chain_pilot(pilots, self.arrays)
         scatters = any(len(p.chains) for p in pilots)
         if self._wanted != "auto" or self._search == "thorough" or not scatters:
             return ["adjoint" if self._wanted == "adjoint" else "chains"] * receivers
         if is_clear(found).all():
             return ["chains"] * receivers
         try:
-            paths = self._paths(PILOT_PATHS * len(pilots), tuple(self.link.receivers))
+            pilot_paths = PILOT_PATHS * len(self.link.transmitters)
+            paths = self._paths(pilot_paths, tuple(self.link.receivers))
         except Refused:  # a feature that the paths do not follow
             return ["chains"] * receivers
         seen = paths.evaluate(flat)
@@ -173,7 +186,7 @@ class ForcedDetection:
         chosen = [r for r, m in zip(self.link.receivers, method, strict=True) if m == "adjoint"]
         if chosen:
             try:
-                photons = max(self._key[0], SHIFTS * len(self.arrays.emitters))
+                photons = max(self._key[0], SHIFTS * len(self.link.transmitters))
                 self._adjoint = self._paths(photons, tuple(chosen))
             except Refused:
                 raise refused or Refused("scattered", "adjoint", "chains for this link") from None
@@ -200,10 +213,10 @@ class ForcedDetection:
     @cached_property
     def _unscattered(self) -> list[ChainSet]:
         """Unscattered chains by source, which differ by their random slopes only."""
-        photons, seed = self._key
-        sources = len(self.arrays.emitters)
-        per_shift = max(math.ceil(_UNSCATTERED_SHARE * photons / sources / SHIFTS), 2)
-        return [self._drawer.draw(s, 0, per_shift, (seed, s, 0, 1)) for s in range(sources)]
+        emitters = len(self.arrays.emitters)
+        photons = self._key[0] / (1 if self.arrays.down else emitters)
+        per_shift = max(math.ceil(_UNSCATTERED_SHARE * photons / SHIFTS), 2)
+        return [self._drawer.draw(s, 0, per_shift, (*self._seed(s), 0, 1)) for s in range(emitters)]
 
     def evaluate(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> Parts:
         """Return the gain over a mesh, in parts."""
@@ -241,7 +254,7 @@ class ForcedDetection:
         low, high = mesh.bounds[:, :2]
         reach = crossing_reach(self.link) + np.array(self.link.origin) * [[-1.0], [1.0]]
         if (low <= -reach[0]).all() and (high >= reach[1]).all():
-            return np.zeros(len(self.arrays.targets))
+            return np.zeros(len(self.link.receivers))
         few = ForcedDetection(
             self.link, _CUT_CHAINS, self._key[1], *self._options, self._crest, self._search
         )
@@ -264,7 +277,7 @@ class ForcedDetection:
         if higher is not self:
             return higher.arrivals(mesh)
         aimed = self.over(mesh)
-        result = [self._aimed_arrivals(aimed, r) for r in range(len(self.arrays.targets))]
+        result = [self._aimed_arrivals(aimed, r) for r in range(len(self.link.receivers))]
         if self._adjoint is not None:
             found = self._adjoint.evaluate(mesh, arrivals=True).arrivals or []
             for r, rows in zip(self._on_paths, found, strict=True):
@@ -278,23 +291,25 @@ class ForcedDetection:
 
     def _aimed_arrivals(self, aimed: AimedChains, r: int) -> NDArray[np.float64]:
         """Return arrivals of a receiver over facets and chains."""
-        unit, center = self.arrays.frame.unit, self.arrays.targets[r].center
+        link, unit = self.arrays, self.arrays.frame.unit
         rows = [np.zeros((0, 4))]
-        for s, (power, sets) in enumerate(zip(self.arrays.power, self.scattered_sets, strict=True)):
-            found = aimed.direct_gains(s, r)
+        for s, power in enumerate(link.power):
+            e, t = (r, s) if link.down else (s, r)
+            sets = self.scattered_sets[e]
+            found = aimed.direct_gains(e, t)
             if found is not None:
                 gains = power * found
                 lit = np.flatnonzero(gains)
                 crossing = aimed.centroids[lit]
-                lamp = self.arrays.emitters[s].position
-                water, air = (np.linalg.norm(crossing - end, axis=1) for end in (lamp, center))
+                ends = link.emitters[e].position, link.targets[t].center
+                water, air = (np.linalg.norm(crossing - end, axis=1) for end in ends)
                 rows.append(_rows(gains[lit], unit * water, unit * air, np.full(len(lit), -1)))
             else:
-                sets = [self._unscattered[s], *sets]
+                sets = [self._unscattered[e], *sets]
             for chains in sets:
                 if chains.order > 0 and self.method[r] == "adjoint":
                     continue
-                _, light = aimed.aim(s, r, chains, keep=True)
+                _, light = aimed.aim(e, t, chains, keep=True)
                 n = len(chains.audit)
                 weight = power * light["weight"] / n
                 shift = light["chain"] // (n // SHIFTS)

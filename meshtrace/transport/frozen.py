@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
 from meshtrace.kernels.chains import Nominal
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -81,6 +81,8 @@ class FrozenForced:
         normals: str = "vertex",
         search: Search = "thorough",
     ) -> None:
+        if link.direction == "down":
+            raise Refused("link", Described("a downlink"), "a source in the water")
         base = ForcedDetection(
             link, photons, seed, normals, crest=crest, search=search, scattered="chains"
         )
@@ -213,7 +215,7 @@ class FrozenForced:
         target, n = arrays.targets[receiver], len(chains.audit)
         _, found = aimed.aim(source, receiver, chains, keep=True)
         chain = found["chain"]
-        way = on_disk(target, chains.chains.disk[chain]) - found["point"]
+        way = on_disk(target.center, target, chains.chains.disk[chain]) - found["point"]
         return Light(
             arrays.power[source] * found["weight"] / n,
             np.full(len(found), chains.order),

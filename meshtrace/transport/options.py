@@ -114,12 +114,12 @@ class Arrivals(Record, frozen=True):
 
 
 class IrradianceMap(Record, frozen=True):
-    """Record of the irradiance on square cells of a horizontal plane in the air (analog).
+    """Record of the irradiance on square cells of a horizontal plane (analog).
 
     Parameters
     ----------
     height : float
-        Height of the plane [m], > 0.
+        Height of the plane [m], in the water if negative; not 0.
     extent : float
         The map covers |x|, |y| <= extent [m], > 0.
     step : float
@@ -131,7 +131,7 @@ class IrradianceMap(Record, frozen=True):
     """
 
     kind: Literal["irradiance-map"] = "irradiance-map"
-    height: float = Field(gt=0.0, allow_inf_nan=False)
+    height: Finite
     extent: float = Field(gt=0.0, allow_inf_nan=False)
     step: float = Field(gt=0.0, allow_inf_nan=False)
     axis: tuple[Finite, Finite, Finite] = (0.0, 0.0, 1.0)
@@ -139,6 +139,8 @@ class IrradianceMap(Record, frozen=True):
 
     @model_validator(mode="after")
     def _some_cells(self) -> Self:
+        if self.height == 0.0:
+            raise Refused("height", self.height, "> 0 in the air, < 0 in the water")
         if not self.step <= 2.0 * self.extent <= 10_000 * self.step:
             allowed = f"1 to 10000 cells along 2 extent = {2.0 * self.extent:g} m"
             raise Refused("step", self.step, allowed)

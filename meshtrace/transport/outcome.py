@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import DomainWarning
 from meshtrace.kernels.tally import ARRIVAL
-from meshtrace.link import Link, WaterSource
+from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import default_threads
 from meshtrace.results.gain import (
@@ -83,7 +83,8 @@ def bound_of_dark(
     """Return upper bounds of gains without received light, nan elsewhere; None if all have light.
 
     The bound is that of as many analog photons, as aimed samples without contributions give none.
-    No photon scores more than w = exp(-a d), d the height of the lowest trough above the source.
+    No photon scores more than w = exp(-a d), d the height of the lowest trough above the end in
+    the water.
     With mean m and standard error s of the scores of n photons, the bound is m + 2 s + 3 w / n:
     3 w / n at 95 % confidence (rule of three) where none arrives.
     """
@@ -91,7 +92,7 @@ def bound_of_dark(
         return None
     water = link.water
     a = water.a if water.layers is None else min(row[1] for row in water.layers)
-    depth = min(t.depth for t in link.transmitters if isinstance(t, WaterSource))
+    depth = min(-item.center[2] for _, item in link.items() if item.center[2] < 0.0)
     most = math.exp(-a * max(depth + float(mesh.bounds[0, 2]), 0.0))
     bound = np.full(len(gain), sys.float_info.min)
     if most > sys.float_info.min:

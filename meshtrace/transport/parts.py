@@ -99,9 +99,12 @@ class Sums:
     def __init__(self, link: ForcedLink, method: list[Method], sets: list[list[ChainSet]]) -> None:
         self._link, self._method = link, method
         receivers = len(method)
-        self.pairs = [(s, r) for s in range(len(link.emitters)) for r in range(receivers)]
+        self.pairs = [(e, t) for e in range(len(link.emitters)) for t in range(len(link.targets))]
         self.jobs = [
-            (s, r, chains) for s, r in self.pairs for chains in sets[s] if method[r] == "chains"
+            (e, t, chains)
+            for e, t in self.pairs
+            for chains in sets[e]
+            if method[link.receiver(e, t)] == "chains"
         ]
         self.chains = sum(len(chains.audit) for row in sets for chains in row)
         self._orders = max((chains.order for row in sets for chains in row), default=0)
@@ -114,19 +117,20 @@ class Sums:
     def add_direct(self, gains: Iterable[NDArray[np.float64]]) -> int:
         """Add the unscattered gain of each pair; return the number of sampled ones."""
         sampled = 0
-        for (s, r), gain in zip(self.pairs, gains, strict=True):
-            self._direct[r] += self._link.power[s] * gain
+        for pair, gain in zip(self.pairs, gains, strict=True):
+            self._direct[self._link.receiver(*pair)] += self._link.share(*pair) * gain
             sampled += len(gain) > 1
         return sampled
 
     def add_chains(self, scores: Iterable[NDArray[np.float64]]) -> None:
         """Add the scores of each job."""
-        for (s, r, chains), score in zip(self.jobs, scores, strict=True):
-            means = self._link.power[s] * score.reshape(SHIFTS, -1).mean(axis=1)
+        for (e, t, chains), score in zip(self.jobs, scores, strict=True):
+            r, share = self._link.receiver(e, t), self._link.share(e, t)
+            means = share * score.reshape(SHIFTS, -1).mean(axis=1)
             self._scattered[r, chains.order - 1] += means
             self._samples[r] += len(score)
             self._scored[r] += np.count_nonzero(score)
-            self._squares[r] += (self._link.power[s] ** 2) * np.mean(score**2) / len(score)
+            self._squares[r] += share**2 * np.mean(score**2) / len(score)
 
     def add_paths(self, found: AdjointParts, photons: int) -> None:
         """Add the scattered light of the receivers that rest on adjoint paths."""

@@ -165,6 +165,9 @@ def received_paths(
         out.weight[k, :m] = weight
         out.what[k, :m] = Vertex.SCATTER
         out.what[k, 0] = Vertex.SOURCE
-        out.what[k, m - 2] = Vertex.SURFACE_OUT
+        if link.direction == "down":
+            out.what[k, 1] = Vertex.SURFACE_IN
+        else:
+            out.what[k, m - 2] = Vertex.SURFACE_OUT
         out.what[k, m - 1] = Vertex.RECEIVED
     return out

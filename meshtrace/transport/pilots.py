@@ -29,8 +29,15 @@ class Pilot(NamedTuple):
         rows = (self.mean[receivers], self.spread[receivers], self.scored[receivers])
         return Pilot(self.chains, *rows)
 
+    def joined(self, power: NDArray[np.float64]) -> Pilot:
+        """Return the pilot of one receiver with targets of shares of the power."""
+        mean, spread = (power @ self.mean)[None], (power @ self.spread)[None]
+        return Pilot(self.chains, mean, spread, self.scored.max(axis=0)[None])
 
-def pilot(drawer: ChainDrawer, aimed: AimedChains, source: int, seed: int, receivers: int) -> Pilot:
+
+def pilot(
+    drawer: ChainDrawer, aimed: AimedChains, source: int, seed: tuple[int, int], receivers: int
+) -> Pilot:
     """Return the statistics of pilot chains; orders without a score get more of them."""
     orders = drawer.last_order(source)
     chains = np.zeros(orders, np.int64)
@@ -39,7 +46,7 @@ def pilot(drawer: ChainDrawer, aimed: AimedChains, source: int, seed: int, recei
     for k in range(orders):
         n = _PILOT // SHIFTS
         for step in range(_PILOT_STEPS):
-            chosen = drawer.draw(source, k + 1, n, (seed, source, k + 1, 2 + step))
+            chosen = drawer.draw(source, k + 1, n, (*seed, k + 1, 2 + step))
             scores = np.array([aimed.score(source, r, chosen) for r in range(receivers)])
             hits = np.count_nonzero(scores, axis=1)
             if hits.min() >= 4:

@@ -30,31 +30,33 @@ def received_light(
     light: list[float] = []
     paths: list[Path] = []
     for s, power in enumerate(link.power):
+        e, t = (0, s) if link.down else (s, 0)
         if not aimed.rough:
-            direct, gain = _direct(aimed, s, n, rng)
+            direct, gain = _direct(aimed, e, t, n, rng)
             paths += list(direct)
             light += [power * gain / max(len(direct), 1)] * len(direct)
-        for chains in sets[s]:
-            _, found = aimed.aim(s, 0, chains, keep=True)
+        for chains in sets[e]:
+            _, found = aimed.aim(e, t, chains, keep=True)
             weight = power * found["weight"] / len(chains.audit)
             if not weight.sum() > 0.0:
                 continue
             kept = rng.choice(len(found), min(n, len(found)), p=weight / weight.sum())
             for k in kept:
-                paths.append(_placed(chains.chains, found[k], link.emitters[s], link.targets[0]))
+                paths.append(_placed(chains.chains, found[k], link.emitters[e], link.targets[t]))
             light += [float(weight.sum()) / max(len(kept), 1)] * len(kept)
     if not paths:
         return []
     total = float(sum(light))
     chosen = rng.choice(len(paths), n, p=np.array(light) / total)
-    return [(link.frame.metres(paths[k]), total / n) for k in chosen]
+    with_light = -1 if link.down else 1
+    return [(link.frame.metres(paths[k][::with_light]), total / n) for k in chosen]
 
 
 def _direct(
-    aimed: AimedChains, source: int, n: int, rng: np.random.Generator
+    aimed: AimedChains, emitter: int, target: int, n: int, rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], float]:
     """Return about n unscattered paths into the first receiver and their gain."""
-    gains = aimed.facet_gains(source, 0)
+    gains = aimed.facet_gains(emitter, target)
     lit = np.flatnonzero(gains)
     if not len(lit):
         return np.zeros((0, 3, 3)), 0.0
@@ -62,7 +64,7 @@ def _direct(
     u = rng.random((n, 2))
     angle = 2.0 * np.pi * u[:, 1]
     disk = np.sqrt(u[:, :1]) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return aimed.direct_paths(source, 0, facets, disk), float(gains.sum())
+    return aimed.direct_paths(emitter, target, facets, disk), float(gains.sum())
 
 
 def _placed(chains: Chains, arrival: np.void, emitter: Emitter, target: Target) -> Path:
@@ -74,7 +76,6 @@ def _placed(chains: Chains, arrival: np.void, emitter: Emitter, target: Target) 
     sine = np.linalg.norm(axis)
     angle = math.atan2(sine, w[2])
     turn = Rotation.from_rotvec(axis * (angle / sine if sine > 0.0 else 0.0))
-    vertices = turn.apply(chains.vertex[i]) + emitter.position
-    return np.vstack(
-        [emitter.position, vertices, arrival["point"], on_disk(target, chains.disk[i : i + 1])]
-    )
+    start = on_disk(emitter.position, emitter, chains.disk[i : i + 1])
+    end = on_disk(target.center, target, chains.disk[i : i + 1])
+    return np.vstack([start, turn.apply(chains.vertex[i]) + start, arrival["point"], end])

@@ -8,14 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.link import Link, WaterSource
+from meshtrace.kernels.sources import SourceKind
+from meshtrace.link import Link, Source, WaterReceiver
+from meshtrace.link.sources import AirLamp
 from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.transport.forced_link import emitter_of
 
 _RINGS, _AZIMUTHS = 48, 12
 
 
 def returned_gain(link: Link) -> NDArray[np.float64]:
     r"""Estimate the gain of light that leaves the water after a reflection at the surface.
+
+    For light that goes down, the gain of light that is reflected at the surface before it arrives,
+    by the same estimate of the reversed light.
 
     Returns
     -------
@@ -67,24 +73,28 @@ def returned_gain(link: Link) -> NDArray[np.float64]:
     rows = [(0.0, water.a, water.b)] if water.layers is None else list(water.layers)
     x = max(back * b / max(a + back * b, 1e-12) for _, a, b in rows)
     albedo = x / (1.0 + math.sqrt(1.0 - x * x))
-    sources = [t for t in link.transmitters if isinstance(t, WaterSource)]
-    total = sum(t.power_mw for t in sources)
+    pairs: list[tuple[Any, Any, Source, int]] = []  # ends in the water and in the air
+    for i, end in enumerate(receivers):
+        for t in link.transmitters:
+            pairs.append((end, t, t, i) if link.direction == "down" else (t, end, t, i))
+    scale = (water.n / link.n_air) ** 2 if link.direction == "down" else 1.0
+    total = sum(t.power_mw for t in link.transmitters)
     diffuse_reflectance = _diffuse_reflectance(water.n, link.n_air)
     out = albedo * (1.0 - diffuse_reflectance) / (1.0 - albedo * diffuse_reflectance)
-    for source in sources:
-        a, b = _mean(rows, source.depth)
+    for low_end, high_end, source, i in pairs:
+        depth = -low_end.center[2]
+        a, b = _mean(rows, depth)
         below = 0.5 / max(a + back * b, 1e-12)
-        rays = _rays(source)
-        length = source.depth / rays[:, 2]
+        rays = _rays(low_end)
+        length = depth / rays[:, 2]
         unturned = np.exp(-2.0 * back * b * length)
-        power = source.power_mw / total / (_RINGS * _AZIMUTHS) * out
+        power = scale * source.power_mw / total / (_RINGS * _AZIMUTHS) * out
         lit = power * np.exp(-a * length) / (1.0 + back * b * length)
         mirrored = lit * unturned * fresnel_reflectance(rays[:, 2], water.n, link.n_air)
         diffuse = lit * (1.0 - unturned) * diffuse_reflectance
-        for sent, low in ((mirrored, below), (diffuse, below + 0.75 * source.depth)):
-            place = rays[:, :2] * ((source.depth + below) / rays[:, 2:]) + source.position
-            for i, r in enumerate(receivers):
-                gain[i] += math.pi * r.radius**2 * float(sent @ _seen(r, place, low))
+        for sent, low in ((mirrored, below), (diffuse, below + 0.75 * depth)):
+            place = rays[:, :2] * ((depth + below) / rays[:, 2:]) + low_end.position
+            gain[i] += _etendue(low_end) * float(sent @ _seen(high_end, place, low))
     return gain
 
 
@@ -103,17 +113,27 @@ def _mean(rows: list[tuple[float, float, float]], depth: float) -> tuple[float, 
     return float(thick @ [row[1] for row in rows]), float(thick @ [row[2] for row in rows])
 
 
-def _rays(source: WaterSource) -> NDArray[np.float64]:
+def _etendue(low_end: Any) -> float:
+    """Return the etendue of an aperture in the water, whose light is reversed [m2 sr]; else 1."""
+    if not isinstance(low_end, WaterReceiver):
+        return 1.0
+    return (math.pi * low_end.radius * math.sin(math.radians(low_end.fov_deg) / 2.0)) ** 2
+
+
+def _rays(source: Any) -> NDArray[np.float64]:
     """Return directions of equal power, as of a Lambertian source, that go up."""
     u = (np.arange(_RINGS) + 0.5) / _RINGS
     cosine = 1.0 - 2.0 * u
-    if source.spread_deg < 90.0:
+    axis = np.array(source.axis)
+    if isinstance(source, WaterReceiver):
+        axis = -axis
+        cosine = np.sqrt(1.0 - u * math.sin(math.radians(source.fov_deg) / 2.0) ** 2)
+    elif source.spread_deg < 90.0:
         order = -math.log(2.0) / math.log(math.cos(math.radians(source.spread_deg)))
         cosine = u ** (1.0 / (order + 1.0))
     azimuth = 2.0 * math.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
     c, f = (v.ravel() for v in np.meshgrid(cosine, azimuth, indexing="ij"))
     s = np.sqrt(np.maximum(1.0 - c * c, 0.0))
-    axis = np.array(source.axis)
     side = np.cross(axis, [0.0, 1.0, 0.0] if abs(axis[1]) < 0.9 else [1.0, 0.0, 0.0])
     side /= np.linalg.norm(side)
     across = np.cross(axis, side)
@@ -123,11 +143,30 @@ def _rays(source: WaterSource) -> NDArray[np.float64]:
 
 
 def _seen(receiver: Any, place: NDArray[np.float64], below: float) -> NDArray[np.float64]:
-    """Return the irradiance at an aperture per Lambert's power that leaves each place [1/m^2]."""
+    """Return the share of Lambert's power that leaves each place and is received.
+
+    At a lamp, which is reached backwards, the light of its pattern per area [sr-1 m-2].
+    """
     away = np.column_stack([place - receiver.center[:2], np.full(len(place), -below)])
     away[:, 2] -= receiver.center[2]
     distance = np.linalg.norm(away, axis=1)
+    rise = -away[:, 2] / distance
+    if isinstance(receiver, AirLamp):
+        light = _intensity(receiver, away @ np.array(receiver.axis) / distance)
+        return np.asarray(light * rise / (math.pi * distance**2))
     view = -(away @ np.array(receiver.axis)) / distance
     seen = view > math.cos(math.radians(receiver.fov_deg) / 2.0)
-    rise = -away[:, 2] / distance
-    return np.asarray(np.where(seen, view * rise / (math.pi * distance**2), 0.0))
+    area = math.pi * receiver.radius**2
+    return np.asarray(np.where(seen, area * view * rise / (math.pi * distance**2), 0.0))
+
+
+def _intensity(lamp: AirLamp, cosine: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the intensity of a lamp at the cosine of an angle to its axis [sr-1]."""
+    emitter = emitter_of(lamp)
+    cosine = np.clip(cosine, 0.0, 1.0)
+    if emitter.kind == SourceKind.LED:
+        return np.asarray(emitter.norm * cosine**emitter.spread)
+    angle = np.arccos(cosine)
+    if emitter.kind == SourceKind.GAUSSIAN_BEAM:
+        return np.asarray(emitter.norm * np.exp(-2.0 * (angle / emitter.spread) ** 2))
+    return np.where(angle <= emitter.spread, emitter.norm, 0.0)

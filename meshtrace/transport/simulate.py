@@ -10,7 +10,7 @@ import numpy as np
 
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Described, Refused, require_whole
-from meshtrace.link import Link, WaterSource
+from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.parallel import default_threads
 from meshtrace.results.gain import GainResult, merge
@@ -270,7 +270,7 @@ def _reflected(
     wide, area = [], []
     for r in link.receivers:
         half = math.radians(min(r.fov_deg, 120.0)) / 2.0
-        radius = max(r.radius, min(1.0, 0.5 * r.center[2] * math.tan(half)))
+        radius = max(r.radius, min(1.0, 0.5 * abs(r.center[2]) * math.tan(half)))
         wide.append(r.replace(radius=radius))
         area.append((r.radius / radius) ** 2)
     threads = default_threads(run.threads)
@@ -290,7 +290,7 @@ def _reflected(
 
 
 def _deepest(link: Link) -> float:
-    return max((t.depth for t in link.transmitters if isinstance(t, WaterSource)), default=0.0)
+    return max(-item.center[2] for _, item in link.items())
 
 
 def trace_paths(

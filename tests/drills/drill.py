@@ -6,6 +6,7 @@ input, so that the input is known that ends it with a signal or makes it hang.
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import os
 import queue
@@ -23,8 +24,8 @@ from random import Random
 import numpy as np
 
 SEED = 20240229
-HANG = 90.0  # [s] for one input; most kernels are compiled before
-PATIENCE = 300.0  # [s] for a process of its own, which may find no cache of kernels
+HANG = 240.0  # [s] for one input, which may compile a kernel on a busy machine
+PATIENCE = 600.0  # [s] for a process of its own, which may find no cache of kernels
 START = 400.0  # [s] to compile those
 MEMORY = 6 * 2**30  # [B]
 LONGEST = 1000  # letters of a refusal
@@ -74,7 +75,9 @@ def work(kind, first, last):
             folder.mkdir()
             text, call = hostile.KINDS[kind](Random(f"{SEED}/{kind}/{i}"), folder)
             answer(number=i, input=text)
+            faulthandler.dump_traceback_later(0.9 * HANG)  # shows where an input hangs
             answer(number=i, outcome=outcome(call))
+            faulthandler.cancel_dump_traceback_later()
             shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -146,8 +149,8 @@ def drill(kind, first, last):
                     else:
                         failures.append((f"{kind} {line['number']}: {text}", found))
         except (queue.Empty, subprocess.TimeoutExpired):
-            failures.append((f"{kind} {at}: {text}", f"no answer in {timeout:g} s"))
-            worker.end()
+            _, stderr = worker.end()
+            failures.append((f"{kind} {at}: {text}", f"no answer in {timeout:g} s: {stderr}"))
             at += 1
             continue
         code, stderr = worker.end()

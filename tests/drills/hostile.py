@@ -488,7 +488,7 @@ def environment(random, folder):
                 stderr=subprocess.PIPE,
                 text=True,
                 errors="replace",
-                timeout=240,
+                timeout=500,
             )
         return judged(done.returncode, done.stdout or "", done.stderr)
 

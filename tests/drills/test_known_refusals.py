@@ -8,6 +8,7 @@ import pytest
 import meshtrace as mt
 from meshtrace import fading, surfaces
 from meshtrace.errors import Refused
+from meshtrace.paper import profiles
 from meshtrace.results.gain import bound_where_dark
 from meshtrace.surfaces import FlatSea
 
@@ -32,7 +33,26 @@ CALLS = {
 GAINS, TIMES = np.array([1.0, 2.0, 3.0, 4.0]), np.arange(4.0)
 OOK, WIND, UAV, SEA_OF_WAVES = mt.OokLink(), mt.Dryden(), mt.Uav(), surfaces.JonswapSea()
 
+Z = np.array([0.0, 50.0])
+WATER = profiles.WaterProfile(Z, np.array([26.0, 22.0]), np.array([35.0, 35.0]))
+CHOPPY = surfaces.JonswapSea(wind_speed=5.0, band="paper", choppy=True)
+
 METHODS = [
+    ("x_axis", lambda: SEA.grid(np.zeros((2, 2)), TIMES)),
+    ("y_axis", lambda: SEA_OF_WAVES.grid(TIMES, np.zeros((2, 2)))),
+    ("x_axis", lambda: CHOPPY.grid([[], [1]], TIMES)),
+    ("y", lambda: CHOPPY.elevation(np.zeros(3), np.zeros((2, 2)))),
+    ("depth", lambda: profiles.WaterProfile([[1.0, 2.0], [3.0]], Z, Z)),
+    ("latitude", lambda: profiles.WaterProfile(Z, Z, Z, "x")),
+    ("depth", lambda: WATER.n("x")),
+    ("wavelength_nm", lambda: WATER.n(1.0, {})),
+    ("profile", lambda: profiles.ray_deflection(None, 5.0, 0.1)),
+    ("profile", lambda: profiles.ray_deflection(Z, 5.0, 0.1)),
+    ("depth", lambda: profiles.ray_deflection(WATER, "x", 0.1)),
+    ("zenith", lambda: profiles.ray_deflection(WATER, 5.0, None)),
+    ("pressure", lambda: profiles.depth_of_pressure("x", 1.0)),
+    ("latitude", lambda: profiles.depth_of_pressure(1.0, math.nan)),
+    ("None", lambda: profiles.load_profiles(None)),
     ("mesh", lambda: mt.simulate(LINK, SEA, spacing=1e-300)),
     ("mesh", lambda: mt.simulate(LINK, SEA, mesh=[[], [1]])),
     ("record", lambda: mt.simulate(LINK, SEA, record=np.int64(3))),

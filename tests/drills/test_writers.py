@@ -75,7 +75,7 @@ def hook(event, args):
                 os.kill(os.getpid(), signal.SIGKILL)
 sys.addaudithook(hook)
 sys.argv = ["meshtrace", *sys.argv[3:]]
-from meshtrace.cli import main
+from meshtrace.__main__ import main
 main()
 """
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from mc_statistics import ALPHA, z_test
 import meshtrace as mt
 from meshtrace import fading
 from meshtrace.errors import Refused
+from meshtrace.fading.spectral import paraxial_lever
 from meshtrace.surfaces import Elfouhaily, FlatSea, JonswapSea, SpectralSea
 
 SEA = SpectralSea(
@@ -18,70 +21,112 @@ SEA = SpectralSea(
 )
 
 
-def fast(rows):
-    """Mark all rows but the first two as slow."""
-    return [
-        pytest.param(*row, marks=pytest.mark.slow if i > 1 else ()) for i, row in enumerate(rows)
+REFERENCE = json.loads(
+    (Path(__file__).parents[1] / "data" / "real_seas_reference.json").read_text()
+)
+"""Numbers of an independent program: paraxial integrals and explicit meshes."""
+
+
+def rows(name):
+    """Return the rows (omega_max, tilts, row) of a table; all but three are slow."""
+    found = [
+        (row["omega_max"], tilts, row)
+        for row in REFERENCE[name]["rows"]
+        for tilts in ((True, False) if row["omega_max"] else (True,))
     ]
+    quick = [(8, True), (16, False), (None, True)] if "fetch" in name else [(24, True)]
+    return [pytest.param(*row, marks=() if row[:2] in quick else pytest.mark.slow) for row in found]
+
+
+def closed_form(sea, omega_max, tilts, row):
+    found = fading.scintillation_of_spectrum(mt.Link(), sea, omega_max, tilts)
+    assert found == pytest.approx(row["si_tilt" if tilts else "si"], rel=0.01)
 
 
 @pytest.mark.parametrize(
-    ("omega_max", "tilts", "expected"),
-    fast(
-        [
-            (16.0, True, 0.30167),
-            (16.0, False, 1.6238),
-            (4.0, False, 0.0046),
-            (8.0, True, 0.09104),
-            (24.0, True, 0.31433),
-            (24.0, False, 1.20066),
-            (64.0, False, 0.49659),
-            (None, True, 0.32004),
-        ]
-    ),
+    ("omega_max", "tilts", "row"), rows("si_elfouhaily_U5_fetch30km_spreading_elfouhaily")
 )
-def test_scintillation_over_the_band(omega_max, tilts, expected):
-    index = fading.scintillation_of_spectrum(mt.Link(), SEA, omega_max, tilts)
-    assert index == pytest.approx(expected, rel=0.01)
+def test_scintillation_over_the_band(omega_max, tilts, row):
+    closed_form(SEA, omega_max, tilts, row)
+
+
+@pytest.mark.parametrize(("omega_max", "tilts", "row"), rows("si_elfouhaily_U5_developed"))
+def test_scintillation_of_the_developed_sea(omega_max, tilts, row):
+    closed_form(
+        SpectralSea(
+            spectrum=Elfouhaily(wind_speed=5.0), spreading="elfouhaily", mss="elfouhaily"
+        ),
+        omega_max, tilts, row,
+    )  # fmt: skip
+
+
+def test_lever_and_slopes_of_the_bands():
+    """The geometry, and k_max, slope variance and curvature up to each frequency."""
+    lever, expected = paraxial_lever(mt.Link()), REFERENCE["geometry"]
+    assert lever.beta == pytest.approx(expected["beta_m"], rel=1e-5)
+    assert lever.aperture == pytest.approx(expected["aperture_in_surface_m"], rel=1e-4)
+    assert 0.05 / lever.aperture == pytest.approx(expected["magnification"], rel=1e-6)
+    tables = ("si_elfouhaily_U5_fetch30km_spreading_elfouhaily", "si_elfouhaily_U5_developed")
+    for fetch, name in zip((30e3, None), tables, strict=True):
+        sea = SpectralSea(spectrum=Elfouhaily(wind_speed=5.0, fetch=fetch))
+        slopes = sea.slope_spectrum()
+        for row in REFERENCE[name]["rows"]:
+            inside = slopes.k <= row["k_max"]
+            if row["omega_max"]:
+                edge = slopes.k[slopes.omega <= row["omega_max"]].max()
+                assert edge == pytest.approx(row["k_max"], rel=0.01)
+            assert slopes.variance[inside].sum() == pytest.approx(row["mss"], rel=0.01)
+            curved = (slopes.variance * slopes.k**2)[inside].sum()
+            assert lever.beta * math.sqrt(curved) == pytest.approx(row["beta_curv"], rel=0.01)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("wind", "expected"), [(2, 0.3707), (3, 0.4873), (13, 0.0857)])
-def test_scintillation_of_all_waves_over_wind(wind, expected):
-    sea = SpectralSea(spectrum=Elfouhaily(wind_speed=wind, fetch=30e3), spreading="elfouhaily")
+@pytest.mark.parametrize("wind", ["2", "3", "5", "13"])
+def test_scintillation_of_all_waves_over_wind(wind):
+    sea = SpectralSea(
+        spectrum=Elfouhaily(wind_speed=float(wind), fetch=30e3), spreading="elfouhaily"
+    )
+    expected = REFERENCE["si_by_wind_fetch30km_full_spectrum"][wind]
     assert fading.scintillation_of_spectrum(mt.Link(), sea) == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("omega_max", "expected"), [(4, 0.0051), (8, 0.1245), (16, 1.3321)])
-def test_scintillation_of_jonswap(omega_max, expected):
-    sea = JonswapSea(wind_speed=5.0)
-    index = fading.scintillation_of_spectrum(mt.Link(), sea, omega_max, tilts=False)
+@pytest.mark.parametrize("omega_max", ["4", "8", "16"])
+def test_scintillation_of_jonswap(omega_max):
+    index = fading.scintillation_of_spectrum(
+        mt.Link(), JonswapSea(wind_speed=5.0), float(omega_max), tilts=False
+    )
+    expected = REFERENCE["si_jonswap_U5_fetch30km_ittc_nothing_beyond"][omega_max]
     assert index == pytest.approx(expected, rel=0.015)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("link", "expected"),
+    ("field", "name"),
     [
-        (mt.Link(receiver=mt.Receiver(radius=0.0125)), 0.3353),
-        (mt.Link(receiver=mt.Receiver(radius=0.1)), 0.2868),
-        (mt.Link(receiver=mt.Receiver(height=1.0)), 0.1603),
-        (mt.Link(receiver=mt.Receiver(height=10.0)), 0.2991),
-        (mt.Link(transmitter=mt.Led(depth=40.0)), 0.2907),
+        ("receiver.radius", "si_by_radius_U5_full"),
+        ("receiver.height", "si_by_height_U5_full"),
+        ("transmitter.depth", "si_by_depth_U5_full"),
     ],
 )
-def test_scintillation_over_the_geometry(link, expected):
-    assert fading.scintillation_of_spectrum(link, SEA) == pytest.approx(expected, rel=0.01)
+def test_scintillation_over_the_geometry(field, name):
+    for value, expected in REFERENCE[name].items():
+        if value != "rtol":
+            link = mt.Link().replace(field, float(value))
+            found = fading.scintillation_of_spectrum(link, SEA)
+            assert found == pytest.approx(expected, rel=0.01)
 
 
 def test_correlation_over_time():
+    table = REFERENCE["temporal_U5_omega24_tilts"]
     sea = SEA.model_copy(update={"omega_max": 24.0, "d_omega": 1.0})
-    lags = [[0.0, 0.02], [0.1, 0.5]]
+    lags = np.array([float(lag) for lag in table["rho"]] + [0.11, 0.12]).reshape(3, 3)
     covariance = fading.gain_autocovariance(mt.Link(), sea, lags)
-    assert covariance.shape == (2, 2)
-    expected = np.array([[1.0, 0.9733], [0.4776, -0.146]])
-    np.testing.assert_allclose(covariance / covariance[0, 0], expected, rtol=0.02)
+    assert covariance.shape == (3, 3)
+    rho = covariance.ravel() / covariance[0, 0]
+    np.testing.assert_allclose(rho[:7], list(table["rho"].values()), rtol=0.02)
+    time = np.interp(-math.exp(-1.0), -rho[7:], [0.11, 0.12])
+    assert time == pytest.approx(table["coherence_time_1_over_e_s"], rel=0.02)
 
 
 def disk_correlation(r):

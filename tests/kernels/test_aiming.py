@@ -138,15 +138,16 @@ def scene_of(link, mesh, normals="vertex"):
 
 
 @inlined
-def shot_at(q, v, x, y, branch):
+def shot_at(q, v, x, y, branch, scene):
     none, goal = Vec2(0.0, 0.0), Vec2(x, y)
-    return aiming.Shot(Vec3(q[0], q[1], q[2]), Vec3(v[0], v[1], v[2]), goal, branch, none)
+    start = scene.emitter.position
+    return aiming.Shot(start, Vec3(q[0], q[1], q[2]), Vec3(v[0], v[1], v[2]), goal, branch, none)
 
 
 @entry
 def _aims(points, facets, q, v, branch, scene, out):
     for i in range(len(points)):
-        shot = shot_at(q, v, 0.0, 0.0, branch)
+        shot = shot_at(q, v, 0.0, 0.0, branch, scene)
         m = aiming.aim_at(points[i, 0], points[i, 1], facets[i], shot, scene)
         out[i, 0] = 1.0 if m.ok else 0.0
         out[i, 1], out[i, 2] = m.at.x, m.at.y
@@ -235,7 +236,7 @@ def test_light_beyond_the_critical_angle_does_not_leave():
 @entry
 def _jacobians(points, facets, q, v, scene, out):
     for i in range(len(points)):
-        shot = shot_at(q, v, 0.0, 0.0, 1.0)
+        shot = shot_at(q, v, 0.0, 0.0, 1.0, scene)
         j = aiming.jacobian(points[i, 0], points[i, 1], facets[i], shot, scene)
         out[i, 0] = 1.0 if j.ok else 0.0
         out[i, 1], out[i, 2], out[i, 3], out[i, 4] = j.a, j.b, j.c, j.d
@@ -269,7 +270,7 @@ def test_jacobian_against_central_differences(wave_mesh, normals):
 @entry
 def _flats(points, q, v, scene, out):
     for i in range(len(points)):
-        shot = shot_at(q, v, 0.0, 0.0, 1.0)
+        shot = shot_at(q, v, 0.0, 0.0, 1.0, scene)
         aiming.flat_crossing(out[i], points[i, 0], points[i, 1], shot, scene)
 
 
@@ -327,7 +328,7 @@ def test_every_vertex_and_edge_belongs_to_a_facet():
 
 @entry
 def _roots(flat_at, radius, q, v, target, scene, flat, roots):
-    shot = shot_at(q, v, target[0], target[1], 1.0)
+    shot = shot_at(q, v, target[0], target[1], 1.0, scene)
     aiming.flat_crossing(flat[0], flat_at[0], flat_at[1], shot, scene)
     return enumerate_roots(roots, 0, flat[0], radius, shot, scene)
 
@@ -341,7 +342,7 @@ def roots_near(flat_at, radius, q, v, target, scene):
 
 @entry
 def _newton_flat(q, v, target, start, scene, out):
-    shot = shot_at(q, v, target[0], target[1], 1.0)
+    shot = shot_at(q, v, target[0], target[1], 1.0, scene)
     found, x, y, _ = aiming.newton(start[0], start[1], FLAT_SEA, True, 1.0, shot, scene)
     out[0], out[1], out[2] = 1.0 if found else 0.0, x, y
 

@@ -38,7 +38,7 @@ def towards(p, mesh_slope, goal, scene):
 @njit
 def landing(p, slope_x, slope_y, scene):
     """Return where light crosses to through a slope, its reflectance and flight."""
-    m = land_sloped(Vec3(p[0], p[1], p[2]), slope_x, slope_y, straight_shot(0.0, 0.0), scene)
+    m = land_sloped(Vec3(p[0], p[1], p[2]), slope_x, slope_y, straight_shot(0.0, 0.0, scene), scene)
     return m.at.x, m.at.y, m.rho, m.flight
 
 

@@ -34,7 +34,7 @@ def planes(tallies, origins, directions, length, weight, medium):
 def mapped(tallies, origins, directions, weight):
     for k in range(len(origins)):
         flight = kernel.Flight(row(origins, k), row(directions, k), math.inf, weight[k], 0.0, 0.0)
-        kernel.score_map(tallies, flight)
+        kernel.score_map(tallies, flight, None)
 
 
 @njit

@@ -67,3 +67,91 @@ def test_variants_refuse_links_that_have_none():
     with pytest.raises(Refused, match=r"^transmitter\.depth: -1.0"):
         mt.Link().at_depth(-1.0)
     assert mt.Link().only_receiver == mt.Receiver()
+
+
+AIR = [
+    mt.AirLed(position=(1.0, 2.0), height=3.0, tilt_deg=30.0, tilt_azimuth_deg=90.0),
+    mt.AirBeam(position=(1.0, 2.0), height=3.0, waist=0.2, tilt_deg=30.0, tilt_azimuth_deg=90.0),
+    mt.AirTopHatBeam(
+        position=(1.0, 2.0), height=3.0, radius=0.3, tilt_deg=30.0, tilt_azimuth_deg=90.0
+    ),
+]
+
+
+@pytest.mark.parametrize("lamp", AIR, ids=lambda s: s.kind)
+def test_lamps_in_the_air_lean_from_straight_down(lamp):
+    assert lamp.center == (1.0, 2.0, 3.0)
+    assert lamp.axis == pytest.approx((0.0, 0.5, -(0.75**0.5)))
+    receiver = mt.WaterReceiver(tilt_deg=30.0, tilt_azimuth_deg=90.0, depth=4.0)
+    assert receiver.axis == pytest.approx((0.0, -0.5, -(0.75**0.5)))
+    link = mt.Link(transmitter=lamp, receiver=receiver)
+    assert mt.Link.model_validate_json(link.model_dump_json()) == link
+    assert link.direction == "down"
+    assert link.air_end == ("transmitter", lamp)
+    assert (link.depth, link.at_depth(7.0).receiver.depth) == (4.0, 7.0)
+
+
+def test_directions():
+    assert mt.Link().direction == "up"
+    assert mt.Link(transmitter=mt.Sun(), receiver=mt.WaterAperture()).direction == "down"
+    assert mt.Link(transmitter=mt.Sun()).direction == "mixed"
+    assert mt.Link(transmitter=(mt.Led(), mt.AirLed())).direction == "mixed"
+    assert mt.Link().air_end == ("receiver", mt.Receiver())
+
+
+@pytest.mark.parametrize(
+    "lamp",
+    [
+        mt.Led(depth=7.0, half_angle_deg=20.0, zenith_deg=5.0, power_mw=3.0),
+        mt.GaussianBeam(divergence_deg=2.0, waist=0.1, wavelength_nm=520.0),
+        mt.TopHatBeam(position=(1.0, 0.0), divergence_deg=3.0, radius=0.2),
+    ],
+    ids=lambda s: s.kind,
+)
+def test_a_mirrored_link_keeps_patterns_and_places(lamp):
+    end = mt.Receiver(height=6.0, radius=0.1, fov_deg=40.0, position=(0.0, 2.0), tilt_deg=7.0)
+    link = mt.Link(transmitter=lamp, receiver=end)
+    down = link.mirrored()
+    assert down.transmitter.center == end.center
+    assert down.receiver.center == lamp.center
+    assert down.transmitter.pattern == lamp.kind
+    assert down.transmitter.spread_deg == lamp.spread_deg
+    assert (down.transmitter.power_mw, down.transmitter.size) == (lamp.power_mw, lamp.size)
+    assert (down.receiver.radius, down.receiver.fov_deg) == (0.1, 40.0)
+    # the axes stay: the lamp shines along the line of sight of the receiver that was there
+    assert down.transmitter.axis == pytest.approx([-x for x in end.axis])
+    assert [-x for x in down.receiver.axis] == pytest.approx(lamp.axis)
+    assert down.mirrored() == link
+    assert down.footprint() == link.footprint()
+
+
+@pytest.mark.parametrize(
+    "link",
+    [
+        mt.Link(transmitter=mt.Sun()),
+        mt.Link(transmitter=mt.IsotropicSource()),
+        mt.Link(receiver=mt.WaterAperture()),
+        mt.Link(receiver=(mt.Receiver(), mt.Receiver())),
+        mt.Link(planes=mt.IrradiancePlanes(depths=(1.0,))),
+    ],
+)
+def test_links_without_another_direction_are_refused(link):
+    with pytest.raises(Refused, match=r"^(link|planes): "):
+        link.mirrored()
+
+
+@pytest.mark.parametrize("value", [-1.0, 90.0, float("nan")])
+def test_tilts_beyond_the_horizon_are_refused(value):
+    with pytest.raises(Refused, match=r"^(AirLed\.)?tilt_deg"):
+        mt.AirLed(tilt_deg=value)
+    with pytest.raises(Refused, match="tilt_deg"):
+        mt.WaterReceiver(tilt_deg=value)
+    with pytest.raises(Refused, match="height"):
+        mt.AirLed(height=0.0)
+
+
+def test_a_receiver_beyond_the_floor_is_refused():
+    with pytest.raises(Refused, match=r"^receiver\.depth: 10 m, allowed: less than"):
+        mt.Link(
+            water=mt.Water(bottom_depth=5.0), transmitter=mt.AirLed(), receiver=mt.WaterReceiver()
+        )

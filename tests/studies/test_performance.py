@@ -11,6 +11,7 @@ from mc_statistics import ALPHA, z_test
 from scipy.special import ndtri
 
 import meshtrace as mt
+from meshtrace import fading
 from meshtrace.comms.budget import required_gain
 from meshtrace.comms.capacity import capacity
 from meshtrace.comms.ook import OokLink
@@ -126,6 +127,20 @@ def ensemble_performance():
     return mt.link_performance(
         at_depth(40.0), bit_rate=RATES, realizations=24, photons=512, limit=2e-3
     )
+
+
+def test_a_band_without_the_fading_is_told():
+    with pytest.warns(UserWarning, match="for fading use omega_max = 19.7 rad/s"):
+        found = mt.link_performance(mt.Link(), JonswapSea(), realizations=50, photons=64)
+    closed = found.provenance["closed_form"]
+    assert closed["index_of_band"] == pytest.approx(
+        fading.scintillation_of_spectrum(mt.Link(), JonswapSea(), closed["omega_max"], heights=True)
+    )
+    line = (
+        "10 m: scintillation index of unscattered light 0.00449 up to 4.11 rad/s, 0.317 with all "
+        "waves (closed form)"
+    )
+    assert line in found.summary().splitlines()
 
 
 def test_average_ber_equals_brute_force(ensemble_performance):

@@ -17,7 +17,7 @@ from meshtrace import cli
 from meshtrace.scenario import Scenario
 from meshtrace.studies.sweep import BLOCK, Study, Task, store_of, sweep, sweep_file
 from meshtrace.studies.sweep.store import dataset, note, open_store, waiting_tasks, write
-from meshtrace.surfaces import JonswapSea, SinusoidalSea
+from meshtrace.surfaces import JonswapSea, MeshSequence, SinusoidalSea
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -150,6 +150,15 @@ def test_sea_is_taken_as_it_is(address):
     wave = SinusoidalSea(amplitude=0.05, wavelength=4.0)
     data = run({"water.b": [0.0]}, address, surface=wave)
     single = mt.simulate(mt.Link(water=mt.Water(b=0.0)), wave, photons=64)
+    assert float(data["gain_ballistic"][0, 0]) == single.gain_ballistic
+
+
+def test_meshes_from_files_are_a_surface(address, tmp_path):
+    wave = SinusoidalSea(amplitude=0.05, wavelength=4.0)
+    wave.mesh(extent=16.0, spacing=0.5).to_trimesh().export(tmp_path / "wave_0.ply")
+    meshes = MeshSequence(str(tmp_path / "wave_*.ply"))
+    data = run({"water.b": [0.0]}, address, surface=meshes)
+    single = mt.simulate(mt.Link(water=mt.Water(b=0.0)), meshes, photons=64)
     assert float(data["gain_ballistic"][0, 0]) == single.gain_ballistic
 
 

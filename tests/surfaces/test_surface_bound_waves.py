@@ -178,8 +178,22 @@ def test_moments_by_monte_carlo():
     assert skew == pytest.approx(DIRECTIONAL_SKEWNESS, abs=4.0 * skew_error)
 
 
+def test_steepness_of_the_crests():
+    """S1 = 2 pi Hs / (g T1^2) of the paper's band, and the parameters of Forristall (2000)."""
+    waves = JonswapSea(band="paper", wind_speed=5.0).free_waves
+    power = 0.5 * waves.amplitude**2
+    mean_omega = power @ waves.omega / power.sum()  # 2 pi / T1
+    s1 = components_hs(waves) * mean_omega**2 / (2.0 * math.pi * 9.81)
+    assert s1 == pytest.approx(0.04289, rel=1e-3)
+    assert (0.3536 + 0.2892 * s1, 2.0 - 2.1597 * s1) == pytest.approx((0.366, 1.9074), rel=1e-4)
+    assert (0.3536 + 0.2568 * s1, 2.0 - 1.7912 * s1) == pytest.approx((0.3646, 1.9232), rel=1e-4)
+    # of one direction in a narrow band the skewness is three times this (Tayfun 1980)
+    peak = JonswapSea(wind_speed=5.0).spectrum.omega_p ** 2 / 9.81
+    assert 3.0 * peak * math.sqrt(power.sum()) == pytest.approx(0.15818, rel=1e-3)
+
+
 def test_crests_follow_forristall_roughly(monkeypatch):
-    # Forristall (2000), short crests in deep water: alpha and beta for a steepness S1 of 0.04289
+    # short crests in deep water, for the steepness of the test above
     monkeypatch.setattr(bound_waves, "NEGLIGIBLE", 1e-2)
     alpha, beta, crests = 0.3646, 1.9232, []
     sea = JonswapSea(band="paper", wind_speed=5.0, order=2)

@@ -199,6 +199,20 @@ def test_few_samples_are_said():
         mt.simulate(link, FlatSea(), photons=320, seed=1)
 
 
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 8))]
+)
+@pytest.mark.parametrize("tilt", [75.0, 80.0])
+def test_few_samples_of_isotropic_scattering_are_said(tilt, seed):
+    """512 paths, some 30 of which carry the gain: every seed warns, and says how many."""
+    water = mt.Water(phase=mt.HenyeyGreenstein(g=0.0))
+    link = mt.Link(water=water, receiver=mt.Receiver(tilt_deg=tilt))
+    with pytest.warns(FewSamplesWarning, match="of 512 adjoint paths contribute"):
+        result = mt.simulate(link, FlatSea(), photons=512, seed=seed)
+    assert result.scattered[0].effective < 100.0
+    assert "effective" in result.summary()
+
+
 def test_few_chains_of_next_to_no_light_are_not_trusted():
     """Chains of this seed saw 1e-10 of the light, and the paths of its pilot were unsure."""
     parts = parts_of(LINKS["tilt 80"], 10_000, 6)

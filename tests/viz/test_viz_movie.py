@@ -23,12 +23,12 @@ GAIN = mt.GainSeries(
 )
 
 
-def frames_of(path):
+def frames_of(path, size=SIZE):
     """Decode a movie, shape (frames, height, width, 3)."""
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", "-i", path]
     raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-fps_mode", "passthrough", "-"]
     done = subprocess.run([*command, *raw], capture_output=True, check=True)
-    return np.frombuffer(done.stdout, np.uint8).reshape(-1, *SIZE[::-1], 3).astype(int)
+    return np.frombuffer(done.stdout, np.uint8).reshape(-1, *size[::-1], 3).astype(int)
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])

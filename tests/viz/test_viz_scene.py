@@ -10,7 +10,7 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import FlatSea, JonswapSea, TiltedPlane
 from meshtrace.transport.paths import PhotonPaths
-from meshtrace.viz.parts import _rotation_from_z, cone_rim
+from meshtrace.viz.parts import cone_rim, rotation_from_z
 from meshtrace.viz.stage import ROOM, round_length, round_range
 from meshtrace.viz.style import FATE_COLORS, LED_COLOR
 
@@ -195,7 +195,7 @@ def test_the_aircraft_leans_with_its_receiver(shoot):
 
 @pytest.mark.parametrize("axis", [(0, 0, 1), (0, 0, -1), (0.6, 0, 0.8), (0.48, -0.64, -0.6)])
 def test_rotation_turns_z_to_the_axis(axis):
-    turn = _rotation_from_z(axis)
+    turn = rotation_from_z(axis)
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(turn @ (0, 0, 1), axis, atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1.0)
@@ -319,3 +319,12 @@ def test_without_labels_no_text_is_written():
         plotter = viz.scene(LINK, SEA, style=replace(style, labels=labels))
         assert bool(plotter.texts) is labels
         plotter.close()
+
+
+def test_choppy_seas_end_at_the_sides_of_the_stage(shoot):
+    sea = JonswapSea(wind_speed=8.0, choppy=True, seed=2)
+    plotter, _ = shoot(mt.Link(), sea, spacing=0.5)
+    half = plotter.stage.half
+    assert plotter.shown["surface"].bounds[1, :2].max() > half + 0.1  # the mesh is larger
+    drawn = plotter.actors["surface"].bounds
+    np.testing.assert_allclose(drawn[:4], [-half, half, -half, half], atol=1e-6)

@@ -2,35 +2,15 @@
 
 import io
 import json
-import os
-import shutil
-import time
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
+from browser import chromium, until
 from PIL import Image
 
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-DRIVER = shutil.which("chromedriver")
-NEEDED = (
-    "needs Chromium, its driver and selenium: apt-get install chromium chromium-driver, "
-    "pip install selenium"
-)
-FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-dev-shm-usage",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--window-size=640,520",
-    "--host-resolver-rules=MAP * ~NOTFOUND",  # no network, whatever the machine has
-)
 
 
 @pytest.fixture(scope="module")
@@ -47,17 +27,7 @@ def page(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def browser(page):
-    if not (CHROMIUM and DRIVER and find_spec("selenium")):
-        # where all is checked, a page that nobody has opened is a failure
-        (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(NEEDED)
-    from selenium import webdriver
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    for flag in FLAGS:
-        options.add_argument(flag)
-    with webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER)) as driver:
+    with chromium(640, 520) as driver:
         driver.get(page.as_uri())
         until(lambda: colors(driver) > 200, "the page stays empty")
         yield driver
@@ -69,13 +39,6 @@ def picture(driver):
 
 def colors(driver):
     return len(np.unique(picture(driver).reshape(-1, 3), axis=0))
-
-
-def until(condition, problem, seconds=60.0):
-    """Wait until a condition holds; a slow machine draws slowly."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, problem
 
 
 def drag(driver):

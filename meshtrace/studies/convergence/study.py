@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -175,7 +176,11 @@ class ConvergenceStudy(Stored):
         return cls(**fields_of(data), provenance=provenance)
 
     def _headline(self) -> str:
-        found = ", ".join(f"{kind} {value:.3g}" for kind, value in self.recommended().items())
+        none = f"finer than {self.values[-1]:g}"
+        found = ", ".join(
+            f"{kind} {none if math.isnan(value) else format(value, '.3g')}"
+            for kind, value in self.recommended().items()
+        )
         percent = 100.0 * self.tolerance
         return f"{self.parameter} [{UNITS[self.parameter]}] for an error of {percent:g} %: {found}"
 

@@ -105,9 +105,16 @@ def table(study: ConvergenceStudy, kind: Normals) -> str:
     ]
     lines = ["".join(format(head, width.replace("+", "")) for head, width, _, _ in columns)]
     for j in range(len(study.values)):
-        lines.append("".join(format(v[j], width + digits) for _, width, digits, v in columns))
+        lines.append("".join(_cell(v[j], width, digits) for _, width, digits, v in columns))
     lines = [f"{kind} normals, differences from {base} in percent", *lines]
     return "\n".join([*lines, *_exact_lines(study), *_fitted_lines(study, kind)])
+
+
+def _cell(value: float, width: str, digits: str) -> str:
+    """Return a value of the table, "-" where the study has none."""
+    return (
+        format("-", width.replace("+", "")) if math.isnan(value) else format(value, width + digits)
+    )
 
 
 def _exact_lines(study: ConvergenceStudy) -> list[str]:

@@ -7,12 +7,13 @@ error rate over depth.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+from meshtrace.comms.background import warn_of_background, with_background
 from meshtrace.comms.ook import OokLink, Preset
+from meshtrace.daylight.light import Daylight
 from meshtrace.errors import (
     Refused,
     require_between,
@@ -22,12 +23,15 @@ from meshtrace.errors import (
     require_whole,
 )
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel
+from meshtrace.mesh import RandomSea, SurfaceModel
+from meshtrace.results.background import Background
 from meshtrace.scenario import Scenario
-from meshtrace.studies.inputs import resolve_chains
+from meshtrace.studies.background import background_over_seas, checked_daylight
+from meshtrace.studies.inputs import Inputs, resolve_chains
 from meshtrace.studies.performance.operating_point import operating_point
 from meshtrace.studies.performance.samples import Ensemble, Realizations
-from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
+from meshtrace.studies.performance.tables import DARK, DepthSweep, LinkPerformance, described
+from meshtrace.studies.series import closed_form
 from meshtrace.surfaces import sea_in_wind
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
@@ -48,6 +52,7 @@ def link_performance(
     depths: Sequence[float] | None = None,
     flight: Flight | None = None,
     over: Realizations | None = None,
+    daylight: Daylight | None = None,
     limit: float = 1e-3,
     confidence: float = 0.95,
     threads: int | None = None,
@@ -78,6 +83,9 @@ def link_performance(
         Aircraft that carries the receiver; none for a receiver at rest.
     over : Realizations, optional
         Number of seas, seed, chains and spacing of the mesh.
+    daylight : Daylight, optional
+        Light of sun and sky, moon or night, at the wavelength of the transmitter; by default that
+        of a scenario, or none: every bit error rate is then that of the dark.
     limit : float
         Bit error rate before decoding that counts as success, see `budget.FEC_LIMITS`.
     confidence : float
@@ -99,6 +107,12 @@ def link_performance(
     Refused
         If an option is out of range or does not fit the others.
 
+    Warns
+    -----
+    DaylightWarning
+        If the filter is narrower than its shift over the field of view, or background light draws
+        more than 10 mA of bias current.
+
     Notes
     -----
     Intervals hold the spread of the seas (bootstrap for the error rate, Wilson for the outage) and
@@ -108,6 +122,13 @@ def link_performance(
 
     Monte Carlo noise that differs between seas acts like additional fading: 0.2 % of the gain
     with the default chains, beside the 10 % that waves of 5 m/s cause.
+
+    From 50 seas on, the provenance and `LinkPerformance.summary` hold the closed form of the
+    scintillation index at the first depth (`fading.band_fading`), and a warning is issued if the
+    band of waves omits more than a tenth of the fading.
+
+    With daylight the background is the mean over up to 16 of the seas (`background`), whose error
+    widens the intervals of the bit error rate; the flicker of glint within a sea does not.
 
     All depths use the same phases and random numbers, so that curves are smooth.
 
@@ -132,6 +153,7 @@ def link_performance(
     if scenario is not None:
         ook = scenario.detector if ook is None else ook
         flight = flight or (Flight(scenario.uav) if scenario.uav else None)
+        daylight = scenario.daylight if daylight is None else daylight
     flight = _flight(flight, shortcuts, speed, link)
     require_between(limit, 0.0, 0.5, "limit")
     require_whole(over.n, 2, 10_000_000, "realizations")
@@ -142,17 +164,42 @@ def link_performance(
     ensemble = Ensemble(inputs, over.n, flight, progress)
     links = _links(ooks[0].channel(link), depths)
     fades = {depth: ensemble.samples(at) for depth, at in links.items()}
+    lights = _lights(inputs, links, checked_daylight(daylight, link), over.n)
     points = [
-        operating_point(one, depth, samples, limit, confidence, inputs.run.seed)
+        operating_point(one, depth, samples, limit, confidence, inputs.run.seed, lights[depth])
         for depth, samples in fades.items()
         for one in ooks
     ]
-    origin = {"ook": [one.model_dump(mode="json") for one in ooks], **ensemble.provenance()}
+    light, found = DARK, next(iter(lights.values()))
+    if found is not None:
+        ooks = tuple(with_background(one, found) for one in ooks)
+        warn_of_background(ooks[0], found)
+        light = described(ooks[0], found)
+    seas = over.n if isinstance(inputs.surface, RandomSea) else 1
+    origin = {
+        **closed_form(next(iter(links.values())), inputs.surface, seas, level=2),
+        "ook": [one.model_dump(mode="json") for one in ooks],
+        "daylight": daylight.model_dump(mode="json") if daylight else None,
+        **ensemble.provenance(),
+    }
     origin = {**next(iter(fades.values())).series.provenance, **origin}
     return LinkPerformance(
         tuple(fades), ooks, tuple(points), tuple(fades.values()), limit, confidence,
-        ooks[0].status, origin,
+        ooks[0].status, origin, light,
     )  # fmt: skip
+
+
+def _lights(
+    inputs: Inputs, links: dict[float, Link], day: Daylight | None, seas: int
+) -> dict[float, Background | None]:
+    """Return the background at each depth; it is that of the receiver alone."""
+    if day is None:
+        return dict.fromkeys(links)
+    found: dict[Any, Background] = {}
+    for link in links.values():
+        if link.receiver not in found:
+            found[link.receiver] = background_over_seas(inputs, link, day, seas)
+    return {depth: found[link.receiver] for depth, link in links.items()}
 
 
 def _with(base: NamedTuple, shortcuts: dict[str, Any]) -> Any:
@@ -171,7 +218,7 @@ def _flight(
         return None
     flight = _with(flight or Flight(), shortcuts).checked()
     if flight.wind is None and wind_speed is not None:
-        wind = Dryden(wind_speed=wind_speed, height=link.only_receiver.height)
+        wind = Dryden(wind_speed=wind_speed, height=link.air_end[1].height)
         return flight._replace(wind=wind)
     return flight
 
@@ -179,7 +226,7 @@ def _flight(
 def _links(link: Link, depths: Sequence[float] | None) -> dict[float, Link]:
     """Return the link at each depth."""
     if depths is None:
-        return {float(getattr(link.transmitters[0], "depth", math.nan)): link}
+        return {link.depth: link}
     allowed = "at least one depth, strictly rising [m]"
     values = require_finite(depths, "depths", allowed).tolist()
     if not all(a < b for a, b in pairwise(values)):

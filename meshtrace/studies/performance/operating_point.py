@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from meshtrace.comms.background import widest_filter_nm, with_background
 from meshtrace.comms.budget import (
     ber_of_gains,
     bootstrapped_mean,
@@ -19,6 +20,7 @@ from meshtrace.comms.devices import photon_energy
 from meshtrace.comms.ook import OokLink
 from meshtrace.fading import Estimate
 from meshtrace.models import Floats
+from meshtrace.results.background import Background
 from meshtrace.studies.performance.samples import FadingSamples, independent
 
 _RESAMPLES = 1000
@@ -50,6 +52,9 @@ class OperatingPoint(NamedTuple):
         Probability that the bit error rate of a realization misses the limit.
     capacity : Capacity
         Hard and soft ergodic rates, hard-decision rate of all but 1 % of the fades [bit s-1].
+    widest_filter_nm : float
+        Widest filter with which the mean received power reaches the limit of the bit error rate
+        under the background light [nm]; nan without background light.
     """
 
     depth: float
@@ -63,17 +68,23 @@ class OperatingPoint(NamedTuple):
     ber: Estimate
     outage: Estimate
     capacity: Capacity
+    widest_filter_nm: float = math.nan
 
 
 def operating_point(
-    ook: OokLink, depth: float, samples: FadingSamples, limit: float, confidence: float, seed: int
-) -> OperatingPoint:
-    """Return the performance at one bit rate and depth."""
+    dark: OokLink, depth: float, samples: FadingSamples, limit: float, confidence: float, seed: int,
+    found: Background | None = None,
+) -> OperatingPoint:  # fmt: skip
+    """Return the performance at one bit rate and depth, under a background light."""
     from scipy.special import ndtri
 
     quantile = float(ndtri(0.5 + 0.5 * confidence))
     gain = samples.mean_gain(quantile)
-    power = _estimate(ook.received_power(gain))
+    power = _estimate(dark.received_power(gain))
+    ook, widest = dark, math.nan
+    if found is not None:
+        ook = with_background(dark, found)
+        widest = widest_filter_nm(dark, found, power.value, limit) if power.value > 0.0 else 0.0
     budget = link_budget(ook, gain, limit)
     low, high = ook.led.levels(power)
     photons = 0.5 * (low + high) / (ook.bit_rate * photon_energy(ook.led.wavelength))
@@ -86,10 +97,26 @@ def operating_point(
         photons_per_bit=_estimate(photons),
         margin_optical_db=_estimate(budget.margin_optical_db),
         margin_electrical_db=_estimate(budget.margin_electrical_db),
-        ber=ber_of_samples(ook, samples, quantile, confidence, seed),
+        ber=_under_light(
+            ber_of_samples(ook, samples, quantile, confidence, seed), dark, samples, quantile, found
+        ),
         outage=outage_of_samples(ook, samples, limit, quantile, confidence),
         capacity=_capacity(ook, samples.samples),
+        widest_filter_nm=widest,
     )
+
+
+def _under_light(
+    ber: Estimate, dark: OokLink, samples: FadingSamples, quantile: float, found: Background | None
+) -> Estimate:
+    """Return an error rate with the error of the background added to its interval."""
+    if found is None or found.radiance == 0.0 or ber.value == 0.0:
+        return ber
+    step = quantile * found.radiance_stderr / found.radiance
+    lights = [with_background(dark, found, max(1.0 + s, 0.0)) for s in (-step, step)]
+    rates = [float(ber_of_gains(one, samples.samples.ravel()).mean()) for one in lights]
+    logs = _joined(*(math.log(max(value, 1e-300)) for value in (*ber, *rates)))
+    return Estimate(*(math.exp(value) for value in logs))
 
 
 def ber_of_samples(

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from meshtrace.errors import Refused
 from meshtrace.fading import Estimate, effective_samples
 from meshtrace.link import Link
 from meshtrace.mesh import RandomSea
@@ -120,6 +121,8 @@ class Ensemble(NamedTuple):
         seas = len(series.gain)
         if flight is None:
             return FadingSamples(series, np.ones((seas, 1)), float(seas))
+        if link.direction == "down":
+            raise Refused("coupled", False, "True for an aircraft that tilts a lamp")
         tilts = _TILTS if seas > 1 else _TILTS * self.n
         winds = inputs.wind_of(flight).sample_wind(seas * tilts, inputs.run.seed)
         fov = math.radians(link.only_receiver.fov_deg)

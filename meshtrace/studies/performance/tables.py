@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, get_type_hints
 
 import numpy as np
 
+from meshtrace.comms.background import occupancy
 from meshtrace.comms.budget import depth_at
 from meshtrace.comms.capacity import Capacity
 from meshtrace.comms.ook import OokLink
@@ -16,12 +17,17 @@ from meshtrace.errors import Refused, require_between, require_word
 from meshtrace.fading import Estimate
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
+from meshtrace.results.background import Background
 from meshtrace.stored import Stored
 from meshtrace.studies.performance.operating_point import OperatingPoint
 from meshtrace.studies.performance.samples import FadingSamples
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+DARK = "none: dark, without sun, moon and sky"
+"""Background light of a performance without daylight."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,6 +52,8 @@ class LinkPerformance(Stored):
         Status of the calibration, to be shown with every figure.
     provenance : dict
         Link, sea, receiver, seeds and versions.
+    light : str
+        Background light under which every figure holds.
     """
 
     depths: tuple[float, ...]
@@ -56,6 +64,7 @@ class LinkPerformance(Stored):
     confidence: float
     status: str
     provenance: dict[str, Any] = field(default_factory=dict)
+    light: str = DARK
 
     kind: ClassVar[str] = "performance"
     title: ClassVar[str] = "meshtrace link performance"
@@ -143,7 +152,19 @@ class LinkPerformance(Stored):
         lines += [_figures_line(figures) for figures in self.figures]
         if len(self.depths) > 1:
             lines += ["", self._range_heading, *self._range_lines()]
-        return "\n".join([*lines, "", *self._overloads(), self.status])
+        light = [f"background light: {self.light}", *self._filters()]
+        end = [*light, *self._overloads(), *self._band(), self.status]
+        return "\n".join([*lines, "", *end])
+
+    def _filters(self) -> list[str]:
+        """Return the widest filters of the first depth, where there is background light."""
+        first = [f for f in self.figures[: len(self.ooks)] if not math.isnan(f.widest_filter_nm)]
+        if not first:
+            return []
+        found = ", ".join(
+            f"{f.bit_rate / 1e6:g} Mbit/s {_filter_text(f.widest_filter_nm)}" for f in first
+        )
+        return [f"widest filter for BER {self.limit:g} at {first[0].depth:g} m: {found}"]
 
     @property
     def _range_heading(self) -> str:
@@ -165,6 +186,17 @@ class LinkPerformance(Stored):
         low = least if math.isnan(found.low) else f"{found.low:.1f}"
         high = most if math.isnan(found.high) else f"{found.high:.1f}"
         return f"{found.value:.1f} m  ({low}..{high})"
+
+    def _band(self) -> list[str]:
+        """Return the fading of the band of waves and of all waves, in closed form."""
+        found = self.provenance.get("closed_form")
+        if not found:
+            return []
+        return [
+            f"{self.depths[0]:g} m: scintillation index of unscattered light "
+            f"{found['index_of_band']:.3g} up to {found['omega_max']:.3g} rad/s, "
+            f"{found['index_of_all']:.3g} with all waves (closed form)"
+        ]
 
     def _overloads(self) -> list[str]:
         """Return a warning that names the depths with most counts in the dead time of the cells."""
@@ -193,6 +225,9 @@ class LinkPerformance(Stored):
             values = [getattr(f.capacity, name) for f in self.figures]
             key = f"capacity_{name}"
             variables[key] = (dims, np.reshape(values, shape), _attrs(key))
+        filters = [f.widest_filter_nm for f in self.figures]
+        key = "widest_filter_nm"
+        variables[key] = (dims, np.reshape(filters, shape), _attrs(key))
         needed = [f.required_power for f in self.figures[: len(self.ooks)]]
         variables["required_power"] = ("bit_rate", needed, _attrs("required_power"))
         if len(self.depths) > 1:
@@ -202,6 +237,7 @@ class LinkPerformance(Stored):
             "bit_rate": ("bit_rate", list(self.bit_rates), _attrs("bit_rate")),
         }
         about = {"ber_limit": self.limit, "confidence": self.confidence, "status": self.status}
+        about["light"] = self.light
         return xr.Dataset(variables, coordinates, about)
 
     @classmethod
@@ -215,7 +251,7 @@ class LinkPerformance(Stored):
             needed = at["required_power"]
             point = OperatingPoint(
                 depth=depths[i], bit_rate=rates[j], required_power=needed, capacity=rows,
-                **estimates,
+                widest_filter_nm=at.get("widest_filter_nm", math.nan), **estimates,
             )  # fmt: skip
             figures.append(point)
         return cls(
@@ -227,7 +263,26 @@ class LinkPerformance(Stored):
             confidence=float(data.attrs["confidence"]),
             status=str(data.attrs["status"]),
             provenance=provenance,
+            light=str(data.attrs.get("light", DARK)),
         )
+
+
+def described(ook: OokLink, found: Background) -> str:
+    """Return the background light and its counts in a transmission as text."""
+    day = found.provenance["daylight"]
+    sun = f" at zenith angle {day['sun_zenith_deg']:g} deg" if day["direct"] > 0.0 else ""
+    width = ook.optics.filter_width_nm
+    return (
+        f"{found.light}{sun}, {found.radiance:.3g} W m-2 sr-1 nm-1 at {found.wavelength_nm:g} nm, "
+        f"{ook.background_rate:.3g} counts/s through {width:g} nm, {occupancy(ook):.2g} for a cell "
+        f"in its dead time"
+    )
+
+
+def _filter_text(width_nm: float) -> str:
+    if width_nm == 0.0:
+        return "none"
+    return "any" if math.isinf(width_nm) else f"{width_nm:.3g} nm"
 
 
 _ESTIMATES = [name for name, kind in get_type_hints(OperatingPoint).items() if kind is Estimate]
@@ -326,7 +381,7 @@ class DepthSweep(Stored):
         lines = [first._range_heading]
         for speed, performance in zip(self.wind_speeds, self.performances, strict=True):
             lines += performance._range_lines(f"{speed:>5g} m/s")
-        return "\n".join([*lines, "", first.status])
+        return "\n".join([*lines, "", f"background light: {first.light}", first.status])
 
     def _content(self) -> xr.Dataset:
         import xarray as xr

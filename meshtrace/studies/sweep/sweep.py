@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from meshtrace.errors import Refused, require_keys
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel
+from meshtrace.mesh import MeshSource
 from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
 from meshtrace.scenario.files import parse_toml, read_text
 from meshtrace.studies.sweep.cluster import DEFAULT_TIMEOUT, compute
@@ -31,7 +31,7 @@ def sweep(
     link: Link | Scenario | Mapping[str, Any],
     parameters: Mapping[str, Sequence[Any]],
     *,
-    surface: SurfaceModel | Mapping[str, Any] | None = None,
+    surface: MeshSource | Mapping[str, Any] | None = None,
     realizations: int = 1,
     rtol: float | None = 0.01,
     photons: int | None = None,
@@ -218,7 +218,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _base(
-    link: Link | Scenario | Mapping[str, Any], sea: SurfaceModel | Mapping[str, Any] | None
+    link: Link | Scenario | Mapping[str, Any], sea: MeshSource | Mapping[str, Any] | None
 ) -> Scenario:
     """Return the scenario that all points share, without the options that a sweep sets."""
     if isinstance(link, Link):
@@ -230,7 +230,7 @@ def _base(
         scenario = link
     else:
         scenario = Scenario.from_config(link)
-    if isinstance(sea, SurfaceModel):
+    if isinstance(sea, MeshSource):
         scenario = scenario.model_copy(update={"surface": sea, "meshing": Meshing()})
     elif sea is not None:
         scenario = Scenario.from_config({**scenario.to_config(), "sea": dict(sea)})

@@ -1,0 +1,40 @@
+"""Caustics above a moving sea: the waves alone, and blurred by the shorter ones."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import meshtrace as mt
+from meshtrace import viz
+from meshtrace.surfaces import resolved_sea
+
+EXTENT = 1.5  # m
+
+
+def main(folder: Path, frames: int = 20) -> None:
+    viz.use_style()
+    sharp = mt.Link(physics={"unresolved": "none"})  # light is bent by the waves of the band alone
+    sea = resolved_sea(5.0, fetch=30e3, seed=3).model_copy(update={"omega_max": 24.0})
+    maps = [mt.light_pattern(link, sea, EXTENT, 0.01) for link in (sharp, mt.Link())]
+
+    figure = Figure(figsize=(8.4, 3.9), dpi=110)
+    titles = ("waves down to 11 cm", "with the slopes of shorter waves")
+    for ax, pattern, title in zip(figure.subplots(1, 2, sharey=True), maps, titles, strict=True):
+        image = ax.imshow(
+            (pattern.gain / pattern.gain.mean()).T, origin="lower", cmap="inferno",
+            vmin=0.0, vmax=4.0, extent=(-EXTENT, EXTENT, -EXTENT, EXTENT),
+        )  # fmt: skip
+        ax.set(title=title, xlabel=viz.axis_label("x"), xticks=[-1, 0, 1], yticks=[-1, 0, 1])
+        ax.grid(visible=False)
+    figure.axes[0].set_ylabel(viz.axis_label("y"))
+    label = "gain of unscattered light over its mean"
+    figure.colorbar(image, ax=figure.axes, extend="max", label=label, shrink=0.9, aspect=16)
+    viz.save_picture(figure, folder / "light_pattern.png")
+
+    times = 0.02 * np.arange(frames)
+    viz.save_light(sharp, sea, folder / "light_pattern.mp4", times, extent=EXTENT, frame_rate=10.0)
+
+
+if __name__ == "__main__":
+    main(Path(__file__).parent)

@@ -1,0 +1,133 @@
+"""Write the table and the figure of daylight.md: range against filter, field of view and light.
+
+python docs/make_daylight_table.py [SEAS]
+
+Gains are those of an ensemble of seas at each depth and field of view; the background is that of
+the same seas. Ranges are those at which the mean bit error rate reaches 1e-3; their intervals are
+two standard errors of the background over the seas.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import meshtrace as mt
+from meshtrace.comms.background import with_background
+from meshtrace.comms.budget import depth_at
+from meshtrace.surfaces import JonswapSea
+
+HERE = Path(__file__).parent
+DEPTHS = tuple(float(d) for d in (5, 8, 12, 17, 22, 27, 32, 37, 42, 47, 52, 58))
+FIELDS = (60.0, 20.0, 6.0)
+RATES = (1e6, 5e6, 1e7)
+FILTERS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
+SEA = JonswapSea(wind_speed=5.0)
+LIGHTS = {
+    "night": mt.Daylight.night(),
+    "full moon": mt.Daylight.moon(),
+    "overcast": mt.Daylight.overcast(30.0),
+    "sun at 60°": mt.Daylight.clear_sky(60.0),
+    "sun at 30°": mt.Daylight.clear_sky(30.0),
+    "sun at 10°": mt.Daylight.clear_sky(10.0),
+}
+TABLE_ROWS = ((10.0, 60.0), (2.0, 20.0), (2.0, 6.0), (0.5, 6.0))  # filter [nm], field of view [deg]
+
+
+def link(fov):
+    return mt.Link(receiver=mt.Receiver(fov_deg=fov)).in_wind(5.0)
+
+
+def mean_range(ook, fades):
+    """Return the depth at which the mean bit error rate reaches 1e-3, nan for none."""
+    from scipy.special import ndtri
+
+    ber = [float(ook.ber(ook.received_power(f.samples.ravel())).mean()) for f in fades]
+    quality = -ndtri(np.clip(ber, 1e-300, 0.5 - 1e-12))
+    try:
+        return depth_at(DEPTHS, quality, -float(ndtri(1e-3)))
+    except ValueError:
+        return math.nan
+
+
+def light_of(day, fov, seas):
+    """Return the background, the mean over the seas, with its standard error over them."""
+    from dataclasses import replace
+
+    found = [mt.background(link(fov), SEA.with_seed(i), day, photons=1024) for i in range(seas)]
+    total = np.array([f.radiance for f in found])
+    stderr = float(total.std(ddof=1)) / math.sqrt(seas)
+    parts = np.mean([f.part_radiance for f in found], axis=0)
+    mean = float(total.mean())
+    return replace(found[0], radiance=mean, radiance_stderr=stderr, part_radiance=parts)
+
+
+def ranges(fades, background, fov, rate, width):
+    """Return the range with its lower and upper limit [m]."""
+    base = mt.OokLink.of_link(link(fov), bit_rate=rate).replace("optics.filter_width_nm", width)
+    base = base.replace(window=base.averaging_window)  # that of the dark, for all backgrounds
+    step = 2.0 * background.radiance_stderr / background.radiance
+    scales = (1.0, 1.0 + step, max(1.0 - step, 0.0))
+    return [mean_range(with_background(base, background, s), fades) for s in scales]
+
+
+def as_text(found):
+    value, low, high = found
+    if math.isnan(value):
+        return "none"
+    return f"{value:.1f} ({low:.1f}–{high:.1f})" if high - low >= 0.05 else f"{value:.1f}"
+
+
+def main(seas=16):
+    fades, lights = {}, {}
+    for fov in FIELDS:
+        done = mt.link_performance(
+            link(fov), SEA, depths=DEPTHS, realizations=seas, photons=512, bit_rate=1e6
+        )
+        fades[fov] = done.fades
+        lights[fov] = {name: light_of(day, fov, seas) for name, day in LIGHTS.items()}
+        print(fov, [f"{b.radiance:.3e}" for b in lights[fov].values()], flush=True)
+    write_table(fades, lights)
+    draw(fades, lights)
+
+
+def write_table(fades, lights):
+    rows = ["| filter, field of view | light | radiance [W m⁻² sr⁻¹ nm⁻¹] | 1 Mbit/s | 5 Mbit/s |"
+            " 10 Mbit/s |", "|---|---|---|---|---|---|"]  # fmt: skip
+    for width, fov in TABLE_ROWS:
+        for name, background in lights[fov].items():
+            cells = [as_text(ranges(fades[fov], background, fov, r, width)) for r in RATES]
+            value, error = background.radiance, background.radiance_stderr
+            radiance = f"{value:.2e} ± {100.0 * error / value:.0f} %"
+            rows.append(f"| {width:g} nm, {fov:g}° | {name} | {radiance} | {' | '.join(cells)} |")
+    (HERE / "daylight_table.md").write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+def draw(fades, lights):
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(1, len(FIELDS), figsize=(10.0, 3.6), sharey=True)
+    for axis, fov in zip(axes, FIELDS, strict=True):
+        for i, (name, background) in enumerate(lights[fov].items()):
+            found = np.array([ranges(fades[fov], background, fov, 1e6, w) for w in FILTERS])
+            found = np.nan_to_num(found)
+            axis.semilogx(FILTERS, found[:, 0], color=f"C{i}", label=name)
+            axis.fill_between(FILTERS, found[:, 1], found[:, 2], color=f"C{i}", alpha=0.2, lw=0)
+        axis.set_title(f"field of view {fov:g}°", fontsize=10)
+        axis.set_xlabel("filter width [nm]")
+        axis.grid(alpha=0.3)
+    axes[0].set_ylabel("range at 1 Mbit/s, BER 1e-3 [m]")
+    axes[0].set_ylim(0.0, None)
+    axes[-1].legend(fontsize=8)
+    figure.tight_layout()
+    figure.savefig(HERE / "_static" / "daylight_ranges.png", dpi=110)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

@@ -1,0 +1,147 @@
+"""Background light at the receiver: filters, counts, and the widest filter of a working link."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Protocol
+
+from meshtrace.comms.ook import OokLink
+from meshtrace.errors import Refused, require_between, require_real
+
+MOST_BIAS_CURRENT = 10e-3
+"""Mean bias current of a SiPM above which background light brings a warning [A]."""
+
+_WIDEST = 1e4  # [nm]
+_NARROWEST = 1e-6
+
+
+class DaylightWarning(UserWarning):
+    """Background light that the receiver cannot take as described."""
+
+
+class Radiance(Protocol):
+    """Background of a receiver, such as `results.background.Background`."""
+
+    @property
+    def wavelength_nm(self) -> float:
+        """Wavelength [nm]."""
+        ...
+
+    def count_rate(self, ook: OokLink) -> float:
+        """Return the primary counts [s-1]."""
+        ...
+
+
+def filter_shift_nm(wavelength_nm: float, angle_deg: float, n_eff: float = 2.0) -> float:
+    """Return the shift of an interference filter under slanted light [nm].
+
+    lambda_0 - lambda(theta) = lambda_0 (1 - (1 - (sin theta / n_eff)^2)^(1/2))
+
+    Parameters
+    ----------
+    wavelength_nm : float
+        Wavelength at normal incidence [nm].
+    angle_deg : float
+        Angle of incidence theta [deg], 0 ... 90.
+    n_eff : float
+        Effective index of the layers, >= 1.
+
+    Examples
+    --------
+    >>> [round(filter_shift_nm(470.0, angle), 2) for angle in (30.0, 10.0, 2.98)]
+    [14.92, 1.77, 0.16]
+    """
+    if not 0.0 <= require_real(angle_deg, "angle_deg", "0 <= angle_deg <= 90") <= 90.0:
+        raise Refused("angle_deg", angle_deg, "0 <= angle_deg <= 90")
+    if not 1.0 <= require_real(n_eff, "n_eff", ">= 1") < math.inf:
+        raise Refused("n_eff", n_eff, ">= 1")
+    sine = math.sin(math.radians(angle_deg)) / n_eff
+    return wavelength_nm * (1.0 - math.sqrt(1.0 - sine * sine))
+
+
+def with_background(ook: OokLink, found: Radiance, scale: float = 1.0) -> OokLink:
+    """Return a transmission with the counts of a background added to its own.
+
+    Parameters
+    ----------
+    ook : OokLink
+        Transmission; optics, filter and SiPM as behind the aperture of the background.
+    found : Background
+        Background light.
+    scale : float
+        Factor on it, >= 0.
+    """
+    rate = ook.background_rate + scale * found.count_rate(ook)
+    return ook.replace(background_rate=rate)
+
+
+def occupancy(ook: OokLink) -> float:
+    """Return x = r tau / N, the dark and background counts of a cell in its dead time."""
+    rate = ook.sipm.dark_count_rate + ook.background_rate
+    return rate * ook.sipm.recovery_time / ook.sipm.n_spads
+
+
+def warn_of_background(ook: OokLink, found: Radiance) -> None:
+    """Warn of a filter narrower than its shift over the field of view, and of a large current."""
+    optics = ook.optics
+    shift = filter_shift_nm(found.wavelength_nm, 0.5 * optics.fov_deg)
+    if optics.filter_width_nm < shift:
+        warnings.warn(
+            f"filter_width_nm {optics.filter_width_nm:g} is less than the shift of an interference "
+            f"filter at the edge of the field of view, {shift:.3g} nm: light from there is lost",
+            DaylightWarning,
+            stacklevel=3,
+        )
+    rate = ook.sipm.dark_count_rate + ook.background_rate
+    current = float(ook.sipm.bias_current(rate))
+    if current > MOST_BIAS_CURRENT:
+        warnings.warn(
+            f"background light of {ook.background_rate:.3g} counts per second draws "
+            f"{1e3 * current:.3g} mA of bias current through the SiPM: narrow the filter",
+            DaylightWarning,
+            stacklevel=3,
+        )
+
+
+def widest_filter_nm(ook: OokLink, found: Radiance, power: float, ber: float) -> float:
+    """Return the widest filter with which a link reaches a bit error rate under a background.
+
+    Parameters
+    ----------
+    ook : OokLink
+        Transmission without the background.
+    found : Background
+        Background light; its counts grow with the width of the filter.
+    power : float
+        Optical power of the signal on the SiPM [W].
+    ber : float
+        Target, 0 < ber < 0.5.
+
+    Returns
+    -------
+    float
+        Width [nm]; 0 if no filter suffices, inf above 10 000 nm.
+
+    Notes
+    -----
+    The averaging window stays that of `ook`. A shift of the filter over the field of view
+    (`filter_shift_nm`) is left out.
+    """
+    from scipy.optimize import brentq
+
+    require_between(ber, 0.0, 0.5, "ber")
+    fixed = ook.replace(window=ook.averaging_window) if ook.averaging_window else ook
+    per_nm = found.count_rate(ook) / ook.optics.filter_width_nm
+
+    def excess(log_width: float) -> float:
+        rate = ook.background_rate + per_nm * math.exp(log_width)
+        error = float(fixed.replace(background_rate=rate).ber(power))
+        return math.log(max(error, 1e-300) / ber)
+
+    low, high = math.log(_NARROWEST), math.log(_WIDEST)
+    if excess(low) > 0.0:
+        return 0.0
+    if excess(high) <= 0.0:
+        return math.inf
+    return math.exp(float(brentq(excess, low, high, xtol=1e-4)))

@@ -1,0 +1,183 @@
+"""Coded bits that an interleaver spreads over several fades."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from meshtrace.comms.budget import ber_of_gains, faded_gains
+from meshtrace.comms.capacity import hard_information
+from meshtrace.comms.ook import OokLink
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_array,
+    require_between,
+    require_real,
+    require_whole,
+)
+
+_GRID = 4096
+_MOST_FADES = 256
+_WIDEST_DB = 60.0
+
+
+def mean_below(values: ArrayLike, limit: float, n: int) -> float:
+    """Return the probability that the mean of n independent draws lies below a limit.
+
+    Parameters
+    ----------
+    values : array_like
+        Sample (m,) that stands for the law, m >= 1, finite.
+    limit : float
+        Limit of the mean.
+    n : int
+        Number of draws, 1 ... 256.
+
+    Returns
+    -------
+    float
+        Probability: exact for n = 1, else by convolution on 4096 nodes over the range of the
+        values, each shared out between its two neighbours.
+
+    Raises
+    ------
+    Refused
+        If a value is out of range.
+
+    Examples
+    --------
+    >>> round(mean_below([0.0, 1.0], 0.4, 2), 3)  # both draws are 0
+    0.25
+    """
+    sample = require_array(values, "values", "(m,) with m >= 1, finite")
+    if sample.ndim != 1 or not sample.size or not np.isfinite(sample).all():
+        raise Refused("values", Described(f"shape {sample.shape}"), "(m,) with m >= 1, finite")
+    limit = require_real(limit, "limit", "a number")
+    require_whole(n, 1, _MOST_FADES, "n")
+    low, high = float(sample.min()), float(sample.max())
+    if n == 1 or low == high:
+        return float((sample < limit).mean())
+    step = (high - low) / (_GRID - 1)
+    at = (sample - low) / step
+    left = np.minimum(at.astype(np.int64), _GRID - 2)
+    share = at - left
+    mass = np.bincount(left, 1.0 - share, _GRID) + np.bincount(left + 1, share, _GRID)
+    length = n * (_GRID - 1) + 1
+    summed = np.fft.irfft(np.fft.rfft(mass / sample.size, 2 * length) ** n, 2 * length)[:length]
+    below = np.concatenate([[0.0], np.cumsum(summed)])
+    # a node stands for the half step on either side of it
+    place = n * (limit - low) / step + 0.5
+    return float(np.clip(np.interp(place, np.arange(length + 1), below), 0.0, 1.0))
+
+
+def interleaved_outage(
+    link: OokLink, gain: ArrayLike, rate: float, fades: int = 1, h_alpha: ArrayLike = 1.0
+) -> float:
+    r"""Return the outage of an ideal code that is interleaved over several fades.
+
+    .. math:: P_\mathrm{out} = P\left(\frac{1}{m} \sum_{i=1}^{m} C(h_i) < R\right), \quad
+        C = 1 - H_2(\mathrm{BER}(P h))
+
+    Parameters
+    ----------
+    link : OokLink
+        Transmitter and receiver.
+    gain : array_like
+        Gains (n,) [1], the law of the independent fades.
+    rate : float
+        Rate of the code R [bit per use], 0 < R < 1.
+    fades : int
+        Independent fades m of a code word, 1 ... 256: the interleaver's depth over the time
+        after which fades are independent. 1 without interleaver.
+    h_alpha : array_like
+        Tilt factor [1], broadcast against `gain`.
+
+    Returns
+    -------
+    float
+        Probability.
+
+    Raises
+    ------
+    Refused
+        If a value is out of range.
+
+    Notes
+    -----
+    The law of block fading: a long code fails only where the information that its m blocks carry
+    after hard decisions falls below its rate. Within a block the gain is constant.
+
+    References
+    ----------
+    L. H. Ozarow, S. Shamai and A. D. Wyner, IEEE Trans. Veh. Technol. 43, 359 (1994),
+    doi:10.1109/25.293655. D. Tse and P. Viswanath, Fundamentals of Wireless Communication (2005),
+    section 5.4.
+
+    Examples
+    --------
+    >>> gain = [1e-9, 2e-8, 4e-8, 8e-8]
+    >>> [round(interleaved_outage(OokLink(), gain, 0.5, m), 4) for m in (1, 2, 4)]
+    [0.25, 0.0625, 0.0508]
+    """
+    require_between(rate, 0.0, 1.0, "rate")
+    ber = ber_of_gains(link, faded_gains(gain, h_alpha))
+    return mean_below(hard_information(ber), rate, fades)
+
+
+def fade_margin_db(
+    link: OokLink,
+    gain: ArrayLike,
+    rate: float,
+    fades: int = 1,
+    outage: float = 1e-3,
+    h_alpha: ArrayLike = 1.0,
+) -> float:
+    """Return the optical margin that fading costs an interleaved code.
+
+    Parameters
+    ----------
+    link, rate, fades, h_alpha
+        As in `interleaved_outage`.
+    gain : array_like
+        Gains (n,) [1]; their mean does not matter. An outage needs some 10 / outage gains.
+    outage : float
+        Probability that is allowed, 0 < outage < 1.
+
+    Returns
+    -------
+    float
+        10 log10 of the mean power over the power that the code needs without fading [dB].
+
+    Raises
+    ------
+    Refused
+        If a value is out of range, or 60 dB do not suffice.
+
+    Notes
+    -----
+    The interleaver's gain is the margin with `fades` = 1 less that with m.
+    """
+    require_between(rate, 0.0, 1.0, "rate")
+    require_between(outage, 0.0, 1.0, "outage")
+    low, high = 1e-12, 0.5
+    for _ in range(60):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if hard_information(middle) > rate else (low, middle)
+    relative = faded_gains(gain, h_alpha)
+    relative = relative / relative.mean()
+    steady = link.required_power(high) / float(link.received_power(1.0))
+
+    def missed(margin: float) -> bool:
+        scaled = steady * 10.0 ** (0.1 * margin) * relative
+        return interleaved_outage(link, scaled, rate, fades) > outage
+
+    low, high = -_WIDEST_DB, _WIDEST_DB
+    if missed(high):
+        raise Refused("outage", outage, f"one that {_WIDEST_DB:g} dB of margin reach")
+    while high - low > 1e-3:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if missed(middle) else (low, middle)
+    return high

@@ -1,0 +1,289 @@
+"""Daylight above the sea: direct and diffuse irradiance, position of the sun, pattern of sky."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from meshtrace.daylight.patterns import PATTERNS, sky
+from meshtrace.daylight.spectrum import clear_irradiance, default_irradiance, sun_position
+from meshtrace.errors import Refused, require_finite, require_word
+from meshtrace.kernels.sky import Sky
+from meshtrace.link.directions import unit_vector
+from meshtrace.models import Finite, Model, NonNegative
+
+WaterLight = Literal["quasi-single", "walk", "none"]
+
+MOON_OVER_SUN = 2.512e-6
+"""Irradiance of the full moon over that of the sun: 14.0 magnitudes."""
+
+NIGHT_RADIANCE = 2.3e-9
+"""Radiance of the moonless sky at 470 nm [W m-2 sr-1 nm-1], see `Daylight.night`."""
+
+OVERCAST_TRANSMITTANCE = 0.25
+"""Global irradiance under a closed cloud cover over that of the clear sky."""
+
+SUN_RADIUS_DEG = 0.2665
+"""Angular radius of sun and moon [deg]."""
+
+_HORIZON = "0 <= sun_zenith_deg <= 89 (below the horizon: use night)"
+
+
+class Daylight(Model, frozen=True):
+    """Light of sun and sky, or of moon and night, above the sea at one wavelength.
+
+    Parameters
+    ----------
+    direct : float
+        Irradiance of sun or moon across its own direction [W m-2 nm-1], >= 0.
+    diffuse : float
+        Horizontal irradiance of the sky [W m-2 nm-1], >= 0; not both 0.
+    sun_zenith_deg : float
+        Zenith angle of sun or moon [deg], 0 ... 89.
+    sun_azimuth_deg : float
+        Azimuth at which it stands, counter-clockwise from +x [deg]; its light travels to the
+        opposite azimuth.
+    wavelength_nm : float
+        Wavelength [nm], 300 ... 1100.
+    pattern : str
+        Pattern of the sky: "cie-12" (clear), any other of "cie-1" ... "cie-15", "uniform",
+        "overcast" or "harrison-coombes".
+    water : {"quasi-single", "walk", "none"}
+        Light that leaves the water towards a receiver in the air: closed form of single
+        scattering, photons followed backwards, or none. Light under water is always followed.
+    foam_reflectance : float
+        Effective reflectance of whitecaps [1], 0 ... 1.
+    light : str
+        Name of the light in results.
+
+    Raises
+    ------
+    Refused
+        If a value is out of range.
+
+    Notes
+    -----
+    Foam: 0.22 below 700 nm, Koepke (1984), Appl. Opt. 23, 1816, as tabulated in 6S.
+
+    Examples
+    --------
+    >>> day = Daylight(direct=1.42, diffuse=0.295)
+    >>> round(day.irradiance, 4)
+    1.5248
+    """
+
+    direct: NonNegative
+    diffuse: NonNegative
+    sun_zenith_deg: float = Field(30.0, allow_inf_nan=False)
+    sun_azimuth_deg: Finite = 0.0
+    wavelength_nm: float = Field(470.0, ge=300.0, le=1100.0, allow_inf_nan=False)
+    pattern: str = "cie-12"
+    water: WaterLight = "quasi-single"
+    foam_reflectance: float = Field(0.22, ge=0.0, le=1.0, allow_inf_nan=False)
+    light: str = "daylight"
+
+    @field_validator("sun_zenith_deg")
+    @classmethod
+    def _above_horizon(cls, zenith: float) -> float:
+        if not 0.0 <= zenith <= 89.0:
+            raise Refused("sun_zenith_deg", zenith, _HORIZON)
+        return zenith
+
+    @field_validator("pattern")
+    @classmethod
+    def _known_pattern(cls, pattern: str) -> str:
+        require_word(pattern, PATTERNS, "pattern")
+        return pattern
+
+    @model_validator(mode="after")
+    def _some_light(self) -> Self:
+        if self.direct == 0.0 and self.diffuse == 0.0:
+            raise Refused("direct, diffuse", (0.0, 0.0), "some light: direct or diffuse > 0")
+        return self
+
+    @property
+    def irradiance(self) -> float:
+        """Irradiance of the horizontal sea, direct cos z + diffuse [W m-2 nm-1]."""
+        return self.direct * math.cos(math.radians(self.sun_zenith_deg)) + self.diffuse
+
+    @property
+    def sun(self) -> tuple[float, float, float]:
+        """Unit vector to the sun or moon."""
+        return unit_vector(self.sun_zenith_deg, self.sun_azimuth_deg)
+
+    @property
+    def sky(self) -> Sky:
+        """Radiance of the sky, without the disk of the sun."""
+        return sky(self.pattern, self.diffuse, self.sun_zenith_deg, self.sun_azimuth_deg)
+
+    @classmethod
+    def clear_sky(
+        cls,
+        sun_zenith_deg: float = 30.0,
+        sun_azimuth_deg: float = 0.0,
+        wavelength_nm: float = 470.0,
+        pattern: str = "cie-12",
+        *,
+        width_nm: float = 0.0,
+        aerosol: float = 0.10,
+        ozone: float = 0.30,
+        water_vapour: float = 2.0,
+        pressure: float = 101325.0,
+        day_of_year: int = 80,
+        **fields: Any,
+    ) -> Self:
+        """Return sun and clear sky by the spectral model SPECTRL2 (`clear_irradiance`).
+
+        Parameters
+        ----------
+        sun_zenith_deg, sun_azimuth_deg, wavelength_nm, pattern
+            As for the class.
+        width_nm : float
+            Width of the band that is averaged [nm].
+        aerosol, ozone, water_vapour, pressure, day_of_year
+            Atmosphere, see `clear_irradiance`.
+        **fields
+            Other fields of the class.
+
+        Raises
+        ------
+        Refused
+            If a value is out of range, or pvlib (extra `daylight`) is not installed.
+        """
+        place = {"sun_zenith_deg": sun_zenith_deg, "sun_azimuth_deg": sun_azimuth_deg}
+        band = {"wavelength_nm": wavelength_nm, "pattern": pattern}
+        checked = cls(direct=1.0, diffuse=1.0, **place, **band, **fields)
+        atmosphere = {"width_nm": (width_nm, 400.0), "aerosol": (aerosol, 5.0),
+                      "ozone": (ozone, 2.0), "water_vapour": (water_vapour, 20.0),
+                      "pressure": (pressure, 2e5), "day_of_year": (day_of_year, 366)}  # fmt: skip
+        for name, (value, most) in atmosphere.items():
+            number = require_finite(value, name, f"0 <= {name} <= {most:g}")[0]
+            if not 0.0 <= number <= most:
+                raise Refused(name, value, f"0 <= {name} <= {most:g}")
+        values: dict[str, Any] = {name: value for name, (value, _) in atmosphere.items()}
+        found = clear_irradiance(checked.sun_zenith_deg, checked.wavelength_nm, **values)
+        light = fields.pop("light", "clear sky")
+        return cls(**found._asdict(), **place, **band, **fields, light=light)
+
+    @classmethod
+    def at(
+        cls, time: Any, latitude: float, longitude: float, wavelength_nm: float = 470.0,
+        pattern: str = "cie-12", **options: Any,
+    ) -> Self:  # fmt: skip
+        """Return sun and clear sky at a time and place.
+
+        Parameters
+        ----------
+        time : str or datetime
+            Time with its zone, such as "2026-06-21T10:00Z".
+        latitude, longitude : float
+            Place [deg], north and east positive.
+        wavelength_nm, pattern, **options
+            As for `clear_sky`.
+
+        Raises
+        ------
+        Refused
+            If the time has no zone, the sun is below 89 degrees of zenith angle, or pvlib (extra
+            `daylight`) is not installed.
+
+        Notes
+        -----
+        +x points east, +y north.
+        """
+        sun = sun_position(time, latitude, longitude)
+        options = {"day_of_year": sun.day_of_year, **options}
+        return cls.clear_sky(sun.zenith_deg, sun.azimuth_deg, wavelength_nm, pattern, **options)
+
+    @classmethod
+    def overcast(
+        cls, sun_zenith_deg: float = 30.0, wavelength_nm: float = 470.0,
+        transmittance: float = OVERCAST_TRANSMITTANCE, **fields: Any,
+    ) -> Self:  # fmt: skip
+        """Return a closed cloud cover: pattern "cie-1", a share of the clear global irradiance.
+
+        Parameters
+        ----------
+        sun_zenith_deg : float
+            Zenith angle of the hidden sun [deg].
+        wavelength_nm : float
+            Wavelength [nm]; other than 470 nm needs pvlib.
+        transmittance : float
+            Share of the global irradiance of the clear sky, 0 < t <= 1.
+        **fields
+            Other fields of the class.
+
+        Notes
+        -----
+        0.25 at 8/8 of cloud: Kasten and Czeplak (1980), Solar Energy 24, 177, from memory,
+        without dependence on wavelength; unverified.
+        """
+        if not 0.0 < transmittance <= 1.0:
+            raise Refused("transmittance", transmittance, "0 < transmittance <= 1")
+        band = {"sun_zenith_deg": sun_zenith_deg, "wavelength_nm": wavelength_nm}
+        checked = cls(direct=1.0, diffuse=1.0, **band)
+        clear = checked.replace(**default_irradiance(sun_zenith_deg, wavelength_nm)._asdict())
+        fields = {"pattern": "cie-1", "light": "overcast sky", **fields}
+        return cls(direct=0.0, diffuse=transmittance * clear.irradiance, **band, **fields)
+
+    @classmethod
+    def moon(
+        cls, phase_deg: float = 0.0, zenith_deg: float = 30.0, azimuth_deg: float = 0.0,
+        wavelength_nm: float = 470.0, **fields: Any,
+    ) -> Self:  # fmt: skip
+        """Return the light of the moon and of the sky that it lights.
+
+        E = E_sun 2.512e-6 10^(-0.4 (0.026 |alpha| + 4e-9 alpha^4))
+
+        Parameters
+        ----------
+        phase_deg : float
+            Phase angle alpha [deg], 0 for the full moon, -180 ... 180.
+        zenith_deg, azimuth_deg : float
+            Position of the moon [deg].
+        wavelength_nm : float
+            Wavelength [nm]; other than 470 nm needs pvlib.
+        **fields
+            Other fields of the class.
+
+        Notes
+        -----
+        Phase law of Krisciunas and Schaefer (1991), PASP 103, 1033, for the V band. The spectrum
+        is that of the sun; the moon is redder, with up to 20 % less light at 470 nm (from memory,
+        unverified).
+        """
+        band = {"sun_azimuth_deg": azimuth_deg, "wavelength_nm": wavelength_nm}
+        band = {"sun_zenith_deg": zenith_deg, **band}
+        cls(direct=1.0, diffuse=1.0, **band)
+        sun = default_irradiance(zenith_deg, wavelength_nm)
+        share = MOON_OVER_SUN * moon_phase_factor(phase_deg)
+        fields = {"light": "moonlight", **fields}
+        return cls(direct=share * sun.direct, diffuse=share * sun.diffuse, **band, **fields)
+
+    @classmethod
+    def night(cls, **fields: Any) -> Self:
+        """Return the moonless night: a uniform sky of 2.3e-9 W m-2 sr-1 nm-1.
+
+        Notes
+        -----
+        At 470 nm, between B 22.7 and V 21.6 magnitudes per square arcsecond of a dark site
+        (magnitudes from memory, unverified); the same value at every wavelength.
+        """
+        fields = {"pattern": "uniform", "light": "moonless night", **fields}
+        return cls(direct=0.0, diffuse=math.pi * NIGHT_RADIANCE, **fields)
+
+
+def moon_phase_factor(phase_deg: float) -> float:
+    """Return the irradiance of the moon at a phase angle [deg] over that of the full moon.
+
+    Examples
+    --------
+    >>> round(moon_phase_factor(90.0), 4)
+    0.091
+    """
+    alpha = abs(float(require_finite(phase_deg, "phase_deg", "-180 <= phase_deg <= 180")[0]))
+    if alpha > 180.0:
+        raise Refused("phase_deg", phase_deg, "-180 <= phase_deg <= 180")
+    return float(10.0 ** (-0.4 * (0.026 * alpha + 4e-9 * alpha**4)))

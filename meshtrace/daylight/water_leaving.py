@@ -1,0 +1,124 @@
+"""Light that the water scatters back once, in closed form: the quasi-single approximation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from meshtrace.daylight.light import Daylight
+from meshtrace.daylight.patterns import sky_radiance
+from meshtrace.link import Link
+from meshtrace.models import Floats
+from meshtrace.optics.fresnel import fresnel_reflectance
+
+_ZENITHS, _AZIMUTHS = 14, 20  # directions that stand for the sky
+_DEPTHS = 6000
+_DEEPEST = 20.0  # optical depths of k
+_ANGLES = 2048
+
+
+class QuasiSingle:
+    """Upwelling radiance under still water by single scattering with k = a + b_b.
+
+    L_u = sum E_w int sum_j b_j beta_j(Theta) exp(-K(z) m) dz / mu_v,  m = 1 / mu' + 1 / mu_v
+
+    over beams of irradiance E_w across themselves with cosine mu', those of the sun and of the
+    refracted sky; scatterers j are water and bubbles, K is the integral of k from the surface. In
+    uniform water the integral is b beta / (k (1 + mu_v / mu')). A bottom adds albedo / pi times
+    its irradiance.
+
+    Parameters
+    ----------
+    link : Link
+        Water, bubbles and indices.
+    day : Daylight
+        Light above the sea.
+
+    References
+    ----------
+    Gordon (1973), Appl. Opt. 12, 2803, quasi-single scattering.
+    """
+
+    def __init__(self, link: Link, day: Daylight) -> None:
+        self.n = link.water.n / link.n_air
+        self._travel, self._irradiance = _beams(day, self.n)
+        fractions, phases = [link.water.phase.backscatter_fraction], [link.water.phase]
+        if link.bubbles is not None:
+            bubbles = link.bubbles.phase_function()
+            fractions.append(bubbles.backscatter_fraction)
+            phases.append(bubbles)
+        self._theta = np.linspace(0.0, math.pi, _ANGLES)[1:]
+        self._beta = [phase.pdf(self._theta) for phase in phases]
+        self._depth, a, b = _profile(link)
+        k = a + np.array(fractions) @ b
+        steps = np.diff(self._depth)
+        path = np.concatenate([[0.0], np.cumsum(0.5 * steps * (k[1:] + k[:-1]))])
+        # extinction of beam and view: 1 / mu runs from 1 to the horizon under water
+        self._m = np.geomspace(1.9, 60.0, 400)
+        decay = np.exp(-np.outer(self._m, path))
+        self._depth_integral = [
+            np.sum(0.5 * steps * (decay[:, 1:] * bj[1:] + decay[:, :-1] * bj[:-1]), axis=1)
+            for bj in b
+        ]
+        self._bottom = None
+        if link.water.bottom_depth is not None:
+            self._bottom = link.water.bottom_albedo * decay[:, -1] / math.pi
+
+    def upwelling(self, directions: Floats) -> Floats:
+        """Return the radiance L_u below the surface [W m-2 sr-1 nm-1].
+
+        Parameters
+        ----------
+        directions : ndarray, shape (n, 3)
+            Unit vectors along which the light travels up.
+        """
+        mu_v = np.maximum(directions[:, 2], 1e-3)
+        total = np.zeros(len(directions))
+        for travel, irradiance in zip(self._travel, self._irradiance, strict=True):
+            theta = np.arccos(np.clip(directions @ travel, -1.0, 1.0))
+            m = 1.0 / -travel[2] + 1.0 / mu_v
+            for beta, integral in zip(self._beta, self._depth_integral, strict=True):
+                scattered = np.interp(theta, self._theta, beta) * np.interp(m, self._m, integral)
+                total += irradiance * scattered / mu_v
+            if self._bottom is not None:
+                total += irradiance * -travel[2] * np.interp(m, self._m, self._bottom)
+        return total
+
+
+def _beams(day: Daylight, n: float) -> tuple[Floats, Floats]:
+    """Return directions of travel under water, and irradiances across them, of sun and sky."""
+    x, w = np.polynomial.legendre.leggauss(_ZENITHS)
+    sin2, weight = 0.5 * (x + 1.0), 0.5 * w  # cos dOmega = d(sin^2) d(azimuth) / 2
+    azimuth = 2.0 * math.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
+    s, phi = np.meshgrid(np.sqrt(sin2), azimuth, indexing="ij")
+    towards = np.stack([s * np.cos(phi), s * np.sin(phi), np.sqrt(1.0 - s**2)], -1).reshape(-1, 3)
+    flux = sky_radiance(day.sky, towards) * np.repeat(weight, _AZIMUTHS)
+    if day.diffuse > 0.0:
+        flux *= day.diffuse / flux.sum()
+    towards = np.concatenate([towards, [day.sun]])
+    flux = np.append(flux, day.direct * day.sun[2])
+    flux = flux * (1.0 - fresnel_reflectance(np.clip(towards[:, 2], 0.0, 1.0), 1.0, n))
+    travel = -towards / n
+    travel[:, 2] = -np.sqrt(1.0 - travel[:, 0] ** 2 - travel[:, 1] ** 2)
+    lit = flux > 0.0
+    return travel[lit], flux[lit] / -travel[lit, 2]
+
+
+def _profile(link: Link) -> tuple[Floats, Floats, Floats]:
+    """Return depths [m], absorption and scattering of water and bubbles over depth."""
+    water = link.water
+    surface = np.array([0.0])
+    a0, b0 = (float(v[0]) for v in water.profile(surface))
+    k0 = a0 + b0 * water.phase.backscatter_fraction
+    deepest = _DEEPEST / k0 if k0 > 0.0 else 1e3
+    if water.layers is not None:
+        deepest = max(deepest, 3.0 * water.layers[-1][0])
+    if water.bottom_depth is not None:
+        deepest = min(deepest, water.bottom_depth)
+    depth = np.concatenate([surface, np.geomspace(1e-4 * deepest, deepest, _DEPTHS)])
+    a, b = water.profile(depth)
+    scatterers = [b]
+    if link.bubbles is not None:
+        scatterers.append(link.bubbles.b(depth))
+    return depth, a, np.array(scatterers)

@@ -1,0 +1,1 @@
+"""Explorer of a link in the browser: state, work in stages, scene and page."""

@@ -1,0 +1,112 @@
+"""A state as the text of a link file and as a Python program."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import tomli_w
+
+import meshtrace
+from meshtrace import surfaces
+from meshtrace.comms.ook import OokLink
+from meshtrace.errors import Refused
+from meshtrace.models import Model
+from meshtrace.scenario import MeshFile, Scenario
+
+_WIDTH = 96
+_PHOTONS = 10_000
+
+
+def as_toml(scenario: Scenario) -> str:
+    """Return the text of a link file with the values that differ from the defaults.
+
+    The full configuration where the shorter text would be another scenario.
+    """
+    default = Scenario.from_toml("").replace(detector=OokLink())
+    short = _difference(scenario.to_config(), default.to_config())
+    if scenario.detector is not None:
+        short.setdefault("detector", {"bit_rate": scenario.detector.bit_rate})
+    try:
+        if Scenario.from_config(short) == scenario:
+            return tomli_w.dumps(short)
+    except Refused:
+        pass
+    return scenario.to_toml()
+
+
+def _difference(table: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries of nested tables that differ from those of others; kinds are kept."""
+    found: dict[str, Any] = {}
+    for key, value in table.items():
+        other = default.get(key)
+        if isinstance(value, Mapping) and isinstance(other, Mapping):
+            same_kind = all(value.get(k) == other.get(k) for k in ("kind", "model", "spectrum"))
+            value = _difference(value, other) if same_kind else dict(value)
+            if value:
+                found[key] = value
+        elif value != other or key == "wind_speed":
+            found[key] = value
+    return found
+
+
+def as_python(scenario: Scenario) -> str:
+    """Return a program that simulates a scenario.
+
+    Objects of classes outside of the public package are read from the text of a link file.
+    """
+    lines = ["import meshtrace as mt", ""]
+    run = f"photons={_PHOTONS}, seed={scenario.run.seed}"
+    try:
+        link = f"link = {_expression(scenario.link, 0)}"
+        if isinstance(scenario.surface, MeshFile):
+            path = scenario.surface.file
+            sea = f"sea = mt.surfaces.from_trimesh({path!r}, overhangs=True)"
+        else:
+            sea = f"sea = {_expression(scenario.surface, 0)}"
+    except Refused:
+        text = scenario.to_toml().replace("\\", "\\\\")
+        lines += [f'scenario = mt.Scenario.from_toml("""\n{text}""")']
+        return "\n".join([*lines, "print(scenario.simulate().summary())", ""])
+    lines += [link, sea, f"result = mt.simulate(link, sea, {run})", "print(result.summary())"]
+    if scenario.detector is not None:
+        rate = scenario.detector.bit_rate
+        lines += [
+            f"bits = mt.OokLink.of_link(link, {_expression(scenario.detector, 0)})",
+            "ber = float(bits.ber(bits.received_power(result.gain)))",
+            f'print(f"BER at {rate:g} bit/s: {{ber:.3g}}")',
+        ]
+    return "\n".join([*lines, ""])
+
+
+def _expression(value: Any, indent: int) -> str:
+    """Return the Python expression of a value, with the fields that differ from their defaults."""
+    if isinstance(value, tuple):
+        items = [_expression(item, indent + 4) for item in value]
+        return f"({', '.join(items)}{',' if len(items) == 1 else ''})"
+    if not isinstance(value, Model):
+        return json.dumps(value) if isinstance(value, str) else repr(value)
+    name = type(value).__name__
+    path = next((f"mt.{part}{name}" for module, part in _PUBLIC if _is_in(module, name, value)), "")
+    if not path:
+        raise Refused("", name, "a public class")
+    fields = type(value).model_fields
+    given = {
+        key: getattr(value, key)
+        for key, field in fields.items()
+        if key != "kind" and getattr(value, key) != field.get_default(call_default_factory=True)
+    }
+    items = [f"{key}={_expression(item, indent + 4)}" for key, item in given.items()]
+    short = f"{path}({', '.join(items)})"
+    if len(short) + indent <= _WIDTH and "\n" not in short:
+        return short
+    pad = " " * (indent + 4)
+    return f"{path}(\n" + "".join(f"{pad}{item},\n" for item in items) + " " * indent + ")"
+
+
+def _is_in(module: Any, name: str, value: Any) -> bool:
+    return getattr(module, name, None) is type(value)
+
+
+_PUBLIC = ((meshtrace, ""), (surfaces, "surfaces."), (meshtrace.comms, "comms."))

@@ -1,0 +1,245 @@
+"""Layout of the explorer's page, and the data of its side view and plan."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib.colors import to_hex
+from trame.ui.vuetify3 import VAppLayout
+from trame.widgets import html, vtk
+from trame.widgets import vuetify3 as v3
+from trame_client.widgets.core import AbstractElement
+
+from meshtrace.explorer.controls import CONTROLS, Control, slider_range
+from meshtrace.explorer.readings import MARGIN_LABEL
+from meshtrace.explorer.scene import SCATTERED_COLOR, UNSCATTERED_COLOR, LiveScene
+from meshtrace.explorer.state import State
+from meshtrace.link import Receiver
+from meshtrace.viz.style import LED_COLOR, RECEIVER_COLOR, water_map
+
+_STATUS = """working === "" ? "up to date" : ({
+  gain: "tracing the gain …", rays: "tracing rays …", fading: "moving the sea …",
+  map: "mapping …"})[working]"""
+
+
+_KEY = {
+    "lamp, half-power cone": LED_COLOR,
+    "receiver, field of view": RECEIVER_COLOR,
+    "received, unscattered": UNSCATTERED_COLOR,
+    "received, scattered": SCATTERED_COLOR,
+}
+
+_ENTER = "{name} = $event.target.value === '' ? null : Number($event.target.value)"
+
+_EVENTS = ("movelamp", "movereceiver", "seek")
+
+
+class Actions(Protocol):
+    """Actions of the buttons."""
+
+    def show_text(self, kind: str) -> None:
+        """Show the link as text."""
+
+    def make_map(self) -> None:
+        """Make the coverage map."""
+
+    def seek(self, time: float) -> None:
+        """Show a time."""
+
+
+def _part(name: str, **options: Any) -> AbstractElement:
+    """Add one of the components of assets/page.js."""
+    events = [key for key in options if key in _EVENTS]
+    props = [key for key in options if key not in events]
+    return AbstractElement(f"mt-{name}", __properties=props, __events=events, **options)
+
+
+def build(server: Any, window: Any, actions: Actions) -> Any:
+    """Build the page of a server; return the view of the render window."""
+    values = {name: server.state[name] for name in (c.name for c in CONTROLS)}
+    with VAppLayout(server), html.Div(classes="mt-page"):
+        _head(actions)
+        with html.Div(classes="mt-left"):
+            for group in dict.fromkeys(c.group for c in CONTROLS if c.group):
+                _group(group, [c for c in CONTROLS if c.group == group], values)
+            html.Div("{{ refused }}", v_if="refused", classes="mt-card mt-note", id="refused")
+        view = _scene(window)
+        _views()
+        _readings(actions)
+        _dialog()
+    return view
+
+
+def _head(actions: Actions) -> None:
+    with html.Div(classes="mt-head"):
+        html.H1("meshtrace explorer")
+        html.Span("{{ title }}", classes="mt-name")
+        html.Span(f"{{{{ {_STATUS} }}}}", classes="mt-status", id="status")
+        button: Any = {"size": "small", "variant": "tonal", "density": "comfortable"}
+        v3.VBtn("Copy as TOML", click=(actions.show_text, "['TOML']"), id="toml", **button)
+        v3.VBtn("Copy as Python", click=(actions.show_text, "['Python']"), id="python", **button)
+        v3.VBtn("Save picture", click="trame.refs.scene.captureImage()", id="picture", **button)
+
+
+def _group(group: str, controls: list[Control], values: dict[str, Any]) -> None:
+    with html.Div(classes="mt-card"):
+        html.H2(group)
+        for control in controls:
+            _control(control, values[control.name])
+        if group == "Sea":
+            with html.Div(classes="mt-control"):
+                html.Label("Water")
+                with html.Select(v_model=("water",), id="water"):
+                    html.Option("{{ w }}", v_for="w in waters", key=("w",), value=("w",))
+
+
+def _control(control: Control, value: float | None) -> None:
+    """Add a slider with a number field; both are disabled for links without the value."""
+    name, absent = control.name, value is None
+    low, high = slider_range(control, 1.0 if value is None else value)
+    slider: Any = {"min": low, "max": high, "step": control.step, "model_value": (f"{name} ?? 0",),
+                   "update_modelValue": f"{name} = Number($event.toFixed(4))"}  # fmt: skip
+    if control.log:
+        slider |= {"min": math.log10(low), "max": math.log10(high)}
+        slider["model_value"] = (f"Math.log10(Math.max({name} ?? 1, 1e-9))",)
+        slider["update_modelValue"] = f"{name} = Number(Math.pow(10, $event).toPrecision(3))"
+    with html.Div(classes="mt-control"):
+        html.Label(control.label)
+        v3.VSlider(
+            hide_details=True, density="compact", thumb_size=14, track_size=3, color="#2f6690",
+            disabled=absent, id=f"slider-{name}", **slider,
+        )  # fmt: skip
+        html.Input(
+            type="number", classes="mt-number", id=name, disabled=absent, step="any",
+            value=(name,), change=_ENTER.format(name=name),
+        )  # fmt: skip
+        html.Span(control.unit, classes="mt-unit")
+
+
+def _scene(window: Any) -> Any:
+    with html.Div(classes="mt-scene"):
+        view = vtk.VtkLocalView(window, ref="scene", on_image_capture="shot = $event")
+        with html.Div(classes="mt-time"):
+            v3.VBtn(
+                icon=("playing ? 'mdi-pause' : 'mdi-play'",), click="playing = !playing",
+                size="small", color="#2f6690", id="play",
+            )  # fmt: skip
+            html.B("t = {{ time.toFixed(2) }} s", id="time")
+        with html.Div(classes="mt-bar-scale"):
+            html.Span("<span>elevation [m]</span>")
+            html.Div(style=f"background: linear-gradient(to right, {_gradient()})")
+            html.Span("<span>{{ elevation[0] }}</span><span>{{ elevation[1] }}</span>")
+        with html.Div(classes="mt-key"):
+            for text, color in _KEY.items():
+                html.Span(f'<i style="background:{color}"></i>{text}')
+        _part("picture", shot=("shot",), caption=("caption",))
+    return view
+
+
+def _views() -> None:
+    with html.Div(classes="mt-views"):
+        side: Any = {"title": "Side view", "across": "x", "up": "z", "side": True}
+        _part(
+            "drag", id="side", frame=("side.frame",), lamp=("side.lamp",),
+            receiver=("side.receiver",), profile=("side.profile",), **side,
+            movelamp="lamp_x = $event.x; depth = -$event.y",
+            movereceiver="offset_x = $event.x; height = $event.y",
+        )  # fmt: skip
+        plan: Any = {"title": "Plan", "across": "x", "up": "y"}
+        _part(
+            "drag", id="plan", frame=("plan.frame",), lamp=("plan.lamp",),
+            receiver=("plan.receiver",), wind=("plan.wind",), image=("map",), **plan,
+            movelamp="lamp_x = $event.x; lamp_y = $event.y",
+            movereceiver="offset_x = $event.x; offset_y = $event.y",
+        )  # fmt: skip
+
+
+def _readings(actions: Actions) -> None:
+    with html.Div(classes="mt-right"):
+        with html.Div(classes="mt-card"):
+            html.H2("Channel gain")
+            with html.Div(classes=("stale.gain && !playing ? 'mt-faded' : ''",)):
+                html.Div("{{ reading.db }}", classes="mt-big", id="db")
+                html.Div("{{ reading.gain }}", id="gain", raw_attrs=[':data-value="reading.value"'])
+                _rows([("Unscattered share", "reading.unscattered"), ("Sample", "reading.chains")])
+        with html.Div(classes="mt-card"):
+            html.H2("Bits")
+            with html.Div(classes=("stale.gain && !playing ? 'mt-faded' : ''",)):
+                _rows([
+                    ("Received power", "reading.power"), ("Required power", "reading.required"),
+                    (MARGIN_LABEL, "reading.margin"), ("Bit error rate", "reading.ber"),
+                ])  # fmt: skip
+        with html.Div(classes="mt-card"):
+            html.H2("Fading")
+            _part("series", time=("fading.time",), gain=("fading.gain",), now=("time",),
+                  duration=("fading.duration",), faded=("stale.fading",), id="series",
+                  seek=(actions.seek, "[$event]"), classes="mt-tall")  # fmt: skip
+            _part("histogram", gain=("fading.gain",), faded=("stale.fading",), id="histogram")
+            with html.Div(classes=("stale.fading ? 'mt-faded' : ''",)):
+                _rows([("Scintillation index", "fading.index"), ("Lowest / mean", "fading.low")])
+            html.Div("{{ fading.note }}", v_if="fading.note", classes="mt-note")
+        with html.Div(classes="mt-card"):
+            html.H2("Coverage")
+            v3.VBtn(
+                "Map the gain", click=actions.make_map, size="small", variant="tonal",
+                color="#2f6690", block=True, id="map", disabled=("working === 'map'",),
+            )  # fmt: skip
+            with html.Dl(v_if="map", classes="mt-rows", style="margin-top:5px"):
+                html.Dt("Peak")
+                html.Dd("{{ map.peak }}", id="peak")
+        with html.Div(v_if="reading.notes.length", classes="mt-card mt-note", id="notes"):
+            html.Div("{{ note }}", v_for="note in reading.notes", key=("note",))
+
+
+def _rows(rows: list[tuple[str, str]]) -> None:
+    with html.Dl(classes="mt-rows"):
+        for label, value in rows:
+            html.Dt(label)
+            html.Dd(f"{{{{ {value} }}}}", id=value.replace(".", "-"))
+
+
+def _dialog() -> None:
+    with v3.VDialog(v_model=("text_shown",), max_width=760), v3.VCard(classes="pa-4"):
+        html.H2("{{ text_title }}", style="font-size:16px;font-weight:500;margin-bottom:8px")
+        html.Pre("{{ text }}", classes="mt-text", id="text")
+        with html.Div(style="display:flex;gap:10px;justify-content:flex-end;margin-top:10px"):
+            _part("copy", text=("text",))
+            v3.VBtn("Close", click="text_shown = false", variant="text", id="close")
+
+
+def _gradient() -> str:
+    return ", ".join(to_hex(water_map()(share)) for share in np.linspace(0.0, 1.0, 9))
+
+
+def views(state: State, scene: LiveScene) -> dict[str, Any]:
+    """Return the data of the side view and the plan: limits, lamp, receiver and waves [m]."""
+    stage, link = scene.stage, state.scenario.link
+    (x, y), half = stage.center, stage.half
+    lamp, receiver = link.transmitters[0], link.receivers[0]
+    direction = getattr(state.scenario.surface, "wind_direction_deg", None)
+    side = {
+        "frame": {"x0": x - half, "x1": x + half, "y0": stage.bottom, "y1": stage.top},
+        "lamp": _end(lamp, (0, 2), getattr(lamp, "spread_deg", 0.0), 1.0),
+        "receiver": _end(receiver, (0, 2), 0.5 * receiver.fov_deg, -1.0),
+        "profile": scene.profile(),
+    }
+    plan = {
+        "frame": {"x0": x - half, "x1": x + half, "y0": y - half, "y1": y + half},
+        "lamp": _end(lamp, (0, 1), 0.0, 1.0),
+        "receiver": _end(receiver, (0, 1), 0.0, 1.0),
+        "wind": direction,
+    }
+    return {"side": side, "plan": plan, "elevation": list(scene.elevation_range)}
+
+
+def _end(part: Any, axes: tuple[int, int], half: float, sign: float) -> dict[str, float] | None:
+    """Return place and cone of a lamp or receiver in two of the axes; None for light from above."""
+    if not hasattr(part, "depth") and not isinstance(part, Receiver):
+        return None
+    i, j = axes
+    across, up = (sign * part.axis[k] for k in (0, 2))
+    return {
+        "x": part.center[i], "y": part.center[j], "half": half, "axis": math.atan2(across, up),
+    }  # fmt: skip

@@ -1,0 +1,291 @@
+"""Page of one user of the explorer: a trame server that shows a session and sends its moves."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import functools
+import io
+import secrets
+import uuid
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from aiohttp import web
+from matplotlib.colors import to_hex
+from trame.app.core import AVAILABLE_SERVERS, get_server
+from trame_vtk.modules.vtk import HELPERS_PER_SERVER
+
+from meshtrace.errors import Refused
+from meshtrace.explorer import code, layout, readings, stages
+from meshtrace.explorer.controls import BY_NAME, WATERS
+from meshtrace.explorer.scene import LiveScene
+from meshtrace.explorer.session import STAGES, Session
+from meshtrace.explorer.state import State
+from meshtrace.results.coverage import CoverageMap
+from meshtrace.scenario import Scenario
+from meshtrace.transport.paths import PhotonPaths
+
+_ASSETS = Path(__file__).with_name("assets")
+_SCENE_PERIOD = 0.05  # shortest time between two scenes while a control moves [s]
+_FRAME_PERIOD = 0.1  # of the running sea [s]
+_IDLE = 600  # time without a browser after which a session ends [s]
+
+
+class Page:
+    """Trame server of one session.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Link at the start.
+    title : str
+        Name of the link.
+    """
+
+    def __init__(self, scenario: Scenario, title: str) -> None:
+        self.server = get_server(f"meshtrace-{uuid.uuid4().hex}", client_type="vue3")
+        self.server.enable_module(
+            {
+                "serve": {"__meshtrace": str(_ASSETS)},
+                "scripts": ["__meshtrace/page.js"],
+                "styles": ["__meshtrace/page.css"],
+                "vue_use": ["meshtrace"],
+            }
+        )
+        self.session = Session(scenario, self._answered)
+        self.scene = LiveScene(self.session.state)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._scene_due: asyncio.TimerHandle | None = None
+        self._scene_time = 0.0
+        self._running: asyncio.Task[None] | None = None
+        self._fill(title)
+        self.view = layout.build(self.server, self.scene.plotter.render_window, self)
+        self.server.state.change(*BY_NAME, "water")(self._moved)
+        self.server.state.change("playing")(self._play_or_pause)
+        self.server.controller.on_client_exited.add(self._pause)
+
+    async def start(self, host: str) -> asyncio.Task[Any]:
+        """Start to serve on a free port; return the task that ends with the session."""
+        self._loop = asyncio.get_running_loop()
+        self.server.cli.set_defaults(authKey=secrets.token_urlsafe(16))
+        self.server.controller.on_server_bind.add(functools.partial(self._add_session_route, host))
+        options: Any = {"port": 0, "host": host, "timeout": _IDLE, "exec_mode": "coroutine"}
+        quiet: Any = {"show_connection_info": False, "open_browser": False, "thread": True}
+        task = asyncio.create_task(self.server.start(**options, **quiet, disable_logging=True))
+        task.add_done_callback(self._end)
+        await self.server.ready
+        self.session.start()
+        return task
+
+    @property
+    def port(self) -> int:
+        """Port of the page."""
+        return int(self.server.port)
+
+    def _end(self, _: Any) -> None:
+        """Release the session, its running sea and its scene."""
+        self.session.close()
+        if self._running is not None:
+            self._running.cancel()
+        if self._scene_due is not None:
+            self._scene_due.cancel()
+        self._loop = None
+        self.scene.plotter.close()
+        AVAILABLE_SERVERS.pop(self.server.name, None)
+        HELPERS_PER_SERVER.pop(self.server.name, None)
+
+    def _pause(self, **_: Any) -> None:
+        """Stop the sea when its browser has left."""
+        self.server.state.playing = False
+
+    def _add_session_route(self, host: str, web_server: Any) -> None:
+        """Answer the first request of the page: address and secret of its connection.
+
+        Pages of other sites can neither read the answer nor, without it, connect.
+        """
+
+        async def session(request: web.Request) -> web.Response:
+            if request.url.host not in (host, "localhost") and ip_address(host).is_loopback:
+                raise web.HTTPForbidden
+            secret = self.server.server_options.authKey
+            return web.json_response({"sessionURL": f"ws://{request.host}/ws", "secret": secret})
+
+        web_server.app.router.add_post("/paraview/", session)
+
+    def show_text(self, kind: str) -> None:
+        """Show the link as TOML or as Python, to be copied."""
+        make = {"TOML": code.as_toml, "Python": code.as_python}[kind]
+        self.server.state.update(
+            {"text_title": kind, "text": make(self.session.state.scenario), "text_shown": True}
+        )
+
+    def make_map(self) -> None:
+        """Start the coverage map of the present state."""
+        self.session.make_map()
+        self._refresh()
+
+    def seek(self, time: float) -> None:
+        """Show the sea at a time [s]."""
+        self.session.show_time(max(float(time), 0.0))
+        self._show_scene()
+        self.session.answer_now()
+
+    def _fill(self, title: str) -> None:
+        """Set all variables of the page."""
+        state, page = self.session.state, self.server.state
+        page.trame__title = "meshtrace explorer"
+        page.client_only("shot")
+        page.update({**state.values, "water": state.water, "waters": list(WATERS)})
+        page.update({"title": title, "playing": False, "shot": None, "refused": ""})
+        page.update({"text_shown": False, "text": "", "text_title": ""})
+        self._refresh()
+        self._refresh_views()
+
+    def _moved(self, **_: Any) -> None:
+        """Send the controls that differ from the state."""
+        page, state = self.server.state, self.session.state
+        now = {**state.values, "water": state.water}
+        moved = {key: page[key] for key, value in now.items() if page[key] != value}
+        try:
+            values = {
+                key: _number(value) if key in BY_NAME else value for key, value in moved.items()
+            }
+            self.session.move({key: v for key, v in values.items() if v != now[key]})
+        except Refused as error:
+            page.refused = str(error)
+            return
+        page.refused = ""
+        self._refresh()
+        self._scene_soon()
+
+    def _scene_soon(self) -> None:
+        """Update the scene once for all moves of a short time."""
+        if self._loop is None or self._scene_due is not None:
+            return
+        wait = max(self._scene_time + _SCENE_PERIOD - self._loop.time(), 0.0)
+        self._scene_due = self._loop.call_later(wait, self._show_scene)
+
+    def _show_scene(self) -> None:
+        """Update the scene and the views to the state."""
+        self._scene_due = None
+        state = self.session.state
+        try:
+            camera = self.scene.update(state)
+        except Refused:  # the work on the gain reports it
+            return
+        with self.server.state:
+            self._show_light()
+            self._refresh_views()
+            self.view.update()
+            if camera:
+                self.view.push_camera()
+        self._scene_time = self._loop.time() if self._loop else 0.0
+
+    def _show_light(self) -> None:
+        """Show the rays and the map of the state, or none."""
+        rays, found = self.session.answer("rays"), self.session.answer("map")
+        fresh = self.session.fresh
+        self.scene.show_rays(rays if fresh("rays") and isinstance(rays, PhotonPaths) else None)
+        lit = fresh("map") and isinstance(found, CoverageMap)
+        height = self.session.state.values["height"] or 0.0
+        self.scene.show_map(found if lit else None, height)
+
+    def _answered(self, name: str) -> None:
+        """Show an answer; called in the thread of the work."""
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._show_answer, name)
+
+    def _show_answer(self, name: str) -> None:
+        with self.server.state:
+            self._refresh()
+            if name in ("rays", "map") and self.session.fresh(name) and not self._running:
+                self._show_light()
+                self._refresh_views()
+                self.view.update()
+
+    def _refresh(self) -> None:
+        """Set the readings, the charts and the marks of stale answers."""
+        session, page = self.session, self.server.state
+        page.stale = {name: not session.fresh(name) for name in STAGES}
+        page.working = session.working
+        page.reading = readings.gain_reading(session)
+        page.fading = readings.fading_reading(session)
+        page.caption = readings.caption(session)
+
+    def _refresh_views(self) -> None:
+        """Set the side view, the plan, the time and the colour bar."""
+        page, state = self.server.state, self.session.state
+        page.time = round(state.time, 3)
+        page.update(layout.views(state, self.scene))
+        found = self.session.answer("map")
+        shown = self.session.fresh("map") and isinstance(found, CoverageMap)
+        page.map = _map_image(found) if shown else None
+
+    def _play_or_pause(self, playing: bool = False, **_: Any) -> None:
+        if self._loop is None or bool(self._running) == playing:
+            return
+        if playing:
+            self._running = self._loop.create_task(self._run())
+
+    async def _run(self) -> None:
+        """Let the sea run in natural time until paused, in a loop over the series."""
+        loop, session = asyncio.get_running_loop(), self.session
+        duration = stages.FADING_FRAMES / stages.FADING_RATE
+        start = loop.time() - session.state.time
+        try:
+            while self.server.state.playing:
+                begun = loop.time()
+                state = session.show_time((begun - start) % duration)
+                paths = await loop.run_in_executor(None, functools.partial(_paths_at, state))
+                if session.state != state:  # moved meanwhile
+                    await asyncio.sleep(0)
+                    continue
+                self.scene.update(state, running=True)
+                with self.server.state as page:
+                    self.scene.show_rays(paths)
+                    page.time = round(state.time, 3)
+                    page.update(layout.views(state, self.scene))
+                    page.reading = readings.gain_reading(session, running=True)
+                    self.view.update()
+                await asyncio.sleep(max(_FRAME_PERIOD - (loop.time() - begun), 0.005))
+        finally:
+            self._running = None
+        self.seek(session.state.time)
+
+
+def _paths_at(state: State) -> PhotonPaths | None:
+    try:
+        return next(stages.rays(state, lambda *_: None))
+    except Refused:
+        return None
+
+
+def _number(value: Any) -> Any:
+    """Return the number of a text field, or its text."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return value
+
+
+def _map_image(found: CoverageMap) -> dict[str, Any]:
+    """Return a map as a picture with its limits [m], and its peak."""
+    from matplotlib import colormaps
+    from PIL import Image
+
+    share = found.gain / max(float(found.gain.max()), 1e-300)
+    shades = (255.0 * colormaps["viridis"](share.T[::-1])).astype(np.uint8)
+    file = io.BytesIO()
+    Image.fromarray(shades).save(file, "PNG")
+    half = 0.5 * (found.x[1] - found.x[0])
+    low, high = float(found.x[0] - half), float(found.x[-1] + half)
+    i, j = np.unravel_index(int(found.gain.argmax()), found.gain.shape)
+    return {
+        "url": f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}",
+        "x0": low, "x1": high, "y0": low, "y1": high,
+        "peak": f"{found.gain[i, j]:.3g} at ({found.x[i]:.1f}, {found.y[j]:.1f}) m",
+        "colors": ", ".join(to_hex(colormaps["viridis"](v)) for v in np.linspace(0, 1, 8)),
+    }  # fmt: skip

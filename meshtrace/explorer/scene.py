@@ -1,0 +1,286 @@
+"""The 3D scene of the explorer: parts made once, whose points are replaced by every change."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from matplotlib import colormaps
+from matplotlib.colors import to_rgb
+
+from meshtrace.explorer.state import State
+from meshtrace.link import Led, Receiver
+from meshtrace.link.sources import WaterSource
+from meshtrace.mesh import MeshSource, TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.results.coverage import CoverageMap
+from meshtrace.transport.paths import PhotonPaths
+from meshtrace.viz.parts import NEAR_OPACITY, WATER_COLORS, quadcopter, rotation_from_z
+from meshtrace.viz.stage import Scene, Stage, look, round_range, stage_of
+from meshtrace.viz.style import LED_COLOR, PALETTE, RECEIVER_COLOR, UAV_COLOR, water_map
+
+CELLS = 120
+"""Cells of the sea along a side."""
+
+WINDOW = (1200, 800)
+
+UNSCATTERED_COLOR, SCATTERED_COLOR = PALETTE["vermilion"], PALETTE["orange"]
+
+_WIDEST = 85.0  # half-angle, beyond which a cone is not drawn [deg]
+_ZOOM = 1.04  # there is no key or colour bar within the window
+_NEW_CAMERA = (0.6, 1.1)  # sizes of the stage, relative to that framed, that keep the camera
+
+
+class LiveScene:
+    """Scene of a link over its sea, updated in place.
+
+    Parameters
+    ----------
+    state : State
+        Link, sea and time.
+
+    Attributes
+    ----------
+    plotter : Scene
+        Plotter whose render window is shown; nothing is rendered here.
+    elevation_range : tuple of float
+        Ends of the colours of the sea [m].
+    """
+
+    def __init__(self, state: State) -> None:
+        self._key: Any = None
+        self._parts: dict[str, pv.PolyData] = {}
+        self._actors: dict[str, Any] = {}
+        self.elevation_range = (-1.0, 1.0)
+        self._place(state)
+        self.plotter = Scene(self.stage, off_screen=True, window_size=WINDOW)
+        self._frame()
+        self._add_parts()
+        self.update(state)
+
+    def update(self, state: State, running: bool = False) -> bool:
+        """Replace the points of all parts but the light; return whether the camera moved.
+
+        Parameters
+        ----------
+        state : State
+            Link, sea and time.
+        running : bool
+            Whether time alone changed: the parts of the link stay.
+        """
+        if not running:
+            self._place(state)
+        mesh = self._mesh(state.time)
+        self._set("sea", _sea(mesh))
+        self._set("water", _water(mesh, self.stage))
+        if running:
+            return False
+        low, high = mesh.bounds[:, 2]
+        self.elevation_range = round_range(float(low), max(float(high), float(low) + 0.01))
+        self._actors["sea"].mapper.scalar_range = self.elevation_range
+        for name, part in _link_parts(state, self.stage).items():
+            self._set(name, part)
+        if _NEW_CAMERA[0] < self.stage.size / self._framed < _NEW_CAMERA[1]:
+            return False
+        self._frame()
+        return True
+
+    def _frame(self) -> None:
+        """Point the camera at the stage."""
+        self._framed = self.stage.size
+        look(self.plotter)
+        self.plotter.camera.zoom(_ZOOM)
+
+    def show_rays(self, paths: PhotonPaths | None) -> None:
+        """Show paths of received light, or none."""
+        direct, scattered, crossings = _rays(paths, self.stage)
+        self._set("unscattered", direct)
+        self._set("scattered", scattered)
+        self._set("crossings", crossings)
+
+    def show_map(self, coverage: CoverageMap | None, height: float) -> None:
+        """Show a map at a height [m], or none."""
+        self._set("map", None if coverage is None else _plane(coverage, height))
+
+    def profile(self) -> list[tuple[float, float]]:
+        """Return points (x, z) [m] of the waves along x through the middle of the stage."""
+        vertices = self._parts["sea"].points
+        rows = np.abs(vertices[:, 1] - self.stage.center[1])
+        line = vertices[rows < rows.min() + 1e-4 * self.stage.half]
+        line = line[np.argsort(line[:, 0])]
+        return [(round(float(x), 3), round(float(z), 3)) for x, _, z in line]
+
+    def _place(self, state: State) -> None:
+        """Take over the link and the sea of a state."""
+        if self._key != state.moves or self._key is None:
+            case = state.channel.case()
+            self._surface, self._key = case.surface, state.moves
+            self.stage = stage_of(case.link, case.surface, None)
+        if hasattr(self, "plotter"):
+            self.plotter.stage = self.stage
+
+    def _mesh(self, time: float) -> TriangleMesh:
+        if not isinstance(self._surface, MeshSource):
+            return self._surface
+        stage = self.stage
+        step = 2.0 * stage.half / CELLS
+        return self._surface.mesh(time, stage.half, step, center=stage.center)
+
+    def _add_parts(self) -> None:
+        """Add all parts, empty, from back to front: translucent ones are blended in this order."""
+        plain: Any = {"lighting": False}
+        self._add("water", "far water", scalars="tint", rgb=True, culling="front", **plain)
+        self._add("lamp", color=LED_COLOR, ambient=0.7, specular=0.3)
+        self._add("beam", color=LED_COLOR, opacity=0.22, **plain)
+        shine: Any = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.25, "specular_power": 30.0}
+        self._add("sea", scalars="elevation", cmap=water_map(), opacity=0.85, **shine)
+        glow: Any = {"ambient": 0.75, "diffuse": 0.35}
+        self._add("scattered", color=SCATTERED_COLOR, **glow)
+        self._add("unscattered", color=UNSCATTERED_COLOR, **glow)
+        self._add("crossings", color="white", **glow)
+        self._add("view", color=RECEIVER_COLOR, opacity=0.14, **plain)
+        self._add("receiver", color=RECEIVER_COLOR, ambient=0.4)
+        self._add("uav", color=UAV_COLOR, ambient=0.35, specular=0.3)
+        self._add("map", scalars="tint", rgb=True, opacity=0.8, **plain)
+        self._add("water", "near water", scalars="tint", rgb=True, culling="back",
+                  opacity=NEAR_OPACITY, **plain)  # fmt: skip
+
+    def _add(self, name: str, actor: str = "", **options: Any) -> None:
+        part = self._parts.setdefault(name, pv.PolyData())
+        self._set(name, None)
+        options.setdefault("show_scalar_bar", False)
+        if options.get("rgb"):
+            del options["show_scalar_bar"]
+        self._actors[actor or name] = self.plotter.add_mesh(part, name=actor or name, **options)
+
+    def _set(self, name: str, part: pv.PolyData | None) -> None:
+        """Replace the points and cells of a part; None leaves nothing to see."""
+        # not by visibility: the page draws parts white that were invisible at first
+        self._parts[name].shallow_copy(_nothing() if part is None or not part.n_points else part)
+
+
+def _nothing() -> pv.PolyData:
+    """Return a triangle without area, with the arrays that colour the parts."""
+    part = pv.PolyData(np.zeros((3, 3), np.float32), faces=[3, 0, 1, 2])
+    part.point_data["elevation"] = np.zeros(3, np.float32)
+    part.point_data["tint"] = np.zeros((3, 4), np.uint8)
+    return part
+
+
+def _sea(mesh: TriangleMesh) -> pv.PolyData:
+    """Return the surface with its elevation [m] and normals, in single precision."""
+    points: Any = mesh.vertices.astype(np.float32)
+    part = pv.PolyData.from_regular_faces(points, mesh.faces.astype(int))
+    part.point_data["elevation"] = mesh.vertices[:, 2].astype(np.float32)
+    part.point_data.active_normals = mesh.vertex_normals.astype(np.float32)
+    return part
+
+
+def _water(mesh: TriangleMesh, stage: Stage) -> pv.PolyData | None:
+    """Return the sides and the floor of the water below the edge of the sea."""
+    ring = _edge(mesh.vertices)
+    n = len(ring)
+    foot = np.column_stack([ring[:, :2], np.full(n, stage.bottom)])
+    i = np.arange(n)
+    j = (i + 1) % n
+    sides = np.column_stack([np.full(n, 4), i, j, j + n, i + n])
+    floor = np.concatenate([[n], np.arange(2 * n - 1, n - 1, -1)])
+    part = pv.PolyData(
+        np.vstack([ring, foot]).astype(np.float32), faces=np.concatenate([sides.ravel(), floor])
+    )
+    tint = np.full((2 * n, 4), 140, np.uint8)
+    for rows, color in zip((slice(n), slice(n, None)), WATER_COLORS, strict=True):
+        tint[rows, :3] = np.rint(255.0 * np.array(to_rgb(color)))
+    part.point_data["tint"] = tint
+    return part
+
+
+def _edge(vertices: Floats) -> Floats:
+    """Return the vertices on the sides of the square that a mesh covers, anticlockwise."""
+    (x0, y0), (x1, y1) = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
+    x, y = vertices[:, :2].T
+    near = 1e-6 * (x1 - x0)
+    on_edge = (x - x0 < near) | (x1 - x < near) | (y - y0 < near) | (y1 - y < near)
+    ring = vertices[on_edge]
+    u, v = (ring[:, :2] - (0.5 * (x0 + x1), 0.5 * (y0 + y1))).T
+    return ring[np.argsort(np.arctan2(v, u))]
+
+
+def _link_parts(state: State, stage: Stage) -> dict[str, pv.PolyData | None]:
+    """Return the lamps, receivers and aircraft of a link with their cones."""
+    link, size = state.scenario.link, stage.size
+    found: dict[str, list[pv.PolyData]] = {
+        name: [] for name in ("lamp", "beam", "receiver", "view", "uav")
+    }
+    for source in link.transmitters:
+        if isinstance(source, WaterSource):
+            found["lamp"].append(pv.Sphere(radius=0.014 * size, center=source.center))
+            half = source.half_angle_deg if isinstance(source, Led) else source.spread_deg
+            found["beam"] += _cone(source.center, source.axis, half, stage)
+    for receiver in link.receivers:
+        x, y, z = receiver.axis
+        found["view"] += _cone(receiver.center, (-x, -y, -z), receiver.fov_deg / 2.0, stage)
+        radius = max(receiver.radius, 0.016 * size)
+        found["receiver"].append(pv.Cylinder(
+            center=receiver.center, direction=receiver.axis, radius=radius, height=0.15 * radius
+        ).triangulate())  # fmt: skip
+        if isinstance(receiver, Receiver):
+            glyph = quadcopter(0.055 * size)
+            glyph.points = glyph.points @ rotation_from_z(receiver.axis).T + receiver.center
+            found["uav"].append(glyph)
+    return {name: pv.merge(parts) if parts else None for name, parts in found.items()}
+
+
+def _cone(
+    apex: tuple[float, float, float], axis: tuple[float, float, float], half: float, stage: Stage
+) -> list[pv.PolyData]:
+    """Return a cone from its apex to the still water, or to the side of the stage."""
+    if not 0.0 < half < _WIDEST:
+        return []
+    azimuth = np.linspace(0.0, 2.0 * math.pi, 73)[:-1]
+    sine, cosine = math.sin(math.radians(half)), math.cos(math.radians(half))
+    rays = np.column_stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.full(72, cosine)])
+    rays = rays @ rotation_from_z(axis).T
+    longest = 2.0 * stage.size
+    with np.errstate(divide="ignore"):
+        to_water = np.where(rays[:, 2] * apex[2] < 0.0, -apex[2] / rays[:, 2], longest)
+        for i in (0, 1):
+            side = np.copysign(stage.half, rays[:, i]) + stage.center[i] - apex[i]
+            to_water = np.minimum(to_water, np.maximum(side / rays[:, i], 0.0))
+    rim = np.array(apex) + to_water[:, None] * rays
+    row = np.arange(72)
+    fan = np.column_stack([np.full(72, 3), np.zeros(72, int), row + 1, (row + 1) % 72 + 1])
+    return [pv.PolyData(np.vstack([apex, rim]).astype(np.float32), faces=fan.ravel())]
+
+
+def _rays(
+    paths: PhotonPaths | None, stage: Stage
+) -> tuple[pv.PolyData | None, pv.PolyData | None, pv.PolyData | None]:
+    """Return tubes along unscattered and along scattered paths, and dots where they cross."""
+    if paths is None or not len(paths.what):
+        return None, None, None
+    groups = []
+    for chosen in (paths.length <= 3, paths.length > 3):
+        rows = PhotonPaths(
+            paths.vertex[chosen], paths.weight[chosen], paths.what[chosen], paths.photon[chosen]
+        )
+        points, cells = rows.polylines()
+        lines = pv.PolyData(points.astype(np.float32), lines=cells) if len(points) else None
+        groups.append(lines and lines.tube(radius=0.0013 * stage.size, n_sides=6).triangulate())
+    crossing = paths.vertex[np.arange(len(paths.what)), np.maximum(paths.length - 2, 0)]
+    ball = pv.Sphere(radius=0.0035 * stage.size, theta_resolution=6, phi_resolution=6)
+    dots = pv.PolyData(crossing).glyph(geom=ball, scale=False, orient=False)
+    return groups[0], groups[1], dots
+
+
+def _plane(coverage: CoverageMap, height: float) -> pv.PolyData:
+    """Return a map as a plane, whose colour and opacity follow the gain."""
+    x, y = np.meshgrid(coverage.x, coverage.y, indexing="ij")
+    share = coverage.gain / max(float(coverage.gain.max()), 1e-300)
+    grid = pv.StructuredGrid(x, y, np.full_like(x, height))
+    tint = (255.0 * colormaps["viridis"](share.ravel(order="F"))).astype(np.uint8)
+    tint[:, 3] = np.rint(255.0 * np.clip(0.15 + share.ravel(order="F"), 0.0, 1.0))
+    grid.point_data["tint"] = tint
+    return grid.extract_surface(algorithm=None).triangulate()

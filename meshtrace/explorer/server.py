@@ -1,0 +1,114 @@
+"""Server of the explorer: a page and a session for every browser that opens it."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import webbrowser
+from typing import Any
+
+from aiohttp import web
+
+from meshtrace.errors import Described, Refused, require_whole
+from meshtrace.explorer.page import Page
+from meshtrace.scenario import Scenario
+
+MOST_SESSIONS = 16
+"""Open sessions beyond which new browsers are turned away."""
+
+
+class Explorer:
+    """Web server that opens a page of its own for every visit.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Link that every page starts with.
+    title : str
+        Name of the link.
+    host : str
+        Address to listen on.
+    port : int
+        Port of the first page, 0 for a free one. Each session is served on a further free port.
+    """
+
+    def __init__(self, scenario: Scenario, title: str, host: str, port: int) -> None:
+        self._scenario, self._title, self._host = scenario, title, host
+        require_whole(port, 0, 65_535, "port")
+        self._wanted_port = port
+        self._runner: web.AppRunner | None = None
+        self._tasks: dict[Page, asyncio.Task[Any]] = {}
+        self._opening = asyncio.Lock()
+        self.port = 0
+
+    @property
+    def pages(self) -> list[Page]:
+        """Pages of the open sessions."""
+        return [page for page, task in self._tasks.items() if not task.done()]
+
+    @property
+    def url(self) -> str:
+        """Address that opens a session."""
+        return f"http://{self._host}:{self.port}/"
+
+    async def start(self) -> None:
+        """Start to listen.
+
+        Raises
+        ------
+        Refused
+            If the address cannot be listened on.
+        """
+        # trame reads the arguments of the process and compresses what stays on this machine
+        os.environ.setdefault("TRAME_ARGS", "")
+        os.environ.setdefault("WSLINK_WS_COMPRESS", "0")
+        app = web.Application()
+        app.router.add_get("/", self._open)
+        self._runner = web.AppRunner(app)
+        await self._runner.setup()
+        try:
+            site = web.TCPSite(self._runner, self._host, self._wanted_port)
+            await site.start()
+        except OSError as error:
+            await self._runner.cleanup()
+            address = Described(f"{self._host}:{self._wanted_port}, {error.strerror}")
+            raise Refused("port", address, "a free port, or 0") from error
+        self.port = self._runner.addresses[0][1]
+
+    async def stop(self) -> None:
+        """Stop to listen and end all sessions."""
+        for page in self.pages:
+            await page.server.stop()
+        if self._tasks:
+            await asyncio.gather(*self._tasks.values(), return_exceptions=True)
+        if self._runner is not None:
+            await self._runner.cleanup()
+
+    async def _open(self, request: web.Request) -> web.Response:
+        """Make a session and send the browser to its page."""
+        async with self._opening:  # trame starts one server at a time
+            self._tasks = {page: self._tasks[page] for page in self.pages}
+            if len(self._tasks) >= MOST_SESSIONS:
+                raise web.HTTPServiceUnavailable(text=f"{MOST_SESSIONS} sessions are open")
+            page = Page(self._scenario, self._title)
+            self._tasks[page] = await page.start(self._host)
+        raise web.HTTPFound(f"http://{request.url.host}:{page.port}/index.html")
+
+
+async def serve(explorer: Explorer, open_browser: bool) -> None:
+    """Serve until cancelled."""
+    asyncio.get_running_loop().set_exception_handler(_report)
+    await explorer.start()
+    print(f"explorer at {explorer.url} (Ctrl-C ends it)", flush=True)
+    if open_browser:
+        webbrowser.open(explorer.url)
+    try:
+        await asyncio.Event().wait()
+    finally:
+        await explorer.stop()
+
+
+def _report(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Report an error of a task, unless a browser has just been closed."""
+    if not isinstance(context.get("exception"), ConnectionResetError):
+        loop.default_exception_handler(context)

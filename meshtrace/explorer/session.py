@@ -1,0 +1,166 @@
+"""One user of the explorer: state, worker, and the answers to the newest state."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+from meshtrace.errors import Refused
+from meshtrace.explorer import stages
+from meshtrace.explorer.stages import Check, Failed
+from meshtrace.explorer.state import State
+from meshtrace.explorer.worker import Ticket, Worker
+from meshtrace.scenario import Scenario
+
+
+class Answer(NamedTuple):
+    """Latest answer of a stage: value, key of the state that it belongs to, completeness."""
+
+    value: Any
+    key: Any
+    complete: bool
+
+
+class Stage(NamedTuple):
+    """A stage: its answers for a state, and the parts of the state that they depend on."""
+
+    run: Callable[[State, Check], Iterator[Any]]
+    of_time: bool = True
+    of_bit_rate: bool = False
+
+
+STAGES = {
+    "gain": Stage(stages.gains, of_bit_rate=True),
+    "rays": Stage(stages.rays),
+    "fading": Stage(stages.fading, of_time=False),
+    "map": Stage(stages.coverage),
+}
+"""Stages in the order of the work; the map is made on demand."""
+
+
+class Session:
+    """State of one user of the explorer, with a thread that answers its newest move.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Link, sea and options at the start.
+    on_answer : callable, optional
+        Called with the name of a stage, "" for the end of the work, in the thread of the work.
+
+    Notes
+    -----
+    A move supersedes the work on the state before it. Each stage is worked on once for a state;
+    answers that do not depend on a move stay.
+    """
+
+    def __init__(
+        self, scenario: Scenario, on_answer: Callable[[str], None] = lambda name: None
+    ) -> None:
+        self._state = State(scenario, time=scenario.meshing.time)
+        self._answers: dict[str, Answer] = {}
+        self._on_answer = on_answer
+        self._lock = threading.Lock()
+        self._worker = Worker(self._fail)
+        self._map_wanted = False
+        self.working = ""
+
+    def start(self) -> None:
+        """Start to answer the first state."""
+        self._submit()
+
+    @property
+    def state(self) -> State:
+        """The state of the newest move."""
+        return self._state
+
+    def move(self, values: Mapping[str, Any]) -> State:
+        """Move controls and start to answer; return the new state.
+
+        Raises
+        ------
+        Refused
+            If a value is not allowed; the state stays.
+        """
+        state = self._state.moved(values)
+        if state != self._state:
+            self._state, self._map_wanted = state, False
+            self._submit()
+        return state
+
+    def show_time(self, time: float) -> State:
+        """Change the time of the sea without new work, as in a running sea."""
+        self._state = self._state.at(time)
+        return self._state
+
+    def answer_now(self) -> None:
+        """Start to answer the present state, after `show_time`."""
+        self._submit()
+
+    def make_map(self) -> None:
+        """Make the map of the present state, after its other answers."""
+        self._map_wanted = True
+        self._submit()
+
+    def answer(self, name: str) -> Any:
+        """Return the latest answer of a stage; None before the first."""
+        found = self._answers.get(name)
+        return None if found is None else found.value
+
+    def fresh(self, name: str) -> bool:
+        """Return whether the latest answer of a stage belongs to the present state."""
+        found = self._answers.get(name)
+        return found is not None and found.key == _key(STAGES[name], self._state)
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until the work is done, and return whether it is."""
+        return self._worker.wait(timeout)
+
+    def close(self) -> None:
+        """End the work."""
+        self._worker.close()
+
+    def _submit(self) -> None:
+        state, with_map = self._state, self._map_wanted
+        self._worker.submit(lambda ticket: self._work(ticket, state, with_map))
+
+    def _work(self, ticket: Ticket, state: State, with_map: bool) -> None:
+        for name, stage in STAGES.items():
+            known, key = self._answers.get(name), _key(stage, state)
+            if (name == "map" and not with_map) or (known and known.complete and known.key == key):
+                continue
+            self.working = name
+            self._publish(ticket, name, None)
+            answer = None
+            try:
+                for value in stage.run(state, ticket.check):
+                    answer = Answer(value, key, False)
+                    self._publish(ticket, name, answer)
+            except Refused as error:
+                answer = Answer(Failed(str(error)), key, False)
+            if answer is not None:
+                self._publish(ticket, name, answer._replace(complete=True))
+        self.working = ""
+        self._on_answer("")
+
+    def _publish(self, ticket: Ticket, name: str, answer: Answer | None) -> None:
+        with self._lock:
+            ticket.check()
+            if answer is not None:
+                self._answers[name] = answer
+        self._on_answer(name)
+
+    def _fail(self, error: Exception) -> None:
+        """Publish an internal error as the answer of its stage."""
+        name = self.working or "gain"
+        reason = Failed(f"{type(error).__name__}: {error}")
+        self._answers[name] = Answer(reason, _key(STAGES[name], self._state), True)
+        self.working = ""
+        self._on_answer(name)
+
+
+def _key(stage: Stage, state: State) -> Any:
+    """Return the part of a state that the answers of a stage depend on."""
+    moves = tuple(m for m in state.moves if stage.of_bit_rate or m[0] != "bit_rate")
+    return moves, state.time if stage.of_time else None

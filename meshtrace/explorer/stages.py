@@ -1,0 +1,257 @@
+"""Answers of the explorer in stages: gain and bits, rays, fading, map.
+
+Each stage yields its answer several times, more precise each time, and calls `check` between its
+steps, which raises where a newer move has made the answer useless.
+"""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from meshtrace.comms.budget import link_budget
+from meshtrace.errors import Described, Refused
+from meshtrace.explorer.state import State
+from meshtrace.fading import Estimate, block_length, scintillation_index
+from meshtrace.link import Receiver
+from meshtrace.mesh import SurfaceModel
+from meshtrace.models import Floats
+from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.gain import GainResult
+from meshtrace.studies.coverage import coverage_map
+from meshtrace.studies.inputs import resolve_chains
+from meshtrace.studies.series import common_chains
+from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.options import Analog
+from meshtrace.transport.paths import PhotonPaths, received_paths, record_paths
+from meshtrace.transport.simulate import simulate
+
+Check = Callable[..., None]
+
+CHAINS = (1024, 8192)
+"""Chains of the first and of the refined gain."""
+
+PHOTONS = (20_000, 500_000)
+"""Photons of both where only analog photons follow the link."""
+
+RAYS = 60
+RAY_CHAINS = 1024
+
+FADING_CHAINS = 1024
+FADING_RATE = 8.0  # [Hz]
+FADING_FRAMES = 96
+_MOST_ERROR = 0.2  # of a gain of the series, which is left out beyond
+_SHOWN_EVERY = 8  # frames, after which a part of the series is published
+
+MAP_PHOTONS = (100_000, 1_000_000)
+MAP_CELLS = 41
+
+LIMIT = 1e-3
+"""Bit error rate that the margin refers to."""
+
+_WARNINGS = threading.Lock()  # the list of caught warnings belongs to the process
+
+
+@dataclass(frozen=True)
+class Bits:
+    """Received power, margin and bit error rate.
+
+    Attributes
+    ----------
+    power, power_stderr : float
+        Optical power on the detector [W].
+    required : float
+        Power for a bit error rate of `LIMIT` [W]; infinite if none suffices.
+    margin_db : float
+        Optical margin [dB].
+    ber : float
+        Bit error rate.
+    """
+
+    power: float
+    power_stderr: float
+    required: float
+    margin_db: float
+    ber: float
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Gain of the first receiver.
+
+    Attributes
+    ----------
+    gain, stderr : float
+        Gain and its standard error.
+    unscattered : float or None
+        Part of the light that was not scattered.
+    photons : int
+        Chains or photons.
+    notes : tuple of str
+        Warnings.
+    bits : Bits or None
+        None before they are known, and for links with several receivers.
+    """
+
+    gain: float
+    stderr: float
+    unscattered: float | None
+    photons: int
+    notes: tuple[str, ...] = ()
+    bits: Bits | None = None
+
+
+@dataclass(frozen=True)
+class Fading:
+    """Gain over a moving sea, as far as it is known.
+
+    Attributes
+    ----------
+    time, gain : ndarray, shape (n,)
+        Times [s] and gains.
+    duration : float
+        Time covered when complete [s].
+    left_out : int
+        Number of gains left out, with a relative standard error above 20 %.
+    index : Estimate or None
+        Scintillation index, of the complete series.
+    """
+
+    time: Floats
+    gain: Floats
+    duration: float
+    left_out: int = 0
+    index: Estimate | None = None
+
+
+@dataclass(frozen=True)
+class Failed:
+    """Reason for which a stage has no answer."""
+
+    reason: str
+
+
+def gains(state: State, check: Check) -> Iterator[Gain]:
+    """Yield the gain at the time of the state without and with bits, roughly, then refined."""
+    analog = isinstance(state.channel.run.estimator, Analog)
+    run: Any = {"time": state.time, "progress": check}
+    for photons in PHOTONS if analog else CHAINS:
+        check()
+        with _WARNINGS, warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            result = simulate(state.channel, photons=photons, **run)
+        gain = _gain_of(result, tuple(_one_line(warning) for warning in caught))
+        yield gain
+        if len(state.scenario.link.receivers) == 1:
+            yield replace(gain, bits=_bits_of(state, gain))
+
+
+def _one_line(warning: Any) -> str:
+    return " ".join(str(warning.message).split())
+
+
+def _gain_of(result: GainResult, notes: tuple[str, ...]) -> Gain:
+    unscattered = result.gain_ballistic
+    return Gain(
+        float(result.gains[0]),
+        float(result.stderrs[0]),
+        None if unscattered is None else float(np.ravel(unscattered)[0]),
+        result.photons,
+        notes,
+    )
+
+
+def _bits_of(state: State, gain: Gain) -> Bits:
+    """Return received power, margin and bit error rate of a gain."""
+    detector = state.detector
+    budget = link_budget(detector, gain.gain, LIMIT)
+    power = float(detector.received_power(gain.gain))
+    return Bits(
+        power,
+        float(detector.received_power(gain.stderr)),
+        1e-3 * 10.0 ** (0.1 * budget.required_dbm),
+        float(budget.margin_optical_db),
+        float(detector.ber(power)),
+    )
+
+
+def rays(state: State, check: Check) -> Iterator[PhotonPaths]:
+    """Yield paths of received light at the time of the state.
+
+    Where only analog photons follow the link they are paths of any light.
+    """
+    check()
+    case = state.channel.case()
+    meshing = case.meshing.replace(time=state.time)
+    analog = isinstance(case.run.estimator, Analog)
+    reach = None if analog else crossing_reach(case.link)
+    mesh, _ = mesh_for(case.link, case.surface, meshing, reach)
+    check()
+    if analog:
+        yield record_paths(case.link, mesh, RAYS, case.run.seed, meshing.normals, 64)
+        return
+    yield received_paths(case.link, mesh, RAYS, case.run.seed, meshing.normals, RAY_CHAINS)
+
+
+def fading(state: State, check: Check) -> Iterator[Fading]:
+    """Yield the gain over the moving sea from time 0, in parts, then with its statistics.
+
+    Raises
+    ------
+    Refused
+        If the surface is no sea model, or only analog photons follow the link.
+    """
+    inputs = resolve_chains(state.channel, photons=FADING_CHAINS)
+    if not isinstance(inputs.surface, SurfaceModel):
+        raise Refused("surface", Described(type(inputs.surface).__name__), "a sea that moves")
+    times = np.arange(FADING_FRAMES) / FADING_RATE
+    duration = FADING_FRAMES / FADING_RATE
+
+    def meshes() -> Iterator[Any]:
+        for t in times:
+            check()
+            yield inputs.mesh(inputs.link, inputs.surface, float(t))
+
+    gain = np.empty(FADING_FRAMES)
+    for i, part in enumerate(common_chains(inputs, meshes())):
+        uncertain = part.stderr[0] > _MOST_ERROR * part.gain[0]
+        gain[i] = np.nan if uncertain else part.gain[0]
+        if (i + 1) % _SHOWN_EVERY == 0 and i + 1 < FADING_FRAMES:
+            yield _series(times[: i + 1], gain[: i + 1], duration)
+    found = _series(times, gain, duration)
+    yield replace(found, index=_index_of(found.gain))
+
+
+def _series(times: Floats, gain: Floats, duration: float) -> Fading:
+    """Return the gains that are certain enough."""
+    kept = np.isfinite(gain)
+    return Fading(times[kept], gain[kept], duration, int((~kept).sum()))
+
+
+def _index_of(gain: Floats) -> Estimate | None:
+    """Return the scintillation index of gains in time; None without light or fading."""
+    try:
+        return scintillation_index(gain, block=block_length(gain), resamples=399)
+    except Refused:
+        return None
+
+
+def coverage(state: State, check: Check) -> Iterator[CoverageMap]:
+    """Yield the map of the gain in the plane of the receiver, roughly, then refined."""
+    link = state.channel.link
+    receiver = next((r for r in link.receivers if isinstance(r, Receiver)), None)
+    height = receiver.height if receiver is not None else 1.0
+    depth = max((getattr(t, "depth", 0.0) for t in link.transmitters), default=0.0)
+    extent = 0.5 * (height + depth)
+    for photons in MAP_PHOTONS:
+        check()
+        yield coverage_map(
+            state.channel, extent=extent, step=2.0 * extent / MAP_CELLS, times=(state.time,),
+            photons=photons, progress=check,
+        )  # fmt: skip

@@ -1,0 +1,81 @@
+"""[daylight] of a link file: the light of sun and sky, moon or night."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from meshtrace.daylight.light import Daylight
+from meshtrace.errors import MISSING, Refused, require_keys, require_word
+from meshtrace.link import Link
+from meshtrace.scenario.tables import Table, as_table
+
+_SUN = ("sun_zenith_deg", "sun_azimuth_deg")
+_COMMON = ("model", "direct", "diffuse", "pattern", "water", "foam_reflectance", "light")
+_ATMOSPHERE = ("aerosol", "ozone", "water_vapour", "pressure", "day_of_year", "width_nm")
+_KEYS: dict[str, tuple[str, ...]] = {
+    "clear": (*_SUN, "time", "latitude", "longitude", *_ATMOSPHERE),
+    "overcast": (*_SUN, "transmittance"),
+    "uniform": _SUN,
+    "moon": (*_SUN, "phase_deg"),
+    "night": _SUN,
+    "none": (),
+}
+_MODELS = {"clear sky": "clear", "overcast sky": "overcast", "uniform sky": "uniform",
+           "moonlight": "moon", "moonless night": "night"}  # fmt: skip
+
+
+def read_daylight(value: Any, link: Link) -> Daylight | None:
+    """Return the light of [daylight] at the wavelength of the transmitter; None for "none".
+
+    With `direct` and `diffuse` [W m-2 nm-1] no spectral model is evaluated.
+    """
+    table = as_table(value, "daylight", "model")
+    model = table.get("model", "clear")
+    require_word(model, _KEYS, "daylight.model")
+    require_keys(table, [*_COMMON, *_KEYS[model]], "daylight")
+    table.pop("model", None)
+    if model == "none":
+        return None
+    wavelength = {"wavelength_nm": link.transmitters[0].wavelength_nm}
+    try:
+        return _made(model, {**table, **wavelength})
+    except Refused as error:
+        raise error.inside("daylight") if error.field != "daylight" else error from None
+
+
+def _made(model: str, table: Table) -> Daylight:
+    light = next(name for name, word in _MODELS.items() if word == model)
+    table = {"light": light, **table}
+    if model in ("uniform", "night"):
+        table = {"pattern": "uniform", **table}
+    if model == "overcast":
+        table = {"pattern": "cie-1", **table}
+    if "direct" in table or "diffuse" in table:
+        for key in _KEYS[model]:
+            if key in table and key not in _SUN:
+                raise Refused(key, table[key], "without direct and diffuse")
+        return Daylight.model_validate({"direct": 0.0, "diffuse": 0.0, **table})
+    if model == "uniform":
+        raise Refused("diffuse", MISSING, "the irradiance of the uniform sky [W m-2 nm-1]")
+    if model == "moon":
+        old_to_new = {"sun_zenith_deg": "zenith_deg", "sun_azimuth_deg": "azimuth_deg"}
+        table = {old_to_new.get(key, key): item for key, item in table.items()}
+    makers: dict[str, Callable[..., Daylight]] = {
+        "clear": Daylight.at if "time" in table else Daylight.clear_sky,
+        "overcast": Daylight.overcast,
+        "moon": Daylight.moon,
+        "night": Daylight.night,
+    }
+    if "time" in table:
+        for key in _SUN:
+            if key in table:
+                raise Refused(key, table[key], "without time, which gives the sun")
+        table = {"latitude": None, "longitude": None, **table}
+    return makers[model](**table)
+
+
+def daylight_config(day: Daylight) -> Table:
+    """Return the table of a light, without the wavelength, which is that of the transmitter."""
+    table = day.model_dump(mode="json", exclude={"wavelength_nm"})
+    return {"model": _MODELS.get(day.light, "clear"), **table}

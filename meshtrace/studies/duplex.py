@@ -1,0 +1,279 @@
+"""Gains of both directions of a link over the same surfaces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from meshtrace.errors import Described, Refused, require_finite, require_kind, require_whole
+from meshtrace.kernels.random import realization_seed
+from meshtrace.link import Link
+from meshtrace.mesh import MeshSource, RandomSea, TriangleMesh
+from meshtrace.parallel import ordered_map
+from meshtrace.results.series import GainSeries
+from meshtrace.stored import Stored
+from meshtrace.studies.inputs import Inputs, resolve_chains
+from meshtrace.studies.series import gain_series
+from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.meshing import FADING_SPACING, mesh_for
+from meshtrace.transport.parts import Parts
+
+_CREST_MARGIN = 1.5  # over the highest crest of the first surface: later ones may be higher
+
+
+class JointOutage(NamedTuple):
+    """Shares of the surfaces over which the gains lie below their thresholds.
+
+    Attributes
+    ----------
+    up, down : float
+        Outage of each direction.
+    both, either : float
+        Outage of both at once, and of at least one.
+    independent : float
+        Outage of both at once if the fades were independent, up times down.
+    """
+
+    up: float
+    down: float
+    both: float
+    either: float
+    independent: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Duplex(Stored):
+    """Gains of an uplink and a downlink over the same surfaces.
+
+    Attributes
+    ----------
+    up, down : GainSeries
+        Gains of each direction, over the same times or realizations.
+    correlation : float
+        Pearson's correlation of the gains of both directions; nan if one of them is constant.
+    provenance : dict
+        Configuration of each direction.
+    """
+
+    up: GainSeries
+    down: GainSeries
+    correlation: float
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    kind: ClassVar[str] = "duplex"
+    title: ClassVar[str] = "meshtrace gains of both directions"
+
+    @property
+    def correlation_stderr(self) -> float:
+        """Standard error of the correlation r of n independent surfaces, (1 - r^2) / sqrt(n - 1).
+
+        Surfaces of a time series are correlated: the error is then larger.
+        """
+        return float((1.0 - self.correlation**2) / math.sqrt(max(len(self.up.gain) - 1, 1)))
+
+    def outage(self, up_gain: float, down_gain: float) -> JointOutage:
+        """Return the outage of each direction, and of both.
+
+        Parameters
+        ----------
+        up_gain, down_gain : float
+            Least gain of each direction with a connection, >= 0.
+        """
+        for name, value in (("up_gain", up_gain), ("down_gain", down_gain)):
+            if not (math.isfinite(value) and value >= 0.0):
+                raise Refused(name, value, "a gain >= 0")
+        up, down = self.up.gain < up_gain, self.down.gain < down_gain
+        alone = float(up.mean()), float(down.mean())
+        both, either = float((up & down).mean()), float((up | down).mean())
+        return JointOutage(*alone, both, either, alone[0] * alone[1])
+
+    def _headline(self) -> str:
+        means = f"up {self.up.gain.mean():.4e}, down {self.down.gain.mean():.4e}"
+        return f"{len(self.up.gain)} surfaces, {means}, correlation {self.correlation:.3f}"
+
+    def summary(self) -> str:
+        """Return mean, scintillation index and joint fades below half of the mean as text."""
+        lines = []
+        for name, series in (("up", self.up), ("down", self.down)):
+            gain = series.gain
+            index = gain.var(ddof=1) / gain.mean() ** 2 if gain.any() else math.nan
+            lines.append(
+                f"{name:<6} mean gain {gain.mean():.4e} +- {series.mean_stderr:.1e}, "
+                f"scintillation index {index:.3g}"
+            )
+        half = self.outage(0.5 * float(self.up.gain.mean()), 0.5 * float(self.down.gain.mean()))
+        lines += [
+            f"correlation of the gains   {self.correlation:.3f} +- {self.correlation_stderr:.2g}",
+            f"below half of the mean     up {half.up:.3g}, down {half.down:.3g}, both "
+            f"{half.both:.3g} (independent: {half.independent:.3g}), either {half.either:.3g}",
+        ]
+        return "\n".join(lines)
+
+    def _content(self) -> xr.Dataset:
+        parts = []
+        for name, series in (("up", self.up), ("down", self.down)):
+            data = series._content()
+            data.attrs = {f"{name}_{key}": value for key, value in data.attrs.items()}
+            parts.append(data.rename({key: f"{name}_{key}" for key in data.data_vars}))
+        merged = xr.merge(parts, combine_attrs="no_conflicts")
+        return merged.assign_attrs(correlation=self.correlation)
+
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any) -> Duplex:
+        series = []
+        for name in ("up", "down"):
+            columns = {key: f"{name}_{key}" for key in ("gain", "gain_stderr", "gain_ballistic")}
+            part = data[list(columns.values())].rename({new: old for old, new in columns.items()})
+            part.attrs = {"mean_stderr": data.attrs[f"{name}_mean_stderr"]}
+            series.append(GainSeries._restored(part, provenance[name]))
+        return cls(series[0], series[1], float(data.attrs["correlation"]), provenance)
+
+
+def duplex(
+    up: Link,
+    down: Link,
+    sea: MeshSource,
+    times: ArrayLike | None = None,
+    *,
+    realizations: int | None = None,
+    photons: int | None = None,
+    seed: int | None = None,
+    normals: Literal["vertex", "facet"] | None = None,
+    extent: float | None = None,
+    spacing: float | None = None,
+    threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Duplex:
+    """Return the gains of an uplink and a downlink over the same surfaces, by forced detection.
+
+    Parameters
+    ----------
+    up, down : Link
+        Links of one receiver each: a source in the water and a receiver in the air, and a lamp in
+        the air and a receiver in the water.
+    sea : MeshSource
+        The sea: moving, or with random phases.
+    times : array_like, shape (n,), optional
+        Times [s] of a moving sea.
+    realizations : int, optional
+        Number of realizations of a random sea, in place of the times.
+    photons : int, optional
+        Chains of each direction, common to all surfaces; 2048 by default.
+    seed : int, optional
+        Seed of the chains and of the realizations, 1 by default.
+    normals, extent, spacing, threads
+        As in `simulate`; the result does not depend on the threads.
+    progress : callable, optional
+        Called with 1 after each surface.
+
+    Returns
+    -------
+    Duplex
+
+    Raises
+    ------
+    Refused
+        If a link has another direction or several receivers, an option is out of range, or
+        neither or both of `times` and `realizations` are given.
+
+    Notes
+    -----
+    Each surface is one mesh for both directions, fine where the light of either crosses.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> both = mt.duplex(mt.Link(), mt.Link().mirrored(), mt.surfaces.sea_in_wind(5.0),
+    ...                  realizations=3, photons=256)
+    >>> len(both.up.gain), len(both.down.gain)
+    (3, 3)
+    """
+    options = {
+        "photons": photons, "seed": seed, "normals": normals, "extent": extent,
+        "spacing": spacing, "threads": threads,
+    }  # fmt: skip
+    pair = []
+    for name, link in (("up", up), ("down", down)):
+        require_kind(link, Link, name)
+        if link.direction != name or len(link.receivers) != 1:
+            found = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
+            raise Refused(name, found, f"a link with one receiver and direction {name}")
+        pair.append(resolve_chains(link, sea, **options))
+    if (times is None) == (realizations is None):
+        raise Refused("times", times, "times, or a number of realizations")
+    along: Literal["time", "realization"] = "realization" if times is None else "time"
+    both = _both(pair[0], pair[1])
+    coordinate, surfaces = _surfaces(both, times, realizations)
+    parts = list(_pairs(pair, both, surfaces, progress))
+    series = [
+        gain_series(inputs.link, along, coordinate, iter(column), inputs.provenance(), None)
+        for inputs, column in zip(pair, zip(*parts, strict=True), strict=True)
+    ]
+    first, second = (s.gain.reshape(len(coordinate)) for s in series)
+    constant = len(coordinate) < 2 or min(np.ptp(first), np.ptp(second)) == 0.0
+    correlation = math.nan if constant else float(np.corrcoef(first, second)[0, 1])
+    origin = {"up": series[0].provenance, "down": series[1].provenance}
+    return Duplex(series[0], series[1], correlation, origin)
+
+
+def _both(up: Inputs, down: Inputs) -> Inputs:
+    """Return the inputs of all ends of both directions, which the surfaces have to suit."""
+    ends = {
+        name: tuple(part for inputs in (up, down) for part in getattr(inputs.link, name + "s"))
+        for name in ("transmitter", "receiver")
+    }
+    return up._replace(link=up.link.replace(**ends))
+
+
+def _surfaces(
+    both: Inputs, times: ArrayLike | None, realizations: int | None
+) -> tuple[np.ndarray, list[tuple[MeshSource, float]]]:
+    """Return times or seeds, and each surface and its time."""
+    sea = both.surface
+    if times is not None:
+        at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
+        return at, [(sea, float(t)) for t in at]
+    require_whole(realizations, 1, 10_000_000, "realizations")
+    if not isinstance(sea, RandomSea):
+        raise Refused("sea", Described(type(sea).__name__), "a sea with random phases")
+    n = int(realizations or 0)
+    seeds = np.array([realization_seed(both.run.seed, i) for i in range(n)], np.int64)
+    time = both.meshing.time
+    return seeds, [(sea.with_seed(int(s)), time) for s in seeds]
+
+
+def _pairs(
+    pair: list[Inputs],
+    both: Inputs,
+    surfaces: list[tuple[MeshSource, float]],
+    progress: Callable[[int], None] | None,
+) -> Iterator[tuple[Parts, Parts]]:
+    """Yield the parts of the gain of both directions over each surface."""
+    reach = max(crossing_reach(inputs.link) for inputs in pair)
+
+    def mesh(surface: tuple[MeshSource, float]) -> TriangleMesh:
+        sea, time = surface
+        meshing = both.meshing.replace(time=time)
+        return mesh_for(both.link, sea, meshing, reach, FADING_SPACING)[0]
+
+    crest = _CREST_MARGIN * float(mesh(surfaces[0]).bounds[1, 2])
+    forced = [
+        ForcedDetection(i.link, i.run.photons, i.run.seed, i.meshing.normals, crest=crest)
+        for i in pair
+    ]
+
+    def evaluated(surface: tuple[MeshSource, float]) -> tuple[Parts, Parts]:
+        common = mesh(surface)
+        return forced[0].evaluate(common), forced[1].evaluate(common)
+
+    for found in ordered_map(evaluated, surfaces, pair[0].threads):
+        if progress is not None:
+            progress(1)
+        yield found

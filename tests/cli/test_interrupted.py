@@ -1,0 +1,84 @@
+"""Ctrl-C at any moment of a command: one line, exit code 130, no file."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from random import Random
+
+import pytest
+
+pytestmark = [pytest.mark.process]
+
+STARTED = "import os; os.write(2, b'started\\n'); from meshtrace.__main__ import main; main()"
+"""A command that says when Python is ready; before, there is none to handle the signal."""
+
+SLOW = ["run", "--photons", "300000", "--threads", "1", "-o", "gain.nc"]
+
+
+def interrupt(delay, folder, code=STARTED, line=SLOW):
+    """Return exit code, stdout and stderr of a command that gets SIGINT after a delay [s]."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *line],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=folder,
+        # a shell's background jobs ignore Ctrl-C, and so would their children
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert process.stderr.readline() == "started\n"
+    time.sleep(delay)
+    process.send_signal(signal.SIGINT)
+    stdout, stderr = process.communicate(timeout=300)
+    return process.returncode, stdout, stderr
+
+
+def check(tries, longest, folder):
+    random = Random(5)
+    for _ in range(tries):
+        delay = random.uniform(0.02, longest)
+        code, stdout, stderr = interrupt(delay, folder)
+        lines = [x for x in stderr.splitlines() if not x.startswith(("compiling", "warning"))]
+        assert (code, stdout, lines) == (130, "", ["interrupted"]), delay
+        assert os.listdir(folder) == []
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_ctrl_c_at_random_times(tmp_path):
+    check(6, 1.0, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.drill
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_ctrl_c_at_many_times(tmp_path):
+    check(60, 3.0, tmp_path)
+
+
+CALLBACK = """
+import os, signal, sys
+class Late:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+        sum(range(1000))
+from meshtrace import cli
+import meshtrace.__main__ as start
+def body(prog_name):
+    Late()
+    import time
+    time.sleep(60)
+cli.app = body
+os.write(2, b"started\\n")
+start.main()
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_ctrl_c_in_a_callback_is_not_lost(tmp_path):
+    """Exceptions of `__del__` go nowhere; once the command went on."""
+    done = subprocess.run(
+        [sys.executable, "-c", CALLBACK], capture_output=True, text=True, timeout=50
+    )
+    assert (done.returncode, done.stderr) == (130, "started\ninterrupted\n")

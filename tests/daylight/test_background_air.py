@@ -1,0 +1,224 @@
+"""Background of a receiver in the air: sky, glint, light out of the water, foam."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mc_statistics import z_test
+
+import meshtrace as mt
+from meshtrace.daylight import QuasiSingle, glint_radiance, sky_radiance
+from meshtrace.errors import Refused
+from meshtrace.link.directions import unit_vector
+from meshtrace.mesh import UnresolvedSlopes
+from meshtrace.optics.fresnel import fresnel_reflectance, hemispheric_reflectance
+from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
+from meshtrace.surfaces.statistics import cox_munk
+
+REFERENCE = json.loads(
+    (Path(__file__).parents[1] / "data/daylight_downlink_reference.json").read_text()
+)
+SUN = mt.Daylight(direct=1.0, diffuse=0.0)
+UNIFORM = mt.Daylight(direct=0.0, diffuse=math.pi, pattern="uniform")  # of radiance 1
+
+
+def rough_plane(variances):
+    """Return a level mesh that leaves out slopes of given variances, wind along x."""
+    flat = FlatSea().mesh(extent=60.0, spacing=2.0)
+    unresolved = UnresolvedSlopes(variances, variances, 0.0)
+    return mt.TriangleMesh(flat.vertices, flat.faces, flat.vertex_normals, unresolved)
+
+
+def link(psi, **receiver):
+    return mt.Link(receiver=mt.Receiver(fov_deg=2.0 * psi, **receiver))
+
+
+@pytest.mark.parametrize(
+    ("view", "sun", "wind", "key"),
+    [((0, 0), 30, 5.0, "U5_sun30_v0"), ((20, 180), 30, 5.0, "U5_sun30_v20_180"),
+     ((40, 150), 50, 10.0, "U10_sun50_v40_150")],
+)  # fmt: skip
+def test_glint_of_cox_and_munk(view, sun, wind, key):
+    found = glint_radiance(
+        np.array(unit_vector(*view)), np.array(unit_vector(sun, 0.0)), cox_munk(wind)
+    )
+    assert found == pytest.approx(REFERENCE["glint_over_E"][key], rel=2e-7)
+
+
+def test_flux_of_glint_over_the_hemisphere():
+    # int p rho(w) (s.n) / cos b over slopes, against the integral of the radiance
+    n = 300
+    sin2, phi = (np.arange(n) + 0.5) / n, 2.0 * math.pi * (np.arange(n) + 0.5) / n
+    s, phi = np.meshgrid(np.sqrt(sin2), phi, indexing="ij")
+    view = np.stack([s * np.cos(phi), s * np.sin(phi), np.sqrt(1.0 - s**2)], axis=-1)
+    flux = math.pi * glint_radiance(view, np.array(SUN.sun), cox_munk(5.0)).mean()
+    assert flux == pytest.approx(REFERENCE["glint_over_E"]["hemisphere_flux_U5_sun30"], rel=5e-3)
+
+
+@pytest.mark.parametrize("wind", [5.0, 13.0])
+@pytest.mark.parametrize("psi", [3.0, 10.0, 30.0])
+@pytest.mark.parametrize("zenith", [10, 30, 50])
+def test_mean_glint_of_the_field_of_view(wind, psi, zenith):
+    day = SUN.replace(sun_zenith_deg=zenith)
+    found = mt.background(
+        link(psi), rough_plane(cox_munk(wind)), day, photons=16384, water="none"
+    ).parts["glint"]
+    at = REFERENCE["glint_over_E"][f"cone_mean_U{wind:g}"]
+    wanted = at[f"sun{zenith}"][at["psi"].index(psi)]
+    assert found == pytest.approx(wanted, rel=2e-3)
+
+
+@pytest.mark.parametrize(("psi", "wind"), [(30, 5), (10, 5), (30, 13)])
+def test_mean_sky_of_the_field_of_view(psi, wind):
+    day = mt.Daylight(direct=0.0, diffuse=0.295018)
+    found = mt.background(
+        link(psi), rough_plane(cox_munk(wind)), day, photons=32768, water="none"
+    ).parts["sky"]
+    wanted = REFERENCE["sky_reflected_mean"]["cie12_sun30"][f"psi{psi}_U{wind}"]
+    assert found == pytest.approx(wanted, rel=2e-3)
+
+
+def test_glint_of_a_hundred_seas_is_that_of_cox_and_munk():
+    # a wide disk that looks straight down averages over 60 m of sea
+    at = mt.Link(receiver=mt.Receiver(fov_deg=1.0, radius=60.0))
+    sea, mesh = JonswapSea(wind_speed=5.0), mt.Meshing(extent=64.0, spacing=1.0)
+    found = [
+        mt.background(at, sea.with_seed(i), SUN, photons=256, water="none", mesh=mesh)
+        for i in range(100)
+    ]
+    glint = np.array([f.parts["glint"] for f in found])
+    stderr = glint.std(ddof=1) / 10.0
+    wanted = REFERENCE["glint_over_E"]["U5_sun30_v0"]
+    assert abs(glint.mean() - wanted) < 3.0 * stderr
+    assert glint.mean() == pytest.approx(wanted, rel=0.03)
+
+
+def test_the_level_sea_mirrors_one_sun():
+    day = SUN.replace(sun_azimuth_deg=77.0)
+    cos_z, sin2 = math.cos(math.radians(30.0)), math.sin(math.radians(40.0)) ** 2
+    wanted = float(fresnel_reflectance(cos_z, 1.0, 1.33)) * cos_z / (math.pi * sin2)
+    assert mt.background(link(40.0), FlatSea(), day).parts["glint"] == pytest.approx(wanted)
+    assert mt.background(link(29.0), FlatSea(), day).parts["glint"] == 0.0
+
+
+def test_glint_of_a_smooth_sea_is_the_limit_of_small_unresolved_slopes():
+    sea, mesh = SinusoidalSea(amplitude=0.03, wavelength=4.0), mt.Meshing(extent=8.0, spacing=0.1)
+    smooth = sea.mesh(extent=8.0, spacing=0.1)
+    smooth = mt.TriangleMesh(smooth.vertices, smooth.faces, smooth.vertex_normals)
+    spread = (4e-5, 4e-5)
+    rough = mt.TriangleMesh(
+        smooth.vertices, smooth.faces, smooth.vertex_normals, UnresolvedSlopes(spread, spread)
+    )
+    at = link(40.0, radius=0.5)
+    exact = mt.background(at, smooth, SUN, photons=4096, water="none", mesh=mesh)
+    blurred = mt.background(at, rough, SUN, photons=262144, water="none", mesh=mesh)
+    stderr = math.hypot(exact.radiance_stderr, blurred.radiance_stderr)
+    assert stderr < 0.06 * exact.radiance
+    assert z_test(exact.radiance, stderr, blurred.radiance) > 1e-4
+
+
+def test_black_water_shows_the_reflectance_of_the_sea():
+    # a hemispheric view of the level sea: 0.065931 of a uniform sky
+    found = mt.background(link(90.0), FlatSea(), UNIFORM, photons=131072, water="none")
+    wanted = REFERENCE["uniform_sky_still_water"]["reflected_from_air"]
+    assert wanted == pytest.approx(hemispheric_reflectance(1.0, 1.33), rel=1e-5)
+    assert found.radiance == pytest.approx(wanted, rel=1e-3)
+
+
+@pytest.mark.parametrize("pair", ["20/135", "30/135", "40/135", "40/90", "60/135"])
+def test_reflectance_of_mobley_1999(pair):
+    zenith, azimuth = map(float, pair.split("/"))
+    both = 0.5 * sum(cox_munk(4.0))
+    day = mt.Daylight(direct=0.0, diffuse=1.0, pattern="harrison-coombes")
+    receiver = {"height": 5.0, "tilt_deg": zenith, "tilt_azimuth_deg": azimuth}
+    at = link(0.5, **receiver).replace("water.n", 1.34)
+    found = mt.background(at, rough_plane((both, both)), day, photons=16384, water="none")
+    # the table is for sky seen in the mirror direction: at the camera's own azimuth
+    seen = float(sky_radiance(day.sky, np.array(unit_vector(zenith, azimuth))))
+    wanted = REFERENCE["rho_mobley_1999_table_U4_sun30"][pair]
+    assert found.radiance / seen == pytest.approx(wanted, rel=0.09)
+
+
+@pytest.mark.parametrize(
+    ("day", "key"),
+    [(SUN, "Lw_over_Ed_sun30_nadir_quasi_single"),
+     (UNIFORM, "Lw_over_Ed_uniform_nadir_quasi_single")],
+)  # fmt: skip
+def test_light_out_of_the_water(day, key):
+    upwelling = QuasiSingle(mt.Link(), day).upwelling(np.array([[0.0, 0.0, 1.0]]))[0]
+    leaving = upwelling * (1.0 - float(fresnel_reflectance(1.0, 1.0, 1.33))) / 1.33**2
+    assert leaving / day.irradiance == pytest.approx(REFERENCE["water_leaving"][key], rel=1e-3)
+
+
+def test_layers_equal_to_the_water_change_nothing():
+    nadir = np.array([[0.3, 0.0, math.sqrt(0.91)]])
+    plain, water = mt.Link(), mt.Link().water
+    layered = plain.replace(water=water.replace(layers=((0.0, 0.114, 0.037), (9.0, 0.114, 0.037))))
+    found = [QuasiSingle(one, SUN).upwelling(nadir)[0] for one in (plain, layered)]
+    assert found[1] == pytest.approx(found[0], rel=1e-3)
+
+
+def test_bottom_of_clear_water_is_seen_through_it():
+    clear = mt.Water(a=0.0, b=0.0, bottom_depth=20.0, bottom_albedo=0.5)
+    nadir = np.array([[0.0, 0.0, 1.0]])
+    found = QuasiSingle(mt.Link(water=clear), UNIFORM).upwelling(nadir)[0]
+    wanted = 0.5 * (1.0 - hemispheric_reflectance(1.0, 1.33))  # E / pi of radiance 1
+    assert found == pytest.approx(wanted, rel=2e-3)
+
+
+def test_foam_covers_its_share():
+    bare = link(30.0)
+    covered = bare.replace(whitecaps=mt.Whitecaps(wind_speed=13.0))
+    day = mt.Daylight(direct=1.42, diffuse=0.295)
+    sea = rough_plane(cox_munk(5.0))
+    without, with_foam = (mt.background(at, sea, day) for at in (bare, covered))
+    share = 1.0 - covered.whitecaps.transmittance
+    assert with_foam.parts["foam"] == pytest.approx(
+        share * 0.22 * day.irradiance / math.pi, rel=1e-2
+    )
+    for part in ("glint", "water"):
+        wanted = (1.0 - share) * without.parts[part]
+        assert with_foam.parts[part] == pytest.approx(wanted, rel=1e-2)
+
+
+def test_a_receiver_that_looks_at_the_sun_sees_it():
+    at = link(40.0, tilt_deg=85.0)
+    day = SUN.replace(sun_zenith_deg=80.0)
+    cosine = math.cos(math.radians(15.0))
+    wanted = cosine / (math.pi * math.sin(math.radians(40.0)) ** 2)
+    assert mt.background(at, FlatSea(), day).parts["sun"] == pytest.approx(wanted)
+
+
+def test_threads_and_files_change_no_digit(tmp_path):
+    day, sea = mt.Daylight(direct=1.42, diffuse=0.295), JonswapSea(wind_speed=8.0)
+    one, two = (mt.background(link(20.0), sea, day, threads=t) for t in (1, 2))
+    assert one.part_radiance.tobytes() == two.part_radiance.tobytes()
+    one.save(tmp_path / "b.nc")
+    loaded = mt.Background.load(tmp_path / "b.nc")
+    assert loaded.summary() == one.summary()
+    assert loaded.parts == one.parts
+
+
+def test_counts_follow_filter_and_lens():
+    b = mt.background(link(30.0), FlatSea(), mt.Daylight(direct=1.42, diffuse=0.295))
+    wide = mt.OokLink()
+    narrow = wide.replace("optics.filter_width_nm", 2.0)
+    assert b.count_rate(narrow) == pytest.approx(0.2 * b.count_rate(wide))
+    etendue = math.pi * 9.43e-6 * 1.5**2  # of the detector limits the lens
+    wanted = 0.3 * b.radiance * 10.0 * etendue / 4.226480547e-19
+    assert b.count_rate(wide) == pytest.approx(wanted, rel=1e-9)
+    assert b.power_per_nm == pytest.approx(b.radiance * math.pi**2 * 0.05**2 * 0.25)
+
+
+def test_refusals():
+    with pytest.raises(Refused, match="day: "):
+        mt.background(mt.Link(), FlatSea())
+    with pytest.raises(Refused, match="photons"):
+        mt.background(mt.Link(), FlatSea(), SUN, photons=8)
+    with pytest.raises(Refused, match="water: 'deep'"):
+        mt.background(mt.Link(), FlatSea(), SUN, water="deep")
+    two = mt.Link(receiver=(mt.Receiver(), mt.Receiver(height=7.0)))
+    with pytest.raises(Refused, match="one aperture"):
+        mt.background(two, FlatSea(), SUN)

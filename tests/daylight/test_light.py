@@ -1,0 +1,182 @@
+"""Daylight above the sea: patterns, spectra, moon, night, refusals."""
+
+import builtins
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import meshtrace as mt
+from meshtrace.daylight import sky, sky_radiance
+from meshtrace.daylight.patterns import PATTERNS, hemisphere
+from meshtrace.errors import Refused
+from meshtrace.link.directions import unit_vector
+
+REFERENCE = json.loads(
+    (Path(__file__).parents[1] / "data/daylight_downlink_reference.json").read_text()
+)
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("pattern", ["cie-12", "cie-1", "uniform", "harrison-coombes"])
+def test_zenith_radiance_of_the_reference(pattern):
+    found = sky_radiance(sky(pattern, 0.295018, 30.0, 0.0), UP)
+    wanted = REFERENCE["sky"]["zenith_radiance_sun30_Edif0.295018"][pattern]
+    assert found == pytest.approx(wanted, rel=2e-6)
+
+
+@pytest.mark.parametrize("kind", ["1", "12"])
+def test_cie_sky_of_another_implementation(kind):
+    pattern = sky(f"cie-{kind}", 1.0, 30.0, 0.0)
+    ratio = sky_radiance(pattern, np.array(unit_vector(45.0, 180.0))) / sky_radiance(pattern, UP)
+    assert ratio == pytest.approx(REFERENCE["sky"]["cie_z45_az180_sun30"][kind], rel=2e-7)
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+@pytest.mark.parametrize("zenith", [0.0, 30.0, 75.0])
+def test_patterns_carry_their_irradiance(pattern, zenith):
+    # an independent quadrature: uniform midpoints, with the sun turned aside
+    made = sky(pattern, 1.0, zenith, 100.0)
+    n = 600
+    sin2, phi = (np.arange(n) + 0.5) / n, 2.0 * math.pi * (np.arange(n) + 0.5) / n
+    s, phi = np.meshgrid(np.sqrt(sin2), phi, indexing="ij")
+    towards = np.stack([s * np.cos(phi), s * np.sin(phi), np.sqrt(1.0 - s**2)], axis=-1)
+    assert math.pi * sky_radiance(made, towards).mean() == pytest.approx(1.0, rel=3e-4)
+
+
+def test_normalisation_to_1e_6_against_adaptive_quadrature():
+    from scipy.integrate import dblquad
+
+    made = sky("harrison-coombes", 1.0, 30.0, 0.0)
+
+    def flux(azimuth, zenith):
+        towards = np.array(unit_vector(math.degrees(zenith), math.degrees(azimuth)))
+        return float(sky_radiance(made, towards)) * math.cos(zenith) * math.sin(zenith)
+
+    low, _ = dblquad(flux, 0.0, math.pi / 6.0, 0.0, math.pi, epsabs=1e-8)
+    high, _ = dblquad(flux, math.pi / 6.0, math.pi / 2.0, 0.0, math.pi, epsabs=1e-8)
+    assert 2.0 * (low + high) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_solid_angles_of_the_hemisphere():
+    directions, solid = hemisphere(30.0)
+    assert solid.sum() == pytest.approx(2.0 * math.pi, rel=1e-9)
+    assert solid @ directions[:, 2] == pytest.approx(math.pi, rel=1e-9)
+
+
+@pytest.mark.external
+@pytest.mark.parametrize("i", range(5))
+def test_spectrum_of_pvlib(i):
+    pytest.importorskip("pvlib")
+    table = REFERENCE["spectrum_pvlib_0.16.1_470nm"]
+    day = mt.Daylight.clear_sky(table["zenith_deg"][i])
+    assert day.direct == pytest.approx(table["direct_normal"][i], rel=1e-5)
+    assert day.diffuse == pytest.approx(table["diffuse"][i], rel=1e-5)
+
+
+def test_sun_over_toulon_at_noon_of_summer():
+    pytest.importorskip("pvlib")
+    day = mt.Daylight.at("2026-06-21T11:38Z", latitude=43.1, longitude=5.9)
+    # the declination is 23.44 degrees: culmination at 43.1 - 23.44, in the south
+    assert day.sun_zenith_deg == pytest.approx(43.1 - 23.44, abs=0.03)
+    assert day.sun[1] < 0.0
+    assert abs(day.sun[0]) < 0.01
+    morning = mt.Daylight.at("2026-06-21T07:00Z", latitude=43.1, longitude=5.9)
+    assert morning.sun[0] > 0.5  # east
+
+
+def test_the_table_for_470_nm_is_that_of_pvlib():
+    pytest.importorskip("pvlib")
+    from meshtrace.daylight.spectrum import clear_irradiance, default_irradiance
+
+    for zenith in (5.0, 30.0, 48.19, 66.0, 81.0, 84.0):
+        wanted = clear_irradiance(zenith)
+        found = default_irradiance(zenith, 470.0)
+        assert tuple(found) == pytest.approx(tuple(wanted), rel=5e-3, abs=2e-4)
+
+
+def test_wider_bands_are_averaged():
+    pytest.importorskip("pvlib")
+    narrow = [mt.Daylight.clear_sky(30.0, wavelength_nm=450.5 + i).direct for i in range(40)]
+    wide = mt.Daylight.clear_sky(30.0, width_nm=40.0).direct
+    assert wide == pytest.approx(np.mean(narrow), rel=1e-3)
+
+
+@pytest.mark.parametrize(("phase", "factor"), REFERENCE["moon_phase_factor"].items())
+def test_moonlight_scales_with_the_phase(phase, factor):
+    # 10^-1.040976 is 0.090996: the digits of the reference at 90 degrees are swapped
+    full, moon = mt.Daylight.moon(), mt.Daylight.moon(phase_deg=float(phase))
+    assert moon.direct / full.direct == pytest.approx(factor, rel=5e-4)
+    assert moon.diffuse / full.diffuse == pytest.approx(factor, rel=5e-4)
+    assert full.direct == pytest.approx(2.512e-6 * 1.421482, rel=1e-6)
+
+
+def test_night_is_uniform():
+    night = mt.Daylight.night()
+    for zenith in (0.0, 50.0, 89.0):
+        towards = np.array(unit_vector(zenith, 20.0))
+        assert sky_radiance(night.sky, towards) == pytest.approx(2.3e-9, rel=1e-9)
+
+
+def test_overcast_is_a_quarter_of_the_clear_sky_without_sun():
+    day = mt.Daylight.overcast(30.0)
+    clear = 1.421482 * math.cos(math.radians(30.0)) + 0.295018
+    assert (day.direct, day.diffuse) == (0.0, pytest.approx(0.25 * clear, rel=1e-6))
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"sun_zenith_deg": 90.0}, "below the horizon: use night"),
+        ({"sun_zenith_deg": -1.0}, "0 <= sun_zenith_deg <= 89"),
+        ({"direct": -1.0}, "direct: -1.0, allowed: >= 0"),
+        ({"diffuse": math.nan}, "diffuse: nan, allowed: finite numbers"),
+        ({"direct": 0.0, "diffuse": 0.0}, "some light"),
+        ({"pattern": "cie-16"}, "pattern: 'cie-16', did you mean"),
+        ({"wavelength_nm": 299.0}, "300 <= wavelength_nm <= 1100"),
+        ({"foam_reflectance": 1.1}, "0 <= foam_reflectance <= 1"),
+        ({"water": "deep"}, "quasi-single"),
+    ],
+)
+def test_refusals(fields, text):
+    with pytest.raises(Refused, match=text):
+        mt.Daylight(**{"direct": 1.0, "diffuse": 1.0, **fields})
+
+
+@pytest.mark.parametrize("time", ["2026-06-21T10:00", "noon", "NaT"])
+def test_times_without_zone_are_refused(time):
+    pytest.importorskip("pvlib")
+    with pytest.raises(Refused, match="time: "):
+        mt.Daylight.at(time, 43.1, 5.9)
+
+
+def test_a_place_is_needed():
+    with pytest.raises(Refused, match="latitude"):
+        mt.Daylight.at("2026-06-21T10:00Z", None, 5.9)
+    with pytest.raises(Refused, match="longitude"):
+        mt.Daylight.at("2026-06-21T10:00Z", 43.1, 200.0)
+
+
+@pytest.fixture
+def without_pvlib(monkeypatch):
+    found = builtins.__import__
+
+    def refuse(name, *rest, **options):
+        if name.split(".")[0] == "pvlib":
+            raise ImportError(name)
+        return found(name, *rest, **options)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+
+
+@pytest.mark.usefixtures("without_pvlib")
+def test_without_pvlib_everything_works_but_the_clear_sky():
+    for made in (lambda: mt.Daylight.clear_sky(), lambda: mt.Daylight.at("2026-06-21T10Z", 0, 0)):
+        with pytest.raises(Refused, match=r"meshtrace\[daylight\]"):
+            made()
+    assert mt.Daylight.moon().direct > 0.0
+    assert mt.Daylight.overcast().diffuse > 0.0
+    assert mt.Daylight.night().diffuse > 0.0
+    assert mt.Daylight(direct=1.42, diffuse=0.295).irradiance > 1.5

@@ -1,0 +1,134 @@
+"""The server: a session for every visit, on this machine only, released at its end."""
+
+import asyncio
+import socket
+import sys
+
+import aiohttp
+import msgpack
+import pytest
+from trame.app.core import AVAILABLE_SERVERS
+from trame_vtk.modules.vtk import HELPERS_PER_SERVER
+from wslink.chunking import generate_chunks
+
+import meshtrace as mt
+from meshtrace.errors import Refused
+from meshtrace.explorer import server
+from meshtrace.explorer.server import Explorer
+from meshtrace.scenario import Scenario
+
+PAPER = Scenario.from_toml("")
+
+
+def served(test, **options):
+    """Run a test of a started explorer and a client."""
+
+    async def run():
+        explorer = Explorer(PAPER, "link", **{"host": "127.0.0.1", "port": 0, **options})
+        await explorer.start()
+        try:
+            async with aiohttp.ClientSession() as client:
+                return await test(explorer, client)
+        finally:
+            await explorer.stop()
+
+    return asyncio.run(run())
+
+
+def test_every_visit_has_a_session_that_is_released_at_the_end():
+    before = set(AVAILABLE_SERVERS), set(HELPERS_PER_SERVER)
+
+    async def visits(explorer, client):
+        places = []
+        for _ in range(2):
+            async with client.get(explorer.url, allow_redirects=False) as answer:
+                places.append(answer.headers["Location"])
+        first, second = explorer.pages
+        assert places == [f"http://127.0.0.1:{page.port}/index.html" for page in explorer.pages]
+        assert first.session is not second.session
+        assert len(set(AVAILABLE_SERVERS) - before[0]) == 2
+        async with client.get(places[0]) as answer:
+            assert "vue.global.js" in await answer.text()
+        await first.server.stop()
+        await explorer._tasks[first]
+        await asyncio.sleep(0)
+        assert explorer.pages == [second]
+        return first, second
+
+    pages = served(visits)
+    for page in pages:
+        page.session._worker._thread.join(60.0)
+        assert not page.session._worker._thread.is_alive()
+    assert (set(AVAILABLE_SERVERS), set(HELPERS_PER_SERVER)) == before
+
+
+def test_it_listens_on_one_address_of_this_machine():
+    async def addresses(explorer, client):
+        async with client.get(explorer.url, allow_redirects=False):
+            pass
+        for port in (explorer.port, explorer.pages[0].port):
+            socket.create_connection(("127.0.0.1", port), 5.0).close()
+            with pytest.raises(OSError, match="refused"):
+                socket.create_connection(("127.0.0.2", port), 5.0)
+
+    served(addresses)
+
+
+def test_a_session_needs_its_secret():
+    async def connections(explorer, client):
+        async with client.get(explorer.url, allow_redirects=False):
+            pass
+        place = f"127.0.0.1:{explorer.pages[0].port}"
+        async with client.post(f"http://{place}/paraview/") as answer:
+            given = await answer.json()
+        async with client.post(
+            f"http://{place}/paraview/", headers={"Host": "evil.example"}
+        ) as answer:
+            assert answer.status == 403
+        assert given["sessionURL"] == f"ws://{place}/ws"
+        replies = []
+        for secret in ("wslink-secret", given["secret"]):
+            async with client.ws_connect(given["sessionURL"]) as connection:
+                hello = {"wslink": "1.0", "id": "system:c0:0", "method": "wslink.hello"}
+                message = {**hello, "args": [{"secret": secret}], "kwargs": {}}
+                for chunk in generate_chunks(msgpack.packb(message), 0):
+                    await connection.send_bytes(chunk)
+                replies.append((await connection.receive(30.0)).data)
+        return replies
+
+    wrong, right = served(connections)
+    assert b"clientID" not in wrong
+    assert b"clientID" in right
+
+
+def test_more_sessions_than_allowed_are_turned_away(monkeypatch):
+    monkeypatch.setattr(server, "MOST_SESSIONS", 1)
+
+    async def visits(explorer, client):
+        found = []
+        for _ in range(2):
+            async with client.get(explorer.url, allow_redirects=False) as answer:
+                found.append(answer.status)
+        return found
+
+    assert served(visits) == [302, 503]
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "no.such.host.example"])
+def test_an_address_that_cannot_be_used_is_refused(host):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with pytest.raises(Refused, match="port"):
+            mt.explore(host=host, port=taken.getsockname()[1], open_browser=False)
+
+
+def test_a_port_beyond_the_range_is_refused():
+    with pytest.raises(Refused, match="port: 70000"):
+        mt.explore(port=70_000)
+
+
+def test_missing_packages_are_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "meshtrace.explorer.server", None)
+    with pytest.raises(Refused, match=r'pip install "meshtrace\[explore\]"'):
+        mt.explore()

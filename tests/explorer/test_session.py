@@ -1,0 +1,205 @@
+"""A session: its answers are those of the library for the newest state."""
+
+import threading
+
+import numpy as np
+import pytest
+
+import meshtrace as mt
+from meshtrace.comms.budget import link_budget
+from meshtrace.errors import Refused
+from meshtrace.explorer import readings, stages
+from meshtrace.explorer.session import Session
+from meshtrace.explorer.stages import Failed
+from meshtrace.scenario import Scenario
+
+PAPER = Scenario.from_toml("")
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    """Make the series and the maps short."""
+    monkeypatch.setattr(stages, "FADING_FRAMES", 16)
+    monkeypatch.setattr(stages, "MAP_PHOTONS", (5_000, 20_000))
+
+
+@pytest.fixture
+def session():
+    session = Session(PAPER)
+    yield session
+    session.close()
+
+
+def test_gain_and_bits_are_those_of_the_library(session):
+    session.move({"depth": 45.0, "bit_rate": 5.0})
+    assert session.wait(120.0)
+    found = session.answer("gain")
+    link = PAPER.link.replace("transmitter.depth", 45.0)
+    expected = mt.simulate(PAPER.replace(link=link), photons=stages.CHAINS[-1])
+    assert (found.gain, found.stderr) == (expected.gain, expected.gain_stderr)
+    assert found.unscattered == expected.gain_ballistic
+    ook = mt.OokLink.of_link(link, bit_rate=5e6)
+    budget = link_budget(ook, expected.gain, 1e-3)
+    assert found.bits.power == pytest.approx(float(ook.received_power(expected.gain)), rel=1e-12)
+    assert found.bits.margin_db == pytest.approx(float(budget.margin_optical_db), rel=1e-12)
+    assert found.bits.ber == float(ook.ber(found.bits.power))
+    assert 1e-6 < found.bits.ber < 0.5  # or the test would compare zeros
+    shown = readings.gain_reading(session)
+    assert shown["ber"] == f"{found.bits.ber:.2e}"
+    assert shown["db"] == f"−{-10 * np.log10(expected.gain):.2f} dB"
+
+
+def test_the_series_is_that_of_the_library(session):
+    session.start()
+    assert session.wait(120.0)
+    found = session.answer("fading")
+    times = np.arange(16) / stages.FADING_RATE
+    expected = mt.time_series(PAPER, times, photons=stages.FADING_CHAINS)
+    np.testing.assert_array_equal(found.time, times)
+    np.testing.assert_array_equal(found.gain, expected.gain)
+    assert found.index.value == pytest.approx(
+        expected.gain.var(ddof=1) / expected.gain.mean() ** 2, rel=1e-9
+    )
+
+
+def test_uncertain_gains_are_left_out(session, monkeypatch):
+    monkeypatch.setattr(stages, "_MOST_ERROR", 0.0)
+    session.start()
+    assert session.wait(120.0)
+    found = session.answer("fading")
+    assert (len(found.gain), found.left_out, found.index) == (0, 16, None)
+
+
+def test_only_answers_that_depend_on_a_move_are_made_again(session):
+    session.start()
+    assert session.wait(120.0)
+    before = {name: session._answers[name] for name in ("gain", "rays", "fading")}
+    session.move({"bit_rate": 3.0})
+    assert not session.fresh("gain")
+    assert session.fresh("rays")
+    assert session.fresh("fading")
+    assert session.wait(120.0)
+    assert session.fresh("gain")
+    assert session.answer("gain").gain == before["gain"].value.gain
+    assert session._answers["rays"] is before["rays"]
+    session.show_time(0.5)
+    session.answer_now()
+    assert session.wait(120.0)
+    assert session._answers["fading"] is before["fading"]
+    assert session.answer("rays") is not before["rays"].value
+    expected = mt.simulate(PAPER, photons=stages.CHAINS[-1], time=0.5)
+    assert session.answer("gain").gain == expected.gain
+
+
+def test_the_newest_move_wins(monkeypatch):
+    seen, blocked, go_on = [], threading.Event(), threading.Event()
+    real = stages.gains
+
+    def slow(state, check):
+        seen.append(state.values["depth"])
+        if len(seen) == 1:
+            blocked.set()
+            assert go_on.wait(30.0)
+        yield from real(state, check)
+
+    session = Session(PAPER)
+    stage = __import__("meshtrace.explorer.session", fromlist=["STAGES"]).STAGES["gain"]
+    monkeypatch.setitem(
+        __import__("meshtrace.explorer.session", fromlist=["STAGES"]).STAGES,
+        "gain",
+        stage._replace(run=slow),
+    )
+    session.move({"depth": 11.0})
+    assert blocked.wait(30.0)
+    for depth in (12.0, 13.0, 14.0):
+        session.move({"depth": depth})
+    assert session.answer("gain") is None
+    go_on.set()
+    assert session.wait(120.0)
+    assert seen == [11.0, 14.0]
+    expected = mt.simulate(PAPER.replace(link=PAPER.link.at_depth(14.0)), photons=8192)
+    assert session.answer("gain").gain == expected.gain
+    session.close()
+
+
+def test_answers_come_in_order_and_stale_ones_are_marked(session):
+    names = []
+    session._on_answer = names.append
+    session.start()
+    assert session.wait(120.0)
+    assert [n for i, n in enumerate(names) if n != names[i - 1] or i == 0] == [
+        "gain", "rays", "fading", "",
+    ]  # fmt: skip
+    session._worker.close()
+    session.move({"depth": 11.0})
+    assert not any(session.fresh(name) for name in ("gain", "rays", "fading", "map"))
+
+
+def test_a_map_is_made_on_demand(session):
+    session.start()
+    session.make_map()
+    assert session.wait(240.0)
+    found = session.answer("map")
+    assert session.fresh("map")
+    assert found.gain.shape == (stages.MAP_CELLS, stages.MAP_CELLS)
+    expected = mt.coverage_map(
+        PAPER, extent=7.5, step=15.0 / stages.MAP_CELLS, photons=20_000, times=(0.0,)
+    )
+    np.testing.assert_array_equal(found.gain, expected.gain)
+    session.move({"depth": 11.0})
+    assert session.wait(120.0)
+    assert not session.fresh("map")
+
+
+def test_a_refused_move_keeps_the_state(session):
+    session.start()
+    before = session.state
+    with pytest.raises(Refused, match="fov"):
+        session.move({"fov": 200.0})
+    assert session.state is before
+
+
+def test_a_link_that_cannot_be_traced_says_why(session):
+    session.move({"height": 0.01})
+    assert session.wait(120.0)
+    failed = session.answer("gain")
+    assert isinstance(failed, Failed)
+    assert "above the highest crest" in failed.reason
+    assert readings.gain_reading(session)["notes"] == [failed.reason]
+    session.move({"height": 5.0})
+    assert session.wait(120.0)
+    assert session.answer("gain").gain == mt.simulate(PAPER, photons=8192).gain
+
+
+def test_internal_errors_are_shown_and_work_goes_on(session, monkeypatch):
+    monkeypatch.setattr(stages, "simulate", lambda *args, **options: 1 / 0)
+    session.start()
+    assert session.wait(30.0)
+    assert "ZeroDivisionError" in session.answer("gain").reason
+    monkeypatch.undo()
+    session.move({"depth": 11.0})
+    assert session.wait(240.0)
+    assert session.answer("gain").gain > 0.0
+
+
+def test_two_sessions_do_not_mix():
+    one, two = Session(PAPER), Session(PAPER)
+    one.move({"depth": 11.0})
+    two.move({"height": 8.0})
+    one.move({"wind": 7.0})
+    assert one.wait(240.0)
+    assert two.wait(240.0)
+    assert dict(one.state.moves) == {"depth": 11.0, "wind": 7.0}
+    assert dict(two.state.moves) == {"height": 8.0}
+    for session in (one, two):
+        expected = mt.simulate(session.state.scenario, photons=8192)
+        assert session.answer("gain").gain == expected.gain
+        session.close()
+
+
+def test_warnings_are_notes_of_their_gain(session):
+    session.move({"water": "petzold-harbour", "fov": 180.0})
+    assert session.wait(240.0)
+    with pytest.warns(mt.DomainWarning) as caught:
+        mt.simulate(session.state.scenario, photons=8192)
+    assert session.answer("gain").notes == tuple(" ".join(str(w.message).split()) for w in caught)

@@ -1,0 +1,126 @@
+"""[daylight] of link files, and error rates that name their light."""
+
+import pytest
+
+import meshtrace as mt
+from meshtrace.errors import Refused
+from meshtrace.surfaces import FlatSea
+
+
+def scenario(text):
+    return mt.Scenario.from_toml(f"wind_speed = 0.0\n{text}")
+
+
+@pytest.mark.parametrize(
+    ("text", "made"),
+    [
+        ('daylight = "night"', lambda: mt.Daylight.night()),
+        ('[daylight]\nmodel = "moon"\nphase_deg = 60.0\nsun_zenith_deg = 20.0',
+         lambda: mt.Daylight.moon(60.0, 20.0)),
+        ('[daylight]\nmodel = "overcast"\nsun_zenith_deg = 50.0\ntransmittance = 0.3',
+         lambda: mt.Daylight.overcast(50.0, transmittance=0.3)),
+        ("[daylight]\ndirect = 1.42\ndiffuse = 0.295\nsun_azimuth_deg = 90.0\nwater = \"none\"",
+         lambda: mt.Daylight(direct=1.42, diffuse=0.295, sun_azimuth_deg=90.0, water="none",
+                             light="clear sky")),
+        ('[daylight]\nmodel = "uniform"\ndiffuse = 0.3',
+         lambda: mt.Daylight(direct=0.0, diffuse=0.3, pattern="uniform", light="uniform sky")),
+    ],
+)  # fmt: skip
+def test_tables_and_their_light(text, made):
+    read = scenario(text)
+    assert read.daylight == made()
+    assert mt.Scenario.from_toml(read.to_toml()) == read
+
+
+def test_clear_skies_need_pvlib_once_only():
+    pytest.importorskip("pvlib")
+    read = scenario('[daylight]\nsun_zenith_deg = 40.0\naerosol = 0.2\npattern = "cie-13"')
+    assert read.daylight == mt.Daylight.clear_sky(40.0, pattern="cie-13", aerosol=0.2)
+    assert "direct" in read.to_toml()  # read back without a spectral model
+    assert mt.Scenario.from_toml(read.to_toml()) == read
+    moment = 'time = "2026-06-21T10:00Z"\nlatitude = 43.1\nlongitude = 5.9'
+    read = scenario(f"[daylight]\n{moment}")
+    assert read.daylight == mt.Daylight.at("2026-06-21T10:00Z", 43.1, 5.9)
+
+
+def test_none_is_the_dark():
+    assert scenario('daylight = "none"').daylight is None
+    assert "daylight" not in scenario("").to_toml()
+
+
+def test_the_light_has_the_wavelength_of_the_transmitter():
+    text = '[transmitter]\nkind = "led"\nwavelength_nm = 520.0\n[daylight]\nmodel = "night"'
+    assert scenario(text).daylight.wavelength_nm == 520.0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('daylight = "day"', "daylight.model: 'day'"),
+        ("[daylight]\nsun_zenit_deg = 3.0", "did you mean sun_zenith_deg"),
+        ('[daylight]\nmodel = "moon"\nphase_deg = 200.0', "daylight.phase_deg: 200"),
+        ("[daylight]\ndirect = -1.0", "daylight.direct: -1.0"),
+        ("[daylight]\ndirect = 1.0\naerosol = 0.1", "daylight.aerosol: 0.1"),
+        ('[daylight]\nmodel = "uniform"', "daylight.diffuse: missing"),
+        ('[daylight]\nmodel = "night"\nsun_zenith_deg = 100.0', "use night"),
+        ('[daylight]\ntime = "2026-06-21T10:00Z"\nsun_zenith_deg = 3.0', "sun_zenith_deg: 3"),
+        ('[daylight]\ntime = "2026-06-21T10:00Z"', "latitude"),
+    ],
+)
+def test_refusals(text, message):
+    with pytest.raises(Refused, match=message):
+        scenario(text)
+
+
+DAY = mt.Daylight(direct=1.42, diffuse=0.295)
+
+
+@pytest.mark.filterwarnings("ignore::meshtrace.DaylightWarning")
+def test_every_error_rate_names_its_light(tmp_path):
+    link = mt.Link(receiver=mt.Receiver(fov_deg=20.0))
+    dark = mt.link_performance(link, FlatSea(), photons=256)
+    night, day = (
+        mt.link_performance(link, FlatSea(), photons=256, daylight=light)
+        for light in (mt.Daylight.night(), DAY)
+    )
+    assert "background light: none" in dark.summary()
+    assert "background light: moonless night" in night.summary()
+    assert "background light: daylight at zenith angle 30 deg" in day.summary()
+    assert "widest filter for BER 0.001" in day.summary()
+    assert dark.at().required_power < night.at().required_power * 1.01 < day.at().required_power
+    day.save(tmp_path / "day.nc")
+    loaded = mt.LinkPerformance.load(tmp_path / "day.nc")
+    assert loaded.light == day.light
+    assert loaded.at().widest_filter_nm == day.at().widest_filter_nm
+    assert loaded.provenance["daylight"]["direct"] == 1.42
+
+
+@pytest.mark.filterwarnings("ignore::meshtrace.DaylightWarning")
+def test_the_error_of_the_background_widens_the_interval():
+    from meshtrace.surfaces import JonswapSea
+
+    link = mt.Link(receiver=mt.Receiver(fov_deg=20.0), transmitter=mt.Led(depth=25.0))
+    ook = mt.OokLink().replace("optics.filter_width_nm", 2.0)
+    options = {"photons": 256, "realizations": 6, "ook": ook}
+    bright = mt.link_performance(link, JonswapSea(), daylight=DAY, **options).at()
+    dark = mt.link_performance(link, JonswapSea(), **options).at()
+    assert bright.ber.value > dark.ber.value
+    assert bright.ber.low < bright.ber.value < bright.ber.high
+
+
+def test_daylight_of_another_wavelength_is_refused():
+    with pytest.raises(Refused, match="wavelength_nm: 550"):
+        mt.link_performance(mt.Link(), FlatSea(), daylight=DAY.replace(wavelength_nm=550.0))
+
+
+def test_the_background_flickers_over_time():
+    from meshtrace.surfaces import JonswapSea
+
+    link, sea = mt.Link(receiver=mt.Receiver(fov_deg=20.0)), JonswapSea()
+    series = mt.background_series(link, sea, DAY, [0.0, 0.5, 1.0], photons=512)
+    one = mt.background(link, sea, DAY, photons=512, time=0.5)
+    assert series.radiance[1] == pytest.approx(one.radiance)
+    assert series.scintillation_index > 1e-3
+    assert series.parts["sky"].shape == (3,)
+    with pytest.raises(Refused, match="times"):
+        mt.background_series(link, sea, DAY)

@@ -1,0 +1,53 @@
+"""Pictures and movies of the light pattern."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from test_viz_movie import frames_of
+
+import meshtrace as mt
+from meshtrace import viz
+from meshtrace.surfaces import FlatSea, JonswapSea
+from meshtrace.viz.light_pattern import SIZE
+
+SHARP = mt.Link(physics={"unresolved": "none"})
+SEA = JonswapSea(wind_speed=5.0, omega_max=8.0, seed=3)
+SMALL = {"extent": 1.0, "step": 0.05}
+
+
+def test_a_picture(tmp_path):
+    path = viz.save_light(SHARP, SEA, tmp_path / "light.png", **SMALL)
+    with Image.open(path) as picture:
+        assert picture.size[0] / picture.size[1] == pytest.approx(SIZE[0] / SIZE[1], abs=0.01)
+        colors = np.asarray(picture.convert("RGB")).reshape(-1, 3)
+    assert len(np.unique(colors, axis=0)) > 1000
+
+
+def test_a_movie_in_which_light_and_sea_move(tmp_path):
+    seen = []
+    path = viz.save_light(
+        SHARP, SEA, tmp_path / "light.mp4", [0.0, 0.1, 0.2], **SMALL, progress=seen.append
+    )
+    frames = frames_of(path, SIZE)
+    assert len(frames) == 3
+    assert seen == [1, 1, 1]
+    half = SIZE[0] // 2
+    for part in (frames[:, 80:-80, 60 : half - 120], frames[:, 80:-80, half + 60 : -120]):
+        assert (np.abs(np.diff(part, axis=0)).sum(axis=3) > 30).mean(axis=(1, 2)).min() > 1e-2
+
+
+def test_view_writes_the_pattern_beside_no_window(tmp_path):
+    written = viz.view(
+        SHARP, SEA, light=tmp_path / "light.png", style=viz.SceneStyle(extent=1.0), frames=2
+    )
+    assert written == [tmp_path / "light.png"]
+    with pytest.raises(ValueError, match="light: of a mesh, allowed: a link over a sea"):
+        viz.view(None, FlatSea().mesh(extent=2.0, spacing=1.0), light=tmp_path / "a.png")
+
+
+def test_wrong_files_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"path: .*allowed: a file name in \.png, \.mp4 or \.gif"):
+        viz.save_light(SHARP, SEA, tmp_path / "a.avi", [0.0, 1.0])
+    with pytest.raises(ValueError, match=r"times: shape \(1,\)"):
+        viz.save_light(SHARP, SEA, tmp_path / "a.mp4", [0.0])
+    assert list(tmp_path.iterdir()) == []
