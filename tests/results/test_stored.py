@@ -29,6 +29,28 @@ OLD = Path(__file__).parents[1] / "data" / "v0.1"
 FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)
 
 
+def _studies():
+    """Return results of studies over still water, as small as can be."""
+    link, sea = mt.Link(), FlatSea()
+    day = mt.Daylight(direct=1.0, diffuse=0.3)
+    wrt = ["water.a", "receiver.height"]
+    return {
+        "comparison": mt.compare({"a": link, "b": link.at_depth(12.0)}, sea, photons=64),
+        "duplex": mt.duplex(link, link.mirrored(), sea, times=[0.0, 1.0], photons=64),
+        "background": mt.background(link, sea, day, photons=64),
+        "background-series": mt.background_series(link, sea, day, times=[0.0, 1.0], photons=64),
+        "sensitivity": mt.sensitivities(link, sea, wrt, photons=64),
+        "optimum": mt.optimize(
+            link, sea, {"transmitter.half_angle_deg": (5.0, 20.0)}, objective="gain", photons=64,
+            realizations=2,
+        ),
+        "inference": mt.infer(
+            {"transmitter.depth": [8.0, 10.0, 12.0], "gain": [9e-5, 6e-5, 4e-5], "stderr": [1e-6] * 3},
+            link, ["water.a"], photons=64,
+        ),
+    }  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def results():
     """Return a small result of every kind."""
@@ -74,6 +96,7 @@ def results():
         "performance": performance,
         "depth-sweep": mt.DepthSweep((0.0, 5.0), (performance, performance)),
         "convergence": study,
+        **_studies(),
         "fading-convergence": fading_study(mt.Link(), resolved_sea(5.0), [2.0, 3.0, 4.0, 6.0]),
     }
     assert {type(r) for r in found.values()} == set(Stored._classes.values())

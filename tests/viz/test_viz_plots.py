@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import NonCallableMock
 
 import matplotlib as mpl
 import numpy as np
@@ -15,13 +16,16 @@ from meshtrace.errors import Refused
 from meshtrace.fading import Estimate, fading_statistics
 from meshtrace.results.gain import FateTally, GainResult
 from meshtrace.results.impulse import ImpulseResponse
+from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.surfaces import JonswapSea
 
 
 @pytest.fixture(autouse=True)
 def _close_figures():
     yield
-    mpl.pyplot.close("all")
+    from matplotlib import pyplot
+
+    pyplot.close("all")
 
 
 def line(ax, i=0):
@@ -200,7 +204,7 @@ def test_every_kind_of_result_has_a_plot():
     from meshtrace.viz import plots
 
     assert plots._PLOTS.keys() == stored._HOMES.keys()
-    with pytest.raises(Refused, match="result: int"):
+    with pytest.raises(Refused, match="result: 3, allowed: Stored or Dataset"):
         viz.plot(3)
 
 
@@ -223,7 +227,8 @@ def test_comparison():
 def test_convergence_shows_the_errors_and_the_law_of_a_study():
     spacing = np.array([0.4, 0.2, 0.1, 0.05])
     law = SimpleNamespace(order=Estimate(2.0, 1.9, 2.1), coefficient=5e-5)
-    study = SimpleNamespace(
+    study = NonCallableMock(
+        spec=ConvergenceStudy,
         parameter="spacing", values=spacing, step=spacing, normals=("vertex",),
         gain=1e-4 + 5e-5 * spacing[None] ** 2, anchor=np.array([1e-4]), reference="analytic",
         difference_stderr=np.full((1, 4), 1e-9), scatter=np.full((1, 4), np.nan),
