@@ -39,7 +39,7 @@ def arrivals(depth, b):
 def main():
     """Print both tables."""
     warnings.simplefilter("ignore", mt.DomainWarning)
-    print("half angle  printed    as stated (ratio)      |cos 2 theta| (ratio)")
+    print("mean gain   printed    as stated (ratio)      |cos 2 theta| (ratio)")
     for name, physics in FORMS.items():
         logs = []
         print(name)
