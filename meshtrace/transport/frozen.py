@@ -82,7 +82,7 @@ class FrozenForced:
         search: Search = "thorough",
     ) -> None:
         if link.direction == "down":
-            raise Refused("link", Described("direction down"), "light that goes up")
+            raise Refused("link", Described("a downlink"), "a source in the water")
         base = ForcedDetection(
             link, photons, seed, normals, crest=crest, search=search, scattered="chains"
         )
