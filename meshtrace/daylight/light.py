@@ -158,11 +158,12 @@ class Daylight(Model, frozen=True):
         atmosphere = {"width_nm": (width_nm, 400.0), "aerosol": (aerosol, 5.0),
                       "ozone": (ozone, 2.0), "water_vapour": (water_vapour, 20.0),
                       "pressure": (pressure, 2e5), "day_of_year": (day_of_year, 366)}  # fmt: skip
+        values: dict[str, Any] = {}
         for name, (value, most) in atmosphere.items():
-            number = require_finite(value, name, f"0 <= {name} <= {most:g}")[0]
-            if not 0.0 <= number <= most:
-                raise Refused(name, value, f"0 <= {name} <= {most:g}")
-        values: dict[str, Any] = {name: value for name, (value, _) in atmosphere.items()}
+            allowed = f"0 <= {name} <= {most:g}"
+            values[name] = require_real(value, name, allowed)
+            if not 0.0 <= values[name] <= most:
+                raise Refused(name, value, allowed)
         found = clear_irradiance(checked.sun_zenith_deg, checked.wavelength_nm, **values)
         light = fields.pop("light", "clear sky")
         return cls(**found._asdict(), **place, **band, **fields, light=light)

@@ -40,13 +40,18 @@ class CoverageMap(StoredArrays):
 
     def summary(self) -> str:
         """Return size, extremes and errors of the map as text for a terminal."""
-        peak = np.unravel_index(int(self.gain.argmax()), self.gain.shape)
+        place = (
+            f"gain at {self.gain.size} places, x {self.x[0]:g} to {self.x[-1]:g} m, "
+            f"y {self.y[0]:g} to {self.y[-1]:g} m"
+        )
         lit = self.gain > 0.0
-        error = np.median(self.gain_stderr[lit] / self.gain[lit]) if lit.any() else np.nan
+        if not lit.any():
+            return f"{place}\n  no light received"
+        peak = np.unravel_index(int(self.gain.argmax()), self.gain.shape)
+        error = np.median(self.gain_stderr[lit] / self.gain[lit])
         return "\n".join(
             [
-                f"gain at {self.gain.size} places, x {self.x[0]:g} to {self.x[-1]:g} m, "
-                f"y {self.y[0]:g} to {self.y[-1]:g} m",
+                place,
                 f"  highest              {self.gain[peak]:.4e} +- {self.gain_stderr[peak]:.1e} at "
                 f"({self.x[peak[0]]:g}, {self.y[peak[1]]:g}) m",
                 f"  mean                 {self.gain.mean():.4e}",

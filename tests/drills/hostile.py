@@ -34,7 +34,7 @@ LINKS = [
     "[sea]\nspectrum = 'sinusoidal'\namplitude = 0.1\nwavelength = 2.0\nspacing = 0.5\n"
     "[transmitter]\nkind = 'sun'\n[run]\nestimator = 'analog'",
     "[sea]\nspacing = 0.5\n[transmitter]\nkind = 'air-led'\n[receiver]\nkind = 'water-receiver'\n"
-    "[daylight]\nmodel = 'clear-sky'\nsun_zenith_deg = 40.0",
+    "[daylight]\nmodel = 'clear'\nsun_zenith_deg = 40.0",
 ]
 
 
@@ -229,6 +229,10 @@ FEW = {
     "converge": ["--photons", "32", "--placements", "1", "--spacings", "4,3,2,1"],
     "view": ["--html", "a.html", "--paths", "0"],
     "figures": ["--list"],
+    "compare": ["a.toml", "b.toml", "--photons", "32"],
+    "sensitivity": ["a.toml", "--photons", "32", "--wrt", "water.a"],
+    "optimize": ["a.toml", "--photons", "32", "-n", "2", "--over", "receiver.fov_deg=10,60"],
+    "coverage": ["a.toml", "--photons", "64", "--extent", "1", "--step", "0.5"],
     "sweep": ["none.toml"],
     "bench": ["none.toml"],
 }
@@ -251,6 +255,8 @@ def commands(random, folder):
         if option == "--set":
             word = f"{random.choice(SETTINGS)}={word}"
         line += [option, word]
+    for link in ("a.toml", "b.toml"):
+        (folder / link).write_text(LINKS[0])
     line = [word.replace("\x00", "\ufffd") for word in line]  # no argument can hold it
     if random.random() < 0.1:
         line.insert(random.randrange(len(line)), random.choice(words).replace("\x00", ""))

@@ -137,7 +137,10 @@ METHODS = [
     ("times", lambda: mt.Route(times=(0, 1), positions=((0, 0), (1, 0))).at({}, 5.0)),
     ("height", lambda: mt.Route(times=(0, 1), positions=((0, 0), (1, 0))).at(0.5, [5.0, 6.0])),
     ("s", lambda: swings(2.5)),
+    ("day_of_year", lambda: mt.Daylight.clear_sky(day_of_year=(0,))),
     ("link", lambda: mt.depth_sweep(1)),
+    ("spacings", lambda: mt.convergence_study(LINK, SEA, 1)),
+    ("normals", lambda: mt.convergence_study(LINK, SEA, normals=1.0, reference=None)),
     ("wind_speeds", lambda: mt.depth_sweep(LINK, wind_speeds=1j)),
     ("threads", lambda: mt.background(LINK, SEA, DAY, threads="x")),
 ]
@@ -197,6 +200,14 @@ def test_an_unreadable_cache_folder_counts_as_empty(monkeypatch):
 def test_ranges_of_optional_parts_are_whole():
     with pytest.raises(Refused, match=r"31\.0, allowed: 0 <= wind_speed <= 30"):
         mt.Link(whitecaps={"wind_speed": 31.0})
+
+
+def test_a_dark_map_has_no_error():
+    """It once was 0 +- 0 with an error of nan %."""
+    dark = mt.CoverageMap(Z, Z, np.zeros((2, 2)), np.zeros((2, 2)), {})
+    assert "no light received" in dark.summary()
+    assert "+-" not in dark.summary()
+    assert "nan" not in dark.summary()
 
 
 def test_counts_of_numpy_are_kept_in_files(tmp_path):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, cast
 
-from meshtrace.errors import Refused, require_between
+from meshtrace.errors import Refused, require_array, require_between, require_names
 from meshtrace.models import Floats
 
 Normals = Literal["vertex", "facet"]
@@ -27,18 +27,22 @@ class Costs(NamedTuple):
 
 def descending(name: str, values: Sequence[float]) -> list[float]:
     """Return at least four different positive values from large to small."""
-    given = sorted((positive(name, value) for value in values), reverse=True)
+    allowed = "at least four different values"
+    numbers = require_array(values, name, allowed)
+    if numbers.ndim != 1:
+        raise Refused(name, values, allowed)
+    given = sorted((positive(name, value) for value in numbers.tolist()), reverse=True)
     if len(given) < 4 or len(set(given)) < len(given):
-        raise Refused(name, list(values), "at least four different values")
+        raise Refused(name, numbers.tolist(), allowed)
     return given
 
 
 def normal_kinds(normals: Sequence[Normals]) -> tuple[Normals, ...]:
     """Return the kinds of normals, each once."""
-    kinds = tuple(dict.fromkeys(normals))
+    kinds = tuple(dict.fromkeys(require_names(normals, "normals")))
     if not kinds or not set(kinds) <= {"vertex", "facet"}:
         raise Refused("normals", normals, "vertex and facet")
-    return kinds
+    return cast(tuple[Normals, ...], kinds)
 
 
 def positive(name: str, value: float) -> float:
