@@ -34,6 +34,7 @@ from numba import njit
 from numba.core import dispatcher
 from numba.core.caching import FunctionCache
 from numba.core.compiler import CompileResult
+from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
 
 from meshtrace.cache import cache_directory
@@ -41,13 +42,17 @@ from meshtrace.files import atomic
 from meshtrace.kernels.linking import PartCompiler, WholeCompiler
 
 config: Any = numba.config  # numba's stubs lack its fields
+
+# linking.py rests on internals of numba; other versions compile as they always do, slower
+_LINKED = numba.__version__.startswith("0.68.")
+
 # nor the last two options and `_nrt`
 _bare: dict[str, Any] = {
     "error_model": "numpy",  # IEEE division: the test for zero costs a branch and all vector code
     "_nrt": False,
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
-    "pipeline_class": PartCompiler,
+    **({"pipeline_class": PartCompiler} if _LINKED else {}),
 }
 
 ZERO, ONE, TWO = np.int64(0), np.int64(1), np.int64(2)
@@ -186,8 +191,9 @@ def _warn_unsaved(path: Path, reason: str) -> None:
 
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
-    options = {"error_model": "numpy", "pipeline_class": WholeCompiler, **options}
-    compiled = njit(nogil=True, **options)(function)
+    if _LINKED:
+        options = {"pipeline_class": WholeCompiler, **options}
+    compiled = njit(nogil=True, error_model="numpy", **options)(function)
     if compiled is not function:  # as it is under NUMBA_DISABLE_JIT, for debuggers
         compiled._cache = KernelCache(function)
     return compiled
@@ -203,10 +209,30 @@ def allocating_entry(function: Callable[..., Any]) -> Any:
     return _compiled(function)
 
 
-inlined: Any = njit(forceinline=True, **_bare)
+class _Below(CPUDispatcher):
+    """Dispatcher of a function below the entry points, which has no code of its own to call."""
+
+    def __call__(self, *args: Any, **options: Any) -> Any:
+        """Refuse a call from Python, which would end the process."""
+        raise TypeError(f"{self.py_func.__name__} is called by kernels only; py_func is its Python code")
+
+
+def _below(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator of functions below the entry points."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        compiled = njit(**_bare, **options)(function)
+        if compiled is not function:
+            compiled.__class__ = _Below
+        return compiled
+
+    return decorate
+
+
+inlined = _below(forceinline=True)
 """Decorator of hot functions; they must not make arrays."""
 
-outlined: Any = njit(**_bare)
+outlined = _below()
 """Decorator of functions that few photons reach: kept out of the hot code."""
 
 

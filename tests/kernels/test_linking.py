@@ -76,3 +76,19 @@ def test_only_entry_points_are_optimised_and_emitted(kernel):
     (part,) = (o.library for o in root.overloads.values())
     assert isinstance(part, Part)
     assert part.get_pointer_to_function(part.name) == 0
+
+
+@pytest.mark.parametrize("decorate", [jit.inlined, jit.outlined])
+def test_functions_below_entry_points_refuse_calls_from_python(decorate):
+    @decorate
+    def twice(x):
+        return 2.0 * x
+
+    @jit.entry
+    def four_times(x):
+        return twice(twice(x))
+
+    assert four_times(1.5) == 6.0
+    with pytest.raises(TypeError, match="called by kernels only"):
+        twice(1.5)
+    assert twice.py_func(1.5) == 3.0
