@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_kind
 from meshtrace.kernels.facets import Triangles, facet_hits
 from meshtrace.kernels.jit import allocating_entry
 from meshtrace.mesh import TriangleMesh
@@ -103,6 +103,7 @@ class EmbreeIntersector:
         from embreex.mesh_construction import TriangleMesh as EmbreeMesh
         from embreex.rtcore_scene import EmbreeScene
 
+        require_kind(mesh, TriangleMesh, "mesh")
         self.mesh = mesh
         self.threads = default_threads(threads)
         self._scene = EmbreeScene(_device(), robust=True)
@@ -139,6 +140,7 @@ class BruteForceIntersector:
     shortcut = False
 
     def __init__(self, mesh: TriangleMesh) -> None:
+        require_kind(mesh, TriangleMesh, "mesh")
         self.mesh = mesh
 
     def facets(
