@@ -42,15 +42,17 @@ def link(fov):
 
 
 def mean_range(ook, fades):
-    """Return the depth at which the mean bit error rate reaches 1e-3, nan for none."""
+    """Return the depth at which the mean bit error rate reaches 1e-3; 0 for none."""
     from scipy.special import ndtri
 
     ber = [float(ook.ber(ook.received_power(f.samples.ravel())).mean()) for f in fades]
+    if max(ber) < 1e-3:
+        return math.inf
     quality = -ndtri(np.clip(ber, 1e-300, 0.5 - 1e-12))
     try:
         return depth_at(DEPTHS, quality, -float(ndtri(1e-3)))
     except ValueError:
-        return math.nan
+        return 0.0
 
 
 def light_of(day, fov, seas):
@@ -76,8 +78,10 @@ def ranges(fades, background, fov, rate, width):
 
 def as_text(found):
     value, low, high = found
-    if math.isnan(value):
+    if value == 0.0:
         return "none"
+    if math.isinf(value):
+        return f"> {DEPTHS[-1]:g}"
     return f"{value:.1f} ({low:.1f}–{high:.1f})" if high - low >= 0.05 else f"{value:.1f}"
 
 
@@ -116,7 +120,7 @@ def draw(fades, lights):
     for axis, fov in zip(axes, FIELDS, strict=True):
         for i, (name, background) in enumerate(lights[fov].items()):
             found = np.array([ranges(fades[fov], background, fov, 1e6, w) for w in FILTERS])
-            found = np.nan_to_num(found)
+            found = np.minimum(found, DEPTHS[-1])
             axis.semilogx(FILTERS, found[:, 0], color=f"C{i}", label=name)
             axis.fill_between(FILTERS, found[:, 1], found[:, 2], color=f"C{i}", alpha=0.2, lw=0)
         axis.set_title(f"field of view {fov:g}°", fontsize=10)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.kernels.jit import allocating_entry
+from meshtrace.kernels.jit import entry
 
 from .parameters import Floats, points
 
@@ -108,9 +108,18 @@ def _sum(
     return [column.reshape(x.shape) for column in sums.T]
 
 
-@allocating_entry
 def _real_product(left: NDArray[np.complex128], real: Floats, imag: Floats) -> Floats:
-    """Return the real part of a complex matrix product, left @ (real + i imag).
+    """Return the real part of a complex matrix product, left @ (real + i imag)."""
+    product = np.empty((len(left), real.shape[1]))
+    _multiply(left, real, imag, np.empty((4, _PANEL)), product)
+    return product
+
+
+@entry
+def _multiply(
+    left: NDArray[np.complex128], real: Floats, imag: Floats, sums: Floats, product: Floats
+) -> None:
+    """Write the real part of a complex matrix product, left @ (real + i imag).
 
     Array twin: `left.real @ real - left.imag @ imag`.
     Why so: BLAS changes the last digits with its number of threads, and so would every photon;
@@ -118,12 +127,12 @@ def _real_product(left: NDArray[np.complex128], real: Floats, imag: Floats) -> F
     """
     rows, inner = left.shape
     columns = real.shape[1]
-    product = np.empty((rows, columns))
-    sums = np.empty((4, _PANEL))
     for start in range(0, columns, _PANEL):
         width = min(_PANEL, columns - start)
         for i in range(0, rows, 4):
-            sums[:] = 0.0
+            for k in range(4):
+                for j in range(width):
+                    sums[k, j] = 0.0
             s0, s1, s2, s3 = sums[0], sums[1], sums[2], sums[3]
             last = rows - 1
             i1, i2, i3 = min(i + 1, last), min(i + 2, last), min(i + 3, last)
@@ -137,8 +146,8 @@ def _real_product(left: NDArray[np.complex128], real: Floats, imag: Floats) -> F
                     s2[j] += a2.real * u - a2.imag * v
                     s3[j] += a3.real * u - a3.imag * v
             for row in range(min(4, rows - i)):
-                product[i + row, start : start + width] = sums[row, :width]
-    return product
+                for j in range(width):
+                    product[i + row, start + j] = sums[row, j]
 
 
 class GridFactors:

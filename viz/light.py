@@ -67,9 +67,9 @@ def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") ->
         tubes = clipped.extract_surface(algorithm=None).tube(radius=radius, n_sides=8)
         look = _path_look(scene, color, shade)
         scene.add_mesh(tubes, opacity=1.0 if received else 0.55, ambient=0.5, **look)
-        _add_dots(scene, chosen, Vertex.SCATTER, 2.2 * radius, INK)
+        _add_dots(scene, chosen, (Vertex.SCATTER,), 2.2 * radius, INK)
         if received:
-            _add_dots(scene, chosen, Vertex.SURFACE_OUT, 2.2 * radius, "#FFFFFF")
+            _add_dots(scene, chosen, _CROSSINGS, 2.2 * radius, "#FFFFFF")
         if color == "fate":
             scene.key[f"photons {name}"] = shade
     return scene
@@ -92,9 +92,14 @@ def _path_look(scene: Scene, color: PathColor, shade: str) -> dict[str, Any]:
     return {"scalars": "weight", "cmap": SEQUENTIAL, "clim": (0.0, 1.0), "scalar_bar_args": bar}
 
 
-def _add_dots(scene: Scene, paths: PhotonPaths, what: Vertex, radius: float, color: str) -> None:
+_CROSSINGS = (Vertex.SURFACE_OUT, Vertex.SURFACE_IN)
+
+
+def _add_dots(
+    scene: Scene, paths: PhotonPaths, what: tuple[Vertex, ...], radius: float, color: str
+) -> None:
     """Draw balls at the events within the stage."""
-    points = paths.vertex[paths.what == what]
+    points = paths.vertex[np.isin(paths.what, what)]
     low, high = np.reshape(scene.stage.bounds, (3, 2)).T
     points = points[((points >= low) & (points <= high)).all(axis=1)]
     if len(points):
@@ -125,7 +130,7 @@ def add_footprint(scene: Scene, mesh: TriangleMesh, received: PhotonPaths) -> Sc
     Scene
         The same scene.
     """
-    crossings = received.vertex[received.what == Vertex.SURFACE_OUT][:, :2]
+    crossings = received.vertex[np.isin(received.what, _CROSSINGS)][:, :2]
     if not len(crossings):
         return scene
     size = scene.stage.size

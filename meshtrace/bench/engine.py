@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
+from meshtrace.bvh.embree import CopiedScene, Scene
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import default_threads, ordered_map
@@ -53,10 +54,10 @@ def best_of(rounds: int, *jobs: Callable[[], Any]) -> list[float]:
     return best
 
 
-def replay(intersector: EmbreeIntersector, rays: Rays, threads: int) -> None:
+def replay(scene: Scene, rays: Rays, threads: int) -> None:
     """Cast recorded chunks of rays on all threads."""
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(lambda chunk: intersector.facets(*chunk), rays))
+        list(pool.map(lambda chunk: scene.run(*chunk), rays))
 
 
 def analog_rate(
@@ -68,7 +69,8 @@ def analog_rate(
 ) -> dict[str, Any]:
     """Return photons per second against raw Embree rays per second on the same mesh.
 
-    Raw rays are the rays of the engine, replayed in the same chunks on all threads.
+    Raw rays are the rays of the engine without its shortcut on grids, replayed through embreex in
+    the same chunks on all threads.
 
     Parameters
     ----------
@@ -93,11 +95,12 @@ def analog_rate(
     intersector, recorder = EmbreeIntersector(mesh, threads), RayRecorder(mesh, threads)
     recorded = min(photons, 2**18)
     run_analog(link, recorder, photons=recorded, seed=1)
+    raw = CopiedScene(mesh.vertices, mesh.faces)
     repeats = max(photons // recorded, 1)  # both sides run for about as long
     times = best_of(
         rounds,
         lambda: run_analog(link, intersector, photons=photons, seed=1, threads=threads),
-        lambda: replay(intersector, recorder.rays * repeats, threads),
+        lambda: replay(raw, recorder.rays * repeats, threads),
     )
     n_rays = sum(len(origins) for origins, _ in recorder.rays)
     photon_rate, ray_rate = photons / times[0], repeats * n_rays / times[1]
@@ -124,24 +127,28 @@ def figure_of_merit(
     """Return the figure of merit 1 / (variance x time) of forced over analog transport.
 
     Variances are relative to the gain. That of the forced estimator is the scatter over
-    `seeds` independent sets of chains; its time is that of aiming them (both estimators are
-    warm, mesh and chains are made). That of the analog one is known from its sums of squares.
+    `seeds` independent sets of chains; its time is that of making and aiming them (both estimators
+    are warm, the mesh is made). That of the analog one is known from its sums of squares.
 
     Returns
     -------
     dict
-        `ratio` and `ratio_stderr`; `forced_variance`, `forced_seconds`, `analog_variance`,
-        `analog_seconds`, `setup_seconds` of one set of chains; gains and standard errors.
+        `ratio` and `ratio_stderr`, `ratio_kept` with chains that are made already;
+        `forced_variance`, `forced_seconds` of aiming, `setup_seconds` of making one set of chains,
+        `analog_variance`, `analog_seconds`; `scatter_over_error` of the forced gains, scatter
+        over the root mean square of their standard errors; gains and standard errors.
     """
     threads = default_threads(threads)
     intersector = EmbreeIntersector(mesh, threads)
     crest = float(mesh.bounds[1, 2])
-    gains, setup = [], []
+    gains, stated, setup = [], [], []
     for seed in range(seeds):
         start = perf_counter()
         forced = ForcedDetection(link, chains, seed, threads=threads, crest=crest)
         setup.append(perf_counter() - start)
-        gains.append(float(forced.evaluate(mesh).gain[0]))
+        parts = forced.evaluate(mesh)
+        gains.append(float(parts.gain[0]))
+        stated.append(float(parts.stderr[0]))
     analog = partial(run_analog, link, intersector, photons=photons, threads=threads)
     times = best_of(rounds, lambda: forced.evaluate(mesh), lambda: analog(seed=1))
     sums = analog(seed=2)
@@ -150,7 +157,8 @@ def figure_of_merit(
     mean = float(np.mean(gains))
     forced_variance = float(np.var(gains, ddof=1)) / mean**2
     analog_variance = (stderr / mean) ** 2
-    ratio = analog_variance * times[1] / (forced_variance * times[0])
+    kept = analog_variance * times[1] / (forced_variance * times[0])
+    ratio = kept * times[0] / (times[0] + min(setup))
     # the variance of n normal numbers is itself uncertain by sqrt(2 / (n - 1)); that of the
     # analog run by the number of its hits
     hits = max((gain / stderr) ** 2, 1.0)
@@ -158,6 +166,8 @@ def figure_of_merit(
     return {
         "ratio": ratio,
         "ratio_stderr": ratio * relative,
+        "ratio_kept": kept,
+        "scatter_over_error": float(np.std(gains, ddof=1) / np.sqrt(np.mean(np.square(stated)))),
         "forced_variance": forced_variance,
         "forced_seconds": times[0],
         "setup_seconds": min(setup),

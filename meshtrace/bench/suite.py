@@ -103,10 +103,12 @@ def report(result: dict[str, Any]) -> str:
         f"({analog['facets']} facets)",
         "photons per ray": f"{analog['ratio']:.3f}; {tilted:.3f} with tilts for unresolved slopes",
         "figure of merit": f"{merit['ratio']:.3g} +- {merit['ratio_stderr']:.1g}, "
-        "1 / (variance x time) of forced over analog",
+        "1 / (variance x time) of forced over analog, chains made included; "
+        f"{merit['ratio_kept']:.3g} with chains that are kept",
         "  forced": f"{merit['forced_variance'] ** 0.5:.2e} relative in "
         f"{merit['forced_seconds']:.3f} s ({merit['chains']} chains; made in "
-        f"{merit['setup_seconds']:.3f} s)",
+        f"{merit['setup_seconds']:.3f} s); scatter over stated error "
+        f"{merit['scatter_over_error']:.2f}",
         "  analog": f"{merit['analog_variance'] ** 0.5:.2e} relative in "
         f"{merit['analog_seconds']:.3f} s ({merit['photons']} photons)",
         f"new sea to {sea['rtol']:.2%}": f"{sea['seconds']:.3f} s with mesh "

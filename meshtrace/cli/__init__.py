@@ -20,6 +20,7 @@ from meshtrace.cli import (
     sweep,
     validate,
     view,
+    warm,
 )
 from meshtrace.cli.app import app
 
@@ -41,4 +42,5 @@ __all__ = [
     "sweep",
     "validate",
     "view",
+    "warm",
 ]

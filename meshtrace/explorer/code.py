@@ -70,12 +70,16 @@ def as_python(scenario: Scenario) -> str:
         lines += [f'scenario = mt.Scenario.from_toml("""\n{text}""")']
         return "\n".join([*lines, "print(scenario.simulate().summary())", ""])
     lines += [link, sea, f"result = mt.simulate(link, sea, {run})", "print(result.summary())"]
-    if scenario.detector is not None:
-        rate = scenario.detector.bit_rate
+    if scenario.detector is not None or scenario.daylight is not None:
+        detector = scenario.detector or OokLink()
+        lines += [f"bits = mt.OokLink.of_link(link, {_expression(detector, 0)})"]
+        if scenario.daylight is not None:
+            day = _expression(scenario.daylight, 0)
+            light = f"mt.background(link, sea, {day})"
+            lines += [f"bits = mt.comms.background.with_background(bits, {light})"]
         lines += [
-            f"bits = mt.OokLink.of_link(link, {_expression(scenario.detector, 0)})",
             "ber = float(bits.ber(bits.received_power(result.gain)))",
-            f'print(f"BER at {rate:g} bit/s: {{ber:.3g}}")',
+            f'print(f"BER at {detector.bit_rate:g} bit/s: {{ber:.3g}}")',
         ]
     return "\n".join([*lines, ""])
 

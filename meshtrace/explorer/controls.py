@@ -11,8 +11,8 @@ from meshtrace.optics.water import WATER_TYPES
 
 Table = dict[str, Any]
 
-GIVEN_WATER = "as given"
-"""Choice of the water of the link that the explorer was started with."""
+GIVEN = "as given"
+"""Choice of the water and the light that the explorer was started with."""
 
 
 class Control(NamedTuple):
@@ -58,20 +58,22 @@ CONTROLS = (
         "fetch", "Fetch", "km", "Sea", ("sea.fetch", "sea.spectrum.fetch"),
         1.0, 1000.0, 0.05, True, 1e-3,
     ),
-    Control("depth", "Depth", "m", "Lamp", (f"{_LAMP}.depth",), 0.5, 40.0, 0.5),
+    Control("depth", "Depth", "m", "Place", (f"{_LAMP}.depth", f"{_RECEIVER}.depth"),
+            0.5, 40.0, 0.5),
     Control("lamp_x", "Position x", "m", "", (f"{_LAMP}.position.0",), -20.0, 20.0, 0.1),
     Control("lamp_y", "Position y", "m", "", (f"{_LAMP}.position.1",), -20.0, 20.0, 0.1),
     Control(
-        "half_angle", "Half angle", "deg", "Lamp",
+        "half_angle", "Half angle", "deg", "Optics",
         (f"{_LAMP}.half_angle_deg", f"{_LAMP}.divergence_deg"), 0.5, 80.0, 0.5,
     ),
-    Control("height", "Height", "m", "Receiver", (f"{_RECEIVER}.height",), 0.5, 40.0, 0.5),
-    Control("offset_x", "Offset x", "m", "Receiver", (f"{_RECEIVER}.position.0",), -20, 20, 0.1),
-    Control("offset_y", "Offset y", "m", "Receiver", (f"{_RECEIVER}.position.1",), -20, 20, 0.1),
-    Control("tilt", "Tilt", "deg", "Receiver", (f"{_RECEIVER}.tilt_deg",), 0.0, 60.0, 1.0),
-    Control("fov", "Field of view", "deg", "Receiver", (f"{_RECEIVER}.fov_deg",), 1.0, 180.0, 1.0),
+    Control("height", "Height", "m", "Place", (f"{_RECEIVER}.height", f"{_LAMP}.height"),
+            0.5, 40.0, 0.5),
+    Control("offset_x", "Offset x", "m", "Place", (f"{_RECEIVER}.position.0",), -20, 20, 0.1),
+    Control("offset_y", "Offset y", "m", "Place", (f"{_RECEIVER}.position.1",), -20, 20, 0.1),
+    Control("tilt", "Receiver tilt", "deg", "Optics", (f"{_RECEIVER}.tilt_deg",), 0.0, 60.0, 1.0),
+    Control("fov", "Field of view", "deg", "Optics", (f"{_RECEIVER}.fov_deg",), 1.0, 180.0, 1.0),
     Control(
-        "aperture", "Aperture radius", "cm", "Receiver", (f"{_RECEIVER}.radius",),
+        "aperture", "Aperture radius", "cm", "Optics", (f"{_RECEIVER}.radius",),
         0.5, 50.0, 0.05, True, 100.0,
     ),
     Control(
@@ -83,8 +85,14 @@ CONTROLS = (
 
 BY_NAME = {control.name: control for control in CONTROLS}
 
-WATERS = (GIVEN_WATER, *WATER_TYPES)
-"""Choices of the water."""
+CHOICES = {
+    "water": (GIVEN, *WATER_TYPES),
+    "light": (GIVEN, "none", "clear", "overcast", "moon", "night"),
+}
+"""Choices of the water and of the light above the sea."""
+
+BITS_ALONE = ("bit_rate", "light")
+"""Controls on which no gain depends."""
 
 
 def value_of(config: Mapping[str, Any], control: Control) -> float | None:
@@ -125,16 +133,22 @@ def with_value(config: Table, control: Control, value: float) -> Table:
     raise Refused(control.name, value, "a link with this value")
 
 
-def with_water(config: Table, water: str) -> Table:
-    """Return tables with a type of water; its index, bottom and phase function are the type's.
+def with_choice(config: Table, name: str, word: str) -> Table:
+    """Return tables with a type of water, or with a light above the sea.
+
+    Index, bottom and phase function are those of the type; the sun stands as by default.
 
     Raises
     ------
     Refused
-        If the type is unknown.
+        If the word is unknown.
     """
-    require_word(water, WATERS, "water.type")
-    return config if water == GIVEN_WATER else {**config, "water": {"type": water}}
+    require_word(word, CHOICES[name], name)
+    if word == GIVEN:
+        return config
+    if name == "water":
+        return {**config, "water": {"type": word}}
+    return {**config, "daylight": {"model": word}}
 
 
 def slider_range(control: Control, value: float) -> tuple[float, float]:

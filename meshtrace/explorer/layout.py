@@ -16,7 +16,7 @@ from meshtrace.explorer.controls import CONTROLS, Control, slider_range
 from meshtrace.explorer.readings import MARGIN_LABEL
 from meshtrace.explorer.scene import SCATTERED_COLOR, UNSCATTERED_COLOR, LiveScene
 from meshtrace.explorer.state import State
-from meshtrace.link import Receiver
+from meshtrace.link import Link
 from meshtrace.viz.style import LED_COLOR, RECEIVER_COLOR, water_map
 
 _STATUS = """working === "" ? "up to date" : ({
@@ -30,6 +30,8 @@ _KEY = {
     "received, unscattered": UNSCATTERED_COLOR,
     "received, scattered": SCATTERED_COLOR,
 }
+
+_WORDS = {"Sea": {"water": "Water"}, "Bits": {"light": "Daylight"}}
 
 _ENTER = "{name} = $event.target.value === '' ? null : Number($event.target.value)"
 
@@ -56,7 +58,7 @@ def _part(name: str, **options: Any) -> AbstractElement:
     return AbstractElement(f"mt-{name}", __properties=props, __events=events, **options)
 
 
-def build(server: Any, window: Any, actions: Actions) -> Any:
+def build(server: Any, window: Any, actions: Actions, link: Link) -> Any:
     """Build the page of a server; return the view of the render window."""
     values = {name: server.state[name] for name in (c.name for c in CONTROLS)}
     with VAppLayout(server), html.Div(classes="mt-page"):
@@ -66,7 +68,7 @@ def build(server: Any, window: Any, actions: Actions) -> Any:
                 _group(group, [c for c in CONTROLS if c.group == group], values)
             html.Div("{{ refused }}", v_if="refused", classes="mt-card mt-note", id="refused")
         view = _scene(window)
-        _views()
+        _views(link)
         _readings(actions)
         _dialog()
     return view
@@ -88,11 +90,14 @@ def _group(group: str, controls: list[Control], values: dict[str, Any]) -> None:
         html.H2(group)
         for control in controls:
             _control(control, values[control.name])
-        if group == "Sea":
+        for name, label in _WORDS.get(group, {}).items():
             with html.Div(classes="mt-control"):
-                html.Label("Water")
-                with html.Select(v_model=("water",), id="water"):
-                    html.Option("{{ w }}", v_for="w in waters", key=("w",), value=("w",))
+                html.Label(label)
+                with html.Select(v_model=(name,), id=name):
+                    html.Option(
+                        "{{ word }}", v_for=f"word in choices.{name}", key=("word",),
+                        value=("word",),
+                    )  # fmt: skip
 
 
 def _control(control: Control, value: float | None) -> None:
@@ -138,14 +143,20 @@ def _scene(window: Any) -> Any:
     return view
 
 
-def _views() -> None:
+def _views(link: Link) -> None:
+    """Add side view and plan; in the side view both ends move the depth or the height."""
+    lamp, receiver = link.transmitters[0], link.receivers[0]
+    lamp_z = "depth = -$event.y" if lamp.center[2] < 0.0 else "height = $event.y"
+    receiver_z = "height = $event.y" if receiver.center[2] > 0.0 else "depth = -$event.y"
+    if lamp.center[2] < 0.0 and receiver.center[2] < 0.0:
+        receiver_z = ""  # the depth is that of the lamp
     with html.Div(classes="mt-views"):
         side: Any = {"title": "Side view", "across": "x", "up": "z", "side": True}
         _part(
             "drag", id="side", frame=("side.frame",), lamp=("side.lamp",),
             receiver=("side.receiver",), profile=("side.profile",), **side,
-            movelamp="lamp_x = $event.x; depth = -$event.y",
-            movereceiver="offset_x = $event.x; height = $event.y",
+            movelamp=f"lamp_x = $event.x; {lamp_z}",
+            movereceiver=f"offset_x = $event.x; {receiver_z}",
         )  # fmt: skip
         plan: Any = {"title": "Plan", "across": "x", "up": "y"}
         _part(
@@ -170,6 +181,7 @@ def _readings(actions: Actions) -> None:
                 _rows([
                     ("Received power", "reading.power"), ("Required power", "reading.required"),
                     (MARGIN_LABEL, "reading.margin"), ("Bit error rate", "reading.ber"),
+                    ("Background light", "reading.background"),
                 ])  # fmt: skip
         with html.Div(classes="mt-card"):
             html.H2("Fading")
@@ -186,6 +198,7 @@ def _readings(actions: Actions) -> None:
                 "Map the gain", click=actions.make_map, size="small", variant="tonal",
                 color="#2f6690", block=True, id="map", disabled=("working === 'map'",),
             )  # fmt: skip
+            html.Div("{{ map_note }}", v_if="map_note", classes="mt-note", id="map-note")
             with html.Dl(v_if="map", classes="mt-rows", style="margin-top:5px"):
                 html.Dt("Peak")
                 html.Dd("{{ map.peak }}", id="peak")
@@ -234,12 +247,13 @@ def views(state: State, scene: LiveScene) -> dict[str, Any]:
     return {"side": side, "plan": plan, "elevation": list(scene.elevation_range)}
 
 
-def _end(part: Any, axes: tuple[int, int], half: float, sign: float) -> dict[str, float] | None:
-    """Return place and cone of a lamp or receiver in two of the axes; None for light from above."""
-    if not hasattr(part, "depth") and not isinstance(part, Receiver):
+def _end(part: Any, axes: tuple[int, int], half: float, sign: float) -> dict[str, Any] | None:
+    """Return place and cone of a lamp or receiver in two of the axes; None for sun and sky."""
+    if not hasattr(part, "depth") and not hasattr(part, "height"):
         return None
     i, j = axes
     across, up = (sign * part.axis[k] for k in (0, 2))
     return {
         "x": part.center[i], "y": part.center[j], "half": half, "axis": math.atan2(across, up),
+        "air": part.center[2] > 0.0,
     }  # fmt: skip

@@ -20,7 +20,7 @@ from trame_vtk.modules.vtk import HELPERS_PER_SERVER
 
 from meshtrace.errors import Refused
 from meshtrace.explorer import code, layout, readings, stages
-from meshtrace.explorer.controls import BY_NAME, WATERS
+from meshtrace.explorer.controls import BY_NAME, CHOICES
 from meshtrace.explorer.scene import LiveScene
 from meshtrace.explorer.session import STAGES, Session
 from meshtrace.explorer.state import State
@@ -62,8 +62,8 @@ class Page:
         self._scene_time = 0.0
         self._running: asyncio.Task[None] | None = None
         self._fill(title)
-        self.view = layout.build(self.server, self.scene.plotter.render_window, self)
-        self.server.state.change(*BY_NAME, "water")(self._moved)
+        self.view = layout.build(self.server, self.scene.plotter.render_window, self, scenario.link)
+        self.server.state.change(*BY_NAME, *CHOICES)(self._moved)
         self.server.state.change("playing")(self._play_or_pause)
         self.server.controller.on_client_exited.add(self._pause)
 
@@ -93,7 +93,7 @@ class Page:
         if self._scene_due is not None:
             self._scene_due.cancel()
         self._loop = None
-        self.scene.plotter.close()
+        self.scene.close()
         AVAILABLE_SERVERS.pop(self.server.name, None)
         HELPERS_PER_SERVER.pop(self.server.name, None)
 
@@ -138,7 +138,7 @@ class Page:
         state, page = self.session.state, self.server.state
         page.trame__title = "meshtrace explorer"
         page.client_only("shot")
-        page.update({**state.values, "water": state.water, "waters": list(WATERS)})
+        page.update({**state.settings, "choices": {k: list(v) for k, v in CHOICES.items()}})
         page.update({"title": title, "playing": False, "shot": None, "refused": ""})
         page.update({"text_shown": False, "text": "", "text_title": ""})
         self._refresh()
@@ -146,8 +146,7 @@ class Page:
 
     def _moved(self, **_: Any) -> None:
         """Send the controls that differ from the state."""
-        page, state = self.server.state, self.session.state
-        now = {**state.values, "water": state.water}
+        page, now = self.server.state, self.session.state.settings
         moved = {key: page[key] for key, value in now.items() if page[key] != value}
         try:
             values = {
@@ -214,6 +213,7 @@ class Page:
         page.reading = readings.gain_reading(session)
         page.fading = readings.fading_reading(session)
         page.caption = readings.caption(session)
+        page.map_note = readings.map_note(session)
 
     def _refresh_views(self) -> None:
         """Set the side view, the plan, the time and the colour bar."""

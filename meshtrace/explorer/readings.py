@@ -10,7 +10,7 @@ from meshtrace.explorer import texts
 from meshtrace.explorer.session import Session
 from meshtrace.explorer.stages import LIMIT, Fading, Failed, Gain
 
-_NO_BITS = {"power": "–", "required": "–", "margin": "–", "ber": "–"}
+_NO_BITS = {"power": "–", "required": "–", "margin": "–", "ber": "–", "background": "–"}
 
 
 def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
@@ -58,6 +58,7 @@ def _bits(gain: Gain) -> dict[str, str]:
         if np.isfinite(bits.margin_db)
         else "–",
         "ber": texts.bit_error_rate(bits.ber),
+        "background": "–" if bits.background is None else texts.rate(bits.background),
     }
 
 
@@ -82,6 +83,12 @@ def fading_reading(session: Session) -> dict[str, Any]:
         "low": texts.decibels(float(relative.min())),
         "note": f"left out for errors above 20 %: {found.left_out}" if found.left_out else "",
     }
+
+
+def map_note(session: Session) -> str:
+    """Return the reason for which there is no map, or nothing."""
+    found = session.answer("map")
+    return found.reason if isinstance(found, Failed) and session.fresh("map") else ""
 
 
 def caption(session: Session) -> str:

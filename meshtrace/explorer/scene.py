@@ -11,8 +11,8 @@ from matplotlib import colormaps
 from matplotlib.colors import to_rgb
 
 from meshtrace.explorer.state import State
-from meshtrace.link import Led, Receiver
-from meshtrace.link.sources import WaterSource
+from meshtrace.link import Receiver
+from meshtrace.link.sources import AirLamp, WaterSource
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.coverage import CoverageMap
@@ -103,6 +103,24 @@ class LiveScene:
     def show_map(self, coverage: CoverageMap | None, height: float) -> None:
         """Show a map at a height [m], or none."""
         self._set("map", None if coverage is None else _plane(coverage, height))
+
+    def close(self) -> None:
+        """Release all parts.
+
+        The observers that trame adds to serialized objects are removed first: called during a
+        garbage collection they end the process.
+        """
+        window = self.plotter.render_window
+        objects = [window]
+        for renderer in window.GetRenderers():
+            objects += [renderer, renderer.GetActiveCamera(), *renderer.GetLights()]
+            for prop in renderer.GetViewProps():
+                objects += [prop, prop.GetProperty()]
+        for actor in self._actors.values():
+            objects += [actor.mapper, actor.mapper.lookup_table, actor.mapper.dataset]
+        for found in objects:
+            found.RemoveObservers("DeleteEvent")
+        self.plotter.close()
 
     def profile(self) -> list[tuple[float, float]]:
         """Return points (x, z) [m] of the waves along x through the middle of the stage."""
@@ -215,10 +233,11 @@ def _link_parts(state: State, stage: Stage) -> dict[str, pv.PolyData | None]:
         name: [] for name in ("lamp", "beam", "receiver", "view", "uav")
     }
     for source in link.transmitters:
-        if isinstance(source, WaterSource):
+        if isinstance(source, WaterSource | AirLamp):
             found["lamp"].append(pv.Sphere(radius=0.014 * size, center=source.center))
-            half = source.half_angle_deg if isinstance(source, Led) else source.spread_deg
-            found["beam"] += _cone(source.center, source.axis, half, stage)
+            found["beam"] += _cone(source.center, source.axis, source.spread_deg, stage)
+        if isinstance(source, AirLamp):
+            found["uav"].append(_aircraft(source.center, -np.array(source.axis), size))
     for receiver in link.receivers:
         x, y, z = receiver.axis
         found["view"] += _cone(receiver.center, (-x, -y, -z), receiver.fov_deg / 2.0, stage)
@@ -227,10 +246,15 @@ def _link_parts(state: State, stage: Stage) -> dict[str, pv.PolyData | None]:
             center=receiver.center, direction=receiver.axis, radius=radius, height=0.15 * radius
         ).triangulate())  # fmt: skip
         if isinstance(receiver, Receiver):
-            glyph = quadcopter(0.055 * size)
-            glyph.points = glyph.points @ rotation_from_z(receiver.axis).T + receiver.center
-            found["uav"].append(glyph)
+            found["uav"].append(_aircraft(receiver.center, receiver.axis, size))
     return {name: pv.merge(parts) if parts else None for name, parts in found.items()}
+
+
+def _aircraft(center: tuple[float, float, float], up: Any, size: float) -> pv.PolyData:
+    """Return an aircraft whose payload is at a point."""
+    glyph = quadcopter(0.055 * size)
+    glyph.points = glyph.points @ rotation_from_z(tuple(up)).T + center
+    return glyph
 
 
 def _cone(

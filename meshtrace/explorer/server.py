@@ -81,6 +81,9 @@ class Explorer:
             await page.server.stop()
         if self._tasks:
             await asyncio.gather(*self._tasks.values(), return_exceptions=True)
+        for page in self._tasks:
+            page.session.close()
+            await asyncio.to_thread(page.session.join)
         if self._runner is not None:
             await self._runner.cleanup()
 

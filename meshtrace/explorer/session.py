@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from meshtrace.errors import Refused
 from meshtrace.explorer import stages
+from meshtrace.explorer.controls import BITS_ALONE
 from meshtrace.explorer.stages import Check, Failed
 from meshtrace.explorer.state import State
 from meshtrace.explorer.worker import Ticket, Worker
@@ -27,11 +28,11 @@ class Stage(NamedTuple):
 
     run: Callable[[State, Check], Iterator[Any]]
     of_time: bool = True
-    of_bit_rate: bool = False
+    of_bits: bool = False
 
 
 STAGES = {
-    "gain": Stage(stages.gains, of_bit_rate=True),
+    "gain": Stage(stages.gains, of_bits=True),
     "rays": Stage(stages.rays),
     "fading": Stage(stages.fading, of_time=False),
     "map": Stage(stages.coverage),
@@ -118,8 +119,12 @@ class Session:
         return self._worker.wait(timeout)
 
     def close(self) -> None:
-        """End the work."""
+        """End the work after its present step."""
         self._worker.close()
+
+    def join(self) -> None:
+        """Wait for the end of the work, after `close`: the interpreter must not end before."""
+        self._worker.join()
 
     def _submit(self) -> None:
         state, with_map = self._state, self._map_wanted
@@ -162,5 +167,5 @@ class Session:
 
 def _key(stage: Stage, state: State) -> Any:
     """Return the part of a state that the answers of a stage depend on."""
-    moves = tuple(m for m in state.moves if stage.of_bit_rate or m[0] != "bit_rate")
+    moves = tuple(m for m in state.moves if stage.of_bits or m[0] not in BITS_ALONE)
     return moves, state.time if stage.of_time else None

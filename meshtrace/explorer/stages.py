@@ -10,11 +10,14 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from meshtrace.comms.background import warn_of_background, with_background
 from meshtrace.comms.budget import link_budget
+from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Described, Refused
 from meshtrace.explorer.state import State
 from meshtrace.fading import Estimate, block_length, scintillation_index
@@ -26,6 +29,7 @@ from meshtrace.results.gain import GainResult
 from meshtrace.studies.coverage import coverage_map
 from meshtrace.studies.inputs import resolve_chains
 from meshtrace.studies.series import common_chains
+from meshtrace.transport.backward import background
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import Analog
@@ -39,6 +43,8 @@ CHAINS = (1024, 8192)
 
 PHOTONS = (20_000, 500_000)
 """Photons of both where only analog photons follow the link."""
+
+BACKGROUND_RAYS = 1024
 
 RAYS = 60
 RAY_CHAINS = 1024
@@ -72,6 +78,8 @@ class Bits:
         Optical margin [dB].
     ber : float
         Bit error rate.
+    background : float or None
+        Counts of background light [s-1]; None without light above the sea.
     """
 
     power: float
@@ -79,6 +87,7 @@ class Bits:
     required: float
     margin_db: float
     ber: float
+    background: float | None = None
 
 
 @dataclass(frozen=True)
@@ -141,15 +150,35 @@ def gains(state: State, check: Check) -> Iterator[Gain]:
     """Yield the gain at the time of the state without and with bits, roughly, then refined."""
     analog = isinstance(state.channel.run.estimator, Analog)
     run: Any = {"time": state.time, "progress": check}
+    detector: OokLink | None = None
     for photons in PHOTONS if analog else CHAINS:
         check()
-        with _WARNINGS, warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            result = simulate(state.channel, photons=photons, **run)
-        gain = _gain_of(result, tuple(_one_line(warning) for warning in caught))
+        result, notes = _noted(partial(simulate, state.channel, photons=photons, **run))
+        gain = _gain_of(result, notes)
         yield gain
         if len(state.scenario.link.receivers) == 1:
-            yield replace(gain, bits=_bits_of(state, gain))
+            if detector is None:
+                detector, more = _noted(partial(_detector, state))
+            yield replace(gain, bits=_bits_of(state, detector, gain), notes=notes + more)
+
+
+def _noted(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
+    """Return the result of some work and the texts of its warnings."""
+    with _WARNINGS, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = work()
+    return result, tuple(_one_line(warning) for warning in caught)
+
+
+def _detector(state: State) -> OokLink:
+    """Return the transmission of a state with the background light of its sea."""
+    scenario, detector = state.scenario, state.detector
+    if scenario.daylight is None:
+        return detector
+    found = background(scenario, time=state.time, photons=BACKGROUND_RAYS)
+    detector = with_background(detector, found)
+    warn_of_background(detector, found)
+    return detector
 
 
 def _one_line(warning: Any) -> str:
@@ -167,9 +196,8 @@ def _gain_of(result: GainResult, notes: tuple[str, ...]) -> Gain:
     )
 
 
-def _bits_of(state: State, gain: Gain) -> Bits:
+def _bits_of(state: State, detector: OokLink, gain: Gain) -> Bits:
     """Return received power, margin and bit error rate of a gain."""
-    detector = state.detector
     budget = link_budget(detector, gain.gain, LIMIT)
     power = float(detector.received_power(gain.gain))
     return Bits(
@@ -178,6 +206,7 @@ def _bits_of(state: State, gain: Gain) -> Bits:
         1e-3 * 10.0 ** (0.1 * budget.required_dbm),
         float(budget.margin_optical_db),
         float(detector.ber(power)),
+        detector.background_rate if state.scenario.daylight else None,
     )
 
 

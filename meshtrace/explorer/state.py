@@ -11,11 +11,12 @@ from meshtrace.comms.ook import OokLink
 from meshtrace.errors import require_keys
 from meshtrace.explorer.controls import (
     BY_NAME,
-    GIVEN_WATER,
+    CHOICES,
+    GIVEN,
     Table,
     value_of,
+    with_choice,
     with_value,
-    with_water,
 )
 from meshtrace.scenario import Scenario
 
@@ -29,7 +30,8 @@ class State:
     given : Scenario
         The link that the explorer was started with.
     moves : tuple of (str, object)
-        Values of the moved controls by name, in the units of the page; "water" is a type of water.
+        Values of the moved controls by name, in the units of the page; "water" and "light" are
+        words of `controls.CHOICES`.
     time : float
         Time of the sea [s].
 
@@ -60,8 +62,8 @@ class State:
         Refused
             If a control is unknown, or its value or the link that it makes is not allowed.
         """
-        require_keys(values, [*BY_NAME, "water"])
-        start = {**State(self.given).values, "water": GIVEN_WATER}
+        require_keys(values, [*BY_NAME, *CHOICES])
+        start = State(self.given).settings
         moves = {**dict(self.moves), **values}
         moves = {name: value for name, value in moves.items() if value != start[name]}
         state = replace(self, moves=tuple(sorted(moves.items())))
@@ -93,21 +95,23 @@ class State:
         return {name: value_of(self._config, control) for name, control in BY_NAME.items()}
 
     @property
-    def water(self) -> str:
-        """Type of the water, or `GIVEN_WATER`."""
-        return str(dict(self.moves).get("water", GIVEN_WATER))
+    def settings(self) -> dict[str, Any]:
+        """Values of all controls, with the words chosen for water and light."""
+        words = dict.fromkeys(CHOICES, GIVEN)
+        return {**self.values, **words, **{k: v for k, v in self.moves if k in CHOICES}}
 
     @cached_property
     def channel(self) -> Scenario:
-        """The scenario without its detector, on which no gain depends."""
-        return self.scenario.replace(detector=None)
+        """The scenario without detector and light above the sea, on which no gain depends."""
+        return self.scenario.replace(detector=None, daylight=None)
 
     @cached_property
     def _config(self) -> Table:
         """Tables of the moved link, with the bit rate in use."""
         config: Table = {"detector": {"bit_rate": OokLink().bit_rate}, **self.given.to_config()}
-        moves = dict(self.moves)
-        config = with_water(config, moves.pop("water", GIVEN_WATER))
-        for name, value in moves.items():
-            config = with_value(config, BY_NAME[name], value)
+        for name, value in self.moves:
+            if name in CHOICES:
+                config = with_choice(config, name, value)
+            else:
+                config = with_value(config, BY_NAME[name], value)
         return config

@@ -57,6 +57,17 @@ def power(watt: float) -> str:
     return f"{watt / 10.0**thousand:.4g} {_PREFIXES[thousand]}W"
 
 
+def rate(per_second: float) -> str:
+    """Return a rate of counts.
+
+    Examples
+    --------
+    >>> rate(1.234e7)
+    '1.2e+07 counts/s'
+    """
+    return f"{per_second:.2g} counts/s"
+
+
 def bit_error_rate(ber: float) -> str:
     """Return a bit error rate, with a floor.
 

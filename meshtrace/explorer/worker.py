@@ -70,6 +70,10 @@ class Worker:
             self._closed = True
             self._changed.notify_all()
 
+    def join(self) -> None:
+        """Wait until the thread has ended, after `close`."""
+        self._thread.join()
+
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until no job waits or runs, and return whether that is so."""
         with self._changed:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused, require_array, require_between
+from meshtrace.mesh import FADING
 
 _DISTANCES = 130
 _AZIMUTHS = 24  # Gauss nodes in a quadrant
@@ -118,7 +119,8 @@ def gain_autocovariance(link: Any, sea: Any, lags: ArrayLike) -> Floats:
     link : Link
         As for `scintillation_of_spectrum`.
     sea : JonswapSea or SpectralSea
-        The sea, with its band of frequencies; `choppy` and `order` are left out.
+        The sea, with its band of frequencies, all waves for `omega_max="fading"`; `choppy` and
+        `order` are left out.
     lags : array_like
         Time lags tau [s].
 
@@ -137,7 +139,8 @@ def gain_autocovariance(link: Any, sea: Any, lags: ArrayLike) -> Floats:
     if not np.isfinite(tau).all():
         raise Refused("lags", lags, "finite times [s]")
     _require_spectrum(sea)
-    parts = _slopes_seen(link, sea, sea.band_limits.omega_max)
+    fading = getattr(sea, "omega_max", None) == FADING
+    parts = _slopes_seen(link, sea, None if fading else sea.band_limits.omega_max)
     return _covariance(*parts, tau.ravel()).reshape(tau.shape)
 
 

@@ -19,7 +19,7 @@ from meshtrace.kernels.chain_gain import acceptance, is_steep, keep, transmittan
 from meshtrace.kernels.crossings import Counter, shot_of
 from meshtrace.kernels.facets import corners, exposure, normal_at, slope_tilt
 from meshtrace.kernels.interface import reflectance
-from meshtrace.kernels.jit import entry, inlined, outlined
+from meshtrace.kernels.jit import ONE, TWO, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import absorption_path, scattering_path
 from meshtrace.kernels.scene import height_on, locate
 from meshtrace.kernels.sources import intensity
@@ -144,11 +144,11 @@ def blurred_gain(scene, disk, gain, doubtful):
         steep = True
         for i in range(n):
             for j in range(n - i):
-                g, s = _part_gain(f, n, i, j, 1, disk, scene)
+                g, s = _part_gain(f, n, i, j, ONE, disk, scene)
                 gain[f] += g
                 steep = steep and s
                 if i + j <= n - 2:
-                    g, s = _part_gain(f, n, i + 1, j + 1, -1, disk, scene)
+                    g, s = _part_gain(f, n, i + 1, j + 1, -ONE, disk, scene)
                     gain[f] += g
                     steep = steep and s
         doubtful[f] = gain[f] > 0.0 and not steep
@@ -162,7 +162,7 @@ def _slope_range(f, scene):
     In standard deviations: at the mean of the corners, and between corners.
     """
     a, b, c = corners(scene.surface.vertices, f, scene.surface.faces)
-    u, v, w = _needed(a, f, 0, scene), _needed(b, f, 1, scene), _needed(c, f, 2, scene)
+    u, v, w = _needed(a, f, ZERO, scene), _needed(b, f, ONE, scene), _needed(c, f, TWO, scene)
     x, y = (u.x + v.x + w.x) / 3.0, (u.y + v.y + w.y) / 3.0
     p, q, r = minus2(u, v), minus2(v, w), minus2(w, u)
     change = max(dot2(p, p), dot2(q, q), dot2(r, r))
@@ -232,7 +232,7 @@ def blurred_contributions(chains, flat, spread, scene, out):
     slope follows: one evaluation a crossing. Crossings that several flat ones may lead to count
     by the sum of their densities.
     """
-    counts = 0, 0, 0
+    counts = ZERO, ZERO, ZERO
     for i in range(len(chains.last)):
         if flat[i, 0].branch == 0.0:
             out.counters[Counter.NO_FLAT] += 1
@@ -302,11 +302,11 @@ def _weigh(chains, i, flat, p, facet, shot, spread, scene):
     density = _density(flat, p.x, p.y, shot.branch, spread, scene)
     if s.density == 0.0 or density == 0.0:
         return 0.0, True, none
-    x = _emission_at(p.x + STEP, p.y, facet, shot, scene)
-    y = _emission_at(p.x, p.y + STEP, facet, shot, scene)
+    ok_x, x = _emission_at(p.x + STEP, p.y, facet, shot, scene)
+    ok_y, y = _emission_at(p.x, p.y + STEP, facet, shot, scene)
     h = 1.0 / STEP
     j = Jacobian(
-        True,
+        ok_x and ok_y,  # a scattering closer to the surface than a step has no derivative
         s.aim,
         density / s.density,
         0.0,
@@ -324,7 +324,7 @@ def _weigh(chains, i, flat, p, facet, shot, spread, scene):
 
 @inlined
 def _emission_at(x, y, facet, shot, scene):
-    """Return the direction of emission through the plane of a facet over (x, y)."""
+    """Return (ok, direction of emission) through the plane of a facet over (x, y)."""
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))
-    _, _, w, _ = emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
-    return w
+    ok, _, w, _ = emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
+    return ok, w

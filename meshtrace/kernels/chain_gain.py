@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels.aiming import jacobian
 from meshtrace.kernels.crossings import find_crossings, shot_of
-from meshtrace.kernels.facets import exposure, normal_at
+from meshtrace.kernels.facets import SMOOTH, exposure, normal_at, tilted
 from meshtrace.kernels.interface import FieldOfView, FresnelMode
-from meshtrace.kernels.jit import entry, inlined, outlined
+from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import (
     absorption_path,
     bubble_scattering,
@@ -20,7 +20,7 @@ from meshtrace.kernels.medium import (
     scattering_path,
     water_coefficients,
 )
-from meshtrace.kernels.scene import height_on
+from meshtrace.kernels.scene import FLAT_SEA, height_on
 from meshtrace.kernels.sources import intensity
 from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm, plus, row, scaled, write
 
@@ -72,7 +72,7 @@ def contributions(chains, flat, audits, search, scene, out):
     Crossings that a wave may cut off before or behind are not scored but listed as doubtful,
     with the rays of their paths, which the caller checks by Embree.
     """
-    counts = 0, 0, 0
+    counts = ZERO, ZERO, ZERO
     for i in range(len(chains.last)):
         for k in range(find_crossings(chains, i, flat[i], audits[i], search, scene, out)):
             root = out.roots[k]
@@ -84,6 +84,29 @@ def contributions(chains, flat, audits, search, scene, out):
                 continue
             counts = keep(chains, i, p, w, steep, aim, shot.start, counts, scene, out)
     return counts
+
+
+@entry
+def flat_contributions(chains, flat, scene, score):
+    """Write the contribution of each chain to the aperture over still water.
+
+    Array twin: `contributions` over a flat mesh.
+    The crossings are known; still water cuts off a path with a vertex above it.
+    """
+    for i in range(len(chains.last)):
+        score[i] = 0.0
+        for k in range(len(flat[i])):
+            f = flat[i, k]
+            if f.branch == 0.0:
+                break
+            if f.level != scene.surface.level:
+                continue
+            shot = shot_of(chains, i, scene, f.branch, SMOOTH)
+            j = jacobian(f.x, f.y, FLAT_SEA, shot, scene)
+            p = Vec3(f.x, f.y, f.level)
+            w, deep = weight_of(chains, i, p, j, FLAT_SEA, shot, scene)
+            if deep:
+                score[i] += w
 
 
 @inlined
@@ -183,26 +206,29 @@ def weight_of(chains, i, p, j, facet, shot, scene):
         return 0.0, True
     solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (abs(m.w.z) * spread)
     light = seen * intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
-    if tilt.x != 0.0 or tilt.y != 0.0:
+    if target.is_lamp:
+        light *= _forwards(m, p, facet, tilt, scene.surface)
+    elif tilt.x != 0.0 or tilt.y != 0.0:
         light *= exposure(m.d, normal_at(p.x, p.y, facet, scene.surface), tilt)
-    if target.is_lamp and facet >= 0 and scene.surface.interpolate:
-        light *= _forwards(m, p, facet, scene.surface)
     w, deep = _transmit(chains, i, m, p, shot.start, scene)
     area = target.area * scene.emitter.power
     return area * light * solid_angle * w * chains.weight[i], deep
 
 
 @inlined
-def _forwards(m, p, facet, surface):
-    """Return the light that meets an interpolated normal from above, over that from below.
+def _forwards(m, p, facet, tilt, surface):
+    """Return the light that a facet takes from the air, over that of reversed light in the water.
 
     Array twin: the analog photon from a lamp in the air.
-    A facet g that bends light by the normal n takes |a.g| of the flux from the air but |w.g| of
-    that from the water, which balance for n alone: |a.g| |w.n| / (|w.g| |a.n|).
+    A facet g takes |a.g| of the flux from the air and |w.g| of that from the water; bending by the
+    tilted normal s balances with |a.s| and |w.s|. Light from the air, along a, is exposed to tilts.
     """
+    if facet < 0:
+        return 1.0
     n, g = normal_at(p.x, p.y, facet, surface), row(surface.face_normals, facet)
-    below, above = dot(m.d, g) * dot(m.r, n), dot(m.r, g) * dot(m.d, n)
-    return above / below if below > 0.0 and above > 0.0 else 0.0
+    s = tilted(n, tilt)
+    below, above = dot(m.d, g) * dot(m.r, s), dot(m.r, g) * dot(m.d, s)
+    return exposure(m.r, n, tilt) * above / below if below > 0.0 and above > 0.0 else 0.0
 
 
 @inlined

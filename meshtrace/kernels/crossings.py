@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from meshtrace.kernels.aiming import Shot, flat_crossing, newton
 from meshtrace.kernels.facets import SMOOTH, inside_facet, slope_tilt
-from meshtrace.kernels.jit import entry, inlined, outlined
+from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
 from meshtrace.kernels.roots import MARGIN, enumerate_roots, is_known
 from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
 from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, along, dot, norm, row
@@ -79,7 +79,7 @@ def flat_crossings(chains, starts, still, raised, out):
         q, v = row(chains.tail, i), row(chains.last, i)
         size = norm(q)
         plain = size < 0.95 * depth and dot(q, v) > 0.8 * size
-        n = 0
+        n = ZERO
         for scene in (still, raised):
             for side in range(1 if size < depth else 2):
                 for k in range(len(starts)):
@@ -96,8 +96,8 @@ def flat_crossings(chains, starts, still, raised, out):
 def _flat_root(n, start, shot, scene, out):
     """Add the flat-sea crossing that Newton finds from a start, if it is new."""
     longest = scene.target.center.z
-    found, x, y, _ = newton(start[0], start[1], FLAT_SEA, True, longest, shot, scene)
-    if not found or is_known(out, 0, n, x, y, shot.branch, 1e-4):
+    found, x, y, _ = newton(start[0], start[1], FLAT_SEA, YES, longest, shot, scene)
+    if not found or is_known(out, ZERO, n, x, y, shot.branch, 1e-4):
         return n
     flat_crossing(out[n], x, y, shot, scene)
     return n + 1
@@ -114,7 +114,7 @@ def direct_crossings(points, starts, scene, found, out):
         x, y = starts[i, 0], starts[i, 1]
         facet = locate(scene.locator, scene.surface, x, y)
         if facet >= 0:
-            found[i], x, y, facet = newton(x, y, facet, False, 1.0, shot, scene)
+            found[i], x, y, facet = newton(x, y, facet, NO, 1.0, shot, scene)
         out[i, 0], out[i, 1], out[i, 2] = x, y, height_on(x, y, facet, scene.surface)
 
 
@@ -125,7 +125,7 @@ def find_crossings(chains, i, flat, audit, search, scene, out):
     Newton starts from the flat crossings. More roots, if the sea focuses, are searched in a
     share of the chains and count by the inverse of that share: unbiased.
     """
-    n = 0
+    n = ZERO
     for k in range(len(flat)):
         if flat[k].branch == 0.0:
             if k == 0:
@@ -157,7 +157,7 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
         start = facet
         for step in (0.5, 0.1):  # the second time more carefully
             if start >= 0 and not found:
-                found, x, y, facet = newton(x0, y0, start, False, step * radius, shot, scene)
+                found, x, y, facet = newton(x0, y0, start, NO, step * radius, shot, scene)
                 found = found and inside_facet(x, y, facet, surface)
         if found:
             counters[Counter.SOLVED] += 1
@@ -193,7 +193,7 @@ def _reaches(flat, radius, shot, scene):
 @inlined
 def _add(roots, n, x, y, facet, branch, multiplicity):
     """Append a crossing unless it is known; return the number of crossings."""
-    if n == len(roots) or is_known(roots, 0, n, x, y, branch, 1e-6):
+    if n == len(roots) or is_known(roots, ZERO, n, x, y, branch, 1e-6):
         return n
     r = roots[n]
     r.x, r.y, r.branch, r.facet, r.multiplicity = x, y, branch, facet, multiplicity

@@ -9,7 +9,8 @@ which saves a third of the compile time.
 
 Compiled kernels are kept in NUMBA_CACHE_DIR, MESHTRACE_CACHE_DIR or the user's cache folder, under
 the digest of all kernels: an edit of any of them, which numba's own cache would miss, starts a new
-folder.
+folder. A platform wheel (`.ci/wheel`) holds such a folder, compiled for every processor of its
+architecture, which is read where the user's folder has no kernel.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from typing import Any
 
 import llvmlite
 import numba
+import numpy as np
 from numba import njit
 from numba.core import dispatcher
 from numba.core.caching import FunctionCache
@@ -36,6 +38,7 @@ from numba.core.serialize import dumps
 
 from meshtrace.cache import cache_directory
 from meshtrace.files import atomic
+from meshtrace.kernels.linking import PartCompiler, WholeCompiler
 
 config: Any = numba.config  # numba's stubs lack its fields
 # nor the last two options and `_nrt`
@@ -44,9 +47,17 @@ _bare: dict[str, Any] = {
     "_nrt": False,
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
+    "pipeline_class": PartCompiler,
 }
 
+ZERO, ONE, TWO = np.int64(0), np.int64(1), np.int64(2)
+"""Numbers as arguments: a literal has a type of its own, which would compile the function again."""
+NO, YES = np.bool_(False), np.bool_(True)
+
 _SUFFIX = ".kernel"
+_ANY_PROCESSOR = "generic", ""
+"""Name and features of the processor that shipped kernels are compiled for."""
+
 _CHECKSUM = hashlib.sha256
 _KEPT_DIGESTS = 8
 """Number of cache folders kept; an edit of a kernel makes a new one."""
@@ -67,6 +78,11 @@ def folder() -> Path:
     digest = hashlib.sha256(sources() + repr(versions).encode()).hexdigest()
     root = Path(config.CACHE_DIR).absolute() if config.CACHE_DIR else cache_directory()
     return root / "kernels" / digest[:16]
+
+
+def shipped() -> Path:
+    """Return the folder of the kernels that a platform wheel holds."""
+    return Path(__file__).parent / "compiled" / folder().name
 
 
 class KernelCache(FunctionCache):
@@ -93,9 +109,11 @@ class KernelCache(FunctionCache):
 
     def files(self) -> list[Path]:
         """Return the files of the saved overloads; none in a folder that cannot be read."""
-        with contextlib.suppress(OSError):
-            return list(folder().glob(f"{self._prefix}*{_SUFFIX}"))
-        return []
+        found: list[Path] = []
+        for place in (folder(), shipped()):
+            with contextlib.suppress(OSError):
+                found += place.glob(f"{self._prefix}*{_SUFFIX}")
+        return found
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the saved overload of a signature; None if there is none, or a damaged one."""
@@ -104,6 +122,9 @@ class KernelCache(FunctionCache):
             return None
         key = self._index_key(sig, target_context.codegen())
         path = self._path(key)
+        if not path.is_file():
+            key = key[0], (key[1][0], *_ANY_PROCESSOR), key[2]
+            path = shipped() / self._path(key).name
         try:
             content = path.read_bytes()
         except OSError:
@@ -136,7 +157,7 @@ class KernelCache(FunctionCache):
 
     def flush(self) -> None:
         """Remove the saved overloads."""
-        for path in self.files():
+        for path in folder().glob(f"{self._prefix}*{_SUFFIX}"):
             path.unlink(missing_ok=True)
 
     def _path(self, key: Any) -> Path:
@@ -165,7 +186,8 @@ def _warn_unsaved(path: Path, reason: str) -> None:
 
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
-    compiled = njit(nogil=True, error_model="numpy", **options)(function)
+    options = {"error_model": "numpy", "pipeline_class": WholeCompiler, **options}
+    compiled = njit(nogil=True, **options)(function)
     if compiled is not function:  # as it is under NUMBA_DISABLE_JIT, for debuggers
         compiled._cache = KernelCache(function)
     return compiled

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.jit import inlined
+from meshtrace.kernels.jit import ZERO, inlined
 
 
 class Component(IntEnum):
@@ -157,7 +157,7 @@ def sample_s(tables: PhaseTables, u: float) -> float:
     One u picks the component and is then stretched to [0, 1), so a photon uses one draw per event.
     """
     if len(tables.kind) == 1:
-        return min(_component_s(tables, 0, u), 1.0)
+        return min(_component_s(tables, ZERO, u), 1.0)
     j = 0
     low = 0.0
     while j < len(tables.kind) - 1 and u >= tables.cum_weight[j]:

@@ -228,7 +228,8 @@ def _start_all(pool, next_photon, last, world):
     """Put new photons into the free slots; return the next id."""
     free = np.int64(0)
     for slot in range(len(pool.photon)):
-        free += np.int64(pool.photon[slot].status == Status.EMPTY)
+        if pool.photon[slot].status == Status.EMPTY:
+            free += 1
     numbers, n = pool.numbers, min(free, last - next_photon)
     for i in range(n):  # apart from all else: vector code
         numbers[0, i], numbers[1, i], numbers[2, i], numbers[3, i] = uniforms(

@@ -8,7 +8,7 @@ import numpy as np
 
 from meshtrace.kernels.aiming import aim_at, newton
 from meshtrace.kernels.facets import inside_facet
-from meshtrace.kernels.jit import inlined, outlined
+from meshtrace.kernels.jit import YES, inlined, outlined
 from meshtrace.kernels.scene import first_bin
 from meshtrace.kernels.vectors import row
 
@@ -123,7 +123,7 @@ def _facet_roots(roots, n, f, flat, shot, scene):
 
 @inlined
 def _add_root(roots, n, first, x, y, f, shot, scene):
-    found, x, y, _ = newton(x, y, f, True, 2.0 * scene.facets[f].radius, shot, scene)
+    found, x, y, _ = newton(x, y, f, YES, 2.0 * scene.facets[f].radius, shot, scene)
     if not found or n >= len(roots) or not inside_facet(x, y, f, scene.surface):
         return n
     if is_known(roots, first, n, x, y, shot.branch, 1e-6):

@@ -9,7 +9,7 @@ from meshtrace.kernels.aiming import aim_at
 from meshtrace.kernels.chain_gain import acceptance, is_steep, transmittance
 from meshtrace.kernels.crossings import straight_shot
 from meshtrace.kernels.facets import corners, normal_at
-from meshtrace.kernels.jit import entry, inlined, outlined
+from meshtrace.kernels.jit import ONE, entry, inlined, outlined
 from meshtrace.kernels.medium import absorption_path, scattering_path
 from meshtrace.kernels.roots import corner_shines
 from meshtrace.kernels.scene import height_on
@@ -267,10 +267,10 @@ def _facet_gain(f, n, shot, scene):
     gain, steep = 0.0, True
     for i in range(n):
         for j in range(n - i):
-            g, s = _triangle_gain(f, n, i, j, 1, shot, scene)
+            g, s = _triangle_gain(f, n, i, j, ONE, shot, scene)
             gain, steep = gain + g, steep and s
             if i + j <= n - 2:
-                g, s = _triangle_gain(f, n, i + 1, j + 1, -1, shot, scene)
+                g, s = _triangle_gain(f, n, i + 1, j + 1, -ONE, shot, scene)
                 gain, steep = gain + g, steep and s
     return gain, steep
 

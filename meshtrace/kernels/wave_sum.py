@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from meshtrace.kernels.aiming import STEP, differences, land_sloped, newton_step
 from meshtrace.kernels.chain_gain import weigh, weight_of
 from meshtrace.kernels.crossings import shot_of, straight_shot
-from meshtrace.kernels.jit import entry, inlined, outlined
+from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
 from meshtrace.kernels.roots import is_known
 from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
 from meshtrace.kernels.vectors import Vec3, dot, row
@@ -166,10 +166,10 @@ def direct_light(points, starts, waves, scene, found, score):
     """
     for i in range(len(points.weight)):
         shot = straight_shot(points.disk[i, 0], points.disk[i, 1], scene)
-        n = 0
+        n = ZERO
         for k in range(len(starts)):
             ok, x, y = _exact_newton(starts[k, 0], starts[k, 1], waves, shot, scene)
-            if ok and not is_known(found, 0, n, x, y, shot.branch, _SAME):
+            if ok and not is_known(found, ZERO, n, x, y, shot.branch, _SAME):
                 found[n].x, found[n].y, found[n].branch = x, y, shot.branch
                 n += 1
                 score[i] += _exact_weight(points, i, x, y, waves, shot, scene)

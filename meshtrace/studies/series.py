@@ -267,7 +267,7 @@ def _tilts(inputs: Inputs, times: Floats, uav: Uav, wind: Dryden) -> dict[str, F
 def _moved(link: Link, changes: dict[str, Any]) -> Link:
     """Return a link with other values of its end in the air."""
     name, end = link.air_end
-    plain = {name: np.asarray(value).tolist() for name, value in changes.items()}
+    plain = {key: np.asarray(value).tolist() for key, value in changes.items()}
     return link.model_copy(update={name: end.model_copy(update=plain)})
 
 

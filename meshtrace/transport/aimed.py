@@ -20,6 +20,7 @@ from meshtrace.kernels.interface import Direction, Snell
 from meshtrace.kernels.medium import DepthMode
 from meshtrace.kernels.roots import ROOT
 from meshtrace.kernels.scene import FACET, Emitter, Scene, Target, facet_summary
+from meshtrace.kernels.shadow import BESIDE, CUT, shadows
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.arrays import locator, surface_arrays, with_raster
@@ -132,10 +133,16 @@ class AimedChains:
         facet_summary(surface, facets)
         return surface, facets
 
-    def _forwards(self, emitter: int, target: int) -> Scene:
-        """Return the scene in which unscattered light runs from the source to the receiver."""
+    def _forwards(self, emitter: int, target: int, at: Vec3 | None) -> Scene:
+        """Return the scene in which unscattered light runs from the source to the receiver.
+
+        A source in the water may be moved to a point.
+        """
         link, forwards = self._link, self._link.forwards
-        scene = self.scene(link.emitters[emitter], link.targets[target])
+        start = link.emitters[emitter]
+        if at is not None:
+            start = start._replace(position=at)
+        scene = self.scene(start, link.targets[target])
         if forwards is None:
             return scene
         surface, facets = self._mirrored
@@ -209,7 +216,8 @@ class AimedChains:
         if n_doubt:
             cut = np.zeros(n_doubt, bool)
             rays = out.rays[:n_rays]
-            blocked = self._cut(rays["origin"], rays["direction"], rays["length"])
+            ways = (np.ascontiguousarray(rays[name]) for name in ("origin", "direction", "length"))
+            blocked = self._cut(*ways)
             cut[rays["crossing"][blocked]] = True
             clear = out.doubtful[:n_doubt][~cut]
             np.add.at(out.score, clear["chain"], clear["weight"])
@@ -226,26 +234,36 @@ class AimedChains:
     ) -> NDArray[np.bool_]:
         """Return the straight paths that the surface blocks.
 
-        A path that starts or ends on the surface is shortened by a hair at both ends.
+        A path that starts or ends on the surface is shortened by a hair at both ends. Paths
+        outside the region that the receivers see are checked by Embree.
         """
-        hair = 1e-4 * (1.0 + lengths)
-        start = origins + hair[:, None] * directions
-        hits = self._intersector.intersect(start, directions)
-        return hits.distance < lengths - 3.0 * hair
+        outcome = np.empty(len(lengths), np.int64)
+        shadows(origins, directions, lengths, self.surface, self.locator, outcome)
+        cut, beside = outcome == CUT, np.flatnonzero(outcome == BESIDE)
+        if len(beside):
+            hair = 1e-4 * (1.0 + lengths[beside])
+            start = origins[beside] + hair[:, None] * directions[beside]
+            hits = self._intersector.intersect(start, directions[beside])
+            cut[beside] = hits.distance < lengths[beside] - 3.0 * hair
+        return cut
 
-    def direct_gains(self, source: int, receiver: int) -> NDArray[np.float64] | None:
+    def direct_gains(
+        self, source: int, receiver: int, at: Vec3 | None = None
+    ) -> NDArray[np.float64] | None:
         """Return the unscattered gain through each facet, without noise.
 
-        None where it has to be sampled: random slopes are too narrow to be integrated over, for
-        the facets or for the aperture.
+        From the centre of the source, or from the point `at`. None where it has to be sampled:
+        random slopes are too narrow to be integrated over, for the facets or for the aperture.
         """
         if not self.rough:
-            return self.facet_gains(source, receiver)
-        return self._blurred_gains(source, receiver) if self.blurred else None
+            return self.facet_gains(source, receiver, at)
+        return self._blurred_gains(source, receiver, at) if self.blurred else None
 
-    def _blurred_gains(self, source: int, receiver: int) -> NDArray[np.float64] | None:
+    def _blurred_gains(
+        self, source: int, receiver: int, at: Vec3 | None
+    ) -> NDArray[np.float64] | None:
         """Return the unscattered gain through each facet of a mesh with random slopes."""
-        scene = self._forwards(source, receiver)
+        scene = self._forwards(source, receiver, at)
         target, n = scene.target, scene.medium.n_water / scene.medium.n_air
         lever = abs(n - 1.0) * max(target.center[2] - float(scene.surface.high[2]), 1e-6)
         blur = target.radius / (lever * min(self.surface.roughness[:2]))
@@ -261,9 +279,11 @@ class AimedChains:
             gain[self._hidden(source, receiver, np.flatnonzero(doubtful))] = 0.0
         return gain
 
-    def facet_gains(self, source: int, receiver: int) -> NDArray[np.float64]:
+    def facet_gains(
+        self, source: int, receiver: int, at: Vec3 | None = None
+    ) -> NDArray[np.float64]:
         """Return the unscattered gain through each facet."""
-        scene = self._forwards(source, receiver)
+        scene = self._forwards(source, receiver, at)
         target, n = scene.target, scene.medium.n_water / scene.medium.n_air
         depth = -scene.emitter.position[2]
         stretch = 1.5 * (1.0 + n * (target.center[2] + self._waves) / max(depth - self._waves, 0.1))
@@ -284,7 +304,8 @@ class AimedChains:
         for end in (emitter.position, target.center):
             way = centroid - np.asarray(end)
             length = np.linalg.norm(way, axis=1)
-            cut |= self._cut(np.broadcast_to(end, way.shape), way / length[:, None], length)
+            start = np.tile(np.asarray(end), (len(way), 1))
+            cut |= self._cut(start, way / length[:, None], length)
         return facets[cut]
 
     def direct_paths(

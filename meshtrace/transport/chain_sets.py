@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +13,14 @@ from numpy.typing import NDArray
 from meshtrace.errors import Refused
 from meshtrace.kernels import chains as kernel
 from meshtrace.kernels.aiming import FLAT
+from meshtrace.kernels.chain_gain import flat_contributions
 from meshtrace.kernels.chains import Chains, Nominal
 from meshtrace.kernels.crossings import flat_crossings
+from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.scene import FACET, Emitter, Scene, Target
 from meshtrace.mesh import TriangleMesh
+from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.arrays import empty_locator, surface_arrays
 from meshtrace.transport.forced_link import ForcedLink
@@ -24,10 +29,14 @@ _TAIL = 1e-7  # orders whose share of a Poisson law is smaller together are left
 _MAX_ORDER = 40
 _MOST_CROWDED = 4.0  # density of collisions near the surface over the mean: chains fill the way
 _MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
+_MOST_KEPT = 2**15  # numbers in a set of points that is kept for the next surface: 256 kB
+_BLOCK = 1024  # chains of a block for one thread, about
 _CROSSINGS = 4  # of a flat sea, kept for each chain
 _MIXTURE = np.array([0.1, 0.4, 0.15, 0.12, 0.1, 0.08, 0.05])  # free paths, stretched ways
 _STRETCH = np.array([0.0, 0.015, 0.05, 0.15, 0.4, 1.0])  # from the shortest way to the longest
 _LONGEST_WAY = 1.3, 6.0  # smallest and largest of the longest way, over the shortest
+
+_Points = NDArray[np.float64]
 
 
 class ChainSet(NamedTuple):
@@ -37,6 +46,27 @@ class ChainSet(NamedTuple):
     chains: Chains
     flat: list[NDArray[np.void]]  # by receiver, (n, crossings) FLAT
     audit: NDArray[np.float64]
+
+    def blocks(self) -> list[ChainSet]:
+        """Return the chains in blocks of whole shifts, for threads."""
+        n = len(self.audit)
+        per_shift = n // SHIFTS
+        step = per_shift * max(_BLOCK // per_shift, 1)
+        return [self._rows(slice(first, first + step)) for first in range(0, n, step)]
+
+    def _rows(self, rows: slice) -> ChainSet:
+        arrays: Any = (array[rows] for array in self.chains)
+        chains = Chains(*arrays)
+        return ChainSet(self.order, chains, [f[rows] for f in self.flat], self.audit[rows])
+
+
+class Request(NamedTuple):
+    """Chains of one order from a source, `per_shift` for each shift of the points."""
+
+    source: int
+    order: int
+    per_shift: int
+    key: tuple[int, ...]
 
 
 class ChainDrawer:
@@ -63,16 +93,29 @@ class ChainDrawer:
 
     def draw(self, source: int, order: int, per_shift: int, key: tuple[int, ...]) -> ChainSet:
         """Return chains of one order, `per_shift` for each shift of the points."""
-        from scipy.stats import qmc
+        return self.draw_all([Request(source, order, per_shift, key)])[0]
 
-        width = kernel.DIMENSIONS * order + 6
-        rng = np.random.default_rng(key)
-        points = qmc.Sobol(width, scramble=True, rng=rng).random_base2(
-            math.ceil(math.log2(max(per_shift, 2)))
-        )[:per_shift]
-        u = (points[None] + rng.random((SHIFTS, 1, width))) % 1.0
-        u = np.clip(u.reshape(-1, width), 1e-12, 1.0 - 1e-12)
-        n = len(u)
+    def draw_all(self, requests: Sequence[Request], threads: int = 1) -> list[ChainSet]:
+        """Return sets of chains; the threads share their blocks."""
+        sets: list[ChainSet] = []
+
+        def jobs() -> Iterator[tuple[int, ChainSet, _Points, _Points]]:
+            for request in requests:
+                sets.append(self._empty(request))
+                points, shifts = points_of(request)
+                first = 0
+                for block in sets[-1].blocks():
+                    n = len(block.audit) // request.per_shift
+                    yield request.source, block, points, shifts[first : first + n]
+                    first += n
+
+        for _ in ordered_map(lambda job: self._fill(*job), jobs(), threads):
+            pass
+        return sets
+
+    def _empty(self, request: Request) -> ChainSet:
+        """Return room for a set of chains."""
+        n, order = SHIFTS * request.per_shift, request.order
         chains = Chains(
             vertex=np.empty((n, order, 3)),
             kind=np.zeros((n, order), np.int8),
@@ -83,33 +126,65 @@ class ChainDrawer:
             tail=np.empty((n, 3)),
             tilt=np.empty((n, 2)),
         )
-        kernel.make_chains(
-            chains,
-            self.nominals[source],
-            self._medium,
-            u,
-            np.searchsorted(np.cumsum(_MIXTURE)[:-1], u[:, -1]),
-        )
-        flat = [self._flat(source, receiver, chains) for receiver in range(len(self._link.targets))]
-        return ChainSet(order, chains, flat, np.ascontiguousarray(u[:, -2]))
+        flat = [np.zeros((n, _CROSSINGS), FLAT) for _ in self._link.targets]
+        return ChainSet(order, chains, flat, np.empty(n))
 
-    def _flat(self, source: int, receiver: int, chains: Chains) -> NDArray[np.void]:
-        """Return the crossings of a flat sea by chains to a receiver."""
-        emitter, target = self._link.emitters[source], self._link.targets[receiver]
-        still = surface_arrays(flat_mesh(-np.ones(2), np.ones(2)), "facet")
-        scene = Scene(
-            emitter,
-            target,
-            still,
+    def _fill(self, source: int, block: ChainSet, points: _Points, shifts: _Points) -> None:
+        """Draw the chains of a block from shifted points; find their crossings of a flat sea."""
+        u = (points[None] + shifts) % 1.0
+        u = np.clip(u.reshape(-1, u.shape[-1]), 1e-12, 1.0 - 1e-12)
+        block.audit[:] = u[:, -2]
+        component = np.searchsorted(np.cumsum(_MIXTURE)[:-1], u[:, -1])
+        kernel.make_chains(block.chains, self.nominals[source], self._medium, u, component)
+        for receiver, out in enumerate(block.flat):
+            scene = self._still(source, receiver)
+            raised = scene._replace(surface=scene.surface._replace(level=self._ceiling))
+            starts = _starts(scene.emitter, scene.target)
+            flat_crossings(block.chains, starts, scene, raised, out)
+
+    def _still(self, source: int, receiver: int) -> Scene:
+        """Return a source and a receiver over still water."""
+        return Scene(
+            self._link.emitters[source],
+            self._link.targets[receiver],
+            _still_water(),
             empty_locator(),
             np.zeros(0, FACET),
             self._medium,
             self._link.interface,
         )
-        raised = scene._replace(surface=still._replace(level=self._ceiling))
-        out = np.zeros((len(chains.last), _CROSSINGS), FLAT)
-        flat_crossings(chains, _starts(emitter, target), scene, raised, out)
-        return out
+
+    def flat_scores(self, source: int, chains: ChainSet) -> NDArray[np.float64]:
+        """Return the scores of chains over still water, shape (receivers, chains)."""
+        scores = np.empty((len(chains.flat), len(chains.audit)))
+        for receiver, (flat, score) in enumerate(zip(chains.flat, scores, strict=True)):
+            flat_contributions(chains.chains, flat, self._still(source, receiver), score)
+        return scores
+
+
+def points_of(request: Request) -> tuple[_Points, _Points]:
+    """Return the points of a set of chains and their shifts, kept if they are few."""
+    width = kernel.DIMENSIONS * request.order + 6
+    few = request.per_shift * width <= _MOST_KEPT
+    return (_points if few else _points.__wrapped__)(width, request.per_shift, request.key)
+
+
+@lru_cache(maxsize=64)
+def _points(width: int, per_shift: int, key: tuple[int, ...]) -> tuple[_Points, _Points]:
+    """Return Sobol points of the unit cube, (per_shift, width), and their random shifts."""
+    from scipy.stats import qmc
+
+    rng = np.random.default_rng(key)
+    points = qmc.Sobol(width, scramble=True, rng=rng).random_base2(
+        math.ceil(math.log2(max(per_shift, 2)))
+    )[:per_shift]
+    return points, rng.random((SHIFTS, 1, width))
+
+
+@cache
+def _still_water() -> Surface:
+    """Return a piece of still water."""
+    return surface_arrays(flat_mesh(-np.ones(2), np.ones(2)), "facet")
 
 
 def nominal(medium: Medium, emitter: Emitter, targets: list[Target], crest: float) -> Nominal:

@@ -15,14 +15,17 @@ The chains do not depend on the surface: one set serves every frame of a moving 
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import islice
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
+from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import TriangleMesh
@@ -30,7 +33,7 @@ from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.adjoint import AdjointPaths
 from meshtrace.transport.aimed import AimedChains, Search
-from meshtrace.transport.chain_sets import ChainDrawer, ChainSet, flat_mesh
+from meshtrace.transport.chain_sets import ChainDrawer, ChainSet, Request, flat_mesh, points_of
 from meshtrace.transport.choice import (
     PILOT_PATHS,
     Method,
@@ -39,13 +42,21 @@ from meshtrace.transport.choice import (
     choose,
     is_clear,
 )
-from meshtrace.transport.forced_link import crossing_reach, forced_link, require_height_field
+from meshtrace.transport.forced_link import (
+    ANALOG,
+    POINTS_ONLY,
+    crossing_reach,
+    forced_link,
+    needs_paths,
+    require_height_field,
+)
 from meshtrace.transport.parts import Counts, Parts, Sums
 from meshtrace.transport.pilots import Pilot, allotment, pilot
 
 Scattered = Literal["auto", "chains", "adjoint"]
 
 _MOST_CHAINS = 2**22  # 1 kB each, and more with their order
+_CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is summed
 _CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
@@ -116,27 +127,32 @@ class ForcedDetection:
 
         Pilots over a flat sea compare the estimators and allot the chains to the orders.
         """
-        photons, link = self._key[0], self.arrays
+        beyond = needs_paths(self.link)
+        if beyond is not None:
+            refused = Refused(*beyond, POINTS_ONLY)
+            if self._wanted == "chains":
+                raise refused
+            self._take(["adjoint"] * len(self.link.receivers), refused)
+            return [[] for _ in self.arrays.emitters]
+        photons, link, threads = self._key[0], self.arrays, self._options[1]
         sources, receivers = range(len(link.emitters)), len(self.link.receivers)
-        flat = self._flat()
-        aimed = self.over(flat)
         targets = len(link.targets)
         try:
-            pilots = [pilot(self._drawer, aimed, s, self._seed(s), targets) for s in sources]
+            pilots = [pilot(self._drawer, s, self._seed(s), targets, threads) for s in sources]
         except Refused as refused:  # too many orders for chains
             if self._wanted == "chains":
                 raise
             self._take(["adjoint"] * receivers, refused)
             return [[] for _ in sources]
-        self._take(self._compare(pilots, flat))
+        self._take(self._compare(pilots))
         kept = np.array([m == "chains" for m in self.method])
         if not kept.any():
             return [[] for _ in sources]
-        direct = [[aimed.facet_gains(e, t).sum() for t in range(targets)] for e in sources]
-        scattered = np.array([p.mean.sum(axis=1) for p in pilots])
-        gain = link.by_receiver(scattered + np.array(direct))
+        # a common factor of the gain does not matter for one receiver
+        together = receivers > 1 and not link.down
+        gain = self._flat_gain(pilots) if together else np.ones(receivers)
         share = photons if link.down else max(photons // len(sources), SHIFTS)
-        sets: list[list[ChainSet]] = []
+        requests = []
         for s in sources:
             expected = self._drawer.nominals[s].expected
             if link.down:
@@ -144,20 +160,26 @@ class ForcedDetection:
             else:
                 found, light = pilots[s].of(kept), gain[kept]
             if link.down and not kept[s]:
-                sets.append([])
                 continue
             counts = allotment(share, expected, found, light)
             key = self._seed(s)
-            sets.append(
-                [self._drawer.draw(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
-            )
-        return sets
+            requests += [Request(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
+        pairs = list(zip(requests, self._drawer.draw_all(requests, threads), strict=True))
+        return [[chains for request, chains in pairs if request.source == s] for s in sources]
 
     def _seed(self, emitter: int) -> tuple[int, int]:
         """Return the seed of the chains of an emitter: receivers have the same in any order."""
         return self._key[1], 0 if self.arrays.down else emitter
 
-    def _compare(self, pilots: list[Pilot], flat: TriangleMesh) -> list[Method]:
+    def _flat_gain(self, pilots: list[Pilot]) -> NDArray[np.float64]:
+        """Return the gain of each receiver over a flat sea."""
+        aimed, link = self.over(self._flat()), self.arrays
+        targets = range(len(link.targets))
+        direct = [[aimed.facet_gains(e, t).sum() for t in targets] for e in range(len(pilots))]
+        scattered = np.array([p.mean.sum(axis=1) for p in pilots])
+        return link.by_receiver(scattered + np.array(direct))
+
+    def _compare(self, pilots: list[Pilot]) -> list[Method]:
         """Return the estimator of each receiver."""
         receivers = len(self.link.receivers)
         found = chain_pilot(pilots, self.arrays)
@@ -171,7 +193,7 @@ class ForcedDetection:
             paths = self._paths(pilot_paths, tuple(self.link.receivers))
         except Refused:  # a feature that the paths do not follow
             return ["chains"] * receivers
-        seen = paths.evaluate(flat)
+        seen = paths.evaluate(self._flat())
         other = ScatteredPilot(seen.gain, seen.variance, seen.stderr)
         return choose(found, other)
 
@@ -225,9 +247,11 @@ class ForcedDetection:
             return higher.evaluate(mesh, intersector)
         aimed = self.over(mesh, intersector)
         sums = Sums(self.arrays, self.method, self.scattered_sets)
-        gains = ordered_map(lambda pair: self._direct(aimed, *pair), sums.pairs, self._options[1])
-        sampled = sums.add_direct(gains)
-        sums.add_chains(ordered_map(lambda job: aimed.score(*job), sums.jobs, self._options[1]))
+        jobs = [partial(self._direct, aimed, *pair) for pair in sums.pairs]
+        jobs += [partial(aimed.score, *job) for job in sums.jobs]
+        scores = ordered_map(lambda job: job(), jobs, self._options[1], ahead=len(jobs))
+        sampled = sums.add_direct(islice(scores, len(sums.pairs)))
+        sums.add_chains(scores)
         if self._adjoint is not None:
             sums.add_paths(self._adjoint.evaluate(mesh, intersector), self._adjoint.photons)
         counts = Counts(sums.chains, *(int(c) for c in aimed.counters))
@@ -235,10 +259,43 @@ class ForcedDetection:
 
     def _direct(self, aimed: AimedChains, s: int, r: int) -> NDArray[np.float64]:
         """Return the unscattered gain of a source and a receiver: one number, or one per shift."""
+        if self.arrays.sizes[s] > 0.0:
+            points = self._lamp_points(s)
+            found = np.array([self._from_point(aimed, s, r, p).sum() for p in points])
+            return found.reshape(SHIFTS, -1).mean(axis=1)
         gains = aimed.direct_gains(s, r)
         if gains is not None:
             return gains.sum(keepdims=True)
         return aimed.score(s, r, self._unscattered[s]).reshape(SHIFTS, -1).mean(axis=1)
+
+    def _from_point(
+        self, aimed: AimedChains, s: int, r: int, point: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the unscattered gain through each facet from a point of an extended source."""
+        gains = aimed.direct_gains(s, r, Vec3(*point.tolist()))
+        if gains is None:
+            narrow = Described(f"a radius of {self.arrays.sizes[s] * self.arrays.frame.unit:g} m")
+            allowed = f"a point source below random slopes this narrow; {ANALOG}"
+            raise Refused("transmitter", narrow, allowed)
+        return gains
+
+    def _lamp_points(self, s: int) -> NDArray[np.float64]:
+        """Return points of an extended source, those of each shift in turn."""
+        photons, seed = self._key
+        per_shift = max(photons // (_CHAINS_PER_POINT * SHIFTS), 2)
+        points, shifts = points_of(Request(s, -1, per_shift, (seed, s, 0, 6)))
+        u = ((points[None] + shifts) % 1.0).reshape(-1, points.shape[1])
+        emitter, size = self.arrays.emitters[s], self.arrays.sizes[s]
+        if emitter.kind == SourceKind.TOP_HAT_BEAM:
+            radius = size * np.sqrt(u[:, 0])
+        else:
+            radius = size * np.sqrt(-0.5 * np.log(np.maximum(u[:, 0], 1e-12)))
+        axis = np.array(emitter.axis)
+        e1 = np.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.9 else (1.0, 0.0, 0.0))
+        e1 /= np.linalg.norm(e1)
+        phi = 2.0 * math.pi * u[:, 1:2]
+        circle = np.cos(phi) * e1 + np.sin(phi) * np.cross(axis, e1)
+        return np.array(emitter.position) + radius[:, None] * circle
 
     def _reaching(self, mesh: TriangleMesh) -> ForcedDetection:
         """Return chains that reach the mesh; new ones if it is far higher than expected."""
@@ -296,15 +353,16 @@ class ForcedDetection:
         rows = [np.zeros((0, 4))]
         for s, power in enumerate(link.power):
             e, t = (r, s) if link.down else (s, r)
-            sets = self.scattered_sets[e]
-            found = aimed.direct_gains(e, t)
-            if found is not None:
-                gains = power * found
-                lit = np.flatnonzero(gains)
-                crossing = aimed.centroids[lit]
-                ends = link.emitters[e].position, link.targets[t].center
-                water, air = (np.linalg.norm(crossing - end, axis=1) for end in ends)
-                rows.append(_rows(gains[lit], unit * water, unit * air, np.full(len(lit), -1)))
+            sets, center = self.scattered_sets[e], link.targets[t].center
+            if link.sizes[e] > 0.0:
+                points = self._lamp_points(e)
+                for i, lamp in enumerate(points):
+                    gains = power * self._from_point(aimed, e, t, lamp) / len(points)
+                    group = i * SHIFTS // len(points)
+                    rows.append(_direct_rows(aimed, gains, lamp, center, unit, group))
+            elif (found := aimed.direct_gains(e, t)) is not None:
+                lamp = np.array(link.emitters[e].position)
+                rows.append(_direct_rows(aimed, power * found, lamp, center, unit, -1))
             else:
                 sets = [self._unscattered[e], *sets]
             for chains in sets:
@@ -316,6 +374,21 @@ class ForcedDetection:
                 shift = light["chain"] // (n // SHIFTS)
                 rows.append(_rows(weight, unit * light["water"], unit * light["air"], shift))
         return np.concatenate(rows)
+
+
+def _direct_rows(
+    aimed: AimedChains,
+    gains: NDArray[np.float64],
+    lamp: NDArray[np.float64],
+    center: Vec3,
+    unit: float,
+    shift: int,
+) -> NDArray[np.float64]:
+    """Return the arrivals of unscattered light from a point through facets."""
+    lit = np.flatnonzero(gains)
+    crossing = aimed.centroids[lit]
+    water, air = (np.linalg.norm(crossing - end, axis=1) for end in (lamp, center))
+    return _rows(gains[lit], unit * water, unit * air, np.full(len(lit), shift))
 
 
 def _rows(*columns: NDArray[Any]) -> NDArray[np.float64]:

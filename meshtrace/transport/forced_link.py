@@ -21,7 +21,10 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.arrays import interface_arrays, medium_arrays, pattern_of
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 
-_ANALOG = 'else estimator="analog"'
+ANALOG = 'else estimator="analog"'
+"""Advice of a refusal."""
+POINTS_ONLY = f"a point source in bottomless water, with these switches of physics; {ANALOG}"
+"""Links that chains follow, where adjoint paths are none."""
 _NEGLIGIBLE = 1e-7  # light at the reach over that straight above the source
 _NARROWEST = 0.1  # [deg], of a lamp: narrower spots are smaller than the parts of a facet
 _REVERSIBLE = ("snell", "direction", "fresnel", "free_path", "fov")
@@ -50,6 +53,7 @@ class ForcedLink(NamedTuple):
     medium: Medium
     interface: Interface
     forwards: Forwards | None  # of light that goes down
+    sizes: tuple[float, ...]  # radius of each emitter, in the unit of the frame
 
     @property
     def down(self) -> bool:
@@ -73,18 +77,18 @@ def require_height_field(mesh: TriangleMesh) -> None:
     """Refuse a surface with more than one crossing on a vertical."""
     if not mesh.single_valued:
         found = Described(f"overhangs ({mesh.facing_down} facets face down)")
-        raise Refused("sea.mesh", found, f"a height field; overhangs need {_ANALOG[5:]}")
+        raise Refused("sea.mesh", found, f"a height field; overhangs need {ANALOG[5:]}")
 
 
 def forced_link(link: Link, frame: Frame | None = None) -> ForcedLink:
-    """Return the link as arrays and numbers for the chains, in its own frame unless one is given.
+    """Return the link as arrays and numbers, in its own frame unless one is given.
 
     Raises
     ------
     Refused
         If the link has a feature that only the analog estimator follows.
     """
-    _require_points(link)
+    require_followable(link)
     power = np.array([t.power_mw for t in link.transmitters])
     medium = expected_water(link, crest=5.0)
     frame = frame or frame_of(link)
@@ -99,7 +103,27 @@ def forced_link(link: Link, frame: Frame | None = None) -> ForcedLink:
         frame.medium(medium),
         interface_arrays(link),
         _forwards(link, frame, frame.medium(medium)) if link.direction == "down" else None,
+        tuple(end.size / frame.unit if isinstance(end, Source) else 0.0 for end in low),
     )
+
+
+def needs_paths(link: Link) -> tuple[str, object] | None:
+    """Return the field and value that chains do not follow, but adjoint paths do; None if none.
+
+    Raises
+    ------
+    Refused
+        If adjoint paths do not follow it either.
+    """
+    found: tuple[str, object] | None = None
+    for path, item in link.items():
+        if isinstance(item, Source) and item.size > 0.0:
+            found = path, Described(f"a radius of {item.size:g} m")
+    if link.water.bottom_depth is not None:
+        found = "water.bottom_depth", link.water.bottom_depth
+    if found is not None and link.direction == "down":
+        raise Refused(*found, POINTS_ONLY)
+    return found
 
 
 def _forwards(link: Link, frame: Frame, medium: Medium) -> Forwards:
@@ -120,7 +144,7 @@ def _mirrored(end: Any, place: str) -> Any:
 
 def crossing_reach(link: Link) -> float:
     """Return the largest distance from `Link.origin` of light that crosses to a receiver [m]."""
-    _require_points(link)
+    require_followable(link)
     frame = frame_of(link)
     farthest = max(t.reach + math.hypot(t.center.x, t.center.y) for t in _targets(link, frame))
     return frame.unit * farthest
@@ -140,7 +164,7 @@ def _targets(link: Link, frame: Frame) -> list[Target]:
         if isinstance(end, Receiver):
             t = target_of(end, frame)
             lit = [
-                math.dist(s.position, end.position) + _lit_radius(s.depth, a)
+                math.dist(s.position, end.position) + _lit_radius(s.depth, a) + 4.0 * s.size
                 for s in link.transmitters
                 if isinstance(s, WaterSource)
             ]
@@ -198,24 +222,24 @@ def require_followable(link: Link) -> None:
         if isinstance(item, source):
             if item.spread_deg < _NARROWEST:
                 angle = Described(f"a half-angle of {item.spread_deg:g} deg")
-                raise Refused(path, angle, f">= {_NARROWEST:g} deg; {_ANALOG}")
+                raise Refused(path, angle, f">= {_NARROWEST:g} deg; {ANALOG}")
         elif isinstance(item, Source):
-            raise Refused(path, Described(item.kind), f"a source in the {sides[0]}; {_ANALOG}")
+            raise Refused(path, Described(item.kind), f"a source in the {sides[0]}; {ANALOG}")
         elif not isinstance(item, end):
-            raise Refused(path, Described(item.kind), f"a receiver in the {sides[1]}; {_ANALOG}")
+            raise Refused(path, Described(item.kind), f"a receiver in the {sides[1]}; {ANALOG}")
         elif down and item.fov_deg < _NARROWEST:
-            allowed = f">= {_NARROWEST:g} deg; {_ANALOG}"
+            allowed = f">= {_NARROWEST:g} deg; {ANALOG}"
             raise Refused(f"{path}.fov_deg", item.fov_deg, allowed)
     if not link.receivers:
         raise Refused("receiver", (), "at least one")
     if down:
         _require_reversible(link)
     if link.planes is not None:
-        raise Refused("planes", Described("given"), f"None; {_ANALOG}")
+        raise Refused("planes", Described("given"), f"None; {ANALOG}")
     if link.bubbles is not None or link.water.layers is not None:
         for name, paper in (("absorption", "paper"), ("free_path", "local_c")):
             if getattr(link.physics, name) == paper:
-                allowed = f"the physical form in stratified water; {_ANALOG}"
+                allowed = f"the physical form in stratified water; {ANALOG}"
                 raise Refused(f"physics.{name}", paper, allowed)
 
 
@@ -232,19 +256,8 @@ def _require_reversible(link: Link) -> None:
         printed["fov"] = "paper_position"
     if printed:
         names = ", ".join(f'{name} = "{word}"' for name, word in printed.items())
-        allowed = f"the physical forms: those as published are not reversible; {_ANALOG}"
+        allowed = f"the physical forms: those as published are not reversible; {ANALOG}"
         raise Refused("physics", Described(names), allowed)
-
-
-def _require_points(link: Link) -> None:
-    """Refuse what chains do not follow."""
-    require_followable(link)
-    for path, item in link.items():
-        if isinstance(item, Source) and item.size > 0.0:
-            size = Described(f"a radius of {item.size:g} m")
-            raise Refused(path, size, f"a point source; {_ANALOG}")
-    if link.water.bottom_depth is not None:
-        raise Refused("water.bottom_depth", link.water.bottom_depth, f"None; {_ANALOG}")
 
 
 def expected_water(link: Link, crest: float) -> Medium:

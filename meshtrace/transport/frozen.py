@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
 from meshtrace.kernels.chains import Nominal
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -81,6 +81,8 @@ class FrozenForced:
         normals: str = "vertex",
         search: Search = "thorough",
     ) -> None:
+        if link.direction == "down":
+            raise Refused("link", Described("a downlink"), "a source in the water")
         base = ForcedDetection(
             link, photons, seed, normals, crest=crest, search=search, scattered="chains"
         )

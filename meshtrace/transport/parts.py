@@ -100,12 +100,13 @@ class Sums:
         self._link, self._method = link, method
         receivers = len(method)
         self.pairs = [(e, t) for e in range(len(link.emitters)) for t in range(len(link.targets))]
-        self.jobs = [
+        self._sets = [
             (e, t, chains)
             for e, t in self.pairs
             for chains in sets[e]
             if method[link.receiver(e, t)] == "chains"
         ]
+        self.jobs = [(e, t, block) for e, t, chains in self._sets for block in chains.blocks()]
         self.chains = sum(len(chains.audit) for row in sets for chains in row)
         self._orders = max((chains.order for row in sets for chains in row), default=0)
         self._direct = np.zeros((receivers, SHIFTS))
@@ -124,8 +125,10 @@ class Sums:
 
     def add_chains(self, scores: Iterable[NDArray[np.float64]]) -> None:
         """Add the scores of each job."""
-        for (e, t, chains), score in zip(self.jobs, scores, strict=True):
+        found = iter(scores)
+        for e, t, chains in self._sets:
             r, share = self._link.receiver(e, t), self._link.share(e, t)
+            score = np.concatenate([next(found) for _ in chains.blocks()])
             means = share * score.reshape(SHIFTS, -1).mean(axis=1)
             self._scattered[r, chains.order - 1] += means
             self._samples[r] += len(score)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.aimed import AimedChains
 from meshtrace.transport.chain_sets import ChainDrawer
 
 _PILOT = 128  # chains of each order in the first pilot
@@ -36,23 +36,26 @@ class Pilot(NamedTuple):
 
 
 def pilot(
-    drawer: ChainDrawer, aimed: AimedChains, source: int, seed: tuple[int, int], receivers: int
+    drawer: ChainDrawer, source: int, seed: tuple[int, int], receivers: int, threads: int
 ) -> Pilot:
     """Return the statistics of pilot chains; orders without a score get more of them."""
     orders = drawer.last_order(source)
     chains = np.zeros(orders, np.int64)
     mean, spread = np.zeros((receivers, orders)), np.zeros((receivers, orders))
     scored = np.zeros((receivers, orders), np.int64)
-    for k in range(orders):
+
+    def scores_of(order: int) -> NDArray[np.float64]:
         n = _PILOT // SHIFTS
         for step in range(_PILOT_STEPS):
-            chosen = drawer.draw(source, k + 1, n, (*seed, k + 1, 2 + step))
-            scores = np.array([aimed.score(source, r, chosen) for r in range(receivers)])
-            hits = np.count_nonzero(scores, axis=1)
-            if hits.min() >= 4:
+            chosen = drawer.draw(source, order, n, (*seed, order, 2 + step))
+            scores = drawer.flat_scores(source, chosen)
+            if np.count_nonzero(scores, axis=1).min() >= 4:
                 break
             n *= _PILOT_GROWTH
-        chains[k], scored[:, k] = scores.shape[1], hits
+        return scores
+
+    for k, scores in enumerate(ordered_map(scores_of, range(1, orders + 1), threads)):
+        chains[k], scored[:, k] = scores.shape[1], np.count_nonzero(scores, axis=1)
         mean[:, k], spread[:, k] = scores.mean(axis=1), scores.std(axis=1)
     return Pilot(chains, mean, spread, scored)
 

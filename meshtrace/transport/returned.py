@@ -138,8 +138,7 @@ def _rays(source: Any) -> NDArray[np.float64]:
     side /= np.linalg.norm(side)
     across = np.cross(axis, side)
     rays = c[:, None] * axis + (s * np.cos(f))[:, None] * side + (s * np.sin(f))[:, None] * across
-    rays[:, 2] = np.where(rays[:, 2] > 0.01, rays[:, 2], np.inf)  # contributes nothing
-    return rays
+    return rays[rays[:, 2] > 0.01]
 
 
 def _seen(receiver: Any, place: NDArray[np.float64], below: float) -> NDArray[np.float64]:

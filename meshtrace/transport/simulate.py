@@ -43,6 +43,7 @@ from meshtrace.transport.outcome import (
 )
 from meshtrace.transport.paths import PhotonPaths, received_paths, record_paths
 
+_BOTTOM = 16  # analog photons over chains, for light that surface and bottom reflect
 _MOST_VERTICES = 2 * 10**7  # of all paths: 640 MB
 _Evaluate = Callable[[Run], GainResult]
 
@@ -229,13 +230,14 @@ def _forced(
     crest, threads = float(mesh.bounds[1, 2]), default_threads(run.threads)
     forced = ForcedDetection(link, run.photons, run.seed, normals, threads, crest)
     parts = forced.evaluate(mesh)
-    if not run.estimator.reflected_photons:
+    reflected = _reflected_photons(link, run)
+    if not reflected:
         warn_of_returned(link, parts.gain)
     warn_of_cut(forced, mesh)
     gain, stderr = parts.gain, parts.stderr
     extra: dict[str, Any] = {}
-    if run.estimator.reflected_photons:
-        added, added_stderr = _reflected(link, mesh, run, normals)
+    if reflected:
+        added, added_stderr = _reflected(link, mesh, run, normals, reflected)
         gain, stderr = gain + added, np.hypot(stderr, added_stderr)
         extra["gain_reflected"] = per_receiver(link, added)
         extra["gain_reflected_stderr"] = per_receiver(link, added_stderr)
@@ -258,15 +260,25 @@ def _forced(
     )
 
 
+def _reflected_photons(link: Link, run: Run) -> int:
+    """Return the analog photons for light first reflected into the water.
+
+    A bottom sends it back: there they are traced by default.
+    """
+    assert isinstance(run.estimator, Forced)
+    water, traced = link.water, link.physics.reflected == "trace"
+    bright = water.bottom_depth is not None and water.bottom_albedo > 0.0
+    return run.estimator.reflected_photons or (_BOTTOM * run.photons if bright and traced else 0)
+
+
 def _reflected(
-    link: Link, mesh: TriangleMesh, run: Run, normals: str
+    link: Link, mesh: TriangleMesh, run: Run, normals: str, photons: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the gain of light first reflected into the water, by analog photons, wide aperture.
 
     That light comes from everywhere below: its irradiance is even over metres, so an aperture
     of 1 m (never wider than half of what the field of view covers) has the same mean.
     """
-    assert isinstance(run.estimator, Forced)
     wide, area = [], []
     for r in link.receivers:
         half = math.radians(min(r.fov_deg, 120.0)) / 2.0
@@ -278,7 +290,7 @@ def _reflected(
         link.replace(receiver=tuple(wide)),
         EmbreeIntersector(mesh, threads),
         Analog(roulette=1e-3 * math.exp(-link.water.a * _deepest(link))),
-        photons=run.estimator.reflected_photons,
+        photons=photons,
         seed=run.seed,
         normals=normals,
         threads=threads,

@@ -83,7 +83,8 @@ def _through_slopes(scene: Scene, view: View, depths: OpticalDepth) -> Floats:
     axis, _ = refracted_sun(day, n)
     spread = math.hypot(surface.roughness.along, surface.roughness.across)
     spread = math.hypot(spread, float(slopes_of(surface.vertex_normals).std(axis=0).max()))
-    half = min(0.05 + _REACH * (n - 1.0) / n * spread / axis[2], math.radians(80.0))
+    lever = 1.0 - day.sun[2] / (n * axis[2])  # turn of the refracted ray by a turn of the normal
+    half = min(_REACH * lever * spread / axis[2], math.radians(80.0))
     cos_t = 1.0 - view.uniforms[:, 2] * (1.0 - math.cos(half))
     towards = cone(axis, 1.0 - cos_t**2, view.uniforms[:, 3])
     origins = view.origins()

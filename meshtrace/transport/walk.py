@@ -34,7 +34,7 @@ from meshtrace.transport.options import Analog
 
 _BLUR = math.radians(3.0)
 _ANGLES = 1024
-_RINGS = 4000
+_RINGS = 2000
 _FORWARD = math.radians(10.0)
 _WIDE = np.linspace(0.0, math.pi, _ANGLES) > _FORWARD
 
@@ -92,7 +92,8 @@ def blurred_phase(phase: PhaseFunction) -> Floats:
     Rings of the phase function are weighted by the part of them that lies in the disk: the peak at
     small angles counts by its probability.
     """
-    ring = np.concatenate([[0.0], np.geomspace(1e-6, math.pi, _RINGS)])
+    small = np.geomspace(1e-6, _BLUR, _RINGS)
+    ring = np.concatenate([[0.0], small, np.linspace(_BLUR, math.pi, 2 * _RINGS)[1:]])
     share = np.diff(phase.cdf(ring))
     middle = 0.5 * (ring[1:] + ring[:-1])
     center = np.linspace(0.0, math.pi, _ANGLES)[:, None]

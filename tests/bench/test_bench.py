@@ -89,6 +89,8 @@ def measured(meshes, threads):
 def test_report_names_every_measurement(measured, threads):
     text = report(measured)
     assert "2: 1.75x (8 seas" in text
+    merit = measured["merit"]
+    assert f"scatter over stated error {merit['scatter_over_error']:.2f}" in text
     assert f"3: {threads['analog_speedup'][2]:.2f}x" in text
     assert 'pip install "meshtrace[batch]"' in report({**measured, "worker_scaling": None})
 
@@ -99,6 +101,7 @@ def test_bench_measures_all_of_it(monkeypatch, measured):
     assert set(found) == {*measured, "cores"}
     assert found["worker_scaling"] == 32
     assert found["analog"]["ratio"] > 0.0
+    assert 0.0 < found["merit"]["ratio"] < found["merit"]["ratio_kept"]
     json.dumps(found)
 
 

@@ -57,7 +57,8 @@ def page(browser):
     for name, value in State(PAPER).values.items():
         if float(shown(browser, name) or value) != value and browser.find_elements("id", name):
             enter(browser, name, value)
-    reset = {"lamp_x": 0, "lamp_y": 0, "water": "as given", "text_shown": False, "playing": False}
+    reset = {"lamp_x": 0, "lamp_y": 0, "text_shown": False, "playing": False}
+    reset |= {"water": "as given", "light": "as given"}
     for name, value in reset.items():
         browser.execute_script("window.trame.state.set(arguments[0], arguments[1])", name, value)
     until(lambda: gain_is(browser, {}), "the page does not return to the paper's link")
@@ -182,6 +183,14 @@ def test_the_bit_rate_changes_bits_and_not_the_gain(page):
     enter(page, "bit_rate", 20)
     changed = lambda: page.find_element("id", "reading-required").text not in (rate, "–")  # noqa: E731
     until(changed, "the required power stays")
+    until(lambda: reading(page) == before, "the gain changes")
+
+
+def test_daylight_adds_background_and_keeps_the_gain(page):
+    before = reading(page)
+    page.find_element("css selector", "#light option[value='clear']").click()
+    counts = lambda: page.find_element("id", "reading-background").text  # noqa: E731
+    until(lambda: re.fullmatch(r"\d[\d.e+]* counts/s", counts()), "no background", 120.0)
     until(lambda: reading(page) == before, "the gain changes")
 
 

@@ -1,7 +1,10 @@
 """The scene: its parts stay, and their points are those of the link and the sea."""
 
+import gc
+
 import numpy as np
 import pytest
+from vtkmodules.vtkCommonCore import vtkObject
 
 from meshtrace.explorer import stages
 from meshtrace.explorer.scene import LiveScene
@@ -15,7 +18,7 @@ STATE = State(Scenario.from_toml(""))
 def scene():
     scene = LiveScene(STATE)
     yield scene
-    scene.plotter.close()
+    scene.close()
 
 
 def points(scene, name):
@@ -92,3 +95,41 @@ def test_the_camera_moves_only_with_the_size_of_the_stage(scene):
     assert scene.plotter.camera.position == before
     assert scene.update(STATE.moved({"depth": 30.0})) is True
     assert scene.plotter.camera.position != before
+
+
+def test_a_lamp_in_the_air_is_carried_by_the_aircraft():
+    import meshtrace as mt
+    from meshtrace.explorer.launch import scenario_of
+
+    state = State(scenario_of(mt.Link().mirrored(), STATE.scenario.surface))
+    scene = LiveScene(state.moved({"lamp_x": 1.0}))
+    np.testing.assert_allclose(points(scene, "lamp").mean(axis=0), (1.0, 0.0, 5.0), atol=1e-3)
+    np.testing.assert_allclose(points(scene, "receiver").mean(axis=0), (0, 0, -10.0), atol=1e-3)
+    assert points(scene, "uav")[:, 2].min() > 5.0
+    beam, view = points(scene, "beam")[1:], points(scene, "view")[1:]
+    for rim in (beam, view):
+        np.testing.assert_allclose(rim[:, 2], 0.0, atol=1e-5)
+    scene.close()
+
+
+def test_a_closed_scene_leaves_no_observer_to_the_garbage_collector():
+    """An observer of trame that is called while its object is collected ends the process."""
+    from trame_vtk.modules.vtk.serializers import (
+        SynchronizationContext,
+        initialize_serializers,
+        reference_id,
+        serialize,
+    )
+
+    def observed():
+        found = [o for o in gc.get_objects() if isinstance(o, vtkObject)]
+        return {o.GetAddressAsString("") for o in found if o.HasObserver("DeleteEvent")}
+
+    initialize_serializers()
+    before = observed()
+    scene = LiveScene(STATE)
+    window = scene.plotter.render_window
+    serialize(None, window, reference_id(window), SynchronizationContext(), 1)
+    assert len(observed() - before) > 10
+    scene.close()
+    assert observed() <= before

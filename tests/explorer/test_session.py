@@ -28,6 +28,7 @@ def session():
     session = Session(PAPER)
     yield session
     session.close()
+    session.join()
 
 
 def test_gain_and_bits_are_those_of_the_library(session):
@@ -47,6 +48,37 @@ def test_gain_and_bits_are_those_of_the_library(session):
     shown = readings.gain_reading(session)
     assert shown["ber"] == f"{found.bits.ber:.2e}"
     assert shown["db"] == f"−{-10 * np.log10(expected.gain):.2f} dB"
+
+
+def test_daylight_changes_the_bits_alone(session):
+    session.move({"depth": 30.0})
+    assert session.wait(120.0)
+    dark, rays = session.answer("gain"), session._answers["rays"]
+    session.move({"light": "clear"})
+    assert session.wait(240.0)
+    lit, scenario = session.answer("gain"), session.state.scenario
+    assert lit.gain == dark.gain
+    assert session._answers["rays"] is rays
+    found = mt.background(scenario, photons=stages.BACKGROUND_RAYS)
+    ook = mt.OokLink.of_link(scenario.link)
+    ook = ook.replace(background_rate=found.count_rate(ook))
+    assert lit.bits.background == ook.background_rate > 1e6
+    assert lit.bits.ber == float(ook.ber(lit.bits.power)) > dark.bits.ber
+    assert dark.bits.background is None
+
+
+def test_light_downwards(session):
+    from meshtrace.explorer.launch import scenario_of
+
+    down = Session(scenario_of(mt.Link().mirrored(), PAPER.surface))
+    down.start()
+    assert down.wait(240.0)
+    expected = mt.simulate(mt.Link().mirrored(), PAPER.surface, photons=8192)
+    assert down.answer("gain").gain == expected.gain
+    assert len(down.answer("rays").what) == stages.RAYS
+    assert len(down.answer("fading").gain) == 16
+    down.close()
+    down.join()
 
 
 def test_the_series_is_that_of_the_library(session):
@@ -120,6 +152,7 @@ def test_the_newest_move_wins(monkeypatch):
     expected = mt.simulate(PAPER.replace(link=PAPER.link.at_depth(14.0)), photons=8192)
     assert session.answer("gain").gain == expected.gain
     session.close()
+    session.join()
 
 
 def test_answers_come_in_order_and_stale_ones_are_marked(session):
@@ -195,11 +228,12 @@ def test_two_sessions_do_not_mix():
         expected = mt.simulate(session.state.scenario, photons=8192)
         assert session.answer("gain").gain == expected.gain
         session.close()
+        session.join()
 
 
 def test_warnings_are_notes_of_their_gain(session):
     session.move({"water": "petzold-harbour", "fov": 180.0})
     assert session.wait(240.0)
-    with pytest.warns(mt.DomainWarning) as caught:
+    with pytest.warns(mt.FewSamplesWarning) as caught:
         mt.simulate(session.state.scenario, photons=8192)
     assert session.answer("gain").notes == tuple(" ".join(str(w.message).split()) for w in caught)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.explorer.code import as_python, as_toml
-from meshtrace.explorer.controls import BY_NAME, CONTROLS, GIVEN_WATER, WATERS, slider_range
+from meshtrace.explorer.controls import BY_NAME, CHOICES, CONTROLS, GIVEN, slider_range
 from meshtrace.explorer.launch import scenario_of
 from meshtrace.explorer.state import State
 from meshtrace.scenario import Scenario
@@ -45,18 +45,33 @@ def test_a_control_moves_its_value_and_no_other(name):
     assert moved.values == {**state.values, name: value}
 
 
-@pytest.mark.parametrize("water", WATERS)
+@pytest.mark.parametrize("water", CHOICES["water"])
 def test_the_water_is_that_of_the_type(water):
     state = State(PAPER).moved({"water": water})
-    expected = PAPER.link.water if water == GIVEN_WATER else mt.Water.from_type(water, 470.0)
+    expected = PAPER.link.water if water == GIVEN else mt.Water.from_type(water, 470.0)
     assert state.scenario.link.water == expected
-    assert state.water == water
+    assert state.settings["water"] == water
+
+
+@pytest.mark.parametrize("light", CHOICES["light"])
+def test_the_light_is_that_of_the_link_file(light):
+    state = State(PAPER).moved({"light": light})
+    text = "" if light == GIVEN else f'[daylight]\nmodel = "{light}"'
+    assert state.scenario.daylight == Scenario.from_toml(text).daylight
+    assert state.channel == PAPER
+
+
+def test_links_downwards_move_as_well():
+    down = scenario_of(mt.Link().mirrored())
+    moved = State(down).moved({"depth": 12.0, "height": 7.0, "lamp_x": 1.0, "tilt": 5.0}).scenario
+    assert (moved.link.receiver.depth, moved.link.receiver.tilt_deg) == (12.0, 5.0)
+    assert (moved.link.transmitter.height, moved.link.transmitter.position) == (7.0, (1.0, 0.0))
 
 
 def test_moves_act_on_the_link_as_given():
     state = State(PAPER).moved({"wind": 0.0})
     assert state.scenario.surface.to_config()["kind"] == "flat"
-    back = state.moved({"water": "jerlov-I"}).moved({"wind": 5.0, "water": GIVEN_WATER})
+    back = state.moved({"water": "jerlov-I"}).moved({"wind": 5.0, "water": GIVEN})
     assert back == State(PAPER)
     assert back.scenario == PAPER
 
@@ -68,7 +83,7 @@ def test_a_refused_move_names_the_value():
         ({"fov": 400.0}, "receiver.fov_deg"),
         ({"wind": float("nan")}, "wind"),
         ({"depth": "deep"}, "depth"),
-        ({"water": "jerlov-IX"}, "water.type"),
+        ({"water": "jerlov-IX"}, "water"),
         ({"hieght": 1.0}, "hieght"),
     ):
         with pytest.raises(Refused, match=field):
@@ -78,9 +93,9 @@ def test_a_refused_move_names_the_value():
 def test_links_without_a_value_have_no_such_control():
     sun = State(scenario_of(mt.Link(transmitter=mt.Sun(), receiver=mt.WaterAperture())))
     missing = {name for name, value in sun.values.items() if value is None}
-    assert missing == {"depth", "half_angle", "height", "tilt"}
-    with pytest.raises(Refused, match="depth"):
-        sun.moved({"depth": 3.0})
+    assert missing == {"half_angle", "height", "tilt"}
+    with pytest.raises(Refused, match="height"):
+        sun.moved({"height": 3.0})
 
 
 def test_the_first_of_several_parts_moves():
@@ -94,7 +109,8 @@ moves = st.fixed_dictionaries(
     {},
     optional={
         **{c.name: st.floats(max(c.low, 1.0), c.high).map(lambda v: round(v, 2)) for c in CONTROLS},
-        "water": st.sampled_from(WATERS),
+        "water": st.sampled_from(CHOICES["water"]),
+        "light": st.sampled_from(CHOICES["light"]),
     },
 )
 

@@ -283,6 +283,24 @@ def test_map_round_trip_and_refusals(tmp_path):
             mt.coverage_map(mt.Link(), FlatSea(), **{**options, **bad})
 
 
+@pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
+def test_a_map_reaches_its_tolerance_with_photons_of_its_own():
+    """Merged rounds are one run of all photons; the wanted error holds where there is light."""
+    link = mt.Link(receiver=mt.Receiver(radius=0.5, fov_deg=120.0))
+    options = {"extent": 2.0, "step": 1.0, "seed": 3}
+    m = mt.coverage_map(link, FlatSea(), photons=20_000, rtol=0.05, **options)
+    n = m.provenance["run"]["photons"]
+    assert n > 20_000
+    error = m.gain_stderr / np.maximum(m.gain, 0.01 * m.gain.max())
+    assert 0.02 < error.max() <= 0.05
+    whole = mt.coverage_map(link, FlatSea(), photons=n, **options)
+    np.testing.assert_allclose(m.gain, whole.gain, rtol=1e-12)
+    loose = mt.coverage_map(link, FlatSea(), photons=20_000, rtol=10.0, **options)
+    assert loose.provenance["run"]["photons"] == 20_000
+    with pytest.raises(ValueError, match=r"rtol: 0.*allowed"):
+        mt.coverage_map(link, FlatSea(), rtol=0.0, **options)
+
+
 # ---- command line ----------------------------------------------------------------------------
 
 

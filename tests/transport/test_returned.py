@@ -102,3 +102,13 @@ def test_layers_of_one_water_are_that_water():
     water = mt.Water(layers=rows, phase=mt.HenyeyGreenstein(g=0.0))
     layered = link.replace(water=water)
     np.testing.assert_allclose(returned_gain(layered), returned_gain(link), rtol=1e-12)
+
+
+def test_rays_that_go_down_do_not_count():
+    """Half of the light of an isotropic source: a finite estimate, less than that of a lamp."""
+    receiver = mt.Receiver(height=1.0, fov_deg=179.0)
+    around, upwards = (
+        returned_gain(mt.Link(transmitter=t, receiver=receiver))
+        for t in (mt.IsotropicSource(depth=5.0), mt.Led(depth=5.0))
+    )
+    assert 0.0 < around[0] < upwards[0]

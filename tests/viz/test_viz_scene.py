@@ -254,6 +254,14 @@ def test_every_kind_of_link_is_shown(shoot, link):
     assert image.std() > 10.0
 
 
+def test_a_downlink_has_its_lamp_above_and_its_receiver_below(shoot):
+    link = mt.Link().mirrored().replace("transmitter.tilt_deg", 5.0)
+    plotter, image = shoot(link, received=10)
+    assert plotter.stage.bottom < -10.0 < 5.0 < plotter.stage.top
+    assert count(image, LED_COLOR, 90) > 10
+    assert "photons received" in plotter.key
+
+
 def test_links_that_only_analog_photons_follow(shoot):
     link = mt.Link(transmitter=mt.TopHatBeam(radius=0.2, divergence_deg=5.0))
     plotter, _ = shoot(link, paths=20)

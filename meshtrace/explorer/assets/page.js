@@ -86,7 +86,7 @@
         let y = f.y1 - (event.clientY - rect.top - b.top) / this.scale;
         x = Math.min(Math.max(x, f.x0), f.x1);
         y = Math.min(Math.max(y, f.y0), f.y1);
-        if (this.side) y = name === "lamp" ? Math.min(y, -0.5) : Math.max(y, 0.5);
+        if (this.side) y = this[name].air ? Math.max(y, 0.5) : Math.min(y, -0.5);
         this.$emit(`move${name}`, { x: round(x, 0.1), y: round(y, 0.1) });
         requestAnimationFrame(() => { this.waiting = false; });
       },
@@ -124,14 +124,16 @@
           <text v-if="wind !== null" class="mt-hint" :x="box.left + 24" :y="box.top + box.h - 5" text-anchor="middle">wind</text>
           <g v-if="lamp" class="mt-handle" data-part="lamp" :transform="'translate(' + at(lamp.x, lamp.y) + ')'"
              @pointerdown="start('lamp', $event)" @pointermove="drag" @pointerup="stop" @pointercancel="stop">
-            <circle class="mt-grip" r="14" /><circle class="mt-lamp" r="6.5" />
+            <circle class="mt-grip" r="14" />
+            <path v-if="lamp.air" class="mt-uav" d="M-12 -6 H-4 M4 -6 H12 M-8 -6 L-4 0 H4 L8 -6" /><circle class="mt-lamp" r="6.5" />
             <text x="-11" y="4" text-anchor="end">lamp</text>
           </g>
           <g v-if="receiver" class="mt-handle" data-part="receiver" :transform="'translate(' + at(receiver.x, receiver.y) + ')'"
              @pointerdown="start('receiver', $event)" @pointermove="drag" @pointerup="stop" @pointercancel="stop">
             <circle class="mt-grip" r="14" />
-            <path class="mt-uav" d="M-11 -5 H-3 M3 -5 H11 M-7 -5 L-3 0 H3 L7 -5" /><circle class="mt-receiver" r="4.5" />
-            <text x="13" y="4">UAV</text>
+            <path v-if="receiver.air" class="mt-uav" d="M-11 -5 H-3 M3 -5 H11 M-7 -5 L-3 0 H3 L7 -5" />
+            <circle class="mt-receiver" r="4.5" />
+            <text x="13" y="4">{{ receiver.air ? "UAV" : "receiver" }}</text>
           </g>
         </svg>
       </div>`,

@@ -1,0 +1,78 @@
+"""Compilation of entry points with all that they call as one module."""
+
+import math
+
+import numpy as np
+import pytest
+from numba import njit
+
+from meshtrace.kernels import jit
+from meshtrace.kernels.linking import Part, Whole
+
+
+@jit.outlined
+def half(x):
+    return 0.5 * x
+
+
+@jit.inlined
+def quarter(x):
+    return half(half(x))
+
+
+@jit.outlined
+def root(x):
+    if x < 0.0:
+        raise ValueError("a negative number")
+    return math.sqrt(quarter(x))
+
+
+def roots(x, out):
+    for i in range(len(x)):
+        out[i] = root(x[i]) + half(x[i])
+
+
+@pytest.fixture
+def kernel(monkeypatch, tmp_path):
+    """Return a function that makes the entry point, with a cache folder of the test."""
+    monkeypatch.setattr(jit.config, "CACHE_DIR", str(tmp_path))
+    return lambda: jit.entry(roots)
+
+
+X = np.array([4.0, 9.0, 2.0])
+
+
+def result(compiled):
+    out = np.empty(3)
+    compiled(X, out)
+    return out
+
+
+def test_functions_below_call_each_other(kernel):
+    assert np.array_equal(result(kernel()), np.sqrt(0.25 * X) + 0.5 * X)
+
+
+def test_a_saved_entry_point_gives_the_same(kernel):
+    first = result(kernel())
+    again = kernel()
+    assert np.array_equal(result(again), first)
+    assert sum(again.stats.cache_hits.values()) == 1
+
+
+def test_exceptions_pass(kernel):
+    with pytest.raises(ValueError, match="a negative number"):
+        kernel()(-X, np.empty(3))
+
+
+def test_plain_numba_calls_functions_below():
+    assert njit(lambda x: root(x) + quarter(x))(16.0) == 6.0
+
+
+def test_only_entry_points_are_optimised_and_emitted(kernel):
+    compiled = kernel()
+    result(compiled)
+    (library,) = (o.library for o in compiled.overloads.values())
+    assert isinstance(library, Whole)
+    (part,) = (o.library for o in root.overloads.values())
+    assert isinstance(part, Part)
+    assert part.get_pointer_to_function(part.name) == 0

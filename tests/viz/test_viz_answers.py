@@ -1,0 +1,62 @@
+"""Plots of sensitivities, optima and inferences show the numbers of their runs."""
+
+import math
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+import meshtrace as mt
+from meshtrace import viz
+from meshtrace.studies.sensitivity import swings
+from meshtrace.surfaces import FlatSea
+
+
+@pytest.fixture(autouse=True)
+def _close_figures():
+    yield
+    mpl.pyplot.close("all")
+
+
+def test_tornado_bars_are_two_runs():
+    s = mt.sensitivities(mt.Link(), FlatSea(), wrt=["water.b", "water.a"], photons=64)
+    found = swings(s, 0.1)
+    assert [one.name for one in found] == ["water.a", "water.b"]  # the largest on top
+    path = -s.table["water.a"].relative  # mean path in the water [m]
+    expected = [10.0 * math.log10(math.exp(sign * 0.0114 * path)) for sign in (1.0, -1.0)]
+    assert found[0].change == pytest.approx(expected, rel=1e-3)
+    ax = viz.plot_tornado(s, change={"water.a": (0.1026, 0.1254)})
+    widths = [bar.get_width() for bar in ax.patches]
+    assert widths == pytest.approx(expected, rel=1e-3)
+    assert "[dB]" in ax.get_xlabel()
+
+
+def test_tornado_of_the_range_is_in_metres():
+    link = mt.Link().at_depth(40.0)
+    s = mt.sensitivities(link, FlatSea(), wrt=["water.a"], of="range", ook=None, photons=256)
+    low, high = swings(s, 0.1)[0].change
+    # two-sided, and not the derivative: the light falls faster with a deeper lamp
+    assert low == pytest.approx(3.0, abs=0.15)
+    assert high == pytest.approx(-2.6, abs=0.15)
+    slope = s.derivative("water.a").value * 0.0114
+    assert high > slope > -low
+    with pytest.raises(mt.Refused, match="change"):
+        swings(s, 1.5)
+    with pytest.raises(mt.Refused, match="no such key"):
+        swings(s, {"water.b": (0.03, 0.04)})
+
+
+def test_other_plots_show_the_numbers():
+    over = {"transmitter.half_angle_deg": (5.0, 20.0)}
+    o = mt.optimize(mt.Link(), FlatSea(), over, "gain", realizations=1, photons=64)
+    x, y = viz.plot_optimum(o).get_lines()[0].get_data()
+    assert np.array_equal(x, o.history[:, 0])
+    assert np.array_equal(y, o.history[:, 1])
+    rows = [
+        {"transmitter.depth": d, "gain": g, "stderr": 0.02 * g}
+        for d, g in ((5.0, 3e-4), (10.0, 6e-5))
+    ]
+    f = mt.infer(rows, mt.Link(), ["water.a"], photons=64)
+    assert np.array_equal(
+        viz.plot_inference(f).get_lines()[0].get_ydata(), f.measured / f.predicted
+    )
