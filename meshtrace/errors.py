@@ -11,7 +11,8 @@ import math
 import operator
 import re
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from types import UnionType
+from typing import TYPE_CHECKING, Any, get_args
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -119,10 +120,11 @@ def require_whole(value: Any, low: int, high: int, path: str) -> None:
         raise Refused(path, value, f"an integer {low} <= {path} <= {high}")
 
 
-def require_kind(value: Any, kind: type, path: str) -> None:
-    """Refuse all but instances of a class, and None."""
-    if value is not None and not isinstance(value, kind):
-        raise Refused(path, Described(type(value).__name__), f"a {kind.__name__}")
+def require_kind(value: Any, kind: type | UnionType, path: str) -> None:
+    """Refuse all but instances of a class, or also None for `kind | None`."""
+    if not isinstance(value, kind):
+        name = (get_args(kind) or (kind,))[0].__name__
+        raise Refused(path, Described(type(value).__name__), f"a {name}")
 
 
 def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> NDArray[Any]:

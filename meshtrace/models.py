@@ -167,7 +167,7 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
         Traceback (most recent call last):
         meshtrace.errors.Refused: receiver.hieght: 10.0, no such key, did you mean height? ...
         """
-        require_kind(path, str, "path")
+        require_kind(path, str | None, "path")
         fields = {name: getattr(self, name) for name in self.model_fields_set}
         for key, new in ({**({} if path is None else {path: value}), **updates}).items():
             head, *rest = key.split(".")

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.bvh.embree import new_scene
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_kind
 from meshtrace.kernels.facets import Triangles, facet_hits
 from meshtrace.kernels.jit import allocating_entry
 from meshtrace.mesh import TriangleMesh
@@ -93,6 +93,7 @@ class EmbreeIntersector:
     shortcut = True
 
     def __init__(self, mesh: TriangleMesh, threads: int | None = None) -> None:
+        require_kind(mesh, TriangleMesh, "mesh")
         self.mesh = mesh
         self.threads = default_threads(threads)
         self._scene = new_scene(mesh.vertices, mesh.faces)
@@ -126,6 +127,7 @@ class BruteForceIntersector:
     shortcut = False
 
     def __init__(self, mesh: TriangleMesh) -> None:
+        require_kind(mesh, TriangleMesh, "mesh")
         self.mesh = mesh
 
     def facets(

@@ -214,7 +214,9 @@ class _Below(CPUDispatcher):
 
     def __call__(self, *args: Any, **options: Any) -> Any:
         """Refuse a call from Python, which would end the process."""
-        raise TypeError(f"{self.py_func.__name__} is called by kernels only; py_func is its Python code")
+        raise TypeError(
+            f"{self.py_func.__name__} is called by kernels only; py_func is its Python code"
+        )
 
 
 def _below(**options: Any) -> Callable[[Callable[..., Any]], Any]:

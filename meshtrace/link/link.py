@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from meshtrace.errors import Described, Refused, require_kind
+from meshtrace.errors import Described, Refused, require_kind, require_real
 from meshtrace.link.physics import Physics, Whitecaps
 from meshtrace.link.receivers import (
     AnyAperture,
@@ -254,7 +254,7 @@ class Link(Model, frozen=True):
         >>> round(Link().in_wind(13.0).whitecaps.transmittance, 4)
         0.8899
         """
-        if wind_speed == 0.0:
+        if require_real(wind_speed, "wind_speed", "0 <= wind_speed <= 30") == 0.0:
             return self.replace(whitecaps=None, bubbles=None)
         wavelength = self.transmitters[0].wavelength_nm
         return self.replace(

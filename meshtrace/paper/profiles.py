@@ -175,8 +175,6 @@ def ray_deflection(
     >>> f"{1e3 * bent.offset:.1f} mm"
     '1.6 mm'
     """
-    if profile is None:
-        raise Refused("profile", None, "a WaterProfile")
     require_kind(profile, WaterProfile, "profile")
     allowed = f"0 <= zenith <= {STEEPEST:.3f} rad"
     if not 0.0 <= require_real(zenith, "zenith", allowed) <= STEEPEST:

@@ -128,7 +128,7 @@ class Scenario(Model, frozen=True):
         Refused
             If the text is not TOML or a value is not allowed.
         """
-        require_kind(changes, Mapping, "changes")
+        require_kind(changes, Mapping | None, "changes")
         try:
             config = parse_toml(text)
             for key, value in (changes or {}).items():

@@ -88,7 +88,7 @@ def background_series(
 
 def checked_daylight(day: Daylight | None, link: Link) -> Daylight | None:
     """Return daylight at the wavelength of a link, or None; refuse any other."""
-    require_kind(day, Daylight, "daylight")
+    require_kind(day, Daylight | None, "daylight")
     wavelength = link.transmitters[0].wavelength_nm
     if day is not None and day.wavelength_nm != wavelength:
         allowed = f"{wavelength:g}, that of the transmitter"

@@ -117,8 +117,8 @@ def time_series(
         spacing=spacing, threads=threads,
     )  # fmt: skip
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
-    require_kind(flight, Flight, "flight")
-    require_kind(route, Route, "route")
+    require_kind(flight, Flight | None, "flight")
+    require_kind(route, Route | None, "route")
     flight = flight and flight.checked()
     if inputs.scenario is not None and inputs.scenario.meshing.time != 0.0:
         raise Refused("sea.time", inputs.scenario.meshing.time, "0 with times")

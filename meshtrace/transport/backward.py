@@ -80,7 +80,7 @@ def background(
     '2.04e-03'
     """
     day = getattr(link, "daylight", None) if day is None else day
-    require_kind(day, Daylight, "day")
+    require_kind(day, Daylight | None, "day")
     if day is None:
         raise Refused("day", None, "a Daylight")
     require_whole(photons, SHIFTS, 10_000_000, "photons")

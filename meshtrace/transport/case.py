@@ -27,7 +27,7 @@ class Case(NamedTuple):
 
     def with_options(self, mesh: Meshing | None = None, **options: Any) -> Case:
         """Return the case with fields of `Run`, of its estimator and of `Meshing` replaced."""
-        require_kind(mesh, Meshing, "mesh")
+        require_kind(mesh, Meshing | None, "mesh")
         require_keys(options, list(dict.fromkeys([*Meshing.model_fields, *run_keys()])))
         given = {key: options.pop(key) for key in Meshing.model_fields if key in options}
         meshing = (self.meshing if mesh is None else mesh).replace(**given)

@@ -192,7 +192,7 @@ class Flight(NamedTuple):
     def checked(self) -> Flight:
         """Return the flight; refuse fields of other kinds."""
         require_kind(self.uav, Uav, "flight.uav")
-        require_kind(self.wind, Dryden, "flight.wind")
+        require_kind(self.wind, Dryden | None, "flight.wind")
         require_kind(self.coupled, bool, "flight.coupled")
         require_between(self.time_step, 0.0, 1e6, "flight.time_step")
         return self

@@ -63,7 +63,14 @@ METHODS = [
     ("record", lambda: mt.simulate(LINK, SEA, record=np.int64(3))),
     ("max_vertices", lambda: mt.trace_paths(LINK, SEA, n=9, max_vertices=1.8e308)),
     ("max_vertices", lambda: mt.trace_paths(LINK, SEA, n=100, max_vertices=10**7)),
+    ("up", lambda: mt.duplex(None, None, SEA_OF_WAVES)),
+    ("link", lambda: OOK.channel(None)),
+    ("wind", lambda: UAV.simulate_flight(None, TIMES, 1)),
+    ("mesh", lambda: mt.EmbreeIntersector(None)),
+    ("mesh", lambda: mt.BruteForceIntersector("x")),
     ("link", lambda: mt.in_wind((), 5.0)),
+    ("link", lambda: mt.in_wind(None, 5.0)),
+    ("wind_speed", lambda: mt.in_wind(LINK, np.array([0.0, 2.0]))),
     ("path", lambda: LINK.replace(np.array(["a", "b"]), 1.0)),
     ("changes", lambda: mt.Scenario.from_toml("", changes=(0.0, 0.0))),
     ("provenance", lambda: mt.Scenario.from_provenance([[1.0]])),
@@ -192,6 +199,7 @@ def test_an_unreadable_cache_folder_counts_as_empty(monkeypatch):
         raise PermissionError(13, "Permission denied", str(self))
         yield
 
+    jit.sources()  # the kernels themselves can be read
     monkeypatch.setattr(Path, "glob", denied)
     assert chain_gain.contributions._cache.files() == []
     jit.is_compiled(chain_gain.contributions)

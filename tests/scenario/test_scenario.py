@@ -421,10 +421,7 @@ def test_files_that_cannot_be_read(tmp_path):
         ("transmitter.kind = 'sun'\nrun.estimator = 'forced'", "transmitter"),
         ("receiver.kind = 'water-aperture'\nrun.estimator = 'forced'", "receiver"),
         ("run.estimator = 'forced'\n[planes]\ndepths = [1.0]", "planes"),
-        (
-            "run.estimator = 'forced'\n[transmitter]\nkind = 'top-hat-beam'\nradius = 0.1",
-            "transmitter",
-        ),
+        ("run.estimator = 'forced'\n[transmitter]\nkind = 'sun'", "transmitter"),
     ],
 )
 def test_surfaces_that_do_not_suit_are_refused_before_the_run(text, path):

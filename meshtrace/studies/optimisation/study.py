@@ -145,8 +145,8 @@ def optimize(
     require_whole(realizations, 1, 100_000, "realizations")
     require_between(quantile, 0.0, 1.0, "quantile")
     require_between(limit, 0.0, 0.5, "limit")
-    require_kind(uav, Uav, "uav")
-    require_kind(wind, Dryden, "wind")
+    require_kind(uav, Uav | None, "uav")
+    require_kind(wind, Dryden | None, "wind")
     functions = isinstance(constraints, list | tuple) and all(map(callable, constraints))
     if not functions:
         raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")

@@ -141,8 +141,8 @@ def link_performance(
     '35 dB optical'
     """
     require_keys(shortcuts, _SHORTCUTS)
-    require_kind(over, Realizations, "over")
-    require_kind(flight, Flight, "flight")
+    require_kind(over, Realizations | None, "over")
+    require_kind(flight, Flight | None, "flight")
     over = _with(over or Realizations(), shortcuts | {"n": shortcuts.get("realizations")})
     speed = shortcuts.get("wind_speed")
     if surface is None and speed is not None:
@@ -271,7 +271,7 @@ def depth_sweep(
     >>> f"{sweep.range_at_ber()[0, 0, 0]:.0f} m"
     '55 m'
     """
-    require_kind(over, Realizations, "over")
+    require_kind(over, Realizations | None, "over")
     if not isinstance(link, Link | Scenario):
         raise Refused("link", Described(type(link).__name__), "a Link or a Scenario")
     performances = []
