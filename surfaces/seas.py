@@ -36,7 +36,7 @@ def sea_from_config(config: Mapping[str, Any]) -> Surface | MeshSequence:
     Examples
     --------
     >>> sea_from_config({"kind": "flat", "height": 0.1})
-    FlatSea(height=0.1, kind='flat')
+    FlatSea(height=0.1)
     """
     if not isinstance(config, Mapping) or "kind" not in config:
         raise Refused("kind", MISSING, ", ".join(Surface.registered))
@@ -101,6 +101,6 @@ def sea_in_wind(wind_speed: float, seed: int = 0) -> Surface:
     Examples
     --------
     >>> sea_in_wind(0.0), sea_in_wind(8.0) == JonswapSea(wind_speed=8.0)
-    (FlatSea(height=0.0, kind='flat'), True)
+    (FlatSea(), True)
     """
     return JonswapSea(wind_speed=wind_speed, seed=seed) if wind_speed else FlatSea()

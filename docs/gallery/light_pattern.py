@@ -18,7 +18,7 @@ def main(folder: Path, frames: int = 20) -> None:
     sea = resolved_sea(5.0, fetch=30e3, seed=3).model_copy(update={"omega_max": 24.0})
     maps = [mt.light_pattern(link, sea, EXTENT, 0.01) for link in (sharp, mt.Link())]
 
-    figure = Figure(figsize=(8.4, 3.9), dpi=110)
+    figure = Figure(figsize=(8.8, 4.1), dpi=110)
     titles = ("waves down to 11 cm", "with the slopes of shorter waves")
     for ax, pattern, title in zip(figure.subplots(1, 2, sharey=True), maps, titles, strict=True):
         image = ax.imshow(

@@ -75,6 +75,7 @@ def measured(meshes, threads):
         "merit": figure_of_merit(LINK, meshes[1], 256, 50_000, rounds=1, seeds=3),
         "new_sea": new_sea(LINK, SEA, rtol=0.2, rounds=1),
         "resolved_sea": resolved_sea(LINK, SEA, rtol=0.2, rounds=1, realizations=2),
+        "downlink": new_sea(LINK.mirrored(), SEA, rtol=0.2, rounds=1),
         "peak_memory_mib": 1.0,
         "thread_scaling": threads,
         "worker_scaling": {

@@ -1,6 +1,7 @@
 """A session: its answers are those of the library for the newest state."""
 
 import threading
+import warnings
 
 import numpy as np
 import pytest
@@ -234,6 +235,8 @@ def test_two_sessions_do_not_mix():
 def test_warnings_are_notes_of_their_gain(session):
     session.move({"water": "petzold-harbour", "fov": 180.0})
     assert session.wait(240.0)
-    with pytest.warns(mt.FewSamplesWarning) as caught:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         mt.simulate(session.state.scenario, photons=8192)
+    assert any(issubclass(w.category, mt.FewSamplesWarning) for w in caught)
     assert session.answer("gain").notes == tuple(" ".join(str(w.message).split()) for w in caught)

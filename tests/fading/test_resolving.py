@@ -184,7 +184,7 @@ def test_command():
     assert "with tilts is within 3 % of the scintillation index of all waves" in found.stdout
     for more, message in (
         (["--spacings", "1,2,3,4"], "--spacings"),
-        (["--plot", "a.png"], "--plot"),
+        (["--plot", "a.xyz"], "--plot"),
         (["--omega-max", "4,8"], "omega_max"),
     ):
         refused = invoke(cli.app, ["converge", "--what", "fading", *more])

@@ -142,7 +142,8 @@ def test_a_home_that_cannot_be_written_is_no_obstacle():
     """Nor may numba's own cache be asked for a folder, which is fatal where it finds none."""
     code = (
         "import meshtrace.surfaces, meshtrace.kernels.photon\n"
-        "from meshtrace.bvh import BruteForceIntersector, TriangleMesh\n"
+        "from meshtrace.bvh import BruteForceIntersector\n"
+        "from meshtrace.mesh import TriangleMesh\n"
         "mesh = TriangleMesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])\n"
         "print(*BruteForceIntersector(mesh).intersect([(0.2, 0.2, 1)], [(0, 0, -1)]).facet)\n"
     )

@@ -31,10 +31,10 @@ def planes(tallies, origins, directions, length, weight, medium):
 
 
 @njit
-def mapped(tallies, origins, directions, weight):
+def mapped(tallies, origins, directions, weight, medium):
     for k in range(len(origins)):
         flight = kernel.Flight(row(origins, k), row(directions, k), math.inf, weight[k], 0.0, 0.0)
-        kernel.score_map(tallies, flight, None)
+        kernel.score_map(tallies, flight, medium)
 
 
 @njit
@@ -285,7 +285,7 @@ def test_map_is_a_histogram(tilt_deg, fov_deg):
     origins = rng.uniform(-3, 3, (n, 3)) * (1, 1, 0.1)
     directions = random_directions(rng, n)
     weight = rng.random(n)
-    mapped(tallies, origins, directions, weight)
+    mapped(tallies, origins, directions, weight, medium_arrays(mt.Link()))
     seen = (directions[:, 2] > 0) & (directions @ np.array(axis) >= cos)
     d = directions[seen]
     t = (5.0 - origins[seen, 2]) / d[:, 2]

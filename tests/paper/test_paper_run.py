@@ -116,7 +116,7 @@ def test_bad_input_is_one_line(tmp_path):
     for name in ("no.nc", "file"):
         text = refusal("-o", tmp_path, *only("stations"), "--profiles", tmp_path / name)
         assert f"{name}: " in text
-        assert "allowed: a netCDF-4 file" in text
+        assert "allowed: an undamaged netCDF file" in text
 
 
 def test_without_the_viz_extra_one_line_says_how_to_install_it(tmp_path, monkeypatch):

@@ -72,7 +72,7 @@ def test_swapped_ends_of_even_patterns_have_the_square_of_the_index(h, d, aside,
     clear = mt.Water(b=0.0)
     lamp = mt.Led(half_angle_deg=60.0, depth=d, zenith_deg=lean, azimuth_deg=30.0)
     end = mt.Receiver(
-        fov_deg=180.0, height=h, radius=0.01, position=(aside, 0.0), tilt_deg=tilt,
+        fov_deg=180.0, height=h, radius=0.003, position=(aside, 0.0), tilt_deg=tilt,
         tilt_azimuth_deg=70.0,
     )  # fmt: skip
     up = mt.Link(water=clear, transmitter=lamp, receiver=end)
