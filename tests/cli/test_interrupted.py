@@ -17,6 +17,11 @@ STARTED = "import os; os.write(2, b'started\\n'); from meshtrace.__main__ import
 SLOW = ["run", "--photons", "300000", "--threads", "1", "-o", "gain.nc"]
 
 
+def heed():
+    """Heed Ctrl-C: a shell's background jobs ignore it, and so would their children."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def interrupt(delay, folder, code=STARTED, line=SLOW):
     """Return exit code, stdout and stderr of a command that gets SIGINT after a delay [s]."""
     process = subprocess.Popen(
@@ -25,8 +30,7 @@ def interrupt(delay, folder, code=STARTED, line=SLOW):
         stderr=subprocess.PIPE,
         text=True,
         cwd=folder,
-        # a shell's background jobs ignore Ctrl-C, and so would their children
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        preexec_fn=heed,
     )
     assert process.stderr.readline() == "started\n"
     time.sleep(delay)
@@ -79,6 +83,10 @@ start.main()
 def test_ctrl_c_in_a_callback_is_not_lost(tmp_path):
     """Exceptions of `__del__` go nowhere; once the command went on."""
     done = subprocess.run(
-        [sys.executable, "-c", CALLBACK], capture_output=True, text=True, timeout=50
+        [sys.executable, "-c", CALLBACK],
+        capture_output=True,
+        text=True,
+        timeout=50,
+        preexec_fn=heed,
     )
     assert (done.returncode, done.stderr) == (130, "started\ninterrupted\n")
