@@ -88,8 +88,7 @@ class GainResult(WithArrays, Stored):
     Attributes
     ----------
     gain, gain_stderr : float or ndarray, shape (receivers,)
-        Fraction of the emitted power that each receiver collects, and its standard error, nan
-        where no light was received (`gain_bound`).
+        Fraction of the emitted power that each receiver collects, and its standard error.
     photons : int
         Photons launched (analog), or chains or adjoint paths (forced).
     fates : dict of str to FateTally
@@ -271,7 +270,6 @@ class GainResult(WithArrays, Stored):
         bound = bound_where_dark(values["gain"], photons) if fates else None
         if bound is not None:  # files of format 1 have none
             values["gain_bound"] = bound
-        values["gain_stderr"] = error_where_lit(values["gain"], values["gain_stderr"])
         return cls(
             **{n: v if n == "gain_order" else like(single, v) for n, v in values.items()},
             photons=photons,
@@ -287,11 +285,6 @@ class GainResult(WithArrays, Stored):
 def like(gain: Values, array: Any) -> Any:
     """Return values of the receivers, as a number for a single receiver."""
     return float(array[0]) if array is not None and np.ndim(gain) == 0 else array
-
-
-def error_where_lit(gain: Floats, stderr: Floats) -> Floats:
-    """Return standard errors, nan for gains of 0: a bound says how dark these are."""
-    return np.where(gain > 0.0, stderr, np.nan)
 
 
 def bound_where_dark(gain: Values, photons: int) -> Values | None:
@@ -355,8 +348,7 @@ def merge(results: Sequence[GainResult]) -> GainResult:
         raise Refused("results", Described("photon ids overlap"), "disjoint runs")
     n = np.array([r.photons for r in results])
     total = int(n.sum())
-    errors = [np.nan_to_num(r.stderrs) for r in results]
-    gains, stderrs = merged_mean([r.gains for r in results], errors, n)
+    gains, stderrs = merged_mean([r.gains for r in results], [r.stderrs for r in results], n)
     gain = like(first.gain, gains)
     fates = {}
     for name in first.fates:
@@ -372,7 +364,7 @@ def merge(results: Sequence[GainResult]) -> GainResult:
     return replace(
         first,
         gain=gain,
-        gain_stderr=like(gain, error_where_lit(gains, stderrs)),
+        gain_stderr=like(gain, stderrs),
         gain_bound=bound_where_dark(gain, total),
         photons=total,
         fates=fates,

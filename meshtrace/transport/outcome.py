@@ -23,7 +23,6 @@ from meshtrace.results.gain import (
     GainResult,
     ScatteredSamples,
     bound_where_dark,
-    error_where_lit,
 )
 from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, standard_error
 from meshtrace.stored import SHIFTS
@@ -61,7 +60,7 @@ def analog_result(
     gain = per_receiver(link, mean[:n_rx])
     result = GainResult(
         gain=gain,
-        gain_stderr=per_receiver(link, error_where_lit(mean[:n_rx], stderr[:n_rx])),
+        gain_stderr=per_receiver(link, stderr[:n_rx]),
         gain_bound=bound_where_dark(gain, n),
         photons=n,
         fates={

@@ -13,7 +13,7 @@ from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.parallel import default_threads
-from meshtrace.results.gain import GainResult, error_where_lit, merge
+from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
 from meshtrace.results.tallies import Arrivals, standard_error
 from meshtrace.transport.analog import options_over, run_analog
@@ -246,7 +246,7 @@ def _forced(
         extra["arrivals"] = Arrivals.of_rows(np.concatenate(rows))
     return GainResult(
         gain=per_receiver(link, gain),
-        gain_stderr=per_receiver(link, error_where_lit(gain, stderr)),
+        gain_stderr=per_receiver(link, stderr),
         gain_bound=bound_of_dark(link, mesh, gain, run, normals),
         photons=run.photons,
         fates={},
