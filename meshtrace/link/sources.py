@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from meshtrace.link.directions import unit_vector
-from meshtrace.models import Finite, NonNegative, Position, Positive
+from meshtrace.models import Finite, Model, NonNegative, Position, Positive
 from meshtrace.registry import Family
 
 
@@ -56,6 +56,62 @@ class Source(
         return str(getattr(self, "kind", ""))
 
 
+class _Lambertian(Model, frozen=True):
+    """Pattern of an LED."""
+
+    half_angle_deg: float = Field(10.0, ge=1e-3, lt=90.0, allow_inf_nan=False)
+
+    pattern: ClassVar[str] = "led"
+
+    @property
+    def spread_deg(self) -> float:
+        """Half-angle at half power [deg]."""
+        return self.half_angle_deg
+
+    @property
+    def order(self) -> float:
+        """Order m of I ~ cos^m(theta)."""
+        return -math.log(2.0) / math.log(math.cos(math.radians(self.half_angle_deg)))
+
+
+class _Gaussian(Model, frozen=True):
+    """Pattern of a beam, Gaussian in position and in angle."""
+
+    divergence_deg: float = Field(1.0, ge=0.0, lt=60.0, allow_inf_nan=False)
+    waist: NonNegative = 0.0
+
+    pattern: ClassVar[str] = "gaussian-beam"
+
+    @property
+    def size(self) -> float:
+        """Radius of the emitting disk [m]."""
+        return self.waist
+
+    @property
+    def spread_deg(self) -> float:
+        """Half-angle of the emitted cone [deg]."""
+        return self.divergence_deg
+
+
+class _TopHat(Model, frozen=True):
+    """Pattern of a beam, uniform over a disk and over a cone."""
+
+    divergence_deg: float = Field(1.0, ge=0.0, le=90.0, allow_inf_nan=False)
+    radius: NonNegative = 0.0
+
+    pattern: ClassVar[str] = "top-hat-beam"
+
+    @property
+    def size(self) -> float:
+        """Radius of the emitting disk [m]."""
+        return self.radius
+
+    @property
+    def spread_deg(self) -> float:
+        """Half-angle of the emitted cone [deg]."""
+        return self.divergence_deg
+
+
 class WaterSource(Source, frozen=True):
     """Base of the sources in the water, with a depth and an axis."""
 
@@ -79,7 +135,7 @@ class WaterSource(Source, frozen=True):
         return unit_vector(self.zenith_deg, self.azimuth_deg)
 
 
-class Led(WaterSource, frozen=True):
+class Led(_Lambertian, WaterSource, frozen=True):
     """Lambertian LED under water, I(theta) = (m + 1) / (2 pi) cos^m(theta) per unit power.
 
     Parameters
@@ -109,20 +165,9 @@ class Led(WaterSource, frozen=True):
     """
 
     kind: Literal["led"] = "led"
-    half_angle_deg: float = Field(10.0, ge=1e-3, lt=90.0, allow_inf_nan=False)
-
-    @property
-    def spread_deg(self) -> float:
-        """Half-angle at half power [deg]."""
-        return self.half_angle_deg
-
-    @property
-    def order(self) -> float:
-        """Lambertian order m."""
-        return _lambertian_order(self.half_angle_deg)
 
 
-class GaussianBeam(WaterSource, frozen=True):
+class GaussianBeam(_Gaussian, WaterSource, frozen=True):
     """Laser-like beam: Gaussian in position and in angle, 1/e^2 at waist and divergence.
 
     Parameters
@@ -134,21 +179,9 @@ class GaussianBeam(WaterSource, frozen=True):
     """
 
     kind: Literal["gaussian-beam"] = "gaussian-beam"
-    divergence_deg: float = Field(1.0, ge=0.0, lt=60.0, allow_inf_nan=False)
-    waist: NonNegative = 0.0
-
-    @property
-    def size(self) -> float:
-        """Radius of the emitting disk [m]."""
-        return self.waist
-
-    @property
-    def spread_deg(self) -> float:
-        """Half-angle of the emitted cone [deg]."""
-        return self.divergence_deg
 
 
-class TopHatBeam(WaterSource, frozen=True):
+class TopHatBeam(_TopHat, WaterSource, frozen=True):
     """Beam uniform over a disk and over a cone of directions.
 
     Parameters
@@ -160,18 +193,6 @@ class TopHatBeam(WaterSource, frozen=True):
     """
 
     kind: Literal["top-hat-beam"] = "top-hat-beam"
-    divergence_deg: float = Field(1.0, ge=0.0, le=90.0, allow_inf_nan=False)
-    radius: NonNegative = 0.0
-
-    @property
-    def size(self) -> float:
-        """Radius of the emitting disk [m]."""
-        return self.radius
-
-    @property
-    def spread_deg(self) -> float:
-        """Half-angle of the emitted cone [deg]."""
-        return self.divergence_deg
 
 
 class IsotropicSource(WaterSource, frozen=True):
@@ -204,7 +225,7 @@ class AirLamp(Source, frozen=True):
         """Half-angle of the emitted cone [deg]."""
 
 
-class AirLed(AirLamp, frozen=True):
+class AirLed(_Lambertian, AirLamp, frozen=True):
     """Lambertian LED in the air that shines down, with the pattern of `Led`.
 
     Parameters
@@ -231,25 +252,9 @@ class AirLed(AirLamp, frozen=True):
     """
 
     kind: Literal["air-led"] = "air-led"
-    half_angle_deg: float = Field(10.0, ge=1e-3, lt=90.0, allow_inf_nan=False)
-
-    @property
-    def pattern(self) -> str:
-        """Kind of the source in the water with the same pattern."""
-        return "led"
-
-    @property
-    def spread_deg(self) -> float:
-        """Half-angle at half power [deg]."""
-        return self.half_angle_deg
-
-    @property
-    def order(self) -> float:
-        """Lambertian order m."""
-        return _lambertian_order(self.half_angle_deg)
 
 
-class AirBeam(AirLamp, frozen=True):
+class AirBeam(_Gaussian, AirLamp, frozen=True):
     """Gaussian beam in the air that shines down, with the pattern of `GaussianBeam`.
 
     Parameters
@@ -263,26 +268,9 @@ class AirBeam(AirLamp, frozen=True):
     """
 
     kind: Literal["air-gaussian-beam"] = "air-gaussian-beam"
-    divergence_deg: float = Field(1.0, ge=0.0, lt=60.0, allow_inf_nan=False)
-    waist: NonNegative = 0.0
-
-    @property
-    def pattern(self) -> str:
-        """Kind of the source in the water with the same pattern."""
-        return "gaussian-beam"
-
-    @property
-    def size(self) -> float:
-        """Radius of the emitting disk [m]."""
-        return self.waist
-
-    @property
-    def spread_deg(self) -> float:
-        """Half-angle of the emitted cone [deg]."""
-        return self.divergence_deg
 
 
-class AirTopHatBeam(AirLamp, frozen=True):
+class AirTopHatBeam(_TopHat, AirLamp, frozen=True):
     """Beam in the air that shines down, uniform over a disk and over a cone, as `TopHatBeam`.
 
     Parameters
@@ -296,23 +284,6 @@ class AirTopHatBeam(AirLamp, frozen=True):
     """
 
     kind: Literal["air-top-hat-beam"] = "air-top-hat-beam"
-    divergence_deg: float = Field(1.0, ge=0.0, le=90.0, allow_inf_nan=False)
-    radius: NonNegative = 0.0
-
-    @property
-    def pattern(self) -> str:
-        """Kind of the source in the water with the same pattern."""
-        return "top-hat-beam"
-
-    @property
-    def size(self) -> float:
-        """Radius of the emitting disk [m]."""
-        return self.radius
-
-    @property
-    def spread_deg(self) -> float:
-        """Half-angle of the emitted cone [deg]."""
-        return self.divergence_deg
 
 
 class AirSource(Source, frozen=True):
@@ -372,11 +343,6 @@ class CardioidalSky(AirSource, frozen=True):
     """
 
     kind: Literal["cardioidal-sky"] = "cardioidal-sky"
-
-
-def _lambertian_order(half_angle_deg: float) -> float:
-    """Return the order m of I ~ cos^m with half of the intensity at an angle [deg]."""
-    return -math.log(2.0) / math.log(math.cos(math.radians(half_angle_deg)))
 
 
 AnySource = Annotated[SerializeAsAny[Source], BeforeValidator(Source.read)]
