@@ -6,12 +6,17 @@ Nothing is fetched, neither while building nor by a reader: equations become Mat
 from __future__ import annotations
 
 import re
+import sys
 from importlib.metadata import version as installed
+from pathlib import Path
+from typing import Any
 
 from docutils import nodes
 from docutils.utils.math import latex2mathml
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
+
+sys.path.insert(0, str(Path(__file__).parent))  # saved_pictures
 
 project = "meshtrace"
 author = "The meshtrace developers"
@@ -19,8 +24,15 @@ copyright = author
 release = installed("meshtrace")
 version = ".".join(release.split(".")[:2])
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-exclude_patterns = ["_build", "*_table.md"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx_gallery.gen_gallery",
+]
+exclude_patterns = ["_build", "*_table.md", "gallery", "examples/*.ipynb"]
+templates_path = ["_templates"]
 default_role = "code"
 nitpicky = False
 
@@ -33,6 +45,21 @@ nb_execution_timeout = 600
 nb_merge_streams = True
 nb_output_stderr = "remove"
 
+SLOW = ("gain", "light_pattern", "movie", "plunging_crest")  # drawn by the tests, shown as kept
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "examples",
+    "filename_pattern": rf"gallery/(?!{'|'.join(SLOW)})\w+\.py$",
+    "within_subsection_order": "ExampleTitleSortKey",
+    "image_scrapers": ("saved_pictures.scraper",),
+    "capture_repr": (),
+    "abort_on_example_error": True,
+    "remove_config_comments": True,
+    "show_signature": False,
+    "write_computation_times": False,
+}
+
+autosummary_generate = True
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 autodoc_default_options = {"members": True, "show-inheritance": False}
@@ -48,7 +75,11 @@ html_title = f"meshtrace {release}"
 html_math_renderer = "mathml"
 html_copy_source = False
 html_static_path = ["_static"]
-html_extra_path = ["extra"]  # figures/, a page of its own
+html_extra_path = [
+    "extra",  # figures/, a page of its own
+    "gallery/pictures/light_pattern.mp4",
+    "gallery/pictures/movie.mp4",
+]
 html_css_files = ["meshtrace.css"]
 
 QUOTED = re.compile(r"(``[^`]*``|`[^`]*`)")
@@ -82,6 +113,15 @@ def without_machinery(
     return True if pydantic or type(obj).__name__ == "_tuplegetter" else None
 
 
+def two_levels(
+    app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: object
+) -> None:
+    """Limit the navigation to two levels: each page of an object is linked from its group."""
+    if "toctree" in context:
+        full = context["toctree"]
+        context["toctree"] = lambda **options: full(**{**options, "maxdepth": 2})
+
+
 def _inline_math(self: HTML5Translator, node: nodes.math) -> None:
     self.body.append(latex2mathml.tex2mathml(node.astext()))
     raise nodes.SkipNode
@@ -99,4 +139,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_html_math_renderer("mathml", (_inline_math, None), (_block_math, None))
     app.connect("autodoc-process-docstring", plain_text, priority=400)
     app.connect("autodoc-skip-member", without_machinery)
+    app.connect("html-page-context", two_levels, priority=400)  # before the theme reads it
     return {"parallel_read_safe": True, "parallel_write_safe": True}

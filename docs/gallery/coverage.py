@@ -1,6 +1,9 @@
-"""Gain over the plane of the receiver: as a map, and in the scene."""
+"""
+Gain over the plane of the receiver
+===================================
 
-from pathlib import Path
+The mean gain over a moving sea at 5 m/s for every place of a receiver at a height of 5 m, as a map and in the scene.
+"""
 
 import numpy as np
 
@@ -8,21 +11,19 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
 
+viz.use_style()
+link, sea = mt.Link(), JonswapSea(wind_speed=5.0, seed=7)
+coverage = mt.coverage_map(
+    link, sea, extent=5.0, step=0.25, times=np.arange(0.0, 10.0, 2.0), photons=200_000
+)
+print(coverage)
+ax = viz.plot_coverage(coverage, decibel=True)
+viz.save_picture(ax.figure, "coverage.png")
 
-def main(folder: Path) -> None:
-    viz.use_style()
-    link, sea = mt.Link(), JonswapSea(wind_speed=5.0, seed=7)
-    coverage = mt.coverage_map(
-        link, sea, extent=5.0, step=0.25, times=np.arange(0.0, 10.0, 2.0), photons=200_000
-    )
-    ax = viz.plot_coverage(coverage, decibel=True)
-    viz.save_picture(ax.figure, folder / "coverage.png")
+# %%
+# The same map above the sea.
 
-    style = viz.SceneStyle(uav=False, off_screen=True, window_size=(1200, 750))
-    plotter = viz.scene(link, sea, coverage=coverage, style=style)
-    viz.save_picture(plotter, folder / "coverage_scene.png")
-    plotter.close()
-
-
-if __name__ == "__main__":
-    main(Path(__file__).parent)
+style = viz.SceneStyle(uav=False, off_screen=True, window_size=(1200, 750))
+plotter = viz.scene(link, sea, coverage=coverage, style=style)
+viz.save_picture(plotter, "coverage_scene.png")
+plotter.close()

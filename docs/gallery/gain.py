@@ -1,6 +1,18 @@
-"""Gain over a moving sea and over many seas, its statistics, and the fates of the light."""
+"""
+Fading over time and over seas
+==============================
 
-from pathlib import Path
+The gain over a moving sea at 5 m/s that resolves all waves that light feels, with bands of two standard errors, and
+its autocorrelation.
+
+.. image:: /gallery/pictures/gain_series.png
+   :alt: Gain over time
+
+.. image:: /gallery/pictures/gain_autocorrelation.png
+   :alt: Autocorrelation of the gain
+"""
+
+# sphinx_gallery_thumbnail_path = 'gallery/pictures/gain_series.png'
 
 import numpy as np
 
@@ -8,26 +20,37 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import resolved_sea
 
+viz.use_style()
+link, sea = mt.Link(), resolved_sea(5.0, fetch=30e3, seed=7)
+series = mt.time_series(link, sea, np.arange(0.0, 4.0, 0.02), photons=1024)
+print(series)
+ax = viz.plot_gain_series(series)
+viz.save_picture(ax.figure, "gain_series.png")
+ax = viz.plot_autocorrelation(series.fading())
+viz.save_picture(ax.figure, "gain_autocorrelation.png")
 
-def main(folder: Path) -> None:
-    viz.use_style()
-    link, sea = mt.Link(), resolved_sea(5.0, fetch=30e3, seed=7)  # all waves that light feels
-    series = mt.time_series(link, sea, np.arange(0.0, 4.0, 0.02), photons=1024)
-    ax = viz.plot_gain_series(series)
-    viz.save_picture(ax.figure, folder / "gain_series.png")
-    ax = viz.plot_autocorrelation(series.fading())
-    viz.save_picture(ax.figure, folder / "gain_autocorrelation.png")
+# %%
+# The distribution over 200 independent seas, with fitted laws.
+#
+# .. image:: /gallery/pictures/gain_pdf.png
+#    :alt: Density of the gain
+#
+# .. image:: /gallery/pictures/gain_cdf.png
+#    :alt: Distribution function of the gain
 
-    many = mt.ensemble(link, 200, sea, photons=1024)
-    ax = viz.plot_gain_pdf(many)
-    viz.save_picture(ax.figure, folder / "gain_pdf.png")
-    ax = viz.plot_gain_cdf(many)
-    viz.save_picture(ax.figure, folder / "gain_cdf.png")
+many = mt.ensemble(link, 200, sea, photons=1024)
+print(many)
+ax = viz.plot_gain_pdf(many)
+viz.save_picture(ax.figure, "gain_pdf.png")
+ax = viz.plot_gain_cdf(many)
+viz.save_picture(ax.figure, "gain_cdf.png")
 
-    result = mt.simulate(link, sea, estimator="analog", photons=100_000)
-    ax = viz.plot_fates(result)
-    viz.save_picture(ax.figure, folder / "fates.png")
+# %%
+# The fates of the light, from individual photons.
+#
+# .. image:: /gallery/pictures/fates.png
+#    :alt: Share of the light by fate
 
-
-if __name__ == "__main__":
-    main(Path(__file__).parent)
+result = mt.simulate(link, sea, estimator="analog", photons=100_000)
+ax = viz.plot_fates(result)
+viz.save_picture(ax.figure, "fates.png")

@@ -1,6 +1,15 @@
-"""A moving sea with its gain, as a movie."""
+"""
+A moving sea with its gain
+==========================
 
-from pathlib import Path
+A movie of the sea at 5 m/s, with received rays and the gain over time:
+
+.. raw:: html
+
+   <video controls loop muted width="100%" src="../movie.mp4"></video>
+"""
+
+# sphinx_gallery_thumbnail_path = 'gallery/pictures/link_scene.png'
 
 import numpy as np
 
@@ -8,12 +17,6 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
 
-
-def main(folder: Path, frames: int = 11) -> None:
-    link, sea = mt.Link(), JonswapSea(wind_speed=5.0, omega_max=9.0, seed=7)
-    times = 0.4 * np.arange(frames)
-    viz.save_movie(link, sea, times, folder / "movie.mp4", frame_rate=5.0, received=30)
-
-
-if __name__ == "__main__":
-    main(Path(__file__).parent)
+link, sea = mt.Link(), JonswapSea(wind_speed=5.0, omega_max=9.0, seed=7)
+times = 0.4 * np.arange(11)
+viz.save_movie(link, sea, times, "movie.mp4", frame_rate=5.0, received=30)

@@ -1,6 +1,10 @@
-"""Profiles of a linear, a choppy and a second-order sea with the same phases."""
+"""
+Nonlinear waves
+===============
 
-from pathlib import Path
+Profiles of a linear, a choppy and a second-order sea with the same phases: crests of nonlinear waves are higher and
+sharper, troughs flatter.
+"""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -18,30 +22,23 @@ def draw(ax: plt.Axes, sea: JonswapSea | MeasuredSea, middle: tuple[float, float
     for name, changes in KINDS.items():
         z = sea.model_copy(update=changes).elevation(middle[0] + x, middle[1])
         ax.plot(x, z, STYLES[name], label=name, linewidth=1.6 if name != "linear" else 1.2)
+        print(f"{name:12} {half:4g} m to both sides: {z.min():6.3f} to {z.max():5.3f} m")
     ax.set_xlim(-half, half)
     ax.set_ylabel("elevation [m]")
 
 
-def main(folder: Path) -> None:
-    viz.use_style()
-    figure, (top, bottom) = plt.subplots(2, 1, figsize=(8.0, 6.0), layout="constrained")
-    k, a = np.pi, 0.12
-    wave = MeasuredSea(
-        omega=[np.sqrt(9.81 * k)], theta=[0.0], variance=[[0.5 * a**2]], capillary=False
-    )
-    draw(top, wave, (wave.components.phase[0] / k, 0.0), 2.2)
-    top.set_title(f"one wave of 2 m, a k = {a * k:.2f}")
+viz.use_style()
+figure, (top, bottom) = plt.subplots(2, 1, figsize=(8.0, 6.0), layout="constrained")
+k, a = np.pi, 0.12
+wave = MeasuredSea(omega=[np.sqrt(9.81 * k)], theta=[0.0], variance=[[0.5 * a**2]], capillary=False)
+draw(top, wave, (wave.components.phase[0] / k, 0.0), 2.2)
+top.set_title(f"one wave of 2 m, a k = {a * k:.2f}")
 
-    sea = JonswapSea(wind_speed=13.0, band="scaled", d_theta=np.pi / 6, seed=4)
-    axis = np.arange(-100.0, 100.0, 0.5)
-    i, j = np.unravel_index(np.argmax(sea.grid(axis, axis)[0]), (len(axis), len(axis)))
-    draw(bottom, sea, (axis[i], axis[j]), 25.0)
-    bottom.set_title("JONSWAP sea at 13 m/s, along the wind, through a high crest")
-    bottom.set_xlabel("x [m]")
-    bottom.legend(loc="upper left")
-    viz.save_picture(figure, folder / "nonlinear_profiles.png")
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    main(Path(__file__).parent)
+sea = JonswapSea(wind_speed=13.0, band="scaled", d_theta=np.pi / 6, seed=4)
+axis = np.arange(-100.0, 100.0, 0.5)
+i, j = np.unravel_index(np.argmax(sea.grid(axis, axis)[0]), (len(axis), len(axis)))
+draw(bottom, sea, (axis[i], axis[j]), 25.0)
+bottom.set_title("JONSWAP sea at 13 m/s, along the wind, through a high crest")
+bottom.set_xlabel("x [m]")
+bottom.legend(loc="upper left")
+viz.save_picture(figure, "nonlinear_profiles.png")

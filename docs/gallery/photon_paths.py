@@ -1,37 +1,39 @@
-"""Photon paths by fate, and refraction of received light at the surface, close up."""
+"""
+Photon paths and their fates
+============================
+
+Paths of photons by the fate of the light. Received ones are drawn in proportion to the light they carry; dots mark
+scattering, white ones the crossing of the surface.
+"""
 
 from dataclasses import replace
-from pathlib import Path
 
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
 
+link = mt.Link(
+    water=mt.Water(a=0.114, b=0.12),
+    bubbles=mt.HallNovarini(wind_speed=8.0),
+    transmitter=mt.Led(depth=8.0, half_angle_deg=12.0),
+)
+sea = JonswapSea(wind_speed=8.0, omega_max=8.0, seed=3)
 
-def main(folder: Path) -> None:
-    link = mt.Link(
-        water=mt.Water(a=0.114, b=0.12),
-        bubbles=mt.HallNovarini(wind_speed=8.0),
-        transmitter=mt.Led(depth=8.0, half_angle_deg=12.0),
-    )
-    sea = JonswapSea(wind_speed=8.0, omega_max=8.0, seed=3)
+style = viz.SceneStyle(off_screen=True, window_size=(1200, 750))
+plotter = viz.scene(link, sea, paths=80, received=30, style=style)
+viz.save_picture(plotter, "photon_paths.png")
+plotter.close()
 
-    style = viz.SceneStyle(off_screen=True, window_size=(1200, 750))
-    plotter = viz.scene(link, sea, paths=80, received=30, style=style)
-    viz.save_picture(plotter, folder / "photon_paths.png")
-    plotter.close()
+# %%
+# The same close to the surface, with the edges of its facets: light is refracted at its crossings.
 
-    wide = link.model_copy(update={"transmitter": mt.Led(depth=8.0, half_angle_deg=30.0)})
-    plotter = viz.scene(
-        wide,
-        sea,
-        paths=150,
-        received=20,
-        style=replace(style, edges=True, extent=2.0, spacing=0.1, opacity=0.5),
-    )
-    viz.save_picture(plotter, folder / "photon_paths_surface.png")
-    plotter.close()
-
-
-if __name__ == "__main__":
-    main(Path(__file__).parent)
+wide = link.model_copy(update={"transmitter": mt.Led(depth=8.0, half_angle_deg=30.0)})
+plotter = viz.scene(
+    wide,
+    sea,
+    paths=150,
+    received=20,
+    style=replace(style, edges=True, extent=2.0, spacing=0.1, opacity=0.5),
+)
+viz.save_picture(plotter, "photon_paths_surface.png")
+plotter.close()

@@ -1,34 +1,33 @@
-"""The same phases at 5 and at 13 m/s: elevation on one scale, and slope."""
+"""
+The sea at 5 and at 13 m/s
+==========================
 
-from pathlib import Path
+The same phases at two winds, by elevation and by slope.
+"""
 
 from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
 
-
-def main(folder: Path) -> None:
-    for wind_speed in (5.0, 13.0):
-        sea = JonswapSea(wind_speed=wind_speed, fetch=30e3, omega_max=9.0, seed=7)
-        mesh = sea.mesh(extent=30.0, spacing=0.12)
-        for color, limit in (("elevation", 1.0), ("slope", 0.25)):
-            plotter = viz.scene(
-                None,
-                mesh,
-                style=viz.SceneStyle(
-                    color=color,
-                    color_limit=limit,
-                    opacity=1.0,
-                    labels=False,
-                    off_screen=True,
-                    window_size=(1040, 650),
-                ),
-            )
-            viz.look(plotter, elevation_deg=24.0)
-            viz.add_scale(plotter)
-            viz.add_compass(plotter, wind_speed)
-            viz.save_picture(plotter, folder / f"surface_{wind_speed:g}_{color}.png")
-            plotter.close()
-
-
-if __name__ == "__main__":
-    main(Path(__file__).parent)
+for wind_speed in (5.0, 13.0):
+    sea = JonswapSea(wind_speed=wind_speed, fetch=30e3, omega_max=9.0, seed=7)
+    mesh = sea.mesh(extent=30.0, spacing=0.12)
+    z = mesh.vertices[:, 2]
+    print(f"{wind_speed:g} m/s: {len(mesh.faces)} facets from {z.min():.2f} to {z.max():.2f} m")
+    for color, limit in (("elevation", 1.0), ("slope", 0.25)):
+        plotter = viz.scene(
+            None,
+            mesh,
+            style=viz.SceneStyle(
+                color=color,
+                color_limit=limit,
+                opacity=1.0,
+                labels=False,
+                off_screen=True,
+                window_size=(1040, 650),
+            ),
+        )
+        viz.look(plotter, elevation_deg=24.0)
+        viz.add_scale(plotter)
+        viz.add_compass(plotter, wind_speed)
+        viz.save_picture(plotter, f"surface_{wind_speed:g}_{color}.png")
+        plotter.close()

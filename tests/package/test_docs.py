@@ -18,6 +18,10 @@ from meshtrace.scenario import Scenario
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = [DOCS / "quickstart.md", *sorted((DOCS / "guides").glob("*.md"))]
+PRINTING = re.compile(
+    r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", re.MULTILINE | re.DOTALL
+)
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]\d+)?")
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMANDS = get_command(cli.app).commands
 
@@ -30,23 +34,52 @@ def pages_with(language):
     return [pytest.param(page, id=page.stem) for page in PAGES if blocks(page, language)]
 
 
-@pytest.mark.process
-@pytest.mark.parametrize("page", pages_with("python"))
-def test_code_runs(page, tmp_path):
-    """All blocks of a page are one script: later ones use the names of earlier ones."""
-    if page.stem == "sweep":
-        pytest.importorskip("distributed")
-        pytest.importorskip("zarr")
-    script = tmp_path / "page.py"
-    script.write_text("\n".join(blocks(page, "python")), encoding="utf-8")
+def printed(page, folder):
+    """Return the output of each block of a page; all blocks are one script."""
+    script = folder / "page.py"
+    codes = [code for code, _ in PRINTING.findall(page.read_text("utf-8"))]
+    script.write_text("\nprint('\\x1e')\n".join(codes), encoding="utf-8")
     done = subprocess.run(
         [sys.executable, str(script)],
-        cwd=tmp_path,
+        cwd=folder,
         env={**os.environ, "PYTHONPATH": ""},
         capture_output=True,
         text=True,
     )
     assert done.returncode == 0, done.stderr
+    return done.stdout.split("\x1e\n")
+
+
+def with_outputs(page, outputs):
+    """Return the text of a page with these outputs below its blocks."""
+    found = iter(outputs)
+
+    def pair(match):
+        output = next(found)
+        below = f"\n```text\n{output.rstrip()}\n```\n" if output.strip() else ""
+        return f"```python\n{match.group(1)}```\n{below}"
+
+    return PRINTING.sub(pair, page.read_text("utf-8"))
+
+
+def numbers(text):
+    return [float(number.replace(",", "")) for number in NUMBER.findall(text)]
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("page", pages_with("python"))
+def test_code_runs_and_pages_show_what_it_prints(page, tmp_path, request):
+    """`--update-golden` replaces the outputs. Numbers may differ by a change of the engine."""
+    if page.stem == "sweep":
+        pytest.importorskip("distributed")
+        pytest.importorskip("zarr")
+    outputs = printed(page, tmp_path)
+    if request.config.getoption("--update-golden"):
+        page.write_text(with_outputs(page, outputs), encoding="utf-8")
+    for output, (_, shown) in zip(outputs, PRINTING.findall(page.read_text("utf-8")), strict=True):
+        words = [NUMBER.sub("0", text).split() for text in (output, shown)]
+        assert words[0] == words[1]
+        assert numbers(output) == pytest.approx(numbers(shown), rel=0.3)
 
 
 def own_classes(page):

@@ -110,7 +110,15 @@ def test_the_python_of_the_readme_runs(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL):
         exec(compile(block, "README.md", "exec"), {})
-    assert re.search(r"gain \d\.\d+e-\d\d \+- \d\.\de-\d\d", capsys.readouterr().out)
+    form = r"gain (\d\.\d+e-\d\d) \+- (\d\.\de-\d\d)"
+    gain, stderr = map(float, re.search(form, capsys.readouterr().out).groups())
+    stated, stated_stderr = map(float, re.search(form, README).groups())
+    assert abs(gain - stated) < 0.005e-5 + 3.0 * stderr
+    assert 0.5 < stderr / stated_stderr < 2.0
+
+
+def test_the_readme_is_short():
+    assert len(README.splitlines()) < 120
 
 
 def test_the_files_that_the_readme_names_exist():

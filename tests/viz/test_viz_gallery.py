@@ -1,7 +1,8 @@
-"""The scripts of the gallery run off-screen, and what they make is in the gallery."""
+"""The scripts of the gallery run off-screen, and their pictures are those that are kept."""
 
-import importlib.util
+import ast
 import re
+import runpy
 from functools import cache
 from pathlib import Path
 
@@ -11,21 +12,21 @@ import pytest
 from PIL import Image
 
 GALLERY = Path(__file__).parents[2] / "docs" / "gallery"
+KEPT = GALLERY / "pictures"
 SCRIPTS = sorted(GALLERY.glob("*.py"))
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Return a function that runs a script, once, and returns what it has made."""
+    """Return a function that runs a script, once, and returns the pictures that it has saved."""
 
     @cache
     def run(script):
         folder = tmp_path_factory.mktemp(script.stem)
-        spec = importlib.util.spec_from_file_location(f"gallery_{script.stem}", script)
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        with mpl.rc_context():
-            module.main(folder)
+        with mpl.rc_context(), pytest.MonkeyPatch.context() as patch:
+            patch.chdir(folder)
+            patch.setattr("sys.argv", [str(script)])
+            runpy.run_path(str(script), run_name="__main__")
             mpl.pyplot.close("all")
         return sorted(folder.iterdir())
 
@@ -41,7 +42,7 @@ def pixels(path):
 def test_gallery(script, made):
     assert made(script)
     for path in made(script):
-        kept = GALLERY / path.name
+        kept = KEPT / path.name
         assert kept.exists(), f"{path.name} is not in the gallery"
         assert max(path.stat().st_size, kept.stat().st_size) < 300_000
         if path.suffix == ".png":
@@ -52,16 +53,22 @@ def test_gallery(script, made):
 
 
 def test_the_gallery_holds_nothing_else(made):
-    files = (path for path in GALLERY.iterdir() if path.is_file())
-    pictures = {path.name for path in files if path.suffix not in (".py", ".md")}
+    pictures = {path.name for path in KEPT.iterdir()}
     assert pictures == {path.name for script in SCRIPTS for path in made(script)}
-    assert sum((GALLERY / name).stat().st_size for name in pictures) < 4_000_000
+    assert sum((KEPT / name).stat().st_size for name in pictures) < 4_000_000
+    assert {path.suffix for path in GALLERY.iterdir() if path.is_file()} <= {".py", ".rst"}
 
 
-def test_the_page_shows_every_picture_and_names_every_script():
-    page = (GALLERY / "README.md").read_text(encoding="utf-8")
-    shown = re.findall(r"\]\(([\w.]+)\)", page)
-    assert sorted(shown) == sorted(
-        p.name for p in GALLERY.iterdir() if p.suffix in (".png", ".mp4")
-    )
-    assert sorted(re.findall(r"^`(\w+\.py)`", page, re.M)) == [path.name for path in SCRIPTS]
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_scripts_are_pages(script):
+    """A title, a text, and pictures: drawn when the pages are built, or kept ones."""
+    text = script.read_text(encoding="utf-8")
+    title, line, *rest = ast.get_docstring(ast.parse(text)).splitlines()
+    assert line == "=" * len(title)
+    assert any(rest)
+    for name in re.findall(r"/?gallery/pictures/([\w.]+)", text):
+        assert (KEPT / name).exists()
+    slow = re.search(r"^SLOW = (\(.*?\))", (GALLERY.parent / "conf.py").read_text(), re.M)
+    drawn_by_tests = script.stem in ast.literal_eval(slow.group(1))
+    assert ("sphinx_gallery_thumbnail_path" in text) == drawn_by_tests
+    assert len(text.splitlines()) < 100
