@@ -31,7 +31,9 @@ GOLDEN = Path(__file__).parent / "cli" / "golden"
 
 def pytest_addoption(parser):
     parser.addoption(
-        "--update-golden", action="store_true", help="replace the texts in tests/cli/golden"
+        "--update-golden",
+        action="store_true",
+        help="replace the texts in tests/cli/golden, and the outputs on the pages of the guides",
     )
 
 

@@ -2,8 +2,8 @@
 Bubbles under a windy sea
 =========================
 
-Breaking waves fill the uppermost metres with bubbles, which scatter light: the coefficients at three winds, and the
-layer in a scene.
+Breaking waves fill the uppermost metres with bubbles, which scatter light: the coefficients at
+three winds, and the layer in a scene.
 """
 
 import numpy as np

@@ -2,7 +2,8 @@
 Gain over the plane of the receiver
 ===================================
 
-The mean gain over a moving sea at 5 m/s for every place of a receiver at a height of 5 m, as a map and in the scene.
+The mean gain over a moving sea at 5 m/s for every place of a receiver at a height of 5 m, as a map
+and in the scene.
 """
 
 import numpy as np

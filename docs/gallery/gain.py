@@ -2,8 +2,8 @@
 Fading over time and over seas
 ==============================
 
-The gain over a moving sea at 5 m/s that resolves all waves that light feels, with bands of two standard errors, and
-its autocorrelation.
+The gain over a moving sea at 5 m/s that resolves all waves that light feels, with bands of two
+standard errors, and its autocorrelation.
 
 .. image:: /gallery/pictures/gain_series.png
    :alt: Gain over time

@@ -2,8 +2,9 @@
 Caustics above the sea
 ======================
 
-Unscattered light of the default link on the plane 5 m above a resolved sea at 5 m/s: the caustics of all waves longer
-than 11 cm, and the same with the slopes of the shorter ones, which every receiver sees.
+Unscattered light of the default link on the plane 5 m above a resolved sea at 5 m/s: the caustics
+of all waves longer than 11 cm, and the same with the slopes of the shorter ones, which every
+receiver sees.
 
 .. image:: /gallery/pictures/light_pattern.png
    :alt: Caustics above the sea, sharp and blurred
@@ -19,6 +20,7 @@ from meshtrace import viz
 from meshtrace.surfaces import resolved_sea
 
 EXTENT = 1.5  # m
+FRAMES = 20
 
 viz.use_style()
 sharp = mt.Link(physics={"unresolved": "none"})  # light is bent by the waves of the band alone
@@ -48,5 +50,5 @@ viz.save_picture(figure, "light_pattern.png")
 #
 #    <video controls loop muted width="100%" src="../light_pattern.mp4"></video>
 
-times = 0.02 * np.arange(20)
+times = 0.02 * np.arange(FRAMES)
 viz.save_light(sharp, sea, "light_pattern.mp4", times, extent=EXTENT, frame_rate=10.0)

@@ -2,8 +2,8 @@
 A link from the water to the air
 ================================
 
-A link over a sea at 13 m/s: the LED and its cone of half power, bubbles that whiten the water, the tilted aircraft, and
-the field of view of its receiver on the surface.
+A link over a sea at 13 m/s: the LED and its cone of half power, bubbles that whiten the water, the
+tilted aircraft, and the field of view of its receiver on the surface.
 """
 
 import meshtrace as mt

@@ -17,6 +17,8 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
 
+FRAMES = 11
+
 link, sea = mt.Link(), JonswapSea(wind_speed=5.0, omega_max=9.0, seed=7)
-times = 0.4 * np.arange(11)
+times = 0.4 * np.arange(FRAMES)
 viz.save_movie(link, sea, times, "movie.mp4", frame_rate=5.0, received=30)

@@ -2,8 +2,8 @@
 Nonlinear waves
 ===============
 
-Profiles of a linear, a choppy and a second-order sea with the same phases: crests of nonlinear waves are higher and
-sharper, troughs flatter.
+Profiles of a linear, a choppy and a second-order sea with the same phases: crests of nonlinear
+waves are higher and sharper, troughs flatter.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 Photon paths and their fates
 ============================
 
-Paths of photons by the fate of the light. Received ones are drawn in proportion to the light they carry; dots mark
-scattering, white ones the crossing of the surface.
+Paths of photons by the fate of the light. Received ones are drawn in proportion to the light they
+carry; dots mark scattering, white ones the crossing of the surface.
 """
 
 from dataclasses import replace

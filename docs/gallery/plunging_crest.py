@@ -2,14 +2,15 @@
 Light in a plunging crest
 =========================
 
-A fan of beams under a plunging crest, a mesh that overhangs: light that meets the surface beyond the critical angle
-follows the jet to its tip, the rest is refracted into the air and through the tube.
+A fan of beams under a plunging crest, a mesh that overhangs: light that meets the surface beyond
+the critical angle follows the jet to its tip, the rest is refracted into the air and through the
+tube.
 
 .. image:: /gallery/pictures/plunging_crest.png
    :alt: Light guided by the jet of a plunging crest and refracted into its tube
 
-The crest and the picture are those of ``examples/plunging_crest.py`` in the repository, which also prints the fates of
-the light.
+The crest and the picture are those of ``examples/plunging_crest.py`` in the repository, which also
+prints the fates of the light.
 """
 
 # sphinx_gallery_thumbnail_path = 'gallery/pictures/plunging_crest.png'

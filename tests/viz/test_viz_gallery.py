@@ -2,7 +2,6 @@
 
 import ast
 import re
-import runpy
 from functools import cache
 from pathlib import Path
 
@@ -26,7 +25,8 @@ def made(tmp_path_factory):
         with mpl.rc_context(), pytest.MonkeyPatch.context() as patch:
             patch.chdir(folder)
             patch.setattr("sys.argv", [str(script)])
-            runpy.run_path(str(script), run_name="__main__")
+            text = re.sub(r"^FRAMES = \d+", "FRAMES = 5", script.read_text("utf-8"), flags=re.M)
+            exec(compile(text, script, "exec"), {"__name__": "__main__", "__file__": str(script)})
             mpl.pyplot.close("all")
         return sorted(folder.iterdir())
 
