@@ -45,7 +45,7 @@ nb_execution_timeout = 600
 nb_merge_streams = True
 nb_output_stderr = "remove"
 
-SLOW = ("gain", "light_pattern", "movie", "plunging_crest")  # drawn by the tests, shown as kept
+SLOW = ("light_pattern", "movie", "plunging_crest")  # drawn by the tests, shown as kept
 sphinx_gallery_conf = {
     "examples_dirs": "gallery",
     "gallery_dirs": "examples",

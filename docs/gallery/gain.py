@@ -4,15 +4,7 @@ Fading over time and over seas
 
 The gain over a moving sea at 5 m/s that resolves all waves that light feels, with bands of two
 standard errors, and its autocorrelation.
-
-.. image:: /gallery/pictures/gain_series.png
-   :alt: Gain over time
-
-.. image:: /gallery/pictures/gain_autocorrelation.png
-   :alt: Autocorrelation of the gain
 """
-
-# sphinx_gallery_thumbnail_path = 'gallery/pictures/gain_series.png'
 
 import numpy as np
 
@@ -31,12 +23,6 @@ viz.save_picture(ax.figure, "gain_autocorrelation.png")
 
 # %%
 # The distribution over 200 independent seas, with fitted laws.
-#
-# .. image:: /gallery/pictures/gain_pdf.png
-#    :alt: Density of the gain
-#
-# .. image:: /gallery/pictures/gain_cdf.png
-#    :alt: Distribution function of the gain
 
 many = mt.ensemble(link, 200, sea, photons=1024)
 print(many)
@@ -47,9 +33,6 @@ viz.save_picture(ax.figure, "gain_cdf.png")
 
 # %%
 # The fates of the light, from individual photons.
-#
-# .. image:: /gallery/pictures/fates.png
-#    :alt: Share of the light by fate
 
 result = mt.simulate(link, sea, estimator="analog", photons=100_000)
 ax = viz.plot_fates(result)

@@ -9,7 +9,7 @@ A movie of the sea at 5 m/s, with received rays and the gain over time:
    <video controls loop muted width="100%" src="../movie.mp4"></video>
 """
 
-# sphinx_gallery_thumbnail_path = 'gallery/pictures/link_scene.png'
+# sphinx_gallery_thumbnail_path = 'gallery/pictures/surface_5_elevation.png'
 
 import numpy as np
 
