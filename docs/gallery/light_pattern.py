@@ -4,7 +4,7 @@ Caustics above the sea
 
 Unscattered light of the default link on the plane 5 m above a resolved sea at 5 m/s: the caustics
 of all waves longer than 11 cm, and the same with the slopes of the shorter ones, which every
-receiver sees.
+receiver sees. The brightest cell has 40 and 5 times the mean.
 
 .. image:: /gallery/pictures/light_pattern.png
    :alt: Caustics above the sea, sharp and blurred

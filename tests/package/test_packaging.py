@@ -93,12 +93,7 @@ def test_every_public_name_is_there():
     assert all(hasattr(meshtrace, name) for name in meshtrace.__all__)
 
 
-# the gallery draws the plunging crest, and its test compares the picture
-@pytest.mark.parametrize(
-    "example",
-    [path for path in EXAMPLES if path.stem != "plunging_crest"],
-    ids=lambda path: path.stem,
-)
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_examples_run(example, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(example), run_name="__main__")
