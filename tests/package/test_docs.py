@@ -21,7 +21,8 @@ from meshtrace.results.gain import FATE_MEANING
 from meshtrace.scenario import Scenario
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = [DOCS / "quickstart.md", *sorted((DOCS / "guides").glob("*.md"))]
+PAGES = [DOCS / f"{name}.md" for name in ("quickstart", "downlink", "link", "nonlinear")]
+PAGES += sorted((DOCS / "guides").glob("*.md"))
 TIMED = {"convergence"}  # prints seconds
 PRINTING = re.compile(
     r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", re.MULTILINE | re.DOTALL
