@@ -117,11 +117,17 @@ def over_seas(seas: int, quiet: bool = False) -> Iterator[Callable[[int], None]]
 
 
 def kernels_are_compiled(estimator: str) -> bool:
-    """Return whether the kernels of an estimator are compiled, in this process or on disk."""
-    from meshtrace.kernels import chain_gain, jit, photon
+    """Return whether the kernels of an estimator are compiled, in this process or on disk.
 
-    slowest = {"forced": chain_gain.contributions, "analog": photon.advance}
-    return jit.is_compiled(slowest[estimator])
+    Forced detection has one slow kernel for seas with random slopes and one for other surfaces.
+    """
+    from meshtrace.kernels import blurred, chain_gain, jit, photon
+
+    slowest = {
+        "forced": (chain_gain.contributions, blurred.blurred_contributions),
+        "analog": (photon.advance,),
+    }
+    return any(jit.is_compiled(kernel) for kernel in slowest[estimator])
 
 
 @contextmanager

@@ -119,6 +119,15 @@ def test_kernels_once_compiled_are_found(monkeypatch, estimator):
     assert cli.console.kernels_are_compiled(estimator)
 
 
+def test_seas_with_random_slopes_need_one_kernel_of_forced_detection(monkeypatch):
+    from meshtrace.kernels import blurred
+
+    only = blurred.blurred_contributions
+    monkeypatch.setattr("meshtrace.kernels.jit.is_compiled", lambda kernel: kernel is only)
+    assert cli.console.kernels_are_compiled("forced")
+    assert not cli.console.kernels_are_compiled("analog")
+
+
 def test_a_mesh_too_small_for_its_link_is_refused(tmp_path, link_file):
     FlatSea().mesh(extent=5.0, spacing=1.0).to_trimesh().export(tmp_path / "small.ply")
     file = link_file('[sea]\nmesh = "small.ply"\n[receiver]\nposition = [9.0, 0.0]')
