@@ -18,7 +18,7 @@ def main(folder: Path) -> None:
     ax = viz.plot_coverage(coverage, decibel=True)
     viz.save_picture(ax.figure, folder / "coverage.png")
 
-    style = viz.SceneStyle(uav=False, off_screen=True, window_size=(1200, 750))
+    style = viz.SceneStyle(uav=False, off_screen=True)
     plotter = viz.scene(link, sea, coverage=coverage, style=style)
     viz.save_picture(plotter, folder / "coverage_scene.png")
     plotter.close()

@@ -9,10 +9,10 @@ from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
 
 
-def main(folder: Path, frames: int = 11) -> None:
+def main(folder: Path, frames: int = 300) -> None:
     link, sea = mt.Link(), JonswapSea(wind_speed=5.0, omega_max=9.0, seed=7)
-    times = 0.4 * np.arange(frames)
-    viz.save_movie(link, sea, times, folder / "movie.mp4", frame_rate=5.0, received=30)
+    times = np.arange(frames) / 30.0  # 10 s at natural speed
+    viz.save_movie(link, sea, times, folder / "movie.mp4", received=30, quality=2.8)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,6 @@ def main(folder: Path) -> None:
         result = mt.simulate(link, sea, photons=20_000, record=[mt.Arrivals()])
         responses[name] = mt.impulse_response(result, bin_width=2.5e-10)
     ax = viz.plot_impulse_response(responses)
-    ax.set_xlim(0.0, 8.0)  # ns; later light: single photons
     viz.save_picture(ax.figure, folder / "impulse_response.png")
 
     receiver = OokLink(bit_rate=5e6)

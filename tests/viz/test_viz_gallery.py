@@ -25,7 +25,8 @@ def made(tmp_path_factory):
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
         with mpl.rc_context():
-            module.main(folder)
+            # ten seconds of movie are for the gallery alone
+            module.main(folder, **({"frames": 8} if script.stem == "movie" else {}))
             mpl.pyplot.close("all")
         return sorted(folder.iterdir())
 
