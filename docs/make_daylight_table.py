@@ -30,9 +30,9 @@ LIGHTS = {
     "night": mt.Daylight.night(),
     "full moon": mt.Daylight.moon(),
     "overcast": mt.Daylight.overcast(30.0),
-    "sun at 60°": mt.Daylight.clear_sky(60.0),
-    "sun at 30°": mt.Daylight.clear_sky(30.0),
-    "sun at 10°": mt.Daylight.clear_sky(10.0),
+    "sun at zenith angle 60°": mt.Daylight.clear_sky(60.0),
+    "sun at zenith angle 30°": mt.Daylight.clear_sky(30.0),
+    "sun at zenith angle 10°": mt.Daylight.clear_sky(10.0),
 }
 TABLE_ROWS = ((10.0, 60.0), (2.0, 20.0), (2.0, 6.0), (0.5, 6.0))  # filter [nm], field of view [deg]
 
@@ -121,14 +121,15 @@ def draw(fades, lights):
         for i, (name, background) in enumerate(lights[fov].items()):
             found = np.array([ranges(fades[fov], background, fov, 1e6, w) for w in FILTERS])
             found = np.minimum(found, DEPTHS[-1])
-            axis.semilogx(FILTERS, found[:, 0], color=f"C{i}", label=name)
+            dashes = "--" if name == "full moon" else "-"  # where it covers the night
+            axis.semilogx(FILTERS, found[:, 0], dashes, color=f"C{i}", label=name)
             axis.fill_between(FILTERS, found[:, 1], found[:, 2], color=f"C{i}", alpha=0.2, lw=0)
         axis.set_title(f"field of view {fov:g}°", fontsize=10)
         axis.set_xlabel("filter width [nm]")
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("range at 1 Mbit/s, BER 1e-3 [m]")
     axes[0].set_ylim(0.0, None)
-    axes[-1].legend(fontsize=8)
+    axes[0].legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 0.62))
     figure.tight_layout()
     figure.savefig(HERE / "_static" / "daylight_ranges.png", dpi=110)
 

@@ -47,6 +47,7 @@ from .scenes import scene as scene
 from .show import view as view
 from .stage import Scene as Scene
 from .stage import Stage as Stage
+from .stage import add_caption as add_caption
 from .stage import add_compass as add_compass
 from .stage import add_key as add_key
 from .stage import add_labels as add_labels

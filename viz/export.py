@@ -11,6 +11,7 @@ import numpy as np
 import pyvista as pv
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
+from PIL import Image
 
 from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic
@@ -176,8 +177,8 @@ def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 
     path : path
         File, .png.
     largest : int
-        Size [byte] beyond which colours are rounded: of a plotter to 7, 6 or 5 bits, of a figure
-        to 128 or 64 colours.
+        Size [byte] beyond which a picture of a plotter has a palette of 256 colours, dithered or
+        plain, and a figure one of 128 or 64 colours.
 
     Returns
     -------
@@ -189,8 +190,6 @@ def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 
     Refused
         If the suffix is not .png, or the plotter has not been rendered.
     """
-    from PIL import Image, ImageOps
-
     path = Path(path)
     if path.suffix != ".png":
         raise Refused("path", str(path), "a file name in .png")
@@ -206,13 +205,24 @@ def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 
             closed = Described("not rendered, or closed")
             raise Refused("picture", closed, "a plotter in use") from error
         shot = Image.fromarray(pixels)
-        options = (ImageOps.posterize(shot, bits) for bits in (8, 7, 6, 5))
+        options = (make(shot) for make in (lambda full: full, _dithered, _rounded))
     with atomic(path) as temporary:
         for image in options:
             image.save(temporary, optimize=True)
             if temporary.stat().st_size <= largest:
                 break
     return path
+
+
+def _dithered(shot: Image.Image) -> Image.Image:
+    """Return a picture in 256 colours mixed by dots."""
+    return shot.quantize(palette=_rounded(shot), dither=Image.Dither.FLOYDSTEINBERG)
+
+
+def _rounded(shot: Image.Image) -> Image.Image:
+    """Return a picture in 256 colours, rare ones included."""
+    method, plain = Image.Quantize.MAXCOVERAGE, Image.Dither.NONE
+    return shot.quantize(256, method=method, kmeans=3, dither=plain)
 
 
 def surface_sampler(mesh: TriangleMesh) -> Callable[[ArrayLike], NDArray[np.float64]]:

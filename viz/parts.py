@@ -20,18 +20,20 @@ from .checks import checked
 from .export import surface_sampler, to_pyvista
 from .stage import Scene, Z, add_labels, round_range
 from .style import LED_COLOR, PALETTE, RECEIVER_COLOR, UAV_COLOR, plain_label, water_map
+from .water import SeaLight, ShadedSea
 
 SURFACE_COLORS = {
+    "water": "",
     "elevation": plain_label("elevation"),
     "slope": "slope of the surface",
     "slope_x": plain_label("slope_x"),
     "slope_y": plain_label("slope_y"),
     "plain": "",
 }
-"""Quantities that colour the surface, with the titles of the colour bars."""
+"""Looks of the surface, with the titles of the colour bars."""
 
 BUBBLE_COLOR = "#FFFFFF"
-WATER_COLORS = ("#8CC4D8", "#2F6690")
+WATER_COLORS = ("#7DBBD2", "#1F5A8A")
 """Colours of the block of water, at the surface and at the bottom of the stage."""
 
 NEAR_OPACITY = 0.35
@@ -45,10 +47,11 @@ def add_surface(
     scene: Scene,
     mesh: TriangleMesh,
     *,
-    color: str = "elevation",
+    color: str = "water",
     color_limit: float | None = None,
     edges: bool = False,
     opacity: float = 0.9,
+    shaded: ShadedSea | None = None,
 ) -> Scene:
     """Draw the sea surface within the stage.
 
@@ -59,7 +62,7 @@ def add_surface(
     mesh : TriangleMesh
         The surface.
     color : str
-        "elevation", "slope", "slope_x", "slope_y" or "plain".
+        "water": as a viewer sees it; "elevation", "slope", "slope_x", "slope_y" or "plain".
     color_limit : float, optional
         End of the colours, which begin at its negative (slope: 0); the range of the values by
         default.
@@ -67,6 +70,8 @@ def add_surface(
         Draw the edges of the facets.
     opacity : float
         0 for clear, 1 for opaque.
+    shaded : ShadedSea, optional
+        Colours of "water"; by default those of the mesh without wind in the default daylight.
 
     Returns
     -------
@@ -81,7 +86,12 @@ def add_surface(
     if color not in SURFACE_COLORS:
         raise Refused("color", color, ", ".join(SURFACE_COLORS))
     scene.shown["surface"] = mesh
-    data = _within(to_pyvista(mesh), scene.stage.bounds)
+    data = to_pyvista(mesh)
+    lines = {"show_edges": edges, "edge_color": "white", "edge_opacity": 0.5, "line_width": 1.2}
+    if color == "water":
+        _add_water(scene, data, shaded or ShadedSea(mesh, SeaLight()), opacity, lines)
+        return scene
+    data = _within(data, scene.stage.bounds)
     look: dict[str, Any] = {"color": PALETTE["blue"]}
     if color != "plain":
         values = data.point_data[color]
@@ -90,11 +100,37 @@ def add_surface(
             clim = (0.0 if color == "slope" else -color_limit, color_limit)
         bar = scene.bar(SURFACE_COLORS[color])
         look = {"scalars": color, "clim": clim, "cmap": water_map(), "scalar_bar_args": bar}
-    lines = {"show_edges": edges, "edge_color": "white", "edge_opacity": 0.5, "line_width": 1.2}
     shine = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.2, "specular_power": 30.0}
     look |= lines | shine
     scene.add_mesh(data, smooth_shading=True, opacity=opacity, name="surface", **look)
     return scene
+
+
+def _add_water(
+    scene: Scene, data: pv.PolyData, shaded: ShadedSea, opacity: float, lines: dict[str, Any]
+) -> None:
+    """Draw a surface in the colours that the camera sees, which `look` renews."""
+    plain: Any = {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "lighting": False}
+    if shaded.grid is not None:
+        u, v = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in shaded.grid), indexing="ij")
+        data.active_texture_coordinates = np.column_stack([u.ravel(), v.ravel()])
+    else:
+        data.point_data["tint"] = np.zeros((data.n_points, 3), np.uint8)
+        plain |= {"scalars": "tint", "rgb": True}
+    data = _within(data, scene.stage.bounds)
+    actor = scene.add_mesh(data, color="white", opacity=opacity, name="surface", **plain, **lines)
+
+    def shade() -> None:
+        colors = shaded.colors(tuple(scene.camera.position))
+        if shaded.grid is None:
+            data.point_data["tint"] = colors
+            return
+        texture = pv.Texture(np.ascontiguousarray(colors.transpose(1, 0, 2)[::-1]))
+        texture.interpolate, texture.mipmap = True, True
+        actor.texture = texture
+
+    scene.shade = shade
+    shade()
 
 
 def _within(data: pv.PolyData, bounds: Any) -> pv.PolyData:
@@ -170,8 +206,9 @@ def _outline(mesh: TriangleMesh) -> np.ndarray:
 def _tint(z: np.ndarray, bottom: float, bubbles: HallNovarini | None) -> np.ndarray:
     """Return RGBA bytes (n, 4): water that darkens with depth, veiled by bubbles."""
     deep = np.clip(z / bottom, 0.0, 1.0)[:, None]
+    fog = (1.0 - np.exp(-2.0 * deep)) / (1.0 - math.exp(-2.0))  # as light decays with depth
     light, dark = (np.array(to_rgb(c)) for c in WATER_COLORS)
-    color, alpha = light + deep * (dark - light), np.full_like(deep, 0.55)
+    color, alpha = light + fog * (dark - light), 0.5 + 0.25 * fog
     if bubbles is not None:
         depth = np.maximum(-z, 0.0)
         # the root, so that the layer is visible down to a hundredth of its density

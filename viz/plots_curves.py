@@ -14,7 +14,7 @@ from meshtrace.errors import Described, Refused, require_array
 from meshtrace.fields import FIELDS
 
 from .checks import checked
-from .style import INK, axes, label_of
+from .style import INK, axes, label_of, note
 
 Floats = NDArray[np.float64]
 
@@ -68,6 +68,8 @@ def plot_curves(
             raise Refused("style", style, "a line and a marker as in o--") from error
         if low is not None and high is not None:
             ax.fill_between(x, low, high, color=line.get_color(), alpha=0.25, lw=0)
+    if f"{quantity}_low" not in data and f"{quantity}_stderr" in data:
+        note(ax, "band: ± 2 standard errors")
     _legend(ax)
     ax.set(xlabel=label, ylabel=label_of(quantity))
     return ax

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from meshtrace import fading
 from meshtrace.errors import Described, Refused
@@ -19,7 +20,7 @@ from meshtrace.uav import Route
 
 from .checks import checked
 from .plots_curves import plot_curves
-from .style import INK, LED_COLOR, PALETTE, axes, axis_label, draw_map
+from .style import INK, LED_COLOR, PALETTE, axes, axis_label, draw_map, note
 
 Floats = NDArray[np.float64]
 
@@ -163,6 +164,7 @@ def plot_gain_pdf(
         ax.plot(x, fit.law.pdf(x), label=f"{name}, index {fit.scintillation_index:.3g}")
     if laws:
         ax.legend()
+    note(ax, f"n = {np.size(gain[0])}, bars: ± 1 standard error")
     ax.set(xlabel=axis_label("gain"), ylabel=axis_label("gain_pdf"))
     return ax
 
@@ -199,9 +201,10 @@ def plot_gain_cdf(
     ax.step(found.gain, found.probability, where="post", color=INK, label="simulated")
     ax.fill_between(found.gain, found.low, found.high, step="post", color=INK, alpha=0.15, lw=0)
     x = np.linspace(found.gain[0], found.gain[-1], 400)
-    for name, fit in laws.items():
-        ax.plot(x, fit.law.cdf(x), label=name)
+    for dashes, (name, fit) in zip(("-", "--"), laws.items(), strict=False):
+        ax.plot(x, fit.law.cdf(x), dashes, label=name)
     ax.legend()
+    note(ax, f"n = {len(found.gain)}, band: 95 %")
     ax.set(yscale="log", xlabel=axis_label("gain"), ylabel=axis_label("gain_cdf"))
     ax.set_ylim(0.5 / len(found.gain), 1.3)
     return ax
@@ -258,8 +261,12 @@ def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None
     tau = statistics.coherence_time
     if tau is not None and np.isfinite(tau.value):
         shade = PALETTE["vermilion"]
+        step = float(statistics.lag[1] - statistics.lag[0])
+        finer = tau.value > step  # shorter ones are an interpolation between two samples
+        label = f"coherence time {tau.value:.3g} s" if finer else f"coherence time < {step:.3g} s"
         ax.axvspan(tau.low, tau.high, color=shade, alpha=0.15, lw=0)
-        ax.axvline(tau.value, color=shade, label=f"coherence time {tau.value:.3g} s")
+        ax.axvline(tau.value, color=shade, label=label)
+        note(ax, f"samples every {step:.3g} s, band: interval of the coherence time")
         ax.legend()
     ax.set(xlabel=axis_label("lag"), ylabel=axis_label("autocorrelation"))
     return ax
@@ -269,7 +276,9 @@ def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None
 def plot_coverage(
     coverage: CoverageMap | xr.Dataset, *, decibel: bool = False, ax: Axes | None = None
 ) -> Axes:
-    """Plot a coverage map with equal axes.
+    """Plot a coverage map with equal axes, contours, and the place of the highest gain.
+
+    Contours and highest gain are those of the map smoothed by a cell.
 
     Parameters
     ----------
@@ -289,9 +298,23 @@ def plot_coverage(
     if gain.shape != (*x.shape, *y.shape) or not gain.size:
         raise Refused("gain", Described(f"shape {gain.shape}"), "values over x and y")
     ax, label = axes(ax), axis_label("gain")
+    smooth = gaussian_filter(gain, 1.0, mode="nearest")
     if decibel:
         with np.errstate(divide="ignore"):
             gain, label = 10.0 * np.log10(gain), f"{label} [dB]"
         gain = np.where(np.isfinite(gain), gain, np.nan)
     draw_map(ax, x, y, gain, label)
+    if min(gain.shape) > 2 and smooth.max() > smooth.min():
+        _contours(ax, x, y, smooth)
     return ax
+
+
+def _contours(ax: Axes, x: Floats, y: Floats, gain: Floats) -> None:
+    """Draw contours at 3, 6, 10 and 20 dB below the highest gain, and its place."""
+    below = np.array([-20.0, -10.0, -6.0, -3.0])
+    level = 10.0 * np.log10(np.maximum(gain / gain.max(), 1e-12))
+    lines = ax.contour(x, y, level.T, below, colors="white", linewidths=1.0, linestyles="-")
+    ax.clabel(lines, fmt=lambda v: f"{v:g} dB", fontsize=8)
+    i, j = np.unravel_index(np.argmax(gain), gain.shape)
+    ax.plot(x[i], y[j], "*", color=LED_COLOR, mec=INK, ms=11)
+    note(ax, f"star: highest gain, at x = {x[i]:.3g} m, y = {y[j]:.3g} m")

@@ -16,9 +16,12 @@ from meshtrace.errors import Described, Refused
 from meshtrace.results.impulse import ImpulseResponse
 
 from .checks import checked
-from .style import PALETTE, axes, axis_label
+from .style import PALETTE, axes, axis_label, note
 
 Floats = NDArray[np.float64]
+
+LARGEST_ERROR = 0.5
+"""Relative standard error of an impulse response, beyond which a bin is no datum."""
 
 
 @checked
@@ -29,6 +32,8 @@ def plot_impulse_response(
     ax: Axes | None = None,
 ) -> Axes:
     """Plot impulse responses, logarithmic, with bands of two standard errors.
+
+    Bins with a standard error beyond half their value, those of single photons, are left out.
 
     Parameters
     ----------
@@ -54,12 +59,17 @@ def plot_impulse_response(
     for name, response in named.items():
         spread = f"rms delay spread {1e9 * response.rms_delay_spread:.3g} ns"
         edges = 1e9 * response.edges
-        high, low = (np.maximum(response.h + s * response.h_stderr, floor) for s in (2.0, -2.0))
-        steps = ax.stairs(np.maximum(response.h, floor), edges, lw=1.5)
+        h, error = response.h, response.h_stderr
+        known = (error <= LARGEST_ERROR * h) & (h > 0.0)
+        high, low = (np.where(known, np.maximum(h + s * error, floor), np.nan) for s in (2.0, -2.0))
+        steps = ax.stairs(np.where(known, np.maximum(h, floor), np.nan), edges, lw=1.5)
         steps.set_label(f"{name}, {spread}" if name else spread)
         band: Any = {"color": steps.get_edgecolor(), "alpha": 0.25, "lw": 0}
         ax.stairs(high, edges, baseline=low, fill=True, **band)
-        last = max(last, float(np.max(edges[1:][response.h > floor], initial=0.0)))
+        last = max(last, float(np.max(edges[1:][known & (h > floor)], initial=0.0)))
+    if not last > 0.0:
+        raise Refused("responses", Described("single photons alone"), "responses with more light")
+    note(ax, "band: ± 2 standard errors")
     ax.set(yscale="log", xlim=(0.0, last), ylim=(floor, 2.0 * top))
     ax.set(xlabel=r"delay after the first light $\tau$ [ns]", ylabel=axis_label("impulse_response"))
     ax.legend()
@@ -68,7 +78,7 @@ def plot_impulse_response(
 
 @checked
 def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
-    """Plot an eye diagram: the mean signal of each bit pattern and its standard deviation.
+    """Plot an eye diagram over two bits: mean signal of each bit pattern, standard deviation.
 
     Parameters
     ----------
@@ -89,13 +99,15 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
         chosen = np.flatnonzero(eye.bits[:, 0] == bit)
         level = (eye.level[chosen] - floor) / eye.swing
         std = eye.std[chosen] / eye.swing
-        ax.plot(time, level.T, color=PALETTE[shade], lw=0.8, alpha=0.6)
-        ax.add_patch(_band(time, level - std, level + std, PALETTE[shade]))
+        for start in (0.0, time[-1]):  # every pattern may follow in the second bit
+            ax.plot(start + time, level.T, color=PALETTE[shade], lw=0.8, alpha=0.6)
+            ax.add_patch(_band(start + time, level - std, level + std, PALETTE[shade]))
         ax.plot([], [], color=PALETTE[shade], label=name)
     ax.margins(y=0.12)
-    ax.legend(loc="upper center", ncols=2)
-    ax.set(xlabel="time within the bit [ns]", ylabel="signal over its swing")
-    ax.set_title(f"opening {eye.opening:.2f}, Q = {eye.q_factor:.2f}")
+    ax.legend(loc="upper left", ncols=2)
+    ax.set(xlabel="time [ns], two bits", ylabel="signal over its swing")
+    note(ax, "band: ± 1 standard deviation")
+    ax.set_title(f"opening {eye.opening:.2f}, Q = {eye.q_factor:.2f}", loc="left")
     return ax
 
 

@@ -12,7 +12,7 @@ from meshtrace.studies.performance.tables import LinkPerformance
 
 from .checks import checked
 from .plots_curves import BER_SHOWN, plot_curves, positive
-from .style import INK, axes
+from .style import INK, axes, note
 
 _STEPS = {
     "spacing": "mesh spacing [m]",
@@ -94,6 +94,9 @@ def plot_performance(
     if quantity == "ber":
         ax.axhline(performance.limit, color=INK, lw=0.8, ls="--")
         ax.set_ylim(*BER_SHOWN)
+    if f"{quantity}_low" in shown:
+        seas = np.size(performance.fades[0].samples)
+        note(ax, f"n = {seas} seas, band: {100.0 * performance.confidence:g} %")
     ax.set(yscale="log")
     pad = 0.03 * np.ptp(performance.depths)
     ax.set_xlim(min(performance.depths) - pad, max(performance.depths) + pad)

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, get_type_hints
 
+import numpy as np
+
+from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Described, Refused, require_whole, require_word
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.gain import GainResult
 from meshtrace.studies.coverage import coverage_map
 from meshtrace.transport.paths import PhotonPaths
 from meshtrace.transport.simulate import trace_paths
@@ -18,14 +23,18 @@ from meshtrace.transport.simulate import trace_paths
 from .checks import check_values, checked
 from .light import PathColor, add_coverage, add_footprint, add_paths, select_paths
 from .parts import SURFACE_COLORS, add_bubbles, add_receiver, add_surface, add_transmitter, add_uav
-from .stage import Scene, Stage, add_compass, add_key, add_scale, look, stage_of
+from .stage import Scene, Stage, add_caption, add_compass, add_key, add_scale, look, stage_of
 from .style import SLIDE
+from .water import SeaLight, ShadedSea
 
 RECEIVED_SHOWN = 40
 """Number of paths of received light shown with other paths."""
 
 MOST_CELLS = 1000
 """Largest number of mesh cells along the half-width of the sea."""
+
+ACRONYMS = {"jonswap": "JONSWAP", "tma": "TMA"}
+"""Kinds of seas written in capitals."""
 
 FOOTPRINT_PATHS = 2000
 """Number of paths of received light for the footprint."""
@@ -38,7 +47,8 @@ class SceneStyle:
     Parameters
     ----------
     color : str
-        Colour of the surface: "elevation", "slope", "slope_x", "slope_y", "plain".
+        Colour of the surface: "water" as a viewer sees it, "elevation", "slope", "slope_x",
+        "slope_y", "plain".
     color_limit : float, optional
         End of the colours of the surface, which begin at its negative (slope: 0); the range of
         the values by default.
@@ -66,7 +76,7 @@ class SceneStyle:
         If a value is not allowed.
     """
 
-    color: str = "elevation"
+    color: str = "water"
     color_limit: float | None = None
     path_color: PathColor = "fate"
     edges: bool = False
@@ -103,6 +113,8 @@ def scene(
     received: PhotonPaths | int | None = None,
     coverage: CoverageMap | int | None = None,
     seed: int = 1,
+    daylight: Daylight | None = None,
+    gain: GainResult | None = None,
     style: SceneStyle = SceneStyle(),
     plotter: Scene | None = None,
 ) -> Scene:
@@ -125,6 +137,10 @@ def scene(
         Map in the plane of the receiver, or the number of photons for one over half the sea.
     seed : int
         Seed of the paths that are traced.
+    daylight : Daylight, optional
+        Sun and sky that the water reflects; by default a sun that stands behind the sea.
+    gain : GainResult, optional
+        Gain of the link over this sea, for the caption.
     style : SceneStyle
         Colours, parts, extent and window.
     plotter : Scene, optional
@@ -163,16 +179,20 @@ def scene(
     look_of: Any = {
         key: getattr(style, key) for key in ("color", "color_limit", "edges", "opacity")
     }
+    if style.color == "water":
+        light = SeaLight.of(link, daylight, wind_of(surface))
+        longest, texels = longest_left_out(surface), texels_for(style.window_size)
+        look_of["shaded"] = ShadedSea(shown, light, longest, time, texels)
     add_surface(plotter, shown, **look_of)
     if link is not None:
         trace = partial(trace_paths, link, surface, time=time, seed=seed)
         paths = trace(paths) if isinstance(paths, int) else paths
-        light, brightest = received_light(trace, paths, received)
+        crossing, brightest = received_light(trace, paths, received)
         for drawn in (paths, brightest):
             if drawn is not None:
                 add_paths(plotter, drawn, color=style.path_color)
-        if light is not None and style.footprint:
-            add_footprint(plotter, shown, light)
+        if crossing is not None and style.footprint:
+            add_footprint(plotter, shown, crossing)
         add_receiver(plotter, link, shown, labels=style.labels)
         if style.uav:
             add_uav(plotter, link)
@@ -189,6 +209,7 @@ def scene(
     if style.labels:
         add_scale(plotter)
         add_compass(plotter, *wind_of(surface))
+        add_caption(plotter, caption(link, surface, time, gain))
         add_key(plotter)
     plotter.suppress_rendering = False
     plotter.render()
@@ -213,6 +234,50 @@ def wind_of(surface: MeshSource | TriangleMesh) -> tuple[float | None, float]:
     spectrum = getattr(surface, "spectrum", None)
     speed = getattr(surface, "wind_speed", getattr(spectrum, "wind_speed", None))
     return speed, getattr(surface, "wind_direction_deg", 0.0)
+
+
+def longest_left_out(surface: MeshSource | TriangleMesh) -> float | None:
+    """Return the longest wave beyond the band of a sea [m], None where it is unknown."""
+    waves = getattr(surface, "components", None)
+    if waves is None or not len(waves.kx):
+        return None
+    return float(2.0 * math.pi / max(np.hypot(waves.kx, waves.ky).max(), 1e-9))
+
+
+def texels_for(window_size: tuple[int, int]) -> int:
+    """Return the points of the colours of the water along a side, by the width of the window."""
+    return int(np.clip(2 ** round(math.log2(max(window_size[0], 1) / 1.5)), 64, 1024))
+
+
+def caption(
+    link: Link | None, surface: MeshSource | TriangleMesh, time: float, gain: GainResult | None
+) -> str:
+    """Return the caption of a scene: link, sea with wind and seed, time, gain."""
+    parts = []
+    if link is not None:
+        ends = link.transmitters[0], link.receivers[0]
+        parts.append(" to ".join(_place(item) for item in ends))
+    speed = wind_of(surface)[0]
+    kind = None if isinstance(surface, TriangleMesh) else surface.to_config().get("kind", "user's")
+    words = ["mesh" if kind is None else f"{ACRONYMS.get(kind, kind)} sea"]
+    if speed is not None:
+        words.append(f"wind {speed:g} m/s")
+    if (seed := getattr(surface, "seed", None)) is not None:
+        words.append(f"seed {seed}, t = {time:.2f} s")
+    parts.append(", ".join(words))
+    if gain is not None:
+        value, error = (np.ravel(v)[0] for v in (gain.gain, gain.gain_stderr))
+        parts.append(f"gain {value:.3g} ± {error:.1g}")
+    return "; ".join(parts)
+
+
+def _place(item: Any) -> str:
+    """Return kind and level of a source or receiver."""
+    name = "LED" if getattr(item, "pattern", "") == "led" else item.kind.replace("-", " ")
+    if not hasattr(item, "center"):
+        return name
+    z = item.center[2]
+    return f"{name} at height {z:g} m" if z > 0.0 else f"{name} at depth {-z:g} m"
 
 
 def received_light(

@@ -12,19 +12,23 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 
+from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.files import atomic, check_writable
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.gain import GainResult
 from meshtrace.results.series import GainSeries
+from meshtrace.transport.options import Meshing
 from meshtrace.transport.paths import PhotonPaths
+from meshtrace.transport.simulate import simulate
 
 from .checks import checked
 from .export import export_scene
 from .html import save_html
 from .light_pattern import save_light
-from .movie import save_movie
+from .movie import natural_rate, save_movie
 from .scenes import RECEIVED_SHOWN, SceneStyle, scene
 
 SUFFIXES = {
@@ -35,7 +39,7 @@ SUFFIXES = {
 }
 """File name suffixes of each kind of output."""
 
-FRAME_RATE = 10.0
+FRAME_RATE = 30.0
 """Frames per second of a movie without a given gain."""
 
 
@@ -49,6 +53,7 @@ def view(
     received: PhotonPaths | int | None = None,
     coverage: CoverageMap | int | None = None,
     seed: int = 1,
+    daylight: Daylight | None = None,
     style: SceneStyle = SceneStyle(),  # noqa: B008
     screenshot: str | Path | None = None,
     html: str | Path | None = None,
@@ -56,7 +61,7 @@ def view(
     light: str | Path | None = None,
     export: str | Path | None = None,
     gain: GainSeries | None = None,
-    frames: int = 50,
+    frames: int = 300,
     frame_rate: float | None = None,
     title: str = "meshtrace",
     progress: Callable[[int], None] | None = None,
@@ -73,7 +78,7 @@ def view(
         Time of the sea [s], at which the movie begins.
     paths : PhotonPaths or int, optional
         Photon paths, or the number to trace: 100 in pictures and none in movies by default.
-    received, coverage, seed, style
+    received, coverage, seed, daylight, style
         As in `scene`.
     screenshot, html, movie : path, optional
         Files to write: .png, .html, .mp4 or .gif. Without any file or folder a window opens.
@@ -84,9 +89,9 @@ def view(
     gain : GainSeries, optional
         Gain over the times of the movie; computed if not given.
     frames : int
-        Frames of the movie, unless a gain is given.
+        Frames of the movie, unless a gain is given: 10 s by default.
     frame_rate : float, optional
-        Frames per second; by default real time.
+        Frames per second, at natural speed: 30 by default, those of a given gain.
     title : str
         Heading of the web page.
     progress : callable, optional
@@ -114,6 +119,7 @@ def view(
     if window or screenshot or html or export:
         traced = (100 if paths is None else paths or None) if link is not None else None
         drawn: Any = {"paths": traced, "received": received, "coverage": coverage, "seed": seed}
+        drawn |= {"daylight": daylight, "gain": _gain_of(link, surface, time, seed)}
         shown = replace(style, off_screen=not window)
         plotter = scene(link, surface, time=time, **drawn, style=shown)
         if screenshot:
@@ -131,7 +137,7 @@ def view(
         times, rate = _frames(gain, time, frames, frame_rate)
         frames_of: Any = {"gain": gain, "frame_rate": rate, "progress": progress}
         drawn = {"paths": paths or None, "received": received or RECEIVED_SHOWN}
-        drawn |= {"coverage": coverage, "seed": seed}
+        drawn |= {"coverage": coverage, "seed": seed, "daylight": daylight}
         files.append(save_movie(link, surface, times, movie, **frames_of, **drawn, style=style))
     if light:
         if link is None or not isinstance(surface, SurfaceModel):
@@ -140,6 +146,19 @@ def view(
         sizes: Any = {"extent": style.extent, "frame_rate": rate, "progress": progress}
         files.append(save_light(link, surface, light, times, **sizes))
     return files
+
+
+def _gain_of(
+    link: Link | None, surface: MeshSource | TriangleMesh, time: float, seed: int
+) -> GainResult | None:
+    """Return the gain for the caption, None where a short run cannot find it."""
+    if link is None:
+        return None
+    mesh = None if isinstance(surface, TriangleMesh) else Meshing(time=time)
+    try:
+        return simulate(link, surface, mesh=mesh, photons=2048, seed=seed)
+    except Refused:
+        return None
 
 
 def _frames(
@@ -153,7 +172,7 @@ def _frames(
         rate = rate or FRAME_RATE
         return start + np.arange(frames) / rate, rate
     require_whole(len(gain.time), 2, 100_000, "times of the gain")
-    return gain.time, rate or float(1.0 / np.diff(gain.time).mean())
+    return gain.time, rate or natural_rate(gain.time)
 
 
 def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import textwrap
+from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -21,8 +22,8 @@ from .style import FONT_FILE, INK, PALETTE, SKY, SLIDE
 
 VIEW_ANGLE_DEG = 24.0
 
-ROOM = ((-0.9, 0.7), (-0.86, 0.93))
-"""Place of the stage in the window, -1 to 1 across and up: bars beside it, the key below."""
+ROOM = ((-0.88, 0.72), (-0.7, 0.93))
+"""Place of the stage in the window, -1 to 1 across and up: bars beside it, texts below."""
 
 FROM_FILE = 4
 """VTK_FONT_FILE."""
@@ -106,8 +107,12 @@ class Scene(pv.Plotter):
         Meaning of the colours, for the legend and the web page.
     texts : list of (ndarray, str, str)
         Points [m] with their texts and sides, for the web page.
+    caption : str
+        Line that states link, sea and gain.
     shown : dict of str to TriangleMesh, PhotonPaths or CoverageMap
         Parts of the scene, for `export_scene`.
+    shade : callable or None
+        Renews the colours of the water after a move of the camera.
     """
 
     def __init__(
@@ -119,7 +124,9 @@ class Scene(pv.Plotter):
         self.stage = stage
         self.key: dict[str, str] = {}
         self.texts: list[tuple[np.ndarray, str, str]] = []
+        self.caption = ""
         self.shown: dict[str, TriangleMesh | PhotonPaths | CoverageMap] = {}
+        self.shade: Callable[[], None] | None = None
         self.set_background(SKY)  # type: ignore[arg-type]
         self.enable_anti_aliasing("ssaa")
         add_lights(self)
@@ -128,6 +135,7 @@ class Scene(pv.Plotter):
     def wipe(self) -> None:
         """Remove all parts; camera and lights stay."""
         self.clear_actors()
+        self.shade = None
         for drawn in (self.scalar_bars, self.key, self.texts, self.shown):
             drawn.clear()
 
@@ -177,7 +185,7 @@ def add_lights(scene: Scene) -> Scene:
 
 
 @checked
-def look(scene: Scene, azimuth_deg: float = -68.0, elevation_deg: float = 11.0) -> Scene:
+def look(scene: Scene, azimuth_deg: float = -68.0, elevation_deg: float = 15.0) -> Scene:
     """Point the camera at the stage from an azimuth and elevation; the stage fills the window.
 
     By default low enough to show the surface from above and the water below its near edge.
@@ -204,14 +212,17 @@ def look(scene: Scene, azimuth_deg: float = -68.0, elevation_deg: float = 11.0) 
     scene.camera.up = tuple(Z)
     scene.camera.view_angle = VIEW_ANGLE_DEG
     scene.reset_camera_clipping_range()
+    if scene.shade is not None:
+        scene.shade()
     return scene
 
 
 @checked
 def add_scale(scene: Scene) -> Scene:
-    """Draw a ruler of z at the left edge of the stage and a bar of round length in front.
+    """Draw a ruler of z beside the stage and a bar of round length in front of it.
 
-    A stage as flat as a wide sea has no ruler; its colours show z.
+    The ruler stands as far from the camera as the middle of the stage: there a lamp and the mark
+    of its depth are level in the picture. A stage as flat as a wide sea has no ruler.
     """
     s = scene.stage
     (x, y), half = s.center, s.half
@@ -224,7 +235,8 @@ def add_scale(scene: Scene) -> Scene:
         step = round_length(0.25 * (s.top - s.bottom))
         top = s.top - 0.04 * s.size  # above it is the name of the axis
         heights = np.arange(math.ceil(s.bottom / step), math.floor(top / step) + 1) * step
-        corner, tick = np.array([x - half, y - half, 0.0]), np.array([-0.02 * s.size, 0.0, 0.0])
+        corner, right = _left_of_the_stage(scene)
+        tick = -0.02 * s.size * right
         lines += [(corner + s.bottom * Z, corner + s.top * Z)]
         lines += [(corner + z * Z, corner + z * Z + tick) for z in heights]
         at = [corner + z * Z + 1.6 * tick for z in heights]
@@ -233,6 +245,20 @@ def add_scale(scene: Scene) -> Scene:
     segments = pv.line_segments_from_points(np.array(lines).reshape(-1, 3))
     scene.add_mesh(segments.tube(radius=0.0012 * s.size), color=INK, lighting=False)
     return scene
+
+
+def _left_of_the_stage(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Return a place (x, y, 0) left of the stage, at the distance of its middle, and the right."""
+    camera = np.array(scene.camera.position)
+    ahead = np.subtract(scene.camera.focal_point, camera)
+    ahead /= np.linalg.norm(ahead)
+    level = ahead * (1.0, 1.0, 0.0)
+    right = np.cross(level / max(np.linalg.norm(level), 1e-12), Z)
+    middle = np.array([*scene.stage.center, 0.0])
+    corners = np.array(list(itertools.product(*np.reshape(scene.stage.bounds, (3, 2)))))
+    reach = (corners - middle) @ right / ((corners - camera) @ ahead)
+    across = float(reach.min() * ((middle - camera) @ ahead)) - 0.02 * scene.stage.size
+    return middle + across * right, right
 
 
 @checked
@@ -248,6 +274,16 @@ def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0
     scene.add_mesh(arrow, color=PALETTE["orange"], ambient=0.4)
     text = "down-wind" if wind_speed is None else f"wind {wind_speed:g} m/s"
     add_labels(scene, [middle - 0.035 * s.size * Z], [text])
+    return scene
+
+
+@checked
+def add_caption(scene: Scene, text: str) -> Scene:
+    """Write a caption along the lower edge, above the key."""
+    scene.caption = text
+    font: Any = {"font_size": round(0.5 * scene.font_size), "font_file": FONT_FILE}
+    bottom = 0.02 + 2.0 * scene.font_size / scene.window_size[1]
+    scene.add_text(text, position=(0.02, bottom), viewport=True, color=INK, **font)
     return scene
 
 
@@ -273,13 +309,18 @@ def add_labels(
     scene: Scene, points: list[np.ndarray], texts: list[str], align: Side = "center"
 ) -> Scene:
     """Draw texts at points, upright and in front of all other parts."""
+    ahead = np.subtract(scene.camera.focal_point, scene.camera.position)
     places = require_array(points, "points", "points (n, 3)").reshape(len(points), -1)
     if not len(texts) == len(places) > 0 or places.shape[1] != 3:
         raise Refused("points", places.shape, "a point (3,) for each text")
+    seen = (places - scene.camera.position) @ ahead > 0.0  # VTK draws labels behind, too
+    places, texts = places[seen], [text for text, here in zip(texts, seen, strict=True) if here]
+    if not texts:
+        return scene
     scene.texts += [(point, text, align) for point, text in zip(places, texts, strict=True)]
     font: Any = {"font_size": scene.font_size, "font_file": FONT_FILE, "bold": False}
     place: Any = {"justification_horizontal": align, "justification_vertical": "center"}
-    back: Any = {"shape": None, "background_color": SKY, "background_opacity": 0.55}
+    back: Any = {"shape": None, "background_color": SKY, "background_opacity": 0.88}
     shown: Any = {"show_points": False, "always_visible": True, "text_color": INK}
     scene.add_point_labels(places, texts, **font, **place, **back, **shown)
     return scene

@@ -33,10 +33,10 @@ PALETTE = {
 
 FATE_COLORS = {
     "received": PALETTE["vermilion"],
-    "landed elsewhere": PALETTE["blue"],
-    "ended in the water": "#5B6B78",
+    "landed elsewhere": "#3F1A75",
+    "ended in the water": "#F2F5F7",
 }
-"""Colours of photon paths by fate."""
+"""Colours of photon paths by fate, which stand out from water and air."""
 
 INK = "#1F2933"
 LED_COLOR = "#F0C419"
@@ -92,6 +92,11 @@ def axes(ax: Axes | None) -> Axes:
 
     with mpl.rc_context(RC):
         return plt.subplots()[1]
+
+
+def note(ax: Axes, text: str) -> None:
+    """Write a short explanation above the right end of axes."""
+    ax.annotate(text, (1.0, 1.01), xycoords="axes fraction", ha="right", va="bottom", fontsize=8)
 
 
 def draw_map(ax: Axes, x: Any, y: Any, values: Any, label: str, **options: Any) -> None:

@@ -35,7 +35,7 @@ for name, layer in layers.items():
 
 link = mt.Link(bubbles=layers["13 m/s"], transmitter=mt.Led(depth=4.0))
 sea = JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)
-style = viz.SceneStyle(extent=6.0, uav=False, off_screen=True, window_size=(1200, 750))
+style = viz.SceneStyle(extent=6.0, uav=False, off_screen=True)
 plotter = viz.scene(link, sea, style=style)
 viz.save_picture(plotter, "bubbles.png")
 plotter.close()

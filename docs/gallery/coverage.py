@@ -24,7 +24,7 @@ viz.save_picture(ax.figure, "coverage.png")
 # %%
 # The same map above the sea.
 
-style = viz.SceneStyle(uav=False, off_screen=True, window_size=(1200, 750))
+style = viz.SceneStyle(uav=False, off_screen=True)
 plotter = viz.scene(link, sea, coverage=coverage, style=style)
 viz.save_picture(plotter, "coverage_scene.png")
 plotter.close()

@@ -2,14 +2,14 @@
 A moving sea with its gain
 ==========================
 
-A movie of the sea at 5 m/s, with received rays and the gain over time:
+Ten seconds of a sea at 5 m/s at natural speed, with received light and the gain so far:
 
 .. raw:: html
 
    <video controls loop muted width="100%" src="../movie.mp4"></video>
 """
 
-# sphinx_gallery_thumbnail_path = 'gallery/pictures/surface_5_elevation.png'
+# sphinx_gallery_thumbnail_path = 'gallery/pictures/surface_5_water.png'
 
 import numpy as np
 
@@ -17,8 +17,8 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
 
-FRAMES = 11
+FRAMES = 300
 
 link, sea = mt.Link(), JonswapSea(wind_speed=5.0, omega_max=9.0, seed=7)
-times = 0.4 * np.arange(FRAMES)
-viz.save_movie(link, sea, times, "movie.mp4", frame_rate=5.0, received=30)
+times = np.arange(FRAMES) / 30.0  # natural speed
+viz.save_movie(link, sea, times, "movie.mp4", received=30, quality=2.8)

@@ -19,8 +19,9 @@ link = mt.Link(
 )
 sea = JonswapSea(wind_speed=8.0, omega_max=8.0, seed=3)
 
-style = viz.SceneStyle(off_screen=True, window_size=(1200, 750))
-plotter = viz.scene(link, sea, paths=80, received=30, style=style)
+style = viz.SceneStyle(off_screen=True)
+gain = mt.simulate(link, sea)
+plotter = viz.scene(link, sea, paths=80, received=30, gain=gain, style=style)
 viz.save_picture(plotter, "photon_paths.png")
 plotter.close()
 

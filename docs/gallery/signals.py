@@ -21,7 +21,6 @@ for name, b in (("clear, b = 0.037 1/m", 0.037), ("turbid, b = 0.3 1/m", 0.3)):
     result = mt.simulate(link, sea, photons=20_000, record=[mt.Arrivals()])
     responses[name] = mt.impulse_response(result, bin_width=2.5e-10)
 ax = viz.plot_impulse_response(responses)
-ax.set_xlim(0.0, 8.0)  # ns; later light: single photons
 viz.save_picture(ax.figure, "impulse_response.png")
 
 # %%

@@ -15,6 +15,7 @@ from meshtrace.cli.options import Settings, Wind
 from meshtrace.errors import Described, Refused
 
 if TYPE_CHECKING:
+    from meshtrace.daylight.light import Daylight
     from meshtrace.link import Link
     from meshtrace.mesh import MeshSource, TriangleMesh
     from meshtrace.results.coverage import CoverageMap
@@ -34,6 +35,7 @@ class Subject(NamedTuple):
     time: float = 0.0
     coverage: CoverageMap | int | None = None
     gain: GainSeries | None = None
+    daylight: Daylight | None = None
 
 
 @app.command()
@@ -70,16 +72,16 @@ def view(
         None, "--map", metavar="N", min=1, help="Photons of a coverage map at receiver height."
     ),
     color: str = Option(
-        "elevation", metavar="NAME", help="elevation, slope, slope_x, slope_y or plain."
+        "water", metavar="NAME", help="water, elevation, slope, slope_x, slope_y or plain."
     ),
     path_color: str = Option("fate", metavar="NAME", help="fate or weight."),
     edges: bool = Option(False, "--edges", help="Draw the edges of the facets."),
     extent: float | None = Option(None, metavar="M", help="Half-width of the sea shown [m]."),
     spacing: float | None = Option(None, metavar="M", help="Mesh spacing of the sea shown [m]."),
     time: float | None = Option(None, metavar="S", help="Time of the sea [s]."),
-    frames: int = Option(50, metavar="N", min=2, max=MOST_FRAMES, help="Frames of the movie."),
+    frames: int = Option(300, metavar="N", min=2, max=MOST_FRAMES, help="Frames of the movie."),
     frame_rate: float | None = Option(
-        None, metavar="N", help="Frames per second; default: real time."
+        None, metavar="N", help="Frames per second, at natural speed [default: 30]."
     ),
     seed: int = Option(1, metavar="N", min=0, help="Seed of the paths."),
     wind: Wind = None,
@@ -150,7 +152,7 @@ def _of_scenario(scenario: Scenario) -> Subject:
 
     still = isinstance(scenario.surface, MeshFile)
     surface = scenario.mesh() if still else scenario.case().surface
-    return Subject(surface, scenario.link, scenario.meshing.time)
+    return Subject(surface, scenario.link, scenario.meshing.time, daylight=scenario.daylight)
 
 
 def _of_result(file: Path) -> Subject:

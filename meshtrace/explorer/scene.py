@@ -18,8 +18,10 @@ from meshtrace.models import Floats
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths
 from meshtrace.viz.parts import NEAR_OPACITY, WATER_COLORS, quadcopter, rotation_from_z
+from meshtrace.viz.scenes import wind_of
 from meshtrace.viz.stage import Scene, Stage, look, round_range, stage_of
 from meshtrace.viz.style import LED_COLOR, PALETTE, RECEIVER_COLOR, UAV_COLOR, water_map
+from meshtrace.viz.water import SeaLight, radiance, screen_colors
 
 CELLS = 120
 """Cells of the sea along a side."""
@@ -30,6 +32,10 @@ UNSCATTERED_COLOR, SCATTERED_COLOR = PALETTE["vermilion"], PALETTE["orange"]
 
 _WIDEST = 85.0  # half-angle, beyond which a cone is not drawn [deg]
 _ZOOM = 1.04  # there is no key or colour bar within the window
+_LEAST_IRRADIANCE = 1e-4  # of daylight rather than moon or night [W m-2 nm-1]
+_ELEVATION_LOOK = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.25}
+_DAYLIGHT_LOOK = {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0}  # the colours are those seen
+_WATER_MAP = np.rint(255.0 * water_map()(np.linspace(0.0, 1.0, 256))[:, :3]).astype(np.uint8)
 _NEW_CAMERA = (0.6, 1.1)  # sizes of the stage, relative to that framed, that keep the camera
 
 
@@ -51,6 +57,7 @@ class LiveScene:
 
     def __init__(self, state: State) -> None:
         self._key: Any = None
+        self._faces: Any = None
         self._parts: dict[str, pv.PolyData] = {}
         self._actors: dict[str, Any] = {}
         self.elevation_range = (-1.0, 1.0)
@@ -73,19 +80,46 @@ class LiveScene:
         if not running:
             self._place(state)
         mesh = self._mesh(state.time)
-        self._set("sea", _sea(mesh))
+        if not running:
+            low, high = mesh.bounds[:, 2]
+            self.elevation_range = round_range(float(low), max(float(high), float(low) + 0.01))
+            self._light = _light(state, self._surface)
+            shine = _ELEVATION_LOOK if self._light is None else _DAYLIGHT_LOOK
+            for name, share in shine.items():
+                setattr(self._actors["sea"].prop, name, share)
+        self._set("sea", self._sea(mesh))
         self._set("water", _water(mesh, self.stage))
         if running:
             return False
-        low, high = mesh.bounds[:, 2]
-        self.elevation_range = round_range(float(low), max(float(high), float(low) + 0.01))
-        self._actors["sea"].mapper.scalar_range = self.elevation_range
         for name, part in _link_parts(state, self.stage).items():
             self._set(name, part)
         if _NEW_CAMERA[0] < self.stage.size / self._framed < _NEW_CAMERA[1]:
             return False
         self._frame()
         return True
+
+    def _sea(self, mesh: TriangleMesh) -> pv.PolyData:
+        """Return the surface, in single precision, coloured by elevation or by the daylight."""
+        points: Any = mesh.vertices.astype(np.float32)
+        normals = mesh.vertex_normals.astype(np.float32)
+        if self._faces is not mesh.faces.base:  # grids of one shape share their facets
+            self._faces = mesh.faces.base
+            self._grid = pv.PolyData.from_regular_faces(points, mesh.faces.astype(int))
+        part = pv.PolyData()
+        part.copy_structure(self._grid)
+        part.points = points
+        if self._light is None:
+            low, high = self.elevation_range
+            share = (points[:, 2] - low) / (high - low)
+            tint = _WATER_MAP[np.clip(256.0 * share, 0.0, 255.0).astype(np.uint8)]
+        else:
+            eye = tuple(self.plotter.camera.position)
+            slopes = -normals[:, :2] / normals[:, 2:]
+            rest = (0.0, 0.0) if mesh.unresolved is None else mesh.unresolved.vertex
+            tint = screen_colors(radiance(points, slopes, eye, self._light, rest))
+        part.point_data["tint"] = tint
+        part.point_data.active_normals = normals
+        return part
 
     def _frame(self) -> None:
         """Point the camera at the stage."""
@@ -152,8 +186,7 @@ class LiveScene:
         self._add("water", "far water", scalars="tint", rgb=True, culling="front", **plain)
         self._add("lamp", color=LED_COLOR, ambient=0.7, specular=0.3)
         self._add("beam", color=LED_COLOR, opacity=0.22, **plain)
-        shine: Any = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.25, "specular_power": 30.0}
-        self._add("sea", scalars="elevation", cmap=water_map(), opacity=0.85, **shine)
+        self._add("sea", scalars="tint", rgb=True, opacity=0.85, specular_power=30.0)
         glow: Any = {"ambient": 0.75, "diffuse": 0.35}
         self._add("scattered", color=SCATTERED_COLOR, **glow)
         self._add("unscattered", color=UNSCATTERED_COLOR, **glow)
@@ -182,18 +215,16 @@ class LiveScene:
 def _nothing() -> pv.PolyData:
     """Return a triangle without area, with the arrays that colour the parts."""
     part = pv.PolyData(np.zeros((3, 3), np.float32), faces=[3, 0, 1, 2])
-    part.point_data["elevation"] = np.zeros(3, np.float32)
     part.point_data["tint"] = np.zeros((3, 4), np.uint8)
     return part
 
 
-def _sea(mesh: TriangleMesh) -> pv.PolyData:
-    """Return the surface with its elevation [m] and normals, in single precision."""
-    points: Any = mesh.vertices.astype(np.float32)
-    part = pv.PolyData.from_regular_faces(points, mesh.faces.astype(int))
-    part.point_data["elevation"] = mesh.vertices[:, 2].astype(np.float32)
-    part.point_data.active_normals = mesh.vertex_normals.astype(np.float32)
-    return part
+def _light(state: State, surface: Any) -> SeaLight | None:
+    """Return the light on the sea of a state with sun and sky, None at night or without."""
+    day = state.scenario.daylight
+    if day is None or day.irradiance < _LEAST_IRRADIANCE:
+        return None
+    return SeaLight.of(state.scenario.link, day, wind_of(surface))
 
 
 def _water(mesh: TriangleMesh, stage: Stage) -> pv.PolyData | None:

@@ -151,6 +151,9 @@ def test_autocorrelation():
     assert legend(ax)[0].startswith("coherence time 0.9")
     with pytest.raises(ValueError, match="of an ensemble"):
         viz.plot_autocorrelation(fading_statistics(gain))
+    short = statistics.coherence_time._replace(value=0.04)
+    ax = viz.plot_autocorrelation(statistics._replace(coherence_time=short))
+    assert legend(ax) == ["coherence time < 0.1 s"]  # the samples are no finer
 
 
 @pytest.mark.parametrize("convert", [lambda c: c, lambda c: c.to_dataset()])
@@ -165,6 +168,16 @@ def test_coverage_is_not_transposed(convert):
     shown = np.ma.filled(ax.collections[0].get_array(), np.nan).reshape(2, 3)
     assert np.isnan(shown[0, 0])
     assert shown[1, 2] == pytest.approx(10.0 * np.log10(5.0))
+
+
+def test_the_best_place_of_a_map_is_marked():
+    x, y = np.linspace(-2.0, 2.0, 21), np.linspace(-1.0, 1.0, 11)
+    gain = 1e-5 * np.exp(-((x[:, None] - 0.8) ** 2) - (y + 0.4) ** 2)
+    gain[2, 9] = 1.2e-5  # one bright cell, as of a single photon, is no place to hover
+    ax = viz.plot_coverage(mt.CoverageMap(x, y, gain, 0.1 * gain), decibel=True)
+    np.testing.assert_allclose(line(ax), ([0.8], [-0.4]), atol=1e-12)
+    assert ax.texts[-1].get_text() == "star: highest gain, at x = 0.8 m, y = -0.4 m"
+    assert {"-3 dB", "-6 dB"} <= {text.get_text() for text in ax.texts}
 
 
 def test_sweeps():
@@ -246,7 +259,7 @@ def test_impulse_response():
     response = ImpulseResponse(
         edges=1e-9 * np.arange(4.0),
         h=np.array([1e5, 1e3, 1e-9]),
-        h_stderr=np.array([1e3, 1e2, 1e-9]),
+        h_stderr=np.array([1e3, 1e2, 1e-10]),
         first_arrival=5e-8,
         mean_delay=1e-10,
         mean_delay_stderr=1e-12,
@@ -260,6 +273,11 @@ def test_impulse_response():
     assert ax.get_xlim() == (0.0, 2.0)
     assert ax.get_ylim() == (1.0, 2e5)
     np.testing.assert_allclose(ax.patches[0].get_data().values, [1e5, 1e3, 1.0])
+    spiky = replace(response, h=np.array([1e5, 1e3, 4e2]), h_stderr=np.array([1e3, 1e2, 4e2]))
+    ax = viz.plot_impulse_response(spiky)  # a single photon: its error is its value
+    np.testing.assert_array_equal(ax.patches[0].get_data().values, [1e5, 1e3, np.nan])
+    assert ax.get_xlim() == (0.0, 2.0)
+    assert ax.texts[0].get_text() == "band: ± 2 standard errors"
 
 
 def test_eye():
@@ -271,6 +289,12 @@ def test_eye():
     ones = np.array([curve.get_ydata() for curve in ax.get_lines()[: eye.bits[:, 0].sum()]])
     assert ones[:, -1].min() > 0.5
     assert "[ns]" in ax.get_xlabel()
+    spans = {tuple(np.ptp(curve.get_xdata()[[0, -1]]) + curve.get_xdata()[:1])
+             for curve in ax.get_lines() if len(curve.get_xdata())}  # fmt: skip
+    assert len(spans) == 2  # both bits, with the same patterns
+    assert max(c.get_xdata().max() for c in ax.get_lines() if len(c.get_xdata())) == pytest.approx(
+        2e9 * receiver.bit_time
+    )
 
 
 def test_ber_over_power_and_depth():

@@ -116,6 +116,7 @@ def sound(scene):
         "add_footprint": {"scene": scene, "mesh": mesh, "received": paths},
         "add_paths": {"scene": scene, "paths": paths, "color": "fate"},
         "add_compass": {"scene": scene, "wind_speed": 5.0, "direction_deg": 0.0},
+        "add_caption": {"scene": scene, "text": "x"},
         "add_key": {"scene": scene},
         "add_labels": {"scene": scene, "points": [np.zeros(3)], "texts": ["x"], "align": "left"},
         "add_scale": {"scene": scene},

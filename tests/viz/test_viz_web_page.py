@@ -17,9 +17,8 @@ from meshtrace.surfaces import JonswapSea
 def page(tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "scene.html"
     link = mt.Link(receiver=mt.Receiver(tilt_deg=10.0), bubbles=mt.HallNovarini(wind_speed=5.0))
-    plotter = viz.scene(
-        link, JonswapSea(seed=7), style=viz.SceneStyle(spacing=0.5, off_screen=True)
-    )
+    style = viz.SceneStyle(color="elevation", spacing=0.5, off_screen=True)
+    plotter = viz.scene(link, JonswapSea(seed=7), style=style)
     viz.save_html(plotter, path, title="a <link>")
     plotter.close()
     return path

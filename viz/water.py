@@ -1,0 +1,384 @@
+"""Water as a viewer sees it: sky and sun reflected by the waves, light from below, foam.
+
+Physical: reflection by the normals, radiance of sky and glint, colour of the light that leaves the
+water, variance of the short waves, share of foam. For looks: colours of the sky, shapes of
+the foam, brighter crests, exposure.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from meshtrace.daylight.glint import connected_glint
+from meshtrace.daylight.light import Daylight
+from meshtrace.daylight.patterns import sky_radiance
+from meshtrace.kernels.facets import Roughness
+from meshtrace.link import Link, Whitecaps
+from meshtrace.mesh import TriangleMesh
+from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.optics.water import Water, pure_water_absorption, sea_water_scattering
+from meshtrace.surfaces.triangulate import grid_faces
+
+Floats = NDArray[np.float32] | NDArray[np.float64]
+
+RGB_NM = np.array([610.0, 545.0, 465.0])
+"""Wavelengths that stand for red, green and blue [nm]."""
+
+DEFAULT_DAY = Daylight(direct=1.42, diffuse=0.295, sun_zenith_deg=57.0, sun_azimuth_deg=138.0)
+"""Sun behind the sea as seen by the default camera."""
+
+DEFAULT_WATER = Water()
+
+ZENITH_RGB = np.array([0.22, 0.52, 1.15])
+HORIZON_RGB = np.array([0.66, 0.86, 1.06])
+CLOUD_RGB = np.array([0.93, 0.97, 1.0])
+FOAM_REFLECTANCE = 0.5
+WATER_BRIGHTNESS = 3.0
+"""Factor on the light out of the water, which the eye sees by its colour: for looks."""
+EXPOSURE = 4.2
+"""Brightness of a white, level surface before it is compressed to the range of the screen."""
+
+MOST_WAVENUMBER = 1000.0
+"""End of the short waves that reflect light as facets [rad m-1]."""
+
+LEAST_VARIANCE = 2e-4
+"""Slope variance within a point: glint without it would be narrower than a pixel."""
+
+
+@dataclass(frozen=True)
+class SeaLight:
+    """Light on a sea, as far as its colour depends on it.
+
+    Parameters
+    ----------
+    day : Daylight
+        Sun and sky.
+    water : Water
+        Water whose colour is seen from above.
+    wavelength_nm : float
+        Wavelength of its coefficients [nm].
+    foam : float
+        Share of the surface under foam, 0 ... 1.
+    wind_speed : float
+        Wind by which foam drifts [m s-1].
+    wind_direction_deg : float
+        Direction the wind blows to [deg].
+    """
+
+    day: Daylight = DEFAULT_DAY
+    water: Water = DEFAULT_WATER
+    wavelength_nm: float = 470.0
+    foam: float = 0.0
+    wind_speed: float = 0.0
+    wind_direction_deg: float = 0.0
+
+    @classmethod
+    def of(
+        cls, link: Link | None, day: Daylight | None, wind: tuple[float | None, float]
+    ) -> SeaLight:
+        """Return the light on the sea of a link; foam by its whitecaps, else by the wind."""
+        speed, direction = wind[0] or 0.0, wind[1]
+        caps = link.whitecaps if link is not None else None
+        caps = caps or Whitecaps(wind_speed=min(speed, 30.0))
+        given: dict[str, Any] = {}
+        if link is not None:
+            given = {"water": link.water, "wavelength_nm": link.transmitters[0].wavelength_nm}
+        foam = 1.0 - caps.transmittance
+        return cls(day or DEFAULT_DAY, **given, foam=foam, wind_speed=speed,
+                   wind_direction_deg=direction)  # fmt: skip
+
+    @cached_property
+    def upwelling(self) -> NDArray[np.float64]:
+        """Radiance that leaves the water over the irradiance of the sea [sr-1], red to blue.
+
+        Notes
+        -----
+        L / E = 0.33 b_b / (a pi n^2), Morel and Prieur (1977). From the one wavelength of the
+        water its absorption beyond that of pure water is continued as exp(-0.014 / nm), its
+        scattering by particles as the inverse wavelength.
+        """
+        nm, water = self.wavelength_nm, self.water
+        pure_a, pure_b = pure_water_absorption(RGB_NM), sea_water_scattering(RGB_NM)
+        here = float(np.clip(nm, 400.0, 700.0))
+        more_a = max(water.a - float(pure_water_absorption(here)), 0.0)
+        more_b = max(water.b - float(sea_water_scattering(here)), 0.0)
+        a = pure_a + more_a * np.exp(-0.014 * (RGB_NM - nm))
+        back = 0.5 * pure_b + water.phase.backscatter_fraction * more_b * nm / RGB_NM
+        return np.asarray(0.33 * back / (a * math.pi * water.n**2))
+
+
+class Roughened(NamedTuple):
+    """Slopes drawn on a square lattice with period, and the variance that they leave out."""
+
+    slopes: NDArray[np.float32]  # (n, n, 2)
+    rest: tuple[float, float]  # along and across the wind
+
+
+def short_waves(
+    size: float,
+    n: int,
+    variances: tuple[float, float],
+    least: float,
+    direction_deg: float = 0.0,
+    time: float = 0.0,
+    seed: int = 1,
+) -> Roughened:
+    """Return the slopes of waves shorter than those of a mesh, on an n by n lattice of a size [m].
+
+    Parameters
+    ----------
+    size : float
+        Edge of the lattice and longest wave [m].
+    n : int
+        Points along it; waves shorter than 3.3 of them are left out.
+    variances : tuple of float
+        Slope variances along and across the wind of all waves that the mesh leaves out.
+    least : float
+        Wavenumber at which they begin [rad m-1].
+    direction_deg : float
+        Direction the wind blows to [deg].
+    time : float
+        Time [s], by which the waves move downwind.
+    seed : int
+        Seed of their phases.
+
+    Notes
+    -----
+    Equal slope variance in every octave of wavenumbers up to 1000 rad/m, the saturated range of
+    Phillips (1958); second harmonics of the direction give both variances.
+    """
+    k_x = 2.0 * math.pi * fft.fftfreq(n, size / n)[:, None].astype(np.float32)
+    k_y = k_x.T
+    k = np.hypot(k_x, k_y)
+    # waves of two points would show the lattice
+    finest, total = min(0.6 * math.pi * n / size, MOST_WAVENUMBER), sum(variances)
+    least = max(least, 2.0 * math.pi / size)
+    share = math.log(max(finest / least, 1.0)) / math.log(max(MOST_WAVENUMBER / least, 1.01))
+    share = min(share, 1.0)
+    rest = (variances[0] * (1.0 - share), variances[1] * (1.0 - share))
+    band = (k >= least) & (k <= finest)
+    angle = np.arctan2(k_y, k_x) - math.radians(direction_deg)
+    lean = np.clip(2.0 * (variances[0] - variances[1]) / max(total, 1e-12), -1.0, 1.0)
+    downwind = band & (np.cos(angle) > 0.0)
+    if not downwind.any() or total <= 0.0:
+        return Roughened(np.zeros((n, n, 2), np.float32), variances)
+    k = np.maximum(k, 1e-6)
+    power = np.where(downwind, (1.0 + lean * np.cos(2.0 * angle)) / k**4, 0.0)
+    power *= 2.0 * share * total / (power * k**2).sum()
+    rng = np.random.default_rng(seed)
+    draw = rng.standard_normal((2, n, n), dtype=np.float32)
+    phase = np.sqrt(9.81 * k + 7.4e-5 * k**3) * np.float32(time)
+    wave = np.sqrt(0.5 * power) * (draw[0] + 1j * draw[1]) * np.exp(-1j * phase)
+    wave = (1j * n * n * wave).astype(np.complex64)
+    slopes = [fft.ifft2(k_axis * wave).real for k_axis in (k_x, k_y)]
+    return Roughened(np.stack(slopes, axis=-1).astype(np.float32), rest)
+
+
+@lru_cache(maxsize=2)
+def foam_streaks(size: float, n: int, direction_deg: float, seed: int = 1) -> NDArray[np.float32]:
+    """Return noise of unit variance on an n by n lattice, drawn out along the wind: for looks."""
+    rng = np.random.default_rng(seed + 1)
+    white = fft.rfft2(rng.standard_normal((n, n), dtype=np.float32))
+    k_x = 2.0 * math.pi * fft.fftfreq(n, size / n)[:, None]
+    k_y = 2.0 * math.pi * fft.rfftfreq(n, size / n)[None, :]
+    wind = math.radians(direction_deg)
+    along = k_x * math.cos(wind) + k_y * math.sin(wind)
+    across = k_y * math.cos(wind) - k_x * math.sin(wind)
+    total = np.zeros((n, n))
+    for length, width, weight in ((1.8, 0.16, 1.0), (0.4, 0.07, 0.7), (0.05, 0.03, 0.8)):
+        blur = np.exp(-0.5 * ((along * length) ** 2 + (across * width) ** 2))
+        layer = fft.irfft2(white * blur, s=(n, n))
+        total += weight * layer / max(float(layer.std()), 1e-12)
+    return np.asarray(total / total.std(), np.float32)
+
+
+def foam_cover(streaks: Floats, heights: Floats, share: float) -> Floats:
+    """Return the opacity of foam, 0 ... 1: more than a half on a share of all points.
+
+    Parameters
+    ----------
+    streaks : ndarray, shape (n,)
+        Of `foam_streaks`.
+    heights : ndarray, shape (n,)
+        Elevation [m]; crests have more foam than troughs.
+    share : float
+        Share of the surface under foam.
+    """
+    if share <= 0.0:
+        return np.zeros_like(streaks)
+    score = streaks + 0.7 * (heights - heights.mean()) / max(float(heights.std()), 1e-6)
+    edge = np.quantile(score, max(1.0 - share, 0.0))
+    return np.asarray(np.clip(0.5 + (score - edge) / 0.9, 0.0, 1.0))
+
+
+def radiance(
+    points: Floats,
+    slopes: Floats,
+    eye: tuple[float, float, float],
+    light: SeaLight,
+    rest: tuple[float, float],
+) -> NDArray[np.float64]:
+    """Return the light from a sea to a viewer over that of a white, level surface.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Points of the sea [m].
+    slopes : ndarray, shape (n, 2)
+        Slopes there.
+    eye : tuple of float
+        Place of the viewer [m].
+    light : SeaLight
+        Light and water, without the foam.
+    rest : tuple of float
+        Slope variances along and across the wind within a point.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        pi L / E, red to blue: rho L_sky + glint + (1 - rho) L_water.
+    """
+    day, n_water = light.day, light.water.n
+    view, normal = _unit(np.asarray(eye, points.dtype) - points), _unit_normals(slopes)
+    cosine = np.clip(np.einsum("ij,ij->i", view, normal), 0.02, 1.0)
+    mirrored = 2.0 * cosine[:, None] * normal - view
+    mirrored[:, 2] = np.abs(mirrored[:, 2])  # light from below the horizon was reflected twice
+    rho = fresnel_reflectance(cosine, 1.0, n_water)
+    from_sky = rho * sky_radiance(day.sky, mirrored).astype(points.dtype)
+    glint = np.zeros_like(rho)
+    if day.direct > 0.0:
+        wind = math.radians(light.wind_direction_deg)
+        deviations = (math.sqrt(max(v, LEAST_VARIANCE)) for v in rest)
+        rough = Roughness(*deviations, math.cos(wind), math.sin(wind))
+        glint = connected_glint(
+            view, np.asarray(day.sun, points.dtype), normal, normal, rough, n_water
+        )
+        # without limit at grazing view, where the drawn waves would hide each other
+        glint = day.direct * np.minimum(glint, 2.0)
+    clear = min(4.0 * day.direct / day.irradiance, 1.0)
+    haze = np.exp(-4.0 * mirrored[:, 2])
+    crest = points[:, 2] - points[:, 2].mean()
+    glow = 1.0 + 0.35 * np.clip(crest / max(float(crest.std()), 0.02), -1.5, 2.0)
+    below = math.pi * WATER_BRIGHTNESS * (1.0 - rho) * glow
+    colors = zip(ZENITH_RGB, HORIZON_RGB, CLOUD_RGB, light.upwelling, strict=True)
+    from_sky, glint = (math.pi / day.irradiance * part for part in (from_sky, glint))
+    seen = [
+        from_sky * (cloud + clear * (zenith - cloud + haze * (horizon - zenith)))
+        + glint
+        + below * water
+        for zenith, horizon, cloud, water in (map(float, color) for color in colors)
+    ]
+    return np.stack(seen).T
+
+
+def _unit(vectors: Floats) -> Floats:
+    return np.asarray(vectors / np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None])
+
+
+def _unit_normals(slopes: Floats) -> Floats:
+    normal = np.empty((len(slopes), 3), slopes.dtype)
+    normal[:, :2], normal[:, 2] = -slopes, 1.0
+    return _unit(normal)
+
+
+def screen_colors(light: Floats, foam: Floats | None = None) -> NDArray[np.uint8]:
+    """Return the colours (n, 3) of light relative to a white surface, with foam on it."""
+    if foam is not None:
+        light = light + foam[:, None] * (FOAM_REFLECTANCE - light)
+    linear = 1.0 - np.exp(-EXPOSURE * np.maximum(light, 0.0))
+    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.ascontiguousarray(np.rint(255.0 * srgb), np.uint8)
+
+
+class ShadedSea:
+    """Colours of a sea for any viewer, in points finer than its mesh if that is a grid.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The surface.
+    light : SeaLight
+        Light and water.
+    longest : float, optional
+        Longest wave that the mesh leaves out [m]; five of its edges at least, and by default.
+    time : float
+        Time of the short waves and of the foam [s].
+    texels : int
+        Points along the sides of a grid, and of the lattice of short waves.
+
+    Attributes
+    ----------
+    grid : tuple of int or None
+        Vertices along the sides of the mesh; None for other meshes, coloured at their vertices.
+    """
+
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        light: SeaLight,
+        longest: float | None = None,
+        time: float = 0.0,
+        texels: int = 1024,
+    ) -> None:
+        self.grid, self._light, self._texels = grid_shape(mesh), light, texels
+        points, normals = mesh.vertices, mesh.vertex_normals
+        if self.grid is not None:
+            points, normals = (refined(v.reshape(*self.grid, 3), texels) for v in (points, normals))
+        self._points = points.reshape(-1, 3).astype(np.float32)
+        normals = normals.reshape(-1, 3).astype(np.float32)
+        low, high = mesh.bounds[:, :2]
+        size = float((high - low).max())
+        edge = float(np.ptp(mesh.vertices[mesh.faces[0]], axis=0)[:2].max())
+        least = 0.4 * math.pi / max(edge, 1e-6)
+        least = min(2.0 * math.pi / longest, least) if longest else least
+        variances = (0.0, 0.0) if mesh.unresolved is None else mesh.unresolved.vertex
+        wind = light.wind_direction_deg
+        drawn = short_waves(size, texels, variances, least, wind, time)
+        self._rest = drawn.rest
+        self._slopes = -normals[:, :2] / np.maximum(normals[:, 2:], 0.2)
+        self._slopes += self._on_lattice(drawn.slopes, low, size)
+        self._foam = None
+        if light.foam > 0.0:
+            angle, drift = math.radians(wind), 0.03 * light.wind_speed * time  # as surface drift
+            start = low + drift * np.array([math.cos(angle), math.sin(angle)])
+            streaks = self._on_lattice(foam_streaks(size, texels, wind), start, size)
+            self._foam = foam_cover(streaks, self._points[:, 2], light.foam)
+
+    def _on_lattice(self, values: Floats, start: Floats, size: float) -> Floats:
+        """Return the values of a lattice with period at the points."""
+        n = len(values)
+        i, j = np.floor((self._points[:, :2] - start) * (n / size)).astype(np.int64).T % n
+        return values[i, j]
+
+    def colors(self, eye: tuple[float, float, float]) -> NDArray[np.uint8]:
+        """Return the colours seen from a place [m], (n, 3), or (texels, texels, 3) of a grid."""
+        light = radiance(self._points, self._slopes, eye, self._light, self._rest)
+        found = screen_colors(light, self._foam)
+        return found.reshape(self._texels, self._texels, 3) if self.grid else found
+
+
+def grid_shape(mesh: TriangleMesh) -> tuple[int, int] | None:
+    """Return the numbers of vertices along x and y of a triangulated grid, None for others."""
+    ny = int(mesh.faces[0, 1])
+    nx, left = divmod(len(mesh.vertices), max(ny, 1))
+    if left or nx < 2 or ny < 2 or len(mesh.faces) != 2 * (nx - 1) * (ny - 1):
+        return None
+    return (nx, ny) if np.array_equal(mesh.faces, grid_faces(nx, ny)) else None
+
+
+def refined(values: Floats, n: int) -> Floats:
+    """Return values (nx, ny, 3) at n by n points over the same range, linear between them."""
+    for axis in (0, 1):
+        at = np.linspace(0.0, values.shape[axis] - 1.0, n)
+        first = np.minimum(at.astype(int), values.shape[axis] - 2)
+        share = (at - first).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
+        low, high = values.take(first, axis), values.take(first + 1, axis)
+        values = low + share * (high - low)
+    return values
