@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgb
 from trame_vtk.modules.vtk.serializers import (  # type: ignore[import-untyped]
     SynchronizationContext,
     extract_array_hash,
@@ -28,7 +28,7 @@ from meshtrace.files import atomic
 
 from .checks import checked
 from .stage import Scene
-from .style import INK
+from .style import INK, SKY
 
 _HEAD, _LIGHTS = (
     (Path(__file__).parent / f"page_{part}.html").read_text(encoding="utf-8")
@@ -79,7 +79,8 @@ def _exported(plotter: pv.Plotter) -> str:
     for bar in bars:
         bar.SetVisibility(False)
     letters = _letters(plotter) if isinstance(plotter, Scene) else None
-    actor = letters and plotter.add_mesh(letters, color=INK, lighting=False, render=False)
+    plain: Any = {"scalars": "tint", "rgb": True, "lighting": False, "render": False}
+    actor = letters and plotter.add_mesh(letters, **plain)
     page = io.StringIO()
     write_html(_packed(plotter.render_window), page)
     for bar in bars:
@@ -115,7 +116,7 @@ def _packed(window: Any) -> bytes:
 
 
 def _letters(scene: Scene) -> pv.PolyData | None:
-    """Return the texts of a scene as flat letters that face the camera."""
+    """Return the texts of a scene as flat letters that face the camera, light ones in water."""
     towards = np.subtract(scene.camera.position, scene.camera.focal_point)
     towards /= np.linalg.norm(towards)
     right = np.cross((0.0, 0.0, 1.0), towards)
@@ -128,12 +129,15 @@ def _letters(scene: Scene) -> pv.PolyData | None:
         x0, x1 = word.bounds[:2]
         shift = {"left": -x0, "center": 0.0, "right": -x1}[align]
         word.points = size * (word.points + np.array([shift, 0.0, 0.0])) @ frame + point
+        drowned = point[2] < 0.0 and scene.stage.contains(tuple(point))
+        tint = 255.0 * np.array(to_rgb(SKY if drowned else INK))
+        word.point_data["tint"] = np.tile(tint.astype(np.uint8), (word.n_points, 1))
         words.append(word)
     return pv.merge(words) if words else None
 
 
 def _about(plotter: pv.Plotter, title: str) -> str:
-    """Return heading, colour bars and key as HTML."""
+    """Return heading, caption, colour bars and key as HTML."""
     key: dict[str, str] = getattr(plotter, "key", {})
     rows = "".join(
         f'<li><i style="background:{color}"></i>{html.escape(label)}</li>'
@@ -144,6 +148,7 @@ def _about(plotter: pv.Plotter, title: str) -> str:
     return (
         '<div class="content"></div>'
         f'<div id="about"><h1>{html.escape(title)}</h1>'
+        f"<p>{html.escape(getattr(plotter, 'caption', ''))}</p>"
         "<p>drag to turn, wheel to zoom, shift and drag to move</p>"
         f"{bars}<ul>{rows}</ul></div>"
     )

@@ -23,16 +23,16 @@ from .style import LED_COLOR, PALETTE, RECEIVER_COLOR, UAV_COLOR, plain_label, w
 from .water import SeaLight, ShadedSea
 
 SURFACE_COLORS = {
-    "water": "",
     "elevation": plain_label("elevation"),
     "slope": "slope of the surface",
     "slope_x": plain_label("slope_x"),
     "slope_y": plain_label("slope_y"),
     "plain": "",
+    "water": "",
 }
 """Looks of the surface, with the titles of the colour bars."""
 
-BUBBLE_COLOR = "#FFFFFF"
+BUBBLE_COLOR = EDGE_COLOR = "#FFFFFF"
 WATER_COLORS = ("#7DBBD2", "#1F5A8A")
 """Colours of the block of water, at the surface and at the bottom of the stage."""
 
@@ -87,9 +87,8 @@ def add_surface(
         raise Refused("color", color, ", ".join(SURFACE_COLORS))
     scene.shown["surface"] = mesh
     data = to_pyvista(mesh)
-    lines = {"show_edges": edges, "edge_color": "white", "edge_opacity": 0.5, "line_width": 1.2}
     if color == "water":
-        _add_water(scene, data, shaded or ShadedSea(mesh, SeaLight()), opacity, lines)
+        _add_water(scene, data, shaded or ShadedSea(mesh, SeaLight()), opacity, edges)
         return scene
     data = _within(data, scene.stage.bounds)
     look: dict[str, Any] = {"color": PALETTE["blue"]}
@@ -100,6 +99,7 @@ def add_surface(
             clim = (0.0 if color == "slope" else -color_limit, color_limit)
         bar = scene.bar(SURFACE_COLORS[color])
         look = {"scalars": color, "clim": clim, "cmap": water_map(), "scalar_bar_args": bar}
+    lines = {"show_edges": edges, "edge_color": EDGE_COLOR, "edge_opacity": 0.5, "line_width": 1.2}
     shine = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.2, "specular_power": 30.0}
     look |= lines | shine
     scene.add_mesh(data, smooth_shading=True, opacity=opacity, name="surface", **look)
@@ -107,7 +107,7 @@ def add_surface(
 
 
 def _add_water(
-    scene: Scene, data: pv.PolyData, shaded: ShadedSea, opacity: float, lines: dict[str, Any]
+    scene: Scene, data: pv.PolyData, shaded: ShadedSea, opacity: float, edges: bool
 ) -> None:
     """Draw a surface in the colours that the camera sees, which `look` renews."""
     plain: Any = {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "lighting": False}
@@ -118,7 +118,10 @@ def _add_water(
         data.point_data["tint"] = np.zeros((data.n_points, 3), np.uint8)
         plain |= {"scalars": "tint", "rgb": True}
     data = _within(data, scene.stage.bounds)
-    actor = scene.add_mesh(data, color="white", opacity=opacity, name="surface", **plain, **lines)
+    actor = scene.add_mesh(data, color="white", opacity=opacity, name="surface", **plain)
+    if edges:  # VTK draws no edges of textured facets
+        wires: Any = {"color": EDGE_COLOR, "opacity": 0.5, "line_width": 1.2, "lighting": False}
+        scene.add_mesh(data, style="wireframe", name="edges", **wires)
 
     def shade() -> None:
         colors = shaded.colors(tuple(scene.camera.position))

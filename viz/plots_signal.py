@@ -20,8 +20,8 @@ from .style import PALETTE, axes, axis_label, note
 
 Floats = NDArray[np.float64]
 
-LARGEST_ERROR = 0.5
-"""Relative standard error of an impulse response, beyond which a bin is no datum."""
+LARGEST_ERROR = 0.4
+"""Relative standard error of an impulse response, beyond which a bin is not drawn."""
 
 
 @checked
@@ -33,7 +33,8 @@ def plot_impulse_response(
 ) -> Axes:
     """Plot impulse responses, logarithmic, with bands of two standard errors.
 
-    Bins with a standard error beyond half their value, those of single photons, are left out.
+    A response ends at the first bin after its peak with a standard error beyond 40 % of its value,
+    that of a few photons.
 
     Parameters
     ----------
@@ -61,6 +62,8 @@ def plot_impulse_response(
         edges = 1e9 * response.edges
         h, error = response.h, response.h_stderr
         known = (error <= LARGEST_ERROR * h) & (h > 0.0)
+        later = np.arange(len(h)) > np.argmax(h)
+        known &= np.cumsum(later & ~known) == 0
         high, low = (np.where(known, np.maximum(h + s * error, floor), np.nan) for s in (2.0, -2.0))
         steps = ax.stairs(np.where(known, np.maximum(h, floor), np.nan), edges, lw=1.5)
         steps.set_label(f"{name}, {spread}" if name else spread)
@@ -107,7 +110,7 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
     ax.legend(loc="upper left", ncols=2)
     ax.set(xlabel="time [ns], two bits", ylabel="signal over its swing")
     note(ax, "band: ± 1 standard deviation")
-    ax.set_title(f"opening {eye.opening:.2f}, Q = {eye.q_factor:.2f}", loc="left")
+    ax.set_title(f"opening {eye.opening:.2f}, Q = {eye.q_factor:.2f}")
     return ax
 
 

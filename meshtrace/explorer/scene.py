@@ -101,7 +101,7 @@ class LiveScene:
     def _sea(self, mesh: TriangleMesh) -> pv.PolyData:
         """Return the surface, in single precision, coloured by elevation or by the daylight."""
         points: Any = mesh.vertices.astype(np.float32)
-        normals = mesh.vertex_normals.astype(np.float32)
+        normals: Any = mesh.vertex_normals.astype(np.float32)
         if self._faces is not mesh.faces.base:  # grids of one shape share their facets
             self._faces = mesh.faces.base
             self._grid = pv.PolyData.from_regular_faces(points, mesh.faces.astype(int))

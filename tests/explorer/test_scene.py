@@ -10,6 +10,7 @@ from meshtrace.explorer import stages
 from meshtrace.explorer.scene import LiveScene
 from meshtrace.explorer.state import State
 from meshtrace.scenario import Scenario
+from meshtrace.viz.style import water_map
 
 STATE = State(Scenario.from_toml(""))
 
@@ -59,6 +60,31 @@ def test_time_moves_the_waves_alone(scene):
     flat = np.array(scene.profile())
     np.testing.assert_allclose(np.interp(0.0, *flat.T), moved[np.hypot(*moved.T[:2]).argmin(), 2],
                                atol=1e-3)  # fmt: skip
+
+
+def tints(scene):
+    return np.asarray(scene._parts["sea"].point_data["tint"]).astype(float)
+
+
+def test_daylight_colours_the_sea_in_place(scene):
+    """Elevation without light, sky and glint by day, with the same actor."""
+    sea, actor = points(scene, "sea"), scene._actors["sea"]
+    low, high = scene.elevation_range
+    np.testing.assert_allclose(
+        tints(scene), 255.0 * water_map()((sea[:, 2] - low) / (high - low))[:, :3], atol=3.0
+    )
+    assert actor.prop.diffuse > 0.0
+    dark = tints(scene).copy()
+    scene.update(STATE.moved({"light": "clear"}))
+    assert scene._actors["sea"] is actor
+    assert actor.prop.diffuse == 0.0  # the colours are those that the camera sees
+    day = tints(scene).copy()
+    assert day.shape == dark.shape
+    assert np.abs(day - dark).mean() > 10.0
+    scene.update(STATE.moved({"light": "clear"}).at(0.7), running=True)
+    assert np.abs(tints(scene) - day).mean() > 1.0
+    scene.update(STATE.moved({"light": "night"}))
+    np.testing.assert_array_equal(tints(scene), dark)
 
 
 def test_lamp_and_receiver_are_where_the_link_has_them(scene):

@@ -152,7 +152,7 @@ def test_autocorrelation():
     with pytest.raises(ValueError, match="of an ensemble"):
         viz.plot_autocorrelation(fading_statistics(gain))
     short = statistics.coherence_time._replace(value=0.04)
-    ax = viz.plot_autocorrelation(statistics._replace(coherence_time=short))
+    ax = viz.plot_autocorrelation(replace(statistics, coherence_time=short))
     assert legend(ax) == ["coherence time < 0.1 s"]  # the samples are no finer
 
 

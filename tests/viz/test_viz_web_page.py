@@ -72,7 +72,13 @@ def test_it_reacts_to_the_mouse(browser):
 @pytest.mark.browser
 def test_it_explains_itself(browser):
     text = browser.find_element("id", "about").text
-    for words in ("a <link>", "sea surface elevation [m]", "bubbles", "drag to turn"):
+    for words in (
+        "a <link>",
+        "sea surface elevation [m]",
+        "bubbles",
+        "drag to turn",
+        "JONSWAP sea, wind 5 m/s, seed 7",
+    ):
         assert words in text
 
 
