@@ -46,3 +46,13 @@ def test_view_needs_a_display_for_a_window(monkeypatch):
     monkeypatch.setenv("DISPLAY", ":4242")  # nobody answers there
     with pytest.raises(ValueError, match="view: no display"):
         viz.view(mt.Link(), SEA)
+
+
+def test_the_sea_of_a_link_file_lies_under_its_daylight():
+    from meshtrace.cli.view import _of_scenario
+    from meshtrace.scenario import Scenario
+
+    bright = Scenario.from_toml("[daylight]\ndirect = 1.0\ndiffuse = 0.5\n")
+    assert _of_scenario(bright).daylight == bright.daylight
+    assert bright.daylight.direct == 1.0
+    assert _of_scenario(Scenario.from_toml("")).daylight is None
