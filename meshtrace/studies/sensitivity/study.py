@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from meshtrace.comms.ook import OokLink, Preset
+from meshtrace.comms.ook import OokLink
+from meshtrace.comms.ook_setup import Preset
 from meshtrace.errors import Described, Refused, require_between
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
