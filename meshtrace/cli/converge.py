@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, numbers, progress, save, scenario_of
+from meshtrace.cli.console import check_output, numbers, progress, save
 from meshtrace.cli.drawing import check_plot, draw
-from meshtrace.cli.options import LinkFile, Output, Plot, Seed, Settings, Threads, Wind
+from meshtrace.cli.options import Case, LinkFile, Output, Plot, grouped
 from meshtrace.errors import Refused, require_word
 
 if TYPE_CHECKING:
@@ -21,46 +22,57 @@ if TYPE_CHECKING:
 _LISTS = {"spacing": "--spacings", "time_step": "--time-steps", "omega_max": "--omega-max"}
 
 
-@app.command()
-def converge(
-    link: LinkFile = None,
-    what: str = Option("gain", metavar="WORD", help="gain, or fading over the band of waves."),
+@dataclass(frozen=True)
+class Refined:
+    """Values of the refined parameter."""
+
     spacings: str | None = Option(
         None, metavar="M,M,...", help="Mesh spacings [m]; default: 2, 1, ... 0.0625."
-    ),
+    )
     time_steps: str | None = Option(
         None, metavar="S,S,...", help="Time steps [s], instead of mesh spacings."
-    ),
+    )
     omega_max: str | None = Option(
         None, metavar="W,W,...", help="Band limits [rad/s], instead of mesh spacings."
-    ),
+    )
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Meshes and light of each value."""
+
     normals: str | None = Option(
         None, metavar="KINDS", help="vertex, facet or vertex,facet (for spacings)."
-    ),
-    photons: int = Option(
-        2048, metavar="N", min=1, max=10**7, help="Chains, shared by all meshes."
-    ),
+    )
+    photons: int = Option(2048, metavar="N", min=1, max=10**7, help="Chains, shared by all meshes.")
     placements: int | None = Option(
         None, metavar="N", min=1, max=10**5, help="Meshes of each spacing [default: 34]."
-    ),
+    )
     realizations: int | None = Option(
         None, metavar="N", min=1, max=10**5, help="Seas of each band [default: 16; fading: 0]."
-    ),
+    )
     duration: float | None = Option(
         None, metavar="S", help="Length of the series [s] [default: 8 longest steps]."
-    ),
+    )
     tolerance: float | None = Option(
         None, metavar="R", help="Relative error of the recommended step."
-    ),
+    )
     unresolved: str | None = Option(
         None, metavar="WORD", help="Slopes of waves too short for the mesh: tilt (random) or none."
-    ),
+    )
+
+
+@app.command()
+@grouped
+def converge(
+    *,
+    link: LinkFile = None,
+    what: str = Option("gain", metavar="WORD", help="gain, or fading over the band of waves."),
+    refined: Refined,
+    effort: Effort,
     output: Output = None,
     plot: Plot = None,
-    seed: Seed = None,
-    threads: Threads = None,
-    wind: Wind = None,
-    settings: Settings = None,
+    case: Case,
 ) -> None:
     """Study the convergence of the gain with mesh spacing, time step or band of waves.
 
@@ -70,22 +82,31 @@ def converge(
     form, and over --realizations seas.
     """
     require_word(what, ("gain", "fading"), "--what")
-    scenario = scenario_of(link, settings, wind, seed=seed, threads=threads)
-    given = {"spacing": spacings, "time_step": time_steps, "omega_max": omega_max}
+    scenario = case.scenario(link)
+    given = {
+        "spacing": refined.spacings,
+        "time_step": refined.time_steps,
+        "omega_max": refined.omega_max,
+    }
     parameter, values = _values(what, {k: text for k, text in given.items() if text is not None})
+    duration = effort.duration
     if (parameter, duration) == ("time_step", None):
         duration = 8.0 * max(values)
-    own = {"spacing": placements, "omega_max": realizations, "time_step": duration}
+    own = {
+        "spacing": effort.placements,
+        "omega_max": effort.realizations,
+        "time_step": duration,
+    }
     names = {"spacing": "placements", "omega_max": "realizations", "time_step": "duration"}
     for key, value in own.items():
         if value is not None and key != parameter:
             raise Refused(f"--{names[key]}", value, f"only with {_LISTS[key]}")
     options = {
         names[parameter]: own[parameter],
-        "tolerance": tolerance,
-        "unresolved": unresolved,
-        "normals": None if normals is None else normals.split(","),
-        "photons": photons,
+        "tolerance": effort.tolerance,
+        "unresolved": effort.unresolved,
+        "normals": None if effort.normals is None else effort.normals.split(","),
+        "photons": effort.photons,
     }
     check_output(output, link)
     check_plot(plot, link)

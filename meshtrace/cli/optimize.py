@@ -8,24 +8,16 @@ import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, numbers, progress, save, scenario_of
+from meshtrace.cli.console import check_output, numbers, progress, save
 from meshtrace.cli.drawing import check_plot, draw
-from meshtrace.cli.options import (
-    SERIES_CHAINS,
-    Chains,
-    LinkFile,
-    Output,
-    Plot,
-    Seed,
-    Settings,
-    Threads,
-    Wind,
-)
+from meshtrace.cli.options import SERIES_CHAINS, Case, Chains, LinkFile, Output, Plot, grouped
 from meshtrace.errors import Refused
 
 
 @app.command("optimize")
+@grouped
 def optimize_command(
+    *,
     link: LinkFile = None,
     over: list[str] = Option(
         metavar="KEY=LOW,HIGH",
@@ -39,10 +31,7 @@ def optimize_command(
     output: Output = None,
     plot: Plot = None,
     photons: Chains = SERIES_CHAINS,
-    seed: Seed = None,
-    threads: Threads = None,
-    wind: Wind = None,
-    settings: Settings = None,
+    case: Case,
 ) -> None:
     """Search the best values of parameters over common seas, and check them on fresh ones."""
     from meshtrace.studies.optimisation import optimize
@@ -55,7 +44,7 @@ def optimize_command(
             raise Refused("--over", text, "KEY=LOW,HIGH, as in receiver.fov_deg=6,90")
         bounds[key] = (pair[0], pair[1])
     hovering = (0.0, 0.0) if hover is None else tuple(numbers("--hover", hover))
-    scenario = scenario_of(link, settings, wind, seed=seed, threads=threads)
+    scenario = case.scenario(link)
     check_output(output, link)
     check_plot(plot, link)
     asked: Any = {

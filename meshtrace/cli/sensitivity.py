@@ -9,13 +9,15 @@ import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, progress, save, scenario_of
+from meshtrace.cli.console import check_output, progress, save
 from meshtrace.cli.drawing import check_plot, draw
-from meshtrace.cli.options import LinkFile, Output, Plot, Seed, Settings, Threads, Wind
+from meshtrace.cli.options import Case, LinkFile, Output, Plot, grouped
 
 
 @app.command("sensitivity")
+@grouped
 def sensitivity_command(
+    *,
     link: LinkFile = None,
     wrt: list[str] | None = Option(
         None, "--wrt", metavar="KEY", help="Parameter, such as water.a; repeatable; default: all."
@@ -30,10 +32,7 @@ def sensitivity_command(
     output: Output = None,
     plot: Plot = None,
     photons: str = Option("8192", metavar="N", help="Chains, common to all evaluations."),
-    seed: Seed = None,
-    threads: Threads = None,
-    wind: Wind = None,
-    settings: Settings = None,
+    case: Case,
 ) -> None:
     """Print the sensitivity of a link to its parameters, with standard errors.
 
@@ -42,7 +41,7 @@ def sensitivity_command(
     """
     from meshtrace.studies.sensitivity import sensitivities
 
-    scenario = scenario_of(link, settings, wind, photons=photons, seed=seed, threads=threads)
+    scenario = case.scenario(link, photons)
     check_output(output, link)
     check_plot(plot, link)
     asked: Any = {"of": of, "realizations": realizations, "limit": limit, "step": step}
