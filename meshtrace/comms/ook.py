@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.comms.decisions import non_negative, pattern_decision
+from meshtrace.comms.devices import OpticalFrontEnd
 from meshtrace.comms.ook_setup import OokSetup
 from meshtrace.comms.pulses import Eye, PulseFilters
 from meshtrace.errors import (
@@ -109,6 +110,11 @@ class OokLink(OokSetup, frozen=True):
     def averaging_window(self) -> float:
         """Window in use [s]: 0 unless the model averages, as W and CP do."""
         return self.receiver.averaging_window(self)
+
+    @property
+    def on_detector(self) -> OokLink:
+        """The link with default optics: the same to all that starts from the power on the SiPM."""
+        return self.model_copy(update={"optics": OpticalFrontEnd()})
 
     @property
     def filters(self) -> PulseFilters:
@@ -266,7 +272,7 @@ class OokLink(OokSetup, frozen=True):
         Refused
             If the target is outside of its range.
         """
-        return _required_power(self, require_between(ber, 0.0, 0.5, "ber"))
+        return _required_power(self.on_detector, require_between(ber, 0.0, 0.5, "ber"))
 
     def overload_power(self, ber: float) -> float:
         """Return the highest optical power on the SiPM that still reaches a bit error rate.

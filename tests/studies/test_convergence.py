@@ -127,12 +127,12 @@ def test_fit_finds_a_power_law(order):
 
 
 def test_fitted_intervals_hold_the_truth():
-    # 95 % intervals: fewer than 85 hits in 100 have a probability below 1e-4
+    # 95 % intervals: fewer than 40 hits in 50 have a probability below 1e-4
     rng = np.random.default_rng(5)
     h = np.array([2.0, 1.0, 0.5, 0.25, 0.125, 0.0625])
-    fits = [fit_law(h, law(h, 2.0, 2e-3, 1e-3, rng), 5.0) for _ in range(100)]
-    assert sum(fit.gain.low <= 5.0 <= fit.gain.high for fit in fits) >= 85
-    assert sum(fit.order.low <= 2.0 <= fit.order.high for fit in fits) >= 85
+    fits = [fit_law(h, law(h, 2.0, 2e-3, 1e-3, rng), 5.0) for _ in range(50)]
+    assert sum(fit.gain.low <= 5.0 <= fit.gain.high for fit in fits) >= 40
+    assert sum(fit.order.low <= 2.0 <= fit.order.high for fit in fits) >= 40
 
 
 def test_fitted_intervals_hold_the_truth_under_noise_of_placements():
@@ -141,11 +141,11 @@ def test_fitted_intervals_hold_the_truth_under_noise_of_placements():
     h = np.array([2.0, 1.0, 0.5, 0.25, 0.125, 0.0625])
     spread = 2e-3 * h**1.5
     hits = np.zeros(2, int)
-    for _ in range(100):
+    for _ in range(50):
         noise = spread * rng.standard_normal(6)
         fit = fit_law(h, law(h, 2.0) + noise[:, None], 5.0, spread)
         hits += [fit.gain.low <= 5.0 <= fit.gain.high, fit.order.low <= 2.0 <= fit.order.high]
-    assert (hits >= 85).all()
+    assert (hits >= 40).all()
 
 
 def test_noise_is_not_taken_for_misfit():

@@ -60,7 +60,7 @@ def test_the_errors_of_an_extended_lamp_are_true():
 
 def test_arrivals_of_an_extended_lamp_add_up():
     link, sea = LINKS["lamp of 1 m"]
-    found = mt.simulate(link, sea, photons=1024, spacing=0.5, record=[mt.Arrivals()])
+    found = mt.simulate(link, sea, photons=256, spacing=0.5, record=[mt.Arrivals()])
     assert found.arrivals.weight.sum() == pytest.approx(found.gain, rel=1e-9)
 
 
