@@ -19,8 +19,7 @@ PAPER = Scenario.from_toml("")
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch):
-    """Make the runs, the series and the maps short."""
-    monkeypatch.setattr(stages, "CHAINS", (256, 2048))
+    """Make the series and the maps short."""
     monkeypatch.setattr(stages, "FADING_FRAMES", 16)
     monkeypatch.setattr(stages, "MAP_PHOTONS", (5_000, 20_000))
 
@@ -227,7 +226,7 @@ def test_two_sessions_do_not_mix():
     assert dict(one.state.moves) == {"depth": 11.0, "wind": 7.0}
     assert dict(two.state.moves) == {"height": 8.0}
     for session in (one, two):
-        expected = mt.simulate(session.state.scenario, photons=stages.CHAINS[-1])
+        expected = mt.simulate(session.state.scenario, photons=8192)
         assert session.answer("gain").gain == expected.gain
         session.close()
         session.join()
@@ -238,6 +237,6 @@ def test_warnings_are_notes_of_their_gain(session):
     assert session.wait(240.0)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        mt.simulate(session.state.scenario, photons=stages.CHAINS[-1])
+        mt.simulate(session.state.scenario, photons=8192)
     assert any(issubclass(w.category, mt.FewSamplesWarning) for w in caught)
     assert session.answer("gain").notes == tuple(" ".join(str(w.message).split()) for w in caught)
