@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, numbers, progress, save
-from meshtrace.cli.drawing import check_plot, draw
-from meshtrace.cli.options import Case, LinkFile, Output, Plot, grouped
+from meshtrace.cli.console import numbers, progress
+from meshtrace.cli.drawing import Written
+from meshtrace.cli.options import Case, LinkFile, grouped
 from meshtrace.errors import Refused, require_word
 
 if TYPE_CHECKING:
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from meshtrace.studies.convergence import ConvergenceStudy
 
 _LISTS = {"spacing": "--spacings", "time_step": "--time-steps", "omega_max": "--omega-max"}
+_OWN = {"spacing": "placements", "omega_max": "realizations", "time_step": "duration"}
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,18 @@ class Effort:
         None, metavar="WORD", help="Slopes of waves too short for the mesh: tilt (random) or none."
     )
 
+    def options(self, parameter: str, values: list[float]) -> dict[str, Any]:
+        """Return the options of the study of a parameter; refuse those of another one."""
+        options = {name: value for name, value in vars(self).items() if value is not None}
+        for key, name in _OWN.items():
+            if name in options and key != parameter:
+                raise Refused(f"--{name}", options[name], f"only with {_LISTS[key]}")
+        if parameter == "time_step":
+            options.setdefault("duration", 8.0 * max(values))
+        if self.normals is not None:
+            options["normals"] = self.normals.split(",")
+        return options
+
 
 @app.command()
 @grouped
@@ -70,8 +82,7 @@ def converge(
     what: str = Option("gain", metavar="WORD", help="gain, or fading over the band of waves."),
     refined: Refined,
     effort: Effort,
-    output: Output = None,
-    plot: Plot = None,
+    written: Written,
     case: Case,
 ) -> None:
     """Study the convergence of the gain with mesh spacing, time step or band of waves.
@@ -83,42 +94,16 @@ def converge(
     """
     require_word(what, ("gain", "fading"), "--what")
     scenario = case.scenario(link)
-    given = {
-        "spacing": refined.spacings,
-        "time_step": refined.time_steps,
-        "omega_max": refined.omega_max,
-    }
-    parameter, values = _values(what, {k: text for k, text in given.items() if text is not None})
-    duration = effort.duration
-    if (parameter, duration) == ("time_step", None):
-        duration = 8.0 * max(values)
-    own = {
-        "spacing": effort.placements,
-        "omega_max": effort.realizations,
-        "time_step": duration,
-    }
-    names = {"spacing": "placements", "omega_max": "realizations", "time_step": "duration"}
-    for key, value in own.items():
-        if value is not None and key != parameter:
-            raise Refused(f"--{names[key]}", value, f"only with {_LISTS[key]}")
-    options = {
-        names[parameter]: own[parameter],
-        "tolerance": effort.tolerance,
-        "unresolved": effort.unresolved,
-        "normals": None if effort.normals is None else effort.normals.split(","),
-        "photons": effort.photons,
-    }
-    check_output(output, link)
-    check_plot(plot, link)
-    options = {key: value for key, value in options.items() if value is not None}
+    given = zip(_LISTS, vars(refined).values(), strict=True)
+    parameter, values = _values(what, {k: text for k, text in given if text is not None})
+    options = effort.options(parameter, values)
+    written.check(link)
     study: Stored
     if what == "fading":
         study = _fading(scenario, values, options)
     else:
         study = _study(scenario, parameter, values, options)
-    typer.echo(study.summary())
-    save(study, output)
-    draw(study, plot)
+    written.write(study)
 
 
 def _values(what: str, given: dict[str, str]) -> tuple[str, list[float]]:

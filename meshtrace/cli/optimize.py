@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, numbers, progress, save
-from meshtrace.cli.drawing import check_plot, draw
-from meshtrace.cli.options import SERIES_CHAINS, Case, Chains, LinkFile, Output, Plot, grouped
+from meshtrace.cli.console import numbers, progress
+from meshtrace.cli.drawing import Written
+from meshtrace.cli.options import SERIES_CHAINS, Case, Chains, LinkFile, grouped
 from meshtrace.errors import Refused
 
 
@@ -28,8 +27,7 @@ def optimize_command(
     realizations: int = Option(64, "-n", "--realizations", min=1, help="Independent seas."),
     quantile: float = Option(0.01, metavar="Q", help="Quantile of the gain for outage."),
     method: str = Option("auto", metavar="WORD", help="auto, bounded, cobyqa or global."),
-    output: Output = None,
-    plot: Plot = None,
+    written: Written,
     photons: Chains = SERIES_CHAINS,
     case: Case,
 ) -> None:
@@ -45,8 +43,7 @@ def optimize_command(
         bounds[key] = (pair[0], pair[1])
     hovering = (0.0, 0.0) if hover is None else tuple(numbers("--hover", hover))
     scenario = case.scenario(link)
-    check_output(output, link)
-    check_plot(plot, link)
+    written.check(link)
     asked: Any = {
         "objective": objective,
         "hover_std": hovering,
@@ -58,6 +55,4 @@ def optimize_command(
     }
     with progress(None, False, "candidates", "forced") as (_, advance):
         found = optimize(scenario, over=bounds, progress=advance, **asked)
-    typer.echo(found.summary())
-    save(found, output)
-    draw(found, plot)
+    written.write(found)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, progress, save
-from meshtrace.cli.drawing import check_plot, draw
-from meshtrace.cli.options import Case, LinkFile, Output, Plot, grouped
+from meshtrace.cli.console import progress
+from meshtrace.cli.drawing import Written
+from meshtrace.cli.options import Case, LinkFile, grouped
 
 
 @app.command("sensitivity")
@@ -29,8 +28,7 @@ def sensitivity_command(
     resume: Path | None = Option(
         None, metavar="FOLDER", help="Keep finished parameters here; a stopped run goes on."
     ),
-    output: Output = None,
-    plot: Plot = None,
+    written: Written,
     photons: str = Option("8192", metavar="N", help="Chains, common to all evaluations."),
     case: Case,
 ) -> None:
@@ -42,11 +40,8 @@ def sensitivity_command(
     from meshtrace.studies.sensitivity import sensitivities
 
     scenario = case.scenario(link, photons)
-    check_output(output, link)
-    check_plot(plot, link)
+    written.check(link)
     asked: Any = {"of": of, "realizations": realizations, "limit": limit, "step": step}
     with progress(len(wrt or []) or None, False, "parameters", "forced") as (_, advance):
         found = sensitivities(scenario, wrt=wrt, resume=resume, progress=advance, **asked)
-    typer.echo(found.summary())
-    save(found, output)
-    draw(found, plot)
+    written.write(found)
