@@ -42,7 +42,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _report(kind: type[BaseException], error: BaseException, traceback: Any) -> None:
-    """Print an error; nothing for Ctrl-C in a callback, which compiled modules report here."""
+    """Print an unraisable error, except Ctrl-C in a callback of a compiled module."""
     if not issubclass(kind, KeyboardInterrupt):
         sys.__excepthook__(kind, error, traceback)
 

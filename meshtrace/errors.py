@@ -22,7 +22,7 @@ LARGEST = 1e30
 
 
 class Described(str):
-    """Value described in words ("no such file"), which an error shows without quotes."""
+    """Value described in words ("no such file"), without quotes in an error."""
 
     __slots__ = ()
 
@@ -128,7 +128,7 @@ def require_kind(value: Any, kind: type | UnionType, path: str) -> None:
 
 
 def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> NDArray[Any]:
-    """Return a value as an array of a type; refuse what numpy cannot convert."""
+    """Return a value as an array of a type, or refuse it."""
     import numpy as np
 
     try:

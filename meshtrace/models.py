@@ -180,7 +180,7 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
     @pydantic.model_validator(mode="before")
     @classmethod
     def _known_plain_values(cls, data: Any) -> Any:
-        """Refuse unknown fields, and words and huge numbers where pydantic takes them."""
+        """Refuse unknown fields, and words and huge numbers that pydantic accepts."""
         if not isinstance(data, Mapping):
             return data
         fields = cls.model_fields

@@ -137,7 +137,7 @@ def _imported(kind: str) -> Any:
 
 
 def _module(name: str) -> Any:
-    """Import a module, which may lie in the working directory as for `python -m`."""
+    """Import a module, also from the working directory as `python -m` does."""
     folder = os.getcwd()
     sys.path.append(folder)
     try:

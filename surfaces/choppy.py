@@ -208,7 +208,7 @@ class ChoppyWaves:
         return np.stack(sum_slopes(self._potential, r[:, 0], r[:, 1], time), axis=1)
 
     def _newton_step(self, r: Floats, miss: Floats, time: float) -> Floats:
-        """Return (I + grad D)^-1 miss, or the miss itself where the sheet is folded."""
+        """Return (I + grad D)^-1 miss, or the miss itself for a folded sheet."""
         dxx, dxy, dyy = sum_second_derivatives(self._potential, r[:, 0], r[:, 1], time)
         area = (1.0 + dxx) * (1.0 + dyy) - dxy**2
         upright = (area > 0.0) & (dxx > -1.0)

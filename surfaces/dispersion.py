@@ -6,6 +6,8 @@ omega^2 = (g k + T k^3) tanh(k depth).
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -107,7 +109,12 @@ def wavenumber(omega: ArrayLike, depth: float | None = None, capillary: bool = F
     if depth is not None:
         k = k / np.sqrt(np.tanh(k * depth))
     result = np.zeros_like(omega)
-    result[moving] = _newton(k, target, depth, capillary)
+
+    def step(k: Floats) -> Floats:
+        squared, slope = _squared_frequency(k, depth, capillary)
+        return (squared - target) / slope
+
+    result[moving] = _newton(k, step)
     return result
 
 
@@ -157,8 +164,9 @@ def wavenumber_in_current(
         return still
     omega, theta, k = np.broadcast_arrays(finite_array("omega", omega, 0.0), theta, still)
     along = current[0] * np.cos(theta) + current[1] * np.sin(theta)
-    k, tiny = k.copy(), np.finfo(float).tiny
-    for _ in range(_NEWTON_STEPS):
+    tiny = np.finfo(float).tiny
+
+    def step(k: Floats) -> Floats:
         squared, slope = _squared_frequency(k, depth, capillary)
         sigma = np.sqrt(squared)
         rate = 0.5 * slope / np.maximum(sigma, tiny) + along
@@ -169,11 +177,9 @@ def wavenumber_in_current(
             problem = Described(f"{current} m/s")
             allowed = "a current that the wave of {:g} rad/s towards {:g} deg can pass"
             raise Refused("current", problem, allowed.format(*wave))
-        step = np.where(k > 0.0, (sigma + k * along - omega) / rate, 0.0)
-        k = k - step
-        if (np.abs(step) <= 1e-15 * k).all():
-            break
-    return k
+        return np.where(k > 0.0, (sigma + k * along - omega) / rate, 0.0)
+
+    return _newton(k, step)
 
 
 def phase_speed(k: ArrayLike, depth: float | None = None, capillary: bool = False) -> Floats:
@@ -216,11 +222,11 @@ def _squared_frequency(k: Floats, depth: float | None, capillary: bool) -> tuple
     return deep * tanh, deep_slope * tanh + deep * depth * (1.0 - tanh**2)
 
 
-def _newton(k: Floats, target: Floats, depth: float | None, capillary: bool) -> Floats:
+def _newton(k: Floats, step: Callable[[Floats], Floats]) -> Floats:
+    """Return k less the steps of Newton's method, until these are of rounding."""
     for _ in range(_NEWTON_STEPS):
-        squared, slope = _squared_frequency(k, depth, capillary)
-        step = (squared - target) / slope
-        k = k - step
-        if (np.abs(step) <= 1e-15 * k).all():
+        last = step(k)
+        k = k - last
+        if (np.abs(last) <= 1e-15 * k).all():
             break
     return k

@@ -266,7 +266,7 @@ def _refuse_folds(vertices: Floats, outline: NDArray[np.int64], overhangs: bool)
 def _segments_meet(
     p: Floats, q: Floats, r: Floats, s: Floats, least: float = 0.0
 ) -> NDArray[np.bool_]:
-    """Return which segments p-q and r-s in the plane have a point in common.
+    """Return the mask of segments p-q and r-s in the plane with a point in common.
 
     Where `least` > 0, segments that touch or run over each other do not count: the triangles of
     the ends have to be larger than that [m2].

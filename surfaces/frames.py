@@ -322,7 +322,7 @@ def _height(data: xarray.Dataset) -> str:
 
 
 def _seconds(time: xarray.DataArray) -> Floats:
-    """Return times [s], from the first one on where they are dates."""
+    """Return times [s]; dates count from the first one."""
     word, _, rest = str(time.attrs.get("units", "s")).lower().partition(" ")
     unit = _SECONDS.get(word.removesuffix("s") or "s")
     if unit is None:

@@ -21,7 +21,7 @@ _STEPS = 60  # of Newton and bisection for the label over a place
 
 
 class LeaningWave(Surface, frozen=True):
-    """A wave at rest whose crests lean towards +x, and overhang where they lean far.
+    """A wave at rest whose crests lean towards +x, and overhang if they lean far.
 
     z = a cos(k s), x = s + lean (max(z, 0) / a)^2, the same for all y
 
@@ -79,7 +79,7 @@ class LeaningWave(Surface, frozen=True):
 
     @property
     def overlap(self) -> float:
-        """Width over which verticals cross each crest three times [m]."""
+        """Width of the strip of three crossings of a vertical with each crest [m]."""
         folds = self.folds
         return float(folds[0, 1] - folds[1, 1]) if len(folds) else 0.0
 
@@ -96,7 +96,7 @@ class LeaningWave(Surface, frozen=True):
         return 1.0 + 2.0 * self.lean * np.maximum(z, 0.0) * dz / self.amplitude**2, dz
 
     def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> Floats:
-        """Return z [m]; see `Surface.elevation`. Refused where the crests overhang."""
+        """Return z [m]; see `Surface.elevation`. Refused for overhanging crests."""
         TIME.check(time)
         x, y = points(x, y)
         return self.profile(self._labels(x))[1]

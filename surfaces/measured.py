@@ -35,6 +35,15 @@ class _Table(NamedTuple):
     theta: Floats
     variance: Floats
 
+    def sea(self, **options: Any) -> MeasuredSea:
+        """Return a sea with these waves."""
+        return MeasuredSea(
+            omega=tuple(2.0 * np.pi * self.freq),
+            theta=tuple(self.theta),
+            variance=tuple(map(tuple, self.variance)),
+            **options,
+        )
+
 
 def from_wavespectra(
     source: str | PathLike[str] | xarray.Dataset,
@@ -123,10 +132,7 @@ def from_wavespectra(
         table = _with_tail(table, wind_speed)
     elif mss is None:
         _warn_of_missing_slopes(table, wind_speed, depth)
-    return MeasuredSea(
-        omega=tuple(2.0 * np.pi * table.freq),
-        theta=tuple(table.theta),
-        variance=tuple(map(tuple, table.variance)),
+    return table.sea(
         seed=seed,
         depth=depth,
         current=current,
@@ -277,13 +283,7 @@ def _warn_of_missing_slopes(table: _Table, wind_speed: float | None, depth: floa
     if wind_speed is None:
         text = f"source: {end}, without any shorter waves: {advice}"
     else:
-        alone = MeasuredSea(
-            omega=tuple(2.0 * np.pi * table.freq),
-            theta=tuple(table.theta),
-            variance=tuple(map(tuple, table.variance)),
-            depth=depth,
-        )
-        resolved = sum(components_slope_variance(alone.components))
+        resolved = sum(components_slope_variance(table.sea(depth=depth).components))
         missing = 100.0 * max(0.0, 1.0 - resolved / sum(cox_munk(wind_speed)))
         text = f"source: {end}, beyond which {missing:.0f} % of the slope variance lies: {advice}"
     warnings.warn(text, DomainWarning, stacklevel=3)

@@ -90,7 +90,7 @@ class RandomSea(WaveSurface, frozen=True):
         return self
 
     def with_seed(self, seed: int) -> Self:
-        """Return another realization of the same sea, which shares the grid factors.
+        """Return another realization of the same sea with the same grid factors.
 
         Parameters
         ----------

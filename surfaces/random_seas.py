@@ -85,7 +85,7 @@ class _BandedSea(RandomSea, frozen=True):
     @model_validator(mode="before")
     @classmethod
     def _read_version_0_1(cls, data: Any) -> Any:
-        """Set the band of seas from files of version 0.1, which hold `jitter` and no band."""
+        """Set the band of seas from files of version 0.1, with `jitter` and without a band."""
         if not isinstance(data, Mapping) or "jitter" not in data or "band" in data:
             return data
         return {**data, "band": cls.equally_spaced_band(data)}

@@ -48,5 +48,5 @@ def until(condition, problem, seconds=60.0):
     end = time.monotonic() + seconds
     while not (found := condition()):
         assert time.monotonic() < end, problem
-        time.sleep(0.05)
+        time.sleep(0.1)
     return found

@@ -103,7 +103,7 @@ def library() -> Library | None:
 
 
 class SharedScene:
-    """Scene of the C interface, which reads the arrays of the mesh in place.
+    """Scene of the C interface over the arrays of the mesh, without a copy.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def _device() -> Any:
 
 
 class CopiedScene:
-    """Scene of embreex, which copies the mesh."""
+    """Scene of embreex, with a copy of the mesh."""
 
     def __init__(self, vertices: NDArray[np.float64], faces: NDArray[np.integer[Any]]) -> None:
         from embreex.mesh_construction import TriangleMesh as EmbreeMesh

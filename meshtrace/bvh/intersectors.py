@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.bvh.embree import new_scene
 from meshtrace.errors import Described, Refused, require_kind
-from meshtrace.kernels.facets import Triangles, facet_hits
+from meshtrace.kernels.facets import Triangles, corners, facet_hits
 from meshtrace.kernels.jit import allocating_entry
+from meshtrace.kernels.vectors import cross, dot, minus, row
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import default_threads, ordered_map
@@ -151,25 +152,23 @@ def _first_facets(origins, directions, vertices, faces):
     """
     out = np.full(len(origins), -1, np.int32)
     for i in range(len(origins)):
-        o, d = origins[i], directions[i]
+        o, d = row(origins, i), row(directions, i)
         nearest = np.inf
         for f in range(len(faces)):
-            a = vertices[faces[f, 0]]
-            e1 = vertices[faces[f, 1]] - a
-            e2 = vertices[faces[f, 2]] - a
-            p = np.cross(d, e2)
-            det = np.dot(e1, p)
+            a, b, c = corners(vertices, f, faces)
+            e1, e2, s = minus(b, a), minus(c, a), minus(o, a)
+            p = cross(d, e2)
+            det = dot(e1, p)
             if det == 0.0:
                 continue
-            s = o - a
-            u = np.dot(s, p) / det
+            u = dot(s, p) / det
             if u < 0.0 or u > 1.0:
                 continue
-            q = np.cross(s, e1)
-            v = np.dot(d, q) / det
+            q = cross(s, e1)
+            v = dot(d, q) / det
             if v < 0.0 or u + v > 1.0:
                 continue
-            t = np.dot(e2, q) / det
+            t = dot(e2, q) / det
             if 0.0 <= t < nearest:
                 nearest = t
                 out[i] = f

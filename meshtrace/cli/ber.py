@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -19,6 +20,7 @@ from meshtrace.cli.options import (
     Seed,
     Settings,
     Threads,
+    grouped,
 )
 from meshtrace.errors import Refused
 
@@ -26,56 +28,92 @@ if TYPE_CHECKING:
     from meshtrace.studies.performance.tables import LinkPerformance
 
 
-@app.command()
-def ber(
-    link: LinkFile = None,
-    bit_rates: str = Option("1e6,5e6,1e7", metavar="LIST", help="Bit rates [bit/s]."),
+@dataclass(frozen=True)
+class Study:
+    """Conditions of the bits."""
+
+    bit_rates: str = Option("1e6,5e6,1e7", metavar="LIST", help="Bit rates [bit/s].")
     depths: str | None = Option(
         None, metavar="START:STOP:STEP", help="Depths [m], or a list; needed for the range."
-    ),
+    )
     winds: str | None = Option(
         None, "--wind", metavar="LIST", help="Wind speeds [m/s], such as 0,5,13."
-    ),
-    preset: str | None = Option(None, metavar="NAME", help="physical, paper or paper-ranges."),
-    limit: float = Option(1e-3, metavar="BER", help="Largest bit error rate of a working link."),
+    )
+    preset: str | None = Option(None, metavar="NAME", help="physical, paper or paper-ranges.")
+    limit: float = Option(1e-3, metavar="BER", help="Largest bit error rate of a working link.")
     realizations: int | None = Option(
         None, "-n", "--realizations", help="Independent seas per depth: 200, or 50 with --depths."
-    ),
-    uav: str | None = Option(None, metavar="NAME", help="Airframe that tilts the receiver."),
+    )
+
+
+@dataclass(frozen=True)
+class Light:
+    """Light of the day at the receiver."""
+
     daylight: str | None = Option(
         None, metavar="NAME", help="clear, overcast, uniform, moon, night or none."
-    ),
-    sun_zenith: float | None = Option(None, metavar="DEG", help="Zenith angle of sun or moon."),
-    sun_elevation: float | None = Option(None, metavar="DEG", help="90 minus the zenith angle."),
-    filter_nm: float | None = Option(None, metavar="NM", help="Width of the optical filter."),
+    )
+    sun_zenith: float | None = Option(None, metavar="DEG", help="Zenith angle of sun or moon.")
+    sun_elevation: float | None = Option(None, metavar="DEG", help="90 minus the zenith angle.")
+    filter_nm: float | None = Option(None, metavar="NM", help="Width of the optical filter.")
+
+    def changes(self) -> dict[str, Any]:
+        """Return the settings of the link file; an angle alone stands for a clear sky."""
+        zenith = self.sun_zenith
+        if self.sun_elevation is not None:
+            if zenith is not None:
+                raise Refused("--sun-elevation", self.sun_elevation, "without --sun-zenith")
+            zenith = 90.0 - self.sun_elevation
+        filtered = {"detector.optics.filter_width_nm": self.filter_nm}
+        if self.daylight is None and zenith is None:
+            return filtered
+        model = self.daylight or "clear"
+        return {"daylight.model": model, "daylight.sun_zenith_deg": zenith, **filtered}
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """Options of [run], and other changes of the link file."""
+
+    photons: Chains = SERIES_CHAINS
+    seed: Seed = None
+    threads: Threads = None
+    settings: Settings = None
+
+
+@app.command()
+@grouped
+def ber(
+    *,
+    link: LinkFile = None,
+    study: Study,
+    uav: str | None = Option(None, metavar="NAME", help="Airframe that tilts the receiver."),
+    light: Light,
     coupled: bool = Option(False, "--coupled", help="Apply the tilt to every photon."),
     output: Output = None,
     as_json: AsJson = False,
-    photons: Chains = SERIES_CHAINS,
-    seed: Seed = None,
-    threads: Threads = None,
-    settings: Settings = None,
+    sampled: Sampled,
 ) -> None:
     """Print bit error rate, outage, margin, capacity and range of a link."""
     from meshtrace.mesh import RandomSea
     from meshtrace.studies.performance.link_performance import link_performance
     from meshtrace.studies.performance.tables import DepthSweep
 
-    run = {"photons": photons, "seed": seed, "threads": threads}
+    run = {"photons": sampled.photons, "seed": sampled.seed, "threads": sampled.threads}
     scenarios = []
-    for speed in [None] if winds is None else numbers("--wind", winds):
-        given = {"detector.preset": preset, "uav.preset": uav, "wind_speed": speed}
-        given |= _light(daylight, sun_zenith, sun_elevation)
-        given |= {"detector.optics.filter_width_nm": filter_nm}
+    for speed in [None] if study.winds is None else numbers("--wind", study.winds):
+        given = {"detector.preset": study.preset, "uav.preset": uav, "wind_speed": speed}
+        given |= light.changes()
         changes = [f"{key}={value}" for key, value in given.items() if value is not None]
-        scenarios.append(scenario_of(link, [*(settings or []), *changes], **run))
+        scenarios.append(scenario_of(link, [*(sampled.settings or []), *changes], **run))
     check_output(output, link)
+    realizations = study.realizations
     if realizations is None:
-        realizations = 200 if depths is None else 50
+        realizations = 200 if study.depths is None else 50
     asked: dict[str, Any] = {
-        "bit_rate": numbers("--bit-rates", bit_rates),
-        "depths": None if depths is None else numbers("--depths", depths),
-        "limit": limit,
+        "bit_rate": numbers("--bit-rates", study.bit_rates),
+        "depths": None if study.depths is None else numbers("--depths", study.depths),
+        "limit": study.limit,
         "realizations": realizations,
         "coupled": coupled,
     }
@@ -91,17 +129,6 @@ def ber(
     speeds, performances = zip(*found, strict=True)
     result = performances[0] if len(found) == 1 else DepthSweep(speeds, performances)
     save(result, output, as_json)
-
-
-def _light(model: str | None, zenith: float | None, elevation: float | None) -> dict[str, Any]:
-    """Return the settings of [daylight]; an angle alone stands for a clear sky."""
-    if zenith is not None and elevation is not None:
-        raise Refused("--sun-elevation", elevation, "without --sun-zenith")
-    if elevation is not None:
-        zenith = 90.0 - elevation
-    if model is None and zenith is None:
-        return {}
-    return {"daylight.model": model or "clear", "daylight.sun_zenith_deg": zenith}
 
 
 def _plain(speed: float, performance: LinkPerformance) -> dict[str, Any]:

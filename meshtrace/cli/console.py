@@ -71,7 +71,7 @@ def check_output(output: Path | None, link: Path | None, option: str = "--output
 
 
 def save(result: Savable, output: Path | None, quiet: bool = False) -> None:
-    """Write a result, after its text, which must not be lost with a full disk."""
+    """Write a result to a file, after the text on the console."""
     if output is not None:
         result.save(output)
         if not quiet:

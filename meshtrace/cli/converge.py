@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, numbers, progress, save, scenario_of
-from meshtrace.cli.drawing import check_plot, draw
-from meshtrace.cli.options import LinkFile, Output, Plot, Seed, Settings, Threads, Wind
+from meshtrace.cli.console import numbers, progress
+from meshtrace.cli.drawing import Written
+from meshtrace.cli.options import Case, LinkFile, grouped
 from meshtrace.errors import Refused, require_word
 
 if TYPE_CHECKING:
@@ -19,48 +19,71 @@ if TYPE_CHECKING:
     from meshtrace.studies.convergence import ConvergenceStudy
 
 _LISTS = {"spacing": "--spacings", "time_step": "--time-steps", "omega_max": "--omega-max"}
+_OWN = {"spacing": "placements", "omega_max": "realizations", "time_step": "duration"}
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Values of the refined parameter."""
+
+    spacings: str | None = Option(
+        None, metavar="M,M,...", help="Mesh spacings [m]; default: 2, 1, ... 0.0625."
+    )
+    time_steps: str | None = Option(
+        None, metavar="S,S,...", help="Time steps [s], instead of mesh spacings."
+    )
+    omega_max: str | None = Option(
+        None, metavar="W,W,...", help="Band limits [rad/s], instead of mesh spacings."
+    )
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Meshes and light of each value."""
+
+    normals: str | None = Option(
+        None, metavar="KINDS", help="vertex, facet or vertex,facet (for spacings)."
+    )
+    photons: int = Option(2048, metavar="N", min=1, max=10**7, help="Chains, shared by all meshes.")
+    placements: int | None = Option(
+        None, metavar="N", min=1, max=10**5, help="Meshes of each spacing [default: 34]."
+    )
+    realizations: int | None = Option(
+        None, metavar="N", min=1, max=10**5, help="Seas of each band [default: 16; fading: 0]."
+    )
+    duration: float | None = Option(
+        None, metavar="S", help="Length of the series [s] [default: 8 longest steps]."
+    )
+    tolerance: float | None = Option(
+        None, metavar="R", help="Relative error of the recommended step."
+    )
+    unresolved: str | None = Option(
+        None, metavar="WORD", help="Slopes of waves too short for the mesh: tilt (random) or none."
+    )
+
+    def options(self, parameter: str, values: list[float]) -> dict[str, Any]:
+        """Return the options of the study of a parameter; refuse those of another one."""
+        options = {name: value for name, value in vars(self).items() if value is not None}
+        for key, name in _OWN.items():
+            if name in options and key != parameter:
+                raise Refused(f"--{name}", options[name], f"only with {_LISTS[key]}")
+        if parameter == "time_step":
+            options.setdefault("duration", 8.0 * max(values))
+        if self.normals is not None:
+            options["normals"] = self.normals.split(",")
+        return options
 
 
 @app.command()
+@grouped
 def converge(
+    *,
     link: LinkFile = None,
     what: str = Option("gain", metavar="WORD", help="gain, or fading over the band of waves."),
-    spacings: str | None = Option(
-        None, metavar="M,M,...", help="Mesh spacings [m]; default: 2, 1, ... 0.0625."
-    ),
-    time_steps: str | None = Option(
-        None, metavar="S,S,...", help="Time steps [s], instead of mesh spacings."
-    ),
-    omega_max: str | None = Option(
-        None, metavar="W,W,...", help="Band limits [rad/s], instead of mesh spacings."
-    ),
-    normals: str | None = Option(
-        None, metavar="KINDS", help="vertex, facet or vertex,facet (for spacings)."
-    ),
-    photons: int = Option(
-        2048, metavar="N", min=1, max=10**7, help="Chains, shared by all meshes."
-    ),
-    placements: int | None = Option(
-        None, metavar="N", min=1, max=10**5, help="Meshes of each spacing [default: 34]."
-    ),
-    realizations: int | None = Option(
-        None, metavar="N", min=1, max=10**5, help="Seas of each band [default: 16; fading: 0]."
-    ),
-    duration: float | None = Option(
-        None, metavar="S", help="Length of the series [s] [default: 8 longest steps]."
-    ),
-    tolerance: float | None = Option(
-        None, metavar="R", help="Relative error of the recommended step."
-    ),
-    unresolved: str | None = Option(
-        None, metavar="WORD", help="Slopes of waves too short for the mesh: tilt (random) or none."
-    ),
-    output: Output = None,
-    plot: Plot = None,
-    seed: Seed = None,
-    threads: Threads = None,
-    wind: Wind = None,
-    settings: Settings = None,
+    refined: Refined,
+    effort: Effort,
+    written: Written,
+    case: Case,
 ) -> None:
     """Study the convergence of the gain with mesh spacing, time step or band of waves.
 
@@ -70,34 +93,17 @@ def converge(
     form, and over --realizations seas.
     """
     require_word(what, ("gain", "fading"), "--what")
-    scenario = scenario_of(link, settings, wind, seed=seed, threads=threads)
-    given = {"spacing": spacings, "time_step": time_steps, "omega_max": omega_max}
-    parameter, values = _values(what, {k: text for k, text in given.items() if text is not None})
-    if (parameter, duration) == ("time_step", None):
-        duration = 8.0 * max(values)
-    own = {"spacing": placements, "omega_max": realizations, "time_step": duration}
-    names = {"spacing": "placements", "omega_max": "realizations", "time_step": "duration"}
-    for key, value in own.items():
-        if value is not None and key != parameter:
-            raise Refused(f"--{names[key]}", value, f"only with {_LISTS[key]}")
-    options = {
-        names[parameter]: own[parameter],
-        "tolerance": tolerance,
-        "unresolved": unresolved,
-        "normals": None if normals is None else normals.split(","),
-        "photons": photons,
-    }
-    check_output(output, link)
-    check_plot(plot, link)
-    options = {key: value for key, value in options.items() if value is not None}
+    scenario = case.scenario(link)
+    given = zip(_LISTS, vars(refined).values(), strict=True)
+    parameter, values = _values(what, {k: text for k, text in given if text is not None})
+    options = effort.options(parameter, values)
+    written.check(link)
     study: Stored
     if what == "fading":
         study = _fading(scenario, values, options)
     else:
         study = _study(scenario, parameter, values, options)
-    typer.echo(study.summary())
-    save(study, output)
-    draw(study, plot)
+    written.write(study)
 
 
 def _values(what: str, given: dict[str, str]) -> tuple[str, list[float]]:

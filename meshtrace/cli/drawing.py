@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import typer
 
-from meshtrace.cli.console import check_output, extra
+from meshtrace.cli.console import check_output, extra, save
+from meshtrace.cli.options import Output, Plot
 from meshtrace.errors import Refused
 from meshtrace.files import atomic
 
@@ -41,3 +43,22 @@ def draw(result: Any, path: Path | None) -> None:
         plt.savefig(temporary)
     plt.close()
     typer.echo(f"\nwritten to {path}")
+
+
+@dataclass(frozen=True)
+class Written:
+    """File and picture of a result."""
+
+    output: Output = None
+    plot: Plot = None
+
+    def check(self, link: Path | None) -> None:
+        """Check before the work that both can be written."""
+        check_output(self.output, link)
+        check_plot(self.plot, link)
+
+    def write(self, result: Any) -> None:
+        """Print a result and write it."""
+        typer.echo(result.summary())
+        save(result, self.output)
+        draw(result, self.plot)

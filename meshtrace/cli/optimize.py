@@ -4,28 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
-import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, numbers, progress, save, scenario_of
-from meshtrace.cli.drawing import check_plot, draw
-from meshtrace.cli.options import (
-    SERIES_CHAINS,
-    Chains,
-    LinkFile,
-    Output,
-    Plot,
-    Seed,
-    Settings,
-    Threads,
-    Wind,
-)
+from meshtrace.cli.console import numbers, progress
+from meshtrace.cli.drawing import Written
+from meshtrace.cli.options import SERIES_CHAINS, Case, Chains, LinkFile, grouped
 from meshtrace.errors import Refused
 
 
 @app.command("optimize")
+@grouped
 def optimize_command(
+    *,
     link: LinkFile = None,
     over: list[str] = Option(
         metavar="KEY=LOW,HIGH",
@@ -36,13 +27,9 @@ def optimize_command(
     realizations: int = Option(64, "-n", "--realizations", min=1, help="Independent seas."),
     quantile: float = Option(0.01, metavar="Q", help="Quantile of the gain for outage."),
     method: str = Option("auto", metavar="WORD", help="auto, bounded, cobyqa or global."),
-    output: Output = None,
-    plot: Plot = None,
+    written: Written,
     photons: Chains = SERIES_CHAINS,
-    seed: Seed = None,
-    threads: Threads = None,
-    wind: Wind = None,
-    settings: Settings = None,
+    case: Case,
 ) -> None:
     """Search the best values of parameters over common seas, and check them on fresh ones."""
     from meshtrace.studies.optimisation import optimize
@@ -55,9 +42,8 @@ def optimize_command(
             raise Refused("--over", text, "KEY=LOW,HIGH, as in receiver.fov_deg=6,90")
         bounds[key] = (pair[0], pair[1])
     hovering = (0.0, 0.0) if hover is None else tuple(numbers("--hover", hover))
-    scenario = scenario_of(link, settings, wind, seed=seed, threads=threads)
-    check_output(output, link)
-    check_plot(plot, link)
+    scenario = case.scenario(link)
+    written.check(link)
     asked: Any = {
         "objective": objective,
         "hover_std": hovering,
@@ -69,6 +55,4 @@ def optimize_command(
     }
     with progress(None, False, "candidates", "forced") as (_, advance):
         found = optimize(scenario, over=bounds, progress=advance, **asked)
-    typer.echo(found.summary())
-    save(found, output)
-    draw(found, plot)
+    written.write(found)

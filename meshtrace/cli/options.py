@@ -1,11 +1,19 @@
-"""Arguments and options that several commands share."""
+"""Arguments and options that several commands share, and groups of them."""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
+
+from meshtrace.cli.console import scenario_of
+
+if TYPE_CHECKING:
+    from meshtrace.scenario import Scenario
 
 SERIES_CHAINS = "2048"
 
@@ -28,3 +36,45 @@ Settings = Annotated[
         help="Replace a value of the link file, such as transmitter.depth=20; repeatable.",
     ),
 ]
+
+
+def grouped(command: Callable[..., None]) -> Callable[..., None]:
+    """Replace the parameters of a command that are dataclasses by the options of their fields."""
+    signature = inspect.signature(command, eval_str=True)
+    parameters = signature.parameters.values()
+    groups: dict[str, Any] = {
+        p.name: p.annotation for p in parameters if is_dataclass(p.annotation)
+    }
+
+    def call(**given: Any) -> None:
+        for name, group in groups.items():
+            given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
+        command(**given)
+
+    options = [
+        option.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for p in parameters
+        for option in (
+            inspect.signature(groups[p.name], eval_str=True).parameters.values()
+            if p.name in groups
+            else [p]
+        )
+    ]
+    call.__name__, call.__doc__ = command.__name__, command.__doc__
+    call.__signature__ = inspect.Signature(options)  # type: ignore[attr-defined]
+    return call
+
+
+@dataclass(frozen=True)
+class Case:
+    """Options that complete a link file."""
+
+    seed: Seed = None
+    threads: Threads = None
+    wind: Wind = None
+    settings: Settings = None
+
+    def scenario(self, link: Path | None, photons: str | None = None) -> Scenario:
+        """Return the scenario of a link file with these options."""
+        run = {"photons": photons, "seed": self.seed, "threads": self.threads}
+        return scenario_of(link, self.settings, self.wind, **run)

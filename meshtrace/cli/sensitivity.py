@@ -5,17 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, progress, save, scenario_of
-from meshtrace.cli.drawing import check_plot, draw
-from meshtrace.cli.options import LinkFile, Output, Plot, Seed, Settings, Threads, Wind
+from meshtrace.cli.console import progress
+from meshtrace.cli.drawing import Written
+from meshtrace.cli.options import Case, LinkFile, grouped
 
 
 @app.command("sensitivity")
+@grouped
 def sensitivity_command(
+    *,
     link: LinkFile = None,
     wrt: list[str] | None = Option(
         None, "--wrt", metavar="KEY", help="Parameter, such as water.a; repeatable; default: all."
@@ -27,13 +28,9 @@ def sensitivity_command(
     resume: Path | None = Option(
         None, metavar="FOLDER", help="Keep finished parameters here; a stopped run goes on."
     ),
-    output: Output = None,
-    plot: Plot = None,
+    written: Written,
     photons: str = Option("8192", metavar="N", help="Chains, common to all evaluations."),
-    seed: Seed = None,
-    threads: Threads = None,
-    wind: Wind = None,
-    settings: Settings = None,
+    case: Case,
 ) -> None:
     """Print the sensitivity of a link to its parameters, with standard errors.
 
@@ -42,12 +39,9 @@ def sensitivity_command(
     """
     from meshtrace.studies.sensitivity import sensitivities
 
-    scenario = scenario_of(link, settings, wind, photons=photons, seed=seed, threads=threads)
-    check_output(output, link)
-    check_plot(plot, link)
+    scenario = case.scenario(link, photons)
+    written.check(link)
     asked: Any = {"of": of, "realizations": realizations, "limit": limit, "step": step}
     with progress(len(wrt or []) or None, False, "parameters", "forced") as (_, advance):
         found = sensitivities(scenario, wrt=wrt, resume=resume, progress=advance, **asked)
-    typer.echo(found.summary())
-    save(found, output)
-    draw(found, plot)
+    written.write(found)

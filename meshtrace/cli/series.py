@@ -10,58 +10,47 @@ import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, numbers, over_seas, save, scenario_of
-from meshtrace.cli.options import (
-    SERIES_CHAINS,
-    Chains,
-    LinkFile,
-    Output,
-    Seed,
-    Settings,
-    Threads,
-    Wind,
-)
+from meshtrace.cli.console import check_output, numbers, over_seas, save
+from meshtrace.cli.options import SERIES_CHAINS, Case, Chains, LinkFile, Output, grouped
 
 if TYPE_CHECKING:
     from meshtrace.results.series import GainSeries
 
 
 @app.command()
+@grouped
 def series(
+    *,
     link: LinkFile = None,
     times: str = Option(
         "0:30:0.5", metavar="START:STOP:STEP", help="Times [s], or a list such as 0,1,2."
     ),
     output: Output = None,
     photons: Chains = SERIES_CHAINS,
-    seed: Seed = None,
-    threads: Threads = None,
-    wind: Wind = None,
-    settings: Settings = None,
+    case: Case,
 ) -> None:
     """Compute the channel gain over a moving sea and print its fading statistics."""
     from meshtrace.studies.series import time_series
 
     at = numbers("--times", times)
-    scenario = scenario_of(link, settings, wind, photons=photons, seed=seed, threads=threads)
+    scenario = case.scenario(link, photons)
     _report(link, len(at), output, lambda step: time_series(scenario, times=at, progress=step))
 
 
 @app.command("ensemble")
+@grouped
 def ensemble_command(
+    *,
     link: LinkFile = None,
     n: int = Option(200, "-n", "--realizations", min=2, max=10**7, help="Independent seas."),
     output: Output = None,
     photons: Chains = SERIES_CHAINS,
-    seed: Seed = None,
-    threads: Threads = None,
-    wind: Wind = None,
-    settings: Settings = None,
+    case: Case,
 ) -> None:
     """Compute the channel gain over random seas and print its distribution and fading."""
     from meshtrace.studies.series import ensemble
 
-    scenario = scenario_of(link, settings, wind, photons=photons, seed=seed, threads=threads)
+    scenario = case.scenario(link, photons)
     _report(link, n, output, lambda step: ensemble(scenario, n, progress=step))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,7 +12,7 @@ from typer import Argument, Option
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import extra, progress, scenario_of
-from meshtrace.cli.options import Settings, Wind
+from meshtrace.cli.options import Settings, Wind, grouped
 from meshtrace.errors import Described, Refused
 
 if TYPE_CHECKING:
@@ -38,57 +39,91 @@ class Subject(NamedTuple):
     daylight: Daylight | None = None
 
 
-@app.command()
-def view(
-    file: Path | None = Argument(
-        None,
-        metavar="[FILE]",
-        help="Link (.toml), result (.nc) or mesh (.stl, .ply, .obj); default: the paper's link.",
-    ),
-    screenshot: Path | None = Option(None, metavar="A.PNG", help="Write a picture; no window."),
-    html: Path | None = Option(None, metavar="A.HTML", help="Write an interactive web page."),
+@dataclass(frozen=True)
+class Files:
+    """Files to write; without one a window opens."""
+
+    screenshot: Path | None = Option(None, metavar="A.PNG", help="Write a picture; no window.")
+    html: Path | None = Option(None, metavar="A.HTML", help="Write an interactive web page.")
     movie: Path | None = Option(
         None, metavar="A.MP4", help="Write a movie (.mp4, .gif) of the sea and the gain."
-    ),
+    )
     light: Path | None = Option(
         None,
         metavar="A.MP4",
         help="Write a picture (.png) or movie of the light pattern on the receiver's plane.",
-    ),
+    )
     export: Path | None = Option(
         None, metavar="FOLDER", help="Write surface, paths and map as VTK files."
-    ),
+    )
+
+
+@dataclass(frozen=True)
+class Light:
+    """Light in the scene."""
+
     paths: int | None = Option(
         None,
         metavar="N",
         min=0,
         max=100_000,
         help="Photon paths, in addition to received light [default: 100; movie: 0].",
-    ),
+    )
     received: int | None = Option(
         None, metavar="N", min=1, max=100_000, help="Paths of received light."
-    ),
+    )
     map_photons: int | None = Option(
         None, "--map", metavar="N", min=1, help="Photons of a coverage map at receiver height."
-    ),
+    )
+
+
+@dataclass(frozen=True)
+class Style:
+    """Appearance of the scene."""
+
     color: str = Option(
         "water", metavar="NAME", help="water, elevation, slope, slope_x, slope_y or plain."
-    ),
-    path_color: str = Option("fate", metavar="NAME", help="fate or weight."),
-    edges: bool = Option(False, "--edges", help="Draw the edges of the facets."),
-    extent: float | None = Option(None, metavar="M", help="Half-width of the sea shown [m]."),
-    spacing: float | None = Option(None, metavar="M", help="Mesh spacing of the sea shown [m]."),
-    time: float | None = Option(None, metavar="S", help="Time of the sea [s]."),
-    frames: int = Option(300, metavar="N", min=2, max=MOST_FRAMES, help="Frames of the movie."),
+    )
+    path_color: str = Option("fate", metavar="NAME", help="fate or weight.")
+    edges: bool = Option(False, "--edges", help="Draw the edges of the facets.")
+    extent: float | None = Option(None, metavar="M", help="Half-width of the sea shown [m].")
+    spacing: float | None = Option(None, metavar="M", help="Mesh spacing of the sea shown [m].")
+
+
+@dataclass(frozen=True)
+class Film:
+    """Frames of a movie."""
+
+    frames: int = Option(300, metavar="N", min=2, max=MOST_FRAMES, help="Frames of the movie.")
     frame_rate: float | None = Option(
         None, metavar="N", help="Frames per second, at natural speed [default: 30]."
+    )
+
+
+@app.command()
+@grouped
+def view(
+    *,
+    file: Path | None = Argument(
+        None,
+        metavar="[FILE]",
+        help="Link (.toml), result (.nc) or mesh (.stl, .ply, .obj); default: the paper's link.",
     ),
+    files: Files,
+    light: Light,
+    style: Style,
+    time: float | None = Option(None, metavar="S", help="Time of the sea [s]."),
+    film: Film,
     seed: int = Option(1, metavar="N", min=0, help="Seed of the paths."),
     wind: Wind = None,
     settings: Settings = None,
 ) -> None:
     """Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files."""
-    positive = {"--extent": extent, "--spacing": spacing, "--frame-rate": frame_rate}
+    positive = {
+        "--extent": style.extent,
+        "--spacing": style.spacing,
+        "--frame-rate": film.frame_rate,
+    }
     for option, value in positive.items():
         if value is not None and not 0.0 < value < math.inf:
             raise Refused(option, Described(f"{value:g}"), "numbers > 0")
@@ -99,28 +134,21 @@ def view(
         from meshtrace.viz import view as show
     subject = _subject(file, settings, wind)
     subject = subject._replace(
-        time=subject.time if time is None else time, coverage=map_photons or subject.coverage
+        time=subject.time if time is None else time, coverage=light.map_photons or subject.coverage
     )
-    steps = frames if subject.gain is None else len(subject.gain.coordinate)
+    steps = film.frames if subject.gain is None else len(subject.gain.coordinate)
     kernels = () if subject.link is None else ("forced",)
     with progress(steps, False, "drawing frames", *kernels) as (_, advance), extra("viz", "viz"):
         written = show(
             **subject._asdict(),
-            paths=paths,
-            received=received,
-            screenshot=screenshot,
-            html=html,
-            movie=movie,
-            light=light,
-            export=export,
-            frames=frames,
-            frame_rate=frame_rate,
+            paths=light.paths,
+            received=light.received,
+            **vars(files),
+            **vars(film),
             title="meshtrace" if file is None else file.name,
             progress=advance,
             seed=seed,
-            style=SceneStyle(
-                color=color, path_color=path_color, edges=edges, extent=extent, spacing=spacing
-            ),
+            style=SceneStyle(**vars(style)),
         )
     for path in written:
         typer.echo(f"written to {path}")

@@ -105,7 +105,7 @@ def warn_of_background(ook: OokLink, found: Radiance) -> None:
 
 
 def widest_filter_nm(ook: OokLink, found: Radiance, power: float, ber: float) -> float:
-    """Return the widest filter with which a link reaches a bit error rate under a background.
+    """Return the widest filter of a link for a bit error rate under a background.
 
     Parameters
     ----------

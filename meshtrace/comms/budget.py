@@ -271,7 +271,7 @@ def outage(
 
 
 def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
-    """Return the largest depth at which a curve over depth crosses a limit.
+    """Return the largest depth of a crossing between a curve over depth and a limit.
 
     Monotone cubic (PCHIP) interpolation of ln(value) over depth.
 
@@ -318,7 +318,7 @@ def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
 
 
 def range_at_ber(link: OokLink, depth: ArrayLike, gain: ArrayLike, ber: float) -> float:
-    """Return the depth down to which a link without fading reaches a bit error rate.
+    """Return the greatest depth of a link without fading for a bit error rate.
 
     Parameters
     ----------

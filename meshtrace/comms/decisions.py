@@ -131,7 +131,7 @@ def generalized_poisson_logpmf(k: ArrayLike, primaries: float, branching: float)
 
 
 def _error_free(n0: float, n1: float, branching: float) -> bool:
-    """Return whether the error rate underflows, which spares sums over huge counts."""
+    """Return whether the error rate underflows, without a sum over huge counts."""
     return (n1 - n0) ** 2 * (1.0 - branching) > 1e4 * n1
 
 

@@ -70,7 +70,7 @@ class PulseFilters:
         return -math.expm1(-self.window / self.tau_sipm) / self.window
 
     def ages_above(self, level: Floats) -> tuple[Floats, Floats]:
-        """Return the ages [s] between which a response exceeds 0 < `level` <= peak [s-1]."""
+        """Return the first and last age [s] of a response above 0 < `level` <= peak [s-1]."""
         with np.errstate(divide="ignore"):  # level = peak of a window much longer than the pole
             young = -self.tau_sipm * np.log1p(-self.window * level)
         return np.minimum(young, self.window), self.window + self.tau_sipm * np.log(

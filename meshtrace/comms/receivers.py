@@ -160,7 +160,7 @@ class AveragedPulses(SampledPulses):
 
     def averaging_window(self, link: OokLink) -> float:
         """Return the window of the link, or the best one for its bit rate [s]."""
-        return _best_window(link) if link.window is None else link.window
+        return _best_window(link.on_detector) if link.window is None else link.window
 
 
 class CompoundPoisson(AveragedPulses):

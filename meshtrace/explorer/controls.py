@@ -96,7 +96,7 @@ BITS_ALONE = ("bit_rate", "light")
 
 
 def value_of(config: Mapping[str, Any], control: Control) -> float | None:
-    """Return the value of a control in the units of the page, None where a link has no such key.
+    """Return the value of a control in the units of the page, None without its key in the link.
 
     Examples
     --------

@@ -86,7 +86,7 @@ def fading_reading(session: Session) -> dict[str, Any]:
 
 
 def map_note(session: Session) -> str:
-    """Return the reason for which there is no map, or nothing."""
+    """Return the reason for the lack of a map, or nothing."""
     found = session.answer("map")
     return found.reason if isinstance(found, Failed) and session.fresh("map") else ""
 

@@ -141,7 +141,7 @@ class Fading:
 
 @dataclass(frozen=True)
 class Failed:
-    """Reason for which a stage has no answer."""
+    """Reason for the lack of an answer of a stage."""
 
     reason: str
 

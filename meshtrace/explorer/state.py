@@ -102,7 +102,7 @@ class State:
 
     @cached_property
     def channel(self) -> Scenario:
-        """The scenario without detector and light above the sea, on which no gain depends."""
+        """The scenario without detector and light above the sea: the inputs of a gain."""
         return self.scenario.replace(detector=None, daylight=None)
 
     @cached_property

@@ -203,7 +203,7 @@ def coherence_time(
     resamples: int = 999,
     seed: int = 1,
 ) -> Estimate:
-    r"""Return the time after which the autocorrelation has fallen to 1/e, with its interval.
+    r"""Return the time of the fall of the autocorrelation to 1/e, with its interval.
 
     .. math:: \rho(\tau_c) = 1 / e
 

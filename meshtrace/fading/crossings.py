@@ -89,10 +89,8 @@ def level_crossing_rate(
     >>> level_crossing_rate(t, 1.0 + 0.1 * np.sin(2.0 * np.pi * t / 4.0 + 0.1), 1.0).value
     0.25
     """
-    g = checked_gain(gain)
-    step = checked_step(time, g.size)
     check_bootstrap(confidence, resamples)
-    fall, _ = _fades(g, level_of(g, threshold, relative_to))
+    g, step, (fall, _) = _record(time, gain, threshold, relative_to)
     count, duration = float(fall.sum()), step * fall.size
     block = series_block(block, g)
     if count < _FEWEST_CROSSINGS:
@@ -146,10 +144,8 @@ def mean_fade_duration(
     >>> round(fade.value, 6)
     2.0
     """
-    g = checked_gain(gain)
-    step = checked_step(time, g.size)
     check_bootstrap(confidence, resamples)
-    fall, below = _fades(g, level_of(g, threshold, relative_to))
+    g, step, (fall, below) = _record(time, gain, threshold, relative_to)
     count = float(fall.sum())
     block = series_block(block, g)
     if count == 0.0:
@@ -162,8 +158,12 @@ def mean_fade_duration(
     return block_interval(value, durations, g.size / block, confidence)
 
 
-def _fades(g: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
-    """Return, per time step, whether the gain falls through the level, and its share below."""
-    under = g < level
+def _record(
+    time: ArrayLike, gain: ArrayLike, threshold: float, relative_to: Reference
+) -> tuple[FloatArray, float, tuple[FloatArray, FloatArray]]:
+    """Return gains, time step, and the falls through the level and the share below per step."""
+    g = checked_gain(gain)
+    step = checked_step(time, g.size)
+    under = g < level_of(g, threshold, relative_to)
     fall = (~under[:-1] & under[1:]).astype(np.float64)
-    return fall, 0.5 * under[:-1] + 0.5 * under[1:]
+    return g, step, (fall, 0.5 * under[:-1] + 0.5 * under[1:])

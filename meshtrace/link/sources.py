@@ -287,7 +287,7 @@ class AirTopHatBeam(_TopHat, AirLamp, frozen=True):
 
 
 class AirSource(Source, frozen=True):
-    """Base of the sun and the skies, which illuminate a square of the sea."""
+    """Base of the sun and the skies: light on a square of the sea."""
 
     half_width: Positive = 5.0
 
@@ -323,7 +323,7 @@ class Sun(AirSource, frozen=True):
 
     @property
     def axis(self) -> tuple[float, float, float]:
-        """Unit vector along which the light travels."""
+        """Unit vector of the direction of travel."""
         x, y, z = unit_vector(self.zenith_deg, self.azimuth_deg)
         return x, y, -z
 

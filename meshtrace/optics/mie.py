@@ -86,7 +86,7 @@ class MieTable:
 
 @lru_cache(maxsize=1)
 def _miepython() -> ModuleType:
-    """Import miepython with its compiled backend, which it selects by an environment variable."""
+    """Import miepython with its compiled backend, selected by an environment variable."""
     from meshtrace.kernels.jit import foreign_kernels
 
     before = os.environ.get("MIEPYTHON_USE_JIT")

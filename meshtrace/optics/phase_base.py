@@ -127,7 +127,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
 
     @abstractmethod
     def density(self, theta: Floats) -> Floats:
-        """Return the phase function at angles [rad], in any unit: > 0 where theta > 0."""
+        """Return the phase function at angles [rad], in any unit: > 0 for theta > 0."""
 
     def _segments(self) -> Segments:
         """Return the pieces in the order of s, by default from `density`.

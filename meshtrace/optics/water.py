@@ -111,7 +111,7 @@ class Water(Model, frozen=True):
 
     @property
     def albedo(self) -> float:
-        """Single-scattering albedo b / c (of layered water: at the surface); 0 where c is 0."""
+        """Single-scattering albedo b / c (of layered water: at the surface); 0 for c = 0."""
         return self.b / self.c if self.c > 0.0 else 0.0
 
     def profile(self, depth: ArrayLike) -> tuple[Floats, Floats]:

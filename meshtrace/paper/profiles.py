@@ -196,7 +196,7 @@ def ray_deflection(
 
 
 def depth_of_pressure(pressure: ArrayLike, latitude: float) -> Floats:
-    """Return the depth at which sea water has a pressure.
+    """Return the depth in sea water of a pressure.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ def _variable(data: xr.Dataset, what: str, path: str) -> xr.DataArray:
 
 
 def _levels(data: xr.Dataset, name: str, like: xr.DataArray) -> Floats:
-    """Return a variable (profiles, levels), nan where its flag is not good.
+    """Return a variable (profiles, levels), nan for values without a good flag.
 
     Profiles that Argo has adjusted, by their mode of data, hold the adjusted values.
     """
@@ -314,7 +314,7 @@ def _levels(data: xr.Dataset, name: str, like: xr.DataArray) -> Floats:
 
 
 def _good(data: xr.Dataset, name: str, like: xr.DataArray) -> Floats:
-    """Return a variable (profiles, levels), nan where its flag is not good."""
+    """Return a variable (profiles, levels), nan for values without a good flag."""
 
     def table(key: str) -> NDArray[Any]:
         full = data[key].broadcast_like(like).transpose(*like.dims)

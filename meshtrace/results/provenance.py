@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @cache
 def environment() -> dict[str, str]:
-    """Return the versions on which a result depends."""
+    """Return the versions of the programs behind a result."""
     return {
         "meshtrace": version("meshtrace"),
         "git_commit": _git_commit(Path(__file__).parents[2]),

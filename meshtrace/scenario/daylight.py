@@ -76,6 +76,6 @@ def _made(model: str, table: Table) -> Daylight:
 
 
 def daylight_config(day: Daylight) -> Table:
-    """Return the table of a light, without the wavelength, which is that of the transmitter."""
+    """Return the table of a light, without the wavelength (that of the transmitter)."""
     table = day.model_dump(mode="json", exclude={"wavelength_nm"})
     return {"model": _MODELS.get(day.light, "clear"), **table}

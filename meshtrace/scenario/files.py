@@ -121,7 +121,7 @@ def with_notes(text: str, parts: Mapping[str, Iterable[Any]]) -> str:
 
 
 def located(table: Mapping[str, Any], folder: str | Path) -> dict[str, Any]:
-    """Return a table in which the paths `file` are relative to a folder."""
+    """Return a table with its paths `file` relative to a folder."""
     return {
         key: located(value, folder)
         if isinstance(value, Mapping)

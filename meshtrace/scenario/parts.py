@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, get_args
 
-from meshtrace.comms.ook import OokLink, Preset
+from meshtrace.comms.ook import OokLink
+from meshtrace.comms.ook_setup import Preset
 from meshtrace.errors import Refused, is_number, require_keys, require_word
 from meshtrace.link import Link, Physics, Whitecaps
 from meshtrace.models import Model

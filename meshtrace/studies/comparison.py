@@ -203,7 +203,7 @@ def _single(inputs: Inputs) -> Inputs:
 
 
 def _joint(inputs: list[Inputs]) -> list[Inputs]:
-    """Return the inputs of the meshes: with all sources and receivers where the seas are equal."""
+    """Return the inputs of the meshes: for equal seas with all sources and receivers."""
     first = inputs[0]
     same = all((i.surface, i.meshing) == (first.surface, first.meshing) for i in inputs)
     if not same:

@@ -36,7 +36,7 @@ _CREST_MARGIN = 1.5  # over the highest crest of the first surface: later ones m
 
 
 class JointOutage(NamedTuple):
-    """Shares of the surfaces over which the gains lie below their thresholds.
+    """Shares of the surfaces with gains below their thresholds.
 
     Attributes
     ----------
@@ -231,7 +231,7 @@ def duplex(
 
 
 def _both(up: Inputs, down: Inputs) -> Inputs:
-    """Return the inputs of all ends of both directions, which the surfaces have to suit."""
+    """Return the inputs of all ends of both directions, for surfaces that suit them."""
     ends = {
         name: tuple(part for inputs in (up, down) for part in getattr(inputs.link, name + "s"))
         for name in ("transmitter", "receiver")

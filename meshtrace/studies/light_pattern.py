@@ -178,7 +178,7 @@ def _strips(
 def _landed(
     link: Link, source: Any, receiver: Receiver, points: Floats, normals: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the places (m, 2) on the plane where the cells' light lands, and its flux (m,)."""
+    """Return the places (m, 2) of the cells' light on the plane, and its flux (m,)."""
 
     def middle(a: Floats) -> Floats:
         return 0.25 * (a[:-1, :-1] + a[1:, :-1] + a[:-1, 1:] + a[1:, 1:])

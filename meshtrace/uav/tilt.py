@@ -35,7 +35,7 @@ def squared_wind_moments(mean: ArrayLike, std: ArrayLike) -> tuple[float, float]
 
 
 def h_alpha(tilt: ArrayLike, fov: float) -> Floats:
-    """Return the factor by which the tilt reduces the gain of light that arrives vertically.
+    """Return the factor of the tilt on the gain of light that arrives vertically.
 
     h = cos(alpha) if alpha <= fov / 2, else 0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -26,6 +27,12 @@ SEA = SpectralSea(
 NO_SCATTERING = mt.Link(water=mt.Water(a=0.114, b=0.0))
 
 
+@cache
+def band(radius=0.05):
+    """Return the band of an aperture above SEA, searched once."""
+    return fading.fading_band(mt.Link(receiver=mt.Receiver(radius=radius)), SEA)
+
+
 def index(link, sea, omega_max, **options):
     return fading.scintillation_of_spectrum(link, sea, omega_max, **options)
 
@@ -42,14 +49,13 @@ def test_fading_is_the_smallest_band_within_three_per_cent(wind_speed):
 
 
 def test_a_larger_aperture_needs_fewer_waves():
-    wide = mt.Link(receiver=mt.Receiver(radius=0.5))
-    assert fading.fading_band(wide, SEA) < 0.7 * fading.fading_band(mt.Link(), SEA)
+    assert band(radius=0.5) < 0.7 * band()
 
 
 @pytest.mark.filterwarnings("ignore:receiver 0:meshtrace.transport.outcome.FewSamplesWarning")
 def test_runs_store_the_number():
     link = mt.Link(receiver=mt.Receiver(radius=0.5))
-    number = fading.fading_band(link, SEA)
+    number = band(radius=0.5)
     run = mt.simulate(link, SEA, photons=32, spacing=0.5)
     assert run.provenance["surface"]["omega_max"] == number
     assert f"waves up to {number:.3g} rad/s" in run.summary()
@@ -63,7 +69,8 @@ def test_link_files():
         scenario = Scenario.from_toml(text)
         assert scenario.surface == SEA
         assert Scenario.from_toml(scenario.to_toml()) == scenario
-        assert scenario.case().surface.omega_max == fading.fading_band(scenario.link, SEA)
+        assert scenario.case().surface.omega_max == band()
+        assert scenario.link.receivers == mt.Link().receivers
     assert Scenario.from_toml("[run]\nfading = false").surface == JonswapSea()
     assert isinstance(Scenario.from_toml("wind_speed = 0\n[run]\nfading = true").surface, FlatSea)
 
@@ -155,7 +162,7 @@ def test_study_of_the_fading(tmp_path):
     np.testing.assert_allclose(study.with_tilts, [0.00451, 0.09104, 0.30167, 0.31433], rtol=0.01)
     np.testing.assert_allclose(study.band_alone, [0.0046, 0.12419, 1.6238, 1.20066], rtol=0.01)
     assert study.all_waves == pytest.approx(0.32004, rel=0.01)
-    assert study.recommended == fading.fading_band(mt.Link(), SEA)
+    assert study.recommended == band()
     assert np.isnan(study.measured).all()
     last = study.summary().splitlines()[-1]
     assert last.startswith("omega_max = 19.7 rad/s with tilts is within 3 %")

@@ -67,17 +67,13 @@ def sinusoid_gains(sea, link, spacing, places):
 
 def test_unscattered_gain_over_waves_converges_as_the_square_of_the_spacing():
     """Root mean square error against quadrature over the exact, strongly focusing sinusoid."""
-    from test_transport_waves import quadrature_gain
+    from test_transport_waves import quadrature_gains
 
     sea = SinusoidalSea(amplitude=0.1, wavelength=2.0, phase=0.4, direction_deg=25.0)
     link = link_of(NO_SCATTERING, radius=0.1)
     places = [(0.0, 0.0), (0.31, 0.11), (-0.45, 0.2), (0.7, -0.5), (-0.1, -0.83)]
-    expected = np.array(
-        [
-            quadrature_gain(sea, link, mt.Receiver(radius=0.1, position=p), nodes=1200, half=1.2)
-            for p in places
-        ]
-    )
+    receivers = [mt.Receiver(radius=0.1, position=p) for p in places]
+    expected = np.array(quadrature_gains(sea, link, receivers, nodes=1200, half=1.2))
     errors = []
     for spacing in (0.25, 0.1, 0.05, 0.025):
         got = sinusoid_gains(sea, link, spacing, places)

@@ -146,7 +146,7 @@ def test_reflected_light_returns_from_a_bright_bottom():
     link = mt.Link(water=water, transmitter=mt.Led(depth=0.5, half_angle_deg=60.0))
     mesh = FlatSea().mesh(extent=2000.0, spacing=500.0)
     r = mt.simulate(
-        link, mesh, estimator="analog", photons=50_000, max_surface_events=1000, roulette=0.0
+        link, mesh, estimator="analog", photons=10_000, max_surface_events=1000, roulette=0.0
     )
     assert r.fates["landed"].weight + r.fates["received"].weight > 0.998
     killed = mt.simulate(

@@ -106,7 +106,7 @@ def _least_squares(h: Floats, y: Floats, sigma: Floats) -> tuple[Floats, Floats,
 
 
 def largest_step(step: Floats, error: Floats, limit: float) -> float:
-    """Return the largest step from which on all errors stay below a limit, nan if none does."""
+    """Return the largest step with all errors from there on below a limit, or nan."""
     worst = np.maximum(np.maximum.accumulate(error[::-1])[::-1], 1e-300)
     if not worst[-1] <= limit:
         return math.nan

@@ -111,7 +111,7 @@ def table(study: ConvergenceStudy, kind: Normals) -> str:
 
 
 def _cell(value: float, width: str, digits: str) -> str:
-    """Return a value of the table, "-" where the study has none."""
+    """Return a value of the table, "-" for none."""
     return (
         format("-", width.replace("+", "")) if math.isnan(value) else format(value, width + digits)
     )

@@ -65,7 +65,7 @@ class Inference(Stored):
 
     @property
     def value(self) -> dict[str, float]:
-        """Values by name; nan for what is not determined."""
+        """Values by name; nan for undetermined ones."""
         return dict(zip(self.unknown, self.estimate.tolist(), strict=True))
 
     @property

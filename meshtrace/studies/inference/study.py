@@ -148,7 +148,7 @@ def _priors(prior: Any, names: list[str], found: list[Parameter]) -> list[_Prior
 
 
 class _Fit:
-    """Least squares for the unknowns `names`, of which `found` are parameters of the link."""
+    """Least squares for the unknowns `names`; `found` are those of the link."""
 
     model: Model
 
@@ -204,7 +204,7 @@ class _Fit:
         return solution
 
     def _limits(self) -> Floats:
-        """Return how far each unknown may move from its start."""
+        """Return the largest move of each unknown from its start."""
         limits = np.array([_ANY_SCALE if n == SCALE else _FARTHEST for n in self._names])
         for i, p in zip(self._link_axes, self._found, strict=True):
             if p.absolute:
@@ -271,7 +271,7 @@ class _Fit:
 
 
 def _relative(singular: Floats, rows: Floats) -> Floats:
-    """Return the standard errors of the unknowns without priors, infinite where undetermined."""
+    """Return the standard errors of the unknowns without priors, infinite if undetermined."""
     n = rows.shape[1]
     known = np.zeros(n)
     known[: len(singular)] = np.where(singular > _LEAST * singular[0], singular, 0.0)

@@ -106,7 +106,7 @@ class Goal:
         return required_gain(OokLink.of_link(link, self._ook), self._limit)
 
     def _ranges(self, link: Link, evaluate: Evaluate) -> Floats:
-        """Return minus the depths at which the averaged error rate meets the limit."""
+        """Return minus the depths of an averaged error rate equal to the limit."""
         assert self._ook is not None
         ook = OokLink.of_link(link, self._ook)
         depth = float(link.transmitters[0].depth)  # type: ignore[attr-defined]
@@ -127,7 +127,7 @@ class Goal:
         raise Refused("transmitter.depth", depth, "a link with a range")
 
     def _excess(self, ook: OokLink, gains: Floats, weights: Floats) -> float:
-        """Return the logarithm of the factor by which the light exceeds the need."""
+        """Return the logarithm of the ratio of the light to the need."""
         law = self._rates.law(ook, rising=False)
         logs = np.log(np.maximum(ook.received_power(gains), _DARK))
         low, high = -20.0, 20.0

@@ -1,4 +1,4 @@
-"""Common seas, hover errors, tilts and chains over which candidates of a link are averaged."""
+"""Common seas, hover errors, tilts and chains for averages over candidates of a link."""
 
 from __future__ import annotations
 

@@ -8,7 +8,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from meshtrace.comms.ook import OokLink, Preset
+from meshtrace.comms.ook import OokLink
+from meshtrace.comms.ook_setup import Preset
 from meshtrace.errors import (
     Described,
     Refused,

@@ -12,7 +12,8 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 from meshtrace.comms.background import warn_of_background, with_background
-from meshtrace.comms.ook import OokLink, Preset
+from meshtrace.comms.ook import OokLink
+from meshtrace.comms.ook_setup import Preset
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import (
     Described,

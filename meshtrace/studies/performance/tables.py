@@ -113,7 +113,7 @@ class LinkPerformance(Stored):
         return flat.reshape(len(self.depths), len(self.ooks), 3)
 
     def range_at_ber(self, ber: float | None = None) -> tuple[Estimate, ...]:
-        """Return the depth down to which each bit rate reaches an average bit error rate.
+        """Return the greatest depth of each bit rate for an average bit error rate.
 
         Parameters
         ----------
@@ -157,7 +157,7 @@ class LinkPerformance(Stored):
         return "\n".join([*lines, "", *end])
 
     def _filters(self) -> list[str]:
-        """Return the widest filters of the first depth, where there is background light."""
+        """Return the widest filters of the first depth, if there is background light."""
         first = [f for f in self.figures[: len(self.ooks)] if not math.isnan(f.widest_filter_nm)]
         if not first:
             return []
@@ -179,7 +179,7 @@ class LinkPerformance(Stored):
         ]
 
     def _range_text(self, found: Estimate, ber: Floats) -> str:
-        """Return a range, or its bound where the error ratios do not cross the limit."""
+        """Return a range, or its bound if the error ratios do not cross the limit."""
         least, most = f"< {min(self.depths):g}", f"> {max(self.depths):g}"
         if math.isnan(found.value):
             return f"{most if (ber < self.limit).all() else least} m"
@@ -308,7 +308,7 @@ def _index(name: str, values: tuple[float, ...], wanted: float | None) -> int:
 
 
 def _ratio(ber: float, digits: int = 2) -> str:
-    """Return a bit error ratio as text, with a floor below which none is known."""
+    """Return a bit error ratio as text, with a floor for the smallest ones."""
     return f"{ber:.{digits}e}" if ber >= _FLOOR else f"< {_FLOOR:g}"
 
 

@@ -131,7 +131,7 @@ def edge_of_view(light: Light, half_deg: float) -> Floats:
 
 
 class Shelf:
-    """Finished parameters of a run on disk, by which a stopped run resumes.
+    """Finished parameters of a run on disk, for a stopped run to resume.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ class Shelf:
 
 
 def second_step(p: Parameter, default: float) -> float:
-    """Return the steps at which a difference is repeated: thrice, and at least thrice as usual.
+    """Return the steps of a repeated difference: thrice, and at least thrice the usual one.
 
     A small step sees none of the discontinuities that rare chains carry.
     """

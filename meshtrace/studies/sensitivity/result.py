@@ -248,7 +248,7 @@ def _factor(row: Row) -> float:
 
 
 def _step(row: Row, value: float) -> tuple[float, float]:
-    """Return the change by which the logarithmic derivative counts, and the second-order part."""
+    """Return the change that weights the logarithmic derivative, and the second-order part."""
     value = require_real(value, row.name, "a finite number")
     if math.isnan(row.elasticity):
         step = value - row.base

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from meshtrace.comms.ook import OokLink, Preset
+from meshtrace.comms.ook import OokLink
+from meshtrace.comms.ook_setup import Preset
 from meshtrace.errors import Described, Refused, require_between
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -190,7 +191,7 @@ def _setting(
 
 
 def _at_range(setting: Setting, case: Case, realizations: int, quantity: Quantity) -> Setting:
-    """Return the setting at the depth where the error rate meets the limit."""
+    """Return the setting at the depth of an error rate equal to the limit."""
     depth = float(setting.link.transmitters[0].depth)  # type: ignore[attr-defined]
     for _ in range(12):
         problem = Problem(setting, case.run, case.meshing, realizations)
@@ -343,7 +344,7 @@ class _Study:
         return _Rates(p, found[0], self._second(p, gains), "difference", suspicious, notes)
 
     def _compared(self, found: list[Floats]) -> tuple[bool, str]:
-        """Return whether the derivatives over two steps disagree, and how."""
+        """Return the disagreement of the derivatives over two steps, if any."""
         if len(found) < 2:
             return False, "one step: the longer one leaves the range"
         off, error = found[1] - found[0], error_of(found[1] - found[0])

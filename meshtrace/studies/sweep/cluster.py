@@ -218,7 +218,7 @@ def _client(
 
 
 def _address(scheduler: str, timeout: float) -> str:
-    """Return an address, or that in a scheduler's file, which may be written within a time."""
+    """Return an address, or that in a scheduler's file written within a time."""
     if not scheduler.endswith(".json"):
         return scheduler
     end = time.monotonic() + timeout
