@@ -117,7 +117,7 @@ class ForcedDetection:
         lowest = min(t.center[2] for t in self.arrays.targets)
         # a chain that ends higher is not looked for; the level must stay below the receivers
         self._ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
-        self._drawer = ChainDrawer(self.arrays, top, self._ceiling)
+        self.drawer = ChainDrawer(self.arrays, top, self._ceiling)
         self._adjoint: AdjointPaths | None = None
         self.method: list[Method] = []
         self.scattered_sets = self._draw()
@@ -138,7 +138,7 @@ class ForcedDetection:
         sources, receivers = range(len(link.emitters)), len(self.link.receivers)
         targets = len(link.targets)
         try:
-            pilots = [pilot(self._drawer, s, self._seed(s), targets, threads) for s in sources]
+            pilots = [pilot(self.drawer, s, self._seed(s), targets, threads) for s in sources]
         except Refused as refused:  # too many orders for chains
             if self._wanted == "chains":
                 raise
@@ -154,7 +154,7 @@ class ForcedDetection:
         share = photons if link.down else max(photons // len(sources), SHIFTS)
         requests = []
         for s in sources:
-            expected = self._drawer.nominals[s].expected
+            expected = self.drawer.nominals[s].expected
             if link.down:
                 found, light = pilots[s].joined(link.power), gain[s : s + 1]
             else:
@@ -164,7 +164,7 @@ class ForcedDetection:
             counts = allotment(share, expected, found, light)
             key = self._seed(s)
             requests += [Request(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
-        pairs = list(zip(requests, self._drawer.draw_all(requests, threads), strict=True))
+        pairs = list(zip(requests, self.drawer.draw_all(requests, threads), strict=True))
         return [[chains for request, chains in pairs if request.source == s] for s in sources]
 
     def _seed(self, emitter: int) -> tuple[int, int]:
@@ -238,7 +238,7 @@ class ForcedDetection:
         emitters = len(self.arrays.emitters)
         photons = self._key[0] / (1 if self.arrays.down else emitters)
         per_shift = max(math.ceil(_UNSCATTERED_SHARE * photons / SHIFTS), 2)
-        return [self._drawer.draw(s, 0, per_shift, (*self._seed(s), 0, 1)) for s in range(emitters)]
+        return [self.drawer.draw(s, 0, per_shift, (*self._seed(s), 0, 1)) for s in range(emitters)]
 
     def evaluate(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> Parts:
         """Return the gain over a mesh, in parts."""
