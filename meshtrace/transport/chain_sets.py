@@ -54,11 +54,6 @@ class ChainSet(NamedTuple):
         step = per_shift * max(_BLOCK // per_shift, 1)
         return [self.rows(slice(first, first + step)) for first in range(0, n, step)]
 
-    def shifts(self, first: int, last: int) -> ChainSet:
-        """Return the chains of the shifts first <= s < last."""
-        per_shift = len(self.audit) // SHIFTS
-        return self.rows(slice(first * per_shift, last * per_shift))
-
     def rows(self, rows: slice) -> ChainSet:
         """Return some of the chains."""
         arrays: Any = (array[rows] for array in self.chains)
@@ -119,9 +114,16 @@ class ChainDrawer:
             pass
         return sets
 
-    def _empty(self, request: Request) -> ChainSet:
+    def draw_shifts(self, request: Request, first: int, last: int) -> ChainSet:
+        """Return the chains of the shifts first <= s < last, without crossings of a flat sea."""
+        points, shifts = points_of(request)
+        block = self._empty(request, last - first)._replace(flat=[])
+        self._fill(request.source, block, points, shifts[first:last])
+        return block
+
+    def _empty(self, request: Request, shifts: int = SHIFTS) -> ChainSet:
         """Return room for a set of chains."""
-        n, order = SHIFTS * request.per_shift, request.order
+        n, order = shifts * request.per_shift, request.order
         chains = Chains(
             vertex=np.empty((n, order, 3)),
             kind=np.zeros((n, order), np.int8),

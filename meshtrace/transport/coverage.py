@@ -35,7 +35,7 @@ from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.aimed import ROOTS, AimedChains
 from meshtrace.transport.arrays import locator
-from meshtrace.transport.chain_sets import CROSSINGS, ChainSet, starts_of
+from meshtrace.transport.chain_sets import CROSSINGS, Request, starts_of
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import ANALOG, needs_paths
 from meshtrace.transport.options import Forced
@@ -43,6 +43,7 @@ from meshtrace.transport.options import Forced
 _Floats = NDArray[np.float64]
 
 _CHAINS = 256  # of the lowest level; the levels above double it
+_STREAM, _PILOT_STREAM = 32, 16  # of the points of the lowest level, and of the pilot
 _NODE_STEP = 0.07  # distance of the nodes over the height of the map above the source
 _MOST_NODES = 33  # along an axis
 _FEWEST = 100.0  # effective samples, see `lack_of_samples` of the single receivers
@@ -79,6 +80,16 @@ class Sums(NamedTuple):
     gain: _Floats  # (shifts, cells)
     scattered: _Floats  # (cells,)
     square: _Floats  # (cells,) variance of the mean of as many independent chains
+
+
+class Scored(NamedTuple):
+    """Contribution of some shifts of the chains of one order to the gain of cells."""
+
+    order: int
+    first: int  # shift
+    gain: _Floats  # (shifts, cells)
+    square: _Floats  # (cells,) part of `Sums.square`
+    counts: dict[str, int]
 
 
 class ForcedMap:
@@ -126,13 +137,15 @@ class ForcedMap:
         self._options = seed, normals, threads
         self._crest = max(float(mesh.bounds[1, 2]) for mesh in meshes)
         self._require_chains(link.replace(receiver=sites[0]))
-        base = self._detection(0)
-        self._unit = base.arrays.frame.unit
-        self._target = upright(base.arrays.targets[0])
-        self._aimed = [self._over(base, mesh) for mesh in meshes]
-        self._direct = self._unscattered(base)
+        self._base = ForcedDetection(
+            self._link, _CHAINS, seed, normals, threads, self._crest, scattered="chains"
+        )
+        self._arrays = self._base.arrays
+        self._unit = self._arrays.frame.unit
+        self._target = upright(self._arrays.targets[0])
+        self._aimed = [self._over(mesh) for mesh in meshes]
+        self._direct = self._unscattered()
         self.counts = dict.fromkeys(("chains", "interpolated", "searched", "enumerated"), 0)
-        self._cache: dict[int, ForcedDetection] = {0: base}
 
     def _require_chains(self, link: Link) -> None:
         """Refuse a link whose scattered light in the middle of the map chains do not follow."""
@@ -141,26 +154,18 @@ class ForcedMap:
             scattered = Described("light that arrives by many or large angles")
             raise Refused("water", scattered, f"light that chains follow; {ANALOG}")
 
-    def _detection(self, level: int) -> ForcedDetection:
-        """Return the chains of a level."""
-        seed, normals, threads = self._options
-        photons = _CHAINS << level
-        return ForcedDetection(
-            self._link, photons, seed, normals, threads, self._crest, scattered="chains"
-        )
-
-    def _over(self, base: ForcedDetection, mesh: TriangleMesh) -> AimedChains:
+    def _over(self, mesh: TriangleMesh) -> AimedChains:
         """Return chains over a mesh, with bins of all its facets."""
-        aimed = base.over(mesh)
+        aimed = self._base.over(mesh)
         aimed.locator = locator(aimed.surface, [self._target._replace(reach=math.inf)])
         return aimed
 
-    def _unscattered(self, base: ForcedDetection) -> _Floats | None:
+    def _unscattered(self) -> _Floats | None:
         """Return the unscattered gain (n, n) of the cells; None if it has to be sampled."""
         jobs = [
-            partial(self._image, aimed, base, s)
+            partial(self._image, aimed, s)
             for aimed in self._aimed
-            for s in range(len(base.arrays.emitters))
+            for s in range(len(self._arrays.emitters))
         ]
         total = np.zeros((self._grid.n, self._grid.n))
         for found in ordered_map(lambda job: job(), jobs, self._options[2]):
@@ -169,9 +174,9 @@ class ForcedMap:
             total += found
         return total / len(self._aimed)
 
-    def _image(self, aimed: AimedChains, base: ForcedDetection, source: int) -> _Floats | None:
+    def _image(self, aimed: AimedChains, source: int) -> _Floats | None:
         """Return the unscattered gain of the cells from one source over one mesh."""
-        scene = aimed.scene(base.arrays.emitters[source], self._target)
+        scene = aimed.scene(self._arrays.emitters[source], self._target)
         half, step = self._grid.half / self._unit, self._grid.step / self._unit
         cells = direct.Cells(-half, -half, step, self._grid.n)
         gain = np.zeros((self._grid.n, self._grid.n))
@@ -190,7 +195,7 @@ class ForcedMap:
             rules = direct.Rules(*(direct.Rule(*square_rule(k)) for k in (across, finer)))
             if not direct.blurred_map(scene, cells, stretch, MOST_PARTS, rules, gain):
                 return None
-        return base.arrays.power[source] * self._target.area / cells.step**2 * gain
+        return self._arrays.power[source] * self._target.area / cells.step**2 * gain
 
     def run(
         self, rtol: float, progress: Callable[[int], None] | None = None
@@ -228,51 +233,48 @@ class ForcedMap:
         at = np.unique(np.linspace(0, n - 1, k).round().astype(np.int64))
         cells = (at[:, None] * n + at[None, :]).ravel()
         last = int(math.log2(Forced.most_photons // _CHAINS))
-        more = np.minimum(levels_lacking(self._evaluate(0, cells), rtol), last)
+        more = np.minimum(levels_lacking(self._evaluate(0, cells, _PILOT_STREAM), rtol), last)
         nearest = np.abs(np.arange(n)[:, None] - at).argmin(axis=1)
         lattice = more.reshape(len(at), len(at))
         return lattice[np.ix_(nearest, nearest)].ravel()
 
-    def _evaluate(self, level: int, cells: NDArray[np.int64]) -> Sums:
-        """Return the sums of cells with the chains of a level."""
-        if level not in self._cache:
-            self._cache = {0: self._cache[0], level: self._detection(level)}
-        base, n = self._cache[level], self._grid.n
+    def _evaluate(self, level: int, cells: NDArray[np.int64], stream: int = _STREAM) -> Sums:
+        """Return the sums of cells with the chains of a level, an independent set by stream."""
+        n = self._grid.n
         places = np.stack([cells // n, cells % n], axis=1) + 0.5
         places = np.asarray(places * self._grid.step - self._grid.half) / self._unit
         sums = Sums(np.zeros((SHIFTS, len(cells))), np.zeros(len(cells)), np.zeros(len(cells)))
         if self._direct is not None:
             sums.gain[:] = self._direct.ravel()[cells]
-        scattered = ordered_map(lambda job: job(), self._jobs(base, places), self._options[2])
-        for order, share, chains, first, score, square, counts in scattered:
-            rows = slice(first, first + len(score))
-            sums.gain[rows] += share * score
-            if order > 0:
-                sums.scattered[:] += share * score.sum(axis=0) / SHIFTS
-                sums.square[:] += (share / chains) ** 2 * square
-            for name, count in zip(self.counts, counts, strict=True):
-                self.counts[name] += int(count)
+        scattered = ordered_map(
+            lambda job: job(), self._jobs(level, places, stream), self._options[2]
+        )
+        for part in scattered:
+            sums.gain[part.first : part.first + len(part.gain)] += part.gain
+            if part.order > 0:
+                sums.scattered[:] += part.gain.sum(axis=0) / SHIFTS
+                sums.square[:] += part.square
+            for name, count in part.counts.items():
+                self.counts[name] += count
         return sums
 
-    def _jobs(self, base: ForcedDetection, places: _Floats) -> Iterator[Callable[[], tuple]]:
-        """Yield jobs over whole shifts of the chains."""
-        nodes, needed = self._nodes(places)
+    def _jobs(self, level: int, places: _Floats, stream: int) -> Iterator[Callable[[], Scored]]:
+        """Yield jobs over whole shifts of the chains of a level."""
+        photons = _CHAINS << level
+        requests = self._base.requests(photons, stream + level)
+        if self._direct is None:
+            requests += self._base.unscattered_requests(photons, stream + level)
+        lattice = self._nodes(places)
         for aimed in self._aimed:
-            for source, row in enumerate(base.sets(aimed)):
-                share = float(base.arrays.power[source]) / len(self._aimed)
-                for chains in row:
-                    if chains.order == 0 and self._direct is not None:
-                        continue
-                    per_shift = len(chains.audit) // SHIFTS
-                    step = max(_ROWS // per_shift, 1)
-                    for first in range(0, SHIFTS, step):
-                        rows = chains.shifts(first, min(first + step, SHIFTS))
-                        job = base, aimed, source, rows, per_shift, places, nodes, needed
-                        yield partial(self._score, first, share, *job)
+            for request in requests:
+                step = max(_ROWS // request.per_shift, 1)
+                for first in range(0, SHIFTS, step):
+                    shifts = first, min(first + step, SHIFTS)
+                    yield partial(self._score, aimed, request, *shifts, places, *lattice)
 
     def _nodes(self, places: _Floats) -> tuple[kernel.Nodes, NDArray[np.bool_]]:
         """Return the lattice of nodes, and those around the places."""
-        half, emitters = self._grid.half / self._unit, self._cache[0].arrays.emitters
+        half, emitters = self._grid.half / self._unit, self._arrays.emitters
         height = self._target.center.z - max(e.position.z for e in emitters)
         k = min(max(math.ceil(2.0 * half / (_NODE_STEP * height)), 1) + 1, _MOST_NODES)
         nodes = kernel.Nodes(-half, 2.0 * half / (k - 1), k)
@@ -285,19 +287,18 @@ class ForcedMap:
 
     def _score(
         self,
-        first: int,
-        share: float,
-        base: ForcedDetection,
         aimed: AimedChains,
-        source: int,
-        chains: ChainSet,
-        per_shift: int,
+        request: Request,
+        first: int,
+        last: int,
         places: _Floats,
         nodes: kernel.Nodes,
         needed: NDArray[np.bool_],
-    ) -> tuple:
-        """Return order, share, chains, first shift, scores, squares and counts of some shifts."""
-        still, raised = base.drawer.still_scenes(source, self._target)
+    ) -> Scored:
+        """Return the scores of some shifts of the chains of one order."""
+        source, per_shift = request.source, request.per_shift
+        chains = self._base.drawer.draw_shifts(request, first, last)
+        still, raised = self._base.drawer.still_scenes(source, self._target)
         starts = starts_of(still.emitter, still.target)
         scene = aimed.scene(still.emitter, self._target)
         room = kernel.Room(
@@ -310,8 +311,7 @@ class ForcedMap:
         )
         way = kernel.Way(starts, start_shares(starts), still, raised)
         law = kernel.Law(aimed.search_of(self._target), aimed.spread, aimed.blurred)
-        shifts = len(chains.audit) // per_shift
-        score, square = np.zeros((shifts, len(places))), np.zeros(len(places))
+        score, square = np.zeros((last - first, len(places))), np.zeros(len(places))
         side = self._grid.step / self._unit / self._target.radius
         chains = chains._replace(
             chains=chains.chains._replace(disk=square_of(chains.chains.disk, side))
@@ -325,11 +325,15 @@ class ForcedMap:
                 some.chains, some.audit, shift, flats, nodes, places, way, law, scene, room,
                 score, square,
             )  # fmt: skip
-        counts = (
-            len(chains.audit) * len(places), *room.places, room.counters[Counter.ENUMERATED]
-        )  # fmt: skip
-        all_chains = SHIFTS * per_shift
-        return chains.order, share, all_chains, first, score / per_shift, square, counts
+        share = float(self._arrays.power[source]) / (per_shift * len(self._aimed))
+        counts = {
+            "chains": len(chains.audit) * len(places),
+            "interpolated": int(room.places[0]),
+            "searched": int(room.places[1]),
+            "enumerated": int(room.counters[Counter.ENUMERATED]),
+        }
+        square *= (share / SHIFTS) ** 2
+        return Scored(chains.order, first, share * score, square, counts)
 
 
 def require_mappable(link: Link) -> None:
