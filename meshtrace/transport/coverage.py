@@ -24,7 +24,7 @@ from meshtrace.kernels import places as kernel
 from meshtrace.kernels.aiming import FLAT
 from meshtrace.kernels.blurred import MOST_PARTS
 from meshtrace.kernels.chain_gain import RAY
-from meshtrace.kernels.crossings import Counter
+from meshtrace.kernels.crossings import Counter, Search
 from meshtrace.kernels.roots import ROOT
 from meshtrace.kernels.scene import Target
 from meshtrace.kernels.unscattered import STACK
@@ -54,6 +54,7 @@ _GROWTH = 0.9  # of the level with the logarithm of the variance: shifted points
 _AT_ONCE = 2**14  # cells of a job
 _ROWS = 64  # chains of a job, about
 _AT_EDGE = 8  # points along a cell at the edge of the field of view
+_AUDITED = 0.05  # share of the chains whose facets are all searched: they count by its inverse
 _COARSEST = 16  # points along a cell that resolve the blur by random slopes
 
 
@@ -157,6 +158,7 @@ class ForcedMap:
     def _over(self, mesh: TriangleMesh) -> AimedChains:
         """Return chains over a mesh, with bins of all its facets."""
         aimed = self._base.over(mesh)
+        aimed.search_of(self._target)  # bounds of the facets near the receivers, which are kept
         aimed.locator = locator(aimed.surface, [self._target._replace(reach=math.inf)])
         return aimed
 
@@ -272,8 +274,13 @@ class ForcedMap:
                     shifts = first, min(first + step, SHIFTS)
                     yield partial(self._score, aimed, request, *shifts, places, *lattice)
 
+    def _search(self, aimed: AimedChains) -> Search:
+        """Return the search of crossings; also where waves focus it asks a share of the chains."""
+        search = aimed.search_of(self._target)
+        return search if search.audit == 1.0 else search._replace(audit=_AUDITED, curvature=0.0)
+
     def _nodes(self, places: _Floats) -> tuple[kernel.Nodes, NDArray[np.bool_]]:
-        """Return the lattice of nodes, and those around the places."""
+        """Return the lattice of nodes, and those around the places; none for fewer places."""
         half, emitters = self._grid.half / self._unit, self._arrays.emitters
         height = self._target.center.z - max(e.position.z for e in emitters)
         k = min(max(math.ceil(2.0 * half / (_NODE_STEP * height)), 1) + 1, _MOST_NODES)
@@ -283,6 +290,8 @@ class ForcedMap:
         for a in (0, 1):
             for b in (0, 1):
                 needed[at[:, 0] + a, at[:, 1] + b] = True
+        if len(places) < np.count_nonzero(needed):
+            return kernel.Nodes(-half, 2.0 * half, 2), np.zeros((2, 2), bool)
         return nodes, needed
 
     def _score(
@@ -310,7 +319,7 @@ class ForcedMap:
             np.zeros(2, np.int64),
         )
         way = kernel.Way(starts, start_shares(starts), still, raised)
-        law = kernel.Law(aimed.search_of(self._target), aimed.spread, aimed.blurred)
+        law = kernel.Law(self._search(aimed), aimed.spread, aimed.blurred)
         score, square = np.zeros((last - first, len(places))), np.zeros(len(places))
         side = self._grid.step / self._unit / self._target.radius
         chains = chains._replace(
@@ -319,7 +328,10 @@ class ForcedMap:
         for i in range(0, len(chains.audit), _ROWS):
             some = chains.rows(slice(i, i + _ROWS))
             flats = np.zeros((len(some.audit), nodes.n, nodes.n, CROSSINGS), FLAT)
-            kernel.node_crossings(some.chains, nodes, needed, way, room, flats)
+            if needed.any():
+                kernel.node_crossings(some.chains, nodes, needed, way, room, flats)
+            else:
+                flats["branch"] = 1.0  # as of many crossings: the places are searched one by one
             shift = (i + np.arange(len(some.audit))) // per_shift
             kernel.cell_scores(
                 some.chains, some.audit, shift, flats, nodes, places, way, law, scene, room,
