@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from meshtrace.bench.engine import analog_rate, figure_of_merit, new_sea, resolved_sea
+from meshtrace.bench.maps import coverage_cost
 from meshtrace.bench.scaling import thread_scaling, worker_scaling
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
@@ -37,8 +38,8 @@ def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
         Plain data: `environment`, `cores`; `analog` and `analog_tilted` of `analog_rate`, without
         and with tilts for unresolved slopes; `merit` of `figure_of_merit`; `new_sea`;
         `resolved_sea`; `downlink`, `new_sea` of the mirrored link to 1 %, None without one;
-        `peak_memory_mib` of this process; `thread_scaling`, `worker_scaling`, the latter None
-        where dask is not installed.
+        `coverage` of `coverage_cost`; `peak_memory_mib` of this process; `thread_scaling`,
+        `worker_scaling`, the latter None where dask is not installed.
 
     Raises
     ------
@@ -64,6 +65,7 @@ def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
         "new_sea": new_sea(link, sea),
         "resolved_sea": resolved_sea(link, _resolved(sea)),
         "downlink": _downlink(link, sea),
+        "coverage": coverage_cost(link, sea, extent=5.0 / scale),
         "peak_memory_mib": _peak_memory(),
         "thread_scaling": thread_scaling(link, mesh, near, photons, chains),
         "worker_scaling": worker_scaling(scenario, 128 // scale) if dask else None,
@@ -117,6 +119,8 @@ def report(result: dict[str, Any]) -> str:
         f"({fine['gain']['facets']} facets); {fine['seconds_per_realization']:.3f} s each in an "
         f"ensemble ({fine['facets']} facets), unscattered light {fine['direct_seconds']:.4f} s",
         **_down(result["downlink"]),
+        "coverage map to 1 %": f"{result['coverage']['cpu_seconds']:.3g} CPU s, "
+        f"{result['coverage']['cells']} places",
         "peak memory": f"{result['peak_memory_mib']:.0f} MiB",
         **_scaling(result["thread_scaling"], result["worker_scaling"]),
     }

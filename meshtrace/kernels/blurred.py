@@ -40,9 +40,9 @@ from meshtrace.kernels.vectors import (
     scaled,
 )
 
-_CUT = 7.0  # standard deviations beyond which a slope does not occur
-_SMOOTH = 0.7  # standard deviations by which the slope may change over a part of a facet
-_BEAM_SHARE = 0.2  # longest edge of a part over the width of the beam
+MOST_SLOPE = 7.0  # standard deviations beyond which a slope does not occur
+PART_SLOPE = 0.7  # standard deviations by which the slope may change over a part of a facet
+PART_BEAM = 0.2  # longest edge of a part over the width of the beam
 MOST_PARTS = 48
 """Parts along an edge of a facet; facets with more are too large for the blur."""
 
@@ -99,7 +99,7 @@ def slope_towards(p, n, w, d, length, goal, scene):
     roughness = scene.surface.roughness
     u = whitened(roughness, tilt)
     square = u.x * u.x + u.y * u.y
-    if square > _CUT * _CUT:
+    if square > MOST_SLOPE * MOST_SLOPE:
         return none
     # dr/dx = (e - r (r.e)) / flight for either axis e of the aperture
     k = scene.medium.n_air / (flight * big.z * big.z)
@@ -132,13 +132,13 @@ def blurred_gain(scene, disk, gain, doubtful):
     exposure. A facet is cut into parts over which the slope s* - s changes by a fraction of its
     standard deviation.
     """
-    edge = _BEAM_SHARE * beam_width(scene.emitter) * -scene.emitter.position.z
+    edge = PART_BEAM * beam_width(scene.emitter) * -scene.emitter.position.z
     for f in range(len(scene.surface.faces)):
-        near, change = _slope_range(f, scene)
-        reach = _CUT + change + disk.blur
+        near, change = slope_range(f, scene)
+        reach = MOST_SLOPE + change + disk.blur
         if near > reach * reach:
             continue
-        n = math.ceil(max(change / _SMOOTH, 2.0 * scene.facets[f].radius / edge, 1.0))
+        n = math.ceil(max(change / PART_SLOPE, 2.0 * scene.facets[f].radius / edge, 1.0))
         if n > MOST_PARTS:
             return False
         steep = True
@@ -156,7 +156,7 @@ def blurred_gain(scene, disk, gain, doubtful):
 
 
 @outlined
-def _slope_range(f, scene):
+def slope_range(f, scene):
     """Return the squared size and the variation of the slope from a facet to the aperture.
 
     In standard deviations: at the mean of the corners, and between corners.
@@ -239,13 +239,13 @@ def blurred_contributions(chains, flat, spread, scene, out):
         for k in range(len(flat[i])):
             if flat[i, k].branch == 0.0:
                 break
-            x, y = _moved(flat[i, k], chains.tilt[i, 0], chains.tilt[i, 1], spread, scene)
+            x, y = proposed(flat[i, k], chains.tilt[i, 0], chains.tilt[i, 1], spread, scene)
             facet = locate(scene.locator, scene.surface, x, y)
             if facet < 0:
                 continue
             p = Vec3(x, y, height_on(x, y, facet, scene.surface))
             shot = shot_of(chains, i, scene, flat[i, k].branch, scene.surface.roughness)
-            w, steep, aim = _weigh(chains, i, flat[i], p, facet, shot, spread, scene)
+            w, steep, aim = weigh_sloped(chains, i, flat[i], p, facet, shot, spread, scene)
             if w <= 0.0:
                 continue
             out.counters[Counter.SOLVED] += 1
@@ -264,7 +264,7 @@ def _lifted(flat, scene):
 
 
 @inlined
-def _moved(flat, first, second, spread, scene):
+def proposed(flat, first, second, spread, scene):
     """Return the crossing of the flat sea displaced by a standard normal slope."""
     x, y = _lifted(flat, scene)
     s = slope_tilt(spread, first, second)
@@ -291,7 +291,7 @@ def _density(flat, x, y, branch, spread, scene):
 
 
 @outlined
-def _weigh(chains, i, flat, p, facet, shot, spread, scene):
+def weigh_sloped(chains, i, flat, p, facet, shot, spread, scene):
     """Return (weight, steep, aim) of chain i through P: its light over the density of P."""
     ok, length, w, d = emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
     n = normal_at(p.x, p.y, facet, scene.surface)

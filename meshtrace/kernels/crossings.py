@@ -74,22 +74,32 @@ def flat_crossings(chains, starts, still, raised, out):
     both branches; the others have one crossing, found from below the receiver. A chain that
     ends above still water is searched on a sea `raised` above every crest.
     """
-    depth = -still.emitter.position.z
     for i in range(len(chains.last)):
-        q, v = row(chains.tail, i), row(chains.last, i)
-        size = norm(q)
-        plain = size < 0.95 * depth and dot(q, v) > 0.8 * size
-        n = ZERO
-        for scene in (still, raised):
-            for side in range(1 if size < depth else 2):
-                for k in range(len(starts)):
-                    if n < len(out[i]) and not (n > 0 and plain):
-                        shot = shot_of(chains, i, scene, 1.0 - 2.0 * side, SMOOTH)
-                        n = _flat_root(n, starts[k], shot, scene, out[i])
-            if n > 0:
-                break
-        if n < len(out[i]):
-            out[i, n].branch = 0.0
+        flat_crossings_of(chains, i, starts, still, raised, out[i])
+
+
+@outlined
+def flat_crossings_of(chains, i, starts, still, raised, out):
+    """Write the flat-sea crossings of chain i; return their number.
+
+    Array twin: see `flat_crossings`.
+    """
+    depth = -still.emitter.position.z
+    q, v = row(chains.tail, i), row(chains.last, i)
+    size = norm(q)
+    plain = size < 0.95 * depth and dot(q, v) > 0.8 * size
+    n = ZERO
+    for scene in (still, raised):
+        for side in range(1 if size < depth else 2):
+            for k in range(len(starts)):
+                if n < len(out) and not (n > 0 and plain):
+                    shot = shot_of(chains, i, scene, 1.0 - 2.0 * side, SMOOTH)
+                    n = _flat_root(n, starts[k], shot, scene, out)
+        if n > 0:
+            break
+    if n < len(out):
+        out[n].branch = 0.0
+    return n
 
 
 @outlined

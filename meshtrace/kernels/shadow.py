@@ -30,6 +30,25 @@ def shadows(origins, directions, lengths, surface, grid, outcome):
         outcome[i] = FREE if first >= last else _walk(p, d, first, last, surface, grid)
 
 
+@outlined
+def is_free(p, d, length, surface, grid):
+    """Return whether a straight path is free, over bins that hold all facets.
+
+    Array twin: `shadows`.
+    """
+    hair = _HAIR * (1.0 + length)
+    first, last = _between(p.z, d.z, hair, length - 2.0 * hair, surface)
+    edge = 1e-9 * grid.step
+    for o, s, low, n in ((p.x, d.x, grid.x, grid.nx), (p.y, d.y, grid.y, grid.ny)):
+        a, b = low + edge, low + n * grid.step - edge
+        if s != 0.0:
+            t, u = (a - o) / s, (b - o) / s
+            first, last = max(first, min(t, u)), min(last, max(t, u))
+        elif not a <= o <= b:
+            return True
+    return first >= last or _walk(p, d, first, last, surface, grid) != CUT
+
+
 @inlined
 def _between(z, rise, first, last, surface):
     """Return the part of a path that lies between the lowest trough and the highest crest."""

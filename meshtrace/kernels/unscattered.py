@@ -28,10 +28,10 @@ from meshtrace.kernels.vectors import (
     norm,
 )
 
-_EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the depth
+EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the depth
 
 _ROUNDING = 1e-13  # of the disk's radius squared
-_BEAM_SHARE = 0.03  # longest edge of a part over the width of the beam: its light is near linear
+BEAM_SHARE = 0.03  # longest edge of a part over the width of the beam: its light is near linear
 _FEW = 16  # parts along an edge: facets of more are cut where the light crosses
 STACK = 128
 """Parts of a large facet that wait to be cut."""
@@ -157,8 +157,8 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
     """
     shot = straight_shot(0.0, 0.0, scene)
     depth = -scene.emitter.position.z
-    edge = min(max(_EDGE * depth, 0.005), 0.1)
-    fine = min(edge, _BEAM_SHARE * beam_width(scene.emitter) * depth)
+    edge = min(max(EDGE * depth, 0.005), 0.1)
+    fine = min(edge, BEAM_SHARE * beam_width(scene.emitter) * depth)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         large = 2.0 * facet.radius > _FEW * edge
@@ -232,7 +232,7 @@ def _may_shine(f, nodes, i, j, side, image, shot, scene):
     if math.hypot(p.x - target.center.x, p.y - target.center.y) - size > target.reach:
         return False
     if size > image.coarse:
-        return not _is_reflected(p, size, f, scene)
+        return not is_reflected(p, size, f, scene)
     m = aim_at(p.x, p.y, f, shot, scene)
     if m.ok:
         return math.hypot(m.at.x, m.at.y) <= target.radius + size * image.stretch
@@ -244,7 +244,7 @@ def _may_shine(f, nodes, i, j, side, image, shot, scene):
 
 
 @inlined
-def _is_reflected(p, size, f, scene):
+def is_reflected(p, size, f, scene):
     """Return whether unscattered light is totally reflected all over a part of a facet.
 
     Angles of incidence within `size` of the point p differ from that at p by the angle under

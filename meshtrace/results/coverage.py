@@ -23,6 +23,9 @@ class CoverageMap(StoredArrays):
         Gain of the link's receiver if it were there, averaged over the cell, and its error.
     provenance : dict
         Versions and configuration.
+    gain_bound : ndarray, shape (nx, ny), or None
+        Upper bound of the gain at 95 % confidence in cells without received light, nan
+        elsewhere; None if all received light, or without a tolerance.
     """
 
     x: Annotated[Floats, Variable("x")]
@@ -30,6 +33,7 @@ class CoverageMap(StoredArrays):
     gain: Annotated[Floats, Variable("x y")]
     gain_stderr: Annotated[Floats, Variable("x y")]
     provenance: dict[str, Any] = field(default_factory=dict)
+    gain_bound: Annotated[Floats | None, Variable("x y")] = None
 
     kind: ClassVar[str] = "coverage"
     title: ClassVar[str] = "meshtrace coverage map"
@@ -49,13 +53,14 @@ class CoverageMap(StoredArrays):
             return f"{place}\n  no light received"
         peak = np.unravel_index(int(self.gain.argmax()), self.gain.shape)
         error = np.median(self.gain_stderr[lit] / self.gain[lit])
-        return "\n".join(
-            [
-                place,
-                f"  highest              {self.gain[peak]:.4e} +- {self.gain_stderr[peak]:.1e} at "
-                f"({self.x[peak[0]]:g}, {self.y[peak[1]]:g}) m",
-                f"  mean                 {self.gain.mean():.4e}",
-                f"  dark places          {int((~lit).sum())}",
-                f"  median error         {100.0 * error:.2g} %",
-            ]
-        )
+        rows = [
+            place,
+            f"  highest              {self.gain[peak]:.4e} +- {self.gain_stderr[peak]:.1e} at "
+            f"({self.x[peak[0]]:g}, {self.y[peak[1]]:g}) m",
+            f"  mean                 {self.gain.mean():.4e}",
+            f"  dark places          {int((~lit).sum())}",
+            f"  median error         {100.0 * error:.2g} %",
+        ]
+        if self.gain_bound is not None:
+            rows.append(f"  bound where dark     {np.nanmax(self.gain_bound):.1e}")
+        return "\n".join(rows)

@@ -1,24 +1,33 @@
-"""The gain at each place of the plane of the receiver."""
+"""Gain at each place of the plane of the receiver."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.parallel import default_threads
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult, merge
+from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
-from meshtrace.transport.case import resolve
+from meshtrace.transport.case import Case, resolve
+from meshtrace.transport.coverage import ForcedMap, Grid, require_mappable
+from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import Analog, IrradianceMap
+from meshtrace.transport.outcome import largest_weight, warn_of_returned
 from meshtrace.transport.simulate import simulate
 
 _DARK = 0.01  # of the highest gain, below which a cell is not resolved to `rtol`
+_BOUND_PHOTONS = 2**20  # analog, where chains bring no light
 _MOST_AT_ONCE = 16.0  # times the photons: an error of few hits is uncertain itself
 
 
@@ -36,10 +45,10 @@ def coverage_map(
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> CoverageMap:
-    """Return the gain over the plane of the receiver, by analog photons.
+    """Return the gain over the plane of the receiver.
 
-    Every photon that leaves the sea, or goes down, passes the plane somewhere: one run maps it
-    all.
+    Without `rtol` by analog photons: every photon that leaves the sea, or goes down, passes the
+    plane somewhere, so that one run maps it all. With `rtol` by forced detection, see Notes.
 
     Parameters
     ----------
@@ -58,15 +67,29 @@ def coverage_map(
     photons : int
         Photons for each time.
     rtol : float, optional
-        Standard error to reach in every cell, relative to its gain, or to a hundredth of the
-        highest gain where it is darker; `photons` is then the first guess, and each time takes at
-        most 10^9.
-    seed, normals, threads, progress
+        Standard error to reach in every cell, relative to its gain, > 0.
+    seed, normals, threads
         As in `simulate`.
+    progress : callable, optional
+        Called with the number of photons followed since its last call, or of finished cells.
 
     Returns
     -------
     CoverageMap
+
+    Notes
+    -----
+    Forced detection uses the same chains in all cells, so that their errors are correlated. Each
+    cell takes the number of chains that it needs, up to 2^20; the number of chains times cells,
+    of crossings on still water that were interpolated between nodes and searched, and of
+    searches of all facets are in `provenance["chains"]`. Light that the surface first reflects
+    into the water is left out, see `Forced`.
+
+    Links that chains do not follow (receivers in the water or tilted, extended sources, water with
+    a bottom or of too many scatterings, surfaces that overhang) and scenarios that name the
+    analog estimator take analog photons with `rtol`, too: `photons` is the first guess, each time
+    takes at most 10^9, and cells darker than a hundredth of the highest gain reach `rtol` of that.
+    Dark cells have an upper bound, `gain_bound`.
     """
     given = {"seed": seed, "normals": normals, "threads": threads}
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
@@ -82,31 +105,109 @@ def coverage_map(
     at = require_finite(times, "times", "one or more times [s]").tolist()
     view = {"axis": receiver.axis, "fov_deg": receiver.fov_deg}
     grid = IrradianceMap(height=receiver.center[2], extent=extent, step=step, **view)
+    if rtol is not None and not isinstance(case.run.estimator, Analog):
+        try:
+            return _forced(case, receiver, grid, at, rtol, progress)
+        except Refused:  # a feature that chains do not follow
+            pass
+    return _analog(case, receiver, grid, at, photons, rtol, progress)
+
+
+def _forced(
+    case: Case,
+    receiver: Receiver | WaterReceiver,
+    grid: IrradianceMap,
+    times: list[float],
+    rtol: float,
+    progress: Callable[[int], None] | None,
+) -> CoverageMap:
+    """Return the map by forced detection."""
+    link = case.link.replace(receiver=receiver)
+    require_mappable(link)
+    cells = Grid(grid.extent, grid.step)
+    sides = (-cells.extent, 2.0 * cells.half - cells.extent)
+    corners = link.replace(
+        receiver=tuple(receiver.replace(position=(x, y)) for x in sides for y in sides)
+    )
+    reach, meshes = crossing_reach(corners), []
+    for time in times:
+        mesh, config = mesh_for(corners, case.surface, case.meshing.replace(time=time), reach)
+        meshes.append(mesh)
+    threads = default_threads(case.run.threads)
+    forced = ForcedMap(link, meshes, cells, case.run.seed, case.meshing.normals, threads)
+    gain, stderr = forced.run(rtol, progress)
+    run = {
+        **case.run.to_config(),
+        "rtol": rtol,
+        **case.meshing.model_dump(),
+        "record": [grid.model_dump()],
+    }
+    origin = {**provenance(link, config, run), **case.origin, "times": times}
+    origin["chains"] = forced.counts
+    warn_of_returned(corners, gain[[0, 0, -1, -1], [0, -1, 0, -1]])
+    axis = np.asarray(-grid.extent + grid.step * (np.arange(grid.n) + 0.5), np.float64)
+    bound = None
+    if not (gain > 0.0).all():
+        dark = _analog(case, receiver, grid, times, _BOUND_PHOTONS, None, None)
+        limit = _bound(case, receiver, grid, dark, _BOUND_PHOTONS * len(times))
+        bound = np.where(gain > 0.0, np.nan, limit)
+    return CoverageMap(axis, axis, gain, stderr, origin, bound)
+
+
+def _analog(
+    case: Case,
+    receiver: Receiver | WaterReceiver,
+    grid: IrradianceMap,
+    times: list[float],
+    photons: int,
+    rtol: float | None,
+    progress: Callable[[int], None] | None,
+) -> CoverageMap:
+    """Return the map by analog photons."""
 
     def run(n: int, first: int) -> list[GainResult]:
         """Return the maps of n photons at each time, from the photon id `first` on."""
         return [
             simulate(
-                link, case.surface, "analog", photons=n, seed=case.run.seed,
+                case.link, case.surface, "analog", photons=n, seed=case.run.seed,
                 threads=case.run.threads, mesh=case.meshing.replace(time=time),
                 first_photon=first + i * n, record=[grid], progress=progress,
             )
-            for i, time in enumerate(at)
+            for i, time in enumerate(times)
         ]  # fmt: skip
 
     runs, area = run(photons, 0), np.pi * receiver.radius**2
-    found = _mean(runs, at, area)
+    found = _mean(runs, times, area)
     while rtol is not None and photons < Analog.most_photons:
         lack = (_largest_error(found) / rtol) ** 2
         if lack <= 1.0:
             break
         more = math.ceil(photons * min(1.1 * lack, _MOST_AT_ONCE)) - photons
         more = min(more, Analog.most_photons - photons)
-        added = run(more, len(at) * photons)
+        added = run(more, len(times) * photons)
         runs = [merge([a, b]) for a, b in zip(runs, added, strict=True)]
         photons += more
-        found = _mean(runs, at, area)
-    return found
+        found = _mean(runs, times, area)
+    if rtol is None or (found.gain > 0.0).all():
+        return found
+    limit = _bound(case, receiver, grid, found, photons * len(times))
+    return replace(found, gain_bound=np.where(found.gain > 0.0, np.nan, limit))
+
+
+def _bound(
+    case: Case,
+    receiver: Receiver | WaterReceiver,
+    grid: IrradianceMap,
+    found: CoverageMap,
+    photons: int,
+) -> NDArray[np.float64]:
+    """Return upper bounds of the gains of analog photons at 95 % confidence.
+
+    No photon scores more than its largest weight w times the aperture over the cell; with mean m
+    and standard error s the bound is m + 2 s + 3 w / n (rule of three).
+    """
+    most = largest_weight(case.link, 0.0) * np.pi * receiver.radius**2 / grid.step**2
+    return found.gain + 2.0 * found.gain_stderr + 3.0 * most / photons
 
 
 def _mean(runs: list[GainResult], times: list[float], area: float) -> CoverageMap:

@@ -29,7 +29,7 @@ from meshtrace.transport.forced_link import ForcedLink
 
 Search = Literal["usual", "thorough"]
 
-_ROOTS = 64  # crossings of one chain at most
+ROOTS = 64  # crossings of one chain at most
 _NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's, that blurs
 _WIDEST = 20.0  # radius of an aperture over the blur: a wider one takes too many points
 _SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
@@ -105,7 +105,7 @@ class AimedChains:
         return float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
 
     @cached_property
-    def _spread(self) -> Roughness:
+    def spread(self) -> Roughness:
         """Proposal law of the slopes, wider than that of the sea to bound the weights."""
         rough, mesh = self.surface.roughness, self._mesh_slopes
         along, across = (_SPREAD * math.hypot(s, math.sqrt(mesh)) for s in rough[:2])
@@ -168,7 +168,7 @@ class AimedChains:
             self._link.interface,
         )
 
-    def _search(self, target: Target) -> SearchExtent:
+    def search_of(self, target: Target) -> SearchExtent:
         """Return how far and how thoroughly roots are looked for."""
         curvature, radius = self._largest
         all_asked = self._search_mode == "thorough" or self._normals == "facet"
@@ -203,13 +203,13 @@ class AimedChains:
             rays=np.zeros(most * (chains.order + 2), kernel.RAY),
             arrivals=np.zeros(most if keep else 0, kernel.ARRIVAL),
             counters=np.zeros(len(Counter), np.int64),
-            roots=np.zeros(_ROOTS, ROOT),
+            roots=np.zeros(ROOTS, ROOT),
         )
         scene, flat = self.scene(emitter, target), chains.flat[receiver]
         if self.blurred:
-            found = blurred.blurred_contributions(chains.chains, flat, self._spread, scene, out)
+            found = blurred.blurred_contributions(chains.chains, flat, self.spread, scene, out)
         else:
-            search = self._search(target)
+            search = self.search_of(target)
             found = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
         n_doubt, n_rays, n_arrivals = found
         arrivals = out.arrivals[:n_arrivals]
@@ -284,10 +284,7 @@ class AimedChains:
     ) -> NDArray[np.float64]:
         """Return the unscattered gain through each facet."""
         scene = self._forwards(source, receiver, at)
-        target, n = scene.target, scene.medium.n_water / scene.medium.n_air
-        depth = -scene.emitter.position[2]
-        stretch = 1.5 * (1.0 + n * (target.center[2] + self._waves) / max(depth - self._waves, 0.1))
-        lever = 1.5 * _lever(n, target, self._waves)
+        stretch, lever = self.bounds_of(scene)
         gain = np.zeros(len(self._mesh.faces))
         doubtful = np.zeros(len(gain), bool)
         stack = np.empty((image.STACK, 3), np.int64)
@@ -295,6 +292,13 @@ class AimedChains:
         if doubtful.any():
             gain[self._hidden(source, receiver, np.flatnonzero(doubtful))] = 0.0
         return gain
+
+    def bounds_of(self, scene: Scene) -> tuple[float, float]:
+        """Return bounds on the change of a landing point with its crossing, and with a slope."""
+        n, height = scene.medium.n_water / scene.medium.n_air, scene.target.center[2]
+        depth = max(-scene.emitter.position[2] - self._waves, 0.1)
+        stretch = 1.5 * (1.0 + n * (height + self._waves) / depth)
+        return stretch, 1.5 * _lever(n, scene.target, self._waves)
 
     def _hidden(self, source: int, receiver: int, facets: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the facets with a centroid hidden from the source or the aperture's centre."""

@@ -31,7 +31,7 @@ _MOST_CROWDED = 4.0  # density of collisions near the surface over the mean: cha
 _MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
 _MOST_KEPT = 2**15  # numbers in a set of points that is kept for the next surface: 256 kB
 _BLOCK = 1024  # chains of a block for one thread, about
-_CROSSINGS = 4  # of a flat sea, kept for each chain
+CROSSINGS = 4  # of a flat sea, kept for each chain
 _MIXTURE = np.array([0.1, 0.4, 0.15, 0.12, 0.1, 0.08, 0.05])  # free paths, stretched ways
 _STRETCH = np.array([0.0, 0.015, 0.05, 0.15, 0.4, 1.0])  # from the shortest way to the longest
 _LONGEST_WAY = 1.3, 6.0  # smallest and largest of the longest way, over the shortest
@@ -52,9 +52,10 @@ class ChainSet(NamedTuple):
         n = len(self.audit)
         per_shift = n // SHIFTS
         step = per_shift * max(_BLOCK // per_shift, 1)
-        return [self._rows(slice(first, first + step)) for first in range(0, n, step)]
+        return [self.rows(slice(first, first + step)) for first in range(0, n, step)]
 
-    def _rows(self, rows: slice) -> ChainSet:
+    def rows(self, rows: slice) -> ChainSet:
+        """Return some of the chains."""
         arrays: Any = (array[rows] for array in self.chains)
         chains = Chains(*arrays)
         return ChainSet(self.order, chains, [f[rows] for f in self.flat], self.audit[rows])
@@ -113,9 +114,16 @@ class ChainDrawer:
             pass
         return sets
 
-    def _empty(self, request: Request) -> ChainSet:
+    def draw_shifts(self, request: Request, first: int, last: int) -> ChainSet:
+        """Return the chains of the shifts first <= s < last, without crossings of a flat sea."""
+        points, shifts = points_of(request)
+        block = self._empty(request, last - first)._replace(flat=[])
+        self._fill(request.source, block, points, shifts[first:last])
+        return block
+
+    def _empty(self, request: Request, shifts: int = SHIFTS) -> ChainSet:
         """Return room for a set of chains."""
-        n, order = SHIFTS * request.per_shift, request.order
+        n, order = shifts * request.per_shift, request.order
         chains = Chains(
             vertex=np.empty((n, order, 3)),
             kind=np.zeros((n, order), np.int8),
@@ -126,7 +134,7 @@ class ChainDrawer:
             tail=np.empty((n, 3)),
             tilt=np.empty((n, 2)),
         )
-        flat = [np.zeros((n, _CROSSINGS), FLAT) for _ in self._link.targets]
+        flat = [np.zeros((n, CROSSINGS), FLAT) for _ in self._link.targets]
         return ChainSet(order, chains, flat, np.empty(n))
 
     def _fill(self, source: int, block: ChainSet, points: _Points, shifts: _Points) -> None:
@@ -137,16 +145,20 @@ class ChainDrawer:
         component = np.searchsorted(np.cumsum(_MIXTURE)[:-1], u[:, -1])
         kernel.make_chains(block.chains, self.nominals[source], self._medium, u, component)
         for receiver, out in enumerate(block.flat):
-            scene = self._still(source, receiver)
-            raised = scene._replace(surface=scene.surface._replace(level=self._ceiling))
-            starts = _starts(scene.emitter, scene.target)
+            scene, raised = self.still_scenes(source, self._link.targets[receiver])
+            starts = starts_of(scene.emitter, scene.target)
             flat_crossings(block.chains, starts, scene, raised, out)
 
-    def _still(self, source: int, receiver: int) -> Scene:
-        """Return a source and a receiver over still water."""
+    def still_scenes(self, source: int, target: Target) -> tuple[Scene, Scene]:
+        """Return a source and an aperture over still water, and over water at the ceiling."""
+        scene = self._still(source, target)
+        return scene, scene._replace(surface=scene.surface._replace(level=self._ceiling))
+
+    def _still(self, source: int, target: Target) -> Scene:
+        """Return a source and an aperture over still water."""
         return Scene(
             self._link.emitters[source],
-            self._link.targets[receiver],
+            target,
             _still_water(),
             empty_locator(),
             np.zeros(0, FACET),
@@ -158,7 +170,8 @@ class ChainDrawer:
         """Return the scores of chains over still water, shape (receivers, chains)."""
         scores = np.empty((len(chains.flat), len(chains.audit)))
         for receiver, (flat, score) in enumerate(zip(chains.flat, scores, strict=True)):
-            flat_contributions(chains.chains, flat, self._still(source, receiver), score)
+            scene = self._still(source, self._link.targets[receiver])
+            flat_contributions(chains.chains, flat, scene, score)
         return scores
 
 
@@ -263,7 +276,7 @@ def flat_mesh(low: NDArray[np.float64], high: NDArray[np.float64]) -> TriangleMe
     return TriangleMesh(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-def _starts(emitter: Emitter, target: Target) -> NDArray[np.float64]:
+def starts_of(emitter: Emitter, target: Target) -> NDArray[np.float64]:
     """Return points (x, y) from which flat crossings are looked for: the likely one first.
 
     Light that arrives flatter than 60 degrees crosses far out, where Newton comes from anywhere.

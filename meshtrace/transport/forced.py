@@ -117,7 +117,7 @@ class ForcedDetection:
         lowest = min(t.center[2] for t in self.arrays.targets)
         # a chain that ends higher is not looked for; the level must stay below the receivers
         self._ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
-        self._drawer = ChainDrawer(self.arrays, top, self._ceiling)
+        self.drawer = ChainDrawer(self.arrays, top, self._ceiling)
         self._adjoint: AdjointPaths | None = None
         self.method: list[Method] = []
         self.scattered_sets = self._draw()
@@ -138,7 +138,7 @@ class ForcedDetection:
         sources, receivers = range(len(link.emitters)), len(self.link.receivers)
         targets = len(link.targets)
         try:
-            pilots = [pilot(self._drawer, s, self._seed(s), targets, threads) for s in sources]
+            pilots = [pilot(self.drawer, s, self._seed(s), targets, threads) for s in sources]
         except Refused as refused:  # too many orders for chains
             if self._wanted == "chains":
                 raise
@@ -150,22 +150,45 @@ class ForcedDetection:
             return [[] for _ in sources]
         # a common factor of the gain does not matter for one receiver
         together = receivers > 1 and not link.down
-        gain = self._flat_gain(pilots) if together else np.ones(receivers)
+        self._pilots = pilots
+        self._light = self._flat_gain(pilots) if together else np.ones(receivers)
+        requests = self.requests(photons)
+        pairs = list(zip(requests, self.drawer.draw_all(requests, threads), strict=True))
+        return [[chains for request, chains in pairs if request.source == s] for s in sources]
+
+    def requests(self, photons: int, stream: int = 1) -> list[Request]:
+        """Return the chains of each source and order, allotted by the pilots.
+
+        Parameters
+        ----------
+        photons : int
+            Chains in all.
+        stream : int
+            Number of an independent set of points.
+        """
+        link, kept = self.arrays, np.array([m == "chains" for m in self.method])
+        sources, light = range(len(link.emitters)), self._light
         share = photons if link.down else max(photons // len(sources), SHIFTS)
         requests = []
         for s in sources:
-            expected = self._drawer.nominals[s].expected
+            expected = self.drawer.nominals[s].expected
             if link.down:
-                found, light = pilots[s].joined(link.power), gain[s : s + 1]
+                found, seen = self._pilots[s].joined(link.power), light[s : s + 1]
             else:
-                found, light = pilots[s].of(kept), gain[kept]
+                found, seen = self._pilots[s].of(kept), light[kept]
             if link.down and not kept[s]:
                 continue
-            counts = allotment(share, expected, found, light)
+            counts = allotment(share, expected, found, seen)
             key = self._seed(s)
-            requests += [Request(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
-        pairs = list(zip(requests, self._drawer.draw_all(requests, threads), strict=True))
-        return [[chains for request, chains in pairs if request.source == s] for s in sources]
+            requests += [Request(s, k, int(n), (*key, k, stream)) for k, n in enumerate(counts, 1)]
+        return requests
+
+    def unscattered_requests(self, photons: int, stream: int = 1) -> list[Request]:
+        """Return the unscattered chains of each source, see `requests`."""
+        emitters = len(self.arrays.emitters)
+        per_source = photons / (1 if self.arrays.down else emitters)
+        n = max(math.ceil(_UNSCATTERED_SHARE * per_source / SHIFTS), 2)
+        return [Request(s, 0, n, (*self._seed(s), 0, stream)) for s in range(emitters)]
 
     def _seed(self, emitter: int) -> tuple[int, int]:
         """Return the seed of the chains of an emitter: receivers have the same in any order."""
@@ -235,10 +258,7 @@ class ForcedDetection:
     @cached_property
     def _unscattered(self) -> list[ChainSet]:
         """Unscattered chains by source, which differ by their random slopes only."""
-        emitters = len(self.arrays.emitters)
-        photons = self._key[0] / (1 if self.arrays.down else emitters)
-        per_shift = max(math.ceil(_UNSCATTERED_SHARE * photons / SHIFTS), 2)
-        return [self._drawer.draw(s, 0, per_shift, (*self._seed(s), 0, 1)) for s in range(emitters)]
+        return self.drawer.draw_all(self.unscattered_requests(self._key[0]))
 
     def evaluate(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> Parts:
         """Return the gain over a mesh, in parts."""

@@ -90,10 +90,7 @@ def bound_of_dark(
     """
     if (gain > 0.0).all():
         return None
-    water = link.water
-    a = water.a if water.layers is None else min(row[1] for row in water.layers)
-    depth = min(-item.center[2] for _, item in link.items() if item.center[2] < 0.0)
-    most = math.exp(-a * max(depth + float(mesh.bounds[0, 2]), 0.0))
+    most = largest_weight(link, float(mesh.bounds[0, 2]))
     bound = np.full(len(gain), sys.float_info.min)
     if most > sys.float_info.min:
         threads, n = default_threads(run.threads), run.photons
@@ -104,6 +101,22 @@ def bound_of_dark(
         error = standard_error(sums.score, sums.score_squared, n)
         bound = np.maximum(sums.score / n + 2.0 * error + 3.0 * most / n, bound)
     return per_receiver(link, np.where(gain > 0.0, np.nan, bound))
+
+
+def largest_weight(link: Link, trough: float) -> float:
+    """Return a bound on the weight that absorption leaves on the way between water and air.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    trough : float
+        Height of the lowest trough [m].
+    """
+    water = link.water
+    a = water.a if water.layers is None else min(row[1] for row in water.layers)
+    depth = min(-item.center[2] for _, item in link.items() if item.center[2] < 0.0)
+    return math.exp(-a * max(depth + trough, 0.0))
 
 
 def lack_of_samples(result: GainResult) -> float:

@@ -17,6 +17,7 @@ from meshtrace.bench import (
     thread_scaling,
     worker_scaling,
 )
+from meshtrace.bench.maps import coverage_cost
 from meshtrace.bench.scaling import counts_up_to
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import JonswapSea
@@ -76,6 +77,7 @@ def measured(meshes, threads):
         "new_sea": new_sea(LINK, SEA, rtol=0.2, rounds=1),
         "resolved_sea": resolved_sea(LINK, SEA, rtol=0.2, rounds=1, realizations=2),
         "downlink": new_sea(LINK.mirrored(), SEA, rtol=0.2, rounds=1),
+        "coverage": coverage_cost(LINK, SEA, extent=0.2, rtol=0.2),
         "peak_memory_mib": 1.0,
         "thread_scaling": threads,
         "worker_scaling": {
@@ -93,6 +95,7 @@ def test_report_names_every_measurement(measured, threads):
     merit = measured["merit"]
     assert f"scatter over stated error {merit['scatter_over_error']:.2f}" in text
     assert f"3: {threads['analog_speedup'][2]:.2f}x" in text
+    assert f"{measured['coverage']['cells']} places" in text
     assert 'pip install "meshtrace[batch]"' in report({**measured, "worker_scaling": None})
 
 

@@ -45,7 +45,7 @@ def mean_of(scores):
 
 def searched(forced, aimed, order, chains, receiver=0):
     """Return mean and standard error of chains whose crossings are searched."""
-    drawn = forced._drawer.draw(0, order, chains // SHIFTS, (7, 0, order, 1))
+    drawn = forced.drawer.draw(0, order, chains // SHIFTS, (7, 0, order, 1))
     aimed.blurred = False
     found = mean_of(aimed.score(0, receiver, drawn))
     aimed.blurred = True
@@ -111,7 +111,7 @@ def test_chains_that_try_crossings_against_searched_ones(omega_max):
     forced = ForcedDetection(link, 64, 1, crest=0.6, scattered="chains")
     aimed = forced.over(mesh)
     for order in (0, 1, 3):
-        drawn = forced._drawer.draw(0, order, 1024, (9, 0, order, 1))
+        drawn = forced.drawer.draw(0, order, 1024, (9, 0, order, 1))
         for r in range(2):
             mean, stderr = mean_of(aimed.score(0, r, drawn))
             other, other_stderr = searched(forced, aimed, order, 4096, r)
