@@ -75,7 +75,10 @@ def test_a_sweep_over_lights_and_a_study_file(address, tmp_path):
     path.write_text(text.replace("[sweep]", "[sweep]\nstore = 'lights.zarr'"))
     data = _file(path, address)
     dark, night, moon = data["ber"].values.ravel()
-    assert 0.0 < dark <= night < moon < 0.5
+    assert 0.0 < dark < moon < 0.5
+    # renewal noise, chosen with any background light, is a little quieter than that of the dark
+    assert night == pytest.approx(dark, rel=0.05)
+    assert moon > night
     assert data["background_radiance"].values[0, 0] == 0.0
     assert "background_radiance" not in swept(mt.Link(), {"water.b": [0.0]}, address)
 
@@ -110,7 +113,9 @@ def test_a_comparison_has_background_and_error_rate_of_each_light(tmp_path):
         ook = with_background(mt.OokLink.of_link(night.link, night.detector), seen)
         wanted = float(ook.ber(ook.received_power(found.gain[i])))
         assert found.ber[i] == pytest.approx(wanted, rel=1e-9)
-    assert 0.0 < found.ber[0] < found.ber[1] < found.ber[2] < 0.5
+    # renewal noise, chosen with any background light, is a little quieter than that of the dark
+    assert found.ber[1] == pytest.approx(found.ber[0], rel=0.05)
+    assert 0.0 < 2.0 * found.ber[1] < found.ber[2] < 0.5
     assert found.ber_stderr[2] > 0.0
     assert "moonless night" in found.summary()
     found.save(tmp_path / "c.nc")
