@@ -92,17 +92,24 @@ def _rows(data: xr.Dataset) -> list[str]:
     # each realization draws its own chains: their errors are independent
     error = np.sqrt((stderr**2).sum("realization", skipna=False).values) / n
     spread = gain.std("realization", ddof=1).values if n > 1 else mean
+    lit = [name for name in ("background_radiance", "ber") if name in data]
+    by_light = [data[name].mean("realization").values for name in lit]
     rows = [
         (
             *(_label(data, name, i) for name, i in zip(dims, index, strict=True)),
             f"{mean[index]:.4e}",
             f"{error[index]:.1e}",
             f"{spread[index]:.1e}" if n > 1 else "-",
+            *(f"{values[index]:.3e}" for values in by_light),
         )
         for index in list(np.ndindex(mean.shape))[:_MOST_ROWS]
     ]
-    lines = text_table(rows, [*dims, "gain", "stderr", "scatter"]).splitlines()
-    return lines + [f"... {mean.size - len(rows)} more"] * (mean.size > len(rows))
+    headings = [*dims, "gain", "stderr", "scatter", *(("background", "BER") if lit else ())]
+    lines = text_table(rows, headings).splitlines()
+    lines += [f"... {mean.size - len(rows)} more"] * (mean.size > len(rows))
+    if lit:
+        lines += ["", "background in W m-2 sr-1 nm-1", f"light of the BER: {data['ber'].light}"]
+    return lines
 
 
 def _label(data: xr.Dataset, name: str, i: int) -> str:

@@ -12,12 +12,15 @@ from meshtrace.errors import Refused, require_between, require_real
 MOST_BIAS_CURRENT = 10e-3
 """Mean bias current of a SiPM above which background light brings a warning [A]."""
 
+DARK = "none: dark, without sun, moon and sky"
+"""Name of the light without background."""
+
 _WIDEST = 1e4  # [nm]
 _NARROWEST = 1e-6
 
 
 class DaylightWarning(UserWarning):
-    """Background light that the receiver cannot take as described."""
+    """Background light beyond the design of a receiver: narrow filter, large bias current."""
 
 
 class Radiance(Protocol):

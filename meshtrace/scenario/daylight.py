@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from meshtrace.daylight.light import Daylight
-from meshtrace.errors import MISSING, Refused, require_keys, require_word
+from meshtrace.errors import MISSING, Described, Refused, require_keys, require_word
 from meshtrace.link import Link
 from meshtrace.scenario.tables import Table, as_table
 
@@ -21,6 +21,8 @@ _KEYS: dict[str, tuple[str, ...]] = {
     "night": _SUN,
     "none": (),
 }
+_OF_IRRADIANCE = ("model", *_SUN, "time", "latitude", "longitude", *_ATMOSPHERE, "transmittance",
+                  "phase_deg")  # fmt: skip
 _MODELS = {"clear sky": "clear", "overcast sky": "overcast", "uniform sky": "uniform",
            "moonlight": "moon", "moonless night": "night"}  # fmt: skip
 
@@ -79,3 +81,36 @@ def daylight_config(day: Daylight) -> Table:
     """Return the table of a light, without the wavelength (that of the transmitter)."""
     table = day.model_dump(mode="json", exclude={"wavelength_nm"})
     return {"model": _MODELS.get(day.light, "clear"), **table}
+
+
+def changes_irradiance(key: str) -> bool:
+    """Return whether direct and diffuse follow the value at a dotted key of a link file."""
+    table, _, name = key.partition(".")
+    return name.endswith("wavelength_nm") or (table == "daylight" and name in _OF_IRRADIANCE)
+
+
+def daylight_recipe(day: Daylight) -> Table:
+    """Return the table of a light without its irradiances, which follow from the model.
+
+    Raises
+    ------
+    Refused
+        If the irradiances are not those of the model with its defaults.
+    """
+    table = {k: v for k, v in daylight_config(day).items() if k not in ("direct", "diffuse")}
+    model = table.pop("model")
+
+    def gives_the_light(rest: Table) -> bool:
+        try:
+            return _made(model, {**rest, "wavelength_nm": day.wavelength_nm}) == day
+        except Refused:
+            return False
+
+    if not gives_the_light(table):
+        found = Described("irradiances other than those of a model with its defaults")
+        raise Refused("daylight", found, "a link file or its plain data, with the model")
+    for key in list(table):
+        rest = {k: v for k, v in table.items() if k != key}
+        if gives_the_light(rest):
+            table = rest
+    return {"model": model, **table}

@@ -9,20 +9,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.comms.background import with_background
+from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea
+from meshtrace.models import Floats
 from meshtrace.results.background import Background, BackgroundSeries
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.inputs import Inputs, resolve_chains
+from meshtrace.studies.series import flown_links
 from meshtrace.transport.backward import background_over
 from meshtrace.transport.meshing import mesh_for
+from meshtrace.uav.airframe import Flight
 
 _MOST_SEAS = 16  # of the mean background of an ensemble
-_RAYS = 2048  # over each of them
+RAYS = 2048
+"""Rays of the background over each sea of an ensemble."""
 
 
 def background_series(
@@ -33,11 +39,12 @@ def background_series(
     *,
     photons: int = 1024,
     seed: int | None = None,
+    flight: Flight | None = None,
     spacing: float | None = None,
     extent: float | None = None,
     threads: int | None = None,
 ) -> BackgroundSeries:
-    """Return the background of a receiver over a moving sea: glint flickers.
+    """Return the background of a receiver over a moving sea, with the flicker of glint.
 
     Parameters
     ----------
@@ -51,6 +58,9 @@ def background_series(
         Times [s].
     photons : int
         Rays from the receiver, the same at all times, 32 ... 10 000 000.
+    flight : Flight, optional
+        Aircraft that tilts a receiver in the air; with equal seeds and times it has the tilts of
+        `time_series`.
     seed, spacing, extent, threads
         As in `time_series`.
 
@@ -61,7 +71,7 @@ def background_series(
     Raises
     ------
     Refused
-        If an option is out of range.
+        If an option is out of range, or a flight tilts a receiver that is tilted already.
 
     Notes
     -----
@@ -76,8 +86,17 @@ def background_series(
     if day is None:
         raise Refused("day", None, "a Daylight")
     at = require_finite(() if times is None else times, "times", "at least one time [s]")
+    require_kind(flight, Flight | None, "flight")
     origin = {**inputs.provenance(), "daylight": day.model_dump(mode="json")}
-    found = [_over(inputs, inputs.link, inputs.surface, day, photons, float(t)) for t in at]
+    links = [inputs.link] * len(at)
+    if flight is not None:
+        links = flown_links(inputs, at, flight.checked())
+        wind = inputs.wind_of(flight)
+        origin |= {"uav": flight.uav.model_dump(mode="json"), "wind": wind.model_dump(mode="json")}
+    found = [
+        _over(inputs, link, inputs.surface, day, photons, float(t))
+        for link, t in zip(links, at, strict=True)
+    ]
     return BackgroundSeries(
         np.asarray(at, float),
         np.array([f.part_radiance for f in found]),
@@ -96,17 +115,16 @@ def checked_daylight(day: Daylight | None, link: Link) -> Daylight | None:
     return day
 
 
-def background_over_seas(inputs: Inputs, link: Link, day: Daylight, seas: int) -> Background:
-    """Return the mean background over the first seas of an ensemble, up to 16.
+def background_over_seas(
+    inputs: Inputs, day: Daylight, seas: int, flight: Flight | None = None
+) -> Background:
+    """Return the mean background over the surfaces of an ensemble, of up to 16 of them.
 
-    Its standard errors hold the spread of the seas, and that of the rays they have in common.
+    An aircraft tilts the receiver over each: along a coupled flight, else by independent gusts.
+    The standard errors hold the spread of the surfaces, and that of the rays they have in common.
     """
-    sea, time = inputs.surface, inputs.meshing.time
-    many: list[MeshSource] = [sea]
-    if isinstance(sea, RandomSea):
-        seeds = [realization_seed(inputs.run.seed, i) for i in range(min(seas, _MOST_SEAS))]
-        many = [sea.with_seed(seed) for seed in seeds]
-    found = [_over(inputs, link, one, day, _RAYS, time) for one in many]
+    cases = _cases(inputs, seas, flight)
+    found = [_over(inputs, link, sea, day, RAYS, time) for link, sea, time in cases]
     if len(found) == 1:
         return found[0]
     parts = np.array([f.part_radiance for f in found])
@@ -121,6 +139,80 @@ def background_over_seas(inputs: Inputs, link: Link, day: Daylight, seas: int) -
             float(total.std(ddof=1)) / n, float(np.mean([f.radiance_stderr for f in found]))
         ),
     )
+
+
+def _cases(
+    inputs: Inputs, seas: int, flight: Flight | None
+) -> list[tuple[Link, MeshSource, float]]:
+    """Return link, surface and time of each background in the mean of an ensemble."""
+    link, sea, time, seed = inputs.link, inputs.surface, inputs.meshing.time, inputs.run.seed
+    most = min(seas, _MOST_SEAS)
+    if flight is not None and flight.coupled:
+        times = flight.time_step * np.arange(seas, dtype=np.float64)
+        flown = flown_links(inputs, times, flight)
+        chosen = np.linspace(0, seas - 1, most).round().astype(int).tolist()
+        return [(flown[i], sea, float(times[i])) for i in chosen]
+    many: list[MeshSource] = [sea]
+    if isinstance(sea, RandomSea):
+        many = [sea.with_seed(realization_seed(seed, i)) for i in range(most)]
+    elif flight is not None:
+        many = [sea] * most
+    links = [link] * len(many)
+    if flight is not None and link.direction == "up":
+        tilt = flight.uav.tilt(inputs.wind_of(flight).sample_wind(len(many), seed))
+        leans = zip(np.degrees(tilt.angle), np.degrees(tilt.azimuth), strict=True)
+        links = [
+            link.replace("receiver.tilt_deg", float(angle)).replace(
+                "receiver.tilt_azimuth_deg", float(azimuth)
+            )
+            for angle, azimuth in leans
+        ]
+    return [(one, surface, time) for one, surface in zip(links, many, strict=True)]
+
+
+def transmission_of(link: Link, base: OokLink | None) -> OokLink:
+    """Return the electronics of a link; refuse those with an empirical factor on its water."""
+    ook = OokLink.of_link(link, base or "physical")
+    if ook.channel(link) is not link:
+        raise Refused("detector.preset", "paper-ranges", "a preset without empirical calibration")
+    return ook
+
+
+def error_rate(
+    ook: OokLink, gain: Floats, gain_stderr: float, found: Background | None
+) -> tuple[float, float]:
+    """Return the bit error rate under a background light, averaged over gains, and its error.
+
+    Parameters
+    ----------
+    ook : OokLink
+        Transmission without the background.
+    gain : ndarray, shape (n,)
+        Gains over n seas.
+    gain_stderr : float
+        Standard error that all of them have in common.
+    found : Background, optional
+        Background light; None for the dark.
+
+    Returns
+    -------
+    tuple of float
+        Mean bit error rate, and its standard error by gain, seas and background.
+    """
+
+    def rates(step: float = 0.0, light: float = 0.0) -> Floats:
+        shifted = np.maximum(gain + step * gain_stderr, 0.0)
+        lit = ook
+        if found is not None and found.radiance > 0.0:
+            relative = found.radiance_stderr / found.radiance
+            lit = with_background(ook, found, max(1.0 + light * relative, 0.0))
+        return np.atleast_1d(lit.ber(lit.received_power(shifted)))
+
+    values = rates()
+    by_gain = 0.5 * float(rates(-1.0).mean() - rates(1.0).mean())
+    by_light = 0.5 * float(rates(light=1.0).mean() - rates(light=-1.0).mean())
+    spread = float(values.std(ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else 0.0
+    return float(values.mean()), math.hypot(by_gain, by_light, spread)
 
 
 def _over(

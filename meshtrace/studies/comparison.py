@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import xarray as xr
 
+from meshtrace.comms.background import DARK, warn_of_background, with_background
+from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
@@ -17,6 +19,12 @@ from meshtrace.mesh import MeshSource, RandomSea
 from meshtrace.models import Floats
 from meshtrace.results.variables import StoredArrays, Variable
 from meshtrace.scenario import Scenario
+from meshtrace.studies.background import (
+    background_over_seas,
+    checked_daylight,
+    error_rate,
+    transmission_of,
+)
 from meshtrace.studies.inputs import Inputs, resolve_chains
 from meshtrace.studies.series import common_chains
 from meshtrace.tables import text_table
@@ -40,6 +48,12 @@ class Comparison(StoredArrays):
         10 log10 of the gain over that of the first link [dB], and its standard error.
     provenance : list of dict
         Configuration of each link.
+    background_radiance, background_radiance_stderr : ndarray, shape (links,), optional
+        Background light of each link [W m-2 sr-1 nm-1], and its standard error; None without
+        daylight.
+    ber, ber_stderr : ndarray, shape (links,), optional
+        Bit error rate of each link under its light (`lights`), and its standard error; None
+        without daylight.
     """
 
     names: tuple[str, ...]
@@ -50,6 +64,10 @@ class Comparison(StoredArrays):
     ratio_db: Annotated[Floats, Variable("link", name="gain_ratio_db")]
     ratio_db_stderr: Annotated[Floats, Variable("link", name="gain_ratio_db_stderr")]
     provenance: list[dict[str, Any]] = field(default_factory=list)
+    background_radiance: Annotated[Floats | None, Variable("link")] = None
+    background_radiance_stderr: Annotated[Floats | None, Variable("link")] = None
+    ber: Annotated[Floats | None, Variable("link")] = None
+    ber_stderr: Annotated[Floats | None, Variable("link")] = None
 
     kind: ClassVar[str] = "comparison"
     title: ClassVar[str] = "meshtrace comparison of links"
@@ -90,6 +108,12 @@ class Comparison(StoredArrays):
             provenance,
         )
 
+    @property
+    def lights(self) -> tuple[str, ...]:
+        """Light under which each link is compared."""
+        days = [one.get("daylight") for one in self.provenance]
+        return tuple(DARK if day is None else str(day["light"]) for day in days)
+
     def _headline(self) -> str:
         rest = [
             f"{name} {db:+.2f} +- {error:.2g} dB"
@@ -110,7 +134,20 @@ class Comparison(StoredArrays):
         ]
         first = self.names[0]
         headings = ("link", "gain", f"difference from {first}", f"gain over {first} [dB]")
-        return text_table(rows, headings)
+        table = text_table(rows, headings)
+        return table if self.ber is None else f"{table}\n\n{self._by_light()}"
+
+    def _by_light(self) -> str:
+        """Return background and bit error rate of each link as a table."""
+        columns = self.background_radiance, self.background_radiance_stderr, self.ber
+        numbers = zip(*(np.asarray(c) for c in (*columns, self.ber_stderr)), strict=True)
+        rows = [
+            (name, f"{light:.3e} +- {error:.1e}", f"{ber:.3e} +- {spread:.1e}", kind)
+            for name, (light, error, ber, spread), kind in zip(
+                self.names, numbers, self.lights, strict=True
+            )
+        ]
+        return text_table(rows, ("link", "background [W m-2 sr-1 nm-1]", "BER", "light"))
 
     def _content(self) -> xr.Dataset:
         return super()._content().assign_coords(link=list(self.names))
@@ -134,9 +171,12 @@ def compare(
     seed: int | None = None,
     normals: Literal["vertex", "facet"] | None = None,
     threads: int | None = None,
+    daylight: Daylight | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Comparison:
     """Compare the gains of links over common seas with common chains.
+
+    With daylight, also their background light and bit error rates.
 
     Parameters
     ----------
@@ -150,6 +190,8 @@ def compare(
         Chains of each link, 2048 by default.
     seed, normals, threads
         As in `ensemble`; realization 0 of a single one has the seed of the sea.
+    daylight : Daylight, optional
+        Light above all links; by default that of each scenario.
     progress : callable, optional
         Called with 1 after each realization of each link.
 
@@ -168,6 +210,9 @@ def compare(
     The links share the numbers of their chains and, over equal seas, one mesh: errors common to
     both links cancel in the difference. For one sea its error comes from the 32 randomizations of
     the chains, for several from the scatter over the seas.
+
+    Bit error rates are those of the receiver of each scenario ("physical" without one), averaged
+    over the seas, with the mean background over up to 16 of them.
     """
     if not isinstance(links, Mapping) or len(links) < 2:
         found = sorted(links) if isinstance(links, Mapping) else Described(type(links).__name__)
@@ -188,10 +233,47 @@ def compare(
         _samples(one, of.link, realizations, progress)
         for one, of in zip(inputs.values(), over, strict=True)
     ])  # fmt: skip
-    more = {"realizations": realizations}
-    return Comparison.of_samples(
-        tuple(inputs), samples, [one.provenance(**more) for one in inputs.values()]
-    )
+    days = [_light(one, daylight) for one in inputs.values()]
+    origin = [
+        {
+            **one.provenance(realizations=realizations),
+            "daylight": day and day.model_dump(mode="json"),
+        }
+        for one, day in zip(inputs.values(), days, strict=True)
+    ]
+    made = Comparison.of_samples(tuple(inputs), samples, origin)
+    return _under_light(made, list(inputs.values()), days, samples, realizations)
+
+
+def _light(inputs: Inputs, daylight: Daylight | None) -> Daylight | None:
+    """Return the light of a link, by default that of its scenario."""
+    own = inputs.scenario.daylight if inputs.scenario is not None else None
+    return checked_daylight(own if daylight is None else daylight, inputs.link)
+
+
+def _under_light(
+    found: Comparison,
+    inputs: list[Inputs],
+    days: list[Daylight | None],
+    samples: Floats,
+    realizations: int,
+) -> Comparison:
+    """Return the comparison with the background and bit error rate of each link, if any is lit."""
+    if not any(days):
+        return found
+    rows = []
+    for one, day, gains, stderr in zip(inputs, days, samples, found.gain_stderr, strict=True):
+        base = one.scenario.detector if one.scenario is not None else None
+        ook = transmission_of(one.link, base)
+        light = background_over_seas(one, day, realizations) if day else None
+        if light is not None:
+            warn_of_background(with_background(ook, light), light)
+        several = realizations > 1  # their spread holds the errors of the gains
+        at, error = (gains, 0.0) if several else (gains.mean(keepdims=True), float(stderr))
+        radiance = (light.radiance, light.radiance_stderr) if light else (0.0, 0.0)
+        rows.append([*radiance, *error_rate(ook, at, error, light)])
+    names = ("background_radiance", "background_radiance_stderr", "ber", "ber_stderr")
+    return replace(found, **dict(zip(names, np.array(rows).T, strict=True)))
 
 
 def _single(inputs: Inputs) -> Inputs:

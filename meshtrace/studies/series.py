@@ -276,6 +276,13 @@ def _tilts(inputs: Inputs, times: Floats, uav: Uav, wind: Dryden) -> dict[str, F
     return {"tilt_deg": tilt_deg, "tilt_azimuth_deg": azimuth_deg}
 
 
+def flown_links(inputs: Inputs, times: Floats, flight: Flight) -> list[Link]:
+    """Return the link at each time of a flight, its end in the air tilted."""
+    tilts = _tilts(inputs, times, flight.uav, inputs.wind_of(flight))
+    rows = zip(*tilts.values(), strict=True)
+    return [_moved(inputs.link, dict(zip(tilts, row, strict=True))) for row in rows]
+
+
 def _moved(link: Link, changes: dict[str, Any]) -> Link:
     """Return a link with other values of its end in the air."""
     name, end = link.air_end

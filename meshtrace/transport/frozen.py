@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Refused
 from meshtrace.kernels.chains import Nominal
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -81,8 +81,6 @@ class FrozenForced:
         normals: str = "vertex",
         search: Search = "thorough",
     ) -> None:
-        if link.direction == "down":
-            raise Refused("link", Described("a downlink"), "a source in the water")
         base = ForcedDetection(
             link, photons, seed, normals, crest=crest, search=search, scattered="chains"
         )
@@ -111,30 +109,29 @@ class FrozenForced:
         ndarray, shape (receivers, shifts)
         """
         arrays, aimed, sets = self._aimed(link, mesh)
-        found = np.zeros((len(arrays.targets), SHIFTS))
-        for s, power in enumerate(arrays.power):
-            for r in range(len(arrays.targets)):
-                direct = aimed.direct_gains(s, r)
-                if direct is not None:
-                    found[r] += power * direct.sum()
-                for chains in sets[s]:
-                    if chains.order > 0 or direct is None:
-                        score = aimed.score(s, r, chains)
-                        found[r] += power * score.reshape(SHIFTS, -1).mean(axis=1)
+        found = np.zeros((len(link.receivers), SHIFTS))
+        for e, t in np.ndindex(len(arrays.emitters), len(arrays.targets)):
+            row, power = found[arrays.receiver(e, t)], arrays.share(e, t)
+            direct = aimed.direct_gains(e, t)
+            if direct is not None:
+                row += power * direct.sum()
+            for chains in sets[e]:
+                if chains.order > 0 or direct is None:
+                    row += power * aimed.score(e, t, chains).reshape(SHIFTS, -1).mean(axis=1)
         return found
 
     def light(self, link: Link, mesh: TriangleMesh) -> list[Light]:
         """Return the light that arrives at each receiver of a neighbouring link."""
         arrays, aimed, sets = self._aimed(link, mesh)
-        rows: list[list[Light]] = [[] for _ in arrays.targets]
-        for s, power in enumerate(arrays.power):
-            for r, row in enumerate(rows):
-                direct = aimed.direct_gains(s, r)
-                if direct is not None:
-                    row.append(self._direct(arrays, aimed, s, r, power * direct))
-                for chains in sets[s]:
-                    if chains.order > 0 or direct is None:
-                        row.append(self._arrivals(arrays, aimed, s, r, chains))
+        rows: list[list[Light]] = [[] for _ in link.receivers]
+        for e, t in np.ndindex(len(arrays.emitters), len(arrays.targets)):
+            row, power = rows[arrays.receiver(e, t)], arrays.share(e, t)
+            direct = aimed.direct_gains(e, t)
+            if direct is not None:
+                row.append(self._direct(arrays, aimed, e, t, power * direct))
+            for chains in sets[e]:
+                if chains.order > 0 or direct is None:
+                    row.append(self._arrivals(arrays, aimed, e, t, chains))
         return [Light(*map(np.concatenate, zip(*row, strict=True))) for row in rows]
 
     def _aimed(
@@ -144,14 +141,15 @@ class FrozenForced:
         normals, search = self._options
         arrays = forced_link(link, self._base.arrays.frame)
         if len(arrays.emitters) != len(self._nominals):
-            raise Refused("transmitter", len(arrays.emitters), "the sources of the base link")
+            name = "receiver" if arrays.down else "transmitter"
+            raise Refused(name, len(arrays.emitters), f"as many {name}s as in the base link")
         aimed = AimedChains(arrays, mesh, None, normals, link.physics.unresolved, search)
         aimed.nodes = self._nodes
         return arrays, aimed, self._sets(link, arrays, aimed)
 
     def _sets(self, link: Link, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
         """Return the chains of a link; those of the last geometries are kept."""
-        lamps = [e.position for e in arrays.emitters]
+        lamps = [(e.position, e.axis, e.radius) for e in arrays.emitters]
         ends = [(t.center, t.axis, t.radius) for t in arrays.targets]
         parts = link.water.phase, link.bubbles, link.physics
         models = [part and part.model_dump_json() for part in parts]
@@ -194,36 +192,54 @@ class FrozenForced:
         self,
         arrays: ForcedLink,
         aimed: AimedChains,
-        source: int,
-        receiver: int,
+        emitter: int,
+        target: int,
         gains: NDArray[np.float64],
     ) -> Light:
         """Return the unscattered light, by facet."""
         lit = np.flatnonzero(gains)
         crossing = aimed.centroids[lit]
-        target, emitter = arrays.targets[receiver], arrays.emitters[source]
-        up = crossing - np.array(emitter.position)
+        low, high = arrays.emitters[emitter], arrays.targets[target]
+        up = crossing - np.array(low.position)
         water, same = np.linalg.norm(up, axis=1), np.zeros(len(lit), np.int64)
-        angle = np.arccos(_cosine(np.array(target.center) - crossing, target.axis))
-        lamp = _cosine(up, emitter.axis)
+        angle, lamp = _angles(arrays, emitter, target, up, np.array(high.center) - crossing)
         return Light(gains[lit], same, arrays.frame.unit * water, angle, lamp, same - 1)
 
     def _arrivals(
-        self, arrays: ForcedLink, aimed: AimedChains, source: int, receiver: int, chains: ChainSet
+        self, arrays: ForcedLink, aimed: AimedChains, emitter: int, target: int, chains: ChainSet
     ) -> Light:
         """Return the arrivals of a set of chains."""
-        target, n = arrays.targets[receiver], len(chains.audit)
-        _, found = aimed.aim(source, receiver, chains, keep=True)
+        end, n = arrays.targets[target], len(chains.audit)
+        _, found = aimed.aim(emitter, target, chains, keep=True)
         chain = found["chain"]
-        way = on_disk(target.center, target, chains.chains.disk[chain]) - found["point"]
+        way = on_disk(end.center, end, chains.chains.disk[chain]) - found["point"]
+        angle, lamp = _angles(arrays, emitter, target, found["emission"], way)
         return Light(
-            arrays.power[source] * found["weight"] / n,
+            arrays.share(emitter, target) * found["weight"] / n,
             np.full(len(found), chains.order),
             arrays.frame.unit * found["water"],
-            np.arccos(_cosine(way, target.axis)),
-            _cosine(found["emission"], arrays.emitters[source].axis),
+            angle,
+            lamp,
             chain // (n // SHIFTS),
         )
+
+
+def _angles(
+    arrays: ForcedLink,
+    emitter: int,
+    target: int,
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return angles of arrival [rad] and cosines of emission of chains, by their two end segments.
+
+    Chains of light that goes down start at the receiver and end at the lamp.
+    """
+    low, high = arrays.emitters[emitter], arrays.targets[target]
+    first = _cosine(start, low.axis)
+    if arrays.down:
+        return np.arccos(first), _cosine(-end, high.lamp.axis)
+    return np.arccos(_cosine(end, high.axis)), first
 
 
 def _cosine(way: NDArray[np.float64], axis: tuple[float, float, float]) -> NDArray[np.float64]:

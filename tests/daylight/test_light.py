@@ -27,6 +27,12 @@ def test_zenith_radiance_of_the_reference(pattern):
     assert found == pytest.approx(wanted, rel=2e-6)
 
 
+@pytest.mark.parametrize("pattern", ["cie-12", "harrison-coombes", "cie-1"])
+def test_radiance_seen_aside_of_the_sun(pattern):
+    found = sky_radiance(sky(pattern, 0.295018, 30.0, 0.0), np.array(unit_vector(40.0, 135.0)))
+    assert found == pytest.approx(REFERENCE["sky"]["radiance_40_135"][pattern], rel=2e-5)
+
+
 @pytest.mark.parametrize("kind", ["1", "12"])
 def test_cie_sky_of_another_implementation(kind):
     pattern = sky(f"cie-{kind}", 1.0, 30.0, 0.0)

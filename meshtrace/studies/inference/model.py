@@ -21,6 +21,7 @@ from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.frozen import FrozenForced, Light
 from meshtrace.transport.meshing import mesh_lines, require_cover
 from meshtrace.transport.options import Meshing, Run
+from meshtrace.transport.view import only_aperture
 
 WATER = ("water.a", "water.b")
 SCALE = "scale"
@@ -130,7 +131,7 @@ class Model:
                     at = at.replace(key, value)
                 except Refused as refused:
                     raise refused.inside("measurements", i) from None
-            at.only_receiver  # noqa: B018 - refuses links without exactly one
+            only_aperture(at)
             self._links.append(at)
         self._quick = has_moments(link)
 

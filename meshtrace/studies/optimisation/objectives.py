@@ -109,7 +109,7 @@ class Goal:
         """Return minus the depths of an averaged error rate equal to the limit."""
         assert self._ook is not None
         ook = OokLink.of_link(link, self._ook)
-        depth = float(link.transmitters[0].depth)  # type: ignore[attr-defined]
+        depth = link.depth
         found: list[tuple[float, Floats]] = []
         for _ in range(8):
             groups = evaluate(link.at_depth(depth))

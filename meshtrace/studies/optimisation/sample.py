@@ -30,11 +30,12 @@ _WIDER = 1.2  # reach of the mesh over that of the start
 
 
 REWEIGHED = ("receiver.fov_deg", "transmitter.half_angle_deg")
-"""Variables for which the arrivals stay: the view cuts them off, the lamp weighs them again."""
+"""Variables for which the arrivals stay: the view cuts them off, a lamp in the water weighs them
+again."""
 
 
 class Aircraft(NamedTuple):
-    """Errors of the place of a receiver and the airframe that tilts it."""
+    """Errors of the place of the end in the air and the airframe that tilts it."""
 
     hover_std: tuple[float, float]  # [m], along x and y
     uav: Uav | None
@@ -131,24 +132,35 @@ class Sample:
         return mesh
 
     def _spread(self, link: Link, i: int) -> Link:
-        """Return a link with its receiver at all places over sea i."""
-        receiver = link.only_receiver
-        if receiver.tilt_deg != 0.0 and self._aircraft.uav is not None:
-            raise Refused("receiver.tilt_deg", receiver.tilt_deg, "0: the aircraft tilts it")
-        receivers = []
+        """Return a link with its end in the air at all places over sea i."""
+        name, end = link.air_end
+        if end.tilt_deg != 0.0 and self._aircraft.uav is not None:
+            raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the aircraft tilts it")
+        ends = []
         for (x, y), (tilt, azimuth) in zip(self._offsets, self._tilts[i], strict=True):
-            place = (receiver.position[0] + float(x), receiver.position[1] + float(y))
+            place = (end.position[0] + float(x), end.position[1] + float(y))
             lean = {} if self._aircraft.uav is None else {
                 "tilt_deg": float(tilt), "tilt_azimuth_deg": float(azimuth)
             }  # fmt: skip
-            receivers.append(receiver.replace(position=place, **lean))
-        return link.model_copy(update={"receiver": tuple(receivers)})
+            ends.append(end.replace(position=place, **lean))
+        return link.model_copy(update={name: tuple(ends)})
+
+    def _apart(self, link: Link, i: int) -> list[Link]:
+        """Return the links whose receivers are those of all places over sea i.
+
+        Lamps at several places are several links: their light would add up.
+        """
+        spread = self._spread(link, i)
+        if link.direction != "down":
+            return [spread]
+        return [link.model_copy(update={"transmitter": lamp}) for lamp in spread.transmitters]
 
     def _light(self, link: Link) -> list[Light]:
         """Return the light at each place over each sea."""
 
         def one(i: int) -> list[Light]:
-            return self._frozen.light(self._spread(link, i), self._meshes[i])
+            found = (self._frozen.light(at, self._meshes[i]) for at in self._apart(link, i))
+            return [light for row in found for light in row]
 
         found = ordered_map(one, range(self._seas), default_threads(self._run.threads))
         return [light for row in found for light in row]
@@ -164,14 +176,15 @@ class Sample:
             return np.array(rows)
 
         def one(i: int) -> Floats:
-            return self._frozen.gains(self._spread(link, i), self._meshes[i])
+            rows = [self._frozen.gains(at, self._meshes[i]) for at in self._apart(link, i)]
+            return np.concatenate(rows)
 
         found = ordered_map(one, range(self._seas), default_threads(self._run.threads))
         return np.concatenate(list(found))
 
     def _factor(self, link: Link, light: Light) -> Floats:
         """Return the weights of arrivals at a candidate over those at the start."""
-        half = math.radians(0.5 * link.only_receiver.fov_deg)
+        half = math.radians(0.5 * link.receivers[0].fov_deg)
         factor = (light.angle <= half).astype(float)
         old, new = self._start.transmitters[0], link.transmitters[0]
         if isinstance(old, Led) and isinstance(new, Led):

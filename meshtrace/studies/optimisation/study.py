@@ -72,7 +72,7 @@ def optimize(
     Parameters
     ----------
     link : Link or Scenario
-        The start, with one receiver in the air.
+        The start, with one receiver and, if that is in the water, one lamp.
     sea : MeshSource or TriangleMesh, optional
         The surface, by default as for `simulate`.
     over : mapping of str to (low, high)
@@ -84,9 +84,9 @@ def optimize(
     constraints : sequence of callable
         Functions of the link that are >= 0 where it is allowed.
     hover_std : (float, float)
-        Standard deviations of the receiver's place along x and y [m].
+        Standard deviations of the place of the end in the air along x and y [m].
     uav : Uav, optional
-        Airframe that tilts the receiver; a fixed mount unless `uav.gimbal`.
+        Airframe that tilts the end in the air; a fixed mount unless `uav.gimbal`.
     realizations : int
         Seas, each with 12 places; over a surface without random phases the number of places.
     photons : int
@@ -180,7 +180,7 @@ def _wind(case: Case, uav: Uav | None, wind: Dryden | None) -> Dryden | None:
     speed = getattr(case.surface, "wind_speed", None)
     if speed is None:
         raise Refused("wind", None, "a wind, over a sea without wind speed")
-    return Dryden(wind_speed=speed, height=case.link.only_receiver.height)
+    return Dryden(wind_speed=speed, height=case.link.air_end[1].height)
 
 
 def _variables(
@@ -226,6 +226,8 @@ class _Search:
         turned = tuple(name for name in REWEIGHED if name in names)
         if case.link.physics.fov != "angle" or isinstance(case.link.transmitter, tuple):
             turned = ()
+        if case.link.direction == "down":  # facets are as wide as the spot of a lamp in the air
+            turned = tuple(name for name in turned if name == _FOV)
         self._options = case.meshing, realizations, aircraft, turned
         self._sample = self._new_sample(case.run.seed)
         self._history: dict[tuple[float, ...], Floats] = {}

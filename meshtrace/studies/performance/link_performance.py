@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from meshtrace.comms.background import warn_of_background, with_background
+from meshtrace.comms.background import DARK, warn_of_background, with_background
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.ook_setup import Preset
 from meshtrace.daylight.light import Daylight
@@ -29,10 +29,10 @@ from meshtrace.mesh import RandomSea, SurfaceModel
 from meshtrace.results.background import Background
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import background_over_seas, checked_daylight
-from meshtrace.studies.inputs import Inputs, resolve_chains
+from meshtrace.studies.inputs import resolve_chains
 from meshtrace.studies.performance.operating_point import operating_point
 from meshtrace.studies.performance.samples import Ensemble, Realizations
-from meshtrace.studies.performance.tables import DARK, DepthSweep, LinkPerformance, described
+from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance, described
 from meshtrace.studies.series import closed_form
 from meshtrace.surfaces import sea_in_wind
 from meshtrace.uav.airframe import Flight
@@ -68,7 +68,7 @@ def link_performance(
     Parameters
     ----------
     link : Link or Scenario
-        The link, with one receiver in the air. Bubbles and whitecaps are its own, see
+        The link, with one receiver. Bubbles and whitecaps are its own, see
         `Link.in_wind`. A scenario also gives the sea, the receiver and the aircraft.
     surface : SurfaceModel, optional
         The sea; by default the JONSWAP sea of the link's wind. A sea without random phases is
@@ -82,7 +82,7 @@ def link_performance(
     depths : sequence of float, optional
         Depths of the transmitter [m], rising; by default that of the link.
     flight : Flight, optional
-        Aircraft that carries the receiver; none for a receiver at rest.
+        Aircraft that carries the receiver, or the lamp of a downlink; none for an end at rest.
     over : Realizations, optional
         Number of seas, seed, chains and spacing of the mesh.
     daylight : Daylight, optional
@@ -129,8 +129,9 @@ def link_performance(
     scintillation index at the first depth (`fading.band_fading`), and a warning is issued if the
     band of waves omits more than a tenth of the fading.
 
-    With daylight the background is the mean over up to 16 of the seas (`background`), whose error
-    widens the intervals of the bit error rate; the flicker of glint within a sea does not.
+    With daylight the background is the mean over up to 16 of the seas (`background`), with the
+    tilts of a flight, whose error widens the intervals of the bit error rate; the flicker of glint
+    within a sea does not.
 
     All depths use the same phases and random numbers, so that curves are smooth.
 
@@ -166,7 +167,8 @@ def link_performance(
     ensemble = Ensemble(inputs, over.n, flight, progress)
     links = _links(ooks[0].channel(link), depths)
     fades = {depth: ensemble.samples(at) for depth, at in links.items()}
-    lights = _lights(inputs, links, checked_daylight(daylight, link), over.n)
+    day = checked_daylight(daylight, link)
+    lights = _lights(ensemble, links, day)
     points = [
         operating_point(one, depth, samples, limit, confidence, inputs.run.seed, lights[depth])
         for depth, samples in fades.items()
@@ -192,7 +194,7 @@ def link_performance(
 
 
 def _lights(
-    inputs: Inputs, links: dict[float, Link], day: Daylight | None, seas: int
+    ensemble: Ensemble, links: dict[float, Link], day: Daylight | None
 ) -> dict[float, Background | None]:
     """Return the background at each depth; it is that of the receiver alone."""
     if day is None:
@@ -200,7 +202,8 @@ def _lights(
     found: dict[Any, Background] = {}
     for link in links.values():
         if link.receiver not in found:
-            found[link.receiver] = background_over_seas(inputs, link, day, seas)
+            inputs = ensemble.inputs._replace(link=link)
+            found[link.receiver] = background_over_seas(inputs, day, ensemble.n, ensemble.flight)
     return {depth: found[link.receiver] for depth, link in links.items()}
 
 

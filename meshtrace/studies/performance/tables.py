@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, get_type_hints
 
 import numpy as np
 
-from meshtrace.comms.background import occupancy
+from meshtrace.comms.background import DARK, occupancy
 from meshtrace.comms.budget import depth_at
 from meshtrace.comms.capacity import Capacity
 from meshtrace.comms.ook import OokLink
@@ -24,10 +24,6 @@ from meshtrace.studies.performance.samples import FadingSamples
 
 if TYPE_CHECKING:
     import xarray as xr
-
-
-DARK = "none: dark, without sun, moon and sky"
-"""Background light of a performance without daylight."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -44,7 +44,6 @@ DEFAULT_CHAINS = 8192
 _DIRECT = 1e-3  # step at which exact derivatives of the gain act on other quantities
 _DOUBT = 3.0  # standard errors by which two steps may differ
 _BEND = 2e-3  # of the elasticity, by which they may differ as the square of the step
-_DEPTH = "transmitter.depth"
 _WIDER_DEG = 8.0  # full angle by which the view is widened to see light beyond its edge
 
 
@@ -154,8 +153,9 @@ def sensitivities(
         setting = _at_range(setting, case, realizations, quantity)
         names = parameters(setting, [p.name for p in names], step, normals)
     asked = [p.name for p in names]
-    if of == "range" and _DEPTH not in asked:
-        names += parameters(setting, [_DEPTH], None, normals)
+    depth = _depth_key(case.link)
+    if of == "range" and depth not in asked:
+        names += parameters(setting, [depth], None, normals)
     problem = Problem(setting, case.run, case.meshing, realizations)
     shelf = Shelf(resume, _key(case, setting, realizations))
     study = _Study(problem, quantity, shelf, default)
@@ -190,13 +190,18 @@ def _setting(
     return Setting(electronics.channel(case.link), case.surface, electronics)
 
 
+def _depth_key(link: Link) -> str:
+    """Return the key of the depth of the end in the water."""
+    return "receiver.depth" if link.direction == "down" else "transmitter.depth"
+
+
 def _at_range(setting: Setting, case: Case, realizations: int, quantity: Quantity) -> Setting:
     """Return the setting at the depth of an error rate equal to the limit."""
-    depth = float(setting.link.transmitters[0].depth)  # type: ignore[attr-defined]
+    depth = setting.link.depth
     for _ in range(12):
         problem = Problem(setting, case.run, case.meshing, realizations)
         study = _Study(problem, quantity, Shelf(None, {}), {})
-        p = parameters(setting, [_DEPTH], None, case.meshing.normals)[0]
+        p = parameters(setting, [_depth_key(case.link)], None, case.meshing.normals)[0]
         excess = quantity.log(study.gains(setting), setting.ook)
         rate = study.derivatives(p, None).rates[0]
         # ln gain is nearly linear in the depth and its logarithm together
@@ -206,7 +211,7 @@ def _at_range(setting: Setting, case: Case, realizations: int, quantity: Quantit
         setting = setting._replace(link=setting.link.at_depth(depth))
         if done:
             return setting
-    raise Refused("transmitter.depth", Described("no range found"), "a link with a range")
+    raise Refused(_depth_key(case.link), Described("no range found"), "a link with a range")
 
 
 def _key(case: Case, setting: Setting, realizations: int) -> dict[str, Any]:
@@ -376,10 +381,11 @@ def _result(study: _Study, found: list[_Rates], asked: list[str], case: Case) ->
     rates = np.array([one.rates for one in found])
     if quantity.of == "range":
         # at a fixed need: dR / R = -(d ln q / d ln p) / (d ln q / d ln d)
-        deeper = rates[[one.parameter.name for one in found].index(_DEPTH)]
-        value = float(setting.link.transmitters[0].depth)  # type: ignore[attr-defined]
+        depth = _depth_key(setting.link)
+        deeper = rates[[one.parameter.name for one in found].index(depth)]
+        value = setting.link.depth
         stderr = abs(value * error_of(logs / deeper[0]))
-        rates = np.where([[one.parameter.name == _DEPTH] for one in found], rates, -rates / deeper)
+        rates = np.where([[one.parameter.name == depth] for one in found], rates, -rates / deeper)
         found = [one._replace(second=-one.second / deeper[0]) for one in found]
     else:
         stderr *= abs(quantity.slope(value))

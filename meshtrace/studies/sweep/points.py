@@ -14,16 +14,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.comms.background import DARK
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.kernels.jit import sources
 from meshtrace.kernels.random import realization_seed
 from meshtrace.scenario import Scenario
+from meshtrace.studies.background import RAYS, checked_daylight, error_rate, transmission_of
+from meshtrace.transport.backward import background
 
 BLOCK = 8
 """Realizations of one task."""
 
 MEASURED = ("gain", "gain_stderr", "gain_ballistic")
 """Numbers of a realization for each receiver."""
+
+LIT = ("background_radiance", "background_radiance_stderr", "ber", "ber_stderr")
+"""More of them under daylight."""
 
 
 class Task(NamedTuple):
@@ -42,7 +48,7 @@ class Task(NamedTuple):
 class Outcome(NamedTuple):
     """Numbers of a task, by realization."""
 
-    measured: NDArray[np.float64]  # (3, n, receivers) gain, standard error, unscattered gain
+    measured: NDArray[np.float64]  # (numbers, n, receivers), see `Study.measured`
     seconds: NDArray[np.float64]
     error: list[str]
 
@@ -62,7 +68,9 @@ class Study:
         """Refuse options out of range and parameters without any allowed value."""
         require_whole(self.realizations, 1, 10**7, "realizations")
         require_whole(self.seed, 0, 2**64 - 1, "seed")
-        self.scenario({})
+        base = self.scenario({})
+        if self.lit:
+            transmission_of(base.link.replace(receiver=base.link.receivers[0]), base.detector)
         if not self.parameters:
             raise Refused("parameters", Described("none"), "lists of values by dotted keys")
         for name, values in self.parameters.items():
@@ -99,7 +107,9 @@ class Study:
     def compute(self, task: Task) -> Outcome:
         """Run the realizations of a task; a failed one has an error text and no numbers."""
         n = task.last - task.first
-        outcome = Outcome(np.full((3, n, self.receivers), np.nan), np.zeros(n), [""] * n)
+        outcome = Outcome(
+            np.full((len(self.measured), n, self.receivers), np.nan), np.zeros(n), [""] * n
+        )
         for i in range(n):
             start = time.perf_counter()
             try:
@@ -110,16 +120,39 @@ class Study:
         return outcome
 
     def _measure(self, task: Task, realization: int) -> NDArray[np.float64]:
-        """Return gain, standard error and unscattered gain, each by receiver."""
+        """Return the numbers of `measured`, each by receiver."""
         scenario = self.scenario(self.changes(task))
         surface, key = scenario.surface, self.seed
         if self.realizations > 1:
             phases, key = (realization_seed(self.seed, realization, word) for word in (0, 1))
             surface = surface.with_seed(phases) if hasattr(surface, "with_seed") else surface
         run = scenario.run.model_copy(update={"seed": key, "threads": 1})
-        result = scenario.model_copy(update={"surface": surface, "run": run}).simulate()
+        scenario = scenario.model_copy(update={"surface": surface, "run": run})
+        result = scenario.simulate()
         rows = [getattr(result, name) for name in MEASURED]
-        return np.stack([np.full(self.receivers, np.nan if row is None else row) for row in rows])
+        rows = [np.full(self.receivers, np.nan if row is None else row) for row in rows]
+        if self.lit:
+            rows += list(_under_daylight(scenario, rows[0], rows[1]))
+        return np.stack(rows)
+
+    @cached_property
+    def lit(self) -> bool:
+        """Whether points have background light and error rates."""
+        tables = (name.partition(".")[0] for name in self.parameters)
+        return "daylight" in tables or self.scenario({}).daylight is not None
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of the numbers of a realization."""
+        return MEASURED + LIT if self.lit else MEASURED
+
+    @property
+    def light(self) -> str:
+        """Light of the bit error rates."""
+        day = self.scenario({}).daylight
+        swept = [name for name in self.parameters if name.partition(".")[0] == "daylight"]
+        base = DARK if day is None else day.light
+        return f"{base}; at each point by {', '.join(swept)}" if swept else base
 
     @cached_property
     def receivers(self) -> int:
@@ -149,3 +182,19 @@ def one_line(error: BaseException) -> str:
     """Return an error as one line."""
     text = " ".join(str(error).split())
     return text if isinstance(error, ValueError) and text else f"{type(error).__name__}: {text}"
+
+
+def _under_daylight(
+    scenario: Scenario, gain: NDArray[np.float64], stderr: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the numbers of `LIT` (4, receivers) at the gains of a scenario."""
+    rows = []
+    for receiver, h, error in zip(scenario.link.receivers, gain, stderr, strict=True):
+        link = scenario.link.replace(receiver=receiver)
+        ook, found = transmission_of(link, scenario.detector), None
+        if checked_daylight(scenario.daylight, link) is not None:
+            alone = scenario.model_copy(update={"link": link})
+            found = background(alone, photons=RAYS, seed=scenario.run.seed, threads=1)
+        light = (found.radiance, found.radiance_stderr) if found else (0.0, 0.0)
+        rows.append([*light, *error_rate(ook, np.array([h]), float(error), found)])
+    return np.array(rows).T

@@ -20,7 +20,7 @@ from meshtrace.errors import Described, Refused, show
 from meshtrace.fields import FIELDS, attrs
 from meshtrace.results.provenance import environment
 from meshtrace.stored import FORMAT_VERSION
-from meshtrace.studies.sweep.points import BLOCK, MEASURED, Outcome, Study, Task, one_line
+from meshtrace.studies.sweep.points import BLOCK, LIT, MEASURED, Outcome, Study, Task, one_line
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 WAITING, DONE, FAILED = range(3)  # flags of the realizations
 
-_BY_TASK = ("done", "error", "seconds", *MEASURED)
+_BY_TASK = ("done", "error", "seconds", *MEASURED, *LIT)
 
 
 def open_store(study: Study, store: str | Path | None) -> zarr.Group:
@@ -160,12 +160,13 @@ def _create(study: Study, store: Any) -> zarr.Group:
             attributes={"units": "s"} if name == "seconds" else {},
         )  # fmt: skip
     extra = (study.receivers,) if study.listed else ()
-    for name in MEASURED:
+    for name in study.measured:
+        light = {"light": study.light} if name == "ber" else {}
         group.create_array(
             name, shape=(*shape, n, *extra), chunks=(*chunks, *extra), dtype="f8",
             compressors=checked, fill_value=np.nan,
             dimension_names=(*dims, "realization", *("receiver" for _ in extra)),
-            attributes=dict(attrs(name)),
+            attributes={**attrs(name), **light},
         )  # fmt: skip
     return group
 
@@ -199,12 +200,17 @@ def _array(group: zarr.Group, name: str) -> Any:
     return group[name]
 
 
+def _names(group: zarr.Group) -> list[str]:
+    """Return the names of the arrays by task."""
+    return [name for name in _BY_TASK if name in group]
+
+
 def waiting_tasks(study: Study, group: zarr.Group) -> list[Task]:
     """Return the unfinished tasks, including those with damaged or lost chunks."""
     tasks = list(study.tasks())
     root = getattr(group.store, "root", None)
     if root is not None:
-        for name in _BY_TASK:
+        for name in _names(group):
             _discard_damaged(_array(group, name), Path(root) / name, tasks)
     flags, gain = _array(group, "done")[...], _array(group, "gain")[...]
     waiting = []
@@ -244,7 +250,7 @@ def _chunk(array: Any, folder: Path, task: Task) -> Path:
 
 def _lost(group: zarr.Group, root: Path, task: Task) -> list[Path]:
     """Return the files that a finished task has lost."""
-    files = (_chunk(_array(group, name), root / name, task) for name in _BY_TASK)
+    files = (_chunk(_array(group, name), root / name, task) for name in _names(group))
     return [file for file in files if not file.exists()]
 
 
@@ -255,7 +261,7 @@ def write(group: zarr.Group, task: Task, outcome: Outcome) -> None:
     flags = [FAILED if text else DONE for text in outcome.error]
     # chunks of fill values, too: one that is missing later has been lost
     with zarr.config.set({"array.write_empty_chunks": True}):
-        for name, rows in zip(MEASURED, outcome.measured, strict=True):
+        for name, rows in zip(MEASURED + LIT, outcome.measured, strict=False):
             array = _array(group, name)
             whole = array.ndim == len(task.region) + 1
             array[task.region] = rows if whole else rows[:, 0]

@@ -11,7 +11,9 @@ from meshtrace.errors import Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
+from meshtrace.scenario.daylight import changes_irradiance, daylight_recipe
 from meshtrace.scenario.files import parse_toml, read_text
+from meshtrace.scenario.tables import as_table
 from meshtrace.studies.sweep.cluster import DEFAULT_TIMEOUT, compute
 from meshtrace.studies.sweep.lock import locked
 from meshtrace.studies.sweep.points import Study
@@ -44,6 +46,8 @@ def sweep(
 ) -> xr.Dataset:
     """Return the gain at every combination of some parameters, computed in parallel.
 
+    With daylight in the link file, or swept, the background light and the bit error rate too.
+
     Parameters
     ----------
     link : Link, Scenario or mapping
@@ -51,7 +55,7 @@ def sweep(
         its run that are arguments here are left out.
     parameters : mapping of str to sequence
         Values of each parameter, by its dotted key in a link file: "wind_speed",
-        "transmitter.depth", "water.b", "sea.omega_max", ...
+        "transmitter.depth", "water.b", "sea.omega_max", "daylight.sun_zenith_deg", ...
     surface : SurfaceModel or mapping, optional
         The sea, or the [sea] table of a link file, in place of that of `link`; a `Link` alone
         goes with the default sea, which follows `wind_speed`.
@@ -83,7 +87,8 @@ def sweep(
     xarray.Dataset
         Dimensions are the parameters in their order and "realization" (and "receiver" for a
         link with a list of receivers); variables gain, gain_stderr, gain_ballistic, seconds and
-        error, the text of a failure or empty.
+        error, the text of a failure or empty; under daylight also background_radiance and ber,
+        with their standard errors. The attribute `light` of ber names the light.
 
     Raises
     ------
@@ -100,19 +105,51 @@ def sweep(
     recorded too and tried again by the next call; so is a point whose chunk of the store is
     damaged or missing, with a warning.
 
+    The bit error rate is that of the receiver of the link file ("physical" without one), at rest
+    and at the gain of each realization; its mean over the realizations is the average BER. A swept
+    key such as "daylight.sun_zenith_deg" moves the sun: direct and diffuse irradiance follow,
+    unless a link file or its plain data give them.
+
     The cluster on this machine starts new Python processes: in a script call `sweep` under
     `if __name__ == "__main__":`.
     """
     _require_batch()
-    study = Study(
-        _base(link, surface).to_toml(),
-        {name: _plain(values) for name, values in parameters.items()},
-        realizations,
-        rtol,
-        photons,
-        seed,
-    )
+    given = link.get("daylight") if isinstance(link, Mapping) else None
+    study = _study(_base(link, surface), given, parameters, realizations, rtol, photons, seed)
+    return _swept(study, store, scheduler, workers, timeout, progress)
+
+
+def _study(
+    base: Scenario,
+    light: Any,
+    parameters: Mapping[str, Sequence[Any]],
+    realizations: int = 1,
+    rtol: float | None = 0.01,
+    photons: int | None = None,
+    seed: int = 1,
+) -> Study:
+    """Return the checked study; `light` is the given table [daylight], None for a model."""
+    import tomli_w
+
+    plain = {name: _plain(values) for name, values in parameters.items()}
+    config = base.to_config()
+    if base.daylight is not None and any(map(changes_irradiance, plain)):
+        found = daylight_recipe(base.daylight) if light is None else light
+        config["daylight"] = as_table(found, "daylight", "model")
+    study = Study(tomli_w.dumps(config), plain, realizations, rtol, photons, seed)
     study.check()
+    return study
+
+
+def _swept(
+    study: Study,
+    store: str | Path | None,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    timeout: float = DEFAULT_TIMEOUT,
+    progress: bool | Callable[[int], None] = True,
+) -> xr.Dataset:
+    """Return the results of a study, from its store or computed."""
     if scheduler is not None and workers is not None:
         raise Refused("workers", workers, "no workers beside a scheduler")
     with locked(store):
@@ -165,6 +202,7 @@ def sweep_file(
         wind_speed = [5.0, 13.0]
         transmitter.depth = [5.0, 10.0, 20.0]
     """
+    _require_batch()
     path = Path(path)
     config, table = _read(path)
     run = config.get("run", {})
@@ -176,13 +214,9 @@ def sweep_file(
     given |= {key: value for key, value in table.items() if key not in ("parameters", "store")}
     if store is None and "store" in table:
         store = _stored(path, table)
-    return sweep(
-        Scenario.from_config(config, folder=path.parent),
-        dict(_dotted(table.get("parameters", {}))),
-        store=store,
-        **given,
-        **options,
-    )
+    base = _base(Scenario.from_config(config, folder=path.parent), None)
+    parameters = dict(_dotted(table.get("parameters", {})))
+    return _swept(_study(base, config.get("daylight"), parameters, **given), store, **options)
 
 
 def store_of(path: str | Path) -> Path:

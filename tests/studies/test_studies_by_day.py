@@ -1,0 +1,239 @@
+"""Daylight in studies: sweeps, comparisons, flights, links into the water."""
+
+import math
+
+import numpy as np
+import pytest
+
+import meshtrace as mt
+from meshtrace.comms.background import with_background
+from meshtrace.errors import Refused
+from meshtrace.scenario.daylight import daylight_recipe
+from meshtrace.studies.background import error_rate
+from meshtrace.surfaces import FlatSea, SinusoidalSea, sea_in_wind
+
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::meshtrace.DaylightWarning", "ignore::meshtrace.FewSamplesWarning"
+)
+
+DAY = mt.Daylight(direct=1.42, diffuse=0.295)
+WAVE = SinusoidalSea(amplitude=0.05, wavelength=3.0)
+FILE = """
+wind_speed = 0.0
+[transmitter]
+kind = "led"
+depth = 54.0
+[receiver]
+fov_deg = 20.0
+[detector]
+optics = {filter_width_nm = 2.0}
+"""
+
+
+@pytest.fixture(scope="module")
+def address():
+    """Scheduler of one worker in a thread of this process."""
+    distributed = pytest.importorskip("distributed")
+    pytest.importorskip("zarr")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0"
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+def swept(base, parameters, address, **options):
+    options = {"rtol": None, "photons": 256, "progress": False, **options}
+    return mt.sweep(base, parameters, scheduler=address, **options)
+
+
+@pytest.mark.process
+def test_a_sweep_moves_the_sun(address):
+    pytest.importorskip("pvlib")
+    zenith = [10.0, 30.0, 60.0]
+    scenario = mt.Scenario.from_toml(FILE + "[daylight]\nsun_zenith_deg = 30.0")
+    data = swept(scenario, {"daylight.sun_zenith_deg": zenith}, address)
+    ber, link = data["ber"].values.ravel(), scenario.link
+    for i, angle in enumerate(zenith):
+        day = mt.Daylight.clear_sky(angle)  # with its own irradiance at each zenith angle
+        found = mt.background(link, FlatSea(), day, photons=2048, threads=1)
+        assert data["background_radiance"].values[i, 0] == found.radiance
+        assert data["background_radiance_stderr"].values[i, 0] == found.radiance_stderr
+        ook = with_background(mt.OokLink.of_link(link, scenario.detector), found)
+        gain = float(data["gain"][i, 0])
+        assert ber[i] == pytest.approx(float(ook.ber(ook.received_power(gain))), rel=1e-9)
+    assert 0.5 > ber[0] >= ber[1] >= ber[2] > 1e-6
+    assert (data["ber_stderr"].values > 0.0).all()
+    assert data["ber"].attrs["light"] == "clear sky; at each point by daylight.sun_zenith_deg"
+
+
+@pytest.mark.process
+def test_a_sweep_over_lights_and_a_study_file(address, tmp_path):
+    text = (
+        FILE + "[sweep]\nphotons = 256\n[sweep.parameters]\ndaylight = ['none', 'night', 'moon']\n"
+    )
+    path = tmp_path / "lights.toml"
+    path.write_text(text.replace("[sweep]", "[sweep]\nstore = 'lights.zarr'"))
+    data = _file(path, address)
+    dark, night, moon = data["ber"].values.ravel()
+    assert 0.0 < dark < moon < 0.5
+    # renewal noise, chosen with any background light, is a little quieter than that of the dark
+    assert night == pytest.approx(dark, rel=0.05)
+    assert moon > night
+    assert data["background_radiance"].values[0, 0] == 0.0
+    assert "background_radiance" not in swept(mt.Link(), {"water.b": [0.0]}, address)
+
+
+def _file(path, address):
+    from meshtrace.studies.sweep import sweep_file
+
+    first = sweep_file(path, scheduler=address, progress=False)
+    again = sweep_file(path, scheduler=address, progress=False)  # from the store
+    np.testing.assert_array_equal(first["ber"], again["ber"])
+    return again
+
+
+def test_irradiances_of_no_model_do_not_follow_the_sun():
+    day = mt.Daylight.moon(zenith_deg=50.0)
+    assert daylight_recipe(day) == {"model": "moon", "sun_zenith_deg": 50.0}
+    assert daylight_recipe(mt.Daylight.night()) == {"model": "night"}
+    with pytest.raises(Refused, match="irradiances other than those of a model"):
+        daylight_recipe(DAY)
+
+
+def test_a_comparison_has_background_and_error_rate_of_each_light(tmp_path):
+    night = mt.Scenario.from_toml(FILE + '[daylight]\nmodel = "night"')
+    links = {"dark": mt.Scenario.from_toml(FILE), "night": night,
+             "day": night.model_copy(update={"daylight": DAY})}  # fmt: skip
+    found = mt.compare(links, photons=256)
+    assert found.lights[1:] == ("moonless night", "daylight")
+    assert found.background_radiance[0] == 0.0
+    for i, day in enumerate((mt.Daylight.night(), DAY), 1):
+        seen = mt.background(night.link, FlatSea(), day, photons=2048)
+        assert found.background_radiance[i] == pytest.approx(seen.radiance, rel=1e-9)
+        ook = with_background(mt.OokLink.of_link(night.link, night.detector), seen)
+        wanted = float(ook.ber(ook.received_power(found.gain[i])))
+        assert found.ber[i] == pytest.approx(wanted, rel=1e-9)
+    # renewal noise, chosen with any background light, is a little quieter than that of the dark
+    assert found.ber[1] == pytest.approx(found.ber[0], rel=0.05)
+    assert 0.0 < 2.0 * found.ber[1] < found.ber[2] < 0.5
+    assert found.ber_stderr[2] > 0.0
+    assert "moonless night" in found.summary()
+    found.save(tmp_path / "c.nc")
+    again = mt.Comparison.load(tmp_path / "c.nc")
+    assert again.summary() == found.summary()
+    plain = mt.compare({"a": night.link, "b": night.link}, FlatSea(), photons=64)
+    assert plain.ber is None
+    assert "BER" not in plain.summary()
+
+
+def test_a_comparison_averages_the_error_rate_over_seas():
+    link = mt.Link(transmitter=mt.Led(depth=24.0), receiver=mt.Receiver(fov_deg=20.0))
+    sea = sea_in_wind(5.0)
+    found = mt.compare({"a": link, "b": link}, sea, realizations=2, photons=64, daylight=DAY)
+    alone = mt.link_performance(link, sea, realizations=2, photons=64, daylight=DAY).at()
+    assert found.ber[0] == found.ber[1] == pytest.approx(alone.ber.value, rel=0.05)
+
+
+def test_the_error_of_an_error_rate_is_that_of_gain_light_and_seas():
+    link = mt.Link(receiver=mt.Receiver(fov_deg=20.0))
+    ook = mt.OokLink.of_link(link).replace("optics.filter_width_nm", 2.0)
+    seen = mt.background(link, FlatSea(), DAY, photons=256)
+    gain, error = np.array([4e-6]), 1e-7
+    value, stderr = error_rate(ook, gain, error, seen)
+    rng = np.random.default_rng(3)
+
+    def drawn():
+        scale = 1.0 + rng.normal() * seen.radiance_stderr / seen.radiance
+        lit = with_background(ook, seen, scale)
+        return float(lit.ber(lit.received_power(float(gain[0] + error * rng.normal()))))
+
+    many = np.array([drawn() for _ in range(400)])
+    assert value == pytest.approx(many.mean(), rel=0.05)
+    assert stderr == pytest.approx(many.std(), rel=0.15)  # 3.5 % of noise, and curvature
+    mean, spread = error_rate(ook, np.array([4e-6, 5e-6]), 0.0, None)
+    two = [error_rate(ook, np.array([g]), 0.0, None)[0] for g in (4e-6, 5e-6)]
+    assert mean == pytest.approx(np.mean(two))
+    assert spread == pytest.approx(np.std(two, ddof=1) / math.sqrt(2.0))
+
+
+# Flights
+
+FLIGHT = mt.Flight(mt.Uav(), mt.Dryden(wind_speed=13.0))
+UP = mt.Link(receiver=mt.Receiver(fov_deg=20.0), transmitter=mt.Led(depth=20.0))
+
+
+def test_the_background_of_a_flight_has_its_tilts():
+    times = [0.0, 0.5, 1.0]
+    found = mt.background_series(UP, WAVE, DAY, times, photons=256, flight=FLIGHT)
+    level = mt.background_series(UP, WAVE, DAY, times, photons=256)
+    tilt = np.degrees(FLIGHT.uav.simulate_flight(FLIGHT.wind, times, 1).tilt)
+    for i, time in enumerate(times):
+        at = UP.replace("receiver.tilt_deg", float(tilt[0][i]))
+        at = at.replace("receiver.tilt_azimuth_deg", float(tilt[1][i]))
+        one = mt.background(at, WAVE, DAY, photons=256, time=time)
+        assert found.radiance[i] == pytest.approx(one.radiance, rel=1e-9)
+    assert not np.allclose(found.radiance, level.radiance, rtol=1e-3)
+    assert found.provenance["wind"]["wind_speed"] == 13.0
+    tilted = UP.replace("receiver.tilt_deg", 5.0)
+    with pytest.raises(Refused, match=r"^receiver\.tilt_deg: 5"):
+        mt.background_series(tilted, WAVE, DAY, times, photons=64, flight=FLIGHT)
+
+
+@pytest.mark.parametrize("coupled", [False, True])
+def test_error_rates_of_a_flight_by_day(coupled):
+    options = {"photons": 64, "realizations": 2, "wind_speed": 13.0}
+    flown = {"uav": mt.Uav(), "coupled": coupled}
+    sea = sea_in_wind(13.0)
+    day = mt.link_performance(UP, sea, daylight=DAY, **flown, **options)
+    still = mt.link_performance(UP, sea, daylight=DAY, **options)
+    dark = mt.link_performance(UP, sea, **flown, **options)
+    assert day.at().gain == dark.at().gain
+    assert day.at().ber.value > dark.at().ber.value
+    # the tilt of the aircraft turns its receiver to another part of the sea
+    assert day.ooks[0].background_rate != still.ooks[0].background_rate
+    assert day.light.startswith("daylight at zenith angle 30 deg")
+    held = mt.link_performance(UP, sea, daylight=DAY, **{**flown, "uav": mt.Uav(gimbal=True)},
+                               **options)  # fmt: skip
+    if not coupled:  # a gimbal keeps the receiver level over the same seas
+        assert held.ooks[0].background_rate == still.ooks[0].background_rate
+
+
+# Into the water
+
+
+def test_error_rates_of_a_downlink_by_day():
+    link = mt.Link(
+        transmitter=mt.AirLed(), receiver=mt.WaterReceiver(radius=0.05, fov_deg=20.0, depth=20.0)
+    )
+    ook = mt.OokLink().replace("optics.filter_width_nm", 0.5)
+    options = {"photons": 256, "ook": ook}
+    dark = mt.link_performance(link, FlatSea(), **options)
+    day = mt.link_performance(link, FlatSea(), daylight=DAY, **options)
+    seen = mt.background(link, FlatSea(), DAY, photons=2048)
+    made = mt.OokLink.of_link(link, ook)
+    assert made.optics.medium_index == 1.33
+    assert day.ooks[0].background_rate == pytest.approx(seen.count_rate(made), rel=1e-9)
+    # the light of the sky fills Snell's window: n^2 times its radiance, less the water's losses
+    assert seen.parts["sky"] > 0.0
+    assert day.at().ber.value > dark.at().ber.value
+    assert day.at().required_power > dark.at().required_power
+    assert day.light.startswith("daylight at zenith angle 30 deg")
+    assert dark.light.startswith("none: dark")
+    deeper = mt.link_performance(link, FlatSea(), daylight=DAY, depths=[20.0, 30.0], **options)
+    assert len(deeper.figures) == 2
+    rates = [mt.background(link.at_depth(d), FlatSea(), DAY, photons=2048).count_rate(made)
+             for d in (20.0, 30.0)]  # fmt: skip
+    assert rates[1] < 0.5 * rates[0]  # each depth has its own background
+    assert deeper.at(20.0).required_power > deeper.at(30.0).required_power
+
+
+def test_a_downlink_by_day_from_an_aircraft():
+    link = mt.Link(transmitter=mt.AirLed(), receiver=mt.WaterReceiver(fov_deg=20.0, depth=20.0))
+    ook = mt.OokLink().replace("optics.filter_width_nm", 0.5)
+    options = {"photons": 64, "realizations": 2, "ook": ook, "daylight": DAY, "wind_speed": 5.0}
+    flown = mt.link_performance(link, sea_in_wind(5.0), uav=mt.Uav(), coupled=True, **options)
+    assert 0.0 < flown.at().ber.value < 0.5
+    series = mt.background_series(link, WAVE, DAY, [0.0, 0.5], photons=64, flight=FLIGHT)
+    level = mt.background_series(link, WAVE, DAY, [0.0, 0.5], photons=64)
+    # the lamp tilts, the receiver does not
+    np.testing.assert_array_equal(series.radiance, level.radiance)
