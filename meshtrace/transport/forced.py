@@ -38,6 +38,7 @@ from meshtrace.transport.choice import (
     PILOT_PATHS,
     Method,
     ScatteredPilot,
+    chain_cost,
     chain_pilot,
     choose,
     is_clear,
@@ -195,7 +196,8 @@ class ForcedDetection:
             return ["chains"] * receivers
         seen = paths.evaluate(self._flat())
         other = ScatteredPilot(seen.gain, seen.variance, seen.stderr)
-        return choose(found, other)
+        cost = chain_cost(max(law.expected for law in self._drawer.nominals))
+        return choose(found, other, cost)
 
     def _paths(self, photons: int, receivers: tuple[Aperture, ...]) -> AdjointPaths:
         """Return adjoint paths to some receivers."""
