@@ -62,15 +62,18 @@ def chain_cost(expected: float) -> float:
     return _COST if expected < TURBID else _TURBID_COST / expected
 
 
-def choose(chains: ScatteredPilot, paths: ScatteredPilot, cost: float = _COST) -> list[Method]:
+def choose(chains: ScatteredPilot, paths: ScatteredPilot, expected: float = 0.0) -> list[Method]:
     """Choose the estimator with the smaller variance times time for each receiver.
 
     Chains that miss much of the light have a small variance: where the paths find twice
     the light or more than chance allows, or few chains bring all of it, chains are not trusted.
+    With many scatterings `expected` on the way single paths near the source make the tail of the
+    paths: twice the light counts there only beyond two of their standard errors.
     """
     missed = paths.mean - chains.mean > _DOUBT * np.hypot(paths.stderr, chains.stderr)
-    missed |= chains.mean < _HALF * paths.mean
-    slower = chains.variance * cost > paths.variance
+    certain = 2.0 * paths.stderr if expected >= TURBID else 0.0
+    missed |= (chains.mean < _HALF * paths.mean) & (paths.mean - chains.mean > certain)
+    slower = chains.variance * chain_cost(expected) > paths.variance
     few = chains.mean < _SURE * chains.stderr
     surer = paths.stderr * chains.mean < chains.stderr * paths.mean
     adjoint = (paths.mean > 0.0) & (missed | slower | (few & surer) | (chains.mean <= 0.0))

@@ -38,7 +38,6 @@ from meshtrace.transport.choice import (
     PILOT_PATHS,
     Method,
     ScatteredPilot,
-    chain_cost,
     chain_pilot,
     choose,
     is_clear,
@@ -196,8 +195,7 @@ class ForcedDetection:
             return ["chains"] * receivers
         seen = paths.evaluate(self._flat())
         other = ScatteredPilot(seen.gain, seen.variance, seen.stderr)
-        cost = chain_cost(max(law.expected for law in self._drawer.nominals))
-        return choose(found, other, cost)
+        return choose(found, other, max(law.expected for law in self._drawer.nominals))
 
     def _paths(self, photons: int, receivers: tuple[Aperture, ...]) -> AdjointPaths:
         """Return adjoint paths to some receivers."""
