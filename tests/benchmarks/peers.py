@@ -93,9 +93,13 @@ def _analog(mesh: mt.TriangleMesh, photons: int) -> Callable[[int], tuple[float,
 
 
 def _raw(mesh: mt.TriangleMesh, photons: int) -> tuple[int, Callable[[int], tuple[float, float]]]:
-    """Return the number of rays of the analog photons, and a job that casts them by embreex."""
+    """Return the number of rays of analog photons, and a job that casts them by embreex.
+
+    The lamp is 10 m deep: the engine scales shorter links, and the rays with them.
+    """
     recorder = RayRecorder(mesh, 1)
-    run_analog(LINK, recorder, photons=photons, seed=1, normals="facet")
+    deeper = LINK.replace(transmitter=LINK.transmitter.replace(depth=10.0))
+    run_analog(deeper, recorder, photons=photons, seed=1, normals="facet")
     scene = CopiedScene(mesh.vertices, mesh.faces)
 
     def job(seed: int) -> tuple[float, float]:
