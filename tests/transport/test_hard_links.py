@@ -82,7 +82,9 @@ def test_analog_photons_agree_on_random_links(i):
     assert abs(z) <= 3.5
 
 
-SETS = 64
+SETS = (*range(100, 164), *range(1000, 1064))
+"""Seeds; with 64 alone one of twelve links leaves 0.8 to 1.2 by chance in a quarter of cases."""
+
 HARD = {
     "default": (mt.Link(), FlatSea()),
     "47 m": (mt.Link(transmitter=mt.Led(depth=47.0)), FlatSea()),
@@ -119,14 +121,11 @@ HARD = {
 
 @pytest.mark.parametrize("name", HARD)
 def test_scatter_over_stated_errors(name):
-    """0.8 to 1.2: 2.2 standard deviations of the ratio of 64 normal gains, for each link."""
+    """0.8 to 1.2: 3.2 standard deviations of the ratio of 128 normal gains, for each link."""
     link, sea = HARD[name]
     mesh, _ = mesh_for(link, sea, reach=crossing_reach(link))
     crest = float(mesh.bounds[1, 2])
-    parts = [
-        ForcedDetection(link, 4096, seed, crest=crest).evaluate(mesh)
-        for seed in range(100, 100 + SETS)
-    ]
+    parts = [ForcedDetection(link, 4096, seed, crest=crest).evaluate(mesh) for seed in SETS]
     gain, error = (np.array([getattr(p, k)[0] for p in parts]) for k in ("gain", "stderr"))
     ratio = gain.std(ddof=1) / np.sqrt((error**2).mean())
     methods = sorted({p.method[0] for p in parts})
