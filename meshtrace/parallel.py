@@ -8,6 +8,8 @@ import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from time import thread_time
 from typing import TypeVar
 
 from meshtrace.errors import require_whole
@@ -57,7 +59,7 @@ def ordered_map(
     [1, 2, 3]
     """
     if threads == 1:
-        yield from map(function, jobs)
+        yield from map(function if _recorded is None else _timed(function, _recorded), jobs)
         return
     with ThreadPoolExecutor(threads) as pool:
         pending: deque = deque()
@@ -71,3 +73,34 @@ def ordered_map(
         finally:
             for future in pending:
                 future.cancel()
+
+
+_recorded: list[list[float]] | None = None
+
+
+@contextmanager
+def job_times() -> Iterator[list[list[float]]]:
+    """Record the CPU seconds of the jobs of each map that runs on one thread."""
+    global _recorded
+    found: list[list[float]] = []
+    _recorded = found
+    try:
+        yield found
+    finally:
+        _recorded = None
+
+
+def _timed(
+    function: Callable[[Job], Result], recorded: list[list[float]]
+) -> Callable[[Job], Result]:
+    """Return a function that appends its CPU seconds to a new row."""
+    row: list[float] = []
+    recorded.append(row)
+
+    def timed(job: Job) -> Result:
+        start = thread_time()
+        result = function(job)
+        row.append(thread_time() - start)
+        return result
+
+    return timed

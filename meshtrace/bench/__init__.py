@@ -4,18 +4,24 @@ Engine and reference are timed in interleaved rounds, and the best round of each
 on the machine affects both.
 """
 
+from meshtrace.bench.answers import background_light, coverage_cost, first_run, realization
 from meshtrace.bench.engine import analog_rate, best_of, figure_of_merit, new_sea, resolved_sea
-from meshtrace.bench.scaling import thread_scaling, worker_scaling
+from meshtrace.bench.scaling import speedup_by_jobs, thread_scaling, worker_scaling
 from meshtrace.bench.suite import bench, report
 
 __all__ = [
     "analog_rate",
+    "background_light",
     "bench",
     "best_of",
+    "coverage_cost",
     "figure_of_merit",
+    "first_run",
     "new_sea",
+    "realization",
     "report",
     "resolved_sea",
+    "speedup_by_jobs",
     "thread_scaling",
     "worker_scaling",
 ]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import heapq
+from collections.abc import Callable
 from functools import partial
+from time import thread_time
 from typing import Any
 
 from meshtrace.bench.engine import best_of
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
-from meshtrace.parallel import default_threads
+from meshtrace.parallel import default_threads, job_times
 from meshtrace.scenario import Scenario
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection
@@ -54,7 +57,8 @@ def thread_scaling(
     -------
     dict
         `threads`; `photons_per_s` and `chains_per_s` for each; `analog_speedup` and
-        `forced_speedup`, relative to one thread.
+        `forced_speedup`, relative to one thread; `analog_by_jobs` and `forced_by_jobs` of
+        `speedup_by_jobs`, for 2 and 16 threads.
     """
     threads = counts_up_to(default_threads(most))
     crest = float(near.bounds[1, 2])
@@ -74,7 +78,56 @@ def thread_scaling(
         "chains_per_s": [chains / t for t in forced_times],
         "analog_speedup": [analog_times[0] / t for t in analog_times],
         "forced_speedup": [forced_times[0] / t for t in forced_times],
+        "analog_by_jobs": speedup_by_jobs(analog[0]),
+        "forced_by_jobs": speedup_by_jobs(
+            lambda: ForcedDetection(link, chains, 1, threads=1, crest=crest).evaluate(near)
+        ),
     }
+
+
+def speedup_by_jobs(work: Callable[[], Any], threads: tuple[int, ...] = (2, 16)) -> dict[str, Any]:
+    """Return the speedup of work on one thread, as the CPU seconds of its jobs allow.
+
+    Jobs of a map go to the first free thread, in order; maps and the rest follow each other.
+    Memory, caches and other limits of a machine are not included.
+
+    Parameters
+    ----------
+    work : callable
+        Work on one thread, whose parallel part consists of `meshtrace.parallel.ordered_map`.
+    threads : tuple of int
+        Numbers of threads.
+
+    Returns
+    -------
+    dict
+        `threads`, `speedup` for each, `jobs`, `serial` share of the time outside jobs.
+    """
+    start = thread_time()
+    with job_times() as rows:
+        work()
+    total = thread_time() - start
+    serial = max(total - sum(map(sum, rows)), 0.0)
+    return {
+        "threads": list(threads),
+        "speedup": [total / (serial + sum(makespan(row, n) for row in rows)) for n in threads],
+        "jobs": sum(map(len, rows)),
+        "serial": serial / total,
+    }
+
+
+def makespan(seconds: list[float], threads: int) -> float:
+    """Return the time of jobs that go to the first free thread, in order.
+
+    Examples
+    --------
+    >>> makespan([2.0, 1.0, 1.0], 2)
+    2.0
+    """
+    ends = [0.0] * threads
+    for each in seconds:
+        heapq.heapreplace(ends, ends[0] + each)
+    return max(ends)
 
 
 def worker_scaling(

@@ -6,11 +6,12 @@ import math
 import os
 import resource
 import sys
+from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
+from meshtrace.bench.answers import background_light, coverage_cost, first_run, realization
 from meshtrace.bench.engine import analog_rate, figure_of_merit, new_sea, resolved_sea
-from meshtrace.bench.maps import coverage_cost
 from meshtrace.bench.scaling import thread_scaling, worker_scaling
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
@@ -22,7 +23,7 @@ from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 
 
-def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
+def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dict[str, Any]:
     """Return all measurements on a link over a random sea, with the environment.
 
     Parameters
@@ -31,15 +32,18 @@ def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
         Link and sea.
     quick : bool
         Use a quarter of the photons.
+    cold : bool
+        Also measure a first run, which compiles into an empty cache: half a minute.
 
     Returns
     -------
     dict
         Plain data: `environment`, `cores`; `analog` and `analog_tilted` of `analog_rate`, without
         and with tilts for unresolved slopes; `merit` of `figure_of_merit`; `new_sea`;
-        `resolved_sea`; `downlink`, `new_sea` of the mirrored link to 1 %, None without one;
-        `coverage` of `coverage_cost`; `peak_memory_mib` of this process; `thread_scaling`,
-        `worker_scaling`, the latter None where dask is not installed.
+        `resolved_sea`; `realization`, `background`, `coverage` and, if `cold`, `first_run` of
+        `meshtrace.bench.answers`; `downlink`, `new_sea` of the mirrored link to 1 %; each of
+        these None where the link is refused; `peak_memory_mib` of this process;
+        `thread_scaling`, `worker_scaling`, the latter None where dask is not installed.
 
     Raises
     ------
@@ -64,19 +68,27 @@ def bench(scenario: Scenario, *, quick: bool = False) -> dict[str, Any]:
         "merit": figure_of_merit(link, near, chains, photons),
         "new_sea": new_sea(link, sea),
         "resolved_sea": resolved_sea(link, _resolved(sea)),
-        "downlink": _downlink(link, sea),
-        "coverage": coverage_cost(link, sea, extent=5.0 / scale),
+        "realization": realization(link, sea),
+        "background": _if_followed(lambda: background_light(link, sea)),
+        "coverage": _if_followed(lambda: coverage_cost(link, sea, extent=5.0 / scale)),
+        "first_run": first_run() if cold else None,
+        "downlink": _if_followed(lambda: _downlink(link, sea)),
         "peak_memory_mib": _peak_memory(),
         "thread_scaling": thread_scaling(link, mesh, near, photons, chains),
         "worker_scaling": worker_scaling(scenario, 128 // scale) if dask else None,
     }
 
 
-def _downlink(link: Link, sea: Any) -> dict[str, Any] | None:
-    """Return the cost of a gain to 1 % in the air-to-water direction, None without one."""
+def _downlink(link: Link, sea: Any) -> dict[str, Any]:
+    """Return the cost of a gain to 1 % in the air-to-water direction."""
+    down = link if link.direction == "down" else link.mirrored()
+    return new_sea(down, sea, rtol=0.01)
+
+
+def _if_followed(measure: Callable[[], dict[str, Any]]) -> dict[str, Any] | None:
+    """Return a measurement, None for a link that it refuses."""
     try:
-        down = link if link.direction == "down" else link.mirrored()
-        return new_sea(down, sea, rtol=0.01)
+        return measure()
     except Refused:
         return None
 
@@ -114,25 +126,44 @@ def report(result: dict[str, Any]) -> str:
         "  analog": f"{merit['analog_variance'] ** 0.5:.2e} relative in "
         f"{merit['analog_seconds']:.3f} s ({merit['photons']} photons)",
         f"new sea to {sea['rtol']:.2%}": f"{sea['seconds']:.3f} s with mesh "
-        f"({sea['mesh_seconds']:.3f} s) and chains; BVH {sea['bvh_seconds']:.3f} s",
+        f"({sea['mesh_seconds']:.3f} s) and chains, {sea['kept_seconds']:.3f} s with chains that "
+        f"are kept; BVH {sea['bvh_seconds']:.3f} s",
         f"resolved sea to {fine['gain']['rtol']:.2%}": f"{fine['gain']['seconds']:.3f} s "
         f"({fine['gain']['facets']} facets); {fine['seconds_per_realization']:.3f} s each in an "
         f"ensemble ({fine['facets']} facets), unscattered light {fine['direct_seconds']:.4f} s",
-        **_down(result["downlink"]),
-        "coverage map to 1 %": f"{result['coverage']['cpu_seconds']:.3g} CPU s, "
-        f"{result['coverage']['cells']} places",
+        **_answers(result),
         "peak memory": f"{result['peak_memory_mib']:.0f} MiB",
         **_scaling(result["thread_scaling"], result["worker_scaling"]),
     }
     return text_table(rows.items())
 
 
-def _down(cost: dict[str, Any] | None) -> dict[str, str]:
-    """Return the time of a downlink as text."""
-    if cost is None:
-        return {}
-    text = f"{cost['seconds']:.3f} s with mesh ({cost['mesh_seconds']:.3f} s) and chains"
-    return {f"downlink to {cost['rtol']:.2%}": text}
+def _answers(result: dict[str, Any]) -> dict[str, str]:
+    """Return the times of whole answers as text."""
+    each, down = result["realization"], result["downlink"]
+    light, places, first = result["background"], result["coverage"], result["first_run"]
+    rows = {
+        f"realization to {each['rtol']:.2%}": f"{each['cpu_seconds']:.4f} CPU s each of "
+        f"{each['realizations']} ({each['chains']} chains)"
+    }
+    if down is not None:
+        rows[f"downlink to {down['rtol']:.2%}"] = (
+            f"{down['seconds']:.3f} s with mesh ({down['mesh_seconds']:.3f} s) and chains"
+        )
+    if light is not None:
+        rows[f"background to {light['rtol']:.2%}"] = (
+            f"{light['cpu_seconds']:.3f} CPU s ({light['rays']} rays, sun at 30 degrees)"
+        )
+    if places is not None:
+        rows[f"coverage to {places['rtol']:.2%}"] = (
+            f"{places['cpu_seconds']:.1f} CPU s for {places['cells']} cells"
+        )
+    if first is not None:
+        rows["first run"] = (
+            f"{first['cpu_seconds']:.1f} CPU s with compilation, "
+            f"{first['warm_cpu_seconds']:.1f} CPU s afterwards"
+        )
+    return rows
 
 
 def _scaling(threads: dict[str, Any], workers: dict[str, Any] | None) -> dict[str, str]:
@@ -141,6 +172,8 @@ def _scaling(threads: dict[str, Any], workers: dict[str, Any] | None) -> dict[st
     rows = {
         "threads": f"{_times(counts, threads['analog_speedup'])} (analog), "
         f"{_times(counts, threads['forced_speedup'])} (forced)",
+        "threads by job times": f"{_by_jobs(threads['analog_by_jobs'])} (analog), "
+        f"{_by_jobs(threads['forced_by_jobs'])} (forced, chains made included)",
         "workers": 'not measured: pip install "meshtrace[batch]"',
     }
     if workers is not None:
@@ -150,6 +183,12 @@ def _scaling(threads: dict[str, Any], workers: dict[str, Any] | None) -> dict[st
             f"{workers['realizations_per_s'][0]:.3g} per s on one)"
         )
     return rows
+
+
+def _by_jobs(found: dict[str, Any]) -> str:
+    """Return the speedups that the job times allow."""
+    rows = zip(found["threads"], found["speedup"], strict=True)
+    return ", ".join(f"{n}: {speed:.2f}x" for n, speed in rows)
 
 
 def _times(counts: list[int], speedups: list[float]) -> str:

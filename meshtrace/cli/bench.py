@@ -21,6 +21,7 @@ def bench(
     output: Path | None = Option(None, "--output", "-o", help="Write the measurements as JSON."),
     as_json: bool = Option(False, "--json", help="Print the measurements as JSON."),
     quick: bool = Option(False, "--quick", help="Use a quarter of the photons."),
+    cold: bool = Option(False, "--cold", help="Also measure a first run, which compiles."),
 ) -> None:
     """Measure the speed of the engine, as ratios within one run."""
     from meshtrace.bench import bench as measure
@@ -28,7 +29,7 @@ def bench(
 
     check_output(output, link)
     scenario = scenario_of(link, ["wind_speed=13", "bubbles=none"] if link is None else [])
-    result = measure(scenario, quick=quick)
+    result = measure(scenario, quick=quick, cold=cold)
     text = json.dumps(result, indent=1)
     typer.echo(text if as_json else report(result))
     if output is not None:

@@ -17,7 +17,7 @@ from meshtrace.kernels.chain_gain import flat_contributions
 from meshtrace.kernels.chains import Chains, Nominal
 from meshtrace.kernels.crossings import flat_crossings
 from meshtrace.kernels.facets import Surface
-from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.medium import DepthMode, Medium
 from meshtrace.kernels.scene import FACET, Emitter, Scene, Target
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import ordered_map
@@ -26,15 +26,19 @@ from meshtrace.transport.arrays import empty_locator, surface_arrays
 from meshtrace.transport.forced_link import ForcedLink
 
 _TAIL = 1e-7  # orders whose share of a Poisson law is smaller together are left out
-_MAX_ORDER = 40
+_MAX_ORDER = 72
 _MOST_CROWDED = 4.0  # density of collisions near the surface over the mean: chains fill the way
 _MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
 _MOST_KEPT = 2**15  # numbers in a set of points that is kept for the next surface: 256 kB
 _BLOCK = 1024  # chains of a block for one thread, about
 CROSSINGS = 4  # of a flat sea, kept for each chain
 _MIXTURE = np.array([0.1, 0.4, 0.15, 0.12, 0.1, 0.08, 0.05])  # free paths, stretched ways
+_FITTED = 0.8  # share of fitted chains in turbid water
 _STRETCH = np.array([0.0, 0.015, 0.05, 0.15, 0.4, 1.0])  # from the shortest way to the longest
 _LONGEST_WAY = 1.3, 6.0  # smallest and largest of the longest way, over the shortest
+
+TURBID = 4.0
+"""Scatterings expected on the way, from which water is turbid: chains are fitted to the way."""
 
 _Points = NDArray[np.float64]
 
@@ -142,8 +146,9 @@ class ChainDrawer:
         u = (points[None] + shifts) % 1.0
         u = np.clip(u.reshape(-1, u.shape[-1]), 1e-12, 1.0 - 1e-12)
         block.audit[:] = u[:, -2]
-        component = np.searchsorted(np.cumsum(_MIXTURE)[:-1], u[:, -1])
-        kernel.make_chains(block.chains, self.nominals[source], self._medium, u, component)
+        law = self.nominals[source]
+        component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
+        kernel.make_chains(block.chains, law, self._medium, u, component)
         for receiver, out in enumerate(block.flat):
             scene, raised = self.still_scenes(source, self._link.targets[receiver])
             starts = starts_of(scene.emitter, scene.target)
@@ -230,6 +235,9 @@ def nominal(medium: Medium, emitter: Emitter, targets: list[Target], crest: floa
     step = distance / (nodes - 1)
     cumulative = np.concatenate([[0.0], np.cumsum(0.5 * step * (total[1:] + total[:-1]))])
     c = max(medium.a + float(b.mean()), 1e-3 / distance)
+    uniform = not medium.layered and medium.depth_mode == DepthMode.NONE
+    turbid = uniform and float(cumulative[-1]) >= TURBID
+    fitted = _FITTED if turbid else 0.0
     return Nominal(
         distance,
         c,
@@ -239,7 +247,7 @@ def nominal(medium: Medium, emitter: Emitter, targets: list[Target], crest: floa
         np.where(total > 0.0, b_bub / total, 0.0),
         float(cumulative[-1]),
         1.0 + (longest - 1.0) * _STRETCH,
-        _MIXTURE,
+        np.append((1.0 - fitted) * _MIXTURE, fitted),
     )
 
 

@@ -218,7 +218,7 @@ class ForcedDetection:
             return ["chains"] * receivers
         seen = paths.evaluate(self._flat())
         other = ScatteredPilot(seen.gain, seen.variance, seen.stderr)
-        return choose(found, other)
+        return choose(found, other, max(law.expected for law in self.drawer.nominals))
 
     def _paths(self, photons: int, receivers: tuple[Aperture, ...]) -> AdjointPaths:
         """Return adjoint paths to some receivers."""

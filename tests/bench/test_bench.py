@@ -9,16 +9,20 @@ import meshtrace as mt
 from meshtrace import cli
 from meshtrace.bench import (
     analog_rate,
+    background_light,
     bench,
+    coverage_cost,
     figure_of_merit,
     new_sea,
+    realization,
     report,
     resolved_sea,
+    speedup_by_jobs,
     thread_scaling,
     worker_scaling,
 )
-from meshtrace.bench.maps import coverage_cost
-from meshtrace.bench.scaling import counts_up_to
+from meshtrace.bench.scaling import counts_up_to, makespan
+from meshtrace.parallel import job_times, ordered_map
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import JonswapSea
 from meshtrace.transport.forced_link import crossing_reach
@@ -58,6 +62,38 @@ def test_thread_scaling_is_relative_to_one_thread(threads):
         assert threads[speedup] == pytest.approx([r / threads[rate][0] for r in threads[rate]])
 
 
+def test_jobs_go_to_the_first_free_thread():
+    assert makespan([3.0, 1.0, 1.0, 1.0], 2) == 3.0
+    assert makespan([1.0, 1.0, 1.0, 3.0], 2) == 4.0
+    assert makespan([1.0, 1.0], 16) == 1.0
+    assert makespan([], 2) == 0.0
+
+
+def test_jobs_of_one_thread_are_timed():
+    with job_times() as rows:
+        assert list(ordered_map(abs, [-1, 2], threads=1)) == [1, 2]
+        assert list(ordered_map(abs, [-3], threads=1)) == [3]
+        assert list(ordered_map(abs, [-3], threads=2)) == [3]
+    assert [len(row) for row in rows] == [2, 1]
+    assert list(ordered_map(abs, [-1], threads=1)) == [1]
+    assert [len(row) for row in rows] == [2, 1]
+
+
+def test_speedup_by_jobs_follows_from_their_times(threads):
+    def busy(n):
+        return sum(i * i for i in range(n))
+
+    found = speedup_by_jobs(lambda: list(ordered_map(busy, [300_000] * 8, threads=1)), (1, 2, 4))
+    assert found["jobs"] == 8
+    assert 0.0 <= found["serial"] < 0.5
+    assert found["speedup"][0] == pytest.approx(1.0, rel=1e-6)
+    assert 1.0 < found["speedup"][1] <= 2.0 + 1e-9
+    assert found["speedup"][1] < found["speedup"][2] <= 4.0 + 1e-9
+    for kind in ("analog_by_jobs", "forced_by_jobs"):
+        assert threads[kind]["threads"] == [2, 16]
+        assert threads[kind]["jobs"] > 0
+
+
 def test_worker_scaling_runs_a_sweep():
     pytest.importorskip("distributed")
     found = worker_scaling(Scenario.from_config({"bubbles": "none"}), 8, chains=64, most=1)
@@ -76,6 +112,9 @@ def measured(meshes, threads):
         "merit": figure_of_merit(LINK, meshes[1], 256, 50_000, rounds=1, seeds=3),
         "new_sea": new_sea(LINK, SEA, rtol=0.2, rounds=1),
         "resolved_sea": resolved_sea(LINK, SEA, rtol=0.2, rounds=1, realizations=2),
+        "realization": realization(LINK, SEA, chains=64, realizations=2),
+        "background": background_light(LINK, SEA, rtol=0.5),
+        "first_run": {"cpu_seconds": 12.34, "seconds": 7.0, "warm_cpu_seconds": 1.26},
         "downlink": new_sea(LINK.mirrored(), SEA, rtol=0.2, rounds=1),
         "coverage": coverage_cost(LINK, SEA, extent=0.2, rtol=0.2),
         "peak_memory_mib": 1.0,
@@ -95,13 +134,24 @@ def test_report_names_every_measurement(measured, threads):
     merit = measured["merit"]
     assert f"scatter over stated error {merit['scatter_over_error']:.2f}" in text
     assert f"3: {threads['analog_speedup'][2]:.2f}x" in text
-    assert f"{measured['coverage']['cells']} places" in text
+    assert "12.3 CPU s with compilation, 1.3 CPU s afterwards" in text
+    assert f"{measured['new_sea']['kept_seconds']:.3f} s with chains that are kept" in text
+    for name in ("realization", "background", "coverage"):
+        assert f"{name} to {measured[name]['rtol']:.2%}" in text
+        assert measured[name]["cpu_seconds"] > 0.0
+    refused = dict.fromkeys(("background", "coverage", "first_run", "downlink"))
+    assert "coverage" not in report({**measured, **refused})
     assert 'pip install "meshtrace[batch]"' in report({**measured, "worker_scaling": None})
 
 
 def test_bench_measures_all_of_it(monkeypatch, measured):
     monkeypatch.setattr("meshtrace.bench.suite.worker_scaling", lambda scenario, seas: seas)
-    found = bench(Scenario.from_config({"bubbles": "none"}), quick=True)
+    first = measured["first_run"]
+    monkeypatch.setattr("meshtrace.bench.suite.first_run", lambda: first)
+    for name in ("background_light", "coverage_cost", "realization"):
+        monkeypatch.setattr(f"meshtrace.bench.suite.{name}", lambda link, sea: {"cpu_seconds": 1.0})
+    found = bench(Scenario.from_config({"bubbles": "none"}), quick=True, cold=True)
+    assert found["first_run"] == first
     assert set(found) == {*measured, "cores"}
     assert found["worker_scaling"] == 32
     assert found["analog"]["ratio"] > 0.0
@@ -111,13 +161,13 @@ def test_bench_measures_all_of_it(monkeypatch, measured):
 
 def test_command_writes_what_was_measured(tmp_path, monkeypatch, measured):
     asked = []
-    monkeypatch.setattr("meshtrace.bench.bench", lambda s, quick: asked.append(quick) or measured)
+    monkeypatch.setattr("meshtrace.bench.bench", lambda s, **o: asked.append(o) or measured)
     path = tmp_path / "bench.json"
     result = CliRunner().invoke(cli.app, ["bench", "--quick", "-o", str(path)])
     assert result.exit_code == 0, result.output
     assert json.loads(path.read_text()) == measured
     assert result.stdout == report(measured) + "\n"
-    assert asked == [True]
+    assert asked == [{"quick": True, "cold": False}]
 
 
 @pytest.mark.parametrize(

@@ -18,10 +18,13 @@ from pathlib import Path
 from time import process_time
 from typing import NamedTuple
 
+import numpy as np
 from naive import HAS_OPEN3D, caster, naive_gain
 
 import meshtrace as mt
+from meshtrace.bench.engine import RayRecorder
 from meshtrace.bvh import EmbreeIntersector
+from meshtrace.bvh.embree import CopiedScene
 from meshtrace.results.tallies import standard_error
 from meshtrace.surfaces import JonswapSea
 from meshtrace.tables import text_table
@@ -36,7 +39,7 @@ LINK = mt.Link(
 
 
 class Row(NamedTuple):
-    """Gain and cost of a tracer."""
+    """Gain and cost of a tracer; rays alone have no gain."""
 
     name: str
     samples: int
@@ -61,6 +64,7 @@ def measure(scale: float = 1.0, rounds: int = 3) -> list[Row]:
     photons, few = int(2_000_000 * scale), int(200_000 * scale)
     jobs: dict[str, tuple[int, Callable[[int], tuple[float, float]]]] = {
         "analog": (photons, _analog(mesh, photons)),
+        "raw Embree rays": _raw(mesh, min(photons, 2**18)),
         "naive, embreex": (few, _naive(mesh, few, False)),
     }
     if HAS_OPEN3D:
@@ -86,6 +90,24 @@ def _analog(mesh: mt.TriangleMesh, photons: int) -> Callable[[int], tuple[float,
         return float(sums.score[0]) / photons, float(error[0])
 
     return job
+
+
+def _raw(mesh: mt.TriangleMesh, photons: int) -> tuple[int, Callable[[int], tuple[float, float]]]:
+    """Return the number of rays of analog photons, and a job that casts them by embreex.
+
+    The lamp is 10 m deep: the engine scales shorter links, and the rays with them.
+    """
+    recorder = RayRecorder(mesh, 1)
+    deeper = LINK.replace(transmitter=LINK.transmitter.replace(depth=10.0))
+    run_analog(deeper, recorder, photons=photons, seed=1, normals="facet")
+    scene = CopiedScene(mesh.vertices, mesh.faces)
+
+    def job(seed: int) -> tuple[float, float]:
+        for chunk in recorder.rays:
+            scene.run(*chunk)
+        return np.nan, np.nan
+
+    return sum(len(origins) for origins, _ in recorder.rays), job
 
 
 def _naive(mesh: mt.TriangleMesh, n: int, open3d: bool) -> Callable[[int], tuple[float, float]]:
@@ -119,14 +141,15 @@ def mitsuba_rows(samples: int) -> list[Row]:
 def table(rows: list[Row]) -> str:
     """Return the rows as text, figures of merit relative to the naive tracer on embreex."""
     naive = next(row.merit for row in rows if row.name == "naive, embreex")
-    return text_table(
-        (
-            row.name,
-            f"{row.gain:.4e} +- {row.stderr:.1e}, {row.samples / row.cpu_s:9.3g} samples per CPU s, "
-            f"merit {row.merit / naive:8.3g}",
-        )
-        for row in rows
-    )
+    return text_table((row.name, _text(row, naive)) for row in rows)
+
+
+def _text(row: Row, naive: float) -> str:
+    """Return a row as text."""
+    rate = f"{row.samples / row.cpu_s:9.3g} samples per CPU s"
+    if np.isnan(row.gain):
+        return f"{'':22s}  {rate}"
+    return f"{row.gain:.4e} +- {row.stderr:.1e}, {rate}, merit {row.merit / naive:8.3g}"
 
 
 if __name__ == "__main__":

@@ -80,18 +80,21 @@ def test_tilts_are_two_standard_normal_numbers():
     assert 2.0 * stats.norm.sf(abs(correlation)) > sidak(ALPHA, 3)
 
 
+@pytest.mark.parametrize("turbid", [False, True], ids=["clear", "turbid"])
 @pytest.mark.parametrize("order", [1, 2, 3, 6])
-def test_orders_have_poisson_probabilities(order):
+def test_orders_have_poisson_probabilities(order, turbid):
     """E[weight b^K exp(-c s); s < L] = (b/c)^K P(Gamma(K) < c L), below and above the depth."""
-    water = mt.Water(a=0.05, b=0.3)
-    _, chains, _ = make(mt.Link(water=water), order)
+    water = mt.Water(a=0.05, b=0.6 if turbid else 0.3)
+    nominal, chains, component = make(mt.Link(water=water), order)
+    assert (nominal.mixture[-1] > 0.0) == turbid
+    assert (component == len(nominal.mixture) - 1).any() == turbid
     for length in (4.0, 10.0, 25.0):
         w = np.where(
             chains.path < length, chains.weight * water.b**order * np.exp(-water.c * chains.path), 0
         )
         expected = water.albedo**order * stats.gamma.cdf(water.c * length, order)
         p = z_test(w.mean(), w.std() / math.sqrt(N), expected)
-        assert p > sidak(ALPHA, 12), (length, w.mean() / expected)
+        assert p > sidak(ALPHA, 24), (length, w.mean() / expected)
 
 
 def test_probability_of_no_more_than_so_many_scatterings():
@@ -112,12 +115,28 @@ def test_weight_is_one_over_the_mixture_density(order):
     assert d == pytest.approx(10.0)
     s = chains.path
     density = nominal.mixture[0] * c**order * np.exp(-c * s)
-    for share, stretch in zip(nominal.mixture[1:], nominal.stretch, strict=True):
+    for share, stretch in zip(nominal.mixture[1:-1], nominal.stretch, strict=True):
         length = stretch * d
         density += np.where(s < length, share * math.factorial(order) / length**order, 0.0)
     np.testing.assert_allclose(chains.weight, 1.0 / density, rtol=1e-9)
     counts = np.bincount(component, minlength=len(nominal.mixture))
     assert chi2_test(counts, nominal.mixture) > ALPHA
+
+
+def test_fitted_chains_end_on_spheres_about_the_source():
+    """The open segments of fitted chains meet a sphere behind a free path."""
+    nominal, chains, component = make(mt.Link(water=mt.Water(a=0.1, b=1.0)), 8, n=20_000)
+    fitted = component == len(nominal.mixture) - 1
+    q, v = chains.tail[fitted], chains.last[fitted]
+    qv, square = (q * v).sum(axis=1), (q * q).sum(axis=1)
+    radii = nominal.distance * nominal.stretch[1:, None]
+    root = np.sqrt(np.maximum(qv**2 - square + radii**2, 0.0))
+    ways = np.concatenate([root - qv, -root - qv])
+    # of a segment with many chances one is the free path: the law holds on average
+    share = np.exp(-nominal.c * ways) * (ways > 0.0)
+    assert (share.sum(axis=0) > 0.0).all()
+    near = np.where(ways > 0.0, ways, np.inf).min(axis=0)
+    assert np.mean(near) < 1.0 / nominal.c
 
 
 def test_no_chain_of_the_length_of_a_slanted_way_is_heavy():

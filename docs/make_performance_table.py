@@ -1,0 +1,28 @@
+"""Measure the speed of the engine and write the report into performance_table.md.
+
+Run it on a quiet machine: `python docs/make_performance_table.py`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from meshtrace.bench import bench, report
+from meshtrace.scenario import Scenario
+
+PAGE = Path(__file__).with_name("performance_table.md")
+
+
+def main() -> None:
+    """Write the table."""
+    result = bench(Scenario.from_config({"wind_speed": 13.0, "bubbles": "none"}), cold=True)
+    e = result["environment"]
+    machine = (
+        f"on {result['cores']} cores of {e['machine']}, meshtrace {e['meshtrace']}, "
+        f"Python {e['python']}, numba {e['numba']}, embreex {e['embreex']}"
+    )
+    PAGE.write_text(f"```text\n{report(result)}\n{machine}\n```\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
