@@ -27,6 +27,7 @@ from meshtrace.kernels.adjoint_start import (
     is_flat,
 )
 from meshtrace.kernels.angle_table import phase_at
+from meshtrace.kernels.beam_fan import distance_density, drawn_in_beam, drawn_in_fan, fan_density, fan_of, pass_of
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.line_estimate import point_of_beam, scattered_at, scattered_into
 from meshtrace.kernels.medium import (
@@ -196,6 +197,10 @@ def _draw_length(paths, i, p, d, longest, world):
     lamp = row(paths.lamp, i)
     if u_kind < world.even:
         return u * _even_range(p, lamp, longest)
+    if u_kind < world.even + world.lit:
+        line = pass_of(p, d, longest, lamp, world.beam, world.optics)
+        if line.high > line.low:
+            return drawn_in_beam(line, longest, u)
     scale = norm(minus(lamp, p))
     return distance_at(world.optics.sampled, p, d, -math.log(u), longest, scale)
 
@@ -213,7 +218,7 @@ def _arrive(paths, i, checks, n, rays, world):
     weight *= math.exp(-optical_depth(medium, p, d, t))
     b, bubbles = scattering_coefficients(medium, at)
     near_b, near_bubbles = scattering_coefficients(optics.sampled, at)
-    passed = (1.0 - world.even) * math.exp(-scattering_depth(optics.sampled, p, d, t))
+    passed = (1.0 - world.even - world.lit) * math.exp(-scattering_depth(optics.sampled, p, d, t))
     u_kind, u, v, lot = uniforms(world.key, world.first + i, paths.event[i], _TURN)
     if on_bottom:
         weight *= medium.bottom_albedo / passed
@@ -222,6 +227,9 @@ def _arrive(paths, i, checks, n, rays, world):
         even = _even_range(p, lamp, _longest(p, d, world))
         if t <= even:
             density += world.even / even
+        if world.lit > 0.0:
+            line = pass_of(p, d, _longest(p, d, world), lamp, world.beam, optics)
+            density += world.lit * distance_density(line, t)
         weight *= (b + bubbles) / density
     paths.order[i] += 1
     if weight == 0.0:
@@ -251,7 +259,13 @@ def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, r
     medium = optics.medium
     to_lamp = unit(minus(lamp, at))
     u_kind, u, v, u_side = uniforms(world.key, world.first + i, paths.event[i], _SIDE)
-    aimed = turn(to_lamp, peaked_s(u, u_kind, share, medium), v)
+    fan = fan_of(at, to_lamp, lamp, world.beam, optics)
+    in_fan = world.fan if fan.visible else 0.0
+    if u_kind < in_fan:
+        aimed = drawn_in_fan(fan, u, v, optics)
+    else:
+        u_kind = (u_kind - in_fan) / (1.0 - in_fan)
+        aimed = turn(to_lamp, peaked_s(u, u_kind, share, medium), v)
     u_a, v_a, u_b, v_b = uniforms(world.key, world.first + i, paths.event[i], _LINE)
     u, v, u_length, _ = uniforms(world.key, world.first + i, paths.event[i], _BEAM)
     lit = minus(point_of_beam(lamp, u, v, u_length, optics), at)
@@ -265,6 +279,11 @@ def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, r
             continue
         theta = angle_between(to_lamp, w)
         towards = (1.0 - PEAK) * _mixed_phase(theta, share, optics) + PEAK * peak_density(theta)
+        brighter = max(phase_at(optics.water, theta) / phase_at(optics.water, _ASIDE), 1.0)
+        if in_fan > 0.0:
+            beam = fan_density(fan, w, optics)
+            towards = (1.0 - in_fan) * towards + in_fan * beam
+            brighter = max(brighter, 4.0 * math.pi * beam)
         longest = _longest(at, w, world)
         if k == 2:
             q = scattered_at(at, w, norm(lit), longest, lamp, optics)
@@ -277,11 +296,11 @@ def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, r
         kept = weight * forward / (forward + aside * towards)
         if k == 0:
             write(paths.direction[i], w)
-            paths.weight[i] = _roulette(kept, at, lamp, theta, lot, paths, i, optics)
+            paths.weight[i] = _roulette(kept, at, lamp, brighter, lot, paths, i, optics)
             if paths.weight[i] > 0.0:
                 paths.state[i] = WALKING
         elif k == 1 and u_side < aside:
-            kept = _roulette(kept, at, lamp, theta, u_side / aside, paths, i, optics)
+            kept = _roulette(kept, at, lamp, brighter, u_side / aside, paths, i, optics)
             if kept > 0.0:
                 _branch_off(paths, i, at, w, kept)
     return n, rays
@@ -304,7 +323,7 @@ def _mixed_phase(theta, share, optics):
 
 
 @inlined
-def _roulette(weight, at, lamp, theta, u, paths, i, optics):
+def _roulette(weight, at, lamp, brighter, u, paths, i, optics):
     """Return the weight after Russian roulette, 0 for a terminated path.
 
     A path that heads for the source scores in proportion to the phase function: it is light
@@ -312,7 +331,7 @@ def _roulette(weight, at, lamp, theta, u, paths, i, optics):
     """
     survival = 1.0
     ratio = weight * importance_at(at, lamp, optics.medium) / paths.importance[i]
-    ratio *= max(phase_at(optics.water, theta) / phase_at(optics.water, _ASIDE), 1.0)
+    ratio *= brighter
     if ratio < _LIGHT:
         survival = min(max(ratio / _LIGHT, weight / paths.heaviest[i]), 1.0)
     if paths.order[i] > _MANY:

@@ -30,6 +30,8 @@ from meshtrace.kernels.angle_table import SMALLEST_ANGLE, AngleTable
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.line_estimate import Optics
 from meshtrace.kernels.medium import DepthMode, Medium
+from meshtrace.kernels.scene import Emitter
+from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.link.sources import AirLamp
@@ -49,7 +51,8 @@ from meshtrace.transport.frame import IDENTITY, frame_of
 _BLOCK = 4096  # paths of one block; sums of blocks do not depend on threads
 _ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
 _CELLS_PER_LOG = 200.0
-_EVEN, _AIMED = 0.5, 0.3  # shares of free paths and of directions, see `World`
+_EVEN, _AIMED, _FAN, _LIT = 0.5, 0.3, 0.5, 0.2  # shares of free paths and of directions, see `World`
+_WIDEST = 0.5  # [rad] standard deviation of a beam that is aimed at
 _BRANCHES = 8  # side paths of one path that wait at a time
 _ROUNDS = 3  # of looking for the facets below the crossings
 _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
@@ -269,6 +272,7 @@ class _Over:
         )[0]
         b, bubbles = _vertical_depths(self._medium, -optics.emitter.position[2])
         lobe_bubble = bubbles / (b + bubbles) if bubbles > 0.0 else 0.0
+        beam = _beam_width(optics.emitter)
         return starting.World(
             optics,
             target,
@@ -280,6 +284,9 @@ class _Over:
             float(cos_cone),
             _EVEN / (1.0 + b + bubbles) ** 1.5,
             _AIMED,
+            beam,
+            _FAN if beam else 0.0,
+            _LIT if beam else 0.0,
             key,
             first,
         )
@@ -389,6 +396,15 @@ class _Over:
         share = n * height / (n * height + depth)
         center, lamp = np.array(target.center), np.array(emitter.position)
         return (center + share * (lamp - center))[None, :2].copy()
+
+
+def _beam_width(emitter: Emitter) -> float:
+    """Return the standard deviation [rad] of the beam of a source, 0 of a wide one."""
+    if emitter.kind == SourceKind.ISOTROPIC:
+        return 0.0
+    led = emitter.kind == SourceKind.LED
+    width = 1.0 / math.sqrt(max(emitter.spread, 1.0)) if led else 0.5 * emitter.spread
+    return width if width < _WIDEST else 0.0
 
 
 def _vertical_depths(medium: Medium, depth: float) -> tuple[float, float]:
