@@ -51,7 +51,8 @@ from meshtrace.transport.frame import IDENTITY, frame_of
 _BLOCK = 4096  # paths of one block; sums of blocks do not depend on threads
 _ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
 _CELLS_PER_LOG = 200.0
-_EVEN, _AIMED, _FAN, _LIT = 0.5, 0.3, 0.5, 0.2  # shares of free paths and of directions, see `World`
+_EVEN, _AIMED, _FAN, _LIT, _MORE = 0.5, 0.3, 0.4, 0.2, 0.3  # shares of free paths and of directions, see `World`
+_SPENT = 0.1  # exp(-b z / 2) below which a beam is not aimed at
 _WIDEST = 0.5  # [rad] standard deviation of a beam that is aimed at
 _BRANCHES = 8  # side paths of one path that wait at a time
 _ROUNDS = 3  # of looking for the facets below the crossings
@@ -273,6 +274,10 @@ class _Over:
         b, bubbles = _vertical_depths(self._medium, -optics.emitter.position[2])
         lobe_bubble = bubbles / (b + bubbles) if bubbles > 0.0 else 0.0
         beam = _beam_width(optics.emitter)
+        alive = math.exp(-0.5 * (b + bubbles)) if beam > 0.0 else 0.0
+        if alive < _SPENT:
+            alive = beam = 0.0
+        aimed = _AIMED + _MORE * alive
         return starting.World(
             optics,
             target,
@@ -283,10 +288,10 @@ class _Over:
             axis,
             float(cos_cone),
             _EVEN / (1.0 + b + bubbles) ** 1.5,
-            _AIMED,
+            aimed,
             beam,
-            _FAN if beam else 0.0,
-            _LIT if beam else 0.0,
+            _FAN * alive / aimed,
+            _LIT * alive,
             key,
             first,
         )
