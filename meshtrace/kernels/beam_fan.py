@@ -17,7 +17,7 @@ from meshtrace.kernels.angle_table import SMALLEST_ANGLE, angle_of_tail, phase_a
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.vectors import Vec3, angle_between, cross, dot, minus, norm, scaled, unit
 
-_THINNEST = 0.02  # sine of a tilt
+_THINNEST = 1e-3  # sine of a tilt
 _FARTHEST = 4.0  # mean distances of points in the beam
 _SMALLEST = 1e-4  # [rad] angle that spans a plane
 
