@@ -120,7 +120,7 @@ class AdjointPaths:
         Paths for each receiver, >= 32 for each source.
     seed : int
         Key of the random numbers, 0 <= seed < 2^64. The numbers of a receiver depend on the
-        seed and its index in the link alone.
+        seed and its rank among the receivers sorted by their fields, not on their order.
     normals : {"vertex", "facet"}
         Normals interpolated from the corners, or those of the facets.
     threads : int
@@ -222,6 +222,8 @@ class _Over:
             mesh = frame.mesh(mesh)
             intersector = EmbreeIntersector(mesh, 1)
         self._arrivals, self._unit = arrivals, frame.unit
+        forms = [repr(r) for r in link.receivers]
+        self._rank = np.argsort(np.argsort(forms, kind="stable"))
         self._seed, self._smooth = paths.seed, paths.normals == "vertex"
         self._intersector = intersector
         surface = surface_arrays(mesh, paths.normals, link.physics.unresolved)
@@ -253,11 +255,11 @@ class _Over:
     def _world(self, receiver: int, source: int, first: int) -> starting.World:
         if self._down:  # paths start at the lamps, and receivers have the same in any order
             optics, size = self._sources[receiver]
-            target, receiver = self._targets[source], 0
+            target, stream = self._targets[source], 0
             axis, cos_cone = target.lamp.axis, target.cos_half_fov
         else:
             optics, size = self._sources[source]
-            target = self._targets[receiver]
+            target, stream = self._targets[receiver], int(self._rank[receiver])
             axis = Vec3(-target.axis.x, -target.axis.y, -target.axis.z)
             cos_cone = target.cos_half_fov
         if self._interface.fov != FieldOfView.ANGLE:  # a disk about the point below the receiver
@@ -268,7 +270,7 @@ class _Over:
                 target.tan_half_fov
             )
             cos_cone = nearest / math.hypot(nearest, widest) if nearest > 0.0 else 0.0
-        key = np.random.SeedSequence((self._seed, source, receiver, 0xAD)).generate_state(
+        key = np.random.SeedSequence((self._seed, source, stream, 0xAD)).generate_state(
             1, np.uint64
         )[0]
         b, bubbles = _vertical_depths(self._medium, -optics.emitter.position[2])
