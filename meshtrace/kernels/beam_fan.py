@@ -93,7 +93,9 @@ def drawn_in_fan(fan, u, v, optics):
     plane = math.sqrt(max(1.0 - x * x, 0.0))
     p, q = plane * math.cos(theta - fan.alpha), plane * math.sin(theta - fan.alpha)
     a, b, c = fan.to_lamp, fan.along, fan.across
-    return Vec3(p * a.x + q * b.x + x * c.x, p * a.y + q * b.y + x * c.y, p * a.z + q * b.z + x * c.z)
+    return Vec3(
+        p * a.x + q * b.x + x * c.x, p * a.y + q * b.y + x * c.y, p * a.z + q * b.z + x * c.z
+    )
 
 
 class Pass(NamedTuple):
