@@ -199,8 +199,9 @@ class FactorCache:
         factors = self._factors.get(key)
         if factors is None:
             factors = GridFactors(waves.kx, waves.ky, x_axis, y_axis)
-            while len(self._factors) >= _GRIDS_KEPT:
-                self._factors.pop(next(iter(self._factors)))
+            # other threads may add grids meanwhile
+            for old in list(self._factors)[: 1 - _GRIDS_KEPT]:
+                self._factors.pop(old, None)
             self._factors[key] = factors
         return factors
 

@@ -22,7 +22,7 @@ from meshtrace.errors import Described, Refused
 from meshtrace.explorer.state import State
 from meshtrace.fading import Estimate, block_length, scintillation_index
 from meshtrace.link import Receiver
-from meshtrace.mesh import SurfaceModel
+from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult
@@ -242,13 +242,13 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
     times = np.arange(FADING_FRAMES) / FADING_RATE
     duration = FADING_FRAMES / FADING_RATE
 
-    def meshes() -> Iterator[Any]:
+    def surfaces() -> Iterator[tuple[MeshSource, float]]:
         for t in times:
             check()
-            yield inputs.mesh(inputs.link, inputs.surface, float(t))
+            yield inputs.surface, float(t)
 
     gain = np.empty(FADING_FRAMES)
-    for i, part in enumerate(common_chains(inputs, meshes())):
+    for i, part in enumerate(common_chains(inputs, surfaces())):
         uncertain = part.stderr[0] > _MOST_ERROR * part.gain[0]
         gain[i] = np.nan if uncertain else part.gain[0]
         if (i + 1) % _SHOWN_EVERY == 0 and i + 1 < FADING_FRAMES:

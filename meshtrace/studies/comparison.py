@@ -13,7 +13,7 @@ import xarray as xr
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, RandomSea, TriangleMesh
+from meshtrace.mesh import MeshSource, RandomSea
 from meshtrace.models import Floats
 from meshtrace.results.variables import StoredArrays, Variable
 from meshtrace.scenario import Scenario
@@ -185,7 +185,7 @@ def compare(
             raise error.inside("links", str(name)) from None
     over = _joint(list(inputs.values()))
     samples = np.array([
-        _samples(one, _meshes(of, one, realizations), progress)
+        _samples(one, of.link, realizations, progress)
         for one, of in zip(inputs.values(), over, strict=True)
     ])  # fmt: skip
     more = {"realizations": realizations}
@@ -216,26 +216,24 @@ def _joint(inputs: list[Inputs]) -> list[Inputs]:
     return [first._replace(link=clearest.replace(**ends))] * len(inputs)
 
 
-def _meshes(over: Inputs, inputs: Inputs, realizations: int) -> Iterator[TriangleMesh]:
-    """Yield the mesh of each realization of a sea."""
+def _surfaces(inputs: Inputs, realizations: int) -> Iterator[tuple[MeshSource, float]]:
+    """Yield each realization of a sea, and its time."""
     time, sea = inputs.meshing.time, inputs.surface
     if realizations == 1:
-        yield over.mesh(over.link, sea, time)
+        yield sea, time
         return
     if not isinstance(sea, RandomSea):
         raise Refused("surface", Described(type(sea).__name__), "a sea with random phases")
     for i in range(realizations):
-        yield over.mesh(over.link, sea.with_seed(realization_seed(inputs.run.seed, i)), time)
+        yield sea.with_seed(realization_seed(inputs.run.seed, i)), time
 
 
 def _samples(
-    inputs: Inputs,
-    meshes: Iterator[TriangleMesh],
-    progress: Callable[[int], None] | None,
+    inputs: Inputs, lit: Link, realizations: int, progress: Callable[[int], None] | None
 ) -> Floats:
     """Return the gain by group of chains over one sea, or by sea over several."""
     groups = []
-    for parts in common_chains(inputs, meshes):
+    for parts in common_chains(inputs, _surfaces(inputs, realizations), lit):
         groups.append(parts.shifts[0])
         if progress is not None:
             progress(1)

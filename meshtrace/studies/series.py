@@ -136,8 +136,7 @@ def over_times(
     """Return the gains at times (n,) [s] of resolved inputs, see `time_series`."""
     origin = inputs.provenance()
     if flight is None and route is None:
-        meshes = (inputs.mesh(inputs.link, inputs.surface, float(t)) for t in times)
-        parts = common_chains(inputs, meshes)
+        parts = common_chains(inputs, ((inputs.surface, float(t)) for t in times))
         return gain_series(inputs.link, "time", times, parts, origin, progress)
     changes: dict[str, Any] = {}
     if flight is not None:
@@ -221,8 +220,7 @@ def over_realizations(
     seeds = np.array(
         [realization_seed(inputs.run.seed, i) for i in range(n_realizations)], np.int64
     )
-    meshes = (inputs.mesh(inputs.link, sea.with_seed(int(s)), time) for s in seeds)
-    parts = common_chains(inputs, meshes)
+    parts = common_chains(inputs, ((sea.with_seed(int(s)), time) for s in seeds))
     return gain_series(inputs.link, "realization", seeds, parts, inputs.provenance(), progress)
 
 
@@ -246,13 +244,27 @@ def _beside_closed_form(inputs: Inputs, series: GainSeries) -> GainSeries:
     return replace(series, provenance={**series.provenance, **found})
 
 
-def common_chains(inputs: Inputs, meshes: Iterator[TriangleMesh]) -> Iterator[Parts]:
-    """Yield the parts of the gain over each mesh, with one set of chains."""
-    first = list(islice(meshes, 4))
+def common_chains(
+    inputs: Inputs, surfaces: Iterator[tuple[MeshSource, float]], lit: Link | None = None
+) -> Iterator[Parts]:
+    """Yield the parts of the gain over each surface and time, with one set of chains.
+
+    Each mesh is made in the thread that evaluates it, as far as the light of `lit` crosses, by
+    default that of the link.
+    """
+
+    def mesh(surface: tuple[MeshSource, float]) -> TriangleMesh:
+        return inputs.mesh(lit or inputs.link, *surface)
+
+    def evaluate(surface: TriangleMesh | tuple[MeshSource, float]) -> Parts:
+        return forced.evaluate(surface if isinstance(surface, TriangleMesh) else mesh(surface))
+
+    first = [mesh(surface) for surface in islice(surfaces, 4)]
     crest = _CREST_MARGIN * max(float(mesh.bounds[1, 2]) for mesh in first)
     run, normals = inputs.run, inputs.meshing.normals
     forced = ForcedDetection(inputs.link, run.photons, run.seed, normals, crest=crest)
-    return ordered_map(forced.evaluate, chain(first, meshes), inputs.threads)
+    jobs: Iterator[TriangleMesh | tuple[MeshSource, float]] = chain(first, surfaces)
+    return ordered_map(evaluate, jobs, inputs.threads)
 
 
 def _tilts(inputs: Inputs, times: Floats, uav: Uav, wind: Dryden) -> dict[str, Floats]:

@@ -24,8 +24,8 @@ from random import Random
 import numpy as np
 
 SEED = 20240229
-HANG = 240.0  # [s] for one input, which may compile a kernel on a busy machine
-PATIENCE = 600.0  # [s] for a process of its own, which may find no cache of kernels
+HANG = 90.0  # [s] for one input; most kernels are compiled before
+PATIENCE = 300.0  # [s] for a process of its own, which may find no cache of kernels
 START = 400.0  # [s] to compile those
 MEMORY = 6 * 2**30  # [B]
 LONGEST = 1000  # letters of a refusal
