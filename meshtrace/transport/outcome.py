@@ -35,7 +35,7 @@ from meshtrace.transport.returned import returned_gain
 LEFT_DOMAIN_WARNING = 1e-4
 _RETURNED = 1e-3
 _FEW = 100.0  # effective samples below which an error is uncertain itself
-_FEW_SHARE = 0.1  # of the samples: a run of few photons is known to be uncertain
+_FEW_SHARE = 0.15  # of the samples: a run of few photons is known to be uncertain
 _SMALL = 0.01  # share of the gain below which its scattered part does not matter
 
 
