@@ -55,7 +55,9 @@ def fan_of(at, to_lamp, lamp, width, optics):
         last = math.atan2(r * math.sin(alpha), r * math.cos(alpha) - far)
         mass = tail_at(optics.water, alpha) - tail_at(optics.water, last)
         visible = mass > 0.0
-    return Fan(visible, to_lamp, along, across, alpha, last, mass, width / math.sin(alpha))
+    return Fan(
+        visible, to_lamp, along, across, alpha, last, mass, width / max(math.sin(alpha), _SMALLEST)
+    )
 
 
 @inlined

@@ -51,13 +51,8 @@ from meshtrace.transport.frame import IDENTITY, frame_of
 _BLOCK = 4096  # paths of one block; sums of blocks do not depend on threads
 _ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
 _CELLS_PER_LOG = 200.0
-_EVEN, _AIMED, _FAN, _LIT, _MORE = (
-    0.5,
-    0.3,
-    0.6,
-    0.2,
-    0.5,
-)  # shares of free paths and of directions, see `World`
+_EVEN, _AIMED = 0.5, 0.3  # shares of free paths and of directions, see `World`
+_FAN, _LIT, _MORE = 0.6, 0.2, 0.5  # the same in the beam of a narrow source; more side paths there
 _SPENT = 0.1  # exp(-b z / 2) below which a beam is not aimed at
 _WIDEST = 0.5  # [rad] standard deviation of a beam that is aimed at
 _BRANCHES = 8  # side paths of one path that wait at a time
