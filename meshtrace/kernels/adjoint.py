@@ -4,9 +4,10 @@ A path starts on the aperture against the light, crosses the surface (`kernels.a
 is scattered in the water. Each of its segments receives light that the source sends straight to a
 point of it and that is scattered into it there (`kernels.line_estimate`): the segment behind k
 scatterings scores light of order k + 1. At a scattering the segment that goes on is drawn by the
-phase function; a second one, drawn by the phase function about the direction to the source,
-scores and goes on as a side path with some chance. The balance heuristic joins both, so that
-neither forward peak makes a heavy tail and no weight grows.
+phase function; a second one, drawn by the phase function about the direction to the source or
+towards the beam of a narrow one (`kernels.beam_fan`), scores and goes on as a side path with some
+chance. The balance heuristic joins both, so that neither forward peak makes a heavy tail and no
+weight grows.
 """
 
 from __future__ import annotations
@@ -27,6 +28,14 @@ from meshtrace.kernels.adjoint_start import (
     is_flat,
 )
 from meshtrace.kernels.angle_table import phase_at
+from meshtrace.kernels.beam_fan import (
+    distance_density,
+    drawn_in_beam,
+    drawn_in_fan,
+    fan_density,
+    fan_of,
+    pass_of,
+)
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.line_estimate import point_of_beam, scattered_at, scattered_into
 from meshtrace.kernels.medium import (
@@ -191,11 +200,15 @@ def _even_range(p, lamp, longest):
 
 @inlined
 def _draw_length(paths, i, p, d, longest, world):
-    """Draw a free path: by the scattering depth, or uniformly to just beyond the source."""
+    """Draw a free path: by the scattering depth, uniformly to beyond the source, or in its beam."""
     u, u_kind, _, _ = uniforms(world.key, world.first + i, paths.event[i], _COLLISION)
     lamp = row(paths.lamp, i)
     if u_kind < world.even:
         return u * _even_range(p, lamp, longest)
+    if u_kind < world.even + world.lit:
+        line = pass_of(p, d, longest, lamp, world.beam, world.optics)
+        if line.high > line.low:
+            return drawn_in_beam(line, longest, u)
     scale = norm(minus(lamp, p))
     return distance_at(world.optics.sampled, p, d, -math.log(u), longest, scale)
 
@@ -213,7 +226,7 @@ def _arrive(paths, i, checks, n, rays, world):
     weight *= math.exp(-optical_depth(medium, p, d, t))
     b, bubbles = scattering_coefficients(medium, at)
     near_b, near_bubbles = scattering_coefficients(optics.sampled, at)
-    passed = (1.0 - world.even) * math.exp(-scattering_depth(optics.sampled, p, d, t))
+    passed = (1.0 - world.even - world.lit) * math.exp(-scattering_depth(optics.sampled, p, d, t))
     u_kind, u, v, lot = uniforms(world.key, world.first + i, paths.event[i], _TURN)
     if on_bottom:
         weight *= medium.bottom_albedo / passed
@@ -222,6 +235,9 @@ def _arrive(paths, i, checks, n, rays, world):
         even = _even_range(p, lamp, _longest(p, d, world))
         if t <= even:
             density += world.even / even
+        if world.lit > 0.0:
+            line = pass_of(p, d, _longest(p, d, world), lamp, world.beam, optics)
+            density += world.lit * distance_density(line, t)
         weight *= (b + bubbles) / density
     paths.order[i] += 1
     if weight == 0.0:
@@ -245,13 +261,14 @@ def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, r
     """Score the segments that leave a scattering, and select those to follow; return (n, rays).
 
     Three points are joined by the balance heuristic: on a segment drawn by the phase function, on
-    one drawn about the direction to the source, and in the beam of the source.
+    one drawn about the direction to the source or its beam, and in the beam of the source.
     """
     optics, lamp = world.optics, row(paths.lamp, i)
-    medium = optics.medium
     to_lamp = unit(minus(lamp, at))
     u_kind, u, v, u_side = uniforms(world.key, world.first + i, paths.event[i], _SIDE)
-    aimed = turn(to_lamp, peaked_s(u, u_kind, share, medium), v)
+    fan = fan_of(at, to_lamp, lamp, world.beam, optics)
+    in_fan = world.fan if fan.visible else 0.0
+    aimed = _drawn_aim(to_lamp, u_kind, u, v, share, fan, in_fan, optics)
     u_a, v_a, u_b, v_b = uniforms(world.key, world.first + i, paths.event[i], _LINE)
     u, v, u_length, _ = uniforms(world.key, world.first + i, paths.event[i], _BEAM)
     lit = minus(point_of_beam(lamp, u, v, u_length, optics), at)
@@ -263,8 +280,7 @@ def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, r
         forward = _forward(d, w, share, on_bottom, optics)
         if not forward > 0.0:
             continue
-        theta = angle_between(to_lamp, w)
-        towards = (1.0 - PEAK) * _mixed_phase(theta, share, optics) + PEAK * peak_density(theta)
+        towards, brighter = _aim_of(to_lamp, w, share, fan, in_fan, optics)
         longest = _longest(at, w, world)
         if k == 2:
             q = scattered_at(at, w, norm(lit), longest, lamp, optics)
@@ -277,14 +293,36 @@ def _connect(paths, i, at, d, plain, weight, share, on_bottom, lot, checks, n, r
         kept = weight * forward / (forward + aside * towards)
         if k == 0:
             write(paths.direction[i], w)
-            paths.weight[i] = _roulette(kept, at, lamp, theta, lot, paths, i, optics)
+            paths.weight[i] = _roulette(kept, at, lamp, brighter, lot, paths, i, optics)
             if paths.weight[i] > 0.0:
                 paths.state[i] = WALKING
         elif k == 1 and u_side < aside:
-            kept = _roulette(kept, at, lamp, theta, u_side / aside, paths, i, optics)
+            kept = _roulette(kept, at, lamp, brighter, u_side / aside, paths, i, optics)
             if kept > 0.0:
                 _branch_off(paths, i, at, w, kept)
     return n, rays
+
+
+@inlined
+def _drawn_aim(to_lamp, u_kind, u, v, share, fan, in_fan, optics):
+    """Draw a direction towards the source or its beam."""
+    if u_kind < in_fan:
+        return drawn_in_fan(fan, u, v, optics)
+    u_kind = (u_kind - in_fan) / (1.0 - in_fan)
+    return turn(to_lamp, peaked_s(u, u_kind, share, optics.medium), v)
+
+
+@inlined
+def _aim_of(to_lamp, w, share, fan, in_fan, optics):
+    """Return the density [sr-1] of `_drawn_aim`, and the light along w over that farther aside."""
+    theta = angle_between(to_lamp, w)
+    density = (1.0 - PEAK) * _mixed_phase(theta, share, optics) + PEAK * peak_density(theta)
+    brighter = max(phase_at(optics.water, theta) / phase_at(optics.water, _ASIDE), 1.0)
+    if in_fan > 0.0:
+        beam = fan_density(fan, w, optics)
+        density = (1.0 - in_fan) * density + in_fan * beam
+        brighter = max(brighter, 4.0 * math.pi * beam)
+    return density, brighter
 
 
 @inlined
@@ -304,15 +342,15 @@ def _mixed_phase(theta, share, optics):
 
 
 @inlined
-def _roulette(weight, at, lamp, theta, u, paths, i, optics):
+def _roulette(weight, at, lamp, brighter, u, paths, i, optics):
     """Return the weight after Russian roulette, 0 for a terminated path.
 
-    A path that heads for the source scores in proportion to the phase function: it is light
-    because that direction was drawn often, and must not be made heavy by roulette.
+    A path that heads for the source or its beam scores more by the factor `brighter`: its weight
+    is low because that direction was drawn often, and roulette must not raise it again.
     """
     survival = 1.0
     ratio = weight * importance_at(at, lamp, optics.medium) / paths.importance[i]
-    ratio *= max(phase_at(optics.water, theta) / phase_at(optics.water, _ASIDE), 1.0)
+    ratio *= brighter
     if ratio < _LIGHT:
         survival = min(max(ratio / _LIGHT, weight / paths.heaviest[i]), 1.0)
     if paths.order[i] > _MANY:

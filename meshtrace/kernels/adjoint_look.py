@@ -113,6 +113,66 @@ def _drawn_about(lobe, axis, inside, u, v, u_kind, world):
     return turn(lobe, peaked_s(u, u_kind, world.lobe_bubble, world.optics.medium), v)
 
 
+class _Lobes(NamedTuple):
+    """Lobes of a path that are drawn from: those inside the cone, or all if none is."""
+
+    inside: bool
+    used: int
+    share: float  # of the directions
+
+
+@inlined
+def _lobes_of(paths, i, world):
+    lobes, n_inside = paths.lobe.shape[1], 0
+    for j in range(lobes):
+        n_inside += _in_cone(row(paths.lobe[i], j), world)
+    inside = n_inside > 0
+    share = 0.0
+    if lobes > 0:
+        share = _LOBES if inside else _LOBES_OUTSIDE
+    return _Lobes(inside, n_inside if inside else lobes, share)
+
+
+@inlined
+def _drawn(paths, i, lobes, world):
+    """Draw the direction of a path."""
+    target, axis = world.target, world.axis
+    u_kind, u, v, u_lobe = uniforms(world.key, world.first + i, 0, LOOK)
+    if u_kind >= lobes.share and target.is_lamp:
+        return turn(axis, emission_s(target.lamp.kind, target.lamp.spread, u), v)
+    if u_kind >= lobes.share:
+        sin2 = 1.0 - world.cos_cone * world.cos_cone
+        return turn(axis, 0.5 * u * sin2 / (1.0 + math.sqrt(1.0 - u * sin2)), v)
+    pick, j = int(u_kind / lobes.share * lobes.used), 0
+    for j in range(paths.lobe.shape[1]):
+        if not lobes.inside or _in_cone(row(paths.lobe[i], j), world):
+            if pick == 0:
+                break
+            pick -= 1
+    return _drawn_about(row(paths.lobe[i], j), axis, lobes.inside, u, v, u_lobe, world)
+
+
+@inlined
+def _weight(paths, i, w, facing, lobes, world):
+    """Return the weight of a path that leaves along w: light over the density of the mixture."""
+    target, axis = world.target, world.axis
+    density = 0.0
+    for j in range(paths.lobe.shape[1]):
+        lobe = row(paths.lobe[i], j)
+        if not lobes.inside or _in_cone(lobe, world):
+            density += _lobe_density(w, lobe, axis, lobes.inside, world)
+    density *= lobes.share / max(lobes.used, 1)
+    if target.is_lamp:
+        light = intensity(target.lamp, w)
+        density += (1.0 - lobes.share) * light
+        light *= world.optics.emitter.power
+    else:
+        light = target.area * facing
+        sin2 = 1.0 - world.cos_cone * world.cos_cone
+        density += (1.0 - lobes.share) * max(dot(w, axis), 0.0) / (math.pi * sin2)
+    return light / density if light > 0.0 else 0.0
+
+
 @entry
 def look(paths, origins, directions, world):
     """Draw the directions in which the paths leave the aperture, and write their first rays.
@@ -123,52 +183,17 @@ def look(paths, origins, directions, world):
     outside, the field of view beside them. The pattern of a lamp takes the place of the cosine
     lobe. Rays start above the highest crest.
     """
-    target, high = world.target, world.surface.high[2]
-    axis = world.axis
-    sin2 = 1.0 - world.cos_cone * world.cos_cone
-    lobes = paths.lobe.shape[1]
+    a, high = world.target.axis, world.surface.high[2]
     for i in range(len(paths.weight)):
-        n_inside = 0
-        for j in range(lobes):
-            n_inside += _in_cone(row(paths.lobe[i], j), world)
-        inside = n_inside > 0
-        used = n_inside if inside else lobes
-        share = 0.0
-        if lobes > 0:
-            share = _LOBES if inside else _LOBES_OUTSIDE
-        u_kind, u, v, u_lobe = uniforms(world.key, world.first + i, 0, LOOK)
-        if u_kind >= share and target.is_lamp:
-            w = turn(axis, emission_s(target.lamp.kind, target.lamp.spread, u), v)
-        elif u_kind >= share:
-            w = turn(axis, 0.5 * u * sin2 / (1.0 + math.sqrt(1.0 - u * sin2)), v)
-        else:
-            pick, j = int(u_kind / share * used), 0
-            for j in range(lobes):
-                if not inside or _in_cone(row(paths.lobe[i], j), world):
-                    if pick == 0:
-                        break
-                    pick -= 1
-            w = _drawn_about(row(paths.lobe[i], j), axis, inside, u, v, u_lobe, world)
+        lobes = _lobes_of(paths, i, world)
+        w = _drawn(paths, i, lobes, world)
         p = row(paths.point, i)
-        a = target.axis
         facing = -(w.x * a[0] + w.y * a[1] + w.z * a[2])
         paths.state[i] = ENDED
         if facing > 0.0 and w.z < 0.0 and _in_cone(w, world):
-            density = 0.0
-            for j in range(lobes):
-                lobe = row(paths.lobe[i], j)
-                if not inside or _in_cone(lobe, world):
-                    density += _lobe_density(w, lobe, axis, inside, world)
-            density *= share / max(used, 1)
-            if target.is_lamp:
-                light = intensity(target.lamp, w)
-                density += (1.0 - share) * light
-                light *= world.optics.emitter.power
-            else:
-                light = target.area * facing
-                density += (1.0 - share) * max(dot(w, axis), 0.0) / (math.pi * sin2)
-            if light > 0.0:
-                paths.weight[i] = light / density
+            weight = _weight(paths, i, w, facing, lobes, world)
+            if weight > 0.0:
+                paths.weight[i] = weight
                 paths.state[i] = STARTED
         write(paths.direction[i], w)
         t = max((high - p.z) / w.z, 0.0) * (1.0 - 1e-3) if w.z < 0.0 else 0.0

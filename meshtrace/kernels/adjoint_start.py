@@ -88,6 +88,9 @@ class World(NamedTuple):
     cos_cone: float
     even: float  # share of free paths drawn evenly over the distance to the source
     aimed: float  # chance of a side path about the direction to the source
+    beam: float  # standard deviation of the beam of a narrow source [rad], 0 of a wide one
+    fan: float  # share of side paths towards the beam
+    lit: float  # share of free paths drawn about the beam
     key: np.uint64
     first: int  # index of the first path of the block
 

@@ -303,7 +303,7 @@ class Link(Model, frozen=True):
     def origin(self) -> tuple[float, float]:
         """Origin (x, y) of the local coordinates [m]: (0, 0) unless the link lies far from it."""
         centers = [item.center for _, item in self.items()]
-        x, y = (sum(c[i] for c in centers) / len(centers) for i in (0, 1))
+        x, y = (math.fsum(c[i] for c in centers) / len(centers) for i in (0, 1))
         levels = [0.0, *(c[2] for c in centers)]
         size = max(levels) - min(levels)
         return (0.0, 0.0) if math.hypot(x, y) <= _NEAR * size else (x, y)

@@ -30,6 +30,8 @@ from meshtrace.kernels.angle_table import SMALLEST_ANGLE, AngleTable
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.line_estimate import Optics
 from meshtrace.kernels.medium import DepthMode, Medium
+from meshtrace.kernels.scene import Emitter
+from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.link.sources import AirLamp
@@ -50,6 +52,9 @@ _BLOCK = 4096  # paths of one block; sums of blocks do not depend on threads
 _ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
 _CELLS_PER_LOG = 200.0
 _EVEN, _AIMED = 0.5, 0.3  # shares of free paths and of directions, see `World`
+_FAN, _LIT, _MORE = 0.6, 0.2, 0.5  # the same in the beam of a narrow source; more side paths there
+_SPENT = 0.1  # exp(-b z / 2) below which a beam is not aimed at
+_WIDEST = 0.5  # [rad] standard deviation of a beam that is aimed at
 _BRANCHES = 8  # side paths of one path that wait at a time
 _ROUNDS = 3  # of looking for the facets below the crossings
 _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
@@ -116,7 +121,7 @@ class AdjointPaths:
         Paths for each receiver, >= 32 for each source.
     seed : int
         Key of the random numbers, 0 <= seed < 2^64. The numbers of a receiver depend on the
-        seed and its index in the link alone.
+        seed and its rank among the receivers sorted by their fields, not on their order.
     normals : {"vertex", "facet"}
         Normals interpolated from the corners, or those of the facets.
     threads : int
@@ -218,6 +223,8 @@ class _Over:
             mesh = frame.mesh(mesh)
             intersector = EmbreeIntersector(mesh, 1)
         self._arrivals, self._unit = arrivals, frame.unit
+        forms = [repr(r) for r in link.receivers]
+        self._rank = np.argsort(np.argsort(forms, kind="stable"))
         self._seed, self._smooth = paths.seed, paths.normals == "vertex"
         self._intersector = intersector
         surface = surface_arrays(mesh, paths.normals, link.physics.unresolved)
@@ -249,11 +256,11 @@ class _Over:
     def _world(self, receiver: int, source: int, first: int) -> starting.World:
         if self._down:  # paths start at the lamps, and receivers have the same in any order
             optics, size = self._sources[receiver]
-            target, receiver = self._targets[source], 0
+            target, stream = self._targets[source], 0
             axis, cos_cone = target.lamp.axis, target.cos_half_fov
         else:
             optics, size = self._sources[source]
-            target = self._targets[receiver]
+            target, stream = self._targets[receiver], int(self._rank[receiver])
             axis = Vec3(-target.axis.x, -target.axis.y, -target.axis.z)
             cos_cone = target.cos_half_fov
         if self._interface.fov != FieldOfView.ANGLE:  # a disk about the point below the receiver
@@ -264,11 +271,16 @@ class _Over:
                 target.tan_half_fov
             )
             cos_cone = nearest / math.hypot(nearest, widest) if nearest > 0.0 else 0.0
-        key = np.random.SeedSequence((self._seed, source, receiver, 0xAD)).generate_state(
+        key = np.random.SeedSequence((self._seed, source, stream, 0xAD)).generate_state(
             1, np.uint64
         )[0]
         b, bubbles = _vertical_depths(self._medium, -optics.emitter.position[2])
         lobe_bubble = bubbles / (b + bubbles) if bubbles > 0.0 else 0.0
+        beam = _beam_width(optics.emitter)
+        alive = math.exp(-0.5 * (b + bubbles)) if beam > 0.0 else 0.0
+        if alive < _SPENT:
+            alive = beam = 0.0
+        aimed = _AIMED + _MORE * alive
         return starting.World(
             optics,
             target,
@@ -279,7 +291,10 @@ class _Over:
             axis,
             float(cos_cone),
             _EVEN / (1.0 + b + bubbles) ** 1.5,
-            _AIMED,
+            aimed,
+            beam,
+            _FAN * alive / aimed,
+            _LIT * alive,
             key,
             first,
         )
@@ -389,6 +404,15 @@ class _Over:
         share = n * height / (n * height + depth)
         center, lamp = np.array(target.center), np.array(emitter.position)
         return (center + share * (lamp - center))[None, :2].copy()
+
+
+def _beam_width(emitter: Emitter) -> float:
+    """Return the standard deviation [rad] of the beam of a source, 0 of a wide one."""
+    if emitter.kind == SourceKind.ISOTROPIC:
+        return 0.0
+    led = emitter.kind == SourceKind.LED
+    width = 1.0 / math.sqrt(max(emitter.spread, 1.0)) if led else 0.5 * emitter.spread
+    return width if width < _WIDEST else 0.0
 
 
 def _vertical_depths(medium: Medium, depth: float) -> tuple[float, float]:

@@ -196,7 +196,7 @@ class ForcedDetection:
 
     def _flat_gain(self, pilots: list[Pilot]) -> NDArray[np.float64]:
         """Return the gain of each receiver over a flat sea."""
-        aimed, link = self.over(self._flat()), self.arrays
+        aimed, link = self.over(self.flat()), self.arrays
         targets = range(len(link.targets))
         direct = [[aimed.facet_gains(e, t).sum() for t in targets] for e in range(len(pilots))]
         scattered = np.array([p.mean.sum(axis=1) for p in pilots])
@@ -216,7 +216,7 @@ class ForcedDetection:
             paths = self._paths(pilot_paths, tuple(self.link.receivers))
         except Refused:  # a feature that the paths do not follow
             return ["chains"] * receivers
-        seen = paths.evaluate(self._flat())
+        seen = paths.evaluate(self.flat())
         other = ScatteredPilot(seen.gain, seen.variance, seen.stderr)
         return choose(found, other, max(law.expected for law in self.drawer.nominals))
 
@@ -335,11 +335,11 @@ class ForcedDetection:
         few = ForcedDetection(
             self.link, _CUT_CHAINS, self._key[1], *self._options, self._crest, self._search
         )
-        whole = few.evaluate(self._flat()).gain
+        whole = few.evaluate(self.flat()).gain
         cut = whole - few.evaluate(flat_mesh(low, high)).gain
         return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)
 
-    def _flat(self) -> TriangleMesh:
+    def flat(self) -> TriangleMesh:
         """Return a flat sea larger than the footprint of the light."""
         far = crossing_reach(self.link) + 10.0 * self.arrays.frame.unit
         origin = np.array(self.link.origin)

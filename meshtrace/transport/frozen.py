@@ -24,6 +24,7 @@ from meshtrace.transport.aimed import AimedChains, Search, on_disk
 from meshtrace.transport.chain_sets import ChainDrawer, ChainSet
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import ForcedLink, forced_link
+from meshtrace.transport.outcome import warn_of_chains
 
 _KEPT = 4  # sets of chains for the last geometries
 
@@ -70,6 +71,12 @@ class FrozenForced:
     ------
     Refused
         If the link has a feature that chains do not follow.
+
+    Warns
+    -----
+    FewSamplesWarning
+        If `simulate` would use adjoint paths for a receiver, or few chains contribute over still
+        water.
     """
 
     def __init__(
@@ -84,6 +91,7 @@ class FrozenForced:
         base = ForcedDetection(
             link, photons, seed, normals, crest=crest, search=search, scattered="chains"
         )
+        warn_of_chains(base, ForcedDetection(link, SHIFTS, seed, normals, crest=crest))
         self._base, self._seed = base, seed
         self._options = normals, search
         top = max(crest, 0.0) / base.arrays.frame.unit

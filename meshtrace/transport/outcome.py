@@ -35,7 +35,7 @@ from meshtrace.transport.returned import returned_gain
 LEFT_DOMAIN_WARNING = 1e-4
 _RETURNED = 1e-3
 _FEW = 100.0  # effective samples below which an error is uncertain itself
-_FEW_SHARE = 0.1  # of the samples: a run of few photons is known to be uncertain
+_FEW_SHARE = 0.15  # of the samples: a run of few photons is known to be uncertain
 _SMALL = 0.01  # share of the gain below which its scattered part does not matter
 
 
@@ -129,22 +129,54 @@ def lack_of_samples(result: GainResult) -> float:
 
 def warn_of_few(result: GainResult) -> None:
     """Warn of gains with a small effective sample size."""
-    for r, row in _scattered(result):
+    _warn_of_few(_scattered(result))
+
+
+def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
+    """Warn of receivers for which chains are the worse estimator, or too few.
+
+    Parameters
+    ----------
+    chains : ForcedDetection
+        The link with scattering chains for every receiver.
+    usual : ForcedDetection
+        The same with the estimators of `simulate`.
+    """
+    parts = chains.evaluate(chains.flat())
+    found = _that_matter(parts.samples_by_receiver(), parts.scattered.mean(axis=1), parts.gain)
+    adjoint = [r for r, method in enumerate(usual.method) if method == "adjoint"]
+    for r in adjoint:
+        warnings.warn(
+            f"receiver {r}: light arrives by large angles or many scatterings; scattering chains "
+            "miss part of it, for which `simulate` uses adjoint paths",
+            FewSamplesWarning,
+            stacklevel=4,
+        )
+    _warn_of_few([(r, row) for r, row in found if r not in adjoint])
+
+
+def _warn_of_few(found: list[tuple[int, ScatteredSamples]]) -> None:
+    for r, row in found:
         if row.effective < min(_FEW, _FEW_SHARE * row.samples):
             warnings.warn(
                 f"receiver {r}: {row.scored:,} of {row.samples:,} {row.estimator} contribute, "
                 f"effective sample size {row.effective:.0f}: the error may exceed the "
                 "standard error",
                 FewSamplesWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
 
 
 def _scattered(result: GainResult) -> list[tuple[int, ScatteredSamples]]:
     """Return the receivers whose scattered light matters, with its samples."""
     share = np.atleast_1d(0.0 if result.gain_scattered is None else result.gain_scattered)
-    matters = share > _SMALL * result.gains
-    return [(r, row) for r, row in enumerate(result.scattered) if matters[r]]
+    return _that_matter(result.scattered, share, result.gains)
+
+
+def _that_matter(
+    rows: list[ScatteredSamples], share: NDArray[np.float64], gain: NDArray[np.float64]
+) -> list[tuple[int, ScatteredSamples]]:
+    return [(r, row) for r, row in enumerate(rows) if share[r] > _SMALL * gain[r]]
 
 
 def warn_of_returned(link: Link, gain: NDArray[np.float64]) -> None:

@@ -87,7 +87,8 @@ def allotment(
     order = np.arange(1, len(found.chains) + 1)
     cost = 1.0 + 0.3 * order
     light = np.maximum(gain, 1e-300)[:, None]
-    share = np.sqrt((np.square(found.spread / light) / cost).sum(axis=0))
+    # sorted, so that rounding does not depend on the order of the receivers
+    share = np.sqrt(np.sort(np.square(found.spread / light) / cost, axis=0).sum(axis=0))
     law = poisson.pmf(order, max(expected, 1e-6))
     law = law / max(law.sum(), 1e-300)
     total = share.sum()

@@ -41,7 +41,7 @@ def down(lamp=None, radius=0.25, **receiver):
 def through_still_water(link):
     """Return the unscattered gain through still water."""
     forced = ForcedDetection(link, 32, 1, scattered="chains")
-    return float(forced.over(forced._flat()).facet_gains(0, 0).sum())
+    return float(forced.over(forced.flat()).facet_gains(0, 0).sum())
 
 
 BEAM = mt.AirBeam(height=20.0)

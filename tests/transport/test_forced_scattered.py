@@ -7,6 +7,8 @@ D the distance of the source from the ray.
 
 import math
 import warnings
+from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -14,9 +16,10 @@ from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
 from meshtrace.optics.fresnel import fresnel_reflectance
-from meshtrace.surfaces import FlatSea
+from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.frozen import FrozenForced
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.outcome import FewSamplesWarning
 
@@ -215,6 +218,46 @@ def test_few_samples_of_isotropic_scattering_are_said(tilt, seed):
         result = mt.simulate(link, FlatSea(), photons=512, seed=seed)
     assert result.scattered[0].effective < 100.0
     assert "effective" in result.summary()
+
+
+def test_frozen_chains_warn_where_simulate_would():
+    tilted = mt.Link(receiver=mt.Receiver(tilt_deg=40.0))
+    with pytest.warns(FewSamplesWarning, match="for which `simulate` uses adjoint paths"):
+        FrozenForced(tilted, 1024, 1)
+    turbid = mt.Link(
+        water=mt.Water(a=0.05, b=0.8, phase=mt.HenyeyGreenstein(g=0.5)),
+        physics=mt.Physics(second_hit="ignore"),  # chains alone follow this
+    )
+    with pytest.warns(FewSamplesWarning, match="chains contribute, effective sample size"):
+        FrozenForced(turbid, 1024, 1)
+    FrozenForced(mt.Link(), 1024, 1)  # warnings are errors
+
+
+@pytest.mark.parametrize(
+    "sea", [FlatSea(), JonswapSea(wind_speed=5.0, seed=1)], ids=["flat", "sea"]
+)
+def test_the_order_of_receivers_changes_nothing(sea):
+    """Bit for bit, with receivers on chains and on adjoint paths; a link far from the origin."""
+    rows = [
+        mt.Receiver(position=(500.1, 0.3)),
+        mt.Receiver(position=(510.0, 0.0), fov_deg=20.0),
+        mt.Receiver(position=(501.0, 0.7), tilt_deg=45.0),
+    ]
+    mesh = sea.mesh(extent=30.0, spacing=1.0)
+    mesh = replace(mesh, vertices=mesh.vertices + np.array([500.0, 0.0, 0.0]))
+    found = {}
+    for order in permutations(range(3)):
+        link = mt.Link(
+            transmitter=mt.Led(position=(500.0, 0.0)), receiver=tuple(rows[i] for i in order)
+        )
+        parts = ForcedDetection(link, 1024, 1).evaluate(mesh)
+        assert {"chains", "adjoint"} == set(parts.method)
+        back = np.argsort(order)
+        names = ("shifts", "orders", "samples", "scored", "effective")
+        found[order] = [getattr(parts, name)[back] for name in names]
+    for values in found.values():
+        for value, first in zip(values, found[0, 1, 2], strict=True):
+            np.testing.assert_array_equal(value, first)
 
 
 def test_few_chains_of_next_to_no_light_are_not_trusted():
