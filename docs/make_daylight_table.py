@@ -129,7 +129,7 @@ def draw(fades, lights):
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("range at 1 Mbit/s, BER 1e-3 [m]")
     axes[0].set_ylim(0.0, None)
-    axes[0].legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 0.62))
+    axes[-1].legend(fontsize=8, loc="lower left")
     figure.tight_layout()
     figure.savefig(HERE / "_static" / "daylight_ranges.png", dpi=110)
 
