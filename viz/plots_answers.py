@@ -48,8 +48,8 @@ def plot_tornado(
         errors = [one.stderr[side] for one in found]
         ax.barh(place, values, 0.7, xerr=errors, color=color, label=label,
                 error_kw={"elinewidth": 0.8, "capsize": 2, "ecolor": INK})  # fmt: skip
-    names = [f"{one.name}\n{one.values[0]:.4g} .. {one.values[1]:.4g}" for one in found]
-    ax.set_yticks(place, [name.removesuffix(" 1") for name in names], fontsize=7)
+    names = [f"{one.name}\n{one.values[0]:.4g} to {one.values[1]:.4g} {one.unit}" for one in found]
+    ax.set_yticks(place, [name.removesuffix(" 1") for name in names], fontsize=8)
     ax.invert_yaxis()
     ax.axvline(0.0, color=INK, lw=0.8)
     ax.grid(axis="y", visible=False)

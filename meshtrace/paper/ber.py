@@ -8,8 +8,9 @@ import numpy as np
 import xarray as xr
 
 import meshtrace as mt
+from meshtrace.comms.devices import SiPM
 from meshtrace.paper.canvas import WIND_COLORS, panels, wind_name
-from meshtrace.paper.links import WINDS
+from meshtrace.paper.links import FORMS, WINDS, Form, decibel, mean_gain
 from meshtrace.paper.registry import PRINTED, Entry, FigureOutput, Number, Setting, row
 from meshtrace.viz import plot_ber
 
@@ -22,7 +23,12 @@ _PRINTED = {1e6: ("range-13-1", 13.0), 5e6: ("range-0-5", 0.0), 1e7: ("range-0-1
 """Published range and its wind, for each bit rate."""
 
 
-def ber_depth(setting: Setting, realizations: int, photons: int, step: float) -> FigureOutput:
+_SNR_DEPTH, _SNR_WIND = 47.0, 13.0
+
+
+def ber_depth(
+    setting: Setting, realizations: int, photons: int, analog: int, step: float
+) -> FigureOutput:
     """Draw the average bit error rate over depth for bit rates and winds."""
     depths = np.arange(20.0, 75.0, step).tolist()
     options: Any = {"bit_rate": RATES, "wind_speeds": WINDS, "realizations": realizations}
@@ -45,7 +51,70 @@ def ber_depth(setting: Setting, realizations: int, photons: int, step: float) ->
     presets = xr.Variable("preset", list(PRESETS))
     whole = xr.concat(parts, presets, data_vars="all", join="exact", combine_attrs="drop")
     status = sweeps["paper-ranges"].performances[0].status
-    return FigureOutput(picture, whole, _numbers(ranges), {"status": status})
+    numbers = _numbers(ranges) + signal_to_noise(setting, realizations, photons, analog)
+    return FigureOutput(picture, whole, numbers, {"status": status})
+
+
+def signal_to_noise(setting: Setting, realizations: int, photons: int, analog: int) -> list[Entry]:
+    """Return the ratios of received power to noise power of the paper's example, in decibels.
+
+    Parameters
+    ----------
+    setting : Setting
+        Seed and threads.
+    realizations, photons, analog : int
+        Effort, as in `meshtrace.paper.links.mean_gain`.
+
+    Returns
+    -------
+    list of Entry
+        Over still water, averaged over seas and tilts, and their difference.
+
+    Notes
+    -----
+    47 m, 1 Mbit/s: 10 log10(P_Tx G / P_n). Published: P_n = NEP sqrt(R_b / 2) with a detection
+    efficiency of 0.4, and over still water the unscattered light alone without refraction,
+    G = (m + 1) / 2 (r / l)^2 exp(-c d) (Ijeh et al. 2021, eq. 3). Correct: the power behind
+    optics of limited etendue over that of unit ratio, `SiPM.p_min`, traced in both seas.
+    """
+    effort: Any = {"realizations": realizations, "photons": photons, "analog": analog}
+    effort["transmitter"] = {"depth": _SNR_DEPTH}
+
+    def traced(wind: float, form: Form) -> Number:
+        return mean_gain(wind, form, setting, **effort)[0].number
+
+    still = [traced(0.0, "physical"), Number(straight_gain(_SNR_DEPTH))]
+    rough = [traced(_SNR_WIND, form) for form in FORMS]
+    found = [
+        [
+            decibel(Number(*(g * _power_ratio(form) for g in gain)))
+            for form, gain in zip(FORMS, pair, strict=True)
+        ]
+        for pair in (still, rough)
+    ]
+    differences = [
+        Number(a.value - b.value, float(np.hypot(a.stderr, b.stderr)))
+        for a, b in zip(*found, strict=True)
+    ]
+    return [row("snr-still", found[0]), row("snr-wind", found[1]), row("margin", differences)]
+
+
+def straight_gain(depth: float) -> float:
+    """Return the gain of unscattered light on the axis, with neither refraction nor reflection."""
+    lamp, receiver = mt.Led(depth=depth), mt.Receiver()
+    share = 0.5 * (lamp.order + 1.0) * (receiver.radius / (depth + receiver.height)) ** 2
+    return float(share * np.exp(-mt.Water().c * depth))
+
+
+def _power_ratio(form: Form) -> float:
+    """Return the received power over the noise power at a gain of 1, 1 Mbit/s."""
+    ook = mt.OokLink.preset(form)
+    wavelength, bandwidth = ook.led.wavelength, 0.5 * ook.bit_rate
+    if form == "paper":
+        noise = SiPM(pde=0.4).noise_power_paper(wavelength, bandwidth)
+    else:
+        noise = ook.sipm.p_min(wavelength, bandwidth)
+    return float(ook.received_power(1.0)) / noise
 
 
 def _numbers(ranges: list[Any]) -> list[Entry]:

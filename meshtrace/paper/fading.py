@@ -11,8 +11,16 @@ import meshtrace as mt
 from meshtrace.fading import gain_pdf
 from meshtrace.fields import attrs
 from meshtrace.paper.canvas import WIND_COLORS, dataset, form_panels, panels, wind_name
-from meshtrace.paper.fates import RADIUS
-from meshtrace.paper.links import FORM_NAMES, FORMS, Form, forced, gusts, ratio, scenario
+from meshtrace.paper.links import (
+    FORM_NAMES,
+    FORMS,
+    RADIUS,
+    Form,
+    bubble_factor,
+    forced,
+    gusts,
+    ratio,
+)
 from meshtrace.paper.registry import FigureOutput, Number, Setting, row
 from meshtrace.scenario import Scenario
 from meshtrace.uav.airframe import UAVS
@@ -31,7 +39,7 @@ def _factor(angle: Any) -> Any:
     return h_alpha(angle, float(np.radians(mt.Receiver().fov_deg)))
 
 
-def gain_series(setting: Setting, times: int, photons: int) -> FigureOutput:
+def gain_series(setting: Setting, times: int, photons: int, analog: int) -> FigureOutput:
     """Draw the gain over a moving sea with the tilt of a flying UAV."""
     at = np.linspace(0.0, DURATION, times)
     picture, axes = panels(2, 1, width=8.0, height=2.9, sharex=True)
@@ -41,8 +49,10 @@ def gain_series(setting: Setting, times: int, photons: int) -> FigureOutput:
             made = forced(wind, form)
             series = mt.time_series(made.link, made.surface, at, photons=photons, **setting.run)
             flight = _UAV.simulate_flight(gusts(wind, form), at, setting.seed)
-            factor = _factor(flight.tilt.angle)
-            gains[form, wind] = series, series.gain * factor, series.gain_stderr * factor
+            bubbles = _bubbles(wind, form, setting, analog)
+            factor = bubbles.value * _factor(flight.tilt.angle)
+            error = factor * np.hypot(series.gain_stderr, series.gain * bubbles.relative)
+            gains[form, wind] = series, series.gain * factor, error
             mean, band = gains[form, wind][1], 2.0 * gains[form, wind][2]
             ax.plot(at, mean, color=WIND_COLORS[wind], label=wind_name(wind))
             look: Any = {"color": WIND_COLORS[wind], "alpha": 0.25, "lw": 0}
@@ -76,9 +86,11 @@ def gain_distribution(
             made = forced(wind, form)
             series = _ensemble(made, counts[form], photons, setting)
             winds = gusts(wind, form).sample_wind(counts[form], setting.seed)
-            gain = series.gain * _factor(_UAV.tilt(winds).angle)
+            bubbles = _bubbles(wind, form, setting, analog)
+            gain = bubbles.value * series.gain * _factor(_UAV.tilt(winds).angle)
             spread = gain.std(ddof=1) / np.sqrt(len(gain))
-            error = float(np.hypot(spread, series.mean_stderr))
+            chains = bubbles.value * series.mean_stderr
+            error = float(np.hypot(np.hypot(spread, chains), gain.mean() * bubbles.relative))
             means[form, wind] = Number(float(gain.mean()), error)
             indices[form, wind] = _index(series)
             histogram, color = gain_pdf(gain), WIND_COLORS[wind]
@@ -104,9 +116,8 @@ def gain_distribution(
             few = max(counts[form] // 10, 40)
             pair.append(_index(_ensemble(made, few, photons, setting)))
         numbers.append(row("common", pair, wind=wind_name(wind)))
-    numbers.append(
-        row("bubbles", [_bubble_ratio(f, setting, analog) for f in FORMS], radius=RADIUS)
-    )
+    effects = [bubble_factor(WINDS[1], form, setting, analog) for form in FORMS]
+    numbers.append(row("bubbles", effects, radius=RADIUS))
     return FigureOutput(picture, xr.Dataset(variables), numbers)
 
 
@@ -120,13 +131,6 @@ def _index(series: mt.GainSeries) -> Number:
     return Number(found.value, (found.high - found.low) / (2.0 * 1.96))
 
 
-def _bubble_ratio(form: Form, setting: Setting, photons: int) -> Number:
-    """Return the gain with bubbles over that without, by the analog estimator."""
-    wide: Any = {"receiver": {"radius": RADIUS}, "run": {"estimator": "analog"}}
-    options: Any = {"estimator": "analog", "photons": photons, **setting.run}
-    found = []
-    for extra in ({}, {"bubbles": {"model": "none"}}):
-        made = scenario(WINDS[1], form, **wide, **extra)
-        result = mt.simulate(made.link, made.surface, **options)
-        found.append(Number(float(result.gain), float(result.gain_stderr)))
-    return ratio(*found)
+def _bubbles(wind: float, form: Form, setting: Setting, analog: int) -> Number:
+    """Return the factor for the bubbles that forced detection leaves out."""
+    return bubble_factor(wind, form, setting, analog) if form == "paper" else Number(1.0)

@@ -9,14 +9,12 @@ import pandas as pd
 
 import meshtrace as mt
 from meshtrace.paper.canvas import dataset, form_panels
-from meshtrace.paper.links import FORMS, scenario
+from meshtrace.paper.links import FORMS, RADIUS, scenario
 from meshtrace.paper.registry import FigureOutput, Number, Setting, row
 from meshtrace.results.gain import FATE_MEANING, Fate
 from meshtrace.viz import plot_fates
 
 WIND = 13.0
-RADIUS = 0.25
-"""Radius of an aperture large enough for the analog estimator [m]."""
 
 
 def fates(setting: Setting, photons: int) -> FigureOutput:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import meshtrace as mt
+from meshtrace.kernels.random import realization_seed
 from meshtrace.paper.registry import Number, Setting
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces.bands import paper_band
@@ -19,6 +20,10 @@ Floats = NDArray[np.float64]
 WINDS = (0.0, 5.0, 13.0)
 FORMS: tuple[Form, Form] = ("physical", "paper")
 FORM_NAMES = {"physical": "default", "paper": "paper preset"}
+RADIUS = 0.25
+"""Radius of an aperture large enough for the analog estimator, at 15 m from the lamp [m]."""
+BUBBLE_SEAS = 8
+"""Seas over which the effect of the bubbles is averaged."""
 
 
 class Mean(NamedTuple):
@@ -65,7 +70,10 @@ def scenario(wind: float, form: Form, **tables: Any) -> Scenario:
 
 
 def forced(wind: float, form: Form, **tables: Any) -> Scenario:
-    """Return the link for forced detection: the forms as published have no bubbles."""
+    """Return the link for forced detection: that of the published forms is without bubbles.
+
+    Their free paths through bubbles (E6) need the analog estimator: see `bubble_factor`.
+    """
     if form == "paper":
         tables["bubbles"] = {"model": "none"}
     return scenario(wind, form, **tables)
@@ -85,8 +93,58 @@ def mean_h_alpha(wind: float, form: Form, height: float = 5.0) -> float:
     return law.h_moment(1, np.radians(mt.Receiver().fov_deg))
 
 
+def bubble_factor(wind: float, form: Form, setting: Setting, analog: int, **tables: Any) -> Number:
+    """Return the gain with bubbles over that without, by the analog estimator.
+
+    Parameters
+    ----------
+    wind, form, **tables
+        As in `scenario`, with one source and one receiver.
+    setting : Setting
+        Seed and threads.
+    analog : int
+        Photons over each of `BUBBLE_SEAS` seas.
+
+    Returns
+    -------
+    Number
+        Ratio of the sums over seas, with its jackknife error.
+
+    Notes
+    -----
+    Both runs share seas and photons, so that all photons that meet no bubble cancel. The aperture
+    is larger than that of the link, in proportion to the distance.
+    """
+    plain = scenario(wind, form, **tables).link
+    distance = plain.receivers[0].center[2] - plain.transmitters[0].center[2]
+    wide = {**tables.get("receiver", {}), "radius": RADIUS * distance / 15.0}
+    given: Any = {**tables, "receiver": wide, "run": {"estimator": "analog"}}
+    pair = [
+        scenario(wind, form, **given, **extra) for extra in ({}, {"bubbles": {"model": "none"}})
+    ]
+    gains = np.empty((BUBBLE_SEAS, 2))
+    for i in range(BUBBLE_SEAS):
+        seed = realization_seed(setting.seed, i)
+        options: Any = {"estimator": "analog", "photons": analog, "threads": setting.threads}
+        for j, made in enumerate(pair):
+            sea = made.surface.with_seed(seed)
+            gains[i, j] = mt.simulate(made.link, sea, seed=seed, **options).gain
+    without_one = gains.sum(axis=0) - gains
+    jackknife = without_one[:, 0] / without_one[:, 1]
+    error = np.sqrt((BUBBLE_SEAS - 1) * jackknife.var())
+    with_bubbles, without = gains.sum(axis=0)
+    return Number(float(with_bubbles / without), float(error))
+
+
 def mean_gain(
-    wind: float, form: Form, setting: Setting, *, realizations: int, photons: int, **tables: Any
+    wind: float,
+    form: Form,
+    setting: Setting,
+    *,
+    realizations: int,
+    photons: int,
+    analog: int,
+    **tables: Any,
 ) -> list[Mean]:
     """Return the gain of each receiver, averaged over seas and tilts.
 
@@ -100,11 +158,13 @@ def mean_gain(
         Independent seas; a flat sea is taken once.
     photons : int
         Chains, common to all seas; ten times as many over a flat sea.
+    analog : int
+        Photons of `bubble_factor`, by which the published forms count the bubbles.
 
     Returns
     -------
     list of Mean
-        Standard errors join the spread of the seas and that of the chains.
+        Standard errors join the spread of the seas, that of the chains and that of the factor.
     """
     made = forced(wind, form, **tables)
     options = setting.run
@@ -114,8 +174,29 @@ def mean_gain(
     else:
         series = mt.ensemble(made.link, realizations, made.surface, photons=photons, **options)
         gains, chains = series.gain.reshape(realizations, -1), np.atleast_1d(series.mean_stderr)
-    factor = [mean_h_alpha(wind, form, r.center[2]) for r in made.link.receivers]
-    return [Mean(f * g, float(f * e)) for f, g, e in zip(factor, gains.T, chains, strict=True)]
+    tilt = [mean_h_alpha(wind, form, r.center[2]) for r in made.link.receivers]
+    bubbles = [Number(1.0)] * len(tilt)
+    if form == "paper" and wind > 0.0:
+        bubbles = _bubble_factors(wind, setting, analog, **tables)
+    found = []
+    for f, (b, db), g, e in zip(tilt, bubbles, gains.T, chains, strict=True):
+        common = np.hypot(b * e, db * g.mean())
+        found.append(Mean(f * b * g, float(f * common)))
+    return found
+
+
+def _bubble_factors(wind: float, setting: Setting, analog: int, **tables: Any) -> list[Number]:
+    """Return the effect of the bubbles on each receiver; apertures in one place share it."""
+    receivers = tables.pop("receiver", {})
+    receivers = receivers if isinstance(receivers, list) else [receivers]
+    places = [{key: one[key] for key in one if key != "radius"} for one in receivers]
+    known: list[Number] = []
+    for i, place in enumerate(places):
+        if place in places[:i]:
+            known.append(known[places.index(place)])
+        else:
+            known.append(bubble_factor(wind, "paper", setting, analog, receiver=place, **tables))
+    return known
 
 
 def ratio(a: Number, b: Number) -> Number:

@@ -41,6 +41,11 @@ class Number(NamedTuple):
     value: float
     stderr: float = 0.0
 
+    @property
+    def relative(self) -> float:
+        """Standard error over the value."""
+        return self.stderr / self.value
+
 
 class Row(NamedTuple):
     """One line of a figure's table.
@@ -191,8 +196,7 @@ class Figure:
 
     def text(self, output: FigureOutput) -> str:
         """Return the caption."""
-        bubble_loss = _TABLE["whys"]["bubble-loss"]
-        return self.caption.format(**{"bubble_loss": bubble_loss, **output.words})
+        return self.caption.format(**{"bubbles": _TABLE["whys"]["bubbles"], **output.words})
 
 
 def load(name: str) -> Figure:

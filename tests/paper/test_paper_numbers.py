@@ -8,12 +8,13 @@ from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
 from meshtrace.paper import Setting
-from meshtrace.paper.links import FORMS, decibel, forced, mean_gain, ratio
+from meshtrace.paper.ber import signal_to_noise
+from meshtrace.paper.links import FORMS, bubble_factor, decibel, forced, mean_gain, ratio, scenario
 from meshtrace.paper.registry import Number, load
 from meshtrace.paper.runner import make_figures
 from meshtrace.surfaces import FlatSea
 
-TINY = {"realizations": 3, "photons": 64}
+TINY = {"realizations": 3, "photons": 64, "analog": 2000}
 FLAT_GAIN = 5.9731e-5
 """Gain of the paper's link over a flat sea without bubbles, from an independent program."""
 
@@ -78,7 +79,7 @@ def test_records_of_the_wind_scatter_about_their_mean():
 
 
 def test_mean_gain_of_a_flat_sea_is_the_known_one():
-    (mean,) = mean_gain(0.0, "physical", Setting(threads=1), realizations=2, photons=1024)
+    (mean,) = mean_gain(0.0, "physical", Setting(threads=1), realizations=2, photons=1024, analog=0)
     found = mean.number
     assert z_test(found.value, found.stderr, FLAT_GAIN, 6e-9) > ALPHA
 
@@ -99,6 +100,70 @@ def test_printed_forms_by_forced_detection_meet_photons_one_by_one():
             threads=1,
         ).gain
     )
+
+
+def test_printed_forms_count_the_bubbles_as_photons_one_by_one():
+    """Forced detection times the factor meets photons through bubbles, over still water."""
+    wide = {"radius": 0.4}
+    plain = forced(13.0, "paper", receiver=wide).link
+    fast = mt.simulate(plain, FlatSea(), photons=4096, threads=1)
+    bubbles = scenario(13.0, "paper", receiver=wide, run={"estimator": "analog"}).link
+    slow = mt.simulate(bubbles, FlatSea(), estimator="analog", photons=400_000, seed=9, threads=1)
+    factor = bubble_factor(13.0, "paper", Setting(threads=1), 40_000)
+    assert 0.0 < factor.stderr < 0.02
+    found = Number(fast.gain * factor.value, fast.gain * factor.stderr)
+    # crests above the lamp change the factor by a few per cent between seas
+    error = math.hypot(found.stderr, fast.gain_stderr, slow.gain_stderr, 0.01 * slow.gain)
+    assert z_test(slow.gain, error, found.value) > ALPHA
+    assert slow.gain > 1.02 * fast.gain
+
+
+def test_weak_bubbles_hardly_change_the_gain():
+    """Photons that meet no bubble cancel: the error is far below that of both gains."""
+    factor = bubble_factor(5.0, "paper", Setting(threads=1), 4000)
+    assert factor.value == pytest.approx(1.0, abs=0.01)
+    assert factor.stderr < 0.003
+
+
+def test_mean_gain_of_the_printed_forms_has_the_factor_of_the_bubbles(monkeypatch):
+    effort = {"realizations": 2, "photons": 64, "analog": 1}
+    setting = Setting(threads=1)
+    options = {"receiver": [{"radius": 0.05}, {"radius": 0.02}, {"height": 4.0}], **effort}
+    calls = []
+
+    def factor(wind, form, setting, analog, **tables):
+        calls.append((wind, form, tables["receiver"]))
+        return Number(2.0, 0.02)
+
+    monkeypatch.setattr("meshtrace.paper.links.bubble_factor", factor)
+    doubled = mean_gain(13.0, "paper", setting, **options)
+    assert calls == [(13.0, "paper", {}), (13.0, "paper", {"height": 4.0})]
+    monkeypatch.setattr("meshtrace.paper.links.bubble_factor", lambda *a, **k: Number(1.0))
+    for twice, once in zip(doubled, mean_gain(13.0, "paper", setting, **options), strict=True):
+        assert twice.samples == pytest.approx(2.0 * once.samples)
+        assert twice.chain_error == pytest.approx(
+            math.hypot(2.0 * once.chain_error, 0.02 * once.samples.mean())
+        )
+    calls.clear()
+    mean_gain(13.0, "physical", setting, **effort)
+    mean_gain(0.0, "paper", setting, **effort)
+    assert calls == []
+
+
+def test_printed_signal_to_noise_follows_from_its_formula():
+    """28.64 dB is an optical ratio of unscattered light, without refraction."""
+    order = -math.log(2.0) / math.log(math.cos(math.radians(10.0)))
+    gain = 0.5 * (order + 1.0) * (0.05 / 52.0) ** 2 * math.exp(-0.151 * 47.0)
+    entries = signal_to_noise(Setting(threads=1), realizations=2, photons=64, analog=2000)
+    found = {entry.key: entry for entry in entries}
+    still, rough, margin = (found[key] for key in ("snr-still", "snr-wind", "margin"))
+    # noise of 2.42e-12 W in print, rounded
+    assert still.paper.value == pytest.approx(10.0 * math.log10(0.1 * gain / 2.42e-12), abs=0.01)
+    assert still.paper.value == pytest.approx(28.64, abs=0.01)
+    # etendue takes 19.7 dB from the traced light
+    assert still.default.value == pytest.approx(15.5, abs=0.3)
+    assert margin.default.value == pytest.approx(still.default.value - rough.default.value)
+    assert rough.paper.stderr > 0.0
 
 
 def test_sweep_over_receivers_meets_the_law_of_the_area():
@@ -127,17 +192,17 @@ def test_ratios_and_decibels_carry_their_errors():
     ("name", "effort"),
     [
         ("fates", {"photons": 20_000}),
-        ("gain-series", {"times": 5, "photons": 64}),
+        ("gain-series", {"times": 5, "photons": 64, "analog": 2000}),
         (
             "gain-distribution",
-            {"realizations": 60, "paper_realizations": 60, "photons": 64, "analog": 100_000},
+            {"realizations": 60, "paper_realizations": 60, "photons": 64, "analog": 2000},
         ),
         ("coverage-half-angle", {"photons": 20_000, "times": 1, "step": 1.0}),
         ("coverage-depth", {"photons": 20_000, "times": 1, "step": 1.0}),
         ("gain-depth", TINY),
         ("gain-height", TINY),
         ("gain-offset", TINY),
-        ("ber-depth", {"realizations": 2, "photons": 128, "step": 10.0}),
+        ("ber-depth", {"realizations": 2, "photons": 128, "analog": 2000, "step": 10.0}),
         ("surfaces", {"seas": 2}),
         ("link", {"paths": 10}),
         ("uav-axes", {}),

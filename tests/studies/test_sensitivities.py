@@ -282,6 +282,75 @@ def test_same_digits_for_any_threads_and_after_a_stop(tmp_path, monkeypatch):
     elasticities(mt.Link(), sea, keys=keys, photons=256, resume=tmp_path)
 
 
+TWIN = {
+    "d": ("transmitter.depth", 8.0, 12.0),
+    "h": ("receiver.height", 4.0, 6.0),
+    "fov": ("receiver.fov_deg", 4.0, 8.0),
+    "b": ("water.b", 0.02, 0.054),
+}
+"""Large steps, between whose ends photons one by one resolve a difference."""
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize("key", TWIN)
+def test_photons_one_by_one_have_the_same_elasticities(key):
+    name, low, high = TWIN[key]
+    link, sea = mt.Link().replace("receiver.radius", 0.25), FlatSea()
+    frozen, mesh = FrozenForced(link, 8192, 1), sea.mesh(extent=8.0)
+    shifts, logs, errors = [], [], []
+    for i, value in enumerate((low, high)):
+        there = link.replace(name, value)
+        shifts.append(frozen.gains(there, mesh)[0])
+        found = mt.simulate(there, sea, estimator="analog", photons=2_000_000, seed=i + 3)
+        logs.append(math.log(found.gain))
+        errors.append(found.gain_stderr / found.gain)
+    step = math.log(high / low)
+    analog, error = (logs[1] - logs[0]) / step, math.hypot(*errors) / step
+    means = [np.log([g.mean() for g in without_each(shift[None, :])]) for shift in shifts]
+    forced = (means[1] - means[0]) / step
+    assert abs(analog - forced[0]) < 3.0 * math.hypot(error, error_of(forced))
+
+
+def test_calls_of_the_design():
+    """Every argument of the three studies by name, in one call each."""
+    link, sea = mt.Link(), FlatSea()
+    names = ["water.a", "transmitter.half_angle_deg"]
+    s = mt.sensitivities(
+        link, sea, wrt=names, of="gain", realizations=1, photons=64, seed=1, ook="physical",
+        step=None,
+    )  # fmt: skip
+    for column in (
+        "name", "base", "unit", "elasticity", "stderr", "derivative", "second", "method", "notes",
+    ):  # fmt: skip
+        assert hasattr(s.table[0], column)
+    assert [row.name for row in s.table] == names
+    assert s.covariance().shape == (2, 2)
+    assert s.predict({"water.a": 0.12}).value < s.value
+    over = {"transmitter.half_angle_deg": (3, 30), "receiver.fov_deg": (6, 90)}
+    o = mt.optimize(
+        link, sea, over=over, objective="gain", constraints=[], hover_std=(1.0, 1.0), uav=None,
+        realizations=2, photons=64, method="auto", seed=1,
+    )  # fmt: skip
+    assert isinstance(o.best, mt.Link)
+    assert np.isfinite([o.value, o.stderr]).all()
+    assert o.flatness.shape == (2, 2)
+    assert len(o.history) > 1
+    assert o.validation.best > 0.0
+    rows = [
+        {"transmitter.depth": d, "gain": g, "stderr": 0.02 * g}
+        for d, g in ((5.0, 2.0e-4), (10.0, 6.0e-5), (20.0, 7.0e-6))
+    ]
+    f = mt.infer(rows, link, unknown=["water.a", "water.b", "scale"], prior=None)
+    assert f.covariance.shape == f.correlation.shape == (3, 3)
+    assert f.singular_values[0] > f.singular_values[-1]
+    assert f.weakest
+    assert f.chi2 >= 0.0
+    assert set(f.value) == {"water.a", "water.b", "scale"}
+    assert {*f.to_dataset().data_vars}
+    assert {*s.to_dataset().data_vars}
+
+
 @pytest.mark.parametrize(
     ("wrt", "options", "message"),
     [

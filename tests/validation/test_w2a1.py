@@ -68,6 +68,41 @@ def test_score_of_a_perfect_program_and_of_a_wrong_one(tmp_path):
     assert "allowed: a case or series" in scored(write(tmp_path / "d.csv", [("x", "", 1, 1, 1)]))
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name,gain\nflat/default,1\n", "case: None, allowed: a case or series"),
+        ("case,unscattered\nflat/default,bright\n", "unscattered: 'bright', allowed: a number"),
+        ("case,unscattered\nflat/default,1\nflat/default,1\n", "case: 'flat/default', allowed: once"),
+        ("case,time,total\njonswap5/series,,1\n", "time: '', allowed: 0 + k 0.5 s"),
+        ("case,time,total\njonswap5/series,0.3,1\n", "time: '0.3', allowed: 0 + k 0.5 s"),
+        ("case,time,total\njonswap5/series,20.5,1\n", "time: '20.5', allowed"),
+        ("case,time,total\njonswap5/series,0,1\n", "FAIL  jonswap5/series spread of total"),
+    ],
+)  # fmt: skip
+def test_bad_files_are_refused_in_one_line(tmp_path, text, message):
+    (tmp_path / "a.csv").write_text(text)
+    found = scored(tmp_path / "a.csv")
+    assert message in found
+    assert "Traceback" not in found
+
+
+def test_a_file_that_is_none_is_refused(tmp_path):
+    assert "allowed: a CSV file" in scored(tmp_path / "missing.csv")
+    (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00case")
+    assert "allowed: a CSV file" in scored(tmp_path / "b.csv")
+
+
+def test_repeated_and_empty_times_of_a_series_do_not_pass(tmp_path):
+    rows = [row for row in perfect_rows() if row[0] == "jonswap5/series"]
+    doubled = scored(write(tmp_path / "a.csv", [rows[0], *rows[:-1]]))
+    assert doubled.splitlines()[-1] == "score 0 of 2"
+    rows[3] = (*rows[3][:2], "", *rows[3][3:])
+    assert scored(write(tmp_path / "b.csv", rows)).splitlines()[-1] == "score 1 of 2"
+    rows = [(name, time, "", total, error) for name, time, _, total, error in rows]
+    assert scored(write(tmp_path / "c.csv", rows)).splitlines()[-1] == "score 1 of 1"
+
+
 def test_waves_of_the_seas_are_those_of_the_list():
     found = list(w2a1._wave_checks())
     assert len(found) == 3
