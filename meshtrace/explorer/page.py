@@ -189,7 +189,7 @@ class Page:
         fresh = self.session.fresh
         self.scene.show_rays(rays if fresh("rays") and isinstance(rays, PhotonPaths) else None)
         lit = fresh("map") and isinstance(found, CoverageMap)
-        height = self.session.state.values["height"] or 0.0
+        height = self.session.state.channel.link.receivers[0].center[2]
         self.scene.show_map(found if lit else None, height)
 
     def _answered(self, name: str) -> None:

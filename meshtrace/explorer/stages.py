@@ -21,7 +21,6 @@ from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Described, Refused
 from meshtrace.explorer.state import State
 from meshtrace.fading import Estimate, block_length, scintillation_index
-from meshtrace.link import Receiver
 from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.coverage import CoverageMap
@@ -274,10 +273,8 @@ def _index_of(gain: Floats) -> Estimate | None:
 def coverage(state: State, check: Check) -> Iterator[CoverageMap]:
     """Yield the map of the gain in the plane of the receiver, roughly, then refined."""
     link = state.channel.link
-    receiver = next((r for r in link.receivers if isinstance(r, Receiver)), None)
-    height = receiver.height if receiver is not None else 1.0
-    depth = max((getattr(t, "depth", 0.0) for t in link.transmitters), default=0.0)
-    extent = 0.5 * (height + depth)
+    levels = [t.center[2] for t in link.transmitters] + [r.center[2] for r in link.receivers]
+    extent = 0.5 * (max(levels) - min(levels))
     for photons in MAP_PHOTONS:
         check()
         yield coverage_map(

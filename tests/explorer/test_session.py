@@ -12,6 +12,7 @@ from meshtrace.errors import Refused
 from meshtrace.explorer import readings, stages
 from meshtrace.explorer.session import Session
 from meshtrace.explorer.stages import Failed
+from meshtrace.explorer.state import State
 from meshtrace.scenario import Scenario
 
 PAPER = Scenario.from_toml("")
@@ -183,6 +184,16 @@ def test_a_map_is_made_on_demand(session):
     session.move({"depth": 11.0})
     assert session.wait(120.0)
     assert not session.fresh("map")
+
+
+def test_the_map_of_a_downlink_is_as_wide_as_the_link_is_high():
+    """It once reached 0.5 m, as if neither end had a height."""
+    down = State(Scenario.from_toml(
+        '[transmitter]\nkind = "air-led"\nheight = 5\n[receiver]\nkind = "water-receiver"\ndepth = 9\n'
+    ))  # fmt: skip
+    found = next(stages.coverage(down, lambda *_: None))
+    width = np.ptp(found.x) * stages.MAP_CELLS / (stages.MAP_CELLS - 1)
+    assert width == pytest.approx(5.0 + 9.0)
 
 
 def test_a_refused_move_keeps_the_state(session):
