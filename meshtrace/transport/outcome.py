@@ -35,7 +35,10 @@ from meshtrace.transport.returned import returned_gain
 LEFT_DOMAIN_WARNING = 1e-4
 _RETURNED = 1e-3
 _FEW = 100.0  # effective samples below which an error is uncertain itself
-_FEW_SHARE = 0.15  # of the samples: a run of few photons is known to be uncertain
+_FEW_SHARE = {"chains": 0.1, "adjoint paths": 0.15}
+"""Share of the samples below which they are few: a run of few photons is known to be uncertain.
+
+Scores of adjoint paths have the heavier tails."""
 _SMALL = 0.01  # share of the gain below which its scattered part does not matter
 
 
@@ -157,7 +160,7 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
 
 def _warn_of_few(found: list[tuple[int, ScatteredSamples]]) -> None:
     for r, row in found:
-        if row.effective < min(_FEW, _FEW_SHARE * row.samples):
+        if row.effective < min(_FEW, _FEW_SHARE[row.estimator] * row.samples):
             warnings.warn(
                 f"receiver {r}: {row.scored:,} of {row.samples:,} {row.estimator} contribute, "
                 f"effective sample size {row.effective:.0f}: the error may exceed the "
