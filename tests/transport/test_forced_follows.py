@@ -34,7 +34,7 @@ LINKS = {
 @pytest.mark.parametrize("name", LINKS)
 def test_analog_agrees(name):
     link, sea = LINKS[name]
-    f = mt.simulate(link, sea, photons=8000, seed=3, spacing=0.2, threads=1)
+    f = mt.simulate(link, sea, photons=16_000, seed=3, spacing=0.2, threads=1)
     a = mt.simulate(link, sea, "analog", photons=400_000, seed=4, spacing=0.2, threads=1)
     assert a.gain_stderr < 0.05 * a.gain
     assert f.gain_stderr < 0.03 * f.gain
