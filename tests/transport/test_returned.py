@@ -82,7 +82,7 @@ def test_the_warning_names_the_share_and_the_remedy():
     with pytest.warns(
         DomainWarning, match=r"receiver 0: about [78] % .*add it by reflected_photons"
     ):
-        mt.simulate(link, FLAT, photons=320, seed=1)
+        mt.simulate(link, FLAT, photons=2048, seed=1)
 
 
 def test_nothing_returns_where_it_is_ended_or_not_scattered():
