@@ -132,7 +132,7 @@ def _scene(window: Any) -> Any:
                 size="small", color="#2f6690", id="play",
             )  # fmt: skip
             html.B("t = {{ time.toFixed(2) }} s", id="time")
-        with html.Div(classes="mt-bar-scale"):
+        with html.Div(classes="mt-bar-scale", v_if="elevation.length"):
             html.Span("<span>elevation [m]</span>")
             html.Div(style=f"background: linear-gradient(to right, {_gradient()})")
             html.Span("<span>{{ elevation[0] }}</span><span>{{ elevation[1] }}</span>")
@@ -244,7 +244,8 @@ def views(state: State, scene: LiveScene) -> dict[str, Any]:
         "receiver": _end(receiver, (0, 1), 0.0, 1.0),
         "wind": direction,
     }
-    return {"side": side, "plan": plan, "elevation": list(scene.elevation_range)}
+    elevation = [] if scene.shows_daylight else list(scene.elevation_range)
+    return {"side": side, "plan": plan, "elevation": elevation}
 
 
 def _end(part: Any, axes: tuple[int, int], half: float, sign: float) -> dict[str, Any] | None:

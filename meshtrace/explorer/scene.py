@@ -52,7 +52,7 @@ class LiveScene:
     plotter : Scene
         Plotter whose render window is shown; nothing is rendered here.
     elevation_range : tuple of float
-        Ends of the colours of the sea [m].
+        Ends of the colours of the sea by elevation [m].
     """
 
     def __init__(self, state: State) -> None:
@@ -97,6 +97,11 @@ class LiveScene:
             return False
         self._frame()
         return True
+
+    @property
+    def shows_daylight(self) -> bool:
+        """Whether the colours of the sea are those of reflected daylight."""
+        return self._light is not None
 
     def _sea(self, mesh: TriangleMesh) -> pv.PolyData:
         """Return the surface, in single precision, coloured by elevation or by the daylight."""

@@ -74,8 +74,10 @@ def test_daylight_colours_the_sea_in_place(scene):
         tints(scene), 255.0 * water_map()((sea[:, 2] - low) / (high - low))[:, :3], atol=3.0
     )
     assert actor.prop.diffuse > 0.0
+    assert not scene.shows_daylight
     dark = tints(scene).copy()
     scene.update(STATE.moved({"light": "clear"}))
+    assert scene.shows_daylight
     assert scene._actors["sea"] is actor
     assert actor.prop.diffuse == 0.0  # the colours are those that the camera sees
     day = tints(scene).copy()
