@@ -148,8 +148,9 @@ def test_bench_measures_all_of_it(monkeypatch, measured):
     monkeypatch.setattr("meshtrace.bench.suite.worker_scaling", lambda scenario, seas: seas)
     first = measured["first_run"]
     monkeypatch.setattr("meshtrace.bench.suite.first_run", lambda: first)
+    short = {"cpu_seconds": 1.0}
     for name in ("background_light", "coverage_cost", "realization"):
-        monkeypatch.setattr(f"meshtrace.bench.suite.{name}", lambda link, sea: {"cpu_seconds": 1.0})
+        monkeypatch.setattr(f"meshtrace.bench.suite.{name}", lambda link, sea, **options: short)
     found = bench(Scenario.from_config({"bubbles": "none"}), quick=True, cold=True)
     assert found["first_run"] == first
     assert set(found) == {*measured, "cores"}
