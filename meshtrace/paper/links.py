@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import meshtrace as mt
+from meshtrace.errors import Refused
 from meshtrace.kernels.random import realization_seed
 from meshtrace.paper.registry import Number, Setting
 from meshtrace.scenario import Scenario
@@ -110,6 +111,11 @@ def bubble_factor(wind: float, form: Form, setting: Setting, analog: int, **tabl
     Number
         Ratio of the sums over seas, with its jackknife error.
 
+    Raises
+    ------
+    Refused
+        If photons are received over fewer than two of the seas.
+
     Notes
     -----
     Both runs share seas and photons, so that all photons that meet no bubble cancel. The aperture
@@ -130,6 +136,8 @@ def bubble_factor(wind: float, form: Form, setting: Setting, analog: int, **tabl
             sea = made.surface.with_seed(seed)
             gains[i, j] = mt.simulate(made.link, sea, seed=seed, **options).gain
     without_one = gains.sum(axis=0) - gains
+    if not without_one.all():
+        raise Refused("analog", analog, "photons enough to receive some over two seas")
     jackknife = without_one[:, 0] / without_one[:, 1]
     error = np.sqrt((BUBBLE_SEAS - 1) * jackknife.var())
     with_bubbles, without = gains.sum(axis=0)
