@@ -1,10 +1,11 @@
-"""Downlink gain to 1 % and background of one sea to 3 %, in CPU seconds of new seas.
+"""Downlink gain to 1 % and far aside, background of one sea to 3 %, in CPU seconds of new seas.
 
 Run with `pytest tests/benchmarks --benchmark-only` on a quiet machine.
 """
 
 from __future__ import annotations
 
+import warnings
 from statistics import median
 from time import process_time
 
@@ -41,6 +42,26 @@ def test_downlink_to_one_per_cent(benchmark):
     info = benchmark.pedantic(new_sea, (DOWN, SEA), {"rtol": 0.01, "threads": 1}, rounds=1)
     benchmark.extra_info.update(info)
     assert info["rtol"] <= 0.01, info
+
+
+def far_seconds(link):
+    """Return the CPU seconds of one gain far aside, mesh included."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # few paths, light reflected by the surface
+        mt.simulate(link, SEA, threads=1)  # compiles
+        start = process_time()
+        mt.simulate(link, SEA, threads=1)
+    return {"cpu_seconds": process_time() - start}
+
+
+@pytest.mark.parametrize("aside", [20.0, 50.0, 100.0])
+def test_downlink_far_aside(benchmark, aside):
+    lamp = mt.AirLed(half_angle_deg=60.0)
+    end = mt.WaterReceiver(position=(aside, 0.0), fov_deg=180.0)
+    link = mt.Link(transmitter=lamp, receiver=end)
+    info = benchmark.pedantic(far_seconds, (link,), rounds=1)
+    benchmark.extra_info.update(info)
+    assert info["cpu_seconds"] <= 5.0, info
 
 
 @pytest.mark.parametrize(("name", "most"), [("air", 0.5), ("water", 1.5)])
