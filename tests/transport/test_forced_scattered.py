@@ -286,7 +286,7 @@ def test_scattered_gain_of_links_without_direct_light(name):
     """8 seeds each against the quadrature and against each other."""
     link = LINKS[name]
     floor = single_scattering(link)
-    seeds = [parts_of(link, 10_000, seed) for seed in range(8)]
+    seeds = [parts_of(link, 40_000, seed) for seed in range(8)]
     gain, error = (np.array([getattr(p, k)[0] for p in seeds]) for k in ("gain", "stderr"))
     once = np.array([p.orders[0, 0] for p in seeds])
     assert (gain > floor - 3.5 * error).all()
