@@ -4,10 +4,12 @@ The older file is still there, or the new one is whole; no file with its final n
 """
 
 import io
+import itertools
 import json
 import os
 import shutil
 import signal
+import sys
 import time
 import zipfile
 from contextlib import suppress
@@ -55,6 +57,29 @@ def killed_writes(write, look, kills):
         os.close(ready)
         os.close(tell)
         look()
+
+
+def killed_at_write(write, folder, n):
+    """Kill a child that calls write() before its n-th write to the folder; return its writes."""
+    child = os.fork()
+    if child == 0:
+        writes = itertools.count(1)
+        done = 0
+
+        def before(event, args):
+            nonlocal done
+            wanted = event == "os.rename" or (event == "open" and args[1] == "w")
+            if wanted and str(args[0]).startswith(str(folder)):
+                done = next(writes)
+                if done == n:
+                    os.kill(os.getpid(), signal.SIGKILL)
+
+        with suppress(BaseException):
+            sys.addaudithook(before)
+            write()
+        os._exit(done)
+    status = os.waitpid(child, 0)[1]
+    return n if os.WIFSIGNALED(status) else os.waitstatus_to_exitcode(status)
 
 
 def netcdf(path):
@@ -218,20 +243,20 @@ def test_killed_stores(kills, tmp_path):
     """A store that was killed is none, or goes on; all its gains are those of a whole one."""
     from hostile import _sweep
 
-    def write(i):
-        _sweep(tmp_path / f"{i}.zarr", 3e-5)
+    folder, found = tmp_path / "stores", set()
 
-    found = set()
+    def write():
+        return np.asarray(_sweep(folder / "one.zarr", 3e-5)["gain"])
 
-    def look():
-        for path in tmp_path.glob("*.zarr"):
-            found.add(len(list(path.rglob("*"))))
-            gain = np.asarray(_sweep(path, 3e-5)["gain"])
-            np.testing.assert_array_equal(gain, np.full((2, 2, 1), 3e-5))
-            shutil.rmtree(path)
-
-    killed_writes(write, look, kills)
-    assert len(found) > 1  # killed at different stages
+    folder.mkdir()
+    most = killed_at_write(write, folder, None)
+    for n in Random(kills).sample(range(1, most + 1), kills):
+        shutil.rmtree(folder)
+        folder.mkdir()
+        assert killed_at_write(write, folder, n) == n
+        found.add(len(list(folder.rglob("*"))))
+        np.testing.assert_array_equal(write(), np.full((2, 2, 1), 3e-5))
+    assert len(found) > kills // 2  # killed at different stages
 
 
 def test_torn_files_are_found():
