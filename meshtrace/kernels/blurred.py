@@ -184,9 +184,20 @@ def _needed(p, f, corner, scene):
     return whitened(surface.roughness, tilt)
 
 
-@outlined
-def _part_gain(f, n, i, j, side, disk, scene):
-    """Return (gain, steep) of the part with the nodes (i, j), (i + side, j), (i, j + side)."""
+class LitPart(NamedTuple):
+    """Part of a facet in the light of the source."""
+
+    middle: Vec3  # [m]
+    normal: Vec3
+    w: Vec3  # direction from the source
+    length: float  # from the source [m]
+    omega: float  # solid angle at the source [sr]
+    light: float  # intensity towards the middle [sr-1], 0 behind the facet
+
+
+@inlined
+def lit_part(f, n, i, j, side, scene):
+    """Return the part with the nodes (i, j), (i + side, j), (i, j + side)."""
     surface, source = scene.surface, scene.emitter.position
     p = minus(node(f, n, i, j, surface), source)
     q = minus(node(f, n, i + side, j, surface), source)
@@ -198,13 +209,29 @@ def _part_gain(f, n, i, j, side, disk, scene):
     normal = normal_at(middle.x, middle.y, f, surface)
     facing = dot(w, row(surface.face_normals, f))
     light = intensity(scene.emitter, w) if facing > 0.0 else 0.0
+    return LitPart(middle, normal, w, length, solid_angle(p, q, r), light)
+
+
+@inlined
+def depth_below(part, scene):
+    """Return the optical depth from the source to a part of a facet."""
+    source = scene.emitter.position
+    tau = absorption_path(scene.medium, source.z, part.middle.z, part.length)
+    return tau + scattering_path(scene.medium, source, part.middle, part.length)
+
+
+@outlined
+def _part_gain(f, n, i, j, side, disk, scene):
+    """Return (gain, steep) of a part of a facet, see `lit_part`."""
+    part = lit_part(f, n, i, j, side, scene)
+    middle, normal, w, light = part.middle, part.normal, part.w, part.light
     total, steep = 0.0, True
-    radius = scene.target.radius
+    radius, source = scene.target.radius, scene.emitter.position
     if light == 0.0:
         return 0.0, True
     for k in range(len(disk.points)):
         goal = Vec2(radius * disk.points[k, 0], radius * disk.points[k, 1])
-        s = slope_towards(middle, normal, w, w, length, goal, scene)
+        s = slope_towards(middle, normal, w, w, part.length, goal, scene)
         if s.density > 0.0:
             share = acceptance(s.aim, middle, scene.target, scene.interface.fov)
             share *= exposure(w, normal, s.tilt) * transmittance(s.aim, scene.interface)
@@ -215,10 +242,8 @@ def _part_gain(f, n, i, j, side, disk, scene):
     if total == 0.0:
         return 0.0, True
     if not scene.mirrored:
-        tau = absorption_path(scene.medium, source.z, middle.z, length)
-        tau += scattering_path(scene.medium, source, middle, length)
-        light *= math.exp(-tau)
-    return scene.target.area * light * solid_angle(p, q, r) * total, steep
+        light *= math.exp(-depth_below(part, scene))
+    return scene.target.area * light * part.omega * total, steep
 
 
 @entry

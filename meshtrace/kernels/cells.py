@@ -13,6 +13,8 @@ from meshtrace.kernels.blurred import (
     MOST_SLOPE,
     PART_BEAM,
     PART_SLOPE,
+    depth_below,
+    lit_part,
     slope_range,
     slope_towards,
 )
@@ -21,7 +23,6 @@ from meshtrace.kernels.crossings import straight_shot
 from meshtrace.kernels.facets import exposure, normal_at
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.jit import ONE, entry, inlined, outlined
-from meshtrace.kernels.medium import absorption_path, scattering_path
 from meshtrace.kernels.places import moved
 from meshtrace.kernels.scene import height_on
 from meshtrace.kernels.shadow import is_free
@@ -30,8 +31,10 @@ from meshtrace.kernels.unscattered import (
     BEAM_SHARE,
     EDGE,
     beam_width,
+    is_lit_corner,
     is_reflected,
     node,
+    push_quarters,
     solid_angle,
     straight_depth,
 )
@@ -39,14 +42,10 @@ from meshtrace.kernels.vectors import (
     Vec2,
     Vec3,
     along,
-    blend,
     cross2,
-    dot,
     minus,
     minus2,
     norm,
-    plus,
-    row,
     scaled,
 )
 
@@ -79,7 +78,7 @@ class Rule(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """Quadratures over a cell, finer where the edge of the field of view passes through."""
+    """Quadratures over a cell, the finer one for the edge of the field of view."""
 
     inside: Rule
     edge: Rule
@@ -244,12 +243,7 @@ def image_map(scene, cells, stretch, lever, stack, poly, gain):
             if abs(side) == 1:
                 _part_cells(f, nodes, i, j, side, cells, poly, shot, scene, gain)
                 continue
-            half = side // 2
-            for k in range(4):
-                stack[top, 0] = i + (half if k in (1, 3) else 0)
-                stack[top, 1] = j + (half if k in (2, 3) else 0)
-                stack[top, 2] = -half if k == 3 else half
-                top += 1
+            top = push_quarters(stack, top, i, j, side)
 
 
 @outlined
@@ -264,11 +258,7 @@ def _may_shine(f, nodes, i, j, side, size, bound, coarse, cells, shot, scene):
     m = aim_at(p.x, p.y, f, shot, scene)
     if m.ok:
         return not _far_from(m.at.x, m.at.y, size * bound, cells)
-    for k in range(3):
-        q = node(f, nodes, i + (side if k == 1 else 0), j + (side if k == 2 else 0), scene.surface)
-        if aim_at(q.x, q.y, f, shot, scene).ok:
-            return True
-    return False
+    return is_lit_corner(f, nodes, i, j, side, shot, scene)
 
 
 @entry
@@ -345,27 +335,17 @@ def _blurred_part(f, n, i, j, side, box, cells, rules, scene, gain):
 
     Array twin: see `blurred_map`.
     """
-    surface, source = scene.surface, scene.emitter.position
-    p = minus(node(f, n, i, j, surface), source)
-    q = minus(node(f, n, i + side, j, surface), source)
-    r = minus(node(f, n, i, j + side, surface), source)
-    way = blend(1.0 / 3.0, 1.0 / 3.0, p, q, r)
-    length = norm(way)
-    w = scaled(1.0 / length, way)
-    middle = plus(source, way)
-    light = intensity(scene.emitter, w)
-    if dot(w, row(surface.face_normals, f)) <= 0.0 or light == 0.0:
+    part = lit_part(f, n, i, j, side, scene)
+    if part.light == 0.0:
         return
-    normal = normal_at(middle.x, middle.y, f, surface)
-    tau = absorption_path(scene.medium, source.z, middle.z, length)
-    tau += scattering_path(scene.medium, source, middle, length)
-    light *= math.exp(-tau) * solid_angle(p, q, r) * cells.step * cells.step
+    light = part.light * math.exp(-depth_below(part, scene)) * part.omega
+    light *= cells.step * cells.step
     for k in range(box.west, box.east + 1):
         x = cells.x + (k + 0.5) * cells.step
         for m in range(box.south, box.north + 1):
             y = cells.y + (m + 0.5) * cells.step
-            rule = rules.edge if _at_edge(middle, x, y, cells, scene) else rules.inside
-            gain[k, m] += light * _blur(middle, normal, w, length, x, y, cells, rule, scene)
+            rule = rules.edge if _at_edge(part.middle, x, y, cells, scene) else rules.inside
+            gain[k, m] += light * _blur(part, x, y, cells, rule, scene)
 
 
 @inlined
@@ -381,12 +361,13 @@ def _at_edge(p, x, y, cells, scene):
 
 
 @outlined
-def _blur(middle, normal, w, length, x, y, cells, rule, scene):
-    """Return the mean light of a cell through a crossing, over the density of the light there."""
+def _blur(part, x, y, cells, rule, scene):
+    """Return the mean light of a cell through a part of a facet, over that of the part."""
     total, target = 0.0, moved(scene, x, y).target
+    middle, normal, w = part.middle, part.normal, part.w
     for k in range(len(rule.points)):
         goal = Vec2(x + cells.step * rule.points[k, 0], y + cells.step * rule.points[k, 1])
-        s = slope_towards(middle, normal, w, w, length, goal, scene)
+        s = slope_towards(middle, normal, w, w, part.length, goal, scene)
         if s.density > 0.0:
             share = acceptance(s.aim, middle, target, scene.interface.fov)
             if share > 0.0 and (is_steep(s.aim, scene) or _free(middle, s.aim, scene)):

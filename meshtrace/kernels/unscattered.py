@@ -214,12 +214,7 @@ def _large_facet_gain(f, n, image, stack, shot, scene):
             g, s = _triangle_gain(f, nodes, i, j, side, shot, scene)
             gain, steep = gain + g, steep and s
         elif _may_shine(f, nodes, i, j, side, image, shot, scene):
-            half = side // 2
-            for k in range(4):
-                stack[top, 0] = i + (half if k in (1, 3) else 0)
-                stack[top, 1] = j + (half if k in (2, 3) else 0)
-                stack[top, 2] = -half if k == 3 else half
-                top += 1
+            top = push_quarters(stack, top, i, j, side)
     return gain, steep
 
 
@@ -236,6 +231,24 @@ def _may_shine(f, nodes, i, j, side, image, shot, scene):
     m = aim_at(p.x, p.y, f, shot, scene)
     if m.ok:
         return math.hypot(m.at.x, m.at.y) <= target.radius + size * image.stretch
+    return is_lit_corner(f, nodes, i, j, side, shot, scene)
+
+
+@inlined
+def push_quarters(stack, top, i, j, side):
+    """Push the four parts (i, j, side) of a part on a stack; return its height."""
+    half = side // 2
+    for k in range(4):
+        stack[top, 0] = i + (half if k in (1, 3) else 0)
+        stack[top, 1] = j + (half if k in (2, 3) else 0)
+        stack[top, 2] = -half if k == 3 else half
+        top += 1
+    return top
+
+
+@outlined
+def is_lit_corner(f, nodes, i, j, side, shot, scene):
+    """Return whether unscattered light crosses a corner of a part of a facet."""
     for k in range(3):
         q = node(f, nodes, i + (side if k == 1 else 0), j + (side if k == 2 else 0), scene.surface)
         if aim_at(q.x, q.y, f, shot, scene).ok:
