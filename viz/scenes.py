@@ -237,7 +237,7 @@ def wind_of(surface: MeshSource | TriangleMesh) -> tuple[float | None, float]:
 
 
 def longest_left_out(surface: MeshSource | TriangleMesh) -> float | None:
-    """Return the longest wave beyond the band of a sea [m], None where it is unknown."""
+    """Return the longest wave beyond the band of a sea [m], None for a sea without waves."""
     waves = getattr(surface, "components", None)
     if waves is None or not len(waves.kx):
         return None

@@ -151,7 +151,7 @@ def view(
 def _gain_of(
     link: Link | None, surface: MeshSource | TriangleMesh, time: float, seed: int
 ) -> GainResult | None:
-    """Return the gain for the caption, None where a short run cannot find it."""
+    """Return the gain for the caption, None for a link that is refused."""
     if link is None:
         return None
     mesh = None if isinstance(surface, TriangleMesh) else Meshing(time=time)

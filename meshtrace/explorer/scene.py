@@ -318,7 +318,7 @@ def _cone(
 def _rays(
     paths: PhotonPaths | None, stage: Stage
 ) -> tuple[pv.PolyData | None, pv.PolyData | None, pv.PolyData | None]:
-    """Return tubes along unscattered and along scattered paths, and dots where they cross."""
+    """Return tubes along unscattered and along scattered paths, and dots at the crossings."""
     if paths is None or not len(paths.what):
         return None, None, None
     groups = []

@@ -66,7 +66,7 @@ def seen_from_air(
 
 
 def sun_in_view(scene: Scene, view: View) -> float:
-    """Return the mean radiance of the sun where it stands within the field of view."""
+    """Return the mean radiance of the sun within the field of view, 0 beyond it."""
     sun = np.array(scene.day.sun)
     cosine = float(sun @ view.axis)
     if cosine <= 0.0 or 1.0 - cosine**2 > view.sin2_psi:
