@@ -80,13 +80,13 @@ def gain_distribution(
     """Draw densities of the gain over independent seas, with tilts."""
     counts = {"physical": realizations, "paper": paper_realizations}
     picture, axes = form_panels()
-    means, indices, variables = {}, {}, {}
+    means, indices, variables, factors = {}, {}, {}, {}
     for form, ax in axes.items():
         for wind in WINDS:
             made = forced(wind, form)
             series = _ensemble(made, counts[form], photons, setting)
             winds = gusts(wind, form).sample_wind(counts[form], setting.seed)
-            bubbles = _bubbles(wind, form, setting, analog)
+            bubbles = factors[form, wind] = _bubbles(wind, form, setting, analog)
             gain = bubbles.value * series.gain * _factor(_UAV.tilt(winds).angle)
             spread = gain.std(ddof=1) / np.sqrt(len(gain))
             chains = bubbles.value * series.mean_stderr
@@ -116,7 +116,7 @@ def gain_distribution(
             few = max(counts[form] // 10, 40)
             pair.append(_index(_ensemble(made, few, photons, setting)))
         numbers.append(row("common", pair, wind=wind_name(wind)))
-    effects = [bubble_factor(WINDS[1], form, setting, analog) for form in FORMS]
+    effects = [bubble_factor(WINDS[1], "physical", setting, analog), factors["paper", WINDS[1]]]
     numbers.append(row("bubbles", effects, radius=RADIUS))
     return FigureOutput(picture, xr.Dataset(variables), numbers)
 
