@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +25,6 @@ from meshtrace.errors import Refused
 from meshtrace.kernels import adjoint as kernel
 from meshtrace.kernels import adjoint_look as looking
 from meshtrace.kernels import adjoint_start as starting
-from meshtrace.kernels.angle_table import SMALLEST_ANGLE, AngleTable
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.line_estimate import Optics
 from meshtrace.kernels.medium import DepthMode, Medium
@@ -36,8 +34,8 @@ from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
-from meshtrace.optics.phase import PhaseFunction
 from meshtrace.stored import SHIFTS
+from meshtrace.transport.angle_tables import angle_table
 from meshtrace.transport.arrays import interface_arrays, surface_arrays, with_raster
 from meshtrace.transport.forced_link import (
     emitter_of,
@@ -50,7 +48,6 @@ from meshtrace.transport.frame import IDENTITY, frame_of
 
 _BLOCK = 4096  # paths of one block; sums of blocks do not depend on threads
 _ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
-_CELLS_PER_LOG = 200.0
 _EVEN, _AIMED = 0.5, 0.3  # shares of free paths and of directions, see `World`
 _FAN, _LIT, _MORE = 0.6, 0.2, 0.5  # the same in the beam of a narrow source; more side paths there
 _SPENT = 0.1  # exp(-b z / 2) below which a beam is not aimed at
@@ -424,31 +421,3 @@ def _vertical_depths(medium: Medium, depth: float) -> tuple[float, float]:
     if medium.depth_mode == DepthMode.NONE:
         return b, 0.0
     return b, float(medium.bubble_path[-1])
-
-
-@lru_cache(maxsize=32)
-def angle_table(phase: PhaseFunction) -> AngleTable:
-    """Tabulate a phase function and its integral over the scattering angle.
-
-    Parameters
-    ----------
-    phase : PhaseFunction
-        The phase function.
-
-    Notes
-    -----
-    A cell holds the mean over its solid angle by 4 Gauss points in theta; cells are 0.5 % wide.
-    """
-    log_first = math.log(SMALLEST_ANGLE)
-    cells = math.ceil((math.log(math.pi) - log_first) * _CELLS_PER_LOG)
-    per_log = cells / (math.log(math.pi) - log_first)
-    edge = np.exp(log_first + np.arange(cells + 1) / per_log)
-    edge[-1] = math.pi
-    node, weight = np.polynomial.legendre.leggauss(4)
-    half = 0.5 * np.diff(edge)[:, None]
-    theta = edge[:-1, None] + half * (1.0 + node)
-    solid = weight * np.sin(theta)
-    beta = (phase.pdf(theta) * solid).sum(axis=1) / solid.sum(axis=1)
-    parts = beta * np.diff(edge)
-    tail = np.append(np.cumsum(parts[::-1])[::-1], 0.0)
-    return AngleTable(log_first, per_log, edge, beta, tail)
