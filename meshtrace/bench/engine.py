@@ -21,6 +21,7 @@ from meshtrace.results.tallies import standard_error
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.frame import frame_of
 from meshtrace.transport.meshing import FADING_SPACING, mesh_for
 
 Rays = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
@@ -34,6 +35,12 @@ class RayRecorder(EmbreeIntersector):
     def __init__(self, mesh: TriangleMesh, threads: int) -> None:
         super().__init__(mesh, threads)
         self.rays: Rays = []
+
+    def over(self, mesh: TriangleMesh) -> RayRecorder:
+        """Return a recorder over the mesh in the units of the tracer, with the same record."""
+        found = RayRecorder(mesh, self.threads)
+        found.rays = self.rays
+        return found
 
     def facets(
         self, origins: NDArray[np.float32], directions: NDArray[np.float32]
@@ -95,7 +102,8 @@ def analog_rate(
     intersector, recorder = EmbreeIntersector(mesh, threads), RayRecorder(mesh, threads)
     recorded = min(photons, 2**18)
     run_analog(link, recorder, photons=recorded, seed=1)
-    raw = CopiedScene(mesh.vertices, mesh.faces)
+    local = frame_of(link).mesh(mesh)  # the rays are in the units of the tracer
+    raw = CopiedScene(local.vertices, local.faces)
     repeats = max(photons // recorded, 1)  # both sides run for about as long
     times = best_of(
         rounds,

@@ -48,6 +48,10 @@ class Intersector(Protocol):
     mesh: TriangleMesh
     shortcut: bool  # whether facets may be found without it where the answer is known
 
+    def over(self, mesh: TriangleMesh) -> Intersector:
+        """Return an intersector of the same kind over another mesh."""
+        ...
+
     def facets(
         self, origins: NDArray[np.float32], directions: NDArray[np.float32]
     ) -> NDArray[np.int32]:
@@ -99,6 +103,10 @@ class EmbreeIntersector:
         self.threads = default_threads(threads)
         self._scene = new_scene(mesh.vertices, mesh.faces)
 
+    def over(self, mesh: TriangleMesh) -> EmbreeIntersector:
+        """Return an intersector of the same kind over another mesh."""
+        return type(self)(mesh, self.threads)
+
     def facets(
         self, origins: NDArray[np.float32], directions: NDArray[np.float32]
     ) -> NDArray[np.int32]:
@@ -130,6 +138,10 @@ class BruteForceIntersector:
     def __init__(self, mesh: TriangleMesh) -> None:
         require_kind(mesh, TriangleMesh, "mesh")
         self.mesh = mesh
+
+    def over(self, mesh: TriangleMesh) -> BruteForceIntersector:
+        """Return an intersector of the same kind over another mesh."""
+        return type(self)(mesh)
 
     def facets(
         self, origins: NDArray[np.float32], directions: NDArray[np.float32]

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.bvh import EmbreeIntersector, Intersector
+from meshtrace.bvh import Intersector
 from meshtrace.kernels import photon_state as kernel
 from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.interface import Interface
@@ -188,7 +188,7 @@ def run_analog(
     options = options_over(intersector.mesh, options)
     frame = frame_of(link)
     if frame != IDENTITY:
-        intersector = EmbreeIntersector(frame.mesh(intersector.mesh), threads)
+        intersector = intersector.over(frame.mesh(intersector.mesh))
     setup = setup_of(link, frame, intersector, seed, normals, options, first_scored)
     setup = setup._replace(
         map=records.get("irradiance-map"),  # type: ignore[arg-type]

@@ -24,7 +24,7 @@ from meshtrace.bench import (
 from meshtrace.bench.scaling import counts_up_to, makespan
 from meshtrace.parallel import job_times, ordered_map
 from meshtrace.scenario import Scenario
-from meshtrace.surfaces import JonswapSea
+from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 
@@ -60,6 +60,12 @@ def test_thread_scaling_is_relative_to_one_thread(threads):
     ):
         assert threads[speedup][0] == 1.0
         assert threads[speedup] == pytest.approx([r / threads[rate][0] for r in threads[rate]])
+
+
+def test_rays_of_a_small_tank_are_recorded():
+    link = LINK.replace("transmitter.depth", 0.1).replace("receiver.height", 0.1)
+    found = analog_rate(link, FlatSea().mesh(extent=1.0, spacing=0.02), photons=2_000, rounds=1)
+    assert found["rays_per_photon"] > 0.5
 
 
 def test_jobs_go_to_the_first_free_thread():

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.bvh import BruteForceIntersector, EmbreeIntersector
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, JonswapSea
+from meshtrace.transport.analog import run_analog
 from meshtrace.transport.paths import Vertex
 
 pytestmark = pytest.mark.filterwarnings("ignore::meshtrace.transport.outcome.DomainWarning")
@@ -46,6 +48,31 @@ def test_a_power_of_two_changes_no_bit(k, metres):
     for name in ("water_path", "air_path"):
         paths, expected = (getattr(r.arrivals, name) for r in (found, metres))
         np.testing.assert_array_equal(paths, k * expected)
+
+
+class Counted(BruteForceIntersector):
+    """Intersector of a user that counts its calls, shared by those over other meshes."""
+
+    def __init__(self, mesh, calls=None):
+        super().__init__(mesh)
+        self.calls = [] if calls is None else calls
+
+    def over(self, mesh):
+        return Counted(mesh, self.calls)
+
+    def facets(self, origins, directions):
+        self.calls.append(len(origins))
+        return super().facets(origins, directions)
+
+
+@pytest.mark.parametrize("k", [1.0, 2.0**-14])
+def test_the_intersector_of_a_user_traces_in_any_units(k):
+    link, mesh = moved(k)
+    own, embree = Counted(mesh), EmbreeIntersector(mesh, 1)
+    found, expected = (run_analog(link, i, photons=512, seed=5) for i in (own, embree))
+    assert sum(own.calls) > 500
+    assert found.score.sum() > 0.0
+    np.testing.assert_array_equal(found.score, expected.score)
 
 
 @pytest.mark.parametrize("k", [1e-7, 1e-4, 3e-3, 50.0])
