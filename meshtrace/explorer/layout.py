@@ -190,7 +190,10 @@ def _readings(actions: Actions) -> None:
                   seek=(actions.seek, "[$event]"), classes="mt-tall")  # fmt: skip
             _part("histogram", gain=("fading.gain",), faded=("stale.fading",), id="histogram")
             with html.Div(classes=("stale.fading ? 'mt-faded' : ''",)):
-                _rows([("Scintillation index", "fading.index"), ("Lowest / mean", "fading.low")])
+                _rows([
+                    ("Scintillation index", "fading.index"), ("All waves", "fading.all_waves"),
+                    ("Lowest / mean", "fading.low"),
+                ])  # fmt: skip
             html.Div("{{ fading.note }}", v_if="fading.note", classes="mt-note")
         with html.Div(classes="mt-card"):
             html.H2("Coverage")

@@ -65,7 +65,8 @@ def _bits(gain: Gain) -> dict[str, str]:
 def fading_reading(session: Session) -> dict[str, Any]:
     """Return the series relative to its mean, the scintillation index and the lowest gain."""
     found = session.answer("fading")
-    empty = {"time": [], "gain": [], "duration": 12.0, "index": "–", "low": "–", "note": ""}
+    empty: dict[str, Any] = {"time": [], "gain": [], "duration": 12.0, "note": ""}
+    empty |= dict.fromkeys(("index", "all_waves", "low"), "–")
     if isinstance(found, Failed):
         return {**empty, "note": found.reason}
     if not isinstance(found, Fading) or not found.gain.any():
@@ -80,6 +81,7 @@ def fading_reading(session: Session) -> dict[str, Any]:
         "gain": [round(float(g), 5) for g in relative],
         "duration": found.duration,
         "index": index,
+        "all_waves": "–" if found.index_of_all is None else f"{found.index_of_all:.2g}",
         "low": texts.decibels(float(relative.min())),
         "note": f"left out for errors above 20 %: {found.left_out}" if found.left_out else "",
     }

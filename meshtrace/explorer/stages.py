@@ -20,7 +20,13 @@ from meshtrace.comms.budget import link_budget
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Described, Refused
 from meshtrace.explorer.state import State
-from meshtrace.fading import Estimate, block_length, scintillation_index
+from meshtrace.fading import (
+    Estimate,
+    block_length,
+    scintillation_index,
+    scintillation_of_spectrum,
+)
+from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.coverage import CoverageMap
@@ -129,6 +135,8 @@ class Fading:
         Number of gains left out, with a relative standard error above 20 %.
     index : Estimate or None
         Scintillation index, of the complete series.
+    index_of_all : float or None
+        Scintillation index of unscattered light over all waves, in closed form.
     """
 
     time: Floats
@@ -136,6 +144,7 @@ class Fading:
     duration: float
     left_out: int = 0
     index: Estimate | None = None
+    index_of_all: float | None = None
 
 
 @dataclass(frozen=True)
@@ -253,7 +262,8 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
         if (i + 1) % _SHOWN_EVERY == 0 and i + 1 < FADING_FRAMES:
             yield _series(times[: i + 1], gain[: i + 1], duration)
     found = _series(times, gain, duration)
-    yield replace(found, index=_index_of(found.gain))
+    index_of_all = _index_of_all(inputs.link, inputs.surface)
+    yield replace(found, index=_index_of(found.gain), index_of_all=index_of_all)
 
 
 def _series(times: Floats, gain: Floats, duration: float) -> Fading:
@@ -266,6 +276,14 @@ def _index_of(gain: Floats) -> Estimate | None:
     """Return the scintillation index of gains in time; None without light or fading."""
     try:
         return scintillation_index(gain, block=block_length(gain), resamples=399)
+    except Refused:
+        return None
+
+
+def _index_of_all(link: Link, sea: SurfaceModel) -> float | None:
+    """Return the closed form over all waves; None off the axis and without a spectrum."""
+    try:
+        return scintillation_of_spectrum(link, getattr(sea, "short_waves", sea), heights=True)
     except Refused:
         return None
 

@@ -14,6 +14,7 @@ from meshtrace.explorer.session import Session
 from meshtrace.explorer.stages import Failed
 from meshtrace.explorer.state import State
 from meshtrace.scenario import Scenario
+from meshtrace.surfaces import JonswapSea
 
 PAPER = Scenario.from_toml("")
 
@@ -91,9 +92,18 @@ def test_the_series_is_that_of_the_library(session):
     expected = mt.time_series(PAPER, times, photons=stages.FADING_CHAINS)
     np.testing.assert_array_equal(found.time, times)
     np.testing.assert_array_equal(found.gain, expected.gain)
+    assert found.index_of_all == stages._index_of_all(PAPER.link, PAPER.surface)
     assert found.index.value == pytest.approx(
         expected.gain.var(ddof=1) / expected.gain.mean() ** 2, rel=1e-9
     )
+
+
+@pytest.mark.parametrize(("x", "expected"), [(0.0, 0.317), (2.0, None)])
+def test_the_index_of_all_waves_stands_beside_the_series(x, expected):
+    """At 5 m/s the band of the sea has 0.005; off the axis there is no closed form."""
+    link = mt.Link(receiver=mt.Receiver(height=5.0, position=(x, 0.0)))
+    found = stages._index_of_all(link, JonswapSea(wind_speed=5.0))
+    assert found == (expected and pytest.approx(expected, rel=0.01))
 
 
 def test_uncertain_gains_are_left_out(session, monkeypatch):
