@@ -47,7 +47,7 @@ def statistics(name: str, gain: NDArray[np.float64]) -> str:
     indices = drawn.var(axis=1) / drawn.mean(axis=1) ** 2
     relative = gain / gain.mean()
     laws = {
-        "log-normal": stats.lognorm(*stats.lognorm.fit(gain, floc=0.0)),
+        "lognormal": stats.lognorm(*stats.lognorm.fit(gain, floc=0.0)),
         "gamma": stats.gamma(*stats.gamma.fit(gain, floc=0.0)),
         "gamma-gamma": fading.fit_gamma_gamma(gain).law,
     }
@@ -90,7 +90,7 @@ def panels(figure: Figure, gain: NDArray[np.float64]) -> None:
     left.step(relative, (np.arange(len(gain)) + 1.0) / len(gain), label=f"{len(gain)} seas")
     x = np.geomspace(relative[0], relative[-1], 300)
     for name, fit in (
-        ("log-normal", fading.fit_lognormal),
+        ("lognormal", fading.fit_lognormal),
         ("gamma-gamma", fading.fit_gamma_gamma),
     ):
         left.plot(x, fit(relative).law.cdf(x), "--", lw=1.2, label=name)

@@ -57,7 +57,7 @@ def index(gain: NDArray[np.float64]) -> tuple[float, float]:
 def best_law(gain: NDArray[np.float64]) -> str:
     """Return the law of the smallest Kolmogorov distance, with the distances."""
     found = {
-        "log-normal": stats.lognorm(*stats.lognorm.fit(gain, floc=0.0)),
+        "lognormal": stats.lognorm(*stats.lognorm.fit(gain, floc=0.0)),
         "gamma": stats.gamma(*stats.gamma.fit(gain, floc=0.0)),
         "gamma-gamma": fading.fit_gamma_gamma(gain).law,
     }

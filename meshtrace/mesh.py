@@ -89,7 +89,7 @@ def require_surface(surface: Any) -> None:
 
 
 class UnresolvedSlopes(NamedTuple):
-    """Slope variances (along, across the wind) of the waves that a mesh is too coarse to show.
+    """Slope variances (along, across the wind) of the waves too short for a mesh.
 
     Light that crosses the mesh is bent as if the normal were tilted by Gaussian slopes of these
     variances, on top of those of the mesh.

@@ -262,7 +262,7 @@ def _is_file(path: Any) -> bool:
 def _is_damaged(path: str | PathLike[str]) -> bool:
     """Return whether a file has a digest at its end that differs from that of its bytes.
 
-    HDF5 notes where its bytes end: a digest that was overwritten is noticed by what is left.
+    HDF5 notes the end of its bytes: the rest behind it is an intact or a damaged digest.
     """
     size = Path(path).stat().st_size - _TRAILER
     with open(path, "rb") as file:

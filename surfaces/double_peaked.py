@@ -115,7 +115,7 @@ class Torsethaugen(Spectrum, frozen=True):
     Swell (tp > T_f): r = 0.6 + 0.4 exp(-(e / 0.3)^2), e = (tp - T_f) / (25 s - T_f),
     gamma = 35 (2 pi hs / (g T_f^2))^0.857 (1 + 6 e), and a wind sea of period 6.6 hs_2^(1/3).
     e is held within [0, 1] and gamma at 1 or above. The second peak has gamma = 1. Each peak is
-    normalized by quadrature instead of the fitted factors, so that `hs` holds exactly. The tail
+    normalised by quadrature instead of the fitted factors, so that `hs` holds exactly. The tail
     omega^-4 is that of the source: its slopes grow with the band.
 
     References

@@ -119,7 +119,7 @@ def save_movie(
 
 
 def natural_rate(times: NDArray[np.float64]) -> float:
-    """Return the frames per second at which times [s] pass as fast as they do."""
+    """Return the frames per second that show times [s] at natural speed."""
     step = float(np.diff(times).mean())
     if not step > 0.0:
         raise Refused("times", times.tolist(), "increasing times, or a frame rate")
@@ -179,6 +179,6 @@ class _Frame:
         self._past.set_data(self._times[past], self._gain[past])
         self._mark.set_data([time], [gain])
         self._now.set_xdata([time, time])
-        self._title.set_text(f"t = {time:.2f} s, gain = {gain:.3g}")
+        self._title.set_text(f"t = {time:.2f} s, gain = {gain:.2e}")
         self._canvas.draw()
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()

@@ -214,7 +214,7 @@ def plot_duplex(result: Duplex, *, ax: Axes | None = None) -> Axes:
 
 
 def _plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:
-    """Plot the bit error ratio of the first bit rate over depth, one curve for each wind."""
+    """Plot the bit error rate of the first bit rate over depth, one curve for each wind."""
     data = result.to_dataset().isel(bit_rate=0, drop=True).transpose("wind_speed", "depth")
     names = [f"{speed:g} m/s" for speed in result.wind_speeds]
     ax = plot_curves(data.assign_coords(wind_speed=names), "ber", style="o-", ax=ax)

@@ -19,7 +19,7 @@ from .style import INK, axes, label_of, note
 Floats = NDArray[np.float64]
 
 BER_SHOWN = (1e-9, 1.0)
-"""Limits of the axis of error ratios."""
+"""Limits of the axis of error rates."""
 
 
 @checked
@@ -174,7 +174,7 @@ def _over_parameters(data: xr.Dataset, quantity: str) -> xr.Dataset:
 
 @checked
 def plot_ber(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot bit error ratios `ber`, logarithmic, over any dimension; see `plot_curves`.
+    """Plot bit error rates `ber`, logarithmic, over any dimension; see `plot_curves`.
 
     A `received_power` [W] is shown in dBm; the dashed line is 1e-3.
     """

@@ -267,7 +267,7 @@ def caption(
     parts.append(", ".join(words))
     if gain is not None:
         value, error = (np.ravel(v)[0] for v in (gain.gain, gain.gain_stderr))
-        parts.append(f"gain {value:.3g} ± {error:.1g}")
+        parts.append(f"gain {value:.2e} ± {error:.0e}")
     return "; ".join(parts)
 
 

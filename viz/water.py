@@ -1,4 +1,4 @@
-"""Water as a viewer sees it: sky and sun reflected by the waves, light from below, foam.
+"""Appearance of water: sky and sun reflected by the waves, light from below, foam.
 
 Physical: reflection by the normals, radiance of sky and glint, colour of the light that leaves the
 water, variance of the short waves, share of foam. For looks: colours of the sky, shapes of

@@ -1,6 +1,6 @@
 """
-Pulses, eye diagram and bit error ratios
-========================================
+Pulses, eye diagram and bit error rates
+=======================================
 
 Arrival times of the light in clear and in turbid water.
 """
@@ -24,11 +24,11 @@ ax = viz.plot_impulse_response(responses)
 viz.save_picture(ax.figure, "impulse_response.png")
 
 # %%
-# The eye diagram at the power for a bit error ratio of 1e-3, and the ratio over the received power.
+# The eye diagram at the power for a bit error rate of 1e-3, and the rate over the received power.
 
 receiver = OokLink(bit_rate=5e6)
 needed = receiver.required_power(1e-3)
-print(f"power for a bit error ratio of 1e-3: {10.0 * np.log10(needed / 1e-3):.1f} dBm")
+print(f"power for a bit error rate of 1e-3: {10.0 * np.log10(needed / 1e-3):.1f} dBm")
 ax = viz.plot_eye(receiver.eye(needed))
 viz.save_picture(ax.figure, "eye.png")
 

@@ -86,7 +86,7 @@ def thread_scaling(
 
 
 def speedup_by_jobs(work: Callable[[], Any], threads: tuple[int, ...] = (2, 16)) -> dict[str, Any]:
-    """Return the speedup of work on one thread, as the CPU seconds of its jobs allow.
+    """Return the largest speedup of work on one thread, by the CPU seconds of its jobs.
 
     Jobs of a map go to the first free thread, in order; maps and the rest follow each other.
     Memory, caches and other limits of a machine are not included.

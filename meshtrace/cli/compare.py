@@ -30,7 +30,7 @@ def compare_command(
 ) -> None:
     """Compare the gains of links over common seas with common chains.
 
-    The error of a difference is smaller than those of the gains: what both links share cancels.
+    The error of a difference is smaller than those of the gains: their common noise cancels.
     """
     from meshtrace.studies.comparison import compare
 

@@ -16,7 +16,7 @@ def coverage(
     link: LinkFile = None,
     extent: float = Option(5.0, metavar="M", help="Half-width of the map [m]."),
     step: float = Option(0.25, metavar="M", help="Edge of a cell [m]."),
-    photons: int = Option(4_000_000, metavar="N", min=1, max=10**12, help="Photons."),
+    photons: int = Option(4_000_000, metavar="N", min=1, max=10**12, help="Analog photons."),
     output: Output = None,
     plot: Plot = None,
     seed: Seed = None,

@@ -26,7 +26,7 @@ def sensitivity_command(
     limit: float = Option(1e-3, metavar="BER", help="Largest bit error rate of a working link."),
     step: float | None = Option(None, metavar="S", help="Step of the differences, relative."),
     resume: Path | None = Option(
-        None, metavar="FOLDER", help="Keep finished parameters here; a stopped run goes on."
+        None, metavar="FOLDER", help="Keep finished parameters here, to resume a stopped run."
     ),
     written: Written,
     photons: str = Option("8192", metavar="N", help="Chains, common to all evaluations."),

@@ -286,6 +286,6 @@ def _map_image(found: CoverageMap) -> dict[str, Any]:
     return {
         "url": f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}",
         "x0": low, "x1": high, "y0": low, "y1": high,
-        "peak": f"{found.gain[i, j]:.3g} at ({found.x[i]:.1f}, {found.y[j]:.1f}) m",
+        "peak": f"{found.gain[i, j]:.2e} at ({found.x[i]:.1f}, {found.y[j]:.1f}) m",
         "colors": ", ".join(to_hex(colormaps["viridis"](v)) for v in np.linspace(0, 1, 8)),
     }  # fmt: skip

@@ -115,7 +115,7 @@ def _made(folder: Path, one: Figure, setting: Setting, quick: bool) -> dict[str,
     record_path.unlink(missing_ok=True)  # written last, so its presence marks the figure complete
     wall, cpu = time.perf_counter(), time.process_time()
     with style(), warnings.catch_warnings():
-        # the paper's bands are meant, and their figures say what they leave out
+        # the figures are those of the paper's bands, and their captions state the missing waves
         warnings.filterwarnings("ignore", "omega_max: .* give a scintillation index")
         output = one.make(setting, **one.effort(quick))
         rows = one.table(output)

@@ -277,7 +277,7 @@ def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
 
 
 def may_overhang(surface: MeshSource | MeshFile) -> bool:
-    """Return whether a surface overhangs, or only its meshes tell."""
+    """Return whether the meshes of a surface may overhang."""
     return not (isinstance(surface, SurfaceModel) and getattr(surface, "single_valued", True))
 
 

@@ -169,7 +169,7 @@ class AimedChains:
         )
 
     def search_of(self, target: Target) -> SearchExtent:
-        """Return how far and how thoroughly roots are looked for."""
+        """Return the extent of the search for roots."""
         curvature, radius = self._largest
         all_asked = self._search_mode == "thorough" or self._normals == "facet"
         return SearchExtent(
@@ -359,7 +359,7 @@ def on_disk(center: Vec3, end: Emitter | Target, disk: NDArray[np.float64]) -> N
 
 
 def _lever(n: float, target: Target, waves: float) -> float:
-    """Return a bound on how far a unit of slope moves the landing point."""
+    """Return a bound on the displacement of the landing point by a unit of slope."""
     sin_t = min(target.sin_widest, 0.98 * min(n, 1.0))
     cos_t = math.sqrt(1.0 - sin_t**2)
     cos_i = math.sqrt(1.0 - (sin_t / n) ** 2)

@@ -206,7 +206,7 @@ def _still_water() -> Surface:
 
 
 def nominal(medium: Medium, emitter: Emitter, targets: list[Target], crest: float) -> Nominal:
-    """Return where collisions are expected along the straight way to the highest crest.
+    """Return the expected collisions along the straight way to the highest crest.
 
     The way is the shortest one to any of the targets.
     """
@@ -285,7 +285,7 @@ def flat_mesh(low: NDArray[np.float64], high: NDArray[np.float64]) -> TriangleMe
 
 
 def starts_of(emitter: Emitter, target: Target) -> NDArray[np.float64]:
-    """Return points (x, y) from which flat crossings are looked for: the likely one first.
+    """Return the starts (x, y) of the search for flat crossings, the likely one first.
 
     Light that arrives flatter than 60 degrees crosses far out, where Newton comes from anywhere.
     """

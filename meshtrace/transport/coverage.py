@@ -275,7 +275,7 @@ class ForcedMap:
                     yield partial(self._score, aimed, request, *shifts, places, *lattice)
 
     def _search(self, aimed: AimedChains) -> Search:
-        """Return the search of crossings; also where waves focus it asks a share of the chains."""
+        """Return the search of crossings, for a share of the chains even where waves focus."""
         search = aimed.search_of(self._target)
         return search if search.audit == 1.0 else search._replace(audit=_AUDITED, curvature=0.0)
 
@@ -349,7 +349,7 @@ class ForcedMap:
 
 
 def require_mappable(link: Link) -> None:
-    """Refuse what chains to many places do not follow."""
+    """Refuse features that chains to many places do not follow."""
     receiver = link.receivers[0]
     beyond = needs_paths(link)
     if beyond is not None:

@@ -214,7 +214,7 @@ def _lit_radius(depth: float, a: float) -> float:
 
 
 def require_followable(link: Link) -> None:
-    """Refuse what neither chains nor adjoint paths follow."""
+    """Refuse features that neither chains nor adjoint paths follow."""
     down = any(isinstance(t, AirLamp) for t in link.transmitters)
     source, end = (AirLamp, WaterReceiver) if down else (WaterSource, Receiver)
     sides = ("air", "water") if down else ("water", "air")

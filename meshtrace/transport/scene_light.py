@@ -64,7 +64,7 @@ class Hit(NamedTuple):
 def first_hits(
     scene: Scene, origin: Floats, direction: Floats, *, below: bool = False
 ) -> tuple[Hit, NDArray[np.bool_]]:
-    """Return where rays meet the sea, and whether they do; the sea is level beyond the mesh.
+    """Return the hits of rays on the sea, level beyond the mesh, and the mask of rays with one.
 
     Rays come from the air, or from `below`.
     """

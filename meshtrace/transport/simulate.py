@@ -277,7 +277,7 @@ def _reflected(
     """Return the gain of light first reflected into the water, by analog photons, wide aperture.
 
     That light comes from everywhere below: its irradiance is even over metres, so an aperture
-    of 1 m (never wider than half of what the field of view covers) has the same mean.
+    of 1 m (never wider than half of the patch in the field of view) has the same mean.
     """
     wide, area = [], []
     for r in link.receivers:

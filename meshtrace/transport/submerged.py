@@ -29,7 +29,7 @@ def seen_from_water(
 ) -> Floats:  # fmt: skip
     """Return the radiances of the parts by shift (shifts, parts) for a receiver in the water.
 
-    Sun that reaches the receiver unscattered passes the mesh; what the water scatters passes still
+    Sun that reaches the receiver unscattered passes the mesh; scattered sunlight passes still
     water before it.
     """
     view = View.of(only_aperture(link), frame_of(link), shifted_points(photons, 7, seed))

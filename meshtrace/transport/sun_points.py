@@ -129,7 +129,7 @@ def _corner_gaps(surface: Surface, facets: Any, law: Bending, point: Floats) -> 
 
 
 def _slopes(law: Bending, light: Floats) -> Floats:
-    """Return the slopes that bend the sun into directions; none that is met where none does."""
+    """Return the slopes that bend the sun into directions; where none does, one beyond reach."""
     normal = law.normal(light)
     upright = normal[..., 2:] > 1e-6
     return np.where(upright, slopes_of(np.where(upright, normal, 1.0)), 1e6)

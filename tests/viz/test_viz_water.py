@@ -197,7 +197,7 @@ def test_captions_state_link_sea_and_gain():
     text = caption(mt.Link(), SEA, 2.5, gain)
     assert text == (
         "LED at depth 10 m to receiver at height 5 m; JONSWAP sea, wind 13 m/s, seed 7, "
-        f"t = 2.50 s; gain {gain.gain:.3g} ± {gain.gain_stderr:.1g}"
+        f"t = 2.50 s; gain {gain.gain:.2e} ± {gain.gain_stderr:.0e}"
     )
     down = caption(mt.Link().mirrored(), FlatSea(), 0.0, None)
     assert down.endswith("at depth 10 m; flat sea")

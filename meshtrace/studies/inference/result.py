@@ -26,7 +26,7 @@ class Inference(Stored):
     unknown, unit : tuple of str
         Names and units of the unknowns.
     estimate, error : ndarray, shape (n,)
-        Values and standard errors; nan for what the measurements alone do not determine to 100 %.
+        Values and standard errors; nan for unknowns with an error above 100 % without priors.
     covariance : ndarray, shape (n, n)
         Covariance of the logarithms (of offsets and angles themselves), priors included.
     free_error : ndarray, shape (n,)

@@ -282,7 +282,7 @@ def _relative(singular: Floats, rows: Floats) -> Floats:
 
 
 def _words(names: list[str], absolute: Any, singular: Floats, rows: Floats) -> str:
-    """Return the combination that the measurements see least, in words."""
+    """Return the combination that the measurements determine least, in words."""
     v = rows[-1] / rows[-1][int(np.abs(rows[-1]).argmax())]
     step, parts = 0.1, []
     for i in np.argsort(-np.abs(v)):

@@ -175,7 +175,7 @@ class LinkPerformance(Stored):
         ]
 
     def _range_text(self, found: Estimate, ber: Floats) -> str:
-        """Return a range, or its bound if the error ratios do not cross the limit."""
+        """Return a range, or its bound if the error rates do not cross the limit."""
         least, most = f"< {min(self.depths):g}", f"> {max(self.depths):g}"
         if math.isnan(found.value):
             return f"{most if (ber < self.limit).all() else least} m"
@@ -282,7 +282,7 @@ def _filter_text(width_nm: float) -> str:
 
 
 _ESTIMATES = [name for name, kind in get_type_hints(OperatingPoint).items() if kind is Estimate]
-_FLOOR = 1e-15  # of bit error ratios in texts
+_FLOOR = 1e-15  # of bit error rates in texts
 _ENDS = ("", "_low", "_high")  # of the names of an estimate and of its limits
 
 
@@ -304,7 +304,7 @@ def _index(name: str, values: tuple[float, ...], wanted: float | None) -> int:
 
 
 def _ratio(ber: float, digits: int = 2) -> str:
-    """Return a bit error ratio as text, with a floor for the smallest ones."""
+    """Return a bit error rate as text, with a floor for the smallest ones."""
     return f"{ber:.{digits}e}" if ber >= _FLOOR else f"< {_FLOOR:g}"
 
 

@@ -89,7 +89,7 @@ class Quantity:
     def _outage(self, logs: Floats) -> float:
         """Return the logarithm of the outage from the logarithms of gain over need.
 
-        With 30 outages at least: smoothed by a normal kernel. Otherwise: log-normal law.
+        With 30 outages at least: smoothed by a normal kernel. Otherwise: lognormal law.
         """
         if len(logs) < _LEAST_SEAS - 1:
             raise Refused("realizations", len(logs), f">= {_LEAST_SEAS} for outages")
