@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from meshtrace.errors import Described, Refused, one_line
+from meshtrace.errors import Described, Refused, reads_as_number, reason_of
 from meshtrace.models import Floats
 
 _LARGEST = 16 * 2**20  # bytes
@@ -53,28 +53,20 @@ def read_columns(
     try:
         rows = [line.partition("#")[0].strip() for line in file.read_text("utf-8-sig").splitlines()]
     except (OSError, ValueError) as error:
-        raise Refused(str(path), Described(one_line(str(error))), allowed) from error
+        raise Refused(str(path), Described(reason_of(error)), allowed) from error
     rows = [row for row in rows if row]
     separator = delimiter or next((s for s in ";,\t" if rows and s in rows[-1]), None)
     cells = [
         [word.strip().replace(",", ".") if separator == ";" else word.strip() for word in words]
         for words in (row.split(separator) for row in rows)
     ]
-    header = () if not cells or all(map(_is_number, cells[0])) else tuple(cells.pop(0))
+    header = () if not cells or all(map(reads_as_number, cells[0])) else tuple(cells.pop(0))
     try:
         width = min(map(len, cells), default=0)  # remarks may follow
         values = np.array([row[:width] for row in cells], dtype=np.float64)
     except ValueError as error:
-        raise Refused(str(path), Described(one_line(str(error))), allowed) from error
+        raise Refused(str(path), Described(reason_of(error)), allowed) from error
     if values.ndim != 2 or values.shape[1] < least or not np.isfinite(values).all():
         found = " x ".join(map(str, values.shape))
         raise Refused(str(path), Described(f"{found} values"), f"{allowed}, all finite")
     return Columns(header, values)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

@@ -202,7 +202,7 @@ def require_number(value: Any, path: str) -> None:
         raise Refused(path, value, "integers of 64 bits")
     if isinstance(value, float) and LARGEST < abs(value) < math.inf:
         raise Refused(path, value, f"at most {LARGEST:g} in magnitude")
-    if isinstance(value, str) and _reads_as_number(value):
+    if isinstance(value, str) and reads_as_number(value):
         raise Refused(path, value, "numbers without quotes")
 
 
@@ -228,7 +228,8 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _reads_as_number(word: str) -> bool:
+def reads_as_number(word: str) -> bool:
+    """Return whether a word is the text of a number."""
     try:
         float(word)
     except ValueError:
@@ -253,14 +254,19 @@ def show(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _shortened(text: str, most: int = 400) -> str:
+def _shortened(text: str) -> str:
     """Return a text without its middle, if it is longer than the paths and lists in use."""
-    return text if len(text) <= most else f"{text[: most // 2]}...{text[-most // 2 :]}"
+    return text if len(text) <= 400 else f"{text[:200]}...{text[-200:]}"
 
 
-def one_line(text: str) -> str:
-    """Return a text without its line ends."""
-    return " ".join(text.split())
+def one_line(value: object) -> str:
+    """Return the text of a value without its line ends."""
+    return " ".join(str(value).split())
+
+
+def reason_of(error: Exception) -> str:
+    """Return the text of an error as one line, or else its type."""
+    return one_line(error) or type(error).__name__
 
 
 class DomainWarning(UserWarning):

@@ -201,10 +201,10 @@ def _equal(a: Any, b: Any) -> bool:
         return False
 
 
-def _shown(value: Any, most: int = 120) -> str:
+def _shown(value: Any) -> str:
     """Return a value as a text of limited length."""
     text = f"{value:g}" if isinstance(value, float) else str(value)
-    return text if len(text) <= most else f"{text[: most - 3]}..."
+    return text if len(text) <= 120 else f"{text[:117]}..."
 
 
 def _require_numbers(value: Any, path: str) -> None:

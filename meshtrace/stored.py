@@ -16,7 +16,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from meshtrace.errors import Described, Refused, one_line, show
+from meshtrace.errors import Described, Refused, one_line, reason_of, show
 from meshtrace.files import atomic
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ class Stored(abc.ABC):
         try:
             return cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
         except (KeyError, ValueError, TypeError, IndexError) as error:
-            reason = f"{type(error).__name__}: {one_line(str(error))}"
+            reason = f"{type(error).__name__}: {one_line(error)}"
             raise Refused(
                 name, Described(reason), f"a complete result of kind {cls.kind}"
             ) from error
@@ -247,8 +247,7 @@ def read_dataset(path: str | PathLike[str], **options: Any) -> xr.Dataset:
         with xr.open_dataset(path, engine=engine, decode_timedelta=False, **options) as opened:
             return opened.load()
     except Exception as error:  # the readers raise any exception
-        reason = one_line(str(error)) or type(error).__name__
-        raise Refused(str(path), Described(reason), _ALLOWED) from error
+        raise Refused(str(path), Described(reason_of(error)), _ALLOWED) from error
 
 
 def _is_file(path: Any) -> bool:

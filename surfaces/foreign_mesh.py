@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused, one_line, require_array
+from meshtrace.errors import Described, Refused, reason_of, require_array
 from meshtrace.mesh import TriangleMesh, vertex_normals
 
 from .parameters import Floats, Range
@@ -126,8 +126,7 @@ def _loaded(path: str | PathLike[str]) -> trimesh.Trimesh:
     try:
         return trimesh.load_mesh(path, process=False)
     except Exception as error:  # readers raise IndexError, KeyError, struct.error, ...
-        reason = one_line(str(error)) or type(error).__name__
-        raise Refused(str(path), Described(reason), allowed) from error
+        raise Refused(str(path), Described(reason_of(error)), allowed) from error
 
 
 def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
@@ -263,9 +262,7 @@ def _refuse_folds(vertices: Floats, outline: NDArray[np.int64], overhangs: bool)
         )
 
 
-def _segments_meet(
-    p: Floats, q: Floats, r: Floats, s: Floats, least: float = 0.0
-) -> NDArray[np.bool_]:
+def _segments_meet(p: Floats, q: Floats, r: Floats, s: Floats, least: float) -> NDArray[np.bool_]:
     """Return the mask of segments p-q and r-s in the plane with a point in common.
 
     Where `least` > 0, segments that touch or run over each other do not count: the triangles of

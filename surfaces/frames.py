@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.errors import Described, Refused, one_line
+from meshtrace.errors import Described, Refused, reason_of
 
 from .foreign_mesh import read_mesh
 from .parameters import Floats
@@ -96,11 +96,8 @@ def open_frames(source: str | Sequence[str]) -> Frames:
     except Refused:
         raise
     except Exception as error:  # readers of XML, HDF5 and netCDF raise any exception
-        raise Refused("source", _reason(path, error), _ALLOWED) from error
-
-
-def _reason(name: object, error: Exception) -> Described:
-    return Described(f"{name}: {one_line(str(error)) or type(error).__name__}")
+        reason = Described(f"{path}: {reason_of(error)}")
+        raise Refused("source", reason, _ALLOWED) from error
 
 
 def _files(files: list[Path], source: object) -> FileFrames:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, PrivateAttr
 
-from meshtrace.errors import Described, Refused, one_line
+from meshtrace.errors import Described, Refused, reason_of
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Model
 
@@ -159,7 +159,7 @@ class MeshSequence(Model, frozen=True):
         except Refused as error:
             raise error.of("" if error.field == name else name) from error.__cause__
         except Exception as error:  # the readers raise any exception
-            reason = Described(one_line(str(error)) or type(error).__name__)
+            reason = Described(reason_of(error))
             raise Refused(name, reason, "an undamaged mesh file") from error
 
     def mesh(

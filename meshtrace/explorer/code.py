@@ -92,7 +92,8 @@ def _expression(value: Any, indent: int) -> str:
     if not isinstance(value, Model):
         return json.dumps(value) if isinstance(value, str) else repr(value)
     name = type(value).__name__
-    path = next((f"mt.{part}{name}" for module, part in _PUBLIC if _is_in(module, name, value)), "")
+    places = (part for module, part in _PUBLIC if getattr(module, name, None) is type(value))
+    path = next((f"mt.{part}{name}" for part in places), "")
     if not path:
         raise Refused("", name, "a public class")
     fields = type(value).model_fields
@@ -107,10 +108,6 @@ def _expression(value: Any, indent: int) -> str:
         return short
     pad = " " * (indent + 4)
     return f"{path}(\n" + "".join(f"{pad}{item},\n" for item in items) + " " * indent + ")"
-
-
-def _is_in(module: Any, name: str, value: Any) -> bool:
-    return getattr(module, name, None) is type(value)
 
 
 _PUBLIC = ((meshtrace, ""), (surfaces, "surfaces."), (meshtrace.comms, "comms."))

@@ -177,20 +177,20 @@ class Page:
             return
         with self.server.state:
             self._show_light()
-            self._refresh_views()
-            self.view.update()
             if camera:
                 self.view.push_camera()
         self._scene_time = self._loop.time() if self._loop else 0.0
 
     def _show_light(self) -> None:
-        """Show the rays and the map of the state, or none."""
+        """Show the rays and the map of the state, or none, and refresh the views."""
         rays, found = self.session.answer("rays"), self.session.answer("map")
         fresh = self.session.fresh
         self.scene.show_rays(rays if fresh("rays") and isinstance(rays, PhotonPaths) else None)
         lit = fresh("map") and isinstance(found, CoverageMap)
         height = self.session.state.channel.link.receivers[0].center[2]
         self.scene.show_map(found if lit else None, height)
+        self._refresh_views()
+        self.view.update()
 
     def _answered(self, name: str) -> None:
         """Show an answer; called in the thread of the work."""
@@ -202,8 +202,6 @@ class Page:
             self._refresh()
             if name in ("rays", "map") and self.session.fresh(name) and not self._running:
                 self._show_light()
-                self._refresh_views()
-                self.view.update()
 
     def _refresh(self) -> None:
         """Set the readings, the charts and the marks of stale answers."""

@@ -18,7 +18,7 @@ import numpy as np
 from meshtrace.comms.background import warn_of_background, with_background
 from meshtrace.comms.budget import link_budget
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, one_line
 from meshtrace.explorer.state import State
 from meshtrace.fading import (
     Estimate,
@@ -175,7 +175,7 @@ def _noted(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
     with _WARNINGS, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         result = work()
-    return result, tuple(_one_line(warning) for warning in caught)
+    return result, tuple(one_line(warning.message) for warning in caught)
 
 
 def _detector(state: State) -> OokLink:
@@ -187,10 +187,6 @@ def _detector(state: State) -> OokLink:
     detector = with_background(detector, found)
     warn_of_background(detector, found)
     return detector
-
-
-def _one_line(warning: Any) -> str:
-    return " ".join(str(warning.message).split())
 
 
 def _gain_of(result: GainResult, notes: tuple[str, ...]) -> Gain:

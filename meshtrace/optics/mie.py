@@ -34,6 +34,7 @@ _FORMAT = 1
 # Irrational steps: the golden ratio from size to size, the plastic number from bin to bin.
 _SIZE_STEP = 0.6180339887498949
 _BIN_STEP = 0.7548776662466927
+_ORDERS = 256  # of a block, which bounds the memory
 
 
 class Efficiencies(NamedTuple):
@@ -208,13 +209,11 @@ def angular_edges() -> Floats:
     return np.deg2rad(np.concatenate(([0.0], forward, np.arange(51, 1801) / 10.0)))
 
 
-def _angular_blocks(
-    cosine: Floats, orders: int, block: int = 256
-) -> Iterator[tuple[int, Floats, Floats]]:
+def _angular_blocks(cosine: Floats, orders: int) -> Iterator[tuple[int, Floats, Floats]]:
     """Yield first order - 1, and pi_n, tau_n times (2n+1)/(n(n+1)), by blocks of orders."""
     before, now = np.zeros_like(cosine), np.ones_like(cosine)
-    for start in range(0, orders, block):
-        count = min(block, orders - start)
+    for start in range(0, orders, _ORDERS):
+        count = min(_ORDERS, orders - start)
         pi, tau = np.empty((2, count, cosine.size))
         for row, n in enumerate(range(start + 1, start + count + 1)):
             scale = (2 * n + 1) / (n * (n + 1))

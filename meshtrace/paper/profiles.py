@@ -258,7 +258,7 @@ def load_profiles(path: str | Path) -> list[WaterProfile]:
     except (ValueError, TypeError, IndexError, KeyError) as error:
         if isinstance(error, Refused):
             raise
-        described = Described(f"{type(error).__name__}: {one_line(str(error))}")
+        described = Described(f"{type(error).__name__}: {one_line(error)}")
         raise Refused("", described, "profiles of the AODN or of Argo", source=str(path)) from error
     if not found:
         described = Described("no good samples")

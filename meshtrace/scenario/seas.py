@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from meshtrace.errors import Described, Refused, did_you_mean, require_keys
+from meshtrace.errors import Described, Refused, did_you_mean, reason_of, require_keys
 from meshtrace.link import Footprint, Link
 from meshtrace.mesh import FADING, MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Model
@@ -66,7 +66,7 @@ class MeshFile(Model, frozen=True):
                 raise Refused("sea.mesh", problem, error.allowed) from None
             raise error.of(self.file).inside("sea", "mesh") from None
         except Exception as error:  # the readers behind trimesh raise any exception
-            problem = Described(f"{self.file!r}: {error or type(error).__name__}")
+            problem = Described(f"{self.file!r}: {reason_of(error)}")
             allowed = "a surface in an STL, PLY or OBJ file"
             raise Refused("sea.mesh", problem, allowed) from error
 

@@ -19,6 +19,8 @@ from meshtrace.kernels.tally import Apertures
 from meshtrace.link import AirSource, Link, Receiver, Source, WaterSource
 from meshtrace.mesh import TriangleMesh
 
+_LAYER_NODES = 2049  # of the tables of a layered water
+
 
 def _code(codes: type[IntEnum], name: str) -> int:
     """Return the code of a switch by its name, as a plain integer (faster dispatch in numba)."""
@@ -177,12 +179,12 @@ def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
 
 
 def _layer_tables(
-    layers: tuple[tuple[float, float, float], ...], nodes: int = 2049
+    layers: tuple[tuple[float, float, float], ...],
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Return step, a and b of a layered water on a uniform grid of depths from z = 0."""
     depth, a, b = np.array(layers).T
-    step = max(float(depth[-1]), 1e-3) / (nodes - 1)
-    grid = step * np.arange(nodes)
+    step = max(float(depth[-1]), 1e-3) / (_LAYER_NODES - 1)
+    grid = step * np.arange(_LAYER_NODES)
     return step, np.interp(grid, depth, a), np.interp(grid, depth, b)
 
 

@@ -277,9 +277,3 @@ def read_records(record: Iterable[Any], estimator: Estimator) -> dict[str, Recor
             raise Refused(f"record[{i}]", kind, 'arrivals, or estimator="analog"')
         records[kind] = read
     return records
-
-
-DEFAULT_PHOTONS = {
-    kind: estimator.default_photons for kind, estimator in Estimator.registered.items()
-}
-"""Photons of a run, by estimator; the first is the default estimator."""

@@ -286,10 +286,11 @@ def _reflected(
         wide.append(r.replace(radius=radius))
         area.append((r.radius / radius) ** 2)
     threads = default_threads(run.threads)
+    deepest = max(-item.center[2] for _, item in link.items())
     sums = run_analog(
         link.replace(receiver=tuple(wide)),
         EmbreeIntersector(mesh, threads),
-        Analog(roulette=1e-3 * math.exp(-link.water.a * _deepest(link))),
+        Analog(roulette=1e-3 * math.exp(-link.water.a * deepest)),
         photons=photons,
         seed=run.seed,
         normals=normals,
@@ -299,10 +300,6 @@ def _reflected(
     n = sums.photons
     scale = np.array(area)
     return scale * sums.score / n, scale * standard_error(sums.score, sums.score_squared, n)
-
-
-def _deepest(link: Link) -> float:
-    return max(-item.center[2] for _, item in link.items())
 
 
 def trace_paths(

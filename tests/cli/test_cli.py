@@ -12,7 +12,7 @@ import meshtrace as mt
 from meshtrace import cli
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea
-from meshtrace.transport.options import DEFAULT_PHOTONS
+from meshtrace.transport.options import Estimator
 
 ANALOG = ["--estimator", "analog", "--photons", "5000"]
 
@@ -60,7 +60,7 @@ def analog_changes():
     return {"run.estimator": "analog", "run.photons": 5000}
 
 
-@pytest.mark.parametrize("estimator", DEFAULT_PHOTONS)
+@pytest.mark.parametrize("estimator", Estimator.registered)
 def test_json_holds_the_result_and_the_configuration(estimator):
     done = run("--json", "--photons", 4096, "--seed", 3, "--estimator", estimator)
     data = json.loads(done.stdout)
@@ -112,7 +112,7 @@ def test_compiling_is_told(monkeypatch):
     assert "sea.spacing" in refusal("run", "--set", "sea.spacing=1e-4")
 
 
-@pytest.mark.parametrize("estimator", DEFAULT_PHOTONS)
+@pytest.mark.parametrize("estimator", Estimator.registered)
 def test_kernels_once_compiled_are_found(monkeypatch, estimator):
     run("--photons", 300, "--estimator", estimator)
     monkeypatch.undo()

@@ -38,19 +38,20 @@ LINKS = [
 ]
 
 
-def _places(table, path=()):
+def places(table, path=()):
+    """Yield the path of every value, tables and lists included."""
     items = table.items() if isinstance(table, dict) else enumerate(table)
     for key, value in items:
         yield (*path, key)
         if isinstance(value, dict | list):
-            yield from _places(value, (*path, key))
+            yield from places(value, (*path, key))
 
 
 def _replace(random, config, values):
     """Replace one or two values of nested plain data, and return what was done."""
     done = []
     for _ in range(random.choice([1, 1, 2])):
-        *parents, last = random.choice(list(_places(config)))
+        *parents, last = random.choice(list(places(config)))
         table = config
         for key in parents:
             table = table[key]

@@ -1,19 +1,10 @@
-"""Tests of the explorer need its extra: without it they are left out, where all is checked not."""
+"""Tests of the explorer need an extra: without it they are skipped."""
 
-import os
-from importlib.util import find_spec
+from extras import lack_of
 
-import pytest
-
-NEEDED = 'tests/explorer needs extra packages: pip install "meshtrace[explore]"'
-
-collect_ignore_glob = []
-if not all(find_spec(name) for name in ("trame", "trame_vtk", "trame_vuetify", "pyvista")):
-    if os.environ.get("CI") == "true":
-        raise pytest.UsageError(NEEDED)
-    collect_ignore_glob = ["test_*.py"]
+NOTE = lack_of("tests/explorer", "explore", "trame", "trame_vtk", "trame_vuetify", "pyvista")
+collect_ignore_glob = ["test_*.py"] if NOTE else []
 
 
 def pytest_report_header():
-    """Say that tests are left out."""
-    return NEEDED if collect_ignore_glob else None
+    return NOTE or None

@@ -3,6 +3,7 @@
 import tomllib
 
 import tomli_w
+from drills.hostile import places
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -125,15 +126,6 @@ SOUND = [
     "layers = [[0.0, 0.1, 0.2], [9.0, 0.2, 0.1]]\n[water.phase]\nmodel = 'mixture'\n"
     "components = ['petzold', 'rayleigh']\nweights = [1.0, 2.0]",
 ]
-
-
-def places(table, path=()):
-    """Yield the path of every value, tables and lists included."""
-    items = table.items() if isinstance(table, dict) else enumerate(table)
-    for key, value in items:
-        yield (*path, key)
-        if isinstance(value, dict | list):
-            yield from places(value, (*path, key))
 
 
 @st.composite

@@ -3,8 +3,8 @@
 import numba
 import numpy as np
 import pytest
+from phases import draw, label
 
-from meshtrace.kernels import phase as kernel
 from meshtrace.optics.phase import (
     FournierForand,
     HenyeyGreenstein,
@@ -37,18 +37,6 @@ MIXTURES = [
 ]
 TINY = np.geomspace(1e-16, 1e-3, 500)
 U = np.concatenate([[0.0], TINY, np.random.default_rng(5).random(20_000), 1.0 - TINY[1:]])
-
-
-@numba.njit
-def draw(tables, u):
-    s = np.empty_like(u)
-    for i in range(u.size):
-        s[i] = kernel.sample_s(tables, u[i])
-    return s
-
-
-def label(phase):
-    return " ".join(str(x) for x in phase.model_dump().values() if np.isscalar(x))
 
 
 @pytest.mark.parametrize("phase", SINGLE, ids=label)

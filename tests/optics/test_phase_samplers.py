@@ -1,11 +1,10 @@
 """Chi-square test of every phase-function sampler against the quadrature of its own pdf."""
 
-import numba
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, chi2_test, sidak
+from phases import draw, label
 
-from meshtrace.kernels.phase import sample_s
 from meshtrace.optics.phase import (
     FournierForand,
     HenyeyGreenstein,
@@ -44,18 +43,6 @@ PHASES = [
         weights=(5.0, 1.0),
     ),
 ]
-
-
-@numba.njit
-def draw(tables, u):
-    s = np.empty_like(u)
-    for i in range(u.size):
-        s[i] = sample_s(tables, u[i])
-    return s
-
-
-def label(phase):
-    return " ".join(str(x) for x in phase.model_dump().values() if np.isscalar(x))
 
 
 def bin_edges():

@@ -22,7 +22,7 @@ from meshtrace.surfaces import (
     TiltedPlane,
     Tma,
 )
-from meshtrace.transport.options import DEFAULT_PHOTONS
+from meshtrace.transport.options import Estimator
 
 
 def read(text, **options):
@@ -44,7 +44,7 @@ def test_an_empty_file_is_the_default_link_at_5_metres_per_second():
         bubbles=mt.HallNovarini(wind_speed=5.0), whitecaps=mt.Whitecaps(wind_speed=5.0)
     )
     assert scenario.surface == JonswapSea(wind_speed=5.0)
-    assert scenario.run.photons == DEFAULT_PHOTONS[scenario.run.estimator.kind]
+    assert scenario.run.photons == scenario.run.estimator.default_photons
 
 
 def test_one_wind_speed_drives_sea_bubbles_and_whitecaps():
@@ -248,8 +248,8 @@ def test_the_default_estimator_can_follow_the_link(text, estimator):
 
 
 def test_each_estimator_has_its_number_of_photons():
-    for estimator, photons in DEFAULT_PHOTONS.items():
-        assert read(f"run.estimator = '{estimator}'").run.photons == photons
+    for kind, estimator in Estimator.registered.items():
+        assert read(f"run.estimator = '{kind}'").run.photons == estimator.default_photons
 
 
 def test_a_run_is_what_simulate_gives():
@@ -322,7 +322,7 @@ def test_a_mesh_without_file_cannot_be_loaded_back():
         ("wind_speed = 40.0", "whitecaps.wind_speed", "40.0", "0 <= wind_speed <= 30"),
         ("[run]\nphotons = 0", "run.photons", "0", "1 <= photons"),
         ("[run]\nphotons = 1.5", "run.photons", "1.5", "an integer"),
-        ("[run]\nestimator = 'guess'", "run.estimator", "'guess'", ", ".join(DEFAULT_PHOTONS)),
+        ("[run]\nestimator = 'guess'", "run.estimator", "'guess'", ", ".join(Estimator.registered)),
         ("[run]\nseed = 1" + 30 * "0", "run.seed", "1000", "integers of 64 bits"),
         ("[sea]\nspacing = 0", "sea.spacing", "0", "> 0"),
         ("[sea]\nfetch = -1", "sea.fetch", "-1", "0 < fetch < inf m"),

@@ -79,15 +79,10 @@ def test_distant_corners_are_refused():
         mt.TriangleMesh(corners, np.array([[0, 1, 2]]))
 
 
-def test_corners_at_the_limit_do_no_harm():
-    mesh = FlatSea().mesh(extent=9e5, spacing=9e5)
-    parts = ForcedDetection(mt.Link(), 64, 1).evaluate(mesh)
-    assert parts.ballistic[0] == pytest.approx(4.5166617e-5, rel=1e-4)
-
-
-def test_eight_facets_over_two_kilometres():
-    """Each was once cut into (20 000)^2 parts."""
-    mesh = FlatSea().mesh(extent=1000.0, spacing=1000.0)
+@pytest.mark.parametrize("extent", [9e5, 1000.0])
+def test_eight_facets_over_kilometres(extent):
+    """Corners near the limit; at 1 km each facet was once cut into (20 000)^2 parts."""
+    mesh = FlatSea().mesh(extent=extent, spacing=extent)
     parts = ForcedDetection(mt.Link(), 64, 1).evaluate(mesh)
     assert parts.ballistic[0] == pytest.approx(4.5166617e-5, rel=1e-4)
 

@@ -1,19 +1,19 @@
-"""Tests of pictures need the viz extra: without it they are left out, where all is checked not."""
-
-import os
-from importlib.util import find_spec
+"""Tests of pictures need an extra: without it they are skipped."""
 
 import pytest
+from extras import lack_of
 
-NEEDED = 'tests/viz needs extra packages: pip install "meshtrace[viz]"'
-
-collect_ignore_glob = []
-if not all(find_spec(name) for name in ("matplotlib", "pyvista", "trame_vtk", "imageio")):
-    if os.environ.get("CI") == "true":
-        raise pytest.UsageError(NEEDED)
-    collect_ignore_glob = ["test_*.py"]
+NOTE = lack_of("tests/viz", "viz", "matplotlib", "pyvista", "trame_vtk", "imageio")
+collect_ignore_glob = ["test_*.py"] if NOTE else []
 
 
 def pytest_report_header():
-    """Say that tests are left out."""
-    return NEEDED if collect_ignore_glob else None
+    return NOTE or None
+
+
+@pytest.fixture(autouse=True)
+def _close_figures():
+    yield
+    from matplotlib import pyplot
+
+    pyplot.close("all")

@@ -20,14 +20,6 @@ from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.surfaces import JonswapSea
 
 
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    from matplotlib import pyplot
-
-    pyplot.close("all")
-
-
 def line(ax, i=0):
     return ax.get_lines()[i].get_data()
 

@@ -20,12 +20,6 @@ LINK, FLAT = mt.Link(), FlatSea()
 RUN = {"photons": 32, "threads": 1, "spacing": 0.5}
 
 
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    pyplot.close("all")
-
-
 @pytest.fixture(scope="module")
 def scene():
     made = Scene(stage_of(LINK, FLAT, None), off_screen=True, window_size=(160, 100))

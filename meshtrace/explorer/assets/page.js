@@ -13,15 +13,9 @@
     return found;
   };
 
-  const Drag = {
-    // Side view (x, z) or plan (x, y) in equal scales; emits `movelamp` and `movereceiver` while dragged.
-    props: {
-      title: String, across: String, up: String, frame: Object, lamp: Object, receiver: Object,
-      profile: { type: Array, default: () => [] }, wind: { type: Number, default: null },
-      image: { type: Object, default: null }, faded: Boolean, side: Boolean,
-    },
-    emits: ["movelamp", "movereceiver"],
-    data: () => ({ held: null, kept: null, waiting: false, w: 300, h: 240 }),
+  const sized = {
+    // Width and height [px] of an element, followed as it is resized.
+    data: () => ({ w: 300, h: 130 }),
     mounted() {
       const measure = () => {
         if (!this.$el.clientWidth) return;
@@ -33,6 +27,18 @@
       measure();
     },
     unmounted() { this.watcher.disconnect(); },
+  };
+
+  const Drag = {
+    // Side view (x, z) or plan (x, y) in equal scales; emits `movelamp` and `movereceiver` while dragged.
+    props: {
+      title: String, across: String, up: String, frame: Object, lamp: Object, receiver: Object,
+      profile: { type: Array, default: () => [] }, wind: { type: Number, default: null },
+      image: { type: Object, default: null }, faded: Boolean, side: Boolean,
+    },
+    mixins: [sized],
+    emits: ["movelamp", "movereceiver"],
+    data: () => ({ held: null, kept: null, waiting: false, h: 240 }),
     computed: {
       seen() { return this.kept || this.frame; },
       scale() {
@@ -139,24 +145,9 @@
       </div>`,
   };
 
-  const chart = {
-    data: () => ({ w: 300, h: 130 }),
-    mounted() {
-      const measure = () => {
-        if (!this.$el.clientWidth) return;
-        this.w = this.$el.clientWidth;
-        this.h = this.$el.clientHeight;
-      };
-      this.watcher = new ResizeObserver(measure);
-      this.watcher.observe(this.$el);
-      measure();
-    },
-    unmounted() { this.watcher.disconnect(); },
-  };
-
   const Series = {
     // Gain over time relative to its mean, with the present time; emits `seek`.
-    mixins: [chart],
+    mixins: [sized],
     props: { time: Array, gain: Array, duration: Number, now: Number, faded: Boolean },
     emits: ["seek"],
     computed: {
@@ -210,7 +201,7 @@
 
   const Histogram = {
     // Histogram of the gain relative to its mean.
-    mixins: [chart],
+    mixins: [sized],
     props: { gain: Array, faded: Boolean },
     computed: {
       bins() {

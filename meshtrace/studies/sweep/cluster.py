@@ -15,7 +15,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from meshtrace.errors import Described, Refused
-from meshtrace.studies.sweep.points import Outcome, Study, Task, one_line
+from meshtrace.studies.sweep.points import Outcome, Study, Task, error_text
 from meshtrace.studies.sweep.store import note, write
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def compute(
                 if future.status == "finished":
                     write(group, task, Outcome(*_checked(future.result())))
                 elif future.status == "error":
-                    note(group, task, one_line(future.exception()))
+                    note(group, task, error_text(future.exception()))
                 else:
                     raise _lost(client, n, len(tasks))
                 future.release()
@@ -157,7 +157,7 @@ def _require_equal_workers(client: distributed.Client, timeout: float) -> None:
 
 def _other_worker(address: str, found: Any) -> Refused:
     expected = _environment()()
-    there = found if isinstance(found, dict) else {"meshtrace": one_line(found)}
+    there = found if isinstance(found, dict) else {"meshtrace": error_text(found)}
     name = next(name for name in expected if there.get(name) != expected[name])
     odd = Described(f"{address}: {name} {there.get(name, 'missing')} there, {expected[name]} here")
     return Refused("worker", odd, "the same versions of meshtrace, its kernels, numpy and numba")
@@ -211,7 +211,7 @@ def _client(
             distributed.comm.get_address_host_port(address, strict=True)
         client = distributed.Client(address, timeout=timeout, set_as_default=False)
     except (OSError, ValueError) as error:
-        problem = Described(f"{scheduler!r}: {one_line(error)}")
+        problem = Described(f"{scheduler!r}: {error_text(error)}")
         raise Refused("scheduler", problem, "the address of a running dask scheduler") from error
     with client:
         yield client

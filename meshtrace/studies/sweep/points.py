@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.comms.background import DARK
-from meshtrace.errors import Described, Refused, require_whole
+from meshtrace.errors import Described, Refused, one_line, require_whole
 from meshtrace.kernels.jit import sources
 from meshtrace.kernels.random import realization_seed
 from meshtrace.scenario import Scenario
@@ -115,7 +115,7 @@ class Study:
             try:
                 outcome.measured[:, i] = self._measure(task, task.first + i)
             except Exception as error:
-                outcome.error[i] = one_line(error)
+                outcome.error[i] = error_text(error)
             outcome.seconds[i] = time.perf_counter() - start
         return outcome
 
@@ -178,9 +178,9 @@ class Study:
         }
 
 
-def one_line(error: BaseException) -> str:
+def error_text(error: BaseException) -> str:
     """Return an error as one line."""
-    text = " ".join(str(error).split())
+    text = one_line(error)
     return text if isinstance(error, ValueError) and text else f"{type(error).__name__}: {text}"
 
 

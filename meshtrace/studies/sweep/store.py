@@ -20,7 +20,7 @@ from meshtrace.errors import Described, Refused, show
 from meshtrace.fields import FIELDS, attrs
 from meshtrace.results.provenance import environment
 from meshtrace.stored import FORMAT_VERSION
-from meshtrace.studies.sweep.points import BLOCK, LIT, MEASURED, Outcome, Study, Task, one_line
+from meshtrace.studies.sweep.points import BLOCK, LIT, MEASURED, Outcome, Study, Task, error_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -61,7 +61,7 @@ def open_store(study: Study, store: str | Path | None) -> zarr.Group:
         try:
             whole = np.array_equal(_array(group, name)[...], values)
         except Exception as error:  # codecs and file systems raise any exception
-            raise _damaged(path / name, one_line(error)) from error
+            raise _damaged(path / name, error_text(error)) from error
         if not whole:
             raise _damaged(path / name, "other values")
     return group
@@ -230,7 +230,7 @@ def _discard_damaged(array: Any, folder: Path, tasks: list[Task]) -> None:
     try:
         array[...]
     except OSError as error:
-        raise _damaged(folder, one_line(error)) from error
+        raise _damaged(folder, error_text(error)) from error
     except Exception:  # codecs raise any exception
         for task in tasks:
             try:
@@ -238,7 +238,7 @@ def _discard_damaged(array: Any, folder: Path, tasks: list[Task]) -> None:
             except Exception as error:
                 file = _chunk(array, folder, task)
                 file.unlink()
-                reason = f"damaged ({one_line(error)}), its points are computed again"
+                reason = f"damaged ({error_text(error)}), its points are computed again"
                 warnings.warn(f"{file}: {reason}", stacklevel=3)
 
 
