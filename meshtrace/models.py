@@ -122,7 +122,8 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
                     continue
                 first = re.split(r"(?<!\.)[:;.](?:\s|$)", " ".join(note.split()))[0]
                 found.update(dict.fromkeys(names.split(", "), first))
-        return {name: found[name] for name in cls.model_fields if name in found}
+        keys = {n: n if n in found else field.alias for n, field in cls.model_fields.items()}
+        return {name: found[key] for name, key in keys.items() if key in found}
 
     @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:

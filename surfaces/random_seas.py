@@ -66,7 +66,29 @@ def _band_limit(value: Any) -> float | str | None:
 
 
 class _BandedSea(RandomSea, frozen=True):
-    """Random sea whose waves sample a spectrum and a spreading within a band."""
+    """Random sea whose waves sample a spectrum and a spreading within a band.
+
+    Parameters
+    ----------
+    band : str
+        Waves of the sum.
+    omega_min, omega_max : float, optional
+        First and last frequency [rad s-1].
+    d_omega : float, optional
+        Distance of frequencies [rad s-1], for equal spacing.
+    d_theta : float, optional
+        Distance of directions [rad].
+    spacing_law : "log" or "linear", optional
+        Bins of a sixteenth of an octave, or of `d_omega`.
+    wind_direction_deg : float
+        Direction the wind blows to, counter-clockwise from +x [deg].
+    jitter : bool
+        Draw frequencies uniformly within the bins of equally spaced ones.
+    current : (float, float), optional
+        Uniform current (U_x, U_y) [m s-1] that carries the waves.
+    mss : {"cox-munk", "elfouhaily", "band"}
+        Slope variance of the real sea.
+    """
 
     band: Literal["natural", "scaled"] = "natural"
     omega_min: Positive | None = None

@@ -20,7 +20,17 @@ class Aperture(
     default="receiver",
     closed="apertures are closed: the kernels score these alone",
 ):
-    """Base of all apertures; a closed family, because the kernels score each kind themselves."""
+    """Base of all apertures; a closed family, because the kernels score each kind themselves.
+
+    Parameters
+    ----------
+    position : tuple of float
+        Horizontal position (x, y) [m].
+    radius : float
+        Aperture radius [m], > 0.
+    fov_deg : float
+        Full angle of the field of view [deg], 0 < fov <= 180.
+    """
 
     position: Position = (0.0, 0.0)
     radius: Positive = 0.05

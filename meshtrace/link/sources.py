@@ -113,7 +113,15 @@ class _TopHat(Model, frozen=True):
 
 
 class WaterSource(Source, frozen=True):
-    """Base of the sources in the water, with a depth and an axis."""
+    """Base of the sources in the water, with a depth and an axis.
+
+    Parameters
+    ----------
+    depth : float
+        Depth below still water [m], 0 < depth <= 12 000.
+    zenith_deg, azimuth_deg : float
+        Zenith angle of the axis, 0 for straight up, and its azimuth from +x [deg].
+    """
 
     depth: float = Field(10.0, gt=0.0, le=12_000.0, allow_inf_nan=False)
     zenith_deg: float = Field(0.0, ge=0.0, le=180.0, allow_inf_nan=False)
@@ -202,7 +210,15 @@ class IsotropicSource(WaterSource, frozen=True):
 
 
 class AirLamp(Source, frozen=True):
-    """Base of the lamps in the air, with a height and an axis that leans from straight down."""
+    """Base of the lamps in the air, with a height and an axis that leans from straight down.
+
+    Parameters
+    ----------
+    height : float
+        Height above still water [m], > 0.
+    tilt_deg, tilt_azimuth_deg : float
+        Tilt of the axis from nadir, 0 <= tilt < 90, and its azimuth from +x [deg].
+    """
 
     height: Positive = 5.0
     tilt_deg: float = Field(0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
@@ -287,7 +303,13 @@ class AirTopHatBeam(_TopHat, AirLamp, frozen=True):
 
 
 class AirSource(Source, frozen=True):
-    """Base of the sun and the skies: light on a square of the sea."""
+    """Base of the sun and the skies: light on a square of the sea.
+
+    Parameters
+    ----------
+    half_width : float
+        Half-width of the lit square at still water [m], > 0.
+    """
 
     half_width: Positive = 5.0
 

@@ -150,6 +150,13 @@ def test_link_file_page_is_that_of_the_models():
     subprocess.run([sys.executable, "-c", code], cwd=DOCS, check=True)
 
 
+def test_every_key_of_a_link_file_has_a_meaning():
+    text = (DOCS / "link_file.md").read_text("utf-8")
+    rows = [line for line in text.splitlines() if line.startswith("| `")]
+    assert len(rows) > 200
+    assert not [row for row in rows if not row.split("|")[-2].strip()]
+
+
 def test_every_public_name_has_a_page():
     """Compared as objects: a page may name one by its public name or by its module."""
     text = "".join(page.read_text("utf-8") for page in (DOCS / "api").glob("*.md"))
