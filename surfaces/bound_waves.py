@@ -109,7 +109,7 @@ def with_bound_waves(free: WaveComponents, omega_max: float, most: int) -> WaveC
     n = len(chosen)
     if n * (n + 1) > MOST_PAIRS:
         found = Described(f"{omega_max:g} rad/s makes {n * (n + 1)} bound waves")
-        raise Refused("order_omega_max", found, f"at most {MOST_PAIRS}, before the small ones go")
+        raise Refused("order_omega_max", found, f"at most {MOST_PAIRS}, small ones included")
     first, second = (chosen[index] for index in np.triu_indices(n))
     k_minus, k_plus = interaction_kernels(
         free.kx[first], free.ky[first], free.kx[second], free.ky[second]

@@ -137,6 +137,10 @@ def wavenumber_in_current(
         Direction the wave travels to, counter-clockwise from +x [rad]; broadcasts with `omega`.
     current : (float, float), optional
         Velocity (U_x, U_y) [m s-1]; None is still water.
+    depth : float, optional
+        Water depth [m]; None is deep water.
+    capillary : bool
+        Add the surface tension.
 
     Returns
     -------

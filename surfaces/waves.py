@@ -53,8 +53,14 @@ def flat_components(
 
     Parameters
     ----------
+    amplitude, phase : ndarray
+        Amplitudes [m] and phases [rad].
     omega : ndarray
         Frequencies seen by an observer who moves with the current [rad s-1].
+    k, heading : ndarray
+        Wavenumbers [rad m-1] and directions of travel from +x [rad].
+    current : (float, float), optional
+        Velocity (U_x, U_y) [m s-1]; None is still water.
     """
     kx, ky = k * np.cos(heading), k * np.sin(heading)
     if current is not None:

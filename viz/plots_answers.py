@@ -53,7 +53,8 @@ def plot_tornado(
     ax.invert_yaxis()
     ax.axvline(0.0, color=INK, lw=0.8)
     ax.grid(axis="y", visible=False)
-    base = f"{s.value:.3g} {s.unit}".removesuffix(" 1")
+    form = ".2e" if s.of == "gain" else ".3g"
+    base = f"{s.value:{form}} {s.unit}".removesuffix(" 1")
     ax.set_xlabel(f"change of the {s.of} from {base} [{'m' if s.of == 'range' else 'dB'}]")
     ax.legend()
     return ax
