@@ -1,4 +1,4 @@
-"""Draw the fading of a resolved sea at 5 m/s, and what it does to bit errors, for fading.md.
+"""Draw the fading of a resolved sea at 5 m/s, and its effect on bit errors, for fading.md.
 
 python docs/make_interleaving_figure.py [gains.nc]   # without gains 10 000 seas, 13 CPU minutes
 """

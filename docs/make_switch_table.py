@@ -1,4 +1,4 @@
-"""Measure what each physics switch does to the default gain and write it into switches.md."""
+"""Measure the effect of each physics switch on the default gain, for switches.md."""
 
 from __future__ import annotations
 

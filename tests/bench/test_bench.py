@@ -1,4 +1,4 @@
-"""Measurements of speed: what they hold and what they refuse; no bound on any time."""
+"""Measurements of speed: contents and refusals; no bound on any time."""
 
 import json
 

@@ -179,7 +179,7 @@ def test_rays_in_the_plane_of_a_flat_sea():
 
 
 def test_nearest_of_several_facets_wins(mesh):
-    """Rays along the waves cross the sheet several times: the first crossing is asked for."""
+    """Rays along the waves cross the sheet several times: the first crossing counts."""
     rng = np.random.default_rng(5)
     n = 3000
     directions = to_unit(np.column_stack([rng.normal(size=(n, 2)), 0.1 * rng.normal(size=n)]))

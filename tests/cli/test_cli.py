@@ -1,4 +1,4 @@
-"""The command line: what it prints, what it writes, and how it fails."""
+"""The command line: output, files and failures."""
 
 import json
 import signal
@@ -104,7 +104,7 @@ def test_a_warning_is_one_line(tmp_path, link_file):
     assert done.stderr.count("\n") == 1
 
 
-def test_compiling_is_told(monkeypatch):
+def test_compiling_is_reported(monkeypatch):
     monkeypatch.setattr("meshtrace.kernels.jit.is_compiled", lambda kernel: False)
     done = run("--photons", 300)
     assert done.stderr == f"{cli.console.COMPILING}\n"

@@ -1,4 +1,4 @@
-"""`meshtrace view`: what it opens, what it writes, and how it refuses."""
+"""`meshtrace view`: windows, files and refusals."""
 
 import json
 import sys

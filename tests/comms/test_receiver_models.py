@@ -1,4 +1,4 @@
-"""Receiver models as objects, a user's own model, and what an OokLink takes of a link."""
+"""Receiver models as objects, a user's own model, and the fields that an OokLink shares with a link."""
 
 from __future__ import annotations
 

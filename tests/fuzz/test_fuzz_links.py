@@ -138,7 +138,7 @@ def outcome(config):
 
 @pytest.fixture(scope="module")
 def compiled():
-    """Compile the kernels, which would count as a case that hangs."""
+    """Compile the kernels, which would count as a hang."""
     for text in SOUND:
         outcome(coarse(text))
 

@@ -139,7 +139,7 @@ def test_kernels_run_as_plain_python_for_debuggers():
 
 @pytest.mark.process
 def test_a_home_that_cannot_be_written_is_no_obstacle():
-    """Nor may numba's own cache be asked for a folder, which is fatal where it finds none."""
+    """Nor may numba's own cache look for a folder, which is fatal where it finds none."""
     code = (
         "import meshtrace.surfaces, meshtrace.kernels.photon\n"
         "from meshtrace.bvh import BruteForceIntersector\n"

@@ -1,4 +1,4 @@
-"""Coefficients, optical paths and the choice of what a collision does."""
+"""Coefficients, optical paths and outcomes of collisions."""
 
 import math
 

@@ -232,7 +232,7 @@ def damaged(content, how):
 
 
 @pytest.mark.parametrize("how", ["empty", "half", "text", "flipped"])
-def test_damaged_file_is_computed_anew(cache, how):
+def test_damaged_file_is_computed_again(cache, how):
     recipe = Recipe()
     recipe.table()
     (file,) = cache.iterdir()
@@ -248,7 +248,7 @@ def test_damaged_file_is_computed_anew(cache, how):
     "changed",
     [{"inputs": "{}"}, {"cdf": np.array([0.0, 2.0, 1.0])}, {"g": np.nan}, {"closure": None}],
 )
-def test_file_with_wrong_content_is_computed_anew(cache, changed):
+def test_file_with_wrong_content_is_computed_again(cache, changed):
     recipe = Recipe()
     recipe.table()
     (file,) = cache.iterdir()

@@ -1,4 +1,4 @@
-"""The folder of what is computed once for a user."""
+"""The folder of tables and kernels that are computed once for a user."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The statistical tests accept what is right and reject samplers known to be wrong."""
+"""The statistical tests accept correct samplers and reject wrong ones."""
 
 import numpy as np
 import pytest

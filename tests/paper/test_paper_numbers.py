@@ -1,4 +1,4 @@
-"""Numbers in the tables of the figures, by means independent of what draws them."""
+"""Numbers in the tables of the figures, by means independent of the drawing code."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The command that redraws the paper: its files, its page, and what it keeps."""
+"""The command that redraws the paper: files, page and kept figures."""
 
 import csv
 import json

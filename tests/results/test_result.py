@@ -1,4 +1,4 @@
-"""Results: standard errors, round trips, merging and what must not be merged."""
+"""Results: standard errors, round trips, merging and its refusals."""
 
 import json
 import math

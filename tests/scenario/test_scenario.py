@@ -1,4 +1,4 @@
-"""Link files: defaults, what drives what, round trips, and errors of one line."""
+"""Link files: defaults, shared values, round trips, and errors of one line."""
 
 import math
 import os

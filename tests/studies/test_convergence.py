@@ -1,4 +1,4 @@
-"""Convergence studies: exact surface, fit, recommendation, and what they say of real meshes."""
+"""Convergence studies: exact surface, fit, recommendation, and their findings for real meshes."""
 
 from __future__ import annotations
 

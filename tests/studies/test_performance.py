@@ -129,7 +129,7 @@ def ensemble_performance():
     )
 
 
-def test_a_band_without_the_fading_is_told():
+def test_a_band_without_the_fading_is_reported():
     with pytest.warns(UserWarning, match="for fading use omega_max = 19.7 rad/s"):
         found = mt.link_performance(mt.Link(), JonswapSea(), realizations=50, photons=64)
     closed = found.provenance["closed_form"]
@@ -303,7 +303,7 @@ def test_coupled_performance_counts_correlated_times():
     assert found.provenance["coupled"] is True
 
 
-def test_saturation_is_told():
+def test_saturation_is_reported():
     near, far = (
         mt.link_performance(at_depth(d), FlatSea(), ook="paper", photons=256).summary()
         for d in (10.0, 45.0)

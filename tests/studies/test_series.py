@@ -83,7 +83,7 @@ def test_ensemble_has_other_phases_each_and_is_reproducible():
     np.testing.assert_array_equal(first.coordinate, again.coordinate)
     assert len(set(first.gain_ballistic)) == 6
     assert len(set(first.coordinate)) == 6
-    # a longer ensemble goes on, it does not begin anew
+    # a longer ensemble continues the shorter one
     longer = mt.ensemble(mt.Link(), 8, SEA, threads=1, **OPTIONS)
     np.testing.assert_array_equal(longer.coordinate[:6], first.coordinate)
     np.testing.assert_array_equal(longer.gain_ballistic[:6], first.gain_ballistic)

@@ -1,4 +1,4 @@
-"""Sweeps: what is asked for, what is kept, and what is refused, without processes."""
+"""Sweeps: inputs, kept points and refusals, without processes."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_points_share_their_random_numbers():
     np.testing.assert_array_equal(first, second)  # the gain is relative to the power
 
 
-def test_failing_point_is_told_in_one_line(address):
+def test_failing_point_is_reported_in_one_line(address):
     data = run({"transmitter.depth": [10.0, -1.0, 0.001]}, address, surface={"spectrum": "jonswap"})
     errors = data["error"].values[:, 0]
     assert errors[0] == ""
@@ -176,7 +176,7 @@ def test_finished_points_are_read_not_computed(address, tmp_path):
     assert first.identical(second)  # seconds included: nothing ran
 
 
-def test_task_lost_with_its_worker_is_told_and_stays_to_be_done(address, tmp_path):
+def test_task_lost_with_its_worker_is_reported_and_stays_to_be_done(address, tmp_path):
     store, asked = tmp_path / "lost.zarr", study({"water.b": [0.0, 0.1]})
     group = open_store(asked, store)
     lost, other = waiting_tasks(asked, group)
@@ -290,7 +290,7 @@ def test_study_file_is_a_link_file_with_a_sweep(address, tmp_path):
         ("wind = 5.0\n[sweep]", r"wind: 5\.0, no such key"),
     ],
 )
-def test_wrong_study_files_are_told_in_one_line(tmp_path, text, message):
+def test_wrong_study_files_are_reported_in_one_line(tmp_path, text, message):
     with pytest.raises(ValueError, match=message) as caught:
         sweep_file(write_study(tmp_path, text), progress=False)
     assert "\n" not in str(caught.value)
@@ -338,7 +338,7 @@ def test_command_says_what_to_install(monkeypatch, tmp_path):
     assert result.stderr.count("error") == 1
 
 
-def test_scheduler_that_is_none_is_told_in_one_line(tmp_path):
+def test_scheduler_that_is_none_is_reported_in_one_line(tmp_path):
     path = write_study(tmp_path, "[sweep.parameters]\nwind_speed = [5.0]")
     result = sweep_command(path, "--scheduler", "nonsense")
     assert result.exit_code == 2
@@ -370,7 +370,7 @@ def test_study_of_the_examples_is_allowed():
     assert len(list(asked.tasks())) == 12
 
 
-def test_missing_study_file_is_told(tmp_path):
+def test_missing_study_file_is_reported(tmp_path):
     with pytest.raises(ValueError, match=r"No such file"):
         sweep_file(tmp_path / "none.toml")
 

@@ -1,4 +1,4 @@
-"""The leaning wave against its closed forms, and what is refused of overhanging meshes."""
+"""The leaning wave against its closed forms, and refusals of overhanging meshes."""
 
 import math
 

@@ -352,7 +352,7 @@ def test_old_grids_leave_the_cache():
     assert len(sea._factors._factors) == 4
 
 
-def test_grids_that_share_one_axis_are_told_apart():
+def test_grids_that_share_one_axis_are_distinguished():
     sea = JonswapSea(wind_speed=5.0)
     x, y, other = np.linspace(0, 1, 5), np.linspace(0, 1, 4), np.linspace(2, 3, 4)
     sea.grid(x, y)

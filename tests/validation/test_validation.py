@@ -119,11 +119,11 @@ def suite(monkeypatch):
 
 
 def test_quick_takes_fewer_photons(suite):
-    told = []
-    validate(quick=True, progress=told.append)
+    named = []
+    validate(quick=True, progress=named.append)
     validate()
     assert suite["photons"] == [10, 20]
-    assert told == ["family"]
+    assert named == ["family"]
     assert all(family.quick_photons <= family.photons for family in SUITE.values())
 
 

@@ -1,4 +1,4 @@
-"""Movies have the frames that were asked for, and the sea moves in them."""
+"""Movies have the requested frames, and the sea moves in them."""
 
 import subprocess
 

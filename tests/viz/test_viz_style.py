@@ -1,4 +1,4 @@
-"""Colours are even and told apart, axes carry units, a missing extra is told in one line."""
+"""Colours are even and distinct, axes carry units, a missing extra is refused in one line."""
 
 import sys
 
@@ -43,7 +43,7 @@ def test_water_map_rises_evenly_in_lightness():
 
 
 @pytest.mark.parametrize("vision", [np.eye(3), DEUTERANOPIA, PROTANOPIA])
-def test_fates_are_told_apart_by_every_vision(vision):
+def test_fates_are_distinct_in_every_vision(vision):
     rgb = np.array([mpl.colors.to_rgb(c) for c in FATE_COLORS.values()])
     seen = np.clip(rgb**2.2 @ vision.T, 0, 1) ** (1 / 2.2)
     distances = [np.linalg.norm(seen[i] - seen[j]) for i in range(3) for j in range(i)]
@@ -69,7 +69,7 @@ def test_use_style_can_be_undone():
 
 
 @pytest.mark.parametrize("missing", ["pyvista", "matplotlib", "imageio", "trame_vtk"])
-def test_missing_extra_is_told_in_one_line(monkeypatch, missing):
+def test_missing_extra_is_reported_in_one_line(monkeypatch, missing):
     monkeypatch.delitem(sys.modules, "meshtrace.viz")
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(ImportError) as caught:

@@ -1,4 +1,4 @@
-"""The one door for the command line writes what is asked for."""
+"""Files of `viz.view`, the function behind the command line."""
 
 import pytest
 from PIL import Image
