@@ -141,7 +141,7 @@ class WaveSurface(Surface, frozen=True):
         if not self.choppy:
             return super()._triangulated(time, center, lines)
         for middle in center:
-            grid_axis(middle, *lines)  # refuses what is out of range
+            grid_axis(middle, *lines)  # refuses values out of range
         # whole spacings: the lines of meshes of half the spacing nest
         spacing = lines.spacing
         reach = math.ceil(self._sheet.reach / spacing) * spacing

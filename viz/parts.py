@@ -330,7 +330,7 @@ def cone_rim(
     elevation, towards = surface_sampler(mesh), -math.copysign(1.0, apex[2])
     climb = np.maximum(towards * rays[:, 2], 1e-3)
     rim, z = np.empty_like(rays), np.zeros(97)
-    for _ in range(6):  # a fixed point: where the ray is when it is as high as the sea below it
+    for _ in range(6):  # a fixed point: the ray is as high as the sea below it
         length = np.clip(towards * (z - apex[2]) / climb, 0.0, longest)
         rim = np.array(apex) + length[:, None] * rays
         z = elevation(rim[:, :2])

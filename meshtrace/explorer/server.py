@@ -59,7 +59,7 @@ class Explorer:
         Refused
             If the address cannot be listened on.
         """
-        # trame reads the arguments of the process and compresses what stays on this machine
+        # trame reads the arguments of the process and compresses traffic within this machine
         os.environ.setdefault("TRAME_ARGS", "")
         os.environ.setdefault("WSLINK_WS_COMPRESS", "0")
         app = web.Application()

@@ -129,7 +129,7 @@ def _checked(link: Link, surface: Any, extent: float, step: float) -> tuple[Any,
 def _waves(sea: Surface, step: float) -> tuple[float, float, float]:
     """Return the distance of the points that represent the surface, its rms slope, and the reach.
 
-    The reach is how far points lie from their labels in a choppy sea [m].
+    The reach is the distance of points from their labels in a choppy sea [m].
     """
     if not isinstance(sea, WaveSum):
         return step, 0.3, 0.0

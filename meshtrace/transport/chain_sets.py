@@ -228,7 +228,7 @@ def nominal(medium: Medium, emitter: Emitter, targets: list[Target], crest: floa
     b = np.interp(below / medium.layer_step, np.arange(len(medium.layer_b)), medium.layer_b)
     if not medium.layered:
         b = np.full(nodes, medium.b)
-    # chains are turned and waves rise: what lies a little higher must be likely enough
+    # chains are turned and waves rise: points a little higher must be likely enough
     at = (np.maximum(below - 0.3, 0.0) - medium.bubble_start) / medium.bubble_step
     b_bub = np.interp(at, np.arange(len(medium.bubble_b)), medium.bubble_b, right=0.0)
     total = np.maximum(b + b_bub, 1e-12)
