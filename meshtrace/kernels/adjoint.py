@@ -245,7 +245,7 @@ def _arrive(paths, i, checks, n, rays, world):
         return n, rays
     share = bubbles / (b + bubbles) if bubbles > 0.0 and not on_bottom else 0.0
     if on_bottom:
-        n, rays = _gather_bottom(paths, i, p, at, d, t, weight, checks, n, rays, world)
+        n, rays = _gather_bottom(paths, i, at, weight, checks, n, rays, world)
         plain = lambert_reflection(u, v)
     else:
         s = sample_s(medium.phase_bubble if u_kind < share else medium.phase_water, u)
@@ -361,7 +361,7 @@ def _roulette(weight, at, lamp, brighter, u, paths, i, optics):
 
 
 @outlined
-def _gather_bottom(paths, i, p, at, d, t, weight, checks, n, rays, world):
+def _gather_bottom(paths, i, at, weight, checks, n, rays, world):
     """Score unscattered light from the source to the bottom; return (n, rays)."""
     lamp = row(paths.lamp, i)
     away = minus(at, lamp)

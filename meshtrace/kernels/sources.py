@@ -96,7 +96,7 @@ def launch(sources, seed, photon):
 
 @inlined
 def launched(sources, seed, photon, numbers):
-    """Return what `launch` does, of the four uniforms of a photon.
+    """Return the result of `launch` from the four uniforms of a photon.
 
     Array twin: see `launch`.
     """
