@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Literal
@@ -23,7 +24,7 @@ from meshtrace.transport.coverage import ForcedMap, Grid, require_mappable
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import Analog, IrradianceMap
-from meshtrace.transport.outcome import largest_weight, warn_of_returned
+from meshtrace.transport.outcome import FewSamplesWarning, largest_weight, warn_of_returned
 from meshtrace.transport.simulate import simulate
 
 _DARK = 0.01  # of the highest gain, below which a cell is not resolved to `rtol`
@@ -76,6 +77,11 @@ def coverage_map(
     Returns
     -------
     CoverageMap
+
+    Warns
+    -----
+    FewSamplesWarning
+        If cells have not reached `rtol` with the most samples.
 
     Notes
     -----
@@ -136,6 +142,7 @@ def _forced(
     threads = default_threads(case.run.threads)
     forced = ForcedMap(link, meshes, cells, case.run.seed, case.meshing.normals, threads)
     gain, stderr = forced.run(rtol, progress)
+    _warn_of_lack(forced.lacking, gain.size, rtol)
     run = {
         **case.run.to_config(),
         "rtol": rtol,
@@ -179,7 +186,7 @@ def _analog(
     runs, area = run(photons, 0), np.pi * receiver.radius**2
     found = _mean(runs, times, area)
     while rtol is not None and photons < Analog.most_photons:
-        lack = (_largest_error(found) / rtol) ** 2
+        lack = (float(_errors(found).max()) / rtol) ** 2
         if lack <= 1.0:
             break
         more = math.ceil(photons * min(1.1 * lack, _MOST_AT_ONCE)) - photons
@@ -188,7 +195,10 @@ def _analog(
         runs = [merge([a, b]) for a, b in zip(runs, added, strict=True)]
         photons += more
         found = _mean(runs, times, area)
-    if rtol is None or (found.gain > 0.0).all():
+    if rtol is None:
+        return found
+    _warn_of_lack(int((_errors(found) > rtol).sum()), found.gain.size, rtol)
+    if (found.gain > 0.0).all():
         return found
     limit = _bound(case, receiver, grid, found, photons * len(times))
     return replace(found, gain_bound=np.where(found.gain > 0.0, np.nan, limit))
@@ -219,9 +229,19 @@ def _mean(runs: list[GainResult], times: list[float], area: float) -> CoverageMa
     return CoverageMap(maps[0].x, maps[0].y, area * mean, stderr, origin)
 
 
-def _largest_error(found: CoverageMap) -> float:
-    """Return the largest error of a cell over its gain, or over a share of the highest gain."""
+def _errors(found: CoverageMap) -> NDArray[np.float64]:
+    """Return the errors of cells over their gains, or over a share of the highest gain."""
     highest = float(found.gain.max())
     if highest == 0.0:
-        return math.inf
-    return float(np.max(found.gain_stderr / np.maximum(found.gain, _DARK * highest)))
+        return np.full(found.gain.shape, math.inf)
+    return np.asarray(found.gain_stderr / np.maximum(found.gain, _DARK * highest))
+
+
+def _warn_of_lack(cells: int, of: int, rtol: float) -> None:
+    """Warn of cells above the tolerance after the most samples."""
+    if cells:
+        warnings.warn(
+            f"rtol: {cells} of {of} cells have not reached {rtol:g} with the most samples",
+            FewSamplesWarning,
+            stacklevel=4,
+        )

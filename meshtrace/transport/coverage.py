@@ -147,6 +147,7 @@ class ForcedMap:
         self._aimed = [self._over(mesh) for mesh in meshes]
         self._direct = self._unscattered()
         self.counts = dict.fromkeys(("chains", "interpolated", "searched", "enumerated"), 0)
+        self.lacking = 0  # cells above the tolerance after the most chains
 
     def _require_chains(self, link: Link) -> None:
         """Refuse a link whose scattered light in the middle of the map chains do not follow."""
@@ -222,6 +223,7 @@ class ForcedMap:
                 more = levels_lacking(found, rtol)
                 dark = (gain[some] == 0.0) & (now >= _DARK_LEVEL)
                 done = (more == 0) | dark | (now == last)
+                self.lacking += int((done & (more > 0) & ~dark).sum())
                 open_[some[done]] = False
                 level[some] = np.minimum(now + more, last)
                 if progress is not None:

@@ -46,6 +46,17 @@ def test_coverage_and_plot(tmp_path):
     assert "undamaged" in refusal("plot", tmp_path / "none.nc")
 
 
+def test_coverage_to_a_tolerance(tmp_path):
+    file = tmp_path / "map.nc"
+    done = meshtrace("coverage", "--rtol", 0.05, "--extent", 0.2, "--step", 0.1, "-o", file,
+                     "--set", "surface.kind=flat")  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    found = results.load(file)
+    assert found.provenance["run"]["estimator"] == "forced"
+    assert (found.gain_stderr <= 0.05 * found.gain).all()
+    assert "rtol: -1.0, allowed: a finite number > 0" in refusal("coverage", "--rtol", -1)
+
+
 @pytest.mark.parametrize("command", ["run", "series", "ensemble", "ber", "compare", "coverage"])
 def test_common_options(command):
     text = meshtrace(command, "--help").stdout

@@ -14,6 +14,7 @@ from meshtrace.transport import coverage as room
 from meshtrace.transport.coverage import ForcedMap, Grid, levels_lacking, mean_and_error, square_of
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.options import Analog, Forced
 
 STEP, EXTENT = 0.1, 0.25
 SMOOTH = mt.Physics(unresolved="none")
@@ -174,6 +175,17 @@ def test_links_that_chains_do_not_follow_take_analog_photons(link):
     found = mt.coverage_map(link, FlatSea(), 1.0, 1.0, photons=50_000, rtol=0.3, threads=1)
     assert "chains" not in found.provenance
     assert found.provenance["run"]["estimator"] == "analog"
+
+
+@pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
+@pytest.mark.parametrize(
+    ("options", "physics"), [(Forced, mt.Physics()), (Analog, mt.Physics(snell="paper"))]
+)
+def test_cells_above_the_tolerance_warn(options, physics, monkeypatch):
+    monkeypatch.setattr(options, "most_photons", 4096)
+    link = mt.Link(receiver=mt.Receiver(radius=0.5), physics=physics)
+    with pytest.warns(mt.FewSamplesWarning, match="rtol: (4|2) of 4 cells have not reached 1e-06"):
+        mt.coverage_map(link, FlatSea(), 1.0, 1.0, photons=64, rtol=1e-6, threads=1)
 
 
 def test_points_of_a_cell_are_uniform():
