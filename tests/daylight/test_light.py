@@ -151,6 +151,36 @@ def test_refusals(fields, text):
         mt.Daylight(**{"direct": 1.0, "diffuse": 1.0, **fields})
 
 
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: mt.Daylight.clear_sky(direct=1.0), "^direct: 1.0, allowed: none"),
+        (lambda: mt.Daylight.overcast(diffuse=1.0), "^diffuse: 1.0, allowed: none"),
+        (lambda: mt.Daylight.moon(direct=1.0), "^direct: 1.0, allowed: none"),
+        (lambda: mt.Daylight.moon(sun_zenith_deg=3.0), "^sun_zenith_deg: 3.0, allowed: none"),
+        (lambda: mt.Daylight.moon("0"), "^phase_deg: '0', allowed: -180"),
+        (lambda: mt.Daylight.moon(181.0), "^phase_deg: 181.0, allowed: -180"),
+        (lambda: mt.Daylight.night(diffuse=1.0), "^diffuse: 1.0, allowed: none"),
+        (lambda: mt.Daylight.at("2026-06-21T10Z", 43.1, 5.9, sun_zenith_deg=3.0),
+         "^sun_zenith_deg: 3.0, allowed: none"),
+        (lambda: mt.Daylight.clear_sky(day_of_year=0), "^day_of_year: 0, allowed: an integer 1"),
+        (lambda: mt.Daylight.clear_sky(day_of_year=1.5), "^day_of_year: 1.5, allowed: an integer"),
+        (lambda: mt.Daylight.clear_sky(wavelength_nm=310.0, width_nm=40.0),
+         "^width_nm: 40.0, from 290 nm, allowed: a band from 300 nm"),
+    ],
+)  # fmt: skip
+def test_lights_refuse_what_their_model_does_not_take(make, text):
+    with pytest.raises(Refused, match=text):
+        make()
+
+
+def test_faint_skies_have_a_background():
+    from meshtrace.surfaces import FlatSea
+
+    faint = mt.Daylight(direct=0.0, diffuse=5e-324)  # the beams of its sky underflow
+    assert mt.background(mt.Link(), FlatSea(), faint, photons=32).radiance < 1e-300
+
+
 @pytest.mark.parametrize("time", ["2026-06-21T10:00", "noon", "NaT"])
 def test_times_without_zone_are_refused(time):
     pytest.importorskip("pvlib")
