@@ -15,6 +15,18 @@ MOST_BIAS_CURRENT = 10e-3
 DARK = "none: dark, without sun, moon and sky"
 """Name of the light without background."""
 
+
+def name_of_light(light: str) -> str:
+    """Return the name in the text of a light.
+
+    Examples
+    --------
+    >>> name_of_light(DARK), name_of_light("clear sky at zenith angle 30 deg, 1.88e+12 counts/s")
+    ('dark', 'clear sky at zenith angle 30 deg')
+    """
+    return "dark" if light == DARK else light.partition(",")[0]
+
+
 _WIDEST = 1e4  # [nm]
 _NARROWEST = 1e-6
 

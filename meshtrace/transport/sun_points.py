@@ -7,8 +7,8 @@ are equal there; the irradiance of the receiver is
     E_r = E sum F cos(theta_y) / (R^2 |det d(s_m - s_r) / d(x, y)|)
 
 with F = rho / (4 cos^4 b) for reflection, and (1 - rho) n^2 cos(theta_a) cos(theta_w) /
-(cos^4 b (n cos(theta_w) - cos(theta_a))^2) for refraction into the water. Each point of the aperture
-takes its own point of the sun's disk, neighbours opposite ones.
+(cos^4 b (n cos(theta_w) - cos(theta_a))^2) for refraction into the water. Each point of the disk
+takes its own point of the sun, neighbours opposite ones.
 """
 
 from __future__ import annotations
