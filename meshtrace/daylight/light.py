@@ -70,7 +70,7 @@ class Daylight(Model, frozen=True):
 
     Notes
     -----
-    Foam: 0.22 below 700 nm, Koepke (1984), Appl. Opt. 23, 1816, as tabulated in 6S.
+    Foam: 0.22 in the visible, Koepke (1984), Appl. Opt. 23, 1816, as tabulated in 6S.
 
     Examples
     --------
@@ -231,8 +231,9 @@ class Daylight(Model, frozen=True):
 
         Notes
         -----
-        0.25 at 8/8 of cloud: Kasten and Czeplak (1980), Solar Energy 24, 177, from memory,
-        without dependence on wavelength; unverified.
+        Kasten and Czeplak (1980), Solar Energy 24, 177: 1 - 0.75 (N / 8)^3.4 at N oktas of cloud,
+        0.25 at N = 8, as coded in several models of the weather. It is a mean over the solar
+        spectrum and over types of cloud; that it holds at one wavelength is an assumption.
         """
         _require_absent(fields, "direct", "diffuse")
         allowed = "0 < transmittance <= 1"
@@ -267,8 +268,8 @@ class Daylight(Model, frozen=True):
         Notes
         -----
         Phase law of Krisciunas and Schaefer (1991), PASP 103, 1033, for the V band. The spectrum
-        is that of the sun; the moon is redder, with up to 20 % less light at 470 nm (from memory,
-        unverified).
+        is that of the sun. The moon is redder: by the reflectances of Kieffer and Stone (2005),
+        Astron. J. 129, 2887, it has 15 % less light at 470 nm at full moon, 18 % at 90 degrees.
         """
         _require_absent(fields, "direct", "diffuse", "sun_zenith_deg", "sun_azimuth_deg")
         band = {"sun_azimuth_deg": azimuth_deg, "wavelength_nm": wavelength_nm}
@@ -285,8 +286,10 @@ class Daylight(Model, frozen=True):
 
         Notes
         -----
-        At 470 nm, between B 22.7 and V 21.6 magnitudes per square arcsecond of a dark site
-        (magnitudes from memory, unverified); the same value at every wavelength.
+        Between the B and V bands of dark sites: 22.7 and 21.9 magnitudes per square arcsecond at
+        La Palma at the minimum of solar activity (Benn and Ellison 1998, La Palma technical note
+        115), 22.6 and 21.6 at Paranal at its maximum (Patat 2003, Astron. Astrophys. 400, 1183),
+        2.4e-9 and 2.8e-9 at 470 nm. The same value is taken at every wavelength.
         """
         _require_absent(fields, "direct", "diffuse")
         fields = {"pattern": "uniform", "light": "moonless night", **fields}

@@ -144,6 +144,9 @@ def test_reflectance_of_mobley_1999(pair):
     seen = float(sky_radiance(day.sky, np.array(unit_vector(zenith, azimuth))))
     wanted = REFERENCE["rho_mobley_1999_table_U4_sun30"][pair]
     assert found.radiance / seen == pytest.approx(wanted, rel=0.09)
+    if pair == "40/135":  # the fit of Ruddick et al. (2006)
+        fit = 0.0256 + 0.00039 * 4.0 + 0.000034 * 4.0**2
+        assert found.radiance / seen == pytest.approx(fit, rel=0.09)
 
 
 @pytest.mark.parametrize(
