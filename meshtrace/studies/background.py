@@ -206,8 +206,15 @@ def held_light(ook: OokLink, case: Case, day: Daylight | None, of: str) -> tuple
         return ook, DARK
     if of == "range" and case.link.direction == "down":
         raise Refused("daylight", day.light, "none, for the range of a receiver in the water")
-    given = {"photons": RAYS, "seed": case.run.seed, "threads": case.run.threads}
-    found = background(case.link, case.surface, day, mesh=case.meshing, **given)
+    found = background(
+        case.link,
+        case.surface,
+        day,
+        photons=RAYS,
+        seed=case.run.seed,
+        mesh=case.meshing,
+        threads=case.run.threads,
+    )
     lit = with_background(ook, found)
     return lit, f"{described(lit, found)}; the same for all links"
 
