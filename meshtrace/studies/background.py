@@ -202,7 +202,8 @@ def held_light(ook: OokLink, case: Case, day: Daylight | None, of: str) -> tuple
     Refused
         If the study is of the range of a receiver in the water, whose background follows its depth.
     """
-    if checked_daylight(day, case.link) is None:
+    day = checked_daylight(day, case.link)
+    if day is None:
         return ook, DARK
     if of == "range" and case.link.direction == "down":
         raise Refused("daylight", day.light, "none, for the range of a receiver in the water")
