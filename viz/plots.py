@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
+from meshtrace.comms.background import name_of_light
 from meshtrace.errors import Described, Refused
 from meshtrace.results.background import Background, BackgroundSeries
 from meshtrace.results.gain import GainResult
@@ -218,8 +219,9 @@ def _plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:
     data = result.to_dataset().isel(bit_rate=0, drop=True).transpose("wind_speed", "depth")
     names = [f"{speed:g} m/s" for speed in result.wind_speeds]
     ax = plot_curves(data.assign_coords(wind_speed=names), "ber", style="o-", ax=ax)
-    rate = result.performances[0].bit_rates[0]
-    ax.set(yscale="log", title=f"{rate / 1e6:g} Mbit/s")
+    first = result.performances[0]
+    light = name_of_light(first.light)
+    ax.set(yscale="log", title=f"{first.bit_rates[0] / 1e6:g} Mbit/s, background light: {light}")
     return ax
 
 

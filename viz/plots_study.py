@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
+from meshtrace.comms.background import name_of_light
 from meshtrace.errors import Refused
 from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.studies.performance.tables import LinkPerformance
@@ -74,7 +75,8 @@ def plot_performance(
     quantity : str
         "ber", "outage", "received_power", "gain" or another estimate of it.
     ax : matplotlib Axes, optional
-        Axes to draw on. The status of the calibration is written below.
+        Axes to draw on. The light is written above, the status of the
+        calibration below.
 
     Returns
     -------
@@ -96,7 +98,9 @@ def plot_performance(
         ax.set_ylim(*BER_SHOWN)
     if f"{quantity}_low" in shown:
         seas = np.size(performance.fades[0].samples)
-        note(ax, f"n = {seas} seas, band: {100.0 * performance.confidence:g} %")
+        light = name_of_light(performance.light)
+        band = f"n = {seas} seas, band: {100.0 * performance.confidence:g} %"
+        note(ax, f"{band}, background light: {light}")
     ax.set(yscale="log")
     pad = 0.03 * np.ptp(performance.depths)
     ax.set_xlim(min(performance.depths) - pad, max(performance.depths) + pad)

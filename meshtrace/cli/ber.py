@@ -63,6 +63,9 @@ class Light:
         if self.sun_elevation is not None:
             if zenith is not None:
                 raise Refused("--sun-elevation", self.sun_elevation, "without --sun-zenith")
+            if not 1.0 <= self.sun_elevation <= 90.0:
+                allowed = "1 to 90 (below the horizon: --daylight night)"
+                raise Refused("--sun-elevation", self.sun_elevation, allowed)
             zenith = 90.0 - self.sun_elevation
         filtered = {"detector.optics.filter_width_nm": self.filter_nm}
         if self.daylight is None and zenith is None:

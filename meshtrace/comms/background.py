@@ -15,8 +15,19 @@ MOST_BIAS_CURRENT = 10e-3
 DARK = "none: dark, without sun, moon and sky"
 """Name of the light without background."""
 
-_WIDEST = 1e4  # [nm]
-_NARROWEST = 1e-6
+
+def name_of_light(light: str) -> str:
+    """Return the name in the text of a light.
+
+    Examples
+    --------
+    >>> name_of_light(DARK), name_of_light("clear sky at zenith angle 30 deg, 1.88e+12 counts/s")
+    ('dark', 'clear sky at zenith angle 30 deg')
+    """
+    return "dark" if light == DARK else light.partition(",")[0]
+
+
+_NARROWEST = 1e-6  # [nm]
 
 
 class DaylightWarning(UserWarning):
@@ -124,7 +135,7 @@ def widest_filter_nm(ook: OokLink, found: Radiance, power: float, ber: float) ->
     Returns
     -------
     float
-        Width [nm]; 0 if no filter suffices, inf above 10 000 nm.
+        Width [nm]; 0 if no filter suffices, inf above twice the wavelength.
 
     Notes
     -----
@@ -142,7 +153,7 @@ def widest_filter_nm(ook: OokLink, found: Radiance, power: float, ber: float) ->
         error = float(fixed.replace(background_rate=rate).ber(power))
         return math.log(max(error, 1e-300) / ber)
 
-    low, high = math.log(_NARROWEST), math.log(_WIDEST)
+    low, high = math.log(_NARROWEST), math.log(2.0 * found.wavelength_nm)
     if excess(low) > 0.0:
         return 0.0
     if excess(high) <= 0.0:

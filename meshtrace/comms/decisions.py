@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 from meshtrace.errors import Refused, require_array
 from meshtrace.models import Floats
 
+_NORMAL = 1e9  # mean counts above which their law is normal, to a skewness of 3e-5
+
 
 class Decision(NamedTuple):
     """Error rate of the best single threshold, and that threshold."""
@@ -135,6 +137,11 @@ def _error_free(n0: float, n1: float, branching: float) -> bool:
     return (n1 - n0) ** 2 * (1.0 - branching) > 1e4 * n1
 
 
+def _distance(n0: float, n1: float, branching: float) -> float:
+    """Return the distance of the means of huge counts, in standard deviations."""
+    return (n1 - n0) * math.sqrt((1.0 - branching) / n1)
+
+
 def _decision_laws(n0: float, n1: float, branching: float) -> tuple[Floats, Floats, Floats]:
     """Return the counts that matter and their log probabilities in a zero and in a one."""
     share = 1.0 - branching
@@ -183,6 +190,11 @@ def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float)
 def _count_decision(n0: float, n1: float, branching: float) -> tuple[float, float]:
     if _error_free(n0, n1, branching):
         return 0.0, 0.5 * (n0 + n1) / (1.0 - branching)
+    if n0 > _NORMAL:
+        from scipy.special import ndtr
+
+        ber = float(ndtr(-0.5 * _distance(n0, n1, branching)))
+        return ber, 0.5 * (n0 + n1) / (1.0 - branching)
     k, log0, log1 = _decision_laws(n0, n1, branching)
     read_one = log1 >= log0
     ber = 0.5 * float(np.exp(log0[read_one]).sum() + np.exp(log1[~read_one]).sum())
@@ -206,6 +218,12 @@ def soft_information(n0: float, n1: float, branching: float) -> float:
     """
     if _error_free(n0, n1, branching):
         return 1.0
+    if n0 > _NORMAL:
+        # the logarithm of the likelihood ratio is normal, with mean d^2 / 2 and variance d^2
+        nodes, weights = np.polynomial.hermite_e.hermegauss(64)
+        distance = _distance(n0, n1, branching)
+        lost = np.logaddexp(0.0, -distance * (0.5 * distance + nodes)) / math.log(2.0)
+        return float(np.clip(1.0 - weights @ lost / weights.sum(), 0.0, 1.0))
     _, log0, log1 = _decision_laws(n0, n1, branching)
     log_mean = np.logaddexp(log0, log1) - math.log(2.0)
     terms = [np.exp(law) @ np.maximum(law - log_mean, -1e3) for law in (log0, log1)]

@@ -8,8 +8,13 @@ from typing import Any, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from meshtrace.daylight.patterns import PATTERNS, sky
-from meshtrace.daylight.spectrum import clear_irradiance, default_irradiance, sun_position
-from meshtrace.errors import Refused, require_finite, require_real, require_word
+from meshtrace.daylight.spectrum import (
+    SPECTRUM_FROM_NM,
+    clear_irradiance,
+    default_irradiance,
+    sun_position,
+)
+from meshtrace.errors import Refused, require_real, require_whole, require_word
 from meshtrace.kernels.sky import Sky
 from meshtrace.link.directions import unit_vector
 from meshtrace.models import Finite, Model, NonNegative
@@ -65,7 +70,7 @@ class Daylight(Model, frozen=True):
 
     Notes
     -----
-    Foam: 0.22 below 700 nm, Koepke (1984), Appl. Opt. 23, 1816, as tabulated in 6S.
+    Foam: 0.22 in the visible, Koepke (1984), Appl. Opt. 23, 1816, as tabulated in 6S.
 
     Examples
     --------
@@ -152,18 +157,25 @@ class Daylight(Model, frozen=True):
         Refused
             If a value is out of range, or pvlib (extra `daylight`) is not installed.
         """
+        _require_absent(fields, "direct", "diffuse")
         place = {"sun_zenith_deg": sun_zenith_deg, "sun_azimuth_deg": sun_azimuth_deg}
         band = {"wavelength_nm": wavelength_nm, "pattern": pattern}
         checked = cls(direct=1.0, diffuse=1.0, **place, **band, **fields)
         atmosphere = {"width_nm": (width_nm, 400.0), "aerosol": (aerosol, 5.0),
                       "ozone": (ozone, 2.0), "water_vapour": (water_vapour, 20.0),
-                      "pressure": (pressure, 2e5), "day_of_year": (day_of_year, 366)}  # fmt: skip
+                      "pressure": (pressure, 2e5)}  # fmt: skip
         values: dict[str, Any] = {}
         for name, (value, most) in atmosphere.items():
             allowed = f"0 <= {name} <= {most:g}"
             values[name] = require_real(value, name, allowed)
             if not 0.0 <= values[name] <= most:
                 raise Refused(name, value, allowed)
+        require_whole(day_of_year, 1, 366, "day_of_year")
+        least = checked.wavelength_nm - 0.5 * values["width_nm"]
+        if least < SPECTRUM_FROM_NM:
+            allowed = f"a band from {SPECTRUM_FROM_NM:g} nm"
+            raise Refused("width_nm", width_nm, allowed, f"from {least:g} nm,")
+        values["day_of_year"] = day_of_year
         found = clear_irradiance(checked.sun_zenith_deg, checked.wavelength_nm, **values)
         light = fields.pop("light", "clear sky")
         return cls(**found._asdict(), **place, **band, **fields, light=light)
@@ -194,6 +206,7 @@ class Daylight(Model, frozen=True):
         -----
         +x points east, +y north.
         """
+        _require_absent(options, "sun_zenith_deg", "sun_azimuth_deg")
         sun = sun_position(time, latitude, longitude)
         options = {"day_of_year": sun.day_of_year, **options}
         return cls.clear_sky(sun.zenith_deg, sun.azimuth_deg, wavelength_nm, pattern, **options)
@@ -218,9 +231,11 @@ class Daylight(Model, frozen=True):
 
         Notes
         -----
-        0.25 at 8/8 of cloud: Kasten and Czeplak (1980), Solar Energy 24, 177, from memory,
-        without dependence on wavelength; unverified.
+        Kasten and Czeplak (1980), Solar Energy 24, 177: 1 - 0.75 (N / 8)^3.4 at N oktas of cloud,
+        0.25 at N = 8, as coded in several models of the weather. It is a mean over the solar
+        spectrum and over types of cloud; that it holds at one wavelength is an assumption.
         """
+        _require_absent(fields, "direct", "diffuse")
         allowed = "0 < transmittance <= 1"
         if not 0.0 < require_real(transmittance, "transmittance", allowed) <= 1.0:
             raise Refused("transmittance", transmittance, allowed)
@@ -253,9 +268,10 @@ class Daylight(Model, frozen=True):
         Notes
         -----
         Phase law of Krisciunas and Schaefer (1991), PASP 103, 1033, for the V band. The spectrum
-        is that of the sun; the moon is redder, with up to 20 % less light at 470 nm (from memory,
-        unverified).
+        is that of the sun. The moon is redder: by the reflectances of Kieffer and Stone (2005),
+        Astron. J. 129, 2887, it has 15 % less light at 470 nm at full moon, 18 % at 90 degrees.
         """
+        _require_absent(fields, "direct", "diffuse", "sun_zenith_deg", "sun_azimuth_deg")
         band = {"sun_azimuth_deg": azimuth_deg, "wavelength_nm": wavelength_nm}
         band = {"sun_zenith_deg": zenith_deg, **band}
         cls(direct=1.0, diffuse=1.0, **band)
@@ -270,11 +286,21 @@ class Daylight(Model, frozen=True):
 
         Notes
         -----
-        At 470 nm, between B 22.7 and V 21.6 magnitudes per square arcsecond of a dark site
-        (magnitudes from memory, unverified); the same value at every wavelength.
+        Between the B and V bands of dark sites: 22.7 and 21.9 magnitudes per square arcsecond at
+        La Palma at the minimum of solar activity (Benn and Ellison 1998, La Palma technical note
+        115), 22.6 and 21.6 at Paranal at its maximum (Patat 2003, Astron. Astrophys. 400, 1183),
+        2.4e-9 and 2.8e-9 at 470 nm. The same value is taken at every wavelength.
         """
+        _require_absent(fields, "direct", "diffuse")
         fields = {"pattern": "uniform", "light": "moonless night", **fields}
         return cls(direct=0.0, diffuse=math.pi * NIGHT_RADIANCE, **fields)
+
+
+def _require_absent(fields: dict[str, Any], *names: str) -> None:
+    """Refuse fields that follow from the other arguments of a light."""
+    for name in names:
+        if name in fields:
+            raise Refused(name, fields[name], "none: it follows from the other arguments")
 
 
 def moon_phase_factor(phase_deg: float) -> float:
@@ -285,7 +311,8 @@ def moon_phase_factor(phase_deg: float) -> float:
     >>> round(moon_phase_factor(90.0), 4)
     0.091
     """
-    alpha = abs(float(require_finite(phase_deg, "phase_deg", "-180 <= phase_deg <= 180")[0]))
-    if alpha > 180.0:
-        raise Refused("phase_deg", phase_deg, "-180 <= phase_deg <= 180")
+    allowed = "-180 <= phase_deg <= 180"
+    alpha = abs(require_real(phase_deg, "phase_deg", allowed))
+    if not alpha <= 180.0:
+        raise Refused("phase_deg", phase_deg, allowed)
     return float(10.0 ** (-0.4 * (0.026 * alpha + 4e-9 * alpha**4)))

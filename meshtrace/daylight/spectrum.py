@@ -28,6 +28,9 @@ _TABLE = (
 )
 _TABLE_NM = 470.0
 
+SPECTRUM_FROM_NM = 300.0
+"""Shortest wavelength of SPECTRL2 [nm]."""
+
 
 class Irradiance(NamedTuple):
     """Spectral irradiance above the sea [W m-2 nm-1]: direct normal, diffuse horizontal."""

@@ -94,8 +94,8 @@ def _beams(day: Daylight, n: float) -> tuple[Floats, Floats]:
     s, phi = np.meshgrid(np.sqrt(sin2), azimuth, indexing="ij")
     towards = np.stack([s * np.cos(phi), s * np.sin(phi), np.sqrt(1.0 - s**2)], -1).reshape(-1, 3)
     flux = sky_radiance(day.sky, towards) * np.repeat(weight, _AZIMUTHS)
-    if day.diffuse > 0.0:
-        flux *= day.diffuse / flux.sum()
+    if (total := flux.sum()) > 0.0:
+        flux *= day.diffuse / total
     towards = np.concatenate([towards, [day.sun]])
     flux = np.append(flux, day.direct * day.sun[2])
     flux = flux * (1.0 - fresnel_reflectance(np.clip(towards[:, 2], 0.0, 1.0), 1.0, n))

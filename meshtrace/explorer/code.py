@@ -77,9 +77,10 @@ def as_python(scenario: Scenario) -> str:
             day = _expression(scenario.daylight, 0)
             light = f"mt.background(link, sea, {day})"
             lines += [f"bits = mt.comms.background.with_background(bits, {light})"]
+        under = "in the dark" if scenario.daylight is None else f"under {scenario.daylight.light}"
         lines += [
             "ber = float(bits.ber(bits.received_power(result.gain)))",
-            f'print(f"BER at {detector.bit_rate:g} bit/s: {{ber:.3g}}")',
+            f'print(f"BER at {detector.bit_rate:g} bit/s {under}: {{ber:.3g}}")',
         ]
     return "\n".join([*lines, ""])
 

@@ -58,7 +58,9 @@ def _bits(gain: Gain) -> dict[str, str]:
         if np.isfinite(bits.margin_db)
         else "–",
         "ber": texts.bit_error_rate(bits.ber),
-        "background": "–" if bits.background is None else texts.rate(bits.background),
+        "background": "none: dark"
+        if bits.background is None
+        else f"{texts.rate(bits.background)}, {bits.light}",
     }
 
 

@@ -85,6 +85,8 @@ class Bits:
         Bit error rate.
     background : float or None
         Counts of background light [s-1]; None without light above the sea.
+    light : str
+        Name of that light.
     """
 
     power: float
@@ -93,6 +95,7 @@ class Bits:
     margin_db: float
     ber: float
     background: float | None = None
+    light: str = ""
 
 
 @dataclass(frozen=True)
@@ -211,6 +214,7 @@ def _bits_of(state: State, detector: OokLink, gain: Gain) -> Bits:
         float(budget.margin_optical_db),
         float(detector.ber(power)),
         detector.background_rate if state.scenario.daylight else None,
+        state.scenario.daylight.light if state.scenario.daylight else "",
     )
 
 

@@ -1,4 +1,4 @@
-"""Reflection and refraction of unpolarised light at a plane interface, on arrays."""
+"""Reflection and refraction of light at a plane interface, on arrays."""
 
 from __future__ import annotations
 
@@ -48,6 +48,38 @@ def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Floats:
     >>> round(float(fresnel_reflectance(1.0, 1.33, 1.0)), 8)
     0.02005931
     """
+    rho_s, rho_p = polarized_reflectances(cos_i, n1, n2)
+    return np.asarray(0.5 * (rho_s + rho_p))
+
+
+def polarized_reflectances(cos_i: ArrayLike, n1: float, n2: float) -> tuple[Floats, Floats]:
+    """Return the reflectances of light polarised across and in the plane of incidence.
+
+    Their mean is that of unpolarised light, `fresnel_reflectance`, the one of all simulations.
+
+    Parameters
+    ----------
+    cos_i : array_like
+        Cosine of the angle of incidence, 0 ... 1.
+    n1, n2 : float
+        Refractive indices of the medium of incidence and of the other one.
+
+    Returns
+    -------
+    tuple of ndarray
+        rho_s and rho_p; 1 under total internal reflection.
+
+    Raises
+    ------
+    Refused
+        If a cos_i lies outside 0 ... 1 or an index is not a positive number.
+
+    Examples
+    --------
+    >>> rho_s, rho_p = polarized_reflectances(np.cos(np.radians(30.0)), 1.0, 1.33)
+    >>> round(float((rho_s - rho_p) / (rho_s + rho_p)), 4)
+    0.4441
+    """
     cos_i = np.asarray(cos_i, dtype=np.float64)
     require_all(cos_i, (cos_i >= 0.0) & (cos_i <= 1.0), "cos_i", "0 <= cos_i <= 1")
     _check_indices(n1, n2)
@@ -56,7 +88,7 @@ def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Floats:
     cos_t = np.sqrt(np.where(total, 1.0, 1.0 - sin2_t))
     r_s = (n1 * cos_i - n2 * cos_t) / (n1 * cos_i + n2 * cos_t)
     r_p = (n2 * cos_i - n1 * cos_t) / (n2 * cos_i + n1 * cos_t)
-    return np.where(total, 1.0, 0.5 * (r_s**2 + r_p**2))
+    return np.where(total, 1.0, r_s**2), np.where(total, 1.0, r_p**2)
 
 
 def reflect(d: ArrayLike, n: ArrayLike) -> Floats:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
+from meshtrace.errors import Refused
 from meshtrace.models import Floats
 from meshtrace.results.variables import StoredArrays, Variable
 
@@ -85,8 +86,17 @@ class Background(StoredArrays):
         Notes
         -----
         G = min(A_lens n_med^2 pi sin^2 psi, pi A_det n_c^2) / n_med^2: behind an etendue-limited
-        lens a narrower field of view does not reduce the background.
+        lens a narrower field of view does not reduce the background. The spectrum counts as flat
+        over the filter: `Daylight.clear_sky(width_nm=...)` has the mean over a wide band.
+
+        Raises
+        ------
+        Refused
+            If the filter is wider than twice the wavelength, which its band is centred on.
         """
+        widest, width = 2.0 * self.wavelength_nm, ook.optics.filter_width_nm
+        if width > widest:
+            raise Refused("optics.filter_width_nm", width, f"<= {widest:g}, twice the wavelength")
         power = ook.optics.background_power(self.radiance, ook.sipm.area)
         return float(ook.sipm.count_rate(power, 1e-9 * self.wavelength_nm))
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.comms.background import with_background
+from meshtrace.comms.background import DARK, occupancy, with_background
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
@@ -22,7 +22,8 @@ from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.inputs import Inputs, resolve_chains
 from meshtrace.studies.series import flown_links
-from meshtrace.transport.backward import background_over
+from meshtrace.transport.backward import background, background_over
+from meshtrace.transport.case import Case
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.uav.airframe import Flight
 
@@ -176,6 +177,47 @@ def transmission_of(link: Link, base: OokLink | None) -> OokLink:
     if ook.channel(link) is not link:
         raise Refused("detector.preset", "paper-ranges", "a preset without empirical calibration")
     return ook
+
+
+def described(ook: OokLink, found: Background) -> str:
+    """Return the background light and its counts in a transmission as text."""
+    day = found.provenance["daylight"]
+    follows = day["direct"] > 0.0 or day["light"] == "overcast sky"
+    sun = f" at zenith angle {day['sun_zenith_deg']:g} deg" if follows else ""
+    width = ook.optics.filter_width_nm
+    return (
+        f"{found.light}{sun}, {found.radiance:.3g} W m-2 sr-1 nm-1 at {found.wavelength_nm:g} nm, "
+        f"{ook.background_rate:.3g} counts/s through {width:g} nm, {occupancy(ook):.2g} for a cell "
+        f"in its dead time"
+    )
+
+
+def held_light(ook: OokLink, case: Case, day: Daylight | None, of: str) -> tuple[OokLink, str]:
+    """Return a transmission under the background of a link, and the text of that light.
+
+    For studies of many links near one: all of them take its background.
+
+    Raises
+    ------
+    Refused
+        If the study is of the range of a receiver in the water, whose background follows its depth.
+    """
+    day = checked_daylight(day, case.link)
+    if day is None:
+        return ook, DARK
+    if of == "range" and case.link.direction == "down":
+        raise Refused("daylight", day.light, "none, for the range of a receiver in the water")
+    found = background(
+        case.link,
+        case.surface,
+        day,
+        photons=RAYS,
+        seed=case.run.seed,
+        mesh=case.meshing,
+        threads=case.run.threads,
+    )
+    lit = with_background(ook, found)
+    return lit, f"{described(lit, found)}; the same for all links"
 
 
 def error_rate(

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from meshtrace.daylight.glint import connected_glint
-from meshtrace.daylight.light import Daylight
+from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight
 from meshtrace.daylight.patterns import sky_radiance
 from meshtrace.kernels.facets import Surface
 from meshtrace.link import Link
@@ -66,13 +66,14 @@ def seen_from_air(
 
 
 def sun_in_view(scene: Scene, view: View) -> float:
-    """Return the mean radiance of the sun within the field of view, 0 beyond it."""
+    """Return the mean radiance of the part of the sun's disk within the field of view."""
     sun = np.array(scene.day.sun)
     cosine = float(sun @ view.axis)
-    if cosine <= 0.0 or 1.0 - cosine**2 > view.sin2_psi:
+    share = view.share_of_disk(sun, math.radians(SUN_RADIUS_DEG))
+    if cosine <= 0.0 or share == 0.0:
         return 0.0
     blocked = scene.intersector.intersect([view.center], [sun]).facet[0] >= 0
-    return 0.0 if blocked else scene.day.direct * cosine / (math.pi * view.sin2_psi)
+    return 0.0 if blocked else share * scene.day.direct * cosine / (math.pi * view.sin2_psi)
 
 
 def follow(scene: Scene, origin: Floats, direction: Floats, u: Floats, seed: int) -> Floats:

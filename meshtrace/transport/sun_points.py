@@ -1,52 +1,38 @@
 """Points of a smooth mesh that mirror or refract the sun to a receiver.
 
-A mesh without unresolved slopes bends a point sun to a receiver at separate points. On a facet the
-slope s_m of its interpolated normal and the slope s_r that bends the sun to the receiver are equal
-there; the irradiance of the receiver is
+A mesh without unresolved slopes bends a point of the sun to a receiver at separate points. On a
+facet the slope s_m of its interpolated normal and the slope s_r that bends the sun to the receiver
+are equal there; the irradiance of the receiver is
 
     E_r = E sum F cos(theta_y) / (R^2 |det d(s_m - s_r) / d(x, y)|)
 
 with F = rho / (4 cos^4 b) for reflection, and (1 - rho) n^2 cos(theta_a) cos(theta_w) /
-(cos^4 b (n cos(theta_w) - cos(theta_a))^2) for refraction into the water.
+(cos^4 b (n cos(theta_w) - cos(theta_a))^2) for refraction into the water. Each point of the disk
+takes its own point of the sun, neighbours opposite ones.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.daylight.glint import slopes_of
+from meshtrace.daylight.light import SUN_RADIUS_DEG
 from meshtrace.kernels.facets import Surface
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.view import View
+from meshtrace.transport.view import View, cone
 
 _POINTS = 4  # of the aperture in each shift
 _STEPS = 6  # of Newton's method
 _CURVED = 0.5  # largest bend of a gap over a facet, in units of its range
+_SUN_RADIUS = math.radians(SUN_RADIUS_DEG)
 _STEP = 1e-4  # of the derivatives, in barycentrics
-
-
-class Bending(Protocol):
-    """Law of reflection or refraction of the sun into directions of light."""
-
-    @property
-    def n(self) -> float:
-        """Index of the water over that of the air."""
-        ...
-
-    def normal(self, light: Floats) -> Floats:
-        """Return the normals (..., 3), of any length, that bend the sun into directions."""
-        ...
-
-    def strength(self, light: Floats) -> Floats:
-        """Return the factor F of directions of light (n, 3)."""
-        ...
 
 
 class Reflection(NamedTuple):
@@ -89,6 +75,9 @@ class Refraction(NamedTuple):
         return np.where(lit, through * self.n**2 * cos_a * cos_w / (slope * length**2), 0.0)
 
 
+Bending = Reflection | Refraction
+
+
 def focused_sun(
     intersector: EmbreeIntersector, surface: Surface, law: Bending, view: View
 ) -> Floats:
@@ -113,11 +102,23 @@ def _means(
     chosen = (per_shift * np.arange(SHIFTS)[:, None] + np.arange(min(_POINTS, per_shift))).ravel()
     every = np.arange(len(surface.faces))
     nearest = np.linalg.norm(surface.vertices - view.center, axis=1).min()
-    slack = 2.0 * view.radius * law.n / (law.n - 1.0) / nearest  # s_r turns by less over the disk
+    turns = view.radius / nearest + _SUN_RADIUS
+    slack = 2.0 * turns * law.n / (law.n - 1.0)  # s_r turns by less over both disks
     near = np.flatnonzero(_may_vanish(_corner_gaps(surface, every, law, view.center), slack))
     points = view.origins()[chosen]
-    found = [_irradiance(intersector, surface, near, law, view, p, depths) for p in points]
+    laws = [law._replace(sun=sun) for sun in _suns(law.sun, view.uniforms[chosen, 2:4])]
+    found = [
+        _irradiance(intersector, surface, near, one, view, point, depths)
+        for one, point in zip(laws, points, strict=True)
+    ]
     return np.array(found).reshape(SHIFTS, -1).mean(axis=1) / (math.pi * view.sin2_psi)
+
+
+def _suns(middle: Floats, u: Floats) -> Floats:
+    """Return a point of the sun's disk for each row of u (n, 2); pairs are opposite."""
+    odd = np.arange(len(u)) % 2
+    u = u[np.arange(len(u)) - odd]
+    return cone(middle, math.sin(_SUN_RADIUS) ** 2 * u[:, 0], u[:, 1] + 0.5 * odd)
 
 
 def _corner_gaps(surface: Surface, facets: Any, law: Bending, point: Floats) -> Floats:

@@ -46,6 +46,23 @@ class View(NamedTuple):
         cosine = directions @ self.axis
         return np.where((cosine > 0.0) & (1.0 - cosine**2 <= self.sin2_psi), cosine, 0.0)
 
+    def share_of_disk(self, towards: Floats, radius: float) -> float:
+        """Return the share of a disk of small angular radius [rad] that lies in a wider view.
+
+        That of two circles in a plane: (r^2 a + R^2 b - d r sin a) / (pi r^2) with the angles a
+        and b that half of their common chord spans from either centre.
+        """
+        psi = math.asin(math.sqrt(self.sin2_psi))
+        apart = math.acos(max(-1.0, min(1.0, float(towards @ self.axis))))
+        if apart >= psi + radius:
+            return 0.0
+        if apart <= psi - radius:
+            return 1.0
+        a = math.acos((apart**2 + radius**2 - psi**2) / (2.0 * apart * radius))
+        b = math.acos((apart**2 + psi**2 - radius**2) / (2.0 * apart * psi))
+        common = radius**2 * a + psi**2 * b - apart * radius * math.sin(a)
+        return common / (math.pi * radius**2)
+
 
 def cone(axis: Floats, sin2: Floats, u_phi: Floats) -> Floats:
     """Return directions (n, 3) at squared sines sin2 and azimuths 2 pi u_phi about an axis."""

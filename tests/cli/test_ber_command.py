@@ -3,11 +3,13 @@
 import json
 
 import numpy as np
+import pytest
 import xarray as xr
-from command_line import meshtrace
+from command_line import meshtrace, refusal
 
 import meshtrace as mt
 from meshtrace.comms.ook import OokLink
+from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
 
 FAST = ["--photons", "256"]
@@ -100,3 +102,73 @@ def test_sections_replace_fields_of_presets():
     assert scenario.uav == mt.Uav(mass=6.3, gimbal=True)
     assert Scenario.from_toml(scenario.to_toml()) == scenario
     assert Scenario.from_toml("").detector is None
+
+
+def test_ber_by_day_names_its_light():
+    pytest.importorskip("pvlib")
+    options = ("ber", "--wind", "0", "--bit-rates", "1e6", "--filter-nm", "2", "-n", 2)
+    by_angle = [
+        json.loads(shown(*options, name, angle, "--json"))[0]
+        for name, angle in (("--sun-elevation", 60), ("--sun-zenith", 30))
+    ]
+    assert by_angle[0] == by_angle[1]
+    assert by_angle[0]["light"].startswith("clear sky at zenith angle 30 deg, ")
+    assert "counts/s through 2 nm" in by_angle[0]["light"]
+    text = shown(*options, "--daylight", "overcast", "--sun-elevation", 20)
+    assert "background light: overcast sky at zenith angle 70 deg, " in text
+    assert "background light: none: dark" in shown(*options)
+
+
+LIGHTS = {
+    "horizon": ("--sun-zenith 90", "[daylight]\nsun_zenith_deg = 90.0",
+                lambda: mt.Daylight.clear_sky(90.0), "sun_zenith_deg: 90.0, allowed: 0 <= "),
+    "night": ("--daylight moon --sun-zenith 95", '[daylight]\nmodel = "moon"\nsun_zenith_deg = 95.0',
+              lambda: mt.Daylight.moon(zenith_deg=95.0), "sun_zenith_deg: 95.0, allowed: 0 <= "),
+    "nan": ("--daylight overcast --sun-zenith nan",
+            '[daylight]\nmodel = "overcast"\nsun_zenith_deg = nan',
+            lambda: mt.Daylight.overcast(float("nan")), "sun_zenith_deg: nan, allowed: finite"),
+    "wavelength": ("--daylight night --set transmitter.wavelength_nm=1200.0",
+                   'daylight = "night"\n[transmitter]\nkind = "led"\nwavelength_nm = 1200.0',
+                   lambda: mt.Daylight.night(wavelength_nm=1200.0),
+                   "wavelength_nm: 1200.0, allowed: 300 <= wavelength_nm <= 1100"),
+    "filter": ("--filter-nm 0", "[detector]\noptics = {filter_width_nm = 0.0}",
+               lambda: OokLink().replace("optics.filter_width_nm", 0.0),
+               "filter_width_nm: 0.0, allowed: > 0"),
+    "view": ("--set receiver.fov_deg=360.0", "[receiver]\nfov_deg = 360.0",
+             lambda: mt.Receiver(fov_deg=360.0), "fov_deg: 360.0, allowed: 0 < fov_deg <= 180"),
+    "lens": ("--set detector.optics.concentrator_index=0.5",
+             "[detector]\noptics = {concentrator_index = 0.5}",
+             lambda: OokLink().replace("optics.concentrator_index", 0.5),
+             "concentrator_index: 0.5, allowed: 1 <= concentrator_index <= 4"),
+    "lamp": ("--set transmitter.kind=air-led --set transmitter.height=0.0 "
+             "--set receiver.kind=water-receiver",
+             '[transmitter]\nkind = "air-led"\nheight = 0.0\n[receiver]\nkind = "water-receiver"',
+             lambda: mt.AirLed(height=0.0), "height: 0.0, allowed: > 0"),
+    "depth": ("--set transmitter.kind=air-led --set receiver.kind=water-receiver "
+              "--set receiver.depth=-1.0",
+              '[transmitter]\nkind = "air-led"\n[receiver]\nkind = "water-receiver"\ndepth = -1.0',
+              lambda: mt.WaterReceiver(depth=-1.0), "depth: -1.0, allowed: 0 < depth"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LIGHTS)
+def test_corners_are_refused_alike_by_command_line_file_and_python(name):
+    options, text, make, message = LIGHTS[name]
+    line = refusal("ber", *options.split())
+    assert message in line
+    with pytest.raises(Refused) as by_file:
+        Scenario.from_toml(text)
+    with pytest.raises(Refused) as by_python:
+        make()
+    assert message in str(by_python.value)
+    assert repr(by_file.value.value) == repr(by_python.value.value)
+    assert by_file.value.allowed == by_python.value.allowed
+    assert line == str(by_file.value)
+
+
+@pytest.mark.parametrize("elevation", ["0", "-5", "90.5", "nan"])
+def test_elevations_below_the_horizon_are_refused(elevation):
+    line = refusal("ber", "--sun-elevation", elevation)
+    assert line.startswith(f"--sun-elevation: {float(elevation)!r}, allowed: 1 to 90 (below the ")
+    both = refusal("ber", "--sun-elevation", "30", "--sun-zenith", "60")
+    assert both == "--sun-elevation: 30.0, allowed: without --sun-zenith"

@@ -204,6 +204,22 @@ def test_warnings_of_shifted_filters_and_large_currents():
         warn_of_background(bright, Seen(0.0171))
 
 
+@pytest.mark.parametrize("distance", [0.5, 2.0, 6.0])
+def test_decisions_by_huge_counts(distance):
+    from scipy.stats import norm
+
+    from meshtrace.comms.decisions import generalized_poisson_decision, soft_information
+
+    below, above, far = (
+        (n, n + distance * math.sqrt(n / 0.9), 0.1) for n in (0.9999e9, 1.0001e9, 1e20)
+    )  # exact counts below 1e9, their normal law above
+    exact = float(generalized_poisson_decision(*below).ber)
+    for ends in (above, far):
+        assert float(generalized_poisson_decision(*ends).ber) == pytest.approx(exact, rel=5e-4)
+        assert soft_information(*ends) == pytest.approx(soft_information(*below), rel=1e-4)
+    assert exact == pytest.approx(norm.sf(0.5 * distance), rel=1e-3)
+
+
 def test_soft_rates_bound_hard_ones_under_background():
     lit = with_background(transmission(20.0, 2.0), Seen(0.013))
     gains = np.array([3e-6, 1e-5])

@@ -98,8 +98,12 @@ def test_glint_of_a_hundred_seas_is_that_of_cox_and_munk():
 
 def test_the_level_sea_mirrors_one_sun():
     day = SUN.replace(sun_azimuth_deg=77.0)
-    cos_z, sin2 = math.cos(math.radians(30.0)), math.sin(math.radians(40.0)) ** 2
-    wanted = float(fresnel_reflectance(cos_z, 1.0, 1.33)) * cos_z / (math.pi * sin2)
+    # the mean over the disk of the sun, 3.6e-6 from the value in its middle
+    u, v = np.meshgrid(*(2 * [(np.arange(200) + 0.5) / 200]))
+    radius, phi = math.radians(0.2665) * np.sqrt(u), 2.0 * math.pi * v
+    cos_z = np.cos(radius) * math.cos(math.radians(30.0)) - np.sin(radius) * np.cos(phi) * 0.5
+    sin2 = math.sin(math.radians(40.0)) ** 2
+    wanted = float(np.mean(fresnel_reflectance(cos_z, 1.0, 1.33) * cos_z)) / (math.pi * sin2)
     assert mt.background(link(40.0), FlatSea(), day).parts["glint"] == pytest.approx(wanted)
     assert mt.background(link(29.0), FlatSea(), day).parts["glint"] == 0.0
 
@@ -140,6 +144,9 @@ def test_reflectance_of_mobley_1999(pair):
     seen = float(sky_radiance(day.sky, np.array(unit_vector(zenith, azimuth))))
     wanted = REFERENCE["rho_mobley_1999_table_U4_sun30"][pair]
     assert found.radiance / seen == pytest.approx(wanted, rel=0.09)
+    if pair == "40/135":  # the fit of Ruddick et al. (2006)
+        fit = 0.0256 + 0.00039 * 4.0 + 0.000034 * 4.0**2
+        assert found.radiance / seen == pytest.approx(fit, rel=0.09)
 
 
 @pytest.mark.parametrize(
@@ -238,6 +245,37 @@ def test_a_receiver_that_looks_at_the_sun_sees_it():
     assert mt.background(at, FlatSea(), day).parts["sun"] == pytest.approx(wanted)
 
 
+@pytest.mark.parametrize("offset", [-0.4, -0.2, 0.0, 0.1, 0.4])
+def test_the_edge_of_the_view_cuts_the_disk_of_the_sun(offset):
+    # share of a disk of 0.2665 deg beyond a straight edge, and of the circle about the view
+    x = min(max(offset / 0.2665, -1.0), 1.0)
+    wanted = 0.5 + (math.asin(x) + x * math.sqrt(1.0 - x * x)) / math.pi
+    day = SUN.replace(sun_zenith_deg=80.0)
+    at = link(20.0 + offset, tilt_deg=80.0)  # its axis is 20 deg from the sun
+    full = math.cos(math.radians(20.0)) / (math.pi * math.sin(math.radians(20.0 + offset)) ** 2)
+    found = mt.background(at, FlatSea(), day, photons=64, water="none").parts["sun"]
+    assert found / full == pytest.approx(wanted, abs=5e-3)
+    # mirrored: 128 points of the disk
+    mirrored = mt.background(link(30.0 + offset), FlatSea(), SUN, water="none")
+    cos_z, sin2 = SUN.sun[2], math.sin(math.radians(30.0 + offset)) ** 2
+    full = float(fresnel_reflectance(cos_z, 1.0, 1.33)) * cos_z / (math.pi * sin2)
+    assert mirrored.parts["glint"] / full == pytest.approx(wanted, abs=0.0 if x**2 == 1 else 0.15,
+                                                           rel=1e-3)  # fmt: skip
+    if offset == 0.0:  # opposite points of the disk: one of two is in the view
+        assert mirrored.parts["glint"] / full == pytest.approx(0.5, abs=1e-3)
+
+
+@pytest.mark.parametrize("zenith", [0.0, 89.0])
+def test_sun_at_the_zenith_and_at_the_horizon(zenith):
+    day = SUN.replace(sun_zenith_deg=zenith)
+    found = mt.background(link(88.0), FlatSea(), day, photons=256, water="none")
+    cos_z, sin2 = day.sun[2], math.sin(math.radians(88.0)) ** 2
+    wanted = float(fresnel_reflectance(cos_z, 1.0, 1.33)) * cos_z / (math.pi * sin2)
+    assert found.parts["glint"] == pytest.approx(wanted if zenith == 0.0 else 0.0, rel=1e-3)
+    for made in (mt.Daylight.overcast(zenith), mt.Daylight.moon(0.0, zenith)):
+        assert made.irradiance > 0.0
+
+
 def test_threads_and_files_change_no_digit(tmp_path):
     day, sea = mt.Daylight(direct=1.42, diffuse=0.295), JonswapSea(wind_speed=8.0)
     one, two = (mt.background(link(20.0), sea, day, threads=t) for t in (1, 2))
@@ -256,6 +294,8 @@ def test_counts_follow_filter_and_lens():
     etendue = math.pi * 9.43e-6 * 1.5**2  # of the detector limits the lens
     wanted = 0.3 * b.radiance * 10.0 * etendue / 4.226480547e-19
     assert b.count_rate(wide) == pytest.approx(wanted, rel=1e-9)
+    with pytest.raises(Refused, match=r"^optics.filter_width_nm: 1000.*, allowed: <= 940, twice"):
+        b.count_rate(wide.replace("optics.filter_width_nm", 1000.0))
     assert b.power_per_nm == pytest.approx(b.radiance * math.pi**2 * 0.05**2 * 0.25)
 
 

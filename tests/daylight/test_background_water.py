@@ -127,6 +127,17 @@ def test_sun_under_waves_equals_forward_photons():
     assert z_test(power, error, forward.gain, forward.gain_stderr) > ALPHA
 
 
+def test_the_edge_of_the_view_cuts_the_disk_of_the_sun_under_water():
+    at_edge = 2.0 * math.degrees(math.asin(0.5 / 1.33))
+    water = mt.Water(a=0.1, b=0.0)
+    parts = [
+        mt.background(below(1.0, fov, water=water), FlatSea(), SUN)
+        for fov in (at_edge, at_edge + 1)
+    ]
+    half, full = (p.parts["sun"] * p.acceptance for p in parts)
+    assert half / full == pytest.approx(0.5, abs=1e-3)
+
+
 def test_walk_equals_the_quasi_single_approximation():
     link = mt.Link(receiver=mt.Receiver(fov_deg=4.0))
     closed, walk = (

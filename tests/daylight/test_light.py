@@ -126,6 +126,49 @@ def test_night_is_uniform():
         assert sky_radiance(night.sky, towards) == pytest.approx(2.3e-9, rel=1e-9)
 
 
+def test_the_night_is_that_of_dark_sites():
+    # zero points of Bessell (1979) [Jy], at 440 and 550 nm
+    def radiance(blue, green):
+        bands = ((4260e-26, 440e-9, blue), (3640e-26, 550e-9, green))
+        arcsec2 = math.radians(1.0 / 3600.0) ** 2
+        of = [f * 2.998e8 / w**2 * 1e-9 * 10 ** (-0.4 * m) / arcsec2 for f, w, m in bands]
+        return np.interp(470.0, (440.0, 550.0), of)
+
+    night = mt.Daylight.night().diffuse / math.pi
+    la_palma, paranal = radiance(22.7, 21.9), radiance(22.6, 21.6)
+    assert la_palma == pytest.approx(2.4e-9, rel=0.02)
+    assert paranal == pytest.approx(2.8e-9, rel=0.02)
+    assert night / la_palma == pytest.approx(0.95, abs=0.01)
+    assert night / paranal == pytest.approx(0.82, abs=0.01)
+
+
+ROLO = {  # a0 ... a3, d1 ... d3 of Kieffer and Stone (2005), table 4, by wavelength [nm]
+    465.8: (-2.35085, -1.66538, 0.41802, -0.22541, 0.33450, -0.02546, -0.00484),
+    475.0: (-2.28999, -1.63180, 0.36193, -0.20381, 0.33024, -0.03131, 0.00222),
+    544.0: (-2.13864, -1.60613, 0.27886, -0.16426, 0.37190, -0.10629, 0.01428),
+    549.1: (-2.10782, -1.66736, 0.41697, -0.22026, 0.36814, -0.09815, -0.00000),
+    553.8: (-2.12504, -1.65970, 0.38409, -0.20655, 0.37206, -0.10745, 0.00347),
+}
+
+
+@pytest.mark.parametrize(("phase", "less"), [(5.0, 0.14), (30.0, 0.16), (90.0, 0.18)])
+def test_the_moon_is_redder_than_the_sun(phase, less):
+    def reflectance(*wavelengths):
+        rows = (ROLO[w] for w in wavelengths)
+        return np.mean([
+            math.exp(np.polyval(row[3::-1], math.radians(phase)) + row[4] * math.exp(-phase / 4.06054)
+                     + row[5] * math.exp(-phase / 12.8802)
+                     + row[6] * math.cos((phase + 30.5858) / 16.7498))
+            for row in rows
+        ])  # fmt: skip
+
+    blue, green = reflectance(465.8, 475.0), reflectance(544.0, 549.1, 553.8)
+    assert 1.0 - blue / green == pytest.approx(less, abs=0.006)
+    # A Omega / pi with the solid angle of the moon, against 14.0 magnitudes and the phase law
+    share = 2.512e-6 * mt.daylight.moon_phase_factor(phase)
+    assert share == pytest.approx(green * 6.4177e-5 / math.pi, rel=0.13)
+
+
 def test_overcast_is_a_quarter_of_the_clear_sky_without_sun():
     day = mt.Daylight.overcast(30.0)
     clear = 1.421482 * math.cos(math.radians(30.0)) + 0.295018
@@ -149,6 +192,36 @@ def test_overcast_is_a_quarter_of_the_clear_sky_without_sun():
 def test_refusals(fields, text):
     with pytest.raises(Refused, match=text):
         mt.Daylight(**{"direct": 1.0, "diffuse": 1.0, **fields})
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: mt.Daylight.clear_sky(direct=1.0), "^direct: 1.0, allowed: none"),
+        (lambda: mt.Daylight.overcast(diffuse=1.0), "^diffuse: 1.0, allowed: none"),
+        (lambda: mt.Daylight.moon(direct=1.0), "^direct: 1.0, allowed: none"),
+        (lambda: mt.Daylight.moon(sun_zenith_deg=3.0), "^sun_zenith_deg: 3.0, allowed: none"),
+        (lambda: mt.Daylight.moon("0"), "^phase_deg: '0', allowed: -180"),
+        (lambda: mt.Daylight.moon(181.0), "^phase_deg: 181.0, allowed: -180"),
+        (lambda: mt.Daylight.night(diffuse=1.0), "^diffuse: 1.0, allowed: none"),
+        (lambda: mt.Daylight.at("2026-06-21T10Z", 43.1, 5.9, sun_zenith_deg=3.0),
+         "^sun_zenith_deg: 3.0, allowed: none"),
+        (lambda: mt.Daylight.clear_sky(day_of_year=0), "^day_of_year: 0, allowed: an integer 1"),
+        (lambda: mt.Daylight.clear_sky(day_of_year=1.5), "^day_of_year: 1.5, allowed: an integer"),
+        (lambda: mt.Daylight.clear_sky(wavelength_nm=310.0, width_nm=40.0),
+         "^width_nm: 40.0, from 290 nm, allowed: a band from 300 nm"),
+    ],
+)  # fmt: skip
+def test_lights_refuse_what_their_model_does_not_take(make, text):
+    with pytest.raises(Refused, match=text):
+        make()
+
+
+def test_faint_skies_have_a_background():
+    from meshtrace.surfaces import FlatSea
+
+    faint = mt.Daylight(direct=0.0, diffuse=5e-324)  # the beams of its sky underflow
+    assert mt.background(mt.Link(), FlatSea(), faint, photons=32).radiance < 1e-300
 
 
 @pytest.mark.parametrize("time", ["2026-06-21T10:00", "noon", "NaT"])

@@ -1,5 +1,8 @@
 """Fresnel and Snell: reference values, reciprocity, energy, total internal reflection."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +11,7 @@ from hypothesis import strategies as st
 from meshtrace.optics.fresnel import (
     fresnel_reflectance,
     hemispheric_reflectance,
+    polarized_reflectances,
     reflect,
     refract,
 )
@@ -116,10 +120,37 @@ def test_reflection_mirrors_at_the_plane():
 def test_hemispheric_reflectance():
     assert hemispheric_reflectance(1.0, N) == pytest.approx(0.06593, abs=5e-6)
     assert hemispheric_reflectance(N, 1.0) == pytest.approx(0.47195, abs=5e-6)
+    root = Path(__file__).parents[2]
+    whole = json.loads((root / "tests/data/daylight_downlink_reference.json").read_text())
+    for place, ends in (("air", (1.0, N)), ("water", (N, 1.0))):
+        wanted = whole["uniform_sky_still_water"][f"reflected_from_{place}"]
+        assert hemispheric_reflectance(*ends) == pytest.approx(wanted, abs=1e-6)
     # by brute force, from the water side, over its kink
     cos_i = (np.arange(400_000) + 0.5) / 400_000
     mean = 2.0 * np.mean(cos_i * fresnel_reflectance(cos_i, N, 1.0))
     assert hemispheric_reflectance(N, 1.0) == pytest.approx(mean, abs=1e-6)
+
+
+def test_polarized_light_of_the_reference_and_of_the_page_of_limits():
+    root = Path(__file__).parents[2]
+    whole = json.loads((root / "tests/data/daylight_downlink_reference.json").read_text())
+    wanted = whole["polarisation"]
+    cos_i = np.cos(np.radians(wanted["air_incidence_deg"]))
+    rho_s, rho_p = polarized_reflectances(cos_i, 1.0, N)
+    through = (1.0 - rho_s) / (1.0 - fresnel_reflectance(cos_i, 1.0, N))
+    np.testing.assert_allclose(through, wanted["Ts_over_T"], atol=1e-6)
+    other = (1.0 - rho_p) / (1.0 - fresnel_reflectance(cos_i, 1.0, N))
+    np.testing.assert_allclose(through + other, 2.0, atol=1e-15)
+    contrast = (rho_s - rho_p) / (rho_s + rho_p)
+    np.testing.assert_allclose(contrast, wanted["reflection_contrast"], atol=6e-5)
+    page = (root / "docs/limits.md").read_text()
+    for name, values, digits in (("T_s / T", through, 4), ("contrast", contrast, 2)):
+        row = " | ".join(f"{v:.{digits}f}" for v in values)
+        assert f"| {name} | {row} |" in page
+    # Brewster's angle, and total reflection
+    rho_s, rho_p = polarized_reflectances(np.cos(np.arctan(N)), 1.0, N)
+    assert rho_p < 1e-30 < rho_s
+    np.testing.assert_array_equal(polarized_reflectances(0.1, N, 1.0), (1.0, 1.0))
 
 
 def test_errors():

@@ -87,12 +87,37 @@ def test_every_error_rate_names_its_light(tmp_path):
     assert "background light: moonless night" in night.summary()
     assert "background light: daylight at zenith angle 30 deg" in day.summary()
     assert "widest filter for BER 0.001" in day.summary()
+    assert "Mbit/s, dark; 1 point" in repr(dark)
+    assert "Mbit/s, moonless night; 1 point" in repr(night)
+    assert "Mbit/s, daylight at zenith angle 30 deg; 1 point" in repr(day)
     assert dark.at().required_power < night.at().required_power * 1.01 < day.at().required_power
     day.save(tmp_path / "day.nc")
     loaded = mt.LinkPerformance.load(tmp_path / "day.nc")
     assert loaded.light == day.light
     assert loaded.at().widest_filter_nm == day.at().widest_filter_nm
     assert loaded.provenance["daylight"]["direct"] == 1.42
+
+
+@pytest.mark.filterwarnings("ignore::meshtrace.DaylightWarning")
+def test_ranges_of_several_winds_name_the_light_of_each():
+    from meshtrace.studies.performance.tables import DepthSweep
+
+    link = mt.Link(receiver=mt.Receiver(fov_deg=20.0))
+    dark, night, day = (
+        mt.link_performance(link, FlatSea(), photons=64, daylight=light)
+        for light in (None, mt.Daylight.night(), DAY)
+    )
+    text = DepthSweep((5.0, 13.0), (night, day)).summary()
+    assert f"background light, 5 m/s: {night.light}" in text
+    assert f"background light, 13 m/s: {day.light}" in text
+    assert f"\nbackground light: {dark.light}" in DepthSweep((5.0, 13.0), (dark, dark)).summary()
+
+
+@pytest.mark.filterwarnings("ignore::meshtrace.DaylightWarning")
+def test_overcast_skies_name_their_hidden_sun():
+    link = mt.Link(receiver=mt.Receiver(fov_deg=5.0))
+    found = mt.link_performance(link, FlatSea(), photons=64, daylight=mt.Daylight.overcast(50.0))
+    assert found.light.startswith("overcast sky at zenith angle 50 deg, ")
 
 
 @pytest.mark.filterwarnings("ignore::meshtrace.DaylightWarning")

@@ -156,6 +156,56 @@ def test_the_error_of_an_error_rate_is_that_of_gain_light_and_seas():
     assert spread == pytest.approx(np.std(two, ddof=1) / math.sqrt(2.0))
 
 
+# Derivatives and optima
+
+
+def lit_scenario(day):
+    scenario = mt.Scenario.from_toml(FILE.replace("54.0", "24.0"))
+    return scenario.model_copy(update={"daylight": day})
+
+
+@pytest.mark.parametrize("of", ["ber", "margin"])
+def test_sensitivities_hold_under_the_light_of_the_scenario(of, tmp_path):
+    options = {"of": of, "wrt": ["water.a"], "photons": 256}
+    dark, day = (mt.sensitivities(lit_scenario(day), **options) for day in (None, DAY))
+    seen = mt.background(day_link := lit_scenario(DAY).link, FlatSea(), DAY, photons=2048)
+    ook = with_background(mt.OokLink.of_link(day_link, lit_scenario(DAY).detector), seen)
+    gain = mt.sensitivities(day_link, FlatSea(), wrt=["water.a"], photons=256).value
+    if of == "ber":
+        assert day.value == pytest.approx(float(ook.ber(ook.received_power(gain))), rel=1e-3)
+        assert day.value > 2.0 * dark.value
+    else:
+        need = ook.required_power(1e-3) / float(ook.received_power(1.0))
+        assert day.value == pytest.approx(10.0 * math.log10(gain / need), abs=1e-6)
+        assert day.value < dark.value
+    assert "background light: none: dark" in dark.summary()
+    assert "background light: daylight at zenith angle 30 deg" in day.summary()
+    day.save(tmp_path / "s.nc")
+    assert mt.Sensitivities.load(tmp_path / "s.nc").summary() == day.summary()
+    assert "light" not in mt.sensitivities(day_link, FlatSea(), wrt=["water.a"],
+                                           photons=256).summary()  # fmt: skip
+
+
+def test_optima_hold_under_the_light_of_the_scenario():
+    over = {"receiver.fov_deg": (10.0, 30.0)}
+    options = {"objective": "margin", "realizations": 1, "photons": 64}
+    dark, day = (mt.optimize(lit_scenario(day), over=over, **options) for day in (None, DAY))
+    assert day.value < dark.value - 1.0  # dB
+    assert dark.notes[-1].startswith("background light: none: dark")
+    assert day.notes[-1].startswith("background light: daylight at zenith angle 30 deg")
+
+
+def test_ranges_of_receivers_in_the_water_refuse_one_background():
+    down = mt.Scenario.from_toml("wind_speed = 0.0").replace(
+        link=mt.Link(transmitter=mt.AirLed(), receiver=mt.WaterReceiver())
+    )
+    lit = down.model_copy(update={"daylight": DAY})
+    with pytest.raises(Refused, match=r"^daylight: 'daylight', allowed: none, for the range of a"):
+        mt.sensitivities(lit, of="range", wrt=["water.a"], photons=64)
+    with pytest.raises(Refused, match=r"^daylight: 'daylight', allowed: none, for the range of a"):
+        mt.optimize(lit, over={"water.a": (0.1, 0.2)}, objective="range", realizations=1)
+
+
 # Flights
 
 FLIGHT = mt.Flight(mt.Uav(), mt.Dryden(wind_speed=13.0))

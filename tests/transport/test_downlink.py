@@ -186,6 +186,16 @@ def test_small_apertures_reach_the_paraxial_limit():
     through = 1.0 - (0.33 / 2.33) ** 2
     limit = 0.5 * (order + 1.0) * (1.33 * 1e-3 / (d + 1.33 * h)) ** 2 * math.exp(-c * d) * through
     assert through_still_water(link) == pytest.approx(limit, rel=1e-4)
+    default = limit * 50.0**2 * math.exp(-0.037 * d)  # 5 cm, c = 0.151
+    assert default == pytest.approx(DIRECT["D1"]["limit_small_r0.05"], rel=1e-8)
+    assert through_still_water(down(radius=0.05)) == pytest.approx(default, rel=5e-4)
+
+
+def test_defaults_are_those_of_the_reference():
+    water, constants = mt.Link().water, REFERENCE["constants"]
+    assert (water.n, water.a, water.b) == tuple(
+        constants[k] for k in ("n", "default_a", "default_b")
+    )
 
 
 def test_without_refraction_both_directions_are_alike():
@@ -195,12 +205,13 @@ def test_without_refraction_both_directions_are_alike():
     assert b == pytest.approx(a, rel=5e-4)
 
 
+@pytest.mark.parametrize("radius", [0.05, 0.25])
 @pytest.mark.parametrize(("spacing", "tolerance"), [(0.1, 5e-3), (0.02, 5e-4)])
-def test_a_sinusoid_meets_the_quadrature(spacing, tolerance):
-    link = down(mt.AirLed())
+def test_a_sinusoid_meets_the_quadrature(spacing, tolerance, radius):
+    link = down(mt.AirLed(), radius)
     mesh = WAVE.mesh(0.0, 2.5, spacing)
     found = ForcedDetection(link, 32, 1, scattered="chains").over(mesh).facet_gains(0, 0).sum()
-    assert found == pytest.approx(0.002514344, rel=tolerance)
+    assert found == pytest.approx(DIRECT["S1"][f"r{radius}"], rel=tolerance)
 
 
 def test_a_wave_that_passes_flickers_by_its_focusing():

@@ -315,6 +315,7 @@ def test_performance_over_depth():
     band = ax.collections[1].get_paths()[0].vertices[:, 1]
     assert (band.min(), band.max()) == (low.min(), high.max())
     assert performance.status in [text.get_text() for text in ax.texts]
+    assert any(text.get_text().endswith("background light: dark") for text in ax.texts)
     shallow = replace(performance, depths=(24.0,))
     with pytest.raises(ValueError, match=r"performance\.depths: "):
         viz.plot_performance(shallow)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -24,6 +25,7 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
+from meshtrace.studies.background import held_light
 from meshtrace.studies.optimisation.objectives import Custom, Goal, Objective
 from meshtrace.studies.optimisation.result import Optimum, Validation
 from meshtrace.studies.optimisation.sample import REWEIGHED, Aircraft, Sample
@@ -127,7 +129,8 @@ def optimize(
     The same seas, places, tilts and chains serve every candidate (sample average approximation),
     so that the cost is a deterministic, nearly smooth function. The optimum of a sample is
     optimistic: `validation` compares it with the start on fresh ones. Fields of view come from
-    the angles of arrival of one run, and half angles from its directions of emission.
+    the angles of arrival of one run, and half angles from its directions of emission. Under the
+    daylight of a scenario all candidates have the background of the start.
 
     Examples
     --------
@@ -158,11 +161,16 @@ def optimize(
     if ook is not None:
         electronics = OokLink.of_link(case.link, ook, bit_rate)
         case = case._replace(link=electronics.channel(case.link))
+    light = ""
+    if electronics is not None and objective in ("outage", "range", "margin"):
+        day = getattr(link, "daylight", None)
+        electronics, light = held_light(electronics, case, day, str(objective))
     goal = Goal(objective, quantile, electronics, limit)
     variables, bounds = _variables(case, over)
     aircraft = Aircraft(_stds(hover_std), uav, _wind(case, uav, wind))
     search = _Search(case, goal, variables, bounds, realizations, aircraft, progress)
-    return search.optimum(tuple(constraints), method)
+    found = search.optimum(tuple(constraints), method)
+    return replace(found, notes=(*found.notes, f"background light: {light}")) if light else found
 
 
 def _stds(hover_std: Any) -> tuple[float, float]:

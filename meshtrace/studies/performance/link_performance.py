@@ -28,11 +28,11 @@ from meshtrace.link import Link
 from meshtrace.mesh import RandomSea, SurfaceModel
 from meshtrace.results.background import Background
 from meshtrace.scenario import Scenario
-from meshtrace.studies.background import background_over_seas, checked_daylight
+from meshtrace.studies.background import background_over_seas, checked_daylight, described
 from meshtrace.studies.inputs import resolve_chains
 from meshtrace.studies.performance.operating_point import operating_point
 from meshtrace.studies.performance.samples import Ensemble, Realizations
-from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance, described
+from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
 from meshtrace.studies.series import closed_form
 from meshtrace.surfaces import sea_in_wind
 from meshtrace.uav.airframe import Flight
@@ -179,6 +179,8 @@ def link_performance(
         ooks = tuple(with_background(one, found) for one in ooks)
         warn_of_background(ooks[0], found)
         light = described(ooks[0], found)
+        if link.direction == "down" and len(links) > 1:
+            light += f", at {next(iter(links)):g} m"
     seas = over.n if isinstance(inputs.surface, RandomSea) else 1
     origin = {
         **closed_form(next(iter(links.values())), inputs.surface, seas, level=2),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, get_type_hints
 
 import numpy as np
 
-from meshtrace.comms.background import DARK, occupancy
+from meshtrace.comms.background import DARK, name_of_light
 from meshtrace.comms.budget import depth_at
 from meshtrace.comms.capacity import Capacity
 from meshtrace.comms.ook import OokLink
@@ -17,7 +17,6 @@ from meshtrace.errors import Refused, require_between, require_word
 from meshtrace.fading import Estimate
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.results.background import Background
 from meshtrace.stored import Stored
 from meshtrace.studies.performance.operating_point import OperatingPoint
 from meshtrace.studies.performance.samples import FadingSamples
@@ -67,9 +66,9 @@ class LinkPerformance(Stored):
 
     def _headline(self) -> str:
         first, count = self.figures[0], len(self.figures)
-        rate = f"{first.bit_rate / 1e6:g} Mbit/s"
+        where = f"{first.bit_rate / 1e6:g} Mbit/s, {name_of_light(self.light)}"
         return (
-            f"BER {_ratio(first.ber.value, 3)} at {first.depth:g} m, {rate}; "
+            f"BER {_ratio(first.ber.value, 3)} at {first.depth:g} m, {where}; "
             f"{count} point{'s' * (count > 1)}"
         )
 
@@ -263,18 +262,6 @@ class LinkPerformance(Stored):
         )
 
 
-def described(ook: OokLink, found: Background) -> str:
-    """Return the background light and its counts in a transmission as text."""
-    day = found.provenance["daylight"]
-    sun = f" at zenith angle {day['sun_zenith_deg']:g} deg" if day["direct"] > 0.0 else ""
-    width = ook.optics.filter_width_nm
-    return (
-        f"{found.light}{sun}, {found.radiance:.3g} W m-2 sr-1 nm-1 at {found.wavelength_nm:g} nm, "
-        f"{ook.background_rate:.3g} counts/s through {width:g} nm, {occupancy(ook):.2g} for a cell "
-        f"in its dead time"
-    )
-
-
 def _filter_text(width_nm: float) -> str:
     if width_nm == 0.0:
         return "none"
@@ -377,7 +364,11 @@ class DepthSweep(Stored):
         lines = [first._range_heading]
         for speed, performance in zip(self.wind_speeds, self.performances, strict=True):
             lines += performance._range_lines(f"{speed:>5g} m/s")
-        return "\n".join([*lines, "", f"background light: {first.light}", first.status])
+        pairs = zip(self.wind_speeds, self.performances, strict=True)
+        light = [f"background light, {speed:g} m/s: {p.light}" for speed, p in pairs]
+        if len({p.light for p in self.performances}) == 1:
+            light = [f"background light: {first.light}"]
+        return "\n".join([*lines, "", *light, first.status])
 
     def _content(self) -> xr.Dataset:
         import xarray as xr

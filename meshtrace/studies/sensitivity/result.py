@@ -116,6 +116,8 @@ class Sensitivities(Stored):
         is nan.
     provenance : dict
         Versions and configuration.
+    light : str
+        Light of error rates, outages, ranges and margins; empty for the gain.
     """
 
     of: str
@@ -125,6 +127,7 @@ class Sensitivities(Stored):
     table: Table
     logs: Floats
     provenance: dict[str, Any] = field(default_factory=dict)
+    light: str = ""
 
     kind: ClassVar[str] = "sensitivity"
     title: ClassVar[str] = "meshtrace sensitivities"
@@ -151,7 +154,8 @@ class Sensitivities(Stored):
             for row in self.table
         ]
         notes = [f"{row.name}: {row.notes}" for row in self.table if row.notes]
-        return "\n".join([f"{self.of} {shown}", "", text_table(rows, head), *notes])
+        light = [f"background light: {self.light}"] if self.light else []
+        return "\n".join([f"{self.of} {shown}", "", text_table(rows, head), *notes, *light])
 
     def derivative(self, name: str) -> Value:
         """Return d quantity / d parameter with its standard error, in their units."""
@@ -217,7 +221,9 @@ class Sensitivities(Stored):
         data["sensitivity_covariance"] = (("parameter", "parameter_too"), self.logs)
         data["quantity"], data["quantity_stderr"] = ((), self.value), ((), self.stderr)
         names = [row.name for row in self.table]
-        found = xr.Dataset(data, {"parameter": names}, {"of": self.of, "unit": self.unit})
+        found = xr.Dataset(
+            data, {"parameter": names}, {"of": self.of, "unit": self.unit, "light": self.light}
+        )
         for name in found.variables:
             found[name].attrs.update(attrs(str(name)))
         return found
@@ -238,6 +244,7 @@ class Sensitivities(Stored):
             table=Table(rows),
             logs=data["sensitivity_covariance"].values,
             provenance=provenance,
+            light=str(data.attrs.get("light", "")),
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.results.provenance import environment, provenance
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
+from meshtrace.studies.background import held_light
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.problem import (
     Problem,
@@ -131,7 +133,8 @@ def sensitivities(
     Standard errors are jackknives over the 32 shifts of the chains and over the seas. Differences
     are repeated over thrice the step; `suspicious` marks those that disagree by more than three
     standard errors (a discontinuity that rare chains carry). Chains of a deeper source are
-    stretched with the depth. Light that the surface reflects back is not included.
+    stretched with the depth. Light that the surface reflects back is not included. Under the
+    daylight of a scenario all links have the background of the first one.
 
     Examples
     --------
@@ -146,7 +149,10 @@ def sensitivities(
     require_between(limit, 0.0, 0.5, "limit")
     quantity = Quantity(of, limit)
     setting = _setting(case, link, of, ook, bit_rate)
-    normals = case.meshing.normals
+    normals, light = case.meshing.normals, ""
+    if setting.ook is not None:
+        lit, light = held_light(setting.ook, case, getattr(link, "daylight", None), of)
+        setting = setting._replace(ook=lit)
     names = parameters(setting, wrt, step, normals)
     default = {p.name: p.step for p in parameters(setting, [p.name for p in names], None, normals)}
     if of == "range" and setting.ook is not None:
@@ -161,7 +167,7 @@ def sensitivities(
     study = _Study(problem, quantity, shelf, default)
     with np.errstate(divide="ignore"):
         found = [study.derivatives(p, progress) for p in names]
-    return _result(study, found, asked, case)
+    return replace(_result(study, found, asked, case), light=light)
 
 
 def _case(link: Any, sea: Any, options: dict[str, Any]) -> Case:
