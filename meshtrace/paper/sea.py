@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,11 +29,9 @@ def surfaces(setting: Setting, seas: int) -> FigureOutput:
         sea = JonswapSea(wind_speed=wind, seed=setting.seed, band="paper")
         z = sea.grid(axis, axis)[0]
         limit = float(np.abs(z).max())
-        style = replace(STYLE, color_limit=limit)
-        scene = viz.scene(None, sea.mesh(extent=HALF_WIDTH, spacing=0.5), style=style)
+        scene = viz.scene(None, sea.mesh(extent=HALF_WIDTH, spacing=0.5), style=STYLE)
         viz.look(scene, elevation_deg=28.0)
-        scene.camera.zoom(1.05)
-        scene.remove_scalar_bar()
+        scene.camera.zoom(1.35)
         axes[0, j].imshow(scene.screenshot(return_img=True))
         scene.close()
         axes[0, j].set(title=wind_name(wind))
