@@ -179,7 +179,7 @@ def _product(few: Floats, many: Floats) -> Floats:
 
 
 def _bessel_functions(distance: Floats, k: Floats) -> Callable[[int], Floats]:
-    """Return n -> J_n(z) of all products z of distances and wavenumbers, to be called with growing n.
+    """Return n -> J_n(z) for the products z of distances and wavenumbers.
 
     The products of two geometric rows are one row, of which each distance sees a window.
     Upward recurrence where z > n, the series below 1/2, and scipy between.
