@@ -140,12 +140,12 @@ def _bin_of(x, start, step, n):
 
 @inlined
 def _span(p, q):
-    return math.hypot(p.x - q.x, p.y - q.y)
+    return (p.x - q.x) ** 2 + (p.y - q.y) ** 2
 
 
 @inlined
 def _bend(m, n):
-    return math.hypot(m.x / m.z - n.x / n.z, m.y / m.z - n.y / n.z)
+    return (m.x / m.z - n.x / n.z) ** 2 + (m.y / m.z - n.y / n.z) ** 2
 
 
 @entry
@@ -160,10 +160,10 @@ def facet_summary(surface, out):
         k, m, n = corners(surface.vertex_normals, f, surface.faces)
         x, y, z = (a.x + b.x + c.x) / 3.0, (a.y + b.y + c.y) / 3.0, (a.z + b.z + c.z) / 3.0
         middle = Vec2(x, y)
-        out[f].radius = max(_span(a, middle), _span(b, middle), _span(c, middle))
+        out[f].radius = math.sqrt(max(_span(a, middle), _span(b, middle), _span(c, middle)))
         curvature = max(_bend(k, m) / _span(a, b), _bend(m, n) / _span(b, c))
         curvature = max(curvature, _bend(n, k) / _span(c, a))
-        out[f].curvature = curvature if surface.interpolate else 0.0
+        out[f].curvature = math.sqrt(curvature) if surface.interpolate else 0.0
         out[f].x, out[f].y, out[f].z = x, y, z
         g = row(surface.face_normals, f)
         out[f].slope_x, out[f].slope_y = -g.x / g.z, -g.y / g.z

@@ -273,7 +273,8 @@ class AimedChains:
         doubtful = np.zeros(len(gain), bool)
         nodes = self.nodes.setdefault((source, receiver), _disk_nodes(blur))
         disk = blurred.Disk(*_disk_rule(*nodes), blur)
-        if not blurred.blurred_gain(scene, disk, gain, doubtful):
+        needed = np.empty((len(scene.surface.vertices), 3))
+        if not blurred.blurred_gain(scene, disk, needed, gain, doubtful):
             return None
         if doubtful.any():
             gain[self._hidden(source, receiver, np.flatnonzero(doubtful))] = 0.0
