@@ -170,20 +170,23 @@ def facet_summary(surface, out):
 
 
 @entry
-def count_bins(surface, grid):
-    """Count the facets of each bin into `grid.start[1:]`."""
+def count_bins(surface, grid, bins):
+    """Count the facets of each bin into `grid.start[1:]`, and write the bin of each vertex."""
+    for v in range(len(surface.vertices)):
+        bins[v, 0] = _bin_of(surface.vertices[v, 0], grid.x, grid.step, grid.nx)
+        bins[v, 1] = _bin_of(surface.vertices[v, 1], grid.y, grid.step, grid.ny)
     for f in range(len(surface.faces)):
-        i0, i1, j0, j1 = _bin_range(surface, f, grid)
+        i0, i1, j0, j1 = _bin_range(surface.faces, f, grid, bins)
         for i in range(i0, i1 + 1):
             for j in range(j0, j1 + 1):
                 grid.start[i * grid.ny + j + 1] += 1
 
 
 @entry
-def fill_bins(surface, grid, cursor):
+def fill_bins(surface, grid, bins, cursor):
     """Write the facets of each bin into `grid.facet`; cursor is a copy of `grid.start[:-1]`."""
     for f in range(len(surface.faces)):
-        i0, i1, j0, j1 = _bin_range(surface, f, grid)
+        i0, i1, j0, j1 = _bin_range(surface.faces, f, grid, bins)
         for i in range(i0, i1 + 1):
             for j in range(j0, j1 + 1):
                 cell = i * grid.ny + j
@@ -192,9 +195,8 @@ def fill_bins(surface, grid, cursor):
 
 
 @inlined
-def _bin_range(surface, f, grid):
-    a, b, c = corners(surface.vertices, f, surface.faces)
-    i0, j0 = first_bin(surface, f, grid)
-    i1 = _bin_of(max(a.x, b.x, c.x), grid.x, grid.step, grid.nx)
-    j1 = _bin_of(max(a.y, b.y, c.y), grid.y, grid.step, grid.ny)
+def _bin_range(faces, f, grid, bins):
+    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+    i0, j0 = min(bins[a, 0], bins[b, 0], bins[c, 0]), min(bins[a, 1], bins[b, 1], bins[c, 1])
+    i1, j1 = max(bins[a, 0], bins[b, 0], bins[c, 0]), max(bins[a, 1], bins[b, 1], bins[c, 1])
     return max(i0, 0), min(i1, grid.nx - 1), max(j0, 0), min(j1, grid.ny - 1)

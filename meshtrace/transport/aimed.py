@@ -199,9 +199,9 @@ class AimedChains:
         most = 2 * n + 64
         out = kernel.Output(
             score=np.zeros(n),
-            doubtful=np.zeros(most, kernel.DOUBT),
-            rays=np.zeros(most * (chains.order + 2), kernel.RAY),
-            arrivals=np.zeros(most if keep else 0, kernel.ARRIVAL),
+            doubtful=np.empty(most, kernel.DOUBT),
+            rays=np.empty(most * (chains.order + 2), kernel.RAY),
+            arrivals=np.empty(most if keep else 0, kernel.ARRIVAL),
             counters=np.zeros(len(Counter), np.int64),
             roots=np.zeros(ROOTS, ROOT),
         )
