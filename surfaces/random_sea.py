@@ -134,11 +134,12 @@ class RandomSea(WaveSurface, frozen=True):
 
         The slopes of a choppy mesh are taken as those of its labels, off by O(mss).
         """
-        if self.slope_variance is None:
+        real = self.slope_variance
+        if real is None:
             return None
         wind = self._slopes_along_deg
         vertex, facet = (
-            unresolved_slope_variance(self.slope_variance, resolved)
+            unresolved_slope_variance(real, resolved)
             for resolved in meshed_slope_variance(self.components, spacing, wind)
         )
         return UnresolvedSlopes(vertex, facet, wind)

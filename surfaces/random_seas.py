@@ -354,7 +354,7 @@ class JonswapSea(_BandedSea, frozen=True):
         """Return "paper" for the sea states of the paper, or else "scaled"."""
         return paper_band(config.get("wind_speed", 5.0), config.get("fetch", PAPER_FETCH))
 
-    @property
+    @cached_property
     def spectrum(self) -> Jonswap:
         """The JONSWAP spectrum of this sea."""
         return Jonswap(
