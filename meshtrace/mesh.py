@@ -118,11 +118,21 @@ def _array(value: Any, name: str, shape: str, least: int, dtype: Any = float) ->
 
 
 def _face_cross(vertices: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
-    """Return twice the area vectors of facets."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    (ux, uy, uz), (vx, vy, vz) = (b - a).T, (c - a).T
+    """Return twice the area vectors of facets, shape (3, m)."""
     # by components: numpy.cross takes half of the time that a mesh takes to make
-    return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=1)
+    first, second, third = faces.T.astype(np.intp)
+    edges = []
+    for x in vertices.T.copy():
+        start = x.take(first)
+        edges += [x.take(second) - start, x.take(third) - start]
+    ux, vx, uy, vy, uz, vz = edges
+    return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+
+
+def _lengths(x: Floats, y: Floats, z: Floats) -> Floats:
+    """Return the lengths of vectors by components, with the digits of numpy.linalg.norm."""
+    lengths: Floats = np.sqrt(x * x + y * y + z * z)
+    return lengths
 
 
 def vertex_normals(
@@ -152,7 +162,7 @@ def vertex_normals(
     G. Thuermer and C. A. Wuethrich, "Computing vertex normals from polygonal facets", Journal of
     Graphics Tools 3 (1998).
     """
-    cross = _face_cross(vertices, faces)
+    cross = _face_cross(vertices, faces).T
     corner = vertices[faces]
     normals = np.zeros_like(vertices)
     for i in range(3):
@@ -231,7 +241,7 @@ class TriangleMesh:
         if normals.shape != vertices.shape:
             shape = Described(f"shape {normals.shape}")
             raise Refused("mesh.vertex_normals", shape, f"{vertices.shape}")
-        length = np.linalg.norm(normals, axis=1)
+        length = _lengths(*normals.T)
         upward = self.overhangs or (normals[:, 2] > 0.0).all()
         if not (np.abs(length - 1.0) < 1e-9).all() or not upward:
             other = Described("other vectors")
@@ -243,7 +253,7 @@ class TriangleMesh:
         """Unit normals of the facets, shape (m, 3), pointing to the air."""
         cross = _face_cross(self.vertices, self.faces)
         with np.errstate(invalid="ignore"):
-            return cross / np.linalg.norm(cross, axis=1)[:, None]
+            return np.ascontiguousarray((cross / _lengths(*cross)).T)
 
     @cached_property
     def facing_down(self) -> int:
@@ -258,10 +268,9 @@ class TriangleMesh:
     @cached_property
     def bounds(self) -> Floats:
         """Lowest and highest coordinates [m], shape (2, 3)."""
-        used = np.zeros(len(self.vertices), bool)
-        used[self.faces] = True
-        corners = self.vertices[used]
-        return np.stack([corners.min(axis=0), corners.max(axis=0)])
+        used = np.bincount(self.faces.ravel(), minlength=len(self.vertices)) > 0
+        corners = (self.vertices if used.all() else self.vertices[used]).T.copy()
+        return np.stack([corners.min(axis=1), corners.max(axis=1)])
 
     @cached_property
     def max_slope(self) -> float:

@@ -25,6 +25,8 @@ class Range(NamedTuple):
 
     def check(self, value: float) -> float:
         """Return `value` unchanged; raise `Refused` outside of the interval."""
+        if isinstance(value, float) and self.low < value <= self.high and math.isfinite(value):
+            return value  # without the text of the interval
         number = require_real(value, self.name, str(self))
         inside = self.low < number <= self.high or (self.closed and number == self.low)
         if inside and math.isfinite(number):

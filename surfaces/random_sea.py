@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from functools import cached_property
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import PrivateAttr, model_validator
 
 from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
@@ -52,6 +52,9 @@ class RandomSea(WaveSurface, frozen=True):
     seed: Seed = 0
     order: Literal[1, 2] = 1
     order_omega_max: Positive | None = None
+
+    _common: dict[str, Any] = PrivateAttr(default_factory=dict)
+    """Results that do not depend on the seed."""
 
     most_components: ClassVar[int] = 1_000_000
 
@@ -113,6 +116,7 @@ class RandomSea(WaveSurface, frozen=True):
         other = self.model_copy(update={"seed": seed})
         if not getattr(self, "jitter", False):  # which draws new wave vectors
             other._factors.share(self._factors)
+            other._common = self._common
         return other
 
     @property
@@ -130,11 +134,12 @@ class RandomSea(WaveSurface, frozen=True):
 
         The slopes of a choppy mesh are taken as those of its labels, off by O(mss).
         """
-        if self.slope_variance is None:
+        real = self.slope_variance
+        if real is None:
             return None
         wind = self._slopes_along_deg
         vertex, facet = (
-            unresolved_slope_variance(self.slope_variance, resolved)
+            unresolved_slope_variance(real, resolved)
             for resolved in meshed_slope_variance(self.components, spacing, wind)
         )
         return UnresolvedSlopes(vertex, facet, wind)

@@ -36,6 +36,7 @@ from .parameters import (
     Depth,
     Fetch,
     Finite,
+    Floats,
     Gamma,
     Mss,
     Positive,
@@ -187,22 +188,29 @@ class _BandedSea(RandomSea, frozen=True):
     @cached_property
     def free_waves(self) -> WaveComponents:
         """The waves of first order, direction by direction at each frequency."""
-        band, spectrum = self.band_limits, self._sampled_spectrum()
         rng = np.random.default_rng(self.seed)
+        if self.jitter:
+            band = self.band_limits
+            directions = len(direction_grid(self.spreading.half_range, band.d_theta))
+            phase, offsets = rng.random((2, frequency_count(band), directions))
+            return self._waves(offsets - 0.5)._replace(phase=2.0 * math.pi * phase.ravel())
+        if "waves" not in self._common:
+            self._common["waves"] = self._waves()
+        waves: WaveComponents = self._common["waves"]
+        return waves._replace(phase=2.0 * math.pi * rng.random(len(waves.omega)))
+
+    def _waves(self, offsets: Floats | None = None) -> WaveComponents:
+        """Return the waves with the phase 0; with `jitter` their frequencies are displaced."""
+        band, spectrum = self.band_limits, self._sampled_spectrum()
         if self._drawn:
             edges = frequency_edges(band, self._log_spaced)
             waves = drawn_waves(edges, band.d_theta, spectrum, self.spreading)
-            phase = 2.0 * math.pi * rng.random(waves.omega.shape)
         else:
-            directions = len(direction_grid(self.spreading.half_range, band.d_theta))
-            shape = frequency_count(band), directions
-            phase = 2.0 * math.pi * rng.random(shape)
-            offsets = rng.random(shape) - 0.5 if self.jitter else None
             waves = lattice(band, spectrum, self.spreading, offsets)
         k = wavenumber(waves.omega, self._water_depth(), self.capillary)
         heading = waves.theta + math.radians(self.wind_direction_deg)
-        amplitude = np.sqrt(2.0 * waves.variance)
-        return flat_components(amplitude, waves.omega, k, heading, phase, self.current)
+        amplitude, still = np.sqrt(2.0 * waves.variance), np.zeros_like(heading)
+        return flat_components(amplitude, waves.omega, k, heading, still, self.current)
 
     def slope_spectrum(self, omega_max: float | None = None) -> SlopeSpectrum:
         """Return the slopes of all waves of the spectrum, or of those up to a frequency [rad/s]."""
@@ -346,7 +354,7 @@ class JonswapSea(_BandedSea, frozen=True):
         """Return "paper" for the sea states of the paper, or else "scaled"."""
         return paper_band(config.get("wind_speed", 5.0), config.get("fetch", PAPER_FETCH))
 
-    @property
+    @cached_property
     def spectrum(self) -> Jonswap:
         """The JONSWAP spectrum of this sea."""
         return Jonswap(

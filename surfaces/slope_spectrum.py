@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from meshtrace.errors import require_between
 
@@ -70,7 +71,7 @@ class SlopeSpectrum(NamedTuple):
             omega[some, None], theta, omega_p=spectrum.omega_p, wind_speed=spectrum.wind_speed
         )
         density = density / density.sum(axis=1, keepdims=True)
-        rows = np.cos(np.arange(_HARMONICS + 3)[:, None] * theta) @ density.T
+        rows = _product(np.cos(np.arange(_HARMONICS + 3)[:, None] * theta), density)
         harmonics = np.stack([np.interp(np.log(k), np.log(k[some]), row) for row in rows])
         return cls(k, omega, variance, harmonics)
 
@@ -80,6 +81,16 @@ class SlopeSpectrum(NamedTuple):
         along = 0.5 * float(np.sum(self.variance * (1.0 + self.harmonics[2])))
         return along, float(np.sum(self.variance)) - along
 
+    def distances(self, low: float, high: float, number: int) -> Floats:
+        """Return some `number` of geometric distances from `low` to at least `high` [m].
+
+        Their ratio is a power of that of the wavenumbers, so that few products of the two differ.
+        """
+        span = math.log(high / low)
+        step = _COARSER * math.log(self.k[1] / self.k[0])
+        step *= max(1, round(span / (number - 1) / step))
+        return low * np.exp(step * np.arange(math.ceil(span / step) + 1))
+
     def covariance(self, distance: Floats, azimuth: Floats, lags: Floats) -> Floats:
         r"""Compute the covariance of the slopes at two places and times.
 
@@ -88,7 +99,7 @@ class SlopeSpectrum(NamedTuple):
         Parameters
         ----------
         distance : ndarray, shape (nr,)
-            Distances [m].
+            Distances [m], those of `distances`.
         azimuth : ndarray, shape (np,)
             Azimuths of the distance from the direction of the wind [rad].
         lags : ndarray, shape (nt,)
@@ -105,10 +116,10 @@ class SlopeSpectrum(NamedTuple):
         J_n(z) cos n(theta - p), e_0 = 1 and e_n = 2: even orders carry cos(omega tau), odd ones
         sin(omega tau).
         """
-        in_phase = np.cos(np.outer(self.omega, lags))
-        quadrature = np.sin(np.outer(self.omega, lags))
+        in_phase = np.cos(np.outer(lags, self.omega))
+        quadrature = np.sin(np.outer(lags, self.omega))
         parts = np.zeros((3, len(lags), len(distance), len(azimuth)))
-        bessel = _bessel_functions(np.outer(distance, self.k))
+        bessel = _bessel_functions(distance, self.k)
         for n in range(_HARMONICS + 1):
             turn = quadrature if n % 2 else in_phase
             lower, upper = self.harmonics[abs(n - 2)], self.harmonics[n + 2]
@@ -117,8 +128,8 @@ class SlopeSpectrum(NamedTuple):
                 continue
             weight = (-1.0) ** (n // 2) * (2.0 if n else 1.0) * self.variance
             around = np.cos(n * azimuth), np.cos(n * azimuth), np.sin(n * azimuth)
-            columns = np.hstack([(weight * share)[:, None] * turn for share in shares])
-            moments = (bessel(n) @ columns).T.reshape(3, len(lags), len(distance))
+            rows = np.vstack([weight * share * turn for share in shares])
+            moments = _product(rows, bessel(n)).reshape(3, len(lags), len(distance))
             for i in range(3):
                 parts[i] += moments[i][:, :, None] * around[i]
         total, difference, cross = parts
@@ -140,17 +151,17 @@ class SlopeSpectrum(NamedTuple):
         some = slice(None, None, _COARSER)  # the elevation has no short waves
         k, omega = self.k[some], self.omega[some]
         variance = np.add.reduceat(self.variance / self.k**2, np.arange(0, len(self.k), _COARSER))
-        turns = np.cos(np.outer(omega, lags)), np.sin(np.outer(omega, lags))
+        turns = np.cos(np.outer(lags, omega)), np.sin(np.outer(lags, omega))
         rho, radial, around = (np.zeros((len(lags), len(distance), len(azimuth))) for _ in range(3))
-        bessel = _bessel_functions(np.outer(distance, k))
+        bessel = _bessel_functions(distance, k)
         for n in range(_HARMONICS + 1):
             weight = (-1.0) ** (n // 2) * (2.0 if n else 1.0) * variance * self.harmonics[n][some]
-            columns = weight[:, None] * turns[n % 2]
-            if np.abs(columns).max() < _NEGLIGIBLE * variance.max():
+            rows = weight * turns[n % 2]
+            if np.abs(rows).max() < _NEGLIGIBLE * variance.max():
                 continue
             # dJ_n/dz = n J_n / z - J_(n+1)
-            value = (bessel(n) @ columns).T[:, :, None]
-            slope = -(bessel(n + 1) @ (k[:, None] * columns)).T[:, :, None]
+            value = _product(rows, bessel(n))[:, :, None]
+            slope = -_product(k * rows, bessel(n + 1))[:, :, None]
             slope = slope + n * value / distance[:, None]
             rho += value * np.cos(n * azimuth)
             radial += slope * np.cos(n * azimuth)
@@ -159,13 +170,26 @@ class SlopeSpectrum(NamedTuple):
         return np.stack([rho, radial * c - around * s, radial * s + around * c])
 
 
-def _bessel_functions(z: Floats) -> Callable[[int], Floats]:
-    """Return n -> J_n(z), to be called with growing n.
+def _product(few: Floats, many: Floats) -> Floats:
+    """Return few @ many.T; below 16 rows without the threads of BLAS, which cost more than that."""
+    if len(few) < 16:
+        return np.einsum("ik,jk->ij", few, many)
+    product: Floats = few @ np.ascontiguousarray(many).T
+    return product
 
+
+def _bessel_functions(distance: Floats, k: Floats) -> Callable[[int], Floats]:
+    """Return n -> J_n(z) for the products z of distances and wavenumbers.
+
+    The products of two geometric rows are one row, of which each distance sees a window.
     Upward recurrence where z > n, the series below 1/2, and scipy between.
     """
     from scipy.special import j0, j1, jv
 
+    step = math.log(k[1] / k[0])
+    apart = round(math.log(distance[1] / distance[0]) / step)
+    steps = np.arange(len(k) + apart * (len(distance) - 1))
+    z = distance[0] * k[0] * np.exp(step * steps)
     known: dict[int, Floats] = {}
 
     def value(n: int) -> Floats:
@@ -182,8 +206,10 @@ def _bessel_functions(z: Floats) -> Callable[[int], Floats]:
             found[near] = half[near] ** n / math.factorial(n) * series
             between = ~near & (z < n + 1)
             found[between] = jv(n, z[between])
-        known.pop(n - 3, None)
         known[n] = found
         return found
 
-    return value
+    def products(n: int) -> Floats:
+        return sliding_window_view(value(n), len(k))[::apart]
+
+    return products

@@ -188,9 +188,9 @@ class GridFactors:
         """Return elevation [m] and slopes dz/dx, dz/dy, each of shape (nx, ny)."""
         left = self._a * weights
         z = _real_product(left, *self._b)
-        zx = _real_product(left * self._minus_i_kx, *self._b)
         zy = _real_product(left, *self._b_y)
-        return z, zx, zy
+        left *= self._minus_i_kx  # in place: megabytes
+        return z, _real_product(left, *self._b), zy
 
 
 class FactorCache:

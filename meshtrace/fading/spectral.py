@@ -213,7 +213,8 @@ def _covariance(
     """Integrate the density of pairs of crossings, less that of independent ones, over R."""
     variance = np.array(spectrum.along_and_across)
     scale = math.sqrt(lever.beta**2 * (variance.max() + max(missing)) + lever.aperture**2)
-    distance = np.geomspace(1e-4 * min(scale, lever.aperture), 25.0 * scale, _DISTANCES)
+    low = 1e-4 * min(scale, lever.aperture)
+    distance = spectrum.distances(low, 25.0 * scale, _DISTANCES)
     nodes, weights = np.polynomial.legendre.leggauss(_AZIMUTHS)
     # the sea is symmetric about the wind; at a lag it has a forward direction
     span = 0.5 * math.pi if not lags.any() else math.pi

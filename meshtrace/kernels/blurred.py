@@ -19,7 +19,7 @@ from meshtrace.kernels.chain_gain import acceptance, is_steep, keep, transmittan
 from meshtrace.kernels.crossings import Counter, shot_of
 from meshtrace.kernels.facets import corners, exposure, normal_at, slope_tilt
 from meshtrace.kernels.interface import reflectance
-from meshtrace.kernels.jit import ONE, TWO, ZERO, entry, inlined, outlined
+from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import absorption_path, scattering_path
 from meshtrace.kernels.scene import height_on, locate
 from meshtrace.kernels.sources import intensity
@@ -122,8 +122,10 @@ class Disk(NamedTuple):
 
 
 @entry
-def blurred_gain(scene, disk, gain, doubtful):
+def blurred_gain(scene, disk, needed, gain, doubtful):
     """Write the unscattered gain of each facet, with a flag for possible shadowing by waves.
+
+    `needed` is working space, three numbers a vertex.
 
     Returns False if a lit facet is too large for the blur: the gains are then incomplete.
 
@@ -133,8 +135,17 @@ def blurred_gain(scene, disk, gain, doubtful):
     standard deviation.
     """
     edge = PART_BEAM * beam_width(scene.emitter) * -scene.emitter.position.z
-    for f in range(len(scene.surface.faces)):
-        near, change = slope_range(f, scene)
+    surface = scene.surface
+    if surface.interpolate:  # a vertex has six facets
+        for i in range(len(surface.vertices)):
+            s = _needed(row(surface.vertices, i), row(surface.vertex_normals, i), scene)
+            needed[i, 0], needed[i, 1] = s.x, s.y
+    for f in range(len(surface.faces)):
+        if surface.interpolate:
+            u, v, w = corners(needed, f, surface.faces)
+            near, change = _range_of(u, v, w)
+        else:
+            near, change = slope_range(f, scene)
         reach = MOST_SLOPE + change + disk.blur
         if near > reach * reach:
             continue
@@ -161,8 +172,17 @@ def slope_range(f, scene):
 
     In standard deviations: at the mean of the corners, and between corners.
     """
-    a, b, c = corners(scene.surface.vertices, f, scene.surface.faces)
-    u, v, w = _needed(a, f, ZERO, scene), _needed(b, f, ONE, scene), _needed(c, f, TWO, scene)
+    surface = scene.surface
+    a, b, c = corners(surface.vertices, f, surface.faces)
+    k = m = n = row(surface.face_normals, f)
+    if surface.interpolate:
+        k, m, n = corners(surface.vertex_normals, f, surface.faces)
+    return _range_of(_needed(a, k, scene), _needed(b, m, scene), _needed(c, n, scene))
+
+
+@inlined
+def _range_of(u, v, w):
+    """Return what `slope_range` does of the slopes at the corners."""
     x, y = (u.x + v.x + w.x) / 3.0, (u.y + v.y + w.y) / 3.0
     p, q, r = minus2(u, v), minus2(v, w), minus2(w, u)
     change = max(dot2(p, p), dot2(q, q), dot2(r, r))
@@ -170,18 +190,14 @@ def slope_range(f, scene):
 
 
 @inlined
-def _needed(p, f, corner, scene):
-    """Return the random slope at a corner that refracts light to the centre of the aperture."""
-    surface = scene.surface
+def _needed(p, n, scene):
+    """Return the random slope at P that refracts light to the centre of the aperture."""
     way = minus(p, scene.emitter.position)
     big, _, _ = _normal_to(p, scaled(1.0 / norm(way), way), Vec2(0.0, 0.0), scene)
-    n = row(surface.face_normals, f)
-    if surface.interpolate:
-        n = row(surface.vertex_normals, surface.faces[f, corner])
     if big.z <= 0.0:
         return Vec2(math.inf, math.inf)
     tilt = Vec2(n.x / n.z - big.x / big.z, n.y / n.z - big.y / big.z)
-    return whitened(surface.roughness, tilt)
+    return whitened(scene.surface.roughness, tilt)
 
 
 class LitPart(NamedTuple):

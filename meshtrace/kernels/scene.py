@@ -140,12 +140,12 @@ def _bin_of(x, start, step, n):
 
 @inlined
 def _span(p, q):
-    return math.hypot(p.x - q.x, p.y - q.y)
+    return (p.x - q.x) ** 2 + (p.y - q.y) ** 2
 
 
 @inlined
 def _bend(m, n):
-    return math.hypot(m.x / m.z - n.x / n.z, m.y / m.z - n.y / n.z)
+    return (m.x / m.z - n.x / n.z) ** 2 + (m.y / m.z - n.y / n.z) ** 2
 
 
 @entry
@@ -160,30 +160,33 @@ def facet_summary(surface, out):
         k, m, n = corners(surface.vertex_normals, f, surface.faces)
         x, y, z = (a.x + b.x + c.x) / 3.0, (a.y + b.y + c.y) / 3.0, (a.z + b.z + c.z) / 3.0
         middle = Vec2(x, y)
-        out[f].radius = max(_span(a, middle), _span(b, middle), _span(c, middle))
+        out[f].radius = math.sqrt(max(_span(a, middle), _span(b, middle), _span(c, middle)))
         curvature = max(_bend(k, m) / _span(a, b), _bend(m, n) / _span(b, c))
         curvature = max(curvature, _bend(n, k) / _span(c, a))
-        out[f].curvature = curvature if surface.interpolate else 0.0
+        out[f].curvature = math.sqrt(curvature) if surface.interpolate else 0.0
         out[f].x, out[f].y, out[f].z = x, y, z
         g = row(surface.face_normals, f)
         out[f].slope_x, out[f].slope_y = -g.x / g.z, -g.y / g.z
 
 
 @entry
-def count_bins(surface, grid):
-    """Count the facets of each bin into `grid.start[1:]`."""
+def count_bins(surface, grid, bins):
+    """Count the facets of each bin into `grid.start[1:]`, and write the bin of each vertex."""
+    for v in range(len(surface.vertices)):
+        bins[v, 0] = _bin_of(surface.vertices[v, 0], grid.x, grid.step, grid.nx)
+        bins[v, 1] = _bin_of(surface.vertices[v, 1], grid.y, grid.step, grid.ny)
     for f in range(len(surface.faces)):
-        i0, i1, j0, j1 = _bin_range(surface, f, grid)
+        i0, i1, j0, j1 = _bin_range(surface.faces, f, grid, bins)
         for i in range(i0, i1 + 1):
             for j in range(j0, j1 + 1):
                 grid.start[i * grid.ny + j + 1] += 1
 
 
 @entry
-def fill_bins(surface, grid, cursor):
+def fill_bins(surface, grid, bins, cursor):
     """Write the facets of each bin into `grid.facet`; cursor is a copy of `grid.start[:-1]`."""
     for f in range(len(surface.faces)):
-        i0, i1, j0, j1 = _bin_range(surface, f, grid)
+        i0, i1, j0, j1 = _bin_range(surface.faces, f, grid, bins)
         for i in range(i0, i1 + 1):
             for j in range(j0, j1 + 1):
                 cell = i * grid.ny + j
@@ -192,9 +195,8 @@ def fill_bins(surface, grid, cursor):
 
 
 @inlined
-def _bin_range(surface, f, grid):
-    a, b, c = corners(surface.vertices, f, surface.faces)
-    i0, j0 = first_bin(surface, f, grid)
-    i1 = _bin_of(max(a.x, b.x, c.x), grid.x, grid.step, grid.nx)
-    j1 = _bin_of(max(a.y, b.y, c.y), grid.y, grid.step, grid.ny)
+def _bin_range(faces, f, grid, bins):
+    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+    i0, j0 = min(bins[a, 0], bins[b, 0], bins[c, 0]), min(bins[a, 1], bins[b, 1], bins[c, 1])
+    i1, j1 = max(bins[a, 0], bins[b, 0], bins[c, 0]), max(bins[a, 1], bins[b, 1], bins[c, 1])
     return max(i0, 0), min(i1, grid.nx - 1), max(j0, 0), min(j1, grid.ny - 1)

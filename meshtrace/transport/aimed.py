@@ -199,9 +199,9 @@ class AimedChains:
         most = 2 * n + 64
         out = kernel.Output(
             score=np.zeros(n),
-            doubtful=np.zeros(most, kernel.DOUBT),
-            rays=np.zeros(most * (chains.order + 2), kernel.RAY),
-            arrivals=np.zeros(most if keep else 0, kernel.ARRIVAL),
+            doubtful=np.empty(most, kernel.DOUBT),
+            rays=np.empty(most * (chains.order + 2), kernel.RAY),
+            arrivals=np.empty(most if keep else 0, kernel.ARRIVAL),
             counters=np.zeros(len(Counter), np.int64),
             roots=np.zeros(ROOTS, ROOT),
         )
@@ -273,7 +273,8 @@ class AimedChains:
         doubtful = np.zeros(len(gain), bool)
         nodes = self.nodes.setdefault((source, receiver), _disk_nodes(blur))
         disk = blurred.Disk(*_disk_rule(*nodes), blur)
-        if not blurred.blurred_gain(scene, disk, gain, doubtful):
+        needed = np.empty((len(scene.surface.vertices), 3))
+        if not blurred.blurred_gain(scene, disk, needed, gain, doubtful):
             return None
         if doubtful.any():
             gain[self._hidden(source, receiver, np.flatnonzero(doubtful))] = 0.0

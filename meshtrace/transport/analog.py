@@ -43,7 +43,7 @@ from meshtrace.transport.arrays import (
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 from meshtrace.transport.options import BLOCK, Analog, IrradianceMap, Record, read_records
 
-_SLOTS = 1024  # photons under way in a thread: their state stays in the cache
+_SLOTS = 3072  # photons under way in a thread: their state stays in the cache
 _SLOTS_CAST = 8192  # where all rays are cast: each batch has a fixed cost
 _GUIDED = 100  # crossings of light that a jet guides
 

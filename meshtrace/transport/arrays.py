@@ -240,8 +240,9 @@ def locator(surface: Surface, targets: Sequence[Target]) -> Locator:
     nx, ny = (max(math.ceil((high[i] - low[i]) / step), 1) for i in range(2))
     start, none = np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.int32)
     grid = Locator(low[0], low[1], step, nx, ny, start, none)
-    count_bins(surface, grid)
+    bins = np.empty((len(surface.vertices), 2), np.int64)
+    count_bins(surface, grid, bins)
     np.cumsum(start, out=start)
     grid = grid._replace(facet=np.empty(start[-1], np.int32))
-    fill_bins(surface, grid, start[:-1].copy())
+    fill_bins(surface, grid, bins, start[:-1].copy())
     return grid

@@ -56,6 +56,8 @@ class ChainSet(NamedTuple):
         n = len(self.audit)
         per_shift = n // SHIFTS
         step = per_shift * max(_BLOCK // per_shift, 1)
+        if step >= n:
+            return [self]
         return [self.rows(slice(first, first + step)) for first in range(0, n, step)]
 
     def rows(self, rows: slice) -> ChainSet:

@@ -54,7 +54,7 @@ _GROWTH = 0.9  # of the level with the logarithm of the variance: shifted points
 _AT_ONCE = 2**14  # cells of a job
 _ROWS = 64  # chains of a job, about
 _AT_EDGE = 8  # points along a cell at the edge of the field of view
-_AUDITED = 0.05  # share of the chains whose facets are all searched: they count by its inverse
+_AUDITED = 0.02  # share of the chains whose facets are all searched: they count by its inverse
 _COARSEST = 16  # points along a cell that resolve the blur by random slopes
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, z_test
+from scipy.special import jv
 
 import meshtrace as mt
 from meshtrace import fading
@@ -203,3 +204,25 @@ def test_bad_arguments_are_refused():
         fading.scintillation_of_spectrum(mt.Link(), FlatSea())
     with pytest.raises(Refused, match="lags"):
         fading.gain_autocovariance(mt.Link(), SEA, [0.0, math.nan])
+
+
+def test_covariance_of_slopes_over_distances():
+    """Windows of one row of Bessel functions, against scipy at every product."""
+    slopes = SEA.slope_spectrum(8.0)
+    distance = slopes.distances(1e-3, 30.0, 12)
+    assert distance[0] == 1e-3
+    assert 30.0 <= distance[-1] <= 60.0
+    np.testing.assert_allclose(np.diff(np.log(distance), n=2), 0.0, atol=1e-12)
+    azimuth, lags = np.array([0.0, 0.4, 1.3]), np.array([0.0, 0.2, 1.5])
+    found = slopes.covariance(distance, azimuth, lags)
+    z, turn = np.outer(distance, slopes.k), np.outer(lags, slopes.omega)
+    expected = np.zeros((2, *found.shape[1:]))
+    for n in range(13):
+        phase = (np.sin(turn) if n % 2 else np.cos(turn)) * (-1.0) ** (n // 2)
+        lower, upper = slopes.harmonics[abs(n - 2)], slopes.harmonics[n + 2]
+        for i, share in enumerate((slopes.harmonics[n], 0.5 * (lower + upper))):
+            weight = (2.0 if n else 1.0) * slopes.variance * share * phase
+            expected[i] += (weight @ jv(n, z).T)[:, :, None] * np.cos(n * azimuth)
+    scale = slopes.variance.sum()
+    np.testing.assert_allclose(found[0] + found[1], expected[0], atol=1e-6 * scale)
+    np.testing.assert_allclose(found[0] - found[1], expected[1], atol=1e-6 * scale)

@@ -241,3 +241,18 @@ def test_spectral_sea_of_version_0_1_loads_to_the_same_bits():
 def test_refuses(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize("band", [{}, {"band": "paper"}, {"band": "scaled", "jitter": True}])
+def test_seeds_share_nothing_but_the_places(band):
+    """Waves of another seed of a used sea, against those of a new sea."""
+    first = JonswapSea(wind_speed=13.0, seed=1, **band)
+    used = first.components
+    for seed in (8, 9):
+        found = first.with_seed(seed).components
+        for a, b in zip(
+            found, JonswapSea(wind_speed=13.0, seed=seed, **band).components, strict=True
+        ):
+            np.testing.assert_array_equal(a, b)
+        assert (found.phase != used.phase).all()
+        assert (found.omega == used.omega).all() == ("jitter" not in band)
