@@ -18,7 +18,7 @@ WINDS = (5.0, 13.0)
 HALF_WIDTH = 50.0
 """Half-width of the paper's square [m]."""
 
-STYLE = viz.SceneStyle(labels=False, off_screen=True, window_size=(1120, 720))
+STYLE = viz.SceneStyle(color="elevation", labels=False, off_screen=True, window_size=(1120, 720))
 
 
 def surfaces(setting: Setting, seas: int) -> FigureOutput:

@@ -188,27 +188,31 @@ def test_ratios_and_decibels_carry_their_errors():
     assert found.stderr == pytest.approx(10.0 / math.log(10.0) * 0.01 * math.sqrt(2.0))
 
 
-@pytest.mark.slow
+HEAVY = [
+    ("fates", {"photons": 20_000}),
+    ("gain-series", {"times": 5, "photons": 64, "analog": 2000}),
+    (
+        "gain-distribution",
+        {"realizations": 60, "paper_realizations": 60, "photons": 64, "analog": 2000},
+    ),
+    ("coverage-half-angle", {"photons": 20_000, "times": 1, "step": 1.0}),
+    ("coverage-depth", {"photons": 20_000, "times": 1, "step": 1.0}),
+    ("gain-depth", TINY),
+    ("gain-height", TINY),
+    ("gain-offset", TINY),
+    ("ber-depth", {"realizations": 2, "photons": 128, "analog": 2000, "step": 10.0}),
+    ("link", {"paths": 10}),
+    ("uav-axes", {}),
+    ("offset", {}),
+    ("snell", {}),
+]
+
+
 @pytest.mark.parametrize(
     ("name", "effort"),
     [
-        ("fates", {"photons": 20_000}),
-        ("gain-series", {"times": 5, "photons": 64, "analog": 2000}),
-        (
-            "gain-distribution",
-            {"realizations": 60, "paper_realizations": 60, "photons": 64, "analog": 2000},
-        ),
-        ("coverage-half-angle", {"photons": 20_000, "times": 1, "step": 1.0}),
-        ("coverage-depth", {"photons": 20_000, "times": 1, "step": 1.0}),
-        ("gain-depth", TINY),
-        ("gain-height", TINY),
-        ("gain-offset", TINY),
-        ("ber-depth", {"realizations": 2, "photons": 128, "analog": 2000, "step": 10.0}),
         ("surfaces", {"seas": 2}),
-        ("link", {"paths": 10}),
-        ("uav-axes", {}),
-        ("offset", {}),
-        ("snell", {}),
+        *(pytest.param(*figure, marks=pytest.mark.slow) for figure in HEAVY),
     ],
 )
 def test_every_figure_is_drawn_with_finite_numbers(tmp_path, monkeypatch, name, effort):
