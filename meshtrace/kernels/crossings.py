@@ -6,10 +6,13 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from meshtrace.kernels.aiming import Shot, flat_crossing, newton
 from meshtrace.kernels.facets import SMOOTH, inside_facet, slope_tilt
 from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
-from meshtrace.kernels.roots import MARGIN, enumerate_roots, is_known
+from meshtrace.kernels.roots import MARGIN, enumerate_roots, is_known, listed_roots
 from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
 from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, along, dot, norm, row
 
@@ -25,6 +28,14 @@ class Counter(IntEnum):
     ENUMERATED = 2
     EXTRA_ROOTS = 3
     BLOCKED = 4
+    LISTED = 5
+
+
+class Near(NamedTuple):
+    """Facets to search for each flat crossing of each chain, see `meshtrace.kernels.nearby`."""
+
+    rows: NDArray[np.int64]  # (chains, crossings, 2) of `facet`; first < 0: no list
+    facet: NDArray[np.int32]
 
 
 class Search(NamedTuple):
@@ -35,6 +46,7 @@ class Search(NamedTuple):
     margin: float  # [m], size of the facets
     widest: float  # [m], no crossing lies farther from the flat one
     curvature: float  # largest change of slope along an edge of the facets [m-1]
+    near: Near  # without rows: no lists
 
 
 @inlined
@@ -142,18 +154,21 @@ def find_crossings(chains, i, flat, audit, search, scene, out):
                 out.counters[Counter.NO_FLAT] += 1
             break
         shot = shot_of(chains, i, scene, flat[k].branch, scene.surface.roughness)
-        n = _near(n, flat[k], audit, search, shot, scene, out.roots, out.counters)
+        first, last = ZERO - 1, ZERO
+        if len(search.near.rows) > 0:
+            first, last = search.near.rows[i, k, 0], search.near.rows[i, k, 1]
+        listed = search.near.facet[max(first, 0) : last]
+        n = _near(
+            n, flat[k], audit, search, first >= 0, listed, shot, scene, out.roots, out.counters
+        )
     return n
 
 
 @outlined
-def _near(n, flat, audit, search, shot, scene, roots, counters):
+def _near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counters):
     """Append the crossings that belong to one flat crossing."""
     surface, target, tilt = scene.surface, scene.target, shot.tilt
-    waves = max(abs(surface.high[2] - flat.level), abs(surface.low[2] - flat.level))
-    slope = search.slope + math.hypot(tilt.x, tilt.y)
-    move = MARGIN * (slope * flat.lever + waves * flat.lift) / max(flat.low, 1e-3)
-    radius = min(move + search.margin, search.widest)
+    radius = radius_of(flat, search, shot, scene)
     off = math.hypot(flat.x - target.center.x, flat.y - target.center.y)
     if off > target.reach + radius:
         return n  # outside the field of view for any waves
@@ -177,13 +192,31 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
         share = audited if found else max(audited, _AUDIT_FAILED)
         if audit >= share:
             return n
-    counters[Counter.ENUMERATED] += 1
     kept = n
-    for k in range(n, enumerate_roots(roots, n, flat, radius, shot, scene)):
+    if is_listed:
+        counters[Counter.LISTED] += 1
+        last = listed_roots(roots, n, flat, listed, shot, scene)
+    else:
+        counters[Counter.ENUMERATED] += 1
+        last = enumerate_roots(roots, n, flat, radius, shot, scene)
+    for k in range(n, last):
         r = roots[k]
         kept = _add(roots, kept, r.x, r.y, r.facet, shot.branch, 1.0 / share)
     counters[Counter.EXTRA_ROOTS] += kept - max(n, first)
     return kept
+
+
+@inlined
+def radius_of(flat, search, shot, scene):
+    """Return how far from a flat crossing those of the wavy sea may lie [m].
+
+    Array twin: `enumerate_roots` over all of the sea finds no others.
+    """
+    surface = scene.surface
+    waves = max(abs(surface.high[2] - flat.level), abs(surface.low[2] - flat.level))
+    slope = search.slope + math.hypot(shot.tilt.x, shot.tilt.y)
+    move = MARGIN * (slope * flat.lever + waves * flat.lift) / max(flat.low, 1e-3)
+    return min(move + search.margin, search.widest)
 
 
 @inlined

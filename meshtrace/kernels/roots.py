@@ -55,16 +55,29 @@ def enumerate_roots(roots, n, flat, radius, shot, scene):
         for j in range(j0, j1 + 1):
             for k in range(grid.start[i * grid.ny + j], grid.start[i * grid.ny + j + 1]):
                 f = np.int64(grid.facet[k])
-                if _may_hold(scene.facets[f], flat, shot.tilt):
+                if may_hold(scene.facets[f], flat, shot.tilt, 0.0):
                     fi, fj = first_bin(scene.surface, f, grid)
                     if i == max(fi, i0) and j == max(fj, j0):  # no earlier bin lists the facet
                         n = _facet_roots(roots, n, f, flat, shot, scene)
     return n
 
 
+@outlined
+def listed_roots(roots, n, flat, facets, shot, scene):
+    """Append every crossing on some facets that lands on the point; return the number.
+
+    Array twin: `enumerate_roots`, which searches every facet.
+    """
+    for k in range(len(facets)):
+        f = np.int64(facets[k])
+        if may_hold(scene.facets[f], flat, shot.tilt, 0.0):
+            n = _facet_roots(roots, n, f, flat, shot, scene)
+    return n
+
+
 @inlined
-def _may_hold(facet, flat, tilt):
-    """Return whether a crossing may lie on a facet, to first order in its slope and height.
+def may_hold(facet, flat, tilt, slack):
+    """Return whether a crossing may lie within `slack` [m] of a facet, to first order.
 
     Array twin: `_facet_roots` without it finds the same roots.
     The flat crossing moves by dP/dslope and dP/dz; half of the move is left for the
@@ -76,7 +89,7 @@ def _may_hold(facet, flat, tilt):
     hx, hy = flat.h1 * dz, flat.h2 * dz
     move = abs(mx) + abs(my) + abs(hx) + abs(hy)
     bend = abs(flat.m11) + abs(flat.m12) + abs(flat.m21) + abs(flat.m22)
-    reach = 0.5 * move + 2.0 * facet.radius * (1.0 + bend * facet.curvature)
+    reach = 0.5 * move + 2.0 * facet.radius * (1.0 + bend * facet.curvature) + slack
     ex, ey = flat.x + mx + hx - facet.x, flat.y + my + hy - facet.y
     return ex * ex + ey * ey <= reach * reach
 
@@ -94,6 +107,15 @@ def corner_shines(f, shot, scene):
     return False
 
 
+@inlined
+def spread_of(facet, flat):
+    """Return how far from that of its centroid light may land that crosses on a facet [m].
+
+    Array twin: `_facet_roots` without it finds the same roots.
+    """
+    return MARGIN * facet.radius * (flat.high + flat.lever * facet.curvature)
+
+
 @outlined
 def _facet_roots(roots, n, f, flat, shot, scene):
     """Add the roots on facet f.
@@ -107,8 +129,7 @@ def _facet_roots(roots, n, f, flat, shot, scene):
     m = aim_at(x, y, f, shot, scene)
     bend = flat.lever * facet.curvature
     if m.ok:
-        reach = MARGIN * facet.radius * (flat.high + bend)
-        if math.hypot(m.at.x - shot.goal.x, m.at.y - shot.goal.y) > reach:
+        if math.hypot(m.at.x - shot.goal.x, m.at.y - shot.goal.y) > spread_of(facet, flat):
             return n
     elif not corner_shines(f, shot, scene):
         return n

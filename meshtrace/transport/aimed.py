@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache, cached_property
 from typing import Literal
 
@@ -13,7 +14,7 @@ from meshtrace.bvh import EmbreeIntersector
 from meshtrace.kernels import blurred
 from meshtrace.kernels import chain_gain as kernel
 from meshtrace.kernels import unscattered as image
-from meshtrace.kernels.crossings import Counter, direct_crossings
+from meshtrace.kernels.crossings import Counter, Near, direct_crossings
 from meshtrace.kernels.crossings import Search as SearchExtent
 from meshtrace.kernels.facets import Roughness, Surface
 from meshtrace.kernels.interface import Direction, Snell
@@ -24,7 +25,7 @@ from meshtrace.kernels.shadow import BESIDE, CUT, shadows
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.mesh import TriangleMesh
 from meshtrace.transport.arrays import locator, surface_arrays, with_raster
-from meshtrace.transport.chain_sets import ChainSet
+from meshtrace.transport.chain_sets import CROSSINGS, ChainSet
 from meshtrace.transport.forced_link import ForcedLink
 
 Search = Literal["usual", "thorough"]
@@ -34,6 +35,9 @@ _NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's
 _WIDEST = 20.0  # radius of an aperture over the blur: a wider one takes too many points
 _SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
 _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
+
+NO_LISTS = Near(np.zeros((0, CROSSINGS, 2), np.int64), np.zeros(0, np.int32))
+"""No lists of facets: every one is searched."""
 
 
 class AimedChains:
@@ -65,7 +69,7 @@ class AimedChains:
         unresolved: str = "none",
         search: Search = "usual",
     ) -> None:
-        self._link = link
+        self.link = link
         self._mesh = link.frame.mesh(mesh)
         self._given = intersector if self._mesh is mesh else None
         self._normals = normals
@@ -82,6 +86,7 @@ class AimedChains:
         self.locator = locator(self.surface, link.targets)
         self.counters = np.zeros(len(Counter), np.int64)
         self.nodes: dict[tuple[int, int], tuple[int, int]] = {}  # quadratures of the apertures
+        self.near: Callable[[int, int, ChainSet, Scene, SearchExtent], Near] | None = None
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     @cached_property
@@ -93,7 +98,7 @@ class AimedChains:
 
         Refraction has to be physical: the slope between two directions is then known.
         """
-        interface, rough = self._link.interface, self.surface.roughness
+        interface, rough = self.link.interface, self.surface.roughness
         physical = (interface.snell, interface.direction) == (Snell.PHYSICAL, Direction.VECTOR)
         narrowest = min(rough.along, rough.across)
         return physical and narrowest > _NARROWEST * math.sqrt(self._mesh_slopes)
@@ -138,7 +143,7 @@ class AimedChains:
 
         A source in the water may be moved to a point.
         """
-        link, forwards = self._link, self._link.forwards
+        link, forwards = self.link, self.link.forwards
         start = link.emitters[emitter]
         if at is not None:
             start = start._replace(position=at)
@@ -165,7 +170,7 @@ class AimedChains:
             self.locator,
             self.facets,
             self.medium,
-            self._link.interface,
+            self.link.interface,
         )
 
     def search_of(self, target: Target) -> SearchExtent:
@@ -178,6 +183,7 @@ class AimedChains:
             2.0 * radius,
             target.reach + 1.0,
             curvature,
+            NO_LISTS,
         )
 
     @cached_property
@@ -194,7 +200,7 @@ class AimedChains:
         self, source: int, receiver: int, chains: ChainSet, keep: bool
     ) -> tuple[NDArray[np.float64], NDArray[np.void]]:
         """Return the score of each chain and, if `keep`, its unblocked arrivals."""
-        emitter, target = self._link.emitters[source], self._link.targets[receiver]
+        emitter, target = self.link.emitters[source], self.link.targets[receiver]
         n = len(chains.audit)
         most = 2 * n + 64
         out = kernel.Output(
@@ -210,6 +216,8 @@ class AimedChains:
             found = blurred.blurred_contributions(chains.chains, flat, self.spread, scene, out)
         else:
             search = self.search_of(target)
+            if self.near is not None:
+                search = search._replace(near=self.near(source, receiver, chains, scene, search))
             found = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
         n_doubt, n_rays, n_arrivals = found
         arrivals = out.arrivals[:n_arrivals]
@@ -303,7 +311,7 @@ class AimedChains:
 
     def _hidden(self, source: int, receiver: int, facets: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the facets with a centroid hidden from the source or the aperture's centre."""
-        emitter, target = self._link.emitters[source], self._link.targets[receiver]
+        emitter, target = self.link.emitters[source], self.link.targets[receiver]
         centroid = self.centroids[facets]
         cut = np.zeros(len(facets), bool)
         for end in (emitter.position, target.center):
@@ -321,7 +329,7 @@ class AimedChains:
         disk: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """Return (n, 3, 3): source, crossing and landing of unscattered light near facets."""
-        emitter, target = self._link.emitters[source], self._link.targets[receiver]
+        emitter, target = self.link.emitters[source], self.link.targets[receiver]
         found, crossings = np.zeros(len(facets), bool), np.zeros((len(facets), 3))
         direct_crossings(
             disk, self.centroids[facets], self.scene(emitter, target), found, crossings

@@ -9,6 +9,7 @@ stretched.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from threading import Lock
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ from meshtrace.transport.aimed import AimedChains, Search, on_disk
 from meshtrace.transport.chain_sets import ChainDrawer, ChainSet
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import ForcedLink, forced_link
+from meshtrace.transport.nearby import NearbyFacets
 from meshtrace.transport.outcome import warn_of_chains
 
 _KEPT = 4  # sets of chains for the last geometries
@@ -66,6 +68,9 @@ class FrozenForced:
         Normals interpolated from the corners, or those of the facets.
     search : {"thorough", "usual"}
         Search of crossings over surfaces without random slopes, see `AimedChains`.
+    meshes : sequence of TriangleMesh, optional
+        Surfaces that serve several neighbours without random slopes: for these a thorough search
+        lists the facets near the crossings of the base, which alone are searched for neighbours.
 
     Raises
     ------
@@ -87,6 +92,7 @@ class FrozenForced:
         crest: float = 0.0,
         normals: str = "vertex",
         search: Search = "thorough",
+        meshes: Sequence[TriangleMesh] = (),
     ) -> None:
         base = ForcedDetection(
             link, photons, seed, normals, crest=crest, search=search, scattered="chains"
@@ -101,6 +107,11 @@ class FrozenForced:
         self._nodes: dict[tuple[int, int], tuple[int, int]] = {}
         self._drawn: dict[str, list[list[ChainSet]]] = {}
         self._lock = Lock()
+        self._nearby: list[tuple[TriangleMesh, NearbyFacets]] = []
+        if search == "thorough":
+            self._nearby = [
+                (mesh, NearbyFacets(base.over(mesh), base.scattered_sets)) for mesh in meshes
+            ]
 
     def gains(self, link: Link, mesh: TriangleMesh) -> NDArray[np.float64]:
         """Return the gain of a neighbouring link by the shift of the points.
@@ -153,6 +164,8 @@ class FrozenForced:
             raise Refused(name, len(arrays.emitters), f"as many {name}s as in the base link")
         aimed = AimedChains(arrays, mesh, None, normals, link.physics.unresolved, search)
         aimed.nodes = self._nodes
+        if not aimed.blurred:
+            aimed.near = next((n.near for surface, n in self._nearby if surface is mesh), None)
         return arrays, aimed, self._sets(link, arrays, aimed)
 
     def _sets(self, link: Link, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:

@@ -4,6 +4,7 @@ import csv
 import runpy
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -119,7 +120,9 @@ def test_cases(case):
 
 @pytest.mark.slow
 def test_all_of_it():
+    start = time.perf_counter()
     assert w2a1.score(w2a1.checks()) == 35
+    assert time.perf_counter() - start < 180.0
 
 
 def test_command(monkeypatch):

@@ -67,7 +67,9 @@ class Problem:
         self._meshes = [self.mesh(sea, i) for i in range(min(realizations, _KEPT))]
         crest = max(float(mesh.bounds[1, 2]) for mesh in self._meshes)
         crest *= 1.0 if realizations == 1 else _CREST_MARGIN
-        self._frozen = FrozenForced(setting.link, run.photons, run.seed, crest, meshing.normals)
+        self._frozen = FrozenForced(
+            setting.link, run.photons, run.seed, crest, meshing.normals, meshes=self._meshes
+        )
 
     def mesh(self, sea: Any, i: int) -> TriangleMesh:
         """Return realization i of a sea on the grid lines of the base."""

@@ -133,8 +133,10 @@ def sensitivities(
     Standard errors are jackknives over the 32 shifts of the chains and over the seas. Differences
     are repeated over thrice the step; `suspicious` marks those that disagree by more than three
     standard errors (a discontinuity that rare chains carry). Chains of a deeper source are
-    stretched with the depth. Light that the surface reflects back is not included. Under the
-    daylight of a scenario all links have the background of the first one.
+    stretched with the depth. Over seas without random slopes the crossings of neighbours are
+    searched on facets near those of the base, with the digits of the search of every facet. Light
+    that the surface reflects back is not included. Under the daylight of a scenario all links have
+    the background of the first one.
 
     Examples
     --------
