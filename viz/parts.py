@@ -285,7 +285,7 @@ def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool =
         drawn = "" if scale == 1.0 else f" (drawn {scale:.2g}x)"
         text = f"receiver, radius {receiver.radius:g} m{drawn}\nfield of view {receiver.fov_deg:g}°"
         if labels:
-            _label(scene, receiver.center, 0.06, text)
+            _label(scene, receiver.center, 0.075, text)
     return scene
 
 

@@ -39,8 +39,12 @@ def realization(link: Link, sea: Any, chains: int = 608, realizations: int = 64)
     dict
         `cpu_seconds` of a realization, making of the chains included; `rtol`, the root mean
         square of the relative standard errors; `chains`, `realizations`.
+
+    Notes
+    -----
+    The search for the band that fading needs, made once for a link and a wind, is not included.
     """
-    ensemble(link, 2, sea, photons=chains, threads=1)  # compiles
+    ensemble(link, realizations, sea, photons=chains, threads=1)  # compiles, too
     start = process_time()
     found = ensemble(link, realizations, sea, photons=chains, threads=1)
     seconds = process_time() - start
