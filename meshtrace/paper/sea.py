@@ -31,7 +31,7 @@ def surfaces(setting: Setting, seas: int) -> FigureOutput:
         limit = float(np.abs(z).max())
         scene = viz.scene(None, sea.mesh(extent=HALF_WIDTH, spacing=0.5), style=STYLE)
         viz.look(scene, elevation_deg=28.0)
-        scene.camera.zoom(1.35)
+        scene.camera.zoom(1.15)
         axes[0, j].imshow(scene.screenshot(return_img=True))
         scene.close()
         axes[0, j].set(title=wind_name(wind))
