@@ -135,6 +135,8 @@ METHODS = [
     ("measurements[0].gain", lambda: mt.infer([{"counts": "x"}], LINK, ["water.a"])),
     ("measurements.gain", lambda: mt.infer({"gain": [[1], [1, 2]]}, LINK, ["water.a"])),
     ("constraints", lambda: mt.optimize(LINK, SEA, OVER, "gain", 1.0)),
+    ("over", lambda: mt.optimize(LINK, SEA, {"foo.bar": (10.0, 60.0)})),
+    ("unknown", lambda: mt.infer(ROWS, LINK, ["foo.bar"])),
     ("over.receiver.fov_deg", lambda: mt.optimize(LINK, SEA, {"receiver.fov_deg": "ab"})),
     ("hover_std", lambda: mt.optimize(LINK, SEA, OVER, "gain", hover_std="ab")),
     ("step", lambda: mt.light_pattern(LINK, SEA, 1.0, "")),
