@@ -81,15 +81,15 @@ def check_writable(
     path : path
         Output file.
     inputs : iterable of path or None
-        Files that the work reads; None is ignored.
+        Files that the work reads, or writes too; None is ignored.
     field : str
         Name of the argument, for the message.
 
     Raises
     ------
     Refused
-        If the path is an input, a folder, a device, a FIFO or a read-only file, if its name is too
-        long, or if its folder does not exist or is read-only.
+        If the path is one of these, a folder, a device, a FIFO or a read-only file, if its name is
+        too long, or if its folder does not exist or is read-only.
     """
     try:
         found = _status(path)
@@ -104,9 +104,15 @@ def check_writable(
     if read_only or (found is not None and not stat.S_ISREG(found.st_mode)):
         raise Refused(field, str(path), _ALLOWED)
     for name in inputs:
-        if name is not None and found is not None and os.path.exists(name):
-            if os.path.samefile(name, path):
-                raise Refused(field, str(path), "a file other than the input")
+        if name is not None and _same(name, path, found is not None):
+            raise Refused(field, str(path), "a file other than the input and other outputs")
+
+
+def _same(name: str | Path, path: str | Path, exists: bool) -> bool:
+    """Return whether two names are those of one file, which may not exist yet."""
+    if exists and os.path.exists(name):
+        return os.path.samefile(name, path)
+    return os.path.realpath(name) == os.path.realpath(path)
 
 
 def _status(path: str | Path) -> os.stat_result | None:

@@ -253,23 +253,30 @@ def _refuse(cls: type[pydantic.BaseModel], error: pydantic.ValidationError) -> N
             path.pop()
         raise own.inside(*path) from None
     value = MISSING if kind == "missing" else first["input"]
-    hint = ""
+    allowed, hint = str(own) if own else allowed_by(first, cls), ""
     if kind == "literal_error":
-        allowed = context["expected"].replace("'", "")
         hint = did_you_mean(value, allowed.replace(" or ", ", ").split(", "))
-    elif kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
-        allowed = _range(cls, path, context)
-    elif kind == "too_short":
-        allowed = f"at least {context['min_length']} of them"
-    elif kind == "too_long":
-        allowed = f"at most {context['max_length']} of them"
-    else:
-        words = _WORDS.get(kind) or _WORDS.get(kind.partition("_")[0])
-        allowed = words or str(own or first["msg"].removeprefix("Input should be "))
     raise Refused("", value, allowed, hint).inside(*(path or [cls.__name__])) from None
 
 
-def _range(cls: type[pydantic.BaseModel], path: list[int | str], context: dict[str, Any]) -> str:
+def allowed_by(error: Mapping[str, Any], cls: type[pydantic.BaseModel] | None = None) -> str:
+    """Return the allowed values of one of pydantic's errors, in a model or of a single value."""
+    kind, context = error["type"], error.get("ctx", {})
+    if kind == "literal_error":
+        return str(context["expected"].replace("'", ""))
+    if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
+        return _range(cls, list(error["loc"]), context)
+    if kind == "too_short":
+        return f"at least {context['min_length']} of them"
+    if kind == "too_long":
+        return f"at most {context['max_length']} of them"
+    words = _WORDS.get(kind) or _WORDS.get(kind.partition("_")[0])
+    return words or str(error["msg"].removeprefix("Input should be "))
+
+
+def _range(
+    cls: type[pydantic.BaseModel] | None, path: list[int | str], context: dict[str, Any]
+) -> str:
     """Return the range of a field, as in "> 0" and "0 < fov_deg <= 180"."""
     bounds: dict[str, Any] = context
     model: Any = cls

@@ -11,6 +11,8 @@ import hashlib
 import html
 import io
 import json
+import mmap
+import struct
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
@@ -50,6 +52,7 @@ _HOMES = {
 
 _MARK = b"meshtrace-sha256"
 _TRAILER = len(_MARK) + hashlib.sha256().digest_size
+_HEAP, _HEAP_OBJECT = b"GCOL\x01\0\0\0", struct.Struct("<H6xQ")
 _ALLOWED = "an undamaged netCDF file"
 
 
@@ -242,6 +245,7 @@ def read_dataset(path: str | PathLike[str], **options: Any) -> xr.Dataset:
         with open(path, "rb") as file:
             engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
         if engine == "h5netcdf":
+            _check_heaps(path)
             with h5py.File(path, "r") as found:  # h5netcdf leaves a traceback where this fails
                 found.attrs.get("_nc3_strict")
         with xr.open_dataset(path, engine=engine, decode_timedelta=False, **options) as opened:
@@ -273,6 +277,25 @@ def _is_damaged(path: str | PathLike[str]) -> bool:
         trailer = file.read()
     expected = trailer.startswith(_MARK) or (end is not None and end < size + _TRAILER)
     return expected and trailer != _MARK + digest.digest()
+
+
+def _check_heaps(path: str | PathLike[str]) -> None:
+    """Refuse an HDF5 file with an object of no size in a global heap.
+
+    HDF5 loops for ever over it (H5HG__cache_heap_deserialize); one wrong bit in a file without a
+    digest is enough.
+    """
+    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        start = content.find(_HEAP)
+        while start >= 0:
+            end = start + int.from_bytes(content[start + 8 : start + 16], "little")
+            at = start + 16
+            while at + 16 <= end <= len(content):
+                index, size = _HEAP_OBJECT.unpack_from(content, at)
+                if index == 0 and size < 16:
+                    raise OSError("damaged: an object of a global heap has no size")
+                at += 16 + -(-size // 8) * 8 if index else size
+            start = content.find(_HEAP, start + 1)
 
 
 def _hdf5_end(head: bytes) -> int | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from meshtrace.errors import MISSING, Refused
+from meshtrace.errors import MISSING, Refused, require_real
 
 from .random_seas import JonswapSea, SpectralSea
 from .sequence import MeshSequence
@@ -103,4 +103,6 @@ def sea_in_wind(wind_speed: float, seed: int = 0) -> Surface:
     >>> sea_in_wind(0.0), sea_in_wind(8.0) == JonswapSea(wind_speed=8.0)
     (FlatSea(), True)
     """
-    return JonswapSea(wind_speed=wind_speed, seed=seed) if wind_speed else FlatSea()
+    if require_real(wind_speed, "wind_speed", "0 <= wind_speed <= 60") == 0.0:
+        return FlatSea()
+    return JonswapSea(wind_speed=wind_speed, seed=seed)

@@ -50,7 +50,7 @@ app = typer.Typer(
 def _message(error: Exception) -> str | None:
     """Return the message for the user, None for an internal error."""
     if hasattr(error, "format_message"):  # typer's error for invalid arguments
-        return str(error.format_message())
+        return _refusal(error) or str(error.format_message())
     if isinstance(error, Refused):
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:
@@ -60,6 +60,19 @@ def _message(error: Exception) -> str | None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stdout__.fileno())  # type: ignore[union-attr]
         return f"standard output: {error.strerror}"
     return None
+
+
+def _refusal(error: Any) -> str:
+    """Return the refusal of an option's value, "" for other invalid arguments."""
+    import pydantic
+
+    from meshtrace.models import allowed_by
+
+    cause = error.__cause__
+    if not isinstance(cause, pydantic.ValidationError):
+        return ""
+    first = cause.errors(include_url=False)[0]
+    return str(Refused(max(error.param.opts, key=len), first["input"], allowed_by(first)))
 
 
 def _print_version(wanted: bool) -> None:

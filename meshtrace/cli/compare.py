@@ -38,8 +38,8 @@ def compare_command(
     scenarios = {path.stem: scenario_of(path, settings, wind, **run) for path in links}
     if len(scenarios) < len(links):
         raise Refused("links", ", ".join(map(str, links)), "files of different names")
-    check_output(output, links[0])
-    check_plot(plot, links[0])
+    check_output(output, *links)
+    check_plot(plot, *links, output)
     with over_seas(realizations * len(links)) as step:
         found = compare(scenarios, realizations=realizations, progress=step)
     typer.echo(found.summary())

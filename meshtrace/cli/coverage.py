@@ -37,7 +37,7 @@ def coverage(
     given = {"estimator": estimator, "seed": seed, "threads": threads}
     scenario = scenario_of(link, settings, wind, **given)
     check_output(output, link)
-    check_plot(plot, link)
+    check_plot(plot, link, output)
     total = photons if rtol is None else None  # cells or photons
     with progress(total, False, "mapping the gain", estimator or "forced") as (_, advance):
         found = coverage_map(

@@ -14,11 +14,11 @@ from meshtrace.errors import Refused
 from meshtrace.files import atomic
 
 
-def check_plot(path: Path | None, link: Path | None, option: str = "--plot") -> None:
+def check_plot(path: Path | None, *inputs: Path | None, option: str = "--plot") -> None:
     """Refuse a picture that could not be written, before anything is computed."""
     if path is None:
         return
-    check_output(path, link, option)
+    check_output(path, *inputs, option=option)
     with extra(option, "viz"):
         from matplotlib.figure import Figure
     kinds = Figure().canvas.get_supported_filetypes()
@@ -55,7 +55,7 @@ class Written:
     def check(self, link: Path | None) -> None:
         """Check before the work that both can be written."""
         check_output(self.output, link)
-        check_plot(self.plot, link)
+        check_plot(self.plot, link, self.output)
 
     def write(self, result: Any) -> None:
         """Print a result and write it."""

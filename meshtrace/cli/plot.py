@@ -19,7 +19,7 @@ def plot_command(
 ) -> None:
     """Draw a result file."""
     path = file.with_suffix(".png") if output is None else output
-    check_plot(path, file, "--output")
+    check_plot(path, file, option="--output")
     draw(_content(file), path)
 
 

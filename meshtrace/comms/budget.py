@@ -15,7 +15,15 @@ from numpy.typing import ArrayLike
 from meshtrace import fading
 from meshtrace.comms.decisions import non_negative
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Refused, require_between, require_whole
+from meshtrace.errors import (
+    Refused,
+    require_array,
+    require_between,
+    require_kind,
+    require_real,
+    require_seed,
+    require_whole,
+)
 from meshtrace.fading import Estimate
 from meshtrace.models import Floats
 
@@ -78,6 +86,7 @@ def link_budget(link: OokLink, gain: ArrayLike, ber: float, h_alpha: ArrayLike =
     >>> print(f"{float(budget.margin_optical_db):.1f} dB optical")
     5.7 dB optical
     """
+    require_kind(link, OokLink, "link")
     g, tilt = non_negative("gain", gain), non_negative("h_alpha", h_alpha)
     required = link.required_power(ber)
     margin = _db(link.received_power(g * tilt) / required)
@@ -105,6 +114,7 @@ def required_gain(link: OokLink, ber: float) -> float:
     ber : float
         Bit error rate, 0 < ber < 0.5.
     """
+    require_kind(link, OokLink, "link")
     return link.required_power(ber) / float(link.received_power(1.0))
 
 
@@ -135,6 +145,7 @@ def ber_of_gains(link: OokLink, gain: Floats) -> Floats:
     """
     from scipy.interpolate import PchipInterpolator
 
+    require_kind(link, OokLink, "link")
     power = link.received_power(gain)
     if power.size <= 2 * _TABLE_POINTS:
         return link.ber(power)
@@ -197,10 +208,12 @@ def average_ber(
     (`fading.remove_noise`), or make it small against their spread.
     """
     g = faded_gains(gain, h_alpha)
-    n = float(g.size) if n_effective is None else n_effective
+    allowed = f"1 <= n_effective <= {g.size}"
+    n = float(g.size) if n_effective is None else require_real(n_effective, "n_effective", allowed)
     if not 1.0 <= n <= g.size:
-        raise Refused("n_effective", n_effective, f"1 <= n_effective <= {g.size}")
+        raise Refused("n_effective", n_effective, allowed)
     require_between(confidence, 0.0, 1.0, "confidence")
+    require_seed(seed)
     require_whole(resamples, 1, 10**7, "resamples")
     return bootstrapped_mean(ber_of_gains(link, g), n, confidence, resamples, seed)
 
@@ -301,12 +314,14 @@ def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
     """
     from scipy.interpolate import PchipInterpolator
 
-    d, v = np.asarray(depth, dtype=float), np.asarray(value, dtype=float)
+    rising = "two or more depths (n,), strictly rising"
+    positive = "a finite value > 0 for each depth"
+    d, v = require_array(depth, "depth", rising), require_array(value, "value", positive)
     if d.ndim != 1 or d.size < 2 or not np.all(np.isfinite(d)) or not np.all(np.diff(d) > 0.0):
-        raise Refused("depth", depth, "two or more depths (n,), strictly rising")
+        raise Refused("depth", depth, rising)
     if v.shape != d.shape or not np.all(np.isfinite(v) & (v > 0.0)):
-        raise Refused("value", value, "a finite value > 0 for each depth")
-    if not 0.0 < limit < math.inf:
+        raise Refused("value", value, positive)
+    if not 0.0 < require_real(limit, "limit", "finite, > 0") < math.inf:
         raise Refused("limit", limit, "finite, > 0")
     curve = PchipInterpolator(d, np.log(v) - math.log(limit))
     crossings = curve.roots(discontinuity=False, extrapolate=False)

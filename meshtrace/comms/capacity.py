@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from meshtrace.comms.budget import ber_of_gains, faded_gains
 from meshtrace.comms.decisions import non_negative, soft_information
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, require_kind, require_real
 from meshtrace.models import Floats
 
 
@@ -74,7 +74,8 @@ def capacity(
     Refused
         If a value is out of range.
     """
-    if not 0.0 <= outage < 1.0:
+    require_kind(link, OokLink, "link")
+    if not 0.0 <= require_real(outage, "outage", "0 <= outage < 1") < 1.0:
         raise Refused("outage", outage, "0 <= outage < 1")
     g = faded_gains(gain, h_alpha)
     power = link.received_power(g)
@@ -95,6 +96,8 @@ def wyner_capacity(peak_rate: float, dark_rate: float, mean_share: float = 1.0) 
 
     C = A [q (1+s) ln(1+s) + (1-q) s ln s - (q+s) ln(q+s)] / ln 2,  s = dark / A,
     q = min(mean share, (1+s)^(1+s) / (s^s e) - s)
+
+    With much background light it approaches A q (1-q) / (2 s ln 2), q = 1/2.
 
     Parameters
     ----------
@@ -124,13 +127,27 @@ def wyner_capacity(peak_rate: float, dark_rate: float, mean_share: float = 1.0) 
     >>> round(wyner_capacity(1.0, 0.1) * math.log(2.0), 6)
     0.250556
     """
-    if not (0.0 < peak_rate < math.inf and 0.0 <= dark_rate < math.inf):
+    peak = require_real(peak_rate, "peak_rate", "finite, > 0")
+    dark = require_real(dark_rate, "dark_rate", "finite, >= 0")
+    if not (0.0 < peak < math.inf and 0.0 <= dark < math.inf):
         raise Refused("peak_rate, dark_rate", (peak_rate, dark_rate), "finite, > 0 and >= 0")
-    if not 0.0 < mean_share <= 1.0:
+    share = require_real(mean_share, "mean_share", "0 < mean_share <= 1")
+    if not 0.0 < share <= 1.0:
         raise Refused("mean_share", mean_share, "0 < mean_share <= 1")
-    s = dark_rate / peak_rate
-    s_log_s = s * math.log(s) if s > 0.0 else 0.0
-    best = math.exp((1.0 + s) * math.log1p(s) - s_log_s - 1.0) - s
-    q = min(mean_share, best)
-    nats = q * (1.0 + s) * math.log1p(s) + (1.0 - q) * s_log_s - (q + s) * math.log(q + s)
-    return peak_rate * nats / math.log(2.0)
+    s = min(dark / peak, 1e300)
+    if s < 1e-300:
+        q = min(share, math.exp(-1.0))
+        nats = -q * math.log(q)
+    else:
+        # the sum of the docstring without its differences of large numbers
+        q = min(share, s * math.expm1(_excess(1.0, s)))
+        nats = q * _excess(1.0, s) - _excess(q, s)
+    return peak * nats / math.log(2.0)
+
+
+def _excess(u: float, s: float) -> float:
+    """Return (s+u) ln(1 + u/s) - u, by its series sum_k (-1)^k s x^k / (k (k-1)) for small x."""
+    x = u / s
+    if x > 1e-3:
+        return (s + u) * math.log1p(x) - u
+    return u * x * (1.0 / 2.0 - x * (1.0 / 6.0 - x * (1.0 / 12.0 - x * (1.0 / 20.0 - x / 30.0))))

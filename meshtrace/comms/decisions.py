@@ -8,10 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Refused, require_array
+from meshtrace.errors import Described, Refused, require_array, require_real
 from meshtrace.models import Floats
 
 _NORMAL = 1e9  # mean counts above which their law is normal, to a skewness of 3e-5
+_BRANCHING = "0 <= branching < 1"
+_PATTERNS = "a number for each pattern (..., p), and p flags"
 
 
 class Decision(NamedTuple):
@@ -59,7 +61,8 @@ def gaussian_decision(m0: ArrayLike, m1: ArrayLike, v0: ArrayLike, v1: ArrayLike
     """
     from scipy.special import ndtr
 
-    m0, m1, v0, v1 = (np.asarray(x, dtype=float) for x in (m0, m1, v0, v1))
+    given = {"m0": m0, "m1": m1, "v0": v0, "v1": v1}
+    m0, m1, v0, v1 = (require_array(x, name, "numbers") for name, x in given.items())
     d, log_ratio = m1 - m0, np.log(v1 / v0)
     root = np.sqrt(v0 * v1 * (d * d + (v1 - v0) * log_ratio))
     threshold = v0 * (d * d + v1 * log_ratio) / (d * v0 + root)
@@ -89,7 +92,11 @@ def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: ArrayLike) -> Deci
     """
     from scipy.special import ndtr
 
-    mean, std, one = np.asarray(mean, float), np.asarray(std, float), np.asarray(is_one, bool)
+    mean, std = require_array(mean, "mean", _PATTERNS), require_array(std, "std", _PATTERNS)
+    one = require_array(is_one, "is_one", _PATTERNS, bool)
+    for name, array in (("is_one", one), ("mean", mean), ("std", std)):
+        if array.ndim == 0 or array.shape[-1:] != one.shape[-1:] or not one.size:
+            raise Refused(name, Described(f"shape {array.shape}"), _PATTERNS)
     sign = np.where(one, 1.0, -1.0)
     grid = np.linspace(0.0, 1.0, 33)
     low, high = (mean - 4.0 * std).min(-1), (mean + 4.0 * std).max(-1)
@@ -126,7 +133,9 @@ def generalized_poisson_logpmf(k: ArrayLike, primaries: float, branching: float)
     """
     from scipy.special import gammaln, xlogy
 
-    k = np.asarray(k, dtype=float)
+    k = require_array(k, "k", "counts, integers >= 0")
+    primaries = require_real(primaries, "primaries", "a number >= 0")
+    branching = require_real(branching, "branching", _BRANCHING)
     rate = primaries + k * branching
     grown = xlogy(1.0, primaries) + xlogy(k - 1.0, np.where(rate > 0.0, rate, 1.0))
     return np.where(k == 0.0, -primaries, grown - rate - gammaln(k + 1.0))
@@ -179,8 +188,9 @@ def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float)
     9.37655e-04
     """
     n0, n1 = np.broadcast_arrays(non_negative("n0", n0), non_negative("n1", n1))
+    branching = require_real(branching, "branching", _BRANCHING)
     if np.any(n0 > n1) or not 0.0 <= branching < 1.0:
-        raise Refused("n0, n1, branching", (n0, n1, branching), "n0 <= n1, 0 <= branching < 1")
+        raise Refused("n0, n1, branching", (n0, n1, branching), f"n0 <= n1, {_BRANCHING}")
     pairs = zip(n0.flat, n1.flat, strict=True)
     flat = [_count_decision(float(a), float(b), branching) for a, b in pairs]
     ber, threshold = np.array(flat).reshape(-1, 2).T
@@ -216,6 +226,10 @@ def soft_information(n0: float, n1: float, branching: float) -> float:
     >>> round(soft_information(2.0, 20.0, 0.0), 6)
     0.995989
     """
+    given = {"n0": n0, "n1": n1, "branching": branching}
+    n0, n1, branching = (require_real(x, name, "a number") for name, x in given.items())
+    if not (0.0 <= n0 <= n1 < math.inf and 0.0 <= branching < 1.0):
+        raise Refused("n0, n1, branching", (n0, n1, branching), f"n0 <= n1, {_BRANCHING}")
     if _error_free(n0, n1, branching):
         return 1.0
     if n0 > _NORMAL:

@@ -49,7 +49,7 @@ def read_text(path: str | Path) -> str:
         if file.is_file() and file.stat().st_size > LARGEST_FILE:
             size = Described(f"{file.stat().st_size / 2**20:.0f} MB")
             raise Refused(str(path), size, f"at most {LARGEST_FILE / 2**20:.0f} MB")
-        return file.read_text(encoding="utf-8")
+        return file.read_text(encoding="utf-8-sig")  # some editors write a mark
     except OSError as error:
         raise Refused(str(path), Described(error.strerror), "a TOML file") from error
     except ValueError as error:

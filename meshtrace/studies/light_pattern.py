@@ -88,6 +88,7 @@ def light_pattern(
     link, sea = case.link, case.surface
     source, receiver = _checked(link, sea, extent, step)
     assert isinstance(sea, Surface)
+    extent, step = float(extent), float(step)
     n = math.ceil(extent / step - 1e-9)
     spacing, slope, reach = _waves(sea, step)
     beyond, wind = _beyond(link, sea, spacing)
@@ -110,7 +111,7 @@ def light_pattern(
 
 def _checked(link: Link, surface: Any, extent: float, step: float) -> tuple[Any, Receiver]:
     """Return source and receiver of a link that the pattern is defined for."""
-    require_between(extent, 0.0, math.inf, "extent")
+    extent = require_between(extent, 0.0, math.inf, "extent")
     least, most = 2.0 * extent / _MOST_CELLS, 0.25 * extent
     allowed = f"{least:g} to {most:g} m, extent / 4"
     if not least <= require_real(step, "step", allowed) <= most:

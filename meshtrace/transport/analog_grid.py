@@ -32,7 +32,10 @@ def grid_arrays(mesh: TriangleMesh) -> Grid:
         return NO_GRID
     if not mesh.single_valued or not is_grid(mesh.vertices, mesh.faces, nx, ny):
         return NO_GRID
-    along_x, along_y = _axis(x[::ny].copy()), _axis(y[:ny].copy())
+    lines = x[::ny].copy(), y[:ny].copy()
+    if any((np.diff(line) <= 0.0).any() for line in lines):  # a grid that was turned
+        return NO_GRID
+    along_x, along_y = (_axis(line) for line in lines)
     if max(len(along_x.guide), len(along_y.guide)) > _MOST_BINS:
         return NO_GRID
     low, high = mesh.bounds

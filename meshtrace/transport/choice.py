@@ -49,8 +49,12 @@ def chain_pilot(pilots: list[Pilot], link: ForcedLink) -> ScatteredPilot:
 
 
 def is_clear(chains: ScatteredPilot) -> NDArray[np.bool_]:
-    """Return the receivers that chains serve well enough to skip the comparison."""
-    return (chains.mean > 0.0) & (chains.variance <= _EFFICIENT * chains.mean**2)
+    """Return the receivers that chains serve well enough to skip the comparison.
+
+    Tails of chains that miss the aperture may be so small that their variance underflows.
+    """
+    square = chains.mean**2
+    return (square > np.finfo(float).tiny) & (chains.variance <= _EFFICIENT * square)
 
 
 def chain_cost(expected: float) -> float:

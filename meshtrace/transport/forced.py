@@ -326,19 +326,6 @@ class ForcedDetection:
             self.link, *self._key, *self._options, top, self._search, self._wanted
         )
 
-    def cut_share(self, mesh: TriangleMesh) -> NDArray[np.float64]:
-        """Return the share of the light of a flat sea that crosses outside a mesh, by receiver."""
-        low, high = mesh.bounds[:, :2]
-        reach = crossing_reach(self.link) + np.array(self.link.origin) * [[-1.0], [1.0]]
-        if (low <= -reach[0]).all() and (high >= reach[1]).all():
-            return np.zeros(len(self.link.receivers))
-        few = ForcedDetection(
-            self.link, _CUT_CHAINS, self._key[1], *self._options, self._crest, self._search
-        )
-        whole = few.evaluate(self.flat()).gain
-        cut = whole - few.evaluate(flat_mesh(low, high)).gain
-        return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)
-
     def flat(self) -> TriangleMesh:
         """Return a flat sea larger than the footprint of the light."""
         far = crossing_reach(self.link) + 10.0 * self.arrays.frame.unit
@@ -394,6 +381,20 @@ class ForcedDetection:
                 shift = light["chain"] // (n // SHIFTS)
                 rows.append(_rows(weight, unit * light["water"], unit * light["air"], shift))
         return np.concatenate(rows)
+
+
+def cut_share(
+    link: Link, mesh: TriangleMesh, seed: int, normals: str, threads: int
+) -> NDArray[np.float64]:
+    """Return the share of the light of a flat sea that crosses outside a mesh, by receiver."""
+    low, high = mesh.bounds[:, :2]
+    reach = crossing_reach(link) + np.array(link.origin) * [[-1.0], [1.0]]
+    if (low <= -reach[0]).all() and (high >= reach[1]).all():
+        return np.zeros(len(link.receivers))
+    few = ForcedDetection(link, _CUT_CHAINS, seed, normals, threads, float(mesh.bounds[1, 2]))
+    whole = few.evaluate(few.flat()).gain
+    cut = whole - few.evaluate(flat_mesh(low, high)).gain
+    return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)
 
 
 def _direct_rows(

@@ -100,6 +100,10 @@ def mesh_lines(
         far = math.dist(f.center, link.origin)
         wide = min(reach + far + 20.0 * f.spacing, f.extent)
         wide = max(wide, f.fine_extent + 10.0 * f.spacing)
+        places = np.array([item.center[:2] for _, item in link.items()])
+        aside = float(np.abs(places - f.center).max())
+        if aside > wide:  # light of a lamp close to the water crosses far from the receiver
+            wide = 1.01 * aside
         f = f._replace(extent=wide, coarse_spacing=4.0 * f.spacing)
         if isinstance(surface, WaveSum) and meshing.spacing is None and meshing.extent is None:
             f = _resolving(link, surface, f, per_wave)

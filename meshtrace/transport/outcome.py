@@ -28,7 +28,7 @@ from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, standard_
 from meshtrace.stored import SHIFTS
 from meshtrace.transport import options
 from meshtrace.transport.analog import Sums, run_analog
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, cut_share
 from meshtrace.transport.options import Analog, Record, Run
 from meshtrace.transport.returned import returned_gain
 
@@ -54,14 +54,14 @@ def per_receiver(link: Link, array: NDArray[np.float64]) -> Any:
 def analog_result(
     link: Link, sums: Sums, origin: dict[str, Any], records: Mapping[str, Record]
 ) -> GainResult:
-    """Return the result of analog photons; warn of light that left the mesh."""
+    """Return the result of analog photons."""
     n, n_rx = sums.photons, len(link.receivers)
     mean = sums.score / n
     stderr = standard_error(sums.score, sums.score_squared, n)
     weights = sums.ledger.value() / n
     grid = records.get("irradiance-map")
     gain = per_receiver(link, mean[:n_rx])
-    result = GainResult(
+    return GainResult(
         gain=gain,
         gain_stderr=per_receiver(link, stderr[:n_rx]),
         gain_bound=bound_where_dark(gain, n),
@@ -76,8 +76,6 @@ def analog_result(
         planes=_planes(link, sums, mean[n_rx:], stderr[n_rx:]),
         map=_map(grid, sums) if isinstance(grid, options.IrradianceMap) else None,
     )
-    _warn(result)
-    return result
 
 
 def bound_of_dark(
@@ -196,9 +194,9 @@ def warn_of_returned(link: Link, gain: NDArray[np.float64]) -> None:
         )
 
 
-def warn_of_cut(forced: ForcedDetection, mesh: TriangleMesh) -> None:
+def warn_of_cut(link: Link, mesh: TriangleMesh, run: Run, normals: str) -> None:
     """Warn of a mesh that ends where light would cross to a receiver."""
-    cut = forced.cut_share(mesh)
+    cut = cut_share(link, mesh, run.seed, normals, default_threads(run.threads))
     for r in np.flatnonzero(cut > LEFT_DOMAIN_WARNING):
         warnings.warn(
             f"receiver {r}: the mesh cuts off {100.0 * cut[r]:.2g} % of the light (flat sea; limit "
@@ -246,7 +244,8 @@ def _map(grid: options.IrradianceMap, sums: Sums) -> IrradianceMap:
     return IrradianceMap(axis, axis, cell / area, error / area)
 
 
-def _warn(result: GainResult) -> None:
+def warn_of_lost(result: GainResult) -> None:
+    """Warn of analog photons that left the mesh sideways or through holes."""
     left = result.fates["left_domain"].weight
     if left > LEFT_DOMAIN_WARNING:
         warnings.warn(

@@ -39,6 +39,7 @@ from meshtrace.transport.outcome import (
     per_receiver,
     warn_of_cut,
     warn_of_few,
+    warn_of_lost,
     warn_of_returned,
 )
 from meshtrace.transport.paths import PhotonPaths, received_paths, record_paths
@@ -147,6 +148,12 @@ def _simulated(
 
     result = _to_tolerance(evaluate, run)
     warn_of_few(result)
+    if analog:
+        warn_of_lost(result)
+        return result
+    if not _reflected_photons(case.link, run):
+        warn_of_returned(case.link, result.gains)
+    warn_of_cut(case.link, mesh, run, case.meshing.normals)
     return result
 
 
@@ -231,9 +238,6 @@ def _forced(
     forced = ForcedDetection(link, run.photons, run.seed, normals, threads, crest)
     parts = forced.evaluate(mesh)
     reflected = _reflected_photons(link, run)
-    if not reflected:
-        warn_of_returned(link, parts.gain)
-    warn_of_cut(forced, mesh)
     gain, stderr = parts.gain, parts.stderr
     extra: dict[str, Any] = {}
     if reflected:

@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+import xarray as xr
 from typer.testing import CliRunner
 
 from meshtrace import cli
@@ -44,6 +45,42 @@ def test_outputs_are_refused_before_the_work(tmp_path, monkeypatch, command):
         assert done.stderr.startswith("error: --output: ")
         assert done.stderr.count("\n") == 1
     assert (tmp_path / "link.toml").read_text() == ""
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (["run", "-o", "a.toml"], "--output"),  # no input, but a link file
+        (["run", "-o", "new.TOML"], "--output"),
+        (["run", "sea.toml", "-o", "swell.nc"], "--output"),
+        (["run", "sea.toml", "-o", "../FOLDER/swell.nc"], "--output"),
+        (["compare", "a.toml", "b.dat", "-o", "b.dat"], "--output"),
+        (["compare", "a.toml", "sea.toml", "-o", "swell.nc"], "--output"),
+        (["compare", "a.toml", "b.dat", "-o", "c.png", "--plot", "./c.png"], "--plot"),
+        (["coverage", "-o", "c.png", "--plot", "c.png"], "--plot"),
+        (["sensitivity", "a.toml", "-o", "c.png", "--plot", "c.png"], "--plot"),
+    ],
+)
+def test_inputs_and_other_outputs_are_kept(tmp_path, monkeypatch, words, option):
+    """An output once replaced a link file, a spectrum that a link file names, or another output."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("meshtrace.scenario.Scenario.mesh", None)
+    monkeypatch.setattr("meshtrace.scenario.Scenario.simulate", None)
+    for name in ("a.toml", "b.dat"):
+        (tmp_path / name).write_text("wind_speed = 5.0")
+    (tmp_path / "sea.toml").write_text(
+        "[sea]\nspectrum = 'measured'\nfile = 'swell.nc'\ntail = 'elfouhaily'"
+    )
+    freq, direction = np.linspace(0.05, 0.5, 8), np.arange(0.0, 360.0, 30.0)
+    efth = np.outer(np.exp(-(((freq - 0.2) / 0.05) ** 2)), np.ones(12)) * 1e-3
+    data = xr.Dataset({"efth": (("freq", "dir"), efth)}, {"freq": freq, "dir": direction})
+    data.to_netcdf(tmp_path / "swell.nc", engine="h5netcdf")
+    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    done = meshtrace(*(word.replace("FOLDER", tmp_path.name) for word in words))
+    assert done.exit_code == 2
+    assert done.stderr.startswith(f"error: {option}: ")
+    assert done.stderr.count("\n") == 1
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == kept
 
 
 def test_a_full_disk_keeps_the_old_file_and_prints_the_result(tmp_path):

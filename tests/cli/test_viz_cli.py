@@ -173,8 +173,8 @@ def test_a_missing_extra_is_a_hint(monkeypatch, missing):
         (["--frame-rate", "0"], "--frame-rate: 0, allowed: numbers > 0"),
         (["--time", "inf"], "--time: inf, allowed: finite numbers [s]"),
         (["--spacing", "1e-9"], "spacing: 1e-09, allowed: >= 0.00"),
-        (["--frames", "1"], "Invalid value for '--frames'"),
-        (["--paths", "-1"], "Invalid value for '--paths'"),
+        (["--frames", "1"], "--frames: '1', allowed: >= 2"),
+        (["--paths", "-1"], "--paths: '-1', allowed: >= 0"),
     ],
 )
 def test_refusals_are_one_line(tmp_path, monkeypatch, arguments, line):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from decimal import Decimal, localcontext
 from pathlib import Path
 
 import numpy as np
@@ -222,6 +223,20 @@ def test_few_counts_are_worse_than_gaussian(bit_rate):
     link = OokLink(bit_rate=bit_rate)
     exact = link.model_copy(update={"model": "CP", "window": link.averaging_window})
     assert float(exact.ber(link.required_power(0.35))) > 0.36
+
+
+@pytest.mark.parametrize("share", [1.0, 0.1])
+@pytest.mark.parametrize("ratio", ["1e-12", "0.9", "990", "1010", "1e6", "1e8", "1e10", "1e15"])
+def test_wyner_capacity_with_much_background(ratio, share):
+    """Differences of large numbers once gave 0.27 for 1.8e-11; here with 80 digits."""
+    with localcontext() as context:
+        context.prec = 80
+        s = Decimal(ratio)
+        best = ((1 + s) * (1 + s).ln() - s * s.ln() - 1).exp() - s
+        q = min(Decimal(str(share)), best)
+        nats = q * (1 + s) * (1 + s).ln() + (1 - q) * s * s.ln() - (q + s) * (q + s).ln()
+        expected = float(nats / Decimal(2).ln())
+    assert wyner_capacity(1.0, float(ratio), share) == pytest.approx(expected, rel=1e-11)
 
 
 def test_wyner_capacity_against_its_definition():

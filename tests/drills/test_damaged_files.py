@@ -6,6 +6,8 @@ stores and the two kinds of results that runs write most.
 
 import io
 import json
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 from random import Random
@@ -187,3 +189,36 @@ def test_files_of_other_writers_need_no_digest(tmp_path):
         path = tmp_path / f"{engine}.nc"
         data.to_netcdf(path, engine=engine, format=form)
         xr.testing.assert_equal(read_dataset(path), data)
+
+
+def test_an_object_of_a_heap_without_size_is_no_endless_loop(tmp_path):
+    """HDF5 reads it for ever, in a file of another writer."""
+    import xarray as xr
+
+    path = tmp_path / "foreign.nc"
+    data = xr.Dataset({"a": (("x", "y"), np.ones((8, 12)))}, {"x": np.arange(8.0)})
+    data.to_netcdf(path, engine="h5netcdf")
+    sound = path.read_bytes()
+    assert read_dataset(path)["a"].shape == (8, 12)
+    size = sound.index(b"GCOL\x01") + 24  # of the first object
+    assert int.from_bytes(sound[size : size + 8], "little") == 8
+    for bit in range(24):  # the next object then begins elsewhere
+        damaged = bytearray(sound)
+        damaged[size + bit // 8] ^= 1 << bit % 8
+        (tmp_path / f"{bit}.nc").write_bytes(damaged)
+    code = """
+import pathlib, sys
+from meshtrace.errors import Refused
+from meshtrace.stored import read_dataset
+for path in sorted(pathlib.Path(sys.argv[1]).glob("?*.nc")):
+    try:
+        read_dataset(path)
+    except Refused as error:
+        print(error)
+"""
+    command = [sys.executable, "-P", "-W", "ignore", "-c", code, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert any("an object of a global heap has no size" in line for line in lines)
+    assert all("allowed: an undamaged netCDF file" in line for line in lines)

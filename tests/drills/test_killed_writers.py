@@ -196,6 +196,8 @@ def test_killed_in_the_act(name, kills, tmp_path, gain, viz, monkeypatch):
 
 
 @pytest.mark.slow
+# imageio leaves the pipes of its readers to the collector
+@pytest.mark.filterwarnings("ignore:Exception ignored in:pytest.PytestUnraisableExceptionWarning")
 def test_killed_encoder(tmp_path, gain, viz, monkeypatch):
     """The encoder is a process of its own, which outlives the killed one for a moment."""
     test_killed_in_the_act("view.mp4", 30, tmp_path, gain, viz, monkeypatch)

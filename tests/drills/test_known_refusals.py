@@ -7,6 +7,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace import fading, surfaces
+from meshtrace.comms import budget, capacity, decisions, devices
 from meshtrace.errors import Refused
 from meshtrace.paper import profiles
 from meshtrace.results.gain import bound_where_dark
@@ -88,6 +89,24 @@ METHODS = [
     ("coarse_spacing", lambda: SEA.mesh(fine_extent=1.0, coarse_spacing=1j)),
     ("source", lambda: surfaces.from_trimesh(("", [[0, 1, 2]]))),
     ("kind", lambda: surfaces.sea_from_config(np.datetime64("2020-01-01"))),
+    ("wind_speed", lambda: surfaces.sea_in_wind("")),
+    ("wind_speed", lambda: surfaces.sea_in_wind(np.array([0.0, 5.0]))),
+    ("link", lambda: budget.required_gain(1.0, 1e-3)),
+    ("link", lambda: budget.link_budget(LINK, 1e-5, 1e-3)),
+    ("link", lambda: capacity.capacity("x", 1e-5)),
+    ("outage", lambda: capacity.capacity(OOK, 1e-5, outage=None)),
+    ("dark_rate", lambda: capacity.wyner_capacity(1.0, "x")),
+    ("n_effective", lambda: budget.average_ber(OOK, GAINS, n_effective="5")),
+    ("seed", lambda: budget.average_ber(OOK, GAINS, seed=[1.0])),
+    ("depth", lambda: budget.depth_at({1, 2}, GAINS, 1.0)),
+    ("limit", lambda: budget.depth_at(TIMES, GAINS, "x")),
+    ("wavelength", lambda: devices.photon_energy([470e-9])),
+    ("m1", lambda: decisions.gaussian_decision(0.0, 3 + 4j, 1.0, 1.0)),
+    ("mean", lambda: decisions.pattern_decision("5", GAINS, [True] * 4)),
+    ("is_one", lambda: decisions.pattern_decision(GAINS, GAINS, True)),
+    ("branching", lambda: decisions.generalized_poisson_decision(1.0, 2.0, None)),
+    ("primaries", lambda: decisions.generalized_poisson_logpmf(1, [2.0, 1.0], 0.1)),
+    ("n0, n1, branching", lambda: decisions.soft_information(2.0, 20.0, 180.0)),
     ("power", lambda: OOK.ber("x")),
     ("power", lambda: mt.OokLink(model="G0").ber([1e-9, 1e12])),
     ("power", lambda: OOK.threshold({})),
@@ -135,6 +154,8 @@ METHODS = [
     ("measurements[0].gain", lambda: mt.infer([{"counts": "x"}], LINK, ["water.a"])),
     ("measurements.gain", lambda: mt.infer({"gain": [[1], [1, 2]]}, LINK, ["water.a"])),
     ("constraints", lambda: mt.optimize(LINK, SEA, OVER, "gain", 1.0)),
+    ("over", lambda: mt.optimize(LINK, SEA, {"foo.bar": (10.0, 60.0)})),
+    ("unknown", lambda: mt.infer(ROWS, LINK, ["foo.bar"])),
     ("over.receiver.fov_deg", lambda: mt.optimize(LINK, SEA, {"receiver.fov_deg": "ab"})),
     ("hover_std", lambda: mt.optimize(LINK, SEA, OVER, "gain", hover_std="ab")),
     ("step", lambda: mt.light_pattern(LINK, SEA, 1.0, "")),

@@ -163,3 +163,19 @@ def test_results_are_the_same_bits_without_it(link):
     for name in ("score", "score_squared", "count", "misses"):
         assert np.array_equal(getattr(with_grid, name), getattr(without, name))
     assert np.array_equal(with_grid.ledger.value(), without.ledger.value())
+
+
+@pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning")
+def test_grids_turned_by_half_a_circle_are_cast():
+    """Their lines decrease: values outside the arrays were once read."""
+    mesh = MESHES["even"]
+    turned = TriangleMesh(mesh.vertices * (-1.0, -1.0, 1.0), mesh.faces)
+    assert grid_arrays(turned) is NO_GRID
+    link = mt.Link(receiver=mt.Receiver(radius=2.0, fov_deg=120.0))
+    runs = [
+        mt.simulate(link, surface, "analog", photons=20_000, seed=3, threads=1)
+        for surface in (mesh, turned)
+    ]
+    a, b = runs
+    assert a.gain > 10.0 * a.gain_stderr
+    assert abs(a.gain - b.gain) < 3.9 * np.hypot(a.gain_stderr, b.gain_stderr)

@@ -129,6 +129,11 @@ def test_what_cannot_be_written_is_refused_in_one_line(tmp_path):
         assert "\n" not in str(caught.value), case
 
 
+def test_another_output_is_refused_before_it_exists(tmp_path):
+    with pytest.raises(Refused, match="other outputs"):
+        check_writable(tmp_path / "a.nc", inputs=[tmp_path / "none" / ".." / "a.nc"])
+
+
 @pytest.mark.parametrize("make", [os.link, os.symlink])
 def test_the_input_is_refused_under_any_name(tmp_path, make):
     (tmp_path / "link.toml").write_bytes(b"")

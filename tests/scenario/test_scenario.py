@@ -406,6 +406,12 @@ def test_files_that_cannot_be_read(tmp_path):
         Scenario.load(tmp_path / "latin.toml")
 
 
+def test_the_mark_of_some_editors_is_no_text(tmp_path):
+    """A byte-order mark once was an invalid statement."""
+    (tmp_path / "a.toml").write_text("wind_speed = 7.0\r\n", encoding="utf-8-sig", newline="")
+    assert Scenario.load(tmp_path / "a.toml").wind_speed == 7.0
+
+
 @pytest.mark.parametrize(
     ("text", "path"),
     [

@@ -400,7 +400,8 @@ def test_calls_of_the_design():
     ("wrt", "options", "message"),
     [
         (["water.aa"], {}, "no such continuous key, did you mean water.a"),
-        (["transmitter.kind"], {}, "no such continuous key"),
+        (["transmitter.kind"], {}, "no such continuous key, did you mean"),
+        (["foo.bar"], {}, "no such continuous key, allowed: "),
         (["water.a", "water.a"], {}, "each name once"),
         (["water.bottom_albedo"], {}, "a value other than 0"),
         (["receiver.height"], {"normals": "facet"}, "normals: 'facet', allowed: vertex"),

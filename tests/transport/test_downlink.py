@@ -319,6 +319,16 @@ def test_a_lamp_far_aside_needs_a_bounded_sea(aside):
     assert 0.0 < found.gain_stderr < 0.5 * found.gain
 
 
+@pytest.mark.filterwarnings("ignore:receiver 0:UserWarning")
+def test_a_lamp_close_to_the_water_reaches_a_receiver_aside():
+    """The sea where its light crosses once ended before the receiver, and was refused."""
+    link = down(mt.AirLed(height=0.226, half_angle_deg=30.0), depth=10.0, position=(0.0, 13.3))
+    first = mt.simulate(link, FlatSea(), photons=8192, seed=1)
+    other = mt.simulate(link, FlatSea(), photons=8192, seed=2, extent=30.0)
+    assert first.gain > 5.0 * first.gain_stderr
+    assert abs(first.gain - other.gain) < 3.9 * math.hypot(first.gain_stderr, other.gain_stderr)
+
+
 @pytest.mark.statistical
 def test_adjoint_paths_from_the_lamp_agree_with_chains():
     link = down(mt.AirLed(half_angle_deg=40.0), position=(6.0, 0.0), fov_deg=120.0)

@@ -1,6 +1,7 @@
 """Closed estimate of the light that the surface sends back, against analog photons."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -112,3 +113,22 @@ def test_rays_that_go_down_do_not_count():
         for t in (mt.IsotropicSource(depth=5.0), mt.Led(depth=5.0))
     )
     assert 0.0 < around[0] < upwards[0]
+
+
+@pytest.mark.parametrize(
+    ("options", "found"),
+    [
+        ({"estimator": "forced", "photons": 32, "rtol": 0.02}, ["about 8 % of", "cuts off 5."]),
+        ({"estimator": "analog", "photons": 1000, "rtol": 0.05}, ["left the meshed surface"]),
+    ],
+)
+def test_a_run_to_a_tolerance_warns_once(options, found):
+    """Each of its repetitions once warned, by its own gain."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        run = mt.simulate(link_of(depth=3.0), FLAT, seed=1, extent=3.0, **options)
+    assert run.photons > options["photons"]
+    assert len(caught) == len(found)
+    for warning, text in zip(caught, found, strict=True):
+        assert text in str(warning.message)
+        assert warning.filename == __file__

@@ -108,7 +108,7 @@ def infer(
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
     setting = Setting(case.link, case.surface, None)
-    found = parameters(setting, keys, None, "vertex") if keys else []
+    found = parameters(setting, keys, None, "vertex", "unknown") if keys else []
     for p in found:
         if p.name.split(".")[0] in ("sea", "wind_speed"):
             raise Refused("unknown", p.name, "keys of the link, or scale")

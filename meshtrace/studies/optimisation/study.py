@@ -206,7 +206,7 @@ def _variables(
         if str(name).split(".")[0] in ("sea", "wind_speed", "detector"):
             raise Refused("over", name, "keys of the link")
         bounds.append(pair)
-    found = parameters(setting, list(over), None, case.meshing.normals)
+    found = parameters(setting, list(over), None, case.meshing.normals, "over")
     for p, pair in zip(found, bounds, strict=True):
         for end in pair:
             p.at(setting, float(end))

@@ -187,7 +187,11 @@ def _parameter(name: str, base: float, link: Link, step: float | None) -> Parame
 
 
 def parameters(
-    setting: Setting, wrt: Sequence[str] | None, step: float | None, normals: str
+    setting: Setting,
+    wrt: Sequence[str] | None,
+    step: float | None,
+    normals: str,
+    field: str = "wrt",
 ) -> list[Parameter]:
     """Return the parameters of a study.
 
@@ -202,6 +206,8 @@ def parameters(
         Step of the differences, relative or in the unit of the parameter.
     normals : {"vertex", "facet"}
         Normals of the mesh: over facets the gain jumps with the geometry.
+    field : str
+        Name of the argument `wrt` in the study, for messages.
 
     Raises
     ------
@@ -210,17 +216,17 @@ def parameters(
         has other waves at another value.
     """
     known = _known(setting)
-    given = list(known) if wrt is None else require_names(wrt, "wrt")
+    given = list(known) if wrt is None else require_names(wrt, field)
     names = [re.sub(r"\[(\d+)\]", r".\1", name) for name in given]
     if step is not None:
         require_between(step, 0.0, 100.0, "step")
     if len(set(names)) < len(names):
-        raise Refused("wrt", names, "each name once")
+        raise Refused(field, names, "each name once")
     found = []
     for name in names:
         if name not in known:
-            hint = f"no such continuous key, {did_you_mean(name, known)}".rstrip(", ")
-            raise Refused("wrt", name, ", ".join(known), hint)
+            hint = f"no such continuous key, {did_you_mean(name, known)}".rstrip()
+            raise Refused(field, name, ", ".join(known), hint)
         p = _parameter(name, known[name], setting.link, step)
         if wrt is None and _left_out(p, setting):
             continue
@@ -236,7 +242,7 @@ def parameters(
             continue
         found.append(p)
     if not found:
-        raise Refused("wrt", wrt, "at least one name")
+        raise Refused(field, wrt, "at least one name")
     return found
 
 

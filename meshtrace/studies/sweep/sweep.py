@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from meshtrace.errors import Refused, require_keys
+from meshtrace.errors import MISSING, Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
@@ -247,7 +247,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         raise error.of(str(path)) from error.__cause__
     table = config.pop("sweep", None)
     if not isinstance(table, dict):
-        raise Refused("sweep", table, "a table", source=str(path))
+        raise Refused("sweep", MISSING if table is None else table, "a table", source=str(path))
     return config, table
 
 
