@@ -49,7 +49,7 @@ def test_coverage_and_plot(tmp_path):
 def test_coverage_to_a_tolerance(tmp_path):
     file = tmp_path / "map.nc"
     done = meshtrace("coverage", "--rtol", 0.05, "--extent", 0.2, "--step", 0.1, "-o", file,
-                     "--set", "surface.kind=flat")  # fmt: skip
+                     "--wind", 0)  # fmt: skip
     assert done.exit_code == 0, done.stderr
     found = results.load(file)
     assert found.provenance["run"]["estimator"] == "forced"

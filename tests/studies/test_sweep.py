@@ -283,7 +283,7 @@ def test_study_file_is_a_link_file_with_a_sweep(address, tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("wind_speed = 5.0", r"sweep: None, allowed: a table"),
+        ("wind_speed = 5.0", r"sweep: missing, allowed: a table"),
         ("[sweep]\nseeds = 3", r"sweep\.seeds: 3, no such key"),
         ("[sweep", r"allowed: TOML"),
         ("[sweep]\n[sweep.parameters]\nwind_speed = 5.0", r"parameters: 5\.0, allowed: a list"),
