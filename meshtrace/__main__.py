@@ -10,6 +10,7 @@ from types import FrameType
 from typing import Any
 
 _LATER = 0.05  # [s]
+_interrupted = threading.Event()
 
 
 def main() -> None:
@@ -38,6 +39,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
             _interrupt_later()
             return
         frame = frame.f_back
+    _interrupted.set()
     raise KeyboardInterrupt
 
 
@@ -48,10 +50,13 @@ def _report(kind: type[BaseException], error: BaseException, traceback: Any) -> 
 
 
 def _unraisable(unraisable: Any) -> None:
-    """Raise KeyboardInterrupt again if a callback could not pass it on."""
+    """Raise KeyboardInterrupt again if a callback could not pass it on.
+
+    After it, errors of destructors are those of objects that were not complete.
+    """
     if issubclass(unraisable.exc_type, KeyboardInterrupt):
         _interrupt_later()
-    else:
+    elif not _interrupted.is_set():
         sys.__unraisablehook__(unraisable)
 
 

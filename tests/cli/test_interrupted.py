@@ -67,10 +67,16 @@ class Late:
     def __del__(self):
         signal.raise_signal(signal.SIGINT)
         sum(range(1000))
+class Half:
+    def __init__(self):
+        signal.raise_signal(signal.SIGINT)
+        self.whole = True
+    def __del__(self):
+        del self.whole
 from meshtrace import cli
 import meshtrace.__main__ as start
 def body(prog_name):
-    Late()
+    CASE()
     import time
     time.sleep(60)
 cli.app = body
@@ -80,10 +86,11 @@ start.main()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-def test_ctrl_c_in_a_callback_is_not_lost(tmp_path):
-    """Exceptions of `__del__` go nowhere; once the command went on."""
+@pytest.mark.parametrize("case", ["Late", "Half"])
+def test_ctrl_c_in_a_callback_is_not_lost(case, tmp_path):
+    """Exceptions of `__del__` go nowhere; once the command went on, or printed them."""
     done = subprocess.run(
-        [sys.executable, "-c", CALLBACK],
+        [sys.executable, "-c", CALLBACK.replace("CASE", case)],
         capture_output=True,
         text=True,
         timeout=50,
