@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable
 from functools import partial
+from itertools import count
 from time import thread_time
 from typing import Any
 
@@ -34,7 +35,7 @@ def thread_scaling(
     mesh: TriangleMesh,
     near: TriangleMesh,
     photons: int = 1_500_000,
-    chains: int = 20_000,
+    chains: int = 400_000,
     rounds: int = 3,
     most: int | None = None,
 ) -> dict[str, Any]:
@@ -47,7 +48,7 @@ def thread_scaling(
     mesh, near : TriangleMesh
         The surface for analog transport, and the part of it that forced detection needs.
     photons, chains : int
-        Work of each round of both estimators.
+        Work of each round of both estimators; chains are made and evaluated.
     rounds : int
         Rounds, of which the best counts; all numbers of threads take turns.
     most : int, optional
@@ -66,11 +67,12 @@ def thread_scaling(
         partial(run_analog, link, EmbreeIntersector(mesh, n), photons=photons, seed=1, threads=n)
         for n in threads
     ]
-    forced = [
-        partial(ForcedDetection(link, chains, 1, threads=n, crest=crest).evaluate, near)
-        for n in threads
-    ]
-    times = best_of(rounds, *analog, *forced)
+    seeds = count(1)  # kept chains would not be made
+
+    def make_and_evaluate(n: int) -> None:
+        ForcedDetection(link, chains, next(seeds), threads=n, crest=crest).evaluate(near)
+
+    times = best_of(rounds, *analog, *(partial(make_and_evaluate, n) for n in threads))
     analog_times, forced_times = times[: len(threads)], times[len(threads) :]
     return {
         "threads": threads,
@@ -79,9 +81,7 @@ def thread_scaling(
         "analog_speedup": [analog_times[0] / t for t in analog_times],
         "forced_speedup": [forced_times[0] / t for t in forced_times],
         "analog_by_jobs": speedup_by_jobs(analog[0]),
-        "forced_by_jobs": speedup_by_jobs(
-            lambda: ForcedDetection(link, chains, 1, threads=1, crest=crest).evaluate(near)
-        ),
+        "forced_by_jobs": speedup_by_jobs(partial(make_and_evaluate, 1)),
     }
 
 

@@ -74,7 +74,7 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
         "first_run": first_run() if cold else None,
         "downlink": _if_followed(lambda: _downlink(link, sea)),
         "peak_memory_mib": _peak_memory(),
-        "thread_scaling": thread_scaling(link, mesh, near, photons, chains),
+        "thread_scaling": thread_scaling(link, mesh, near, photons, 20 * chains),
         "worker_scaling": worker_scaling(scenario, 128 // scale) if dask else None,
     }
 
