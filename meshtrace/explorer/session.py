@@ -14,6 +14,8 @@ from meshtrace.explorer.state import State
 from meshtrace.explorer.worker import Ticket, Worker
 from meshtrace.scenario import Scenario
 
+_REST = 0.15  # between the first gain and further work: the page shows gain and scene [s]
+
 
 class Answer(NamedTuple):
     """Latest answer of a stage: value, key of the state that it belongs to, completeness."""
@@ -140,8 +142,11 @@ class Session:
             answer = None
             try:
                 for value in stage.run(state, ticket.check):
+                    first = answer is None and name == "gain"
                     answer = Answer(value, key, False)
                     self._publish(ticket, name, answer)
+                    if first:
+                        ticket.rest(_REST)
             except Refused as error:
                 answer = Answer(Failed(str(error)), key, False)
             if answer is not None:

@@ -34,6 +34,17 @@ class Ticket:
         if not self.newest:
             raise Superseded
 
+    def rest(self, seconds: float) -> None:
+        """Wait for a newer job; return if there is none.
+
+        Raises
+        ------
+        Superseded
+            If a newer job has been submitted.
+        """
+        self._worker.wait_for_newer(self.number, seconds)
+        self.check()
+
 
 class Worker:
     """Thread that runs the newest submitted job and leaves out those submitted before it.
@@ -78,6 +89,11 @@ class Worker:
         """Wait until no job waits or runs, and return whether that is so."""
         with self._changed:
             return self._changed.wait_for(lambda: self._job is None and not self._running, timeout)
+
+    def wait_for_newer(self, number: int, seconds: float) -> None:
+        """Wait until a job newer than a ticket has been submitted, at most some seconds."""
+        with self._changed:
+            self._changed.wait_for(lambda: self.newest != number, seconds)
 
     def _run(self) -> None:
         while True:

@@ -35,6 +35,25 @@ def test_numbers_of_tickets_rise():
     worker.close()
 
 
+def test_a_resting_job_ends_at_once_for_a_newer_one():
+    done, resting = [], threading.Event()
+    worker = Worker(lambda error: None)
+
+    def job(ticket):
+        ticket.rest(0.01)
+        done.append("rested")
+        resting.set()
+        ticket.rest(60.0)
+        done.append("not superseded")
+
+    worker.submit(job)
+    assert resting.wait(10.0)
+    worker.submit(lambda ticket: done.append("newest"))
+    assert worker.wait(10.0)
+    assert done == ["rested", "newest"]
+    worker.close()
+
+
 def test_an_error_is_reported_and_the_next_job_runs():
     errors, done = [], []
     worker = Worker(errors.append)
