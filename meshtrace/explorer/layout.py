@@ -181,7 +181,7 @@ def _readings(actions: Actions) -> None:
                 _rows([
                     ("Received power", "reading.power"), ("Required power", "reading.required"),
                     (MARGIN_LABEL, "reading.margin"), ("Bit error rate", "reading.ber"),
-                    ("Background light", "reading.background"),
+                    ("Light", "reading.light"), ("Background", "reading.background"),
                 ])  # fmt: skip
         with html.Div(classes="mt-card"):
             html.H2("Fading")

@@ -10,7 +10,7 @@ from meshtrace.explorer import texts
 from meshtrace.explorer.session import Session
 from meshtrace.explorer.stages import LIMIT, Fading, Failed, Gain
 
-_NO_BITS = {"power": "–", "required": "–", "margin": "–", "ber": "–", "background": "–"}
+_NO_BITS = dict.fromkeys(("power", "required", "margin", "ber", "light", "background"), "–")
 
 
 def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
@@ -58,9 +58,8 @@ def _bits(gain: Gain) -> dict[str, str]:
         if np.isfinite(bits.margin_db)
         else "–",
         "ber": texts.bit_error_rate(bits.ber),
-        "background": "none: dark"
-        if bits.background is None
-        else f"{texts.rate(bits.background)}, {bits.light}",
+        "light": bits.light or "dark",
+        "background": "–" if bits.background is None else texts.rate(bits.background),
     }
 
 

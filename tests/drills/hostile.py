@@ -194,8 +194,9 @@ def arguments(random, folder):
     names = sorted(sound)
     for name in random.sample(names, min(len(names), random.choice([1, 1, 2]))):
         given[name] = random.choice([*VALUES, *ARRAYS])
-    if given.get("photons") in (1e6, 2**31):
-        given["photons"] = -given["photons"]  # so many photons are allowed, and take minutes
+    photons = given.get("photons")
+    if isinstance(photons, int | float) and photons in (1e6, 2**31):
+        given["photons"] = -photons  # so many photons are allowed, and take minutes
     shown = {name: given[name] for name in given if given[name] is not sound[name]}
 
     def call():

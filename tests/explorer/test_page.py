@@ -195,7 +195,7 @@ def test_daylight_adds_background_and_keeps_the_gain(page):
     before = reading(page)
     page.find_element("css selector", "#light option[value='clear']").click()
     counts = lambda: page.find_element("id", "reading-background").text  # noqa: E731
-    until(lambda: re.fullmatch(r"\d[\d.e+]* counts/s, clear sky", counts()), "no background", 120.0)
+    until(lambda: re.fullmatch(r"\d[\d.e+]* counts/s", counts()), "no background", 120.0)
     until(lambda: reading(page) == before, "the gain changes")
 
 
