@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import _thread
+import os
 import signal
 import sys
 import threading
@@ -10,6 +11,7 @@ from types import FrameType
 from typing import Any
 
 _LATER = 0.05  # [s]
+_LLVM = f"{os.sep}llvmlite{os.sep}"
 _interrupted = threading.Event()
 
 
@@ -29,13 +31,15 @@ def main() -> None:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, once the current import is complete.
+    """Raise KeyboardInterrupt, once the current import or call of llvmlite is complete.
 
     Compiled modules turn an interrupted import into other errors, and Python ends by the signal
-    if the exception passes through `exec` of a text, as in dataclasses.
+    if the exception passes through `exec` of a text, as in dataclasses. Objects of LLVM whose
+    making was interrupted are freed twice.
     """
     while frame is not None:
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
+        file = frame.f_code.co_filename
+        if file.startswith("<frozen importlib") or _LLVM in file:
             _interrupt_later()
             return
         frame = frame.f_back
