@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.process]
 STARTED = "import os; os.write(2, b'started\\n'); from meshtrace.__main__ import main; main()"
 """A command that says when Python is ready; before, there is none to handle the signal."""
 
-SLOW = ["run", "--photons", "300000", "--threads", "1", "-o", "gain.nc"]
+SLOW = ["run", "--photons", "2000000", "--threads", "1", "-o", "gain.nc"]
 
 
 def heed():
