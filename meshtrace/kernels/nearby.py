@@ -20,7 +20,7 @@ from meshtrace.kernels.aiming import aim_at, land_sloped
 from meshtrace.kernels.crossings import radius_of, shot_of
 from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
 from meshtrace.kernels.roots import MARGIN, may_hold, spread_of
-from meshtrace.kernels.scene import first_bin
+from meshtrace.kernels.scene import bins_near, is_first_bin
 from meshtrace.kernels.vectors import Vec3
 
 LONGEST = 256  # facets of a list; a chain with more has none
@@ -76,19 +76,14 @@ def _slack_of_crossing(flat, slack):
 def _facets_near(flat, radius, slack, shot, scene, out):
     """Write the facets that pass both tests by the slack; return their number, or too many."""
     grid, n, hair = scene.locator, ZERO, _slack_of_crossing(flat, slack)
-    wide = radius + hair
-    i0 = max(int((flat.x - wide - grid.x) / grid.step), 0)
-    i1 = min(int((flat.x + wide - grid.x) / grid.step), grid.nx - 1)
-    j0 = max(int((flat.y - wide - grid.y) / grid.step), 0)
-    j1 = min(int((flat.y + wide - grid.y) / grid.step), grid.ny - 1)
+    i0, i1, j0, j1 = bins_near(flat.x, flat.y, radius + hair, grid)
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
             for k in range(grid.start[i * grid.ny + j], grid.start[i * grid.ny + j + 1]):
                 f = np.int64(grid.facet[k])
                 if not _passes(f, flat, slack, hair, shot, scene):
                     continue
-                fi, fj = first_bin(scene.surface, f, grid)
-                if i == max(fi, i0) and j == max(fj, j0):
+                if is_first_bin(i, j, i0, j0, f, scene.surface, grid):
                     if n == len(out):
                         return n + 1
                     out[n] = f

@@ -9,7 +9,7 @@ import numpy as np
 from meshtrace.kernels.aiming import aim_at, newton
 from meshtrace.kernels.facets import inside_facet
 from meshtrace.kernels.jit import YES, inlined, outlined
-from meshtrace.kernels.scene import first_bin
+from meshtrace.kernels.scene import bins_near, is_first_bin
 from meshtrace.kernels.vectors import row
 
 MARGIN = 1.3  # on first-order bounds, for the higher orders
@@ -47,17 +47,13 @@ def enumerate_roots(roots, n, flat, radius, shot, scene):
     Every facet within `radius` is searched.
     """
     grid = scene.locator
-    i0 = max(int((flat.x - radius - grid.x) / grid.step), 0)
-    i1 = min(int((flat.x + radius - grid.x) / grid.step), grid.nx - 1)
-    j0 = max(int((flat.y - radius - grid.y) / grid.step), 0)
-    j1 = min(int((flat.y + radius - grid.y) / grid.step), grid.ny - 1)
+    i0, i1, j0, j1 = bins_near(flat.x, flat.y, radius, grid)
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
             for k in range(grid.start[i * grid.ny + j], grid.start[i * grid.ny + j + 1]):
                 f = np.int64(grid.facet[k])
                 if may_hold(scene.facets[f], flat, shot.tilt, 0.0):
-                    fi, fj = first_bin(scene.surface, f, grid)
-                    if i == max(fi, i0) and j == max(fj, j0):  # no earlier bin lists the facet
+                    if is_first_bin(i, j, i0, j0, f, scene.surface, grid):
                         n = _facet_roots(roots, n, f, flat, shot, scene)
     return n
 

@@ -123,13 +123,22 @@ def locate(locator, surface, x, y):
 
 
 @inlined
-def first_bin(surface, f, grid):
-    """Return the lowest bin that a facet reaches into, which may lie outside of the grid."""
+def bins_near(x, y, radius, grid):
+    """Return the first and last bins, along x and along y, within a radius of a point."""
+    i0 = max(int((x - radius - grid.x) / grid.step), 0)
+    i1 = min(int((x + radius - grid.x) / grid.step), grid.nx - 1)
+    j0 = max(int((y - radius - grid.y) / grid.step), 0)
+    j1 = min(int((y + radius - grid.y) / grid.step), grid.ny - 1)
+    return i0, i1, j0, j1
+
+
+@inlined
+def is_first_bin(i, j, i0, j0, f, surface, grid):
+    """Return whether no earlier bin of those from (i0, j0) on lists a facet of bin (i, j)."""
     a, b, c = corners(surface.vertices, f, surface.faces)
-    return (
-        _bin_of(min(a.x, b.x, c.x), grid.x, grid.step, grid.nx),
-        _bin_of(min(a.y, b.y, c.y), grid.y, grid.step, grid.ny),
-    )
+    fi = _bin_of(min(a.x, b.x, c.x), grid.x, grid.step, grid.nx)
+    fj = _bin_of(min(a.y, b.y, c.y), grid.y, grid.step, grid.ny)
+    return i == max(fi, i0) and j == max(fj, j0)
 
 
 @inlined
