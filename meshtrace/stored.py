@@ -285,6 +285,8 @@ def _check_heaps(path: str | PathLike[str]) -> None:
     HDF5 loops for ever over it (H5HG__cache_heap_deserialize); one wrong bit in a file without a
     digest is enough.
     """
+    if Path(path).stat().st_size == 0:
+        raise OSError("the file is empty")
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         start = content.find(_HEAP)
         while start >= 0:

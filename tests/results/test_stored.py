@@ -242,6 +242,15 @@ def test_cut_and_foreign_files_are_refused_in_one_line(results, tmp_path):
     assert loaded_or_refused(tmp_path / "fifo") is None
 
 
+def test_an_empty_file_is_refused(tmp_path):
+    path = tmp_path / "a.nc"
+    path.touch()
+    with pytest.raises(
+        Refused, match=r"a\.nc: the file is empty, allowed: an undamaged netCDF file"
+    ):
+        load(path)
+
+
 def test_a_file_changed_by_another_tool_is_read(results, tmp_path):
     """The digest goes when HDF5 writes to a file: what was meant is no damage."""
     results["coverage"].save(tmp_path / "a.nc")
