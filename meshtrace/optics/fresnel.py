@@ -12,10 +12,9 @@ from meshtrace.models import Floats
 def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Floats:
     r"""Return the reflectance of unpolarised light from medium 1 to medium 2.
 
-    .. math::
-        \rho = \tfrac12 (r_s^2 + r_p^2), \quad
-        r_s = \frac{n_1 c_i - n_2 c_t}{n_1 c_i + n_2 c_t}, \quad
-        r_p = \frac{n_2 c_i - n_1 c_t}{n_2 c_i + n_1 c_t}
+    .. math:: \rho = \tfrac12 (r_s^2 + r_p^2)
+
+    with the squares of `polarised_reflectances`.
 
     Parameters
     ----------
@@ -48,14 +47,17 @@ def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Floats:
     >>> round(float(fresnel_reflectance(1.0, 1.33, 1.0)), 8)
     0.02005931
     """
-    rho_s, rho_p = polarized_reflectances(cos_i, n1, n2)
+    rho_s, rho_p = polarised_reflectances(cos_i, n1, n2)
     return np.asarray(0.5 * (rho_s + rho_p))
 
 
-def polarized_reflectances(cos_i: ArrayLike, n1: float, n2: float) -> tuple[Floats, Floats]:
-    """Return the reflectances of light polarised across and in the plane of incidence.
+def polarised_reflectances(cos_i: ArrayLike, n1: float, n2: float) -> tuple[Floats, Floats]:
+    r"""Return the reflectances of light polarised across and in the plane of incidence.
 
-    Their mean is that of unpolarised light, `fresnel_reflectance`, the one of all simulations.
+    .. math::
+        \rho_s = r_s^2, \quad \rho_p = r_p^2, \quad
+        r_s = \frac{n_1 c_i - n_2 c_t}{n_1 c_i + n_2 c_t}, \quad
+        r_p = \frac{n_2 c_i - n_1 c_t}{n_2 c_i + n_1 c_t}
 
     Parameters
     ----------
@@ -74,9 +76,17 @@ def polarized_reflectances(cos_i: ArrayLike, n1: float, n2: float) -> tuple[Floa
     Refused
         If a cos_i lies outside 0 ... 1 or an index is not a positive number.
 
+    Notes
+    -----
+    All simulations take their mean, `fresnel_reflectance`: light is unpolarised.
+
+    References
+    ----------
+    Born and Wolf 1999, Principles of Optics, 7th edition, section 1.5.2.
+
     Examples
     --------
-    >>> rho_s, rho_p = polarized_reflectances(np.cos(np.radians(30.0)), 1.0, 1.33)
+    >>> rho_s, rho_p = polarised_reflectances(np.cos(np.radians(30.0)), 1.0, 1.33)
     >>> round(float((rho_s - rho_p) / (rho_s + rho_p)), 4)
     0.4441
     """

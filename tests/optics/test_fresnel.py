@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from meshtrace.optics.fresnel import (
     fresnel_reflectance,
     hemispheric_reflectance,
-    polarized_reflectances,
+    polarised_reflectances,
     reflect,
     refract,
 )
@@ -131,12 +131,12 @@ def test_hemispheric_reflectance():
     assert hemispheric_reflectance(N, 1.0) == pytest.approx(mean, abs=1e-6)
 
 
-def test_polarized_light_of_the_reference_and_of_the_page_of_limits():
+def test_polarised_light_of_the_reference_and_of_the_page_of_limits():
     root = Path(__file__).parents[2]
     whole = json.loads((root / "tests/data/daylight_downlink_reference.json").read_text())
     wanted = whole["polarisation"]
     cos_i = np.cos(np.radians(wanted["air_incidence_deg"]))
-    rho_s, rho_p = polarized_reflectances(cos_i, 1.0, N)
+    rho_s, rho_p = polarised_reflectances(cos_i, 1.0, N)
     through = (1.0 - rho_s) / (1.0 - fresnel_reflectance(cos_i, 1.0, N))
     np.testing.assert_allclose(through, wanted["Ts_over_T"], atol=1e-6)
     other = (1.0 - rho_p) / (1.0 - fresnel_reflectance(cos_i, 1.0, N))
@@ -148,9 +148,9 @@ def test_polarized_light_of_the_reference_and_of_the_page_of_limits():
         row = " | ".join(f"{v:.{digits}f}" for v in values)
         assert f"| {name} | {row} |" in page
     # Brewster's angle, and total reflection
-    rho_s, rho_p = polarized_reflectances(np.cos(np.arctan(N)), 1.0, N)
+    rho_s, rho_p = polarised_reflectances(np.cos(np.arctan(N)), 1.0, N)
     assert rho_p < 1e-30 < rho_s
-    np.testing.assert_array_equal(polarized_reflectances(0.1, N, 1.0), (1.0, 1.0))
+    np.testing.assert_array_equal(polarised_reflectances(0.1, N, 1.0), (1.0, 1.0))
 
 
 def test_errors():
