@@ -110,6 +110,37 @@ def test_killed_worker_loses_nothing(expected, tmp_path):
     assert (result[0]["error"] == "").all()
 
 
+def keys_in_memory(dask_worker):
+    return sorted(dask_worker.data)
+
+
+def test_results_lost_with_their_worker_are_computed_again(expected):
+    """The first result is being written; the worker dies with the next three in its memory."""
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50
+        ) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        lost = []
+
+        def advance(done):
+            if lost:
+                return
+            (worker,) = client.scheduler_info()["workers"]
+            while len(lost) < 4:
+                time.sleep(0.02)
+                lost[:] = client.run(keys_in_memory)[worker]
+            os.kill(client.run(os.getpid)[worker], signal.SIGKILL)
+            while worker in client.scheduler_info()["workers"]:
+                time.sleep(0.02)
+
+        options = {**OPTIONS, "progress": advance}
+        data = sweep(LINK, PARAMETERS, scheduler=cluster.scheduler_address, **options)
+    np.testing.assert_array_equal(data["gain"].values, expected)
+    assert (data["error"] == "").all()
+
+
 def test_interrupted_command_goes_on(expected, tmp_path):
     study, store = tmp_path / "study.toml", tmp_path / "study.zarr"
     study.write_text(

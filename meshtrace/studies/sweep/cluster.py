@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,7 @@ DEFAULT_TIMEOUT = 60.0
 
 _CHATTY = ("distributed", "tornado", "asyncio")  # loggers of lost connections
 _POLL = 0.02  # [s] between looks for finished tasks
+_FETCH = 5.0  # [s] to wait for a result before other tasks are looked at
 _ALLOWED = "a running dask scheduler with workers; the same command resumes"
 
 
@@ -56,29 +58,41 @@ def compute(
                 _portable_task(), tasks, study=asdict(study), expected=_environment()(), pure=False
             )
             of = dict(zip((future.key for future in futures), tasks, strict=True))
-            for n, future in enumerate(_finished(client, futures, timeout)):
+            for n, (future, found) in enumerate(_finished(client, futures, timeout)):
                 task = of[future.key]
-                if future.status == "finished":
-                    write(group, task, Outcome(*_checked(future.result())))
-                elif future.status == "error":
-                    note(group, task, error_text(future.exception()))
+                if isinstance(found, CancelledError):
+                    raise _lost(client, n, len(tasks)) from found
+                if isinstance(found, Exception):
+                    note(group, task, error_text(found))
                 else:
-                    raise _lost(client, n, len(tasks))
+                    write(group, task, Outcome(*_checked(found)))
                 future.release()
                 advance(1)
 
 
 def _finished(
     client: distributed.Client, futures: list[distributed.Future], timeout: float
-) -> Iterator[distributed.Future]:
-    """Yield tasks as they finish; refuse to wait for a scheduler or workers that are gone."""
+) -> Iterator[tuple[distributed.Future, Any]]:
+    """Yield tasks as they finish, with result or error; refuse to wait for workers that are gone.
+
+    A result lost with its worker before it arrives here is awaited again: the scheduler has
+    another worker compute it.
+    """
     import distributed
 
     done, without_worker = 0, 0.0
     completed = distributed.as_completed(futures, loop=client.loop)
     while not completed.is_empty():
         if completed.has_ready():
-            yield next(completed)
+            future = next(completed)
+            try:
+                found = future.exception() if future.status == "error" else future.result(_FETCH)
+            except TimeoutError:
+                completed.add(future)
+                continue
+            except Exception as error:
+                found = error
+            yield future, found
             done, without_worker = done + 1, 0.0
             continue
         time.sleep(_POLL)
