@@ -17,7 +17,7 @@ from meshtrace.studies.coverage import coverage_map
 from meshtrace.studies.series import ensemble
 from meshtrace.transport.backward import background
 
-_FIRST_RUN = "import meshtrace as mt; mt.simulate(mt.Link(), photons=1000)"
+_RUN = sys.executable, "-m", "meshtrace", "run"
 
 
 def realization(link: Link, sea: Any, chains: int = 608, realizations: int = 64) -> dict[str, Any]:
@@ -116,22 +116,23 @@ def coverage_cost(
 
 
 def first_run() -> dict[str, float]:
-    """Return the time of a first run, which compiles all kernels into an empty cache.
+    """Return the time of a first `meshtrace run`, which compiles its kernels by two processes.
 
     Returns
     -------
     dict
-        `cpu_seconds` and wall `seconds` of a process with an empty cache; `warm_cpu_seconds` of
-        the same command after it.
+        `seconds` of wall time and `cpu_seconds` with an empty cache; `warm_seconds` and
+        `warm_cpu_seconds` of the same command after it.
     """
     with tempfile.TemporaryDirectory() as folder:
         own = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
         cache = {**own, "MESHTRACE_CACHE_DIR": folder}
-        times = []
-        for _ in range(2):
+        rows = {}
+        for name in ("", "warm_"):
             before, start = os.times(), perf_counter()
-            subprocess.run([sys.executable, "-c", _FIRST_RUN], env=cache, check=True)
+            subprocess.run(_RUN, env=cache, check=True, capture_output=True)
             after, seconds = os.times(), perf_counter() - start
             user = after.children_user - before.children_user
-            times.append((user + after.children_system - before.children_system, seconds))
-    return {"cpu_seconds": times[0][0], "seconds": times[0][1], "warm_cpu_seconds": times[1][0]}
+            rows[f"{name}seconds"] = seconds
+            rows[f"{name}cpu_seconds"] = user + after.children_system - before.children_system
+    return rows

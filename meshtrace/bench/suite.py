@@ -160,8 +160,8 @@ def _answers(result: dict[str, Any]) -> dict[str, str]:
         )
     if first is not None:
         rows["first run"] = (
-            f"{first['cpu_seconds']:.1f} CPU s with compilation, "
-            f"{first['warm_cpu_seconds']:.1f} CPU s afterwards"
+            f"{first['seconds']:.1f} s ({first['cpu_seconds']:.1f} CPU s) with compilation, "
+            f"{first['warm_seconds']:.1f} s ({first['warm_cpu_seconds']:.1f} CPU s) afterwards"
         )
     return rows
 

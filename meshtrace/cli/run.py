@@ -61,8 +61,10 @@ def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
     with progress(known, quiet, "following photons") as (say, advance):
         if not kernels_are_compiled(scenario.run.estimator.kind):
             scenario.mesh()  # reports a wrong link before the kernels compile
+            from meshtrace.cli.ahead import compiling_ahead
+
             say(COMPILING)
-            with warnings.catch_warnings():
+            with warnings.catch_warnings(), compiling_ahead(scenario):
                 warnings.simplefilter("ignore")
                 few = {"photons": min(scenario.run.photons, 64), "rtol": None}
                 short = scenario.run.model_copy(update=few)

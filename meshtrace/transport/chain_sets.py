@@ -108,7 +108,7 @@ class ChainDrawer:
 
         def jobs() -> Iterator[tuple[int, ChainSet, _Points, _Points]]:
             for request in requests:
-                sets.append(self._empty(request))
+                sets.append(self.empty(request))
                 points, shifts = points_of(request)
                 first = 0
                 for block in sets[-1].blocks():
@@ -123,11 +123,11 @@ class ChainDrawer:
     def draw_shifts(self, request: Request, first: int, last: int) -> ChainSet:
         """Return the chains of the shifts first <= s < last, without crossings of a flat sea."""
         points, shifts = points_of(request)
-        block = self._empty(request, last - first)._replace(flat=[])
+        block = self.empty(request, last - first)._replace(flat=[])
         self._fill(request.source, block, points, shifts[first:last])
         return block
 
-    def _empty(self, request: Request, shifts: int = SHIFTS) -> ChainSet:
+    def empty(self, request: Request, shifts: int = SHIFTS) -> ChainSet:
         """Return room for a set of chains."""
         n, order = shifts * request.per_shift, request.order
         chains = Chains(
