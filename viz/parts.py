@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -355,16 +356,21 @@ def add_uav(scene: Scene, link: Link) -> Scene:
 
 def quadcopter(arm: float) -> pv.PolyData:
     """Return an aircraft with arms of a length [m], its receiver at the origin."""
-    up = 0.28 * arm
-    body = pv.Cube(center=(0, 0, up), x_length=0.7 * arm, y_length=0.5 * arm, z_length=up)
+    glyph = _unit_quadcopter().copy()
+    glyph.points *= arm
+    return glyph
+
+
+@cache
+def _unit_quadcopter() -> pv.PolyData:
+    up = 0.28
+    body = pv.Cube(center=(0, 0, up), x_length=0.7, y_length=0.5, z_length=up)
     parts = [body.triangulate()]
     for azimuth in np.radians([45.0, 135.0, 225.0, 315.0]):
-        x, y = arm * math.cos(azimuth), arm * math.sin(azimuth)
-        post = pv.Cylinder(
-            center=(x, y, 1.5 * up), direction=(0, 0, 1), radius=0.09 * arm, height=0.5 * up
-        )
-        rotor = pv.Disc(center=(x, y, 1.8 * up), inner=0.0, outer=0.52 * arm, c_res=40)
-        spar = pv.Tube(pointa=(0, 0, up), pointb=(x, y, 1.3 * up), radius=0.055 * arm)
+        x, y = math.cos(azimuth), math.sin(azimuth)
+        post = pv.Cylinder(center=(x, y, 1.5 * up), direction=(0, 0, 1), radius=0.09, height=0.14)
+        rotor = pv.Disc(center=(x, y, 1.8 * up), inner=0.0, outer=0.52, c_res=40)
+        spar = pv.Tube(pointa=(0, 0, up), pointb=(x, y, 1.3 * up), radius=0.055)
         parts += [post, rotor, spar]
     return pv.merge(parts).extract_surface(algorithm=None)
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from matplotlib.colors import to_hex
 from trame.ui.vuetify3 import VAppLayout
-from trame.widgets import html, vtk
+from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 from trame_client.widgets.core import AbstractElement
 
@@ -16,6 +16,7 @@ from meshtrace.explorer.controls import CONTROLS, Control, slider_range
 from meshtrace.explorer.readings import MARGIN_LABEL
 from meshtrace.explorer.scene import SCATTERED_COLOR, UNSCATTERED_COLOR, LiveScene
 from meshtrace.explorer.state import State
+from meshtrace.explorer.view import SceneView
 from meshtrace.link import Link
 from meshtrace.viz.style import LED_COLOR, RECEIVER_COLOR, water_map
 
@@ -123,9 +124,9 @@ def _control(control: Control, value: float | None) -> None:
         html.Span(control.unit, classes="mt-unit")
 
 
-def _scene(window: Any) -> Any:
+def _scene(window: Any) -> SceneView:
     with html.Div(classes="mt-scene"):
-        view = vtk.VtkLocalView(window, ref="scene", on_image_capture="shot = $event")
+        view = SceneView(window, ref="scene", on_image_capture="shot = $event")
         with html.Div(classes="mt-time"):
             v3.VBtn(
                 icon=("playing ? 'mdi-pause' : 'mdi-play'",), click="playing = !playing",

@@ -131,7 +131,6 @@ class Page:
         """Show the sea at a time [s]."""
         self.session.show_time(max(float(time), 0.0))
         self._show_scene()
-        self.session.answer_now()
 
     def _fill(self, title: str) -> None:
         """Set all variables of the page."""
@@ -152,7 +151,8 @@ class Page:
             values = {
                 key: _number(value) if key in BY_NAME else value for key, value in moved.items()
             }
-            self.session.move({key: v for key, v in values.items() if v != now[key]})
+            moves = {key: v for key, v in values.items() if v != now[key]}
+            self.session.move(moves, answer=False)  # the scene is first: it is ready sooner
         except Refused as error:
             page.refused = str(error)
             return
@@ -168,18 +168,19 @@ class Page:
         self._scene_due = self._loop.call_later(wait, self._show_scene)
 
     def _show_scene(self) -> None:
-        """Update the scene and the views to the state."""
+        """Update the scene and the views to the state, and start to answer it."""
         self._scene_due = None
-        state = self.session.state
         try:
-            camera = self.scene.update(state)
-        except Refused:  # the work on the gain reports it
-            return
-        with self.server.state:
-            self._show_light()
-            if camera:
-                self.view.push_camera()
-        self._scene_time = self._loop.time() if self._loop else 0.0
+            camera = self.scene.update(self.session.state)
+            with self.server.state:
+                self._show_light()
+                if camera:
+                    self.view.push_camera()
+            self._scene_time = self._loop.time() if self._loop else 0.0
+        except Refused:  # the answer reports it
+            pass
+        finally:
+            self.session.answer_now()
 
     def _show_light(self) -> None:
         """Show the rays and the map of the state, or none, and refresh the views."""
@@ -189,8 +190,8 @@ class Page:
         lit = fresh("map") and isinstance(found, CoverageMap)
         height = self.session.state.channel.link.receivers[0].center[2]
         self.scene.show_map(found if lit else None, height)
+        self.view.push_changes()
         self._refresh_views()
-        self.view.update()
 
     def _answered(self, name: str) -> None:
         """Show an answer; called in the thread of the work."""
@@ -202,6 +203,8 @@ class Page:
             self._refresh()
             if name in ("rays", "map") and self.session.fresh(name) and not self._running:
                 self._show_light()
+            if not name:
+                self.view.update()
 
     def _refresh(self) -> None:
         """Set the readings, the charts and the marks of stale answers."""
@@ -247,7 +250,7 @@ class Page:
                     page.time = round(state.time, 3)
                     page.update(layout.views(state, self.scene))
                     page.reading = readings.gain_reading(session, running=True)
-                    self.view.update()
+                    self.view.push_changes()
                 await asyncio.sleep(max(_FRAME_PERIOD - (loop.time() - begun), 0.005))
         finally:
             self._running = None

@@ -37,6 +37,8 @@ _ELEVATION_LOOK = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.25}
 _DAYLIGHT_LOOK = {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0}  # the colours are those seen
 _WATER_MAP = np.rint(255.0 * water_map()(np.linspace(0.0, 1.0, 256))[:, :3]).astype(np.uint8)
 _NEW_CAMERA = (0.6, 1.1)  # sizes of the stage, relative to that framed, that keep the camera
+_NEW_SQUARE = (0.75, 1.25)  # half-widths, relative to that of the present sea, that keep it
+_OFF_CENTER = 0.2  # distance of the centres, over the half-width, that keeps it
 
 
 class LiveScene:
@@ -58,6 +60,8 @@ class LiveScene:
     def __init__(self, state: State) -> None:
         self._key: Any = None
         self._faces: Any = None
+        self._made: tuple[Any, TriangleMesh] | None = None
+        self._drawn: TriangleMesh | None = None
         self._parts: dict[str, pv.PolyData] = {}
         self._actors: dict[str, Any] = {}
         self.elevation_range = (-1.0, 1.0)
@@ -87,13 +91,15 @@ class LiveScene:
             shine = _ELEVATION_LOOK if self._light is None else _DAYLIGHT_LOOK
             for name, share in shine.items():
                 setattr(self._actors["sea"].prop, name, share)
-        self._set("sea", self._sea(mesh))
+        if mesh is not self._drawn or self._light is not None:
+            self._set("sea", self._sea(mesh))
+        self._drawn = None if self._light is not None else mesh
         self._set("water", _water(mesh, self.stage))
         if running:
             return False
         for name, part in _link_parts(state, self.stage).items():
             self._set(name, part)
-        if _NEW_CAMERA[0] < self.stage.size / self._framed < _NEW_CAMERA[1]:
+        if _NEW_CAMERA[0] < self._size / self._framed < _NEW_CAMERA[1]:
             return False
         self._frame()
         return True
@@ -128,7 +134,7 @@ class LiveScene:
 
     def _frame(self) -> None:
         """Point the camera at the stage."""
-        self._framed = self.stage.size
+        self._framed = self._size
         look(self.plotter)
         self.plotter.camera.zoom(_ZOOM)
 
@@ -174,16 +180,34 @@ class LiveScene:
         if self._key != state.moves or self._key is None:
             case = state.channel.case()
             self._surface, self._key = case.surface, state.moves
-            self.stage = stage_of(case.link, case.surface, None)
+            stage = stage_of(case.link, case.surface, None)
+            self._size, self.stage = stage.size, self._on_square(stage)
         if hasattr(self, "plotter"):
             self.plotter.stage = self.stage
 
+    def _on_square(self, stage: Stage) -> Stage:
+        """Return a stage over the present square of the sea where it is about as large.
+
+        A move of the link then leaves the surface, most of the data of the scene, as it is.
+        """
+        if not hasattr(self, "stage"):
+            return stage
+        (x, y), half = self.stage.center, self.stage.half
+        shift = max(abs(stage.center[0] - x), abs(stage.center[1] - y))
+        if _NEW_SQUARE[0] < stage.half / half < _NEW_SQUARE[1] and shift < _OFF_CENTER * half:
+            return stage._replace(center=(x, y), half=half)
+        return stage
+
     def _mesh(self, time: float) -> TriangleMesh:
+        """Return the surface at a time, that made before if it is the same."""
         if not isinstance(self._surface, MeshSource):
             return self._surface
         stage = self.stage
-        step = 2.0 * stage.half / CELLS
-        return self._surface.mesh(time, stage.half, step, center=stage.center)
+        wanted = self._surface, time, stage.half, stage.center
+        if self._made is None or self._made[0] != wanted:
+            step = 2.0 * stage.half / CELLS
+            self._made = wanted, self._surface.mesh(time, stage.half, step, center=stage.center)
+        return self._made[1]
 
     def _add_parts(self) -> None:
         """Add all parts, empty, from back to front: translucent ones are blended in this order."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import sys
 import webbrowser
 from typing import Any
 
@@ -100,6 +101,7 @@ class Explorer:
 
 async def serve(explorer: Explorer, open_browser: bool) -> None:
     """Serve until cancelled."""
+    sys.setswitchinterval(5e-4)
     asyncio.get_running_loop().set_exception_handler(_report)
     await explorer.start()
     print(f"explorer at {explorer.url} (Ctrl-C ends it)", flush=True)

@@ -78,8 +78,8 @@ class Session:
         """The state of the newest move."""
         return self._state
 
-    def move(self, values: Mapping[str, Any]) -> State:
-        """Move controls and start to answer; return the new state.
+    def move(self, values: Mapping[str, Any], answer: bool = True) -> State:
+        """Move controls and start to answer, or leave that to `answer_now`; return the new state.
 
         Raises
         ------
@@ -89,7 +89,10 @@ class Session:
         state = self._state.moved(values)
         if state != self._state:
             self._state, self._map_wanted = state, False
-            self._submit()
+            self._worker.supersede()
+            self.working = next(iter(STAGES))
+            if answer:
+                self.answer_now()
         return state
 
     def show_time(self, time: float) -> State:
@@ -98,7 +101,7 @@ class Session:
         return self._state
 
     def answer_now(self) -> None:
-        """Start to answer the present state, after `show_time`."""
+        """Start to answer the present state, after `show_time` or a move without answer."""
         self._submit()
 
     def make_map(self) -> None:
@@ -151,6 +154,7 @@ class Session:
                 answer = Answer(Failed(str(error)), key, False)
             if answer is not None:
                 self._publish(ticket, name, answer._replace(complete=True))
+        ticket.check()
         self.working = ""
         self._on_answer("")
 

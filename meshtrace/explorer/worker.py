@@ -73,13 +73,18 @@ class Worker:
             self._changed.notify_all()
             return self.newest
 
-    def close(self) -> None:
-        """End the thread after the present step of its job."""
+    def supersede(self) -> None:
+        """End the running job after its present step, and leave out the waiting one."""
         with self._changed:
             self.newest += 1
             self._job = None
-            self._closed = True
             self._changed.notify_all()
+
+    def close(self) -> None:
+        """End the thread after the present step of its job."""
+        with self._changed:
+            self._closed = True
+        self.supersede()
 
     def join(self) -> None:
         """Wait until the thread has ended, after `close`."""

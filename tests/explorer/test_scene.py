@@ -125,6 +125,21 @@ def test_the_camera_moves_only_with_the_size_of_the_stage(scene):
     assert scene.plotter.camera.position != before
 
 
+def test_a_move_of_the_link_leaves_the_sea_in_its_place(scene):
+    scene.update(STATE)
+    sea, stage = points(scene, "sea"), scene.stage
+    scene.update(STATE.moved({"depth": 11.0, "height": 5.5}))
+    np.testing.assert_array_equal(points(scene, "sea"), sea)
+    assert (scene.stage.center, scene.stage.half) == (stage.center, stage.half)
+    assert points(scene, "lamp")[:, 2].mean() == pytest.approx(-11.0, abs=1e-3)
+    assert points(scene, "water")[:, 2].min() == pytest.approx(scene.stage.bottom, rel=1e-5)
+    scene.update(STATE.moved({"wind": 9.0}))
+    assert np.abs(points(scene, "sea")[:, 2]).max() > 1.2 * np.abs(sea[:, 2]).max()
+    scene.update(STATE.moved({"depth": 20.0}))
+    assert scene.stage.half > 1.25 * stage.half
+    assert np.abs(points(scene, "sea")[:, 0]).max() == pytest.approx(scene.stage.half, rel=1e-6)
+
+
 def test_a_lamp_in_the_air_is_carried_by_the_aircraft():
     import meshtrace as mt
     from meshtrace.explorer.launch import scenario_of
