@@ -136,9 +136,10 @@ class Page:
         """Set all variables of the page."""
         state, page = self.session.state, self.server.state
         page.trame__title = "meshtrace explorer"
-        page.client_only("shot")
+        page.client_only("shot", "framed")
         page.update({**state.settings, "choices": {k: list(v) for k, v in CHOICES.items()}})
-        page.update({"title": title, "playing": False, "shot": None, "refused": ""})
+        page.update({"title": title, "playing": False, "refused": ""})
+        page.update({"shot": None, "framed": False})
         page.update({"text_shown": False, "text": "", "text_title": ""})
         self._refresh()
         self._refresh_views()

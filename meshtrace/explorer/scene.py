@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -294,7 +295,7 @@ def _link_parts(state: State, stage: Stage) -> dict[str, pv.PolyData | None]:
     }
     for source in link.transmitters:
         if isinstance(source, WaterSource | AirLamp):
-            found["lamp"].append(pv.Sphere(radius=0.014 * size, center=source.center))
+            found["lamp"].append(_sphere(source.center, 0.014 * size))
             found["beam"] += _cone(source.center, source.axis, source.spread_deg, stage)
         if isinstance(source, AirLamp):
             found["uav"].append(_aircraft(source.center, -np.array(source.axis), size))
@@ -307,7 +308,24 @@ def _link_parts(state: State, stage: Stage) -> dict[str, pv.PolyData | None]:
         ).triangulate())  # fmt: skip
         if isinstance(receiver, Receiver):
             found["uav"].append(_aircraft(receiver.center, receiver.axis, size))
-    return {name: pv.merge(parts) if parts else None for name, parts in found.items()}
+    return {name: _merged(parts) for name, parts in found.items()}
+
+
+def _merged(parts: list[pv.PolyData]) -> pv.PolyData | None:
+    if len(parts) > 1:
+        return pv.merge(parts)
+    return parts[0] if parts else None
+
+
+@cache
+def _unit_sphere() -> pv.PolyData:
+    return pv.Sphere(radius=1.0)
+
+
+def _sphere(center: tuple[float, float, float], radius: float) -> pv.PolyData:
+    sphere = _unit_sphere().copy()
+    sphere.points = radius * sphere.points + np.array(center, np.float32)
+    return sphere
 
 
 def _aircraft(center: tuple[float, float, float], up: Any, size: float) -> pv.PolyData:

@@ -19,9 +19,11 @@ class SceneView(vtk.VtkLocalView):
     """
 
     def __init__(self, window: Any, **options: Any) -> None:
-        # the description of a scene lacks the angle of view
-        super().__init__(window, on_ready=(lambda: self.push_camera(), "[]"), **options)
+        super().__init__(window, **options)
         self._window = window
+        # the description of a scene lacks the angle of view
+        name = self.server.trigger_name(lambda: self.push_camera())
+        self.on_ready = f"if ($event && !framed) {{ framed = true; trigger('{name}') }}"
 
     def push_changes(self) -> None:
         """Send the parts that have changed to the open page.

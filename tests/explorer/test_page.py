@@ -357,6 +357,15 @@ def test_a_page_can_be_loaded_again_with_its_state(page):
     until(same, "another scene after loading again")
 
 
+def test_a_move_keeps_the_camera_of_the_user(page):
+    camera = lambda: page.execute_script("return trame.refs.scene.getCamera()")  # noqa: E731
+    turned = camera() | {"position": [-30.0, -50.0, 15.0]}
+    page.execute_script("trame.refs.scene.setCamera(arguments[0])", turned)
+    enter(page, "depth", 10.4)
+    until(lambda: gain_is(page, {"depth": 10.4}) and idle(page), "another gain")
+    assert camera()["position"] == pytest.approx([-30.0, -50.0, 15.0])
+
+
 def test_other_sites_cannot_connect(page):
     """A page of another site knows neither the secret of a connection nor may it ask for it."""
     address = page.execute_script("return location.origin")
