@@ -104,6 +104,7 @@ def test_sections_replace_fields_of_presets():
     assert Scenario.from_toml("").detector is None
 
 
+@pytest.mark.thorough
 def test_ber_by_day_names_its_light():
     pytest.importorskip("pvlib")
     options = ("ber", "--wind", "0", "--bit-rates", "1e6", "--filter-nm", "2", "-n", 2)

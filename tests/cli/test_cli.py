@@ -172,6 +172,7 @@ def command(*arguments, **options):
 
 
 @pytest.mark.process
+@pytest.mark.thorough
 def test_a_real_process_runs_and_fails(tmp_path):
     with command("run", "-o", "out.nc", "--photons", "1000", cwd=tmp_path) as process:
         shown, _ = process.communicate()

@@ -83,6 +83,7 @@ def test_inputs_and_other_outputs_are_kept(tmp_path, monkeypatch, words, option)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == kept
 
 
+@pytest.mark.thorough
 def test_a_full_disk_keeps_the_old_file_and_prints_the_result(tmp_path):
     good = tmp_path / "good.nc"
     good.write_bytes(b"good")

@@ -41,6 +41,7 @@ def asked(monkeypatch):
     return options
 
 
+@pytest.mark.thorough
 def test_the_default_link_as_picture_page_and_vtk_files(tmp_path):
     picture, page, folder = tmp_path / "a.png", tmp_path / "a.html", tmp_path / "vtk"
     names = written("--screenshot", picture, "--html", page, "--export", folder, *COARSE,
@@ -106,6 +107,7 @@ def test_the_result_of_a_run(tmp_path, asked):
     assert (asked["link"], asked["surface"], asked["time"]) == (link, SEA, 1.5)
 
 
+@pytest.mark.thorough
 def test_the_movie_of_a_series_has_its_times_and_gains(tmp_path, monkeypatch):
     series = mt.time_series(mt.Link(), SEA, [1.0, 1.5, 2.0], photons=64)
     series.save(tmp_path / "series.nc")

@@ -139,6 +139,7 @@ RANGES = [
 
 
 @pytest.mark.parametrize(("name", "radiance", "width", "fov", "noise", "wanted"), RANGES)
+@pytest.mark.thorough
 def test_ranges_of_the_reference(name, radiance, width, fov, noise, wanted):
     from meshtrace.studies.performance.tables import _range
 

@@ -23,6 +23,7 @@ LIMIT = float(norm.isf(0.5 * (1.0 - (1.0 - 1e-4) ** (1.0 / len(CASES)))))
 
 
 @pytest.mark.parametrize(("model", "bit_rate", "target"), CASES)
+@pytest.mark.thorough
 def test_error_rate_agrees(model, bit_rate, target):
     """z-test against the exact law (alpha 1e-4 over the family) at its best threshold.
 

@@ -145,6 +145,7 @@ def test_pattern_decision_against_a_fine_scan():
 
 
 @pytest.mark.parametrize("model", ["W", "A", "CP", "PC", "G0", "GP"])
+@pytest.mark.thorough
 def test_ber_falls_with_power_and_keeps_its_shape(model):
     link = OokLink(bit_rate=5e6, model=model)
     power = np.geomspace(1e-12, 5e-10, 12).reshape(3, 4)
@@ -166,6 +167,7 @@ def test_required_power_of_a_closed_eye_is_infinite():
 
 @pytest.mark.parametrize("bit_rate", RATES)
 @pytest.mark.parametrize("model", ["W", "CP"])
+@pytest.mark.thorough
 def test_decision_feedback_needs_less_power(model, bit_rate):
     plain = OokLink(bit_rate=bit_rate, model=model)
     equalized = plain.model_copy(update={"equalizer": "dfe"})

@@ -80,6 +80,7 @@ def test_mean_sky_of_the_field_of_view(psi, wind):
     assert found == pytest.approx(wanted, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_glint_of_a_hundred_seas_is_that_of_cox_and_munk():
     # a wide disk that looks straight down averages over 60 m of sea
     at = mt.Link(receiver=mt.Receiver(fov_deg=1.0, radius=60.0))
@@ -108,6 +109,7 @@ def test_the_level_sea_mirrors_one_sun():
     assert mt.background(link(29.0), FlatSea(), day).parts["glint"] == 0.0
 
 
+@pytest.mark.thorough
 def test_glint_of_a_smooth_sea_is_the_limit_of_small_unresolved_slopes():
     sea, mesh = SinusoidalSea(amplitude=0.03, wavelength=4.0), mt.Meshing(extent=8.0, spacing=0.1)
     smooth = sea.mesh(extent=8.0, spacing=0.1)

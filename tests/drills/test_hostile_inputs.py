@@ -25,6 +25,7 @@ def check(kind, first, last):
 
 
 @pytest.mark.parametrize("kind", SMALL)
+@pytest.mark.thorough
 def test_some_inputs(kind):
     check(kind, 0, SMALL[kind])
 

@@ -175,6 +175,7 @@ NAMES = ["gain.nc", "record.json", "sea.vtp", "sea.ply", "sea.vtu", "paths.vtp",
 
 @pytest.mark.parametrize("kills", KILLS)
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.thorough
 def test_killed_in_the_act(name, kills, tmp_path, gain, viz, monkeypatch):
     path = tmp_path / name
     write, read = writer(name, gain, viz, monkeypatch)

@@ -125,6 +125,7 @@ def test_kills_at_random_times(name, tmp_path):
         if name != "bench.json"
     ],
 )
+@pytest.mark.thorough
 def test_kills_while_files_are_opened_and_renamed(name, tmp_path):
     path = tmp_path / name
     good, _ = good_file(WRITERS[name], path)
@@ -148,6 +149,7 @@ def test_kills_while_files_are_opened_and_renamed(name, tmp_path):
     [pytest.param(name, marks=[] if name == "gain.nc" else [pytest.mark.slow]) for name in WRITERS],
 )
 @pytest.mark.skipif(os.name != "posix", reason="limits of a POSIX shell")
+@pytest.mark.thorough
 def test_full_disk(name, tmp_path):
     """Files may hold 4 kB: one line says so, and the older file is still there."""
     path = tmp_path / name

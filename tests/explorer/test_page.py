@@ -21,7 +21,7 @@ from meshtrace.explorer.stages import CHAINS
 from meshtrace.explorer.state import State
 from meshtrace.scenario import Scenario
 
-pytestmark = [pytest.mark.browser, pytest.mark.process]
+pytestmark = [pytest.mark.browser, pytest.mark.process, pytest.mark.thorough]
 
 PAPER = Scenario.from_toml("")
 

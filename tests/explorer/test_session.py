@@ -53,6 +53,7 @@ def test_gain_and_bits_are_those_of_the_library(session):
     assert shown["db"] == f"−{-10 * np.log10(expected.gain):.2f} dB"
 
 
+@pytest.mark.thorough
 def test_daylight_changes_the_bits_alone(session):
     session.move({"depth": 30.0})
     assert session.wait(120.0)
@@ -118,6 +119,7 @@ def test_uncertain_gains_are_left_out(session, monkeypatch):
     assert (len(found.gain), found.left_out, found.index) == (0, 16, None)
 
 
+@pytest.mark.thorough
 def test_only_answers_that_depend_on_a_move_are_made_again(session):
     session.start()
     assert session.wait(120.0)
@@ -230,6 +232,7 @@ def test_a_link_that_cannot_be_traced_says_why(session):
     assert session.answer("gain").gain == mt.simulate(PAPER, photons=8192).gain
 
 
+@pytest.mark.thorough
 def test_internal_errors_are_shown_and_work_goes_on(session, monkeypatch):
     monkeypatch.setattr(stages, "simulate", lambda *args, **options: 1 / 0)
     session.start()
@@ -257,6 +260,7 @@ def test_two_sessions_do_not_mix():
         session.join()
 
 
+@pytest.mark.thorough
 def test_warnings_are_notes_of_their_gain(session):
     session.move({"water": "petzold-harbour", "fov": 180.0})
     assert session.wait(240.0)

@@ -229,6 +229,7 @@ def test_the_better_law_has_the_lower_aic():
         assert fits[best].aic + 10.0 < fits[1 - best].aic
 
 
+@pytest.mark.thorough
 def test_goodness_of_fit_is_calibrated_where_the_law_holds():
     rng = np.random.default_rng(112)
     p = np.array(
@@ -248,6 +249,7 @@ def test_goodness_of_fit_is_calibrated_where_the_law_holds():
     assert stats.kstest(naive, "uniform").pvalue < ALPHA
 
 
+@pytest.mark.thorough
 def test_goodness_of_fit_of_gamma_gamma_accepts_and_rejects():
     rng = np.random.default_rng(113)
     p = [

@@ -132,6 +132,7 @@ def test_closed_form_with_heights_is_what_forced_detection_measured(omega_max, m
 
 
 @pytest.mark.statistical
+@pytest.mark.thorough
 def test_ensemble_agrees_with_the_closed_form_and_warns():
     sea = JonswapSea(wind_speed=5.0)
     with pytest.warns(UserWarning, match="scintillation index of 0.0048, all waves 0.32") as caught:
@@ -173,6 +174,7 @@ def test_study_of_the_fading(tmp_path):
 
 
 @pytest.mark.statistical
+@pytest.mark.thorough
 def test_study_measures():
     link = mt.Link(water=NO_SCATTERING.water, receiver=mt.Receiver(height=1.0))
     study = fading_study(

@@ -68,6 +68,7 @@ def misspelt(draw):
 
 @examples(1000)
 @given(damaged())
+@pytest.mark.thorough
 def test_spoilt_values(config):
     check(config)
 

@@ -80,6 +80,7 @@ def distance_densities(line, t):
 
 @pytest.mark.parametrize("name", LAMPS)
 @pytest.mark.parametrize("point", POINTS, ids=str)
+@pytest.mark.thorough
 def test_directions_of_a_fan(name, point):
     """The mean of f over drawn directions is the integral of f times their density.
 

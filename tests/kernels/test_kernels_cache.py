@@ -168,6 +168,7 @@ def test_kernels_of_other_packages_use_this_cache(monkeypatch, folder, tmp_path)
 
 
 @pytest.mark.process
+@pytest.mark.thorough
 def test_processes_share_a_folder(tmp_path):
     """Four processes that compile the same kernels at once leave intact files."""
     code = "import own, meshtrace.kernels.jit as jit; f = jit.entry(own.double); f(1.0)"

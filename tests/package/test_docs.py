@@ -74,6 +74,7 @@ def numbers(text):
 
 @pytest.mark.process
 @pytest.mark.parametrize("page", pages_with("python"))
+@pytest.mark.thorough
 def test_code_runs_and_pages_show_what_it_prints(page, tmp_path, request):
     """`--update-golden` replaces the outputs. Numbers may differ by a change of the engine."""
     if page.stem == "sweep":

@@ -150,6 +150,7 @@ def test_mean_gain_of_the_printed_forms_has_the_factor_of_the_bubbles(monkeypatc
     assert calls == []
 
 
+@pytest.mark.thorough
 def test_printed_signal_to_noise_follows_from_its_formula():
     """28.64 dB is an optical ratio of unscattered light, without refraction."""
     order = -math.log(2.0) / math.log(math.cos(math.radians(10.0)))
@@ -172,6 +173,7 @@ def test_sweep_over_receivers_meets_the_law_of_the_area():
         assert row.default.value == pytest.approx(2.0, abs=0.05)
 
 
+@pytest.mark.thorough
 def test_wide_beams_lose_what_their_solid_angle_says():
     """On axis the gain goes with (m + 1): scattering changes the ratio by a few percent."""
     order = [-math.log(2.0) / math.log(math.cos(math.radians(a))) for a in (5.0, 60.0)]
@@ -210,6 +212,7 @@ SLOW_FIGURES = [
     ("name", "effort"),
     [*QUICK_FIGURES, *(pytest.param(*one, marks=pytest.mark.slow) for one in SLOW_FIGURES)],
 )
+@pytest.mark.thorough
 def test_every_figure_is_drawn_with_finite_numbers(tmp_path, monkeypatch, name, effort):
     one = load(name)
     monkeypatch.setattr(type(one), "effort", lambda self, quick: effort)

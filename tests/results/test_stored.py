@@ -103,6 +103,7 @@ def results():
     return found
 
 
+@pytest.mark.thorough
 def test_every_result_comes_back_from_its_file(results, tmp_path):
     for name, result in results.items():
         result.save(tmp_path / "a.nc")
@@ -213,6 +214,7 @@ def test_no_flipped_bit_changes_a_number(results, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.thorough
 def test_damage_of_files_without_a_digest_is_one_line_or_none(tmp_path):
     """Files of version 0.1 have no checksums: what cannot be read is refused."""
     path = tmp_path / "a.nc"
@@ -345,6 +347,7 @@ for _ in itertools.count():
 
 
 @pytest.mark.parametrize("kills", [4, pytest.param(30, marks=pytest.mark.slow)])
+@pytest.mark.thorough
 def test_kills_while_saving_leave_a_whole_file(tmp_path, kills):
     good, rng = tmp_path / "good.nc", np.random.default_rng(5)
     expected = load(OLD / "gain_analog.nc").to_dataset()

@@ -54,6 +54,7 @@ def test_shape_is_that_of_the_sea():
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_exact_flat_sea_is_the_closed_form():
     # physics.md, section 6: exact disk, default link
     reference = exact(LINK, SinusoidalSea(amplitude=0.0, wavelength=4.0))
@@ -126,6 +127,7 @@ def test_fit_finds_a_power_law(order):
     assert fit.order.low <= fit.order.value <= fit.order.high
 
 
+@pytest.mark.thorough
 def test_fitted_intervals_hold_the_truth():
     # 95 % intervals: fewer than 85 hits in 100 have a probability below 1e-4
     rng = np.random.default_rng(5)
@@ -135,6 +137,7 @@ def test_fitted_intervals_hold_the_truth():
     assert sum(fit.order.low <= 2.0 <= fit.order.high for fit in fits) >= 85
 
 
+@pytest.mark.thorough
 def test_fitted_intervals_hold_the_truth_under_noise_of_placements():
     # as meshes give it: all steps err by a share of their scatter, far above Monte Carlo noise
     rng = np.random.default_rng(6)

@@ -38,6 +38,7 @@ def mesh_of(link, sea):
 
 @pytest.mark.parametrize("site", SITES)
 @pytest.mark.parametrize("sea", SEAS)
+@pytest.mark.thorough
 def test_cells_have_the_gain_of_a_receiver_there(sea, site):
     """Ten cells at each site; the second moments of disk and cell agree for R = step / sqrt(3)."""
     surface, physics = SEAS[sea]
@@ -60,6 +61,7 @@ def test_cells_have_the_gain_of_a_receiver_there(sea, site):
 
 
 @pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
+@pytest.mark.thorough
 def test_cells_of_scattered_light_alone():
     """Corners beyond the field of view of unscattered light, against adjoint paths."""
     link = mt.Link()
@@ -98,6 +100,7 @@ def test_forced_map_against_analog_photons(sea):
 
 
 @pytest.mark.parametrize(("sea", "site"), [("flat", "aside"), ("random slopes", "far off axis")])
+@pytest.mark.thorough
 def test_errors_of_cells_are_true(sea, site):
     """Scatter over 64 seeds of a 5 x 5 map over the errors that it states."""
     surface, physics = SEAS[sea]
@@ -181,6 +184,7 @@ def test_links_that_chains_do_not_follow_take_analog_photons(link):
 @pytest.mark.parametrize(
     ("options", "physics"), [(Forced, mt.Physics()), (Analog, mt.Physics(snell="paper"))]
 )
+@pytest.mark.thorough
 def test_cells_above_the_tolerance_warn(options, physics, monkeypatch):
     monkeypatch.setattr(options, "most_photons", 4096)
     link = mt.Link(receiver=mt.Receiver(radius=0.5), physics=physics)

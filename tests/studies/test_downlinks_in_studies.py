@@ -86,6 +86,7 @@ def test_results_of_a_downlink_are_stored(tmp_path):
 
 
 @pytest.mark.statistical
+@pytest.mark.thorough
 def test_elasticities_are_those_of_the_mirrored_link():
     # a Lambertian lamp and a half space of view: both directions differ by n^2 alone
     even = mt.Link(transmitter=mt.Led(half_angle_deg=60.0), receiver=mt.Receiver(fov_deg=180.0))
@@ -100,6 +101,7 @@ def test_elasticities_are_those_of_the_mirrored_link():
         assert abs(a.elasticity - b.elasticity) < 4.0 * np.hypot(a.stderr, b.stderr)
 
 
+@pytest.mark.thorough
 def test_sensitivity_to_the_field_of_view_is_that_of_two_runs():
     link, options = DOWN.replace("receiver.fov_deg", 20.0), {"photons": 8192}
     row = mt.sensitivities(link, FlatSea(), ["receiver.fov_deg"], **options).table[0]
@@ -126,6 +128,7 @@ def test_the_gain_of_an_optimum_is_that_of_its_link(variable, best):
     assert abs(found.value - one.gain) < 4.0 * np.hypot(found.stderr, one.gain_stderr)
 
 
+@pytest.mark.thorough
 def test_an_aircraft_that_hovers_with_the_lamp():
     options = {"realizations": 1, "photons": 32, "method": "bounded"}
     with warnings.catch_warnings():

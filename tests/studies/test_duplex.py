@@ -114,6 +114,7 @@ def test_the_map_under_water_agrees_with_receivers_at_its_places():
     assert (np.abs(cells - expected) < 4.0 * error + 0.02 * expected).all()
 
 
+@pytest.mark.thorough
 def test_a_study_with_a_link_file_of_a_downlink():
     scenario = mt.Scenario.from_toml(LINK_FILE)
     assert scenario.link.direction == "down"

@@ -41,6 +41,7 @@ def rows(truth, fovs, rng=None, scale=1.0, error=0.02):
 
 
 @pytest.mark.statistical
+@pytest.mark.thorough
 def test_planted_water_is_found_from_two_fields_of_view(truth):
     rng, inside = np.random.default_rng(5), 0
     unknown = ["water.a", "water.b", "scale"]
@@ -93,6 +94,7 @@ def test_counts_and_columns_are_read_alike(truth):
     assert by_rows.value["scale"] == pytest.approx(1e9, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_geometry_is_inferred_by_differences(truth):
     gains = {d: g for (d, fov), g in truth.items() if fov == 60.0 and d <= 15.0}
     data = [{"transmitter.depth": d, "gain": g, "stderr": 0.001 * g} for d, g in gains.items()]

@@ -69,6 +69,7 @@ def test_flat_sea_gains_match_the_tables(preset, key, table_error):
 @pytest.mark.parametrize(
     ("preset", "expected"), [("physical", (55, 43, 31)), ("paper-ranges", (49, 42, 34.5))]
 )
+@pytest.mark.thorough
 def test_flat_sea_ranges(preset, expected):
     found = mt.link_performance(
         mt.Link(), FlatSea(), depths=GRID, bit_rate=RATES, ook=preset, photons=4096

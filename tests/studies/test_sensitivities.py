@@ -61,6 +61,7 @@ def test_closed_forms_without_scattering():
 
 
 @pytest.mark.parametrize("depth", [10.0, 40.0])
+@pytest.mark.thorough
 def test_euler_relation(depth):
     # lengths enter as a L, b L and ratios alone: exact on a flat sea for stretched chains
     link = oblique(0.037).replace("transmitter.depth", depth)
@@ -70,6 +71,7 @@ def test_euler_relation(depth):
 
 
 @pytest.mark.parametrize("depth", [10.0, 40.0])
+@pytest.mark.thorough
 def test_euler_relation_gives_the_depth_derivative_on_the_axis(depth):
     link = mt.Link().replace("transmitter.depth", depth)
     # a short step: the edge of the field of view cuts off chains, and e^s bends
@@ -78,6 +80,7 @@ def test_euler_relation_gives_the_depth_derivative_on_the_axis(depth):
     assert a + b - h - r == pytest.approx(d, abs=1e-4)
 
 
+@pytest.mark.thorough
 def test_the_reference_with_scattering():
     expected = REFERENCE["with_scattering"]["flat-10"]
     keys = [key for key in NAMES if key in expected]
@@ -88,6 +91,7 @@ def test_the_reference_with_scattering():
         assert abs(row.elasticity - value) < 4.0 * math.hypot(row.stderr, error) + 1e-4, key
 
 
+@pytest.mark.thorough
 def test_moments_agree_with_differences():
     link, step = mt.Link(), 1e-2
     found = elasticities(link, keys=("a", "b"), photons=4096)
@@ -104,6 +108,7 @@ def test_moments_agree_with_differences():
 
 
 @pytest.mark.parametrize("wind_speed", [5.0, 13.0])
+@pytest.mark.thorough
 def test_radius_on_the_axis(wind_speed):
     sea = JonswapSea(wind_speed=wind_speed, band="paper", seed=7)
     row = elasticities(mt.Link(), sea, keys=("r",), photons=16384).table[0]
@@ -111,6 +116,7 @@ def test_radius_on_the_axis(wind_speed):
     assert row.elasticity == pytest.approx(1.9998, abs=3e-4)
 
 
+@pytest.mark.thorough
 def test_a_discontinuity_missed_by_a_small_step_is_suspicious(monkeypatch):
     # chains that do not stretch with the depth: vertices surface, carried by rare chains
     monkeypatch.setattr(FrozenForced, "_stretched", lambda self, arrays: self._nominals)
@@ -192,6 +198,7 @@ def test_wind_in_parts():
     assert found["whitecaps.wind_speed"].elasticity == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_range_against_full_searches():
     s = mt.sensitivities(mt.Link(), FlatSea(), wrt=["water.a"], of="range", photons=2048)
     depths = np.arange(52.0, 59.0, 1.0)
@@ -205,6 +212,7 @@ def test_range_against_full_searches():
     assert s.derivative("water.a").value * 0.114 == pytest.approx(expected, rel=0.03)
 
 
+@pytest.mark.thorough
 def test_margin_error_rate_and_fixed_gain_follow_the_gain():
     link, keys = mt.Link().replace("transmitter.depth", 50.0), ("a", "d")
     gain, margin, fixed = (
@@ -309,6 +317,7 @@ mt.sensitivities(
 
 
 @pytest.mark.process
+@pytest.mark.thorough
 def test_a_killed_run_resumes_from_finished_parameters(tmp_path, monkeypatch):
     done = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)])
     assert done.returncode == -signal.SIGKILL
@@ -357,6 +366,7 @@ def test_photons_one_by_one_have_the_same_elasticities(key):
     assert abs(analog - forced[0]) < 3.0 * math.hypot(error, error_of(forced))
 
 
+@pytest.mark.thorough
 def test_calls_of_the_design():
     """Every argument of the three studies by name, in one call each."""
     link, sea = mt.Link(), FlatSea()

@@ -47,6 +47,7 @@ def swept(base, parameters, address, **options):
 
 
 @pytest.mark.process
+@pytest.mark.thorough
 def test_a_sweep_moves_the_sun(address):
     pytest.importorskip("pvlib")
     zenith = [10.0, 30.0, 60.0]
@@ -67,6 +68,7 @@ def test_a_sweep_moves_the_sun(address):
 
 
 @pytest.mark.process
+@pytest.mark.thorough
 def test_a_sweep_over_lights_and_a_study_file(address, tmp_path):
     text = (
         FILE + "[sweep]\nphotons = 256\n[sweep.parameters]\ndaylight = ['none', 'night', 'moon']\n"
@@ -100,6 +102,7 @@ def test_irradiances_of_no_model_do_not_follow_the_sun():
         daylight_recipe(DAY)
 
 
+@pytest.mark.thorough
 def test_a_comparison_has_background_and_error_rate_of_each_light(tmp_path):
     night = mt.Scenario.from_toml(FILE + '[daylight]\nmodel = "night"')
     links = {"dark": mt.Scenario.from_toml(FILE), "night": night,
@@ -126,6 +129,7 @@ def test_a_comparison_has_background_and_error_rate_of_each_light(tmp_path):
     assert "BER" not in plain.summary()
 
 
+@pytest.mark.thorough
 def test_a_comparison_averages_the_error_rate_over_seas():
     link = mt.Link(transmitter=mt.Led(depth=24.0), receiver=mt.Receiver(fov_deg=20.0))
     sea = sea_in_wind(5.0)
@@ -213,6 +217,7 @@ FLIGHT = mt.Flight(mt.Uav(), mt.Dryden(wind_speed=13.0))
 UP = mt.Link(receiver=mt.Receiver(fov_deg=20.0), transmitter=mt.Led(depth=20.0))
 
 
+@pytest.mark.thorough
 def test_the_background_of_a_flight_has_its_tilts():
     times = [0.0, 0.5, 1.0]
     found = mt.background_series(UP, WAVE, DAY, times, photons=256, flight=FLIGHT)
@@ -231,6 +236,7 @@ def test_the_background_of_a_flight_has_its_tilts():
 
 
 @pytest.mark.parametrize("coupled", [False, True])
+@pytest.mark.thorough
 def test_error_rates_of_a_flight_by_day(coupled):
     options = {"photons": 64, "realizations": 2, "wind_speed": 13.0}
     flown = {"uav": mt.Uav(), "coupled": coupled}
@@ -252,6 +258,7 @@ def test_error_rates_of_a_flight_by_day(coupled):
 # Into the water
 
 
+@pytest.mark.thorough
 def test_error_rates_of_a_downlink_by_day():
     link = mt.Link(
         transmitter=mt.AirLed(), receiver=mt.WaterReceiver(radius=0.05, fov_deg=20.0, depth=20.0)
@@ -278,6 +285,7 @@ def test_error_rates_of_a_downlink_by_day():
     assert deeper.at(20.0).required_power > deeper.at(30.0).required_power
 
 
+@pytest.mark.thorough
 def test_a_downlink_by_day_from_an_aircraft():
     link = mt.Link(transmitter=mt.AirLed(), receiver=mt.WaterReceiver(fov_deg=20.0, depth=20.0))
     ook = mt.OokLink().replace("optics.filter_width_nm", 0.5)

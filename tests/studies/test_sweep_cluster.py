@@ -114,6 +114,7 @@ def test_cluster_without_workers_is_refused_in_time(scheduler):
     assert time.monotonic() - start < 20.0
 
 
+@pytest.mark.thorough
 def test_dead_scheduler_ends_the_command(scheduler, worker_of, tmp_path):
     process, address = scheduler
     worker_of(address)
@@ -136,6 +137,7 @@ def test_dead_scheduler_ends_the_command(scheduler, worker_of, tmp_path):
     assert "Traceback" not in errors
 
 
+@pytest.mark.thorough
 def test_local_cluster_listens_to_this_machine_alone_and_works_in_private(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     seen, folders = set(), []

@@ -192,6 +192,7 @@ def test_steepness_of_the_crests():
     assert 3.0 * peak * math.sqrt(power.sum()) == pytest.approx(0.15818, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_crests_follow_forristall_roughly(monkeypatch):
     # short crests in deep water, for the steepness of the test above
     monkeypatch.setattr(bound_waves, "NEGLIGIBLE", 1e-2)

@@ -314,6 +314,7 @@ def test_other_axes_up(tmp_path, meshes, up, order):
     np.testing.assert_allclose(ordered(found), ordered(meshes[0]), atol=1e-5)
 
 
+@pytest.mark.thorough
 def test_a_thousand_frames_are_read_one_by_one(tmp_path):
     """Two frames of 1e5 facets stay in memory, whatever the number of files."""
     first = tmp_path / "f0000.ply"

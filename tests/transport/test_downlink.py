@@ -293,6 +293,7 @@ LINKS = {
 
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", LINKS)
+@pytest.mark.thorough
 def test_forced_detection_agrees_with_analog_photons(name):
     link, sea = LINKS[name]
     mesh, _ = mesh_for(link, sea)
@@ -305,6 +306,7 @@ def test_forced_detection_agrees_with_analog_photons(name):
 
 
 @pytest.mark.parametrize("aside", [20.0, 50.0, 100.0])
+@pytest.mark.thorough
 def test_a_lamp_far_aside_needs_a_bounded_sea(aside):
     """The reach was 200 m: minutes for one gain. The time is in tests/benchmarks."""
     lamp = mt.AirLed(half_angle_deg=60.0)
@@ -372,6 +374,7 @@ def test_threads_and_the_order_of_receivers_change_no_digit():
     assert (one.gain == turned.gain[::-1]).all()
 
 
+@pytest.mark.thorough
 def test_arrivals_add_up_and_paths_run_from_the_lamp_to_the_receiver():
     link = down()
     found = mt.simulate(link, FlatSea(), photons=512, record=["arrivals"])

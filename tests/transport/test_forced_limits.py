@@ -37,6 +37,7 @@ def agree(link, photons, chains=10_000, tests=1):
     assert p > sidak(ALPHA, tests), f"{f.gain} +- {f.gain_stderr}, analog {a.gain}"
 
 
+@pytest.mark.thorough
 def test_many_scatterings():
     """B d = 40: more orders than are kept must be said, not left out."""
     water = mt.Water(a=0.02, b=4.0)
@@ -51,6 +52,7 @@ def test_many_scatterings():
     ],
     ids=["turbid below", "turbid around the lamp"],
 )
+@pytest.mark.thorough
 def test_orders_follow_the_layers_on_the_way(layers):
     receiver = mt.Receiver(radius=0.5)
     agree(mt.Link(water=mt.Water(layers=layers), receiver=receiver, physics=KILL), 800_000, tests=3)

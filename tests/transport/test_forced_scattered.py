@@ -220,6 +220,7 @@ def test_few_samples_of_isotropic_scattering_are_said(tilt, seed):
     assert "effective" in result.summary()
 
 
+@pytest.mark.thorough
 def test_frozen_chains_warn_where_simulate_would():
     tilted = mt.Link(receiver=mt.Receiver(tilt_deg=40.0))
     with pytest.warns(FewSamplesWarning, match="for which `simulate` uses adjoint paths"):
@@ -236,6 +237,7 @@ def test_frozen_chains_warn_where_simulate_would():
 @pytest.mark.parametrize(
     "sea", [FlatSea(), JonswapSea(wind_speed=5.0, seed=1)], ids=["flat", "sea"]
 )
+@pytest.mark.thorough
 def test_the_order_of_receivers_changes_nothing(sea):
     """Bit for bit, with receivers on chains and on adjoint paths; a link far from the origin."""
     rows = [

@@ -85,6 +85,7 @@ SLANTS = [1.0, -1.0, 0.3, -0.3]
 
 @pytest.mark.parametrize("dz", SLANTS)
 @pytest.mark.parametrize("mode", MODES)
+@pytest.mark.thorough
 def test_homogeneous_water(mode, dz):
     rate = 0.3 if mode == "continuous" else 0.3 + 0.15
     medium = medium_of(mt.Water(a=0.15, b=0.3), absorption=mode)

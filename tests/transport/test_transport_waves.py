@@ -73,6 +73,7 @@ SEAS = {
 
 
 @pytest.mark.parametrize(("sea", "spacing"), SEAS.values(), ids=SEAS.keys())
+@pytest.mark.thorough
 def test_vertex_normals_meet_the_quadrature(sea, spacing):
     """Several receivers, one of them tilted: slopes, refraction and Fresnel all have their sign."""
     receivers = (
@@ -92,6 +93,7 @@ def test_vertex_normals_meet_the_quadrature(sea, spacing):
 
 
 @pytest.mark.parametrize("normals", ["vertex", "facet"])
+@pytest.mark.thorough
 def test_facets_of_a_plane_are_exact(normals):
     sea = TiltedPlane(slope_x=-0.25, slope_y=0.15)
     receiver = mt.Receiver(radius=1.0, position=(0.8, -0.4))
@@ -102,6 +104,7 @@ def test_facets_of_a_plane_are_exact(normals):
 
 
 @pytest.mark.parametrize("sea", [FOCUSING, OBLIQUE], ids=["focusing", "oblique"])
+@pytest.mark.thorough
 def test_facet_and_vertex_normals_converge_to_each_other(sea):
     """The same photons on ever finer meshes: the difference falls with every halving.
 
@@ -149,6 +152,7 @@ def test_focusing_moves_light_and_loses_none():
 
 
 @pytest.mark.parametrize("wind_speed", [5.0, 13.0])
+@pytest.mark.thorough
 def test_mean_over_realizations_is_the_gain_of_the_flat_sea(wind_speed):
     """On the paper's seas the mean gain is that of still water within 1-2 % (physics.md)."""
     link = mt.Link(receiver=mt.Receiver(radius=0.5))

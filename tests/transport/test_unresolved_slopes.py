@@ -73,6 +73,7 @@ def quadrature(link, variance, direction_deg):
 
 
 @pytest.mark.parametrize("normals", ["vertex", "facet"])
+@pytest.mark.thorough
 def test_rough_flat_sea_against_quadrature(normals):
     expected = quadrature(CLEAR, VARIANCE, 30.0)
     mesh = rough(FlatSea().mesh(extent=20.0, spacing=0.5))
@@ -92,6 +93,7 @@ def test_rough_flat_sea_against_quadrature(normals):
 
 @pytest.mark.parametrize("normals", ["vertex", "facet"])
 @pytest.mark.parametrize("wind_speed", [5.0, 13.0])
+@pytest.mark.thorough
 def test_estimators_agree_over_rough_waves(wind_speed, normals):
     link = mt.Link(water=mt.Water(b=0.1), receiver=mt.Receiver(radius=0.5))
     sea = JonswapSea(wind_speed=wind_speed, seed=4, band="paper")

@@ -15,6 +15,7 @@ SEA = JonswapSea(wind_speed=5.0, omega_max=8.0, seed=3)
 SMALL = {"extent": 1.0, "step": 0.05}
 
 
+@pytest.mark.thorough
 def test_a_picture(tmp_path):
     path = viz.save_light(SHARP, SEA, tmp_path / "light.png", **SMALL)
     with Image.open(path) as picture:
@@ -23,6 +24,7 @@ def test_a_picture(tmp_path):
     assert len(np.unique(colors, axis=0)) > 1000
 
 
+@pytest.mark.thorough
 def test_a_movie_in_which_light_and_sea_move(tmp_path):
     seen = []
     path = viz.save_light(
@@ -36,6 +38,7 @@ def test_a_movie_in_which_light_and_sea_move(tmp_path):
         assert (np.abs(np.diff(part, axis=0)).sum(axis=3) > 30).mean(axis=(1, 2)).min() > 1e-2
 
 
+@pytest.mark.thorough
 def test_view_writes_the_pattern_beside_no_window(tmp_path):
     written = viz.view(
         SHARP, SEA, light=tmp_path / "light.png", style=viz.SceneStyle(extent=1.0), frames=2

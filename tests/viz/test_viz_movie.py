@@ -32,6 +32,7 @@ def frames_of(path, size=SIZE):
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
+@pytest.mark.thorough
 def test_movies(tmp_path, suffix):
     seen = []
     path = viz.save_movie(

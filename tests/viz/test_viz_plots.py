@@ -303,6 +303,7 @@ def test_ber_over_power_and_depth():
     assert (band.min(), band.max()) == (1e-300, 4e-2)
 
 
+@pytest.mark.thorough
 def test_performance_over_depth():
     sea = JonswapSea(wind_speed=5.0, seed=7)
     performance = mt.link_performance(

@@ -153,6 +153,7 @@ def functions():
     return sorted(set(viz.__all__) - private)
 
 
+@pytest.mark.thorough
 def test_every_function_draws_its_sound_arguments(sound, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in functions():
@@ -162,6 +163,7 @@ def test_every_function_draws_its_sound_arguments(sound, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", functions())
+@pytest.mark.thorough
 def test_wrong_values_are_refused(name, sound, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     arguments, random, refused = sound[name], Random(name), 0
