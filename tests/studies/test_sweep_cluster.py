@@ -130,7 +130,7 @@ def test_dead_scheduler_ends_the_command(scheduler, worker_of, tmp_path):
         while client.poll() is None and len(list(chunks.glob("*"))) < 2:
             time.sleep(0.02)
         process.send_signal(signal.SIGKILL)
-        errors = client.communicate(timeout=120)[1]
+        errors = client.communicate(timeout=45)[1]  # distributed waits for a minute
     assert client.returncode == 2, errors
     assert "of 200 tasks finished" in errors.splitlines()[-1]
     assert "the same command resumes" in errors.splitlines()[-1]

@@ -28,7 +28,7 @@ DEFAULT_TIMEOUT = 60.0
 
 _CHATTY = ("distributed", "tornado", "asyncio")  # loggers of lost connections
 _POLL = 0.02  # [s] between looks for finished tasks
-_FETCH = 5.0  # [s] to wait for a result before other tasks are looked at
+_ANSWER = 2.0  # [s] to wait for a result, or for the scheduler
 _ALLOWED = "a running dask scheduler with workers; the same command resumes"
 
 
@@ -86,7 +86,7 @@ def _finished(
         if completed.has_ready():
             future = next(completed)
             try:
-                found = future.exception() if future.status == "error" else future.result(_FETCH)
+                found = future.exception() if future.status == "error" else future.result(_ANSWER)
             except TimeoutError:
                 completed.add(future)
                 continue
@@ -98,10 +98,22 @@ def _finished(
         time.sleep(_POLL)
         if client.status != "running":
             raise _lost(client, done, len(futures))
-        workers = client.scheduler_info(n_workers=-1)["workers"]
-        without_worker = 0.0 if workers else without_worker + _POLL
+        without_worker = 0.0 if _has_workers(client) else without_worker + _POLL
         if without_worker > timeout:
             raise _lost(client, done, len(futures))
+
+
+def _has_workers(client: distributed.Client) -> bool:
+    """Return whether there is a worker, or the scheduler does not answer.
+
+    `Client.scheduler_info` waits for a minute for a scheduler that has just died.
+    """
+    scheduler: Any = client.scheduler
+    try:
+        found = client.sync(scheduler.identity, n_workers=1, callback_timeout=_ANSWER)
+    except (OSError, TimeoutError):
+        return True
+    return bool(found["workers"])
 
 
 def _lost(client: distributed.Client, done: int, total: int) -> Refused:
