@@ -66,7 +66,8 @@ def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
             say(COMPILING)
             with warnings.catch_warnings(), compiling_ahead(scenario):
                 warnings.simplefilter("ignore")
-                few = {"photons": min(scenario.run.photons, 64), "rtol": None}
+                # in this thread: others end their compilation before Ctrl-C ends them
+                few = {"photons": min(scenario.run.photons, 64), "rtol": None, "threads": 1}
                 short = scenario.run.model_copy(update=few)
                 scenario.model_copy(update={"run": short}).simulate()
         start = time.perf_counter()

@@ -55,6 +55,21 @@ def test_ctrl_c_at_random_times(tmp_path):
     check(6, 1.0, tmp_path)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.thorough
+def test_ctrl_c_while_kernels_compile(tmp_path, monkeypatch):
+    """The second process ends, too, and leaves whole kernels or none."""
+    cache = tmp_path / "cache"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
+    for delay in (2.0, 4.0):
+        code, stdout, stderr = interrupt(delay, tmp_path, line=["run"])
+        assert (code, stdout) == (130, "")
+        assert stderr.splitlines()[-1] == "interrupted"
+        assert "Traceback" not in stderr
+        named = {path.suffix for path in cache.rglob("[!.]*.*") if path.is_file()}
+        assert named <= {".kernel"}
+
+
 @pytest.mark.slow
 @pytest.mark.drill
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
