@@ -9,10 +9,9 @@ import meshtrace as mt
 from meshtrace.comms.ook import OokLink
 from meshtrace.link.receivers import Aperture
 from meshtrace.link.sources import Source
-from meshtrace.models import Model
+from meshtrace.models import Family, Model
 from meshtrace.optics.bubble_base import BubblePopulation
 from meshtrace.optics.phase_base import PhaseFunction
-from meshtrace.registry import Family
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import Spectrum, Spreading, Surface
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused, reads_as_number, reason_of
-from meshtrace.models import Floats
 
 _LARGEST = 16 * 2**20  # bytes
 
@@ -18,7 +18,7 @@ class Columns(NamedTuple):
     """Numbers of a file, shape (rows, columns), and the words of its header, if it has one."""
 
     header: tuple[str, ...]
-    values: Floats
+    values: NDArray[np.float64]
 
 
 def read_columns(

@@ -9,13 +9,18 @@ from __future__ import annotations
 import difflib
 import math
 import operator
+import os
 import re
+import stat
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Any, get_args
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+_WRITABLE = "a file in an existing folder, both writable"
 
 LARGEST = 1e30
 """Magnitude of a number beyond which its square may overflow on the way to a gain."""
@@ -204,6 +209,58 @@ def require_number(value: Any, path: str) -> None:
         raise Refused(path, value, f"at most {LARGEST:g} in magnitude")
     if isinstance(value, str) and reads_as_number(value):
         raise Refused(path, value, "numbers without quotes")
+
+
+def require_writable(
+    path: str | Path, inputs: Iterable[str | Path | None] = (), field: str = "--output"
+) -> None:
+    """Refuse an output file that cannot be written, before the work.
+
+    Parameters
+    ----------
+    path : path
+        Output file.
+    inputs : iterable of path or None
+        Files that the work reads, or writes too; None is ignored.
+    field : str
+        Name of the argument, for the message.
+
+    Raises
+    ------
+    Refused
+        If the path is one of these, a folder, a device, a FIFO or a read-only file, if its name is
+        too long, or if its folder does not exist or is read-only.
+    """
+    try:
+        found = _status(path)
+        folder = Path(os.path.realpath(path)).parent
+        read_only = not (folder.is_dir() and os.access(folder, os.W_OK))
+        if found is not None:
+            # no write bit at all: read-only even for a user whom the kernel lets write
+            read_only |= not (os.access(path, os.W_OK) and found.st_mode & 0o222)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise Refused(field, str(path), f"{_WRITABLE} ({reason})") from error
+    if read_only or (found is not None and not stat.S_ISREG(found.st_mode)):
+        raise Refused(field, str(path), _WRITABLE)
+    for name in inputs:
+        if name is not None and _same(name, path, found is not None):
+            raise Refused(field, str(path), "a file other than the input and other outputs")
+
+
+def _same(name: str | Path, path: str | Path, exists: bool) -> bool:
+    """Return whether two names are those of one file, which may not exist yet."""
+    if exists and os.path.exists(name):
+        return os.path.samefile(name, path)
+    return os.path.realpath(name) == os.path.realpath(path)
+
+
+def _status(path: str | Path) -> os.stat_result | None:
+    """Return the status of a file, None if there is none."""
+    try:
+        return os.stat(path)
+    except FileNotFoundError:
+        return None
 
 
 def did_you_mean(word: Any, words: Iterable[str]) -> str:

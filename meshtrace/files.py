@@ -1,17 +1,13 @@
-"""Output files: check before the run, and atomic replacement."""
+"""Atomic replacement of files, and the cache folder of a user."""
 
 from __future__ import annotations
 
 import os
 import secrets
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-
-from meshtrace.errors import Refused
-
-_ALLOWED = "a file in an existing folder, both writable"
 
 
 @contextmanager
@@ -71,53 +67,24 @@ def _synchronize(path: Path) -> None:
         os.close(handle)
 
 
-def check_writable(
-    path: str | Path, inputs: Iterable[str | Path | None] = (), field: str = "--output"
-) -> None:
-    """Check before the work that an output file can be written.
+def cache_directory() -> Path:
+    """Return the cache folder of compiled kernels and Mie tables.
 
-    Parameters
-    ----------
-    path : path
-        Output file.
-    inputs : iterable of path or None
-        Files that the work reads, or writes too; None is ignored.
-    field : str
-        Name of the argument, for the message.
+    MESHTRACE_CACHE_DIR, or the user's cache folder.
 
-    Raises
-    ------
-    Refused
-        If the path is one of these, a folder, a device, a FIFO or a read-only file, if its name is
-        too long, or if its folder does not exist or is read-only.
+    Returns
+    -------
+    Path
+        For a user without a home folder a path under the null device, where nothing can be
+        written: callers warn as for any other folder that is not writable.
     """
+    chosen = os.environ.get("MESHTRACE_CACHE_DIR")
+    if chosen:
+        return Path(chosen).absolute()
+    import platformdirs
+
     try:
-        found = _status(path)
-        folder = Path(os.path.realpath(path)).parent
-        read_only = not (folder.is_dir() and os.access(folder, os.W_OK))
-        if found is not None:
-            # no write bit at all: read-only even for a user whom the kernel lets write
-            read_only |= not (os.access(path, os.W_OK) and found.st_mode & 0o222)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise Refused(field, str(path), f"{_ALLOWED} ({reason})") from error
-    if read_only or (found is not None and not stat.S_ISREG(found.st_mode)):
-        raise Refused(field, str(path), _ALLOWED)
-    for name in inputs:
-        if name is not None and _same(name, path, found is not None):
-            raise Refused(field, str(path), "a file other than the input and other outputs")
-
-
-def _same(name: str | Path, path: str | Path, exists: bool) -> bool:
-    """Return whether two names are those of one file, which may not exist yet."""
-    if exists and os.path.exists(name):
-        return os.path.samefile(name, path)
-    return os.path.realpath(name) == os.path.realpath(path)
-
-
-def _status(path: str | Path) -> os.stat_result | None:
-    """Return the status of a file, None if there is none."""
-    try:
-        return os.stat(path)
-    except FileNotFoundError:
-        return None
+        folder = Path(platformdirs.user_cache_dir("meshtrace", appauthor=False))
+    except RuntimeError:  # platformdirs 4.4 and later
+        folder = Path()
+    return folder if folder.is_absolute() else Path(os.devnull, "meshtrace")

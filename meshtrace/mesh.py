@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused, require_array
-from meshtrace.models import Floats
 
 if TYPE_CHECKING:
     import trimesh
@@ -129,9 +128,11 @@ def _face_cross(vertices: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[n
     return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
 
 
-def _lengths(x: Floats, y: Floats, z: Floats) -> Floats:
+def _lengths(
+    x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return the lengths of vectors by components, with the digits of numpy.linalg.norm."""
-    lengths: Floats = np.sqrt(x * x + y * y + z * z)
+    lengths: NDArray[np.float64] = np.sqrt(x * x + y * y + z * z)
     return lengths
 
 
@@ -205,9 +206,9 @@ class TriangleMesh:
         not point up where `overhangs` does not allow it.
     """
 
-    vertices: Floats
+    vertices: NDArray[np.float64]
     faces: NDArray[np.int32]
-    vertex_normals: Floats = None  # type: ignore[assignment]
+    vertex_normals: NDArray[np.float64] = None  # type: ignore[assignment]
     unresolved: UnresolvedSlopes | None = None
     overhangs: bool = False
 
@@ -249,7 +250,7 @@ class TriangleMesh:
         object.__setattr__(self, "vertex_normals", normals)
 
     @cached_property
-    def face_normals(self) -> Floats:
+    def face_normals(self) -> NDArray[np.float64]:
         """Unit normals of the facets, shape (m, 3), pointing to the air."""
         cross = _face_cross(self.vertices, self.faces)
         with np.errstate(invalid="ignore"):
@@ -266,7 +267,7 @@ class TriangleMesh:
         return self.facing_down == 0
 
     @cached_property
-    def bounds(self) -> Floats:
+    def bounds(self) -> NDArray[np.float64]:
         """Lowest and highest coordinates [m], shape (2, 3)."""
         used = np.bincount(self.faces.ravel(), minlength=len(self.vertices)) > 0
         corners = (self.vertices if used.all() else self.vertices[used]).T.copy()

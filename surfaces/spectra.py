@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, SerializeAsAny, model_validator
 
 from meshtrace.errors import Refused
-from meshtrace.registry import Family
+from meshtrace.models import Family
 
 from .dispersion import (
     CAPILLARY_WAVENUMBER,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, SerializeAsAny
 
-from meshtrace.registry import Family
+from meshtrace.models import Family
 
 from .dispersion import GRAVITY, wavenumber
 from .parameters import WIND_SPEED, Floats, Positive, Range, finite_array

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from meshtrace.errors import Refused, require_finite
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
-from meshtrace.registry import Family
+from meshtrace.models import Family
 
 from .gridding import GridLines, grid_axis
 from .parameters import TIME, Finite, Floats, grid_lines, points

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from meshtrace.cache import cache_directory
+from meshtrace.files import cache_directory
 
 # Some tests replace MESHTRACE_CACHE_DIR, for tables.
 os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_directory()))

@@ -13,8 +13,8 @@ import numpy as np
 import pyvista as pv
 
 from meshtrace.daylight.light import Daylight
-from meshtrace.errors import Described, Refused, require_whole
-from meshtrace.files import atomic, check_writable
+from meshtrace.errors import Described, Refused, require_whole, require_writable
+from meshtrace.files import atomic
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
@@ -184,7 +184,7 @@ def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
         if suffixes and path.suffix not in suffixes:
             raise Refused(kind, str(name), f"a file name in {' or '.join(suffixes)}")
         if suffixes:
-            check_writable(path, field=kind)
+            require_writable(path, field=kind)
             continue
         folder = path if path.exists() else path.parent
         if not (folder.is_dir() and os.access(folder, os.W_OK)):

@@ -9,7 +9,8 @@ import typer
 from typer import Argument, Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, scenario_of
+from meshtrace.cli.console import scenario_of
+from meshtrace.cli.outputs import check_output
 from meshtrace.files import atomic
 
 

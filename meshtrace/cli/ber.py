@@ -10,7 +10,7 @@ import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, finite, numbers, over_seas, save, scenario_of
+from meshtrace.cli.console import finite, numbers, over_seas, scenario_of
 from meshtrace.cli.options import (
     SERIES_CHAINS,
     AsJson,
@@ -22,6 +22,7 @@ from meshtrace.cli.options import (
     Threads,
     grouped,
 )
+from meshtrace.cli.outputs import check_output, save
 from meshtrace.errors import Refused
 
 if TYPE_CHECKING:

@@ -8,9 +8,10 @@ import typer
 from typer import Argument, Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, over_seas, save, scenario_of
+from meshtrace.cli.console import over_seas, scenario_of
 from meshtrace.cli.drawing import check_plot, draw
 from meshtrace.cli.options import SERIES_CHAINS, Chains, Output, Plot, Seed, Settings, Threads, Wind
+from meshtrace.cli.outputs import check_output, save
 from meshtrace.errors import Refused
 
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from meshtrace.errors import Described, Refused
-from meshtrace.files import check_writable
 
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
@@ -55,49 +54,6 @@ def scenario_of(
     if link is None:
         return Scenario.from_toml("", changes=changes)
     return Scenario.load(link, changes)
-
-
-class Savable(Protocol):
-    """Result that can be written to a file."""
-
-    def save(self, path: Path) -> Any:
-        """Write the result."""
-
-
-def check_output(output: Path | None, *inputs: Path | None, option: str = "--output") -> None:
-    """Check before the work that an optional output file can be written.
-
-    It replaces no link file, nor a mesh or spectrum that a link file names.
-    """
-    if output is None:
-        return
-    named = (file for link in inputs if link is not None for file in _named_files(link))
-    check_writable(output, [*inputs, *named], option)
-    if output.suffix.lower() == ".toml":
-        raise Refused(option, str(output), "no name of a link file")
-
-
-def _named_files(link: Path) -> Iterator[Path]:
-    """Yield a path for each text in a link file; those of its files are among them."""
-    from meshtrace.scenario.files import parse_toml, read_text
-
-    def texts(part: Any) -> Iterator[str]:
-        if isinstance(part, str):
-            yield part
-        elif isinstance(part, dict | list):
-            for item in part.values() if isinstance(part, dict) else part:
-                yield from texts(item)
-
-    with suppress(Refused):  # no link file
-        yield from (link.parent / text for text in texts(parse_toml(read_text(link))))
-
-
-def save(result: Savable, output: Path | None, quiet: bool = False) -> None:
-    """Write a result to a file, after the text on the console."""
-    if output is not None:
-        result.save(output)
-        if not quiet:
-            typer.echo(f"\nwritten to {output}")
 
 
 @contextmanager

@@ -6,9 +6,10 @@ import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, progress, save, scenario_of
+from meshtrace.cli.console import progress, scenario_of
 from meshtrace.cli.drawing import check_plot, draw
 from meshtrace.cli.options import LinkFile, Output, Plot, Seed, Settings, Threads, Wind
+from meshtrace.cli.outputs import check_output, save
 
 
 @app.command()

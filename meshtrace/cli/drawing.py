@@ -8,8 +8,9 @@ from typing import Any
 
 import typer
 
-from meshtrace.cli.console import check_output, extra, save
+from meshtrace.cli.console import extra
 from meshtrace.cli.options import Output, Plot
+from meshtrace.cli.outputs import check_output, save
 from meshtrace.errors import Refused
 from meshtrace.files import atomic
 

@@ -11,16 +11,9 @@ import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import (
-    COMPILING,
-    check_output,
-    finite,
-    kernels_are_compiled,
-    progress,
-    save,
-    scenario_of,
-)
+from meshtrace.cli.console import COMPILING, finite, kernels_are_compiled, progress, scenario_of
 from meshtrace.cli.options import AsJson, LinkFile, Output, Seed, Settings, Threads, Wind
+from meshtrace.cli.outputs import check_output, save
 
 if TYPE_CHECKING:
     from meshtrace.results.gain import GainResult

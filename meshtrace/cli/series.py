@@ -10,8 +10,9 @@ import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import check_output, numbers, over_seas, save
+from meshtrace.cli.console import numbers, over_seas
 from meshtrace.cli.options import SERIES_CHAINS, Case, Chains, LinkFile, Output, grouped
+from meshtrace.cli.outputs import check_output, save
 
 if TYPE_CHECKING:
     from meshtrace.results.series import GainSeries

@@ -9,14 +9,9 @@ import typer
 from typer import Argument, Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import (
-    COMPILING,
-    check_output,
-    extra,
-    kernels_are_compiled,
-    warnings_as_lines,
-)
+from meshtrace.cli.console import COMPILING, extra, kernels_are_compiled, warnings_as_lines
 from meshtrace.cli.options import Output
+from meshtrace.cli.outputs import check_output
 
 if TYPE_CHECKING:
     import xarray as xr

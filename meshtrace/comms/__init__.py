@@ -2,6 +2,8 @@
 
 import lazy_loader
 
+import meshtrace.comms.receivers  # noqa: F401, the built-in models join their family
+
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submodules=[
@@ -12,12 +14,13 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "interleaving",
         "ook",
         "pulses",
+        "receiver_base",
         "receivers",
     ],
     submod_attrs={
         "decisions": ["Decision"],
         "devices": ["LedDriver", "OpticalFrontEnd", "SiPM", "Tia"],
         "ook": ["OokLink"],
-        "receivers": ["ReceiverModel"],
+        "receiver_base": ["ReceiverModel"],
     },
 )

@@ -7,7 +7,7 @@ from typing import Any, Literal, Self, get_args
 import pydantic
 
 from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia
-from meshtrace.comms.receivers import ReceiverModel
+from meshtrace.comms.receiver_base import ReceiverModel
 from meshtrace.errors import Refused, require_kind, require_word
 from meshtrace.link import Link, Receiver
 from meshtrace.models import Model, NonNegative

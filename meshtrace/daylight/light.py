@@ -16,8 +16,8 @@ from meshtrace.daylight.spectrum import (
 )
 from meshtrace.errors import Refused, require_real, require_whole, require_word
 from meshtrace.kernels.sky import Sky
-from meshtrace.link.directions import unit_vector
 from meshtrace.models import Finite, Model, NonNegative
+from meshtrace.optics.directions import unit_vector
 
 WaterLight = Literal["quasi-single", "walk", "none"]
 

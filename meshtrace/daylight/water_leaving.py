@@ -8,9 +8,10 @@ import numpy as np
 
 from meshtrace.daylight.light import Daylight
 from meshtrace.daylight.patterns import sky_radiance
-from meshtrace.link import Link
 from meshtrace.models import Floats
+from meshtrace.optics.bubble_base import BubblePopulation
 from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.optics.water import Water
 
 _ZENITHS, _AZIMUTHS = 14, 20  # directions that stand for the sky
 _DEPTHS = 6000
@@ -30,8 +31,12 @@ class QuasiSingle:
 
     Parameters
     ----------
-    link : Link
-        Water, bubbles and indices.
+    water : Water
+        Water.
+    bubbles : BubblePopulation or None
+        Bubbles.
+    n_air : float
+        Refractive index of the air.
     day : Daylight
         Light above the sea.
 
@@ -40,17 +45,18 @@ class QuasiSingle:
     Gordon (1973), Appl. Opt. 12, 2803, quasi-single scattering.
     """
 
-    def __init__(self, link: Link, day: Daylight) -> None:
-        self.n = link.water.n / link.n_air
+    def __init__(
+        self, water: Water, bubbles: BubblePopulation | None, n_air: float, day: Daylight
+    ) -> None:
+        self.n = water.n / n_air
         self._travel, self._irradiance = _beams(day, self.n)
-        fractions, phases = [link.water.phase.backscatter_fraction], [link.water.phase]
-        if link.bubbles is not None:
-            bubbles = link.bubbles.phase_function()
-            fractions.append(bubbles.backscatter_fraction)
-            phases.append(bubbles)
+        fractions, phases = [water.phase.backscatter_fraction], [water.phase]
+        if bubbles is not None:
+            phases.append(bubbles.phase_function())
+            fractions.append(phases[-1].backscatter_fraction)
         self._theta = np.linspace(0.0, math.pi, _ANGLES)[1:]
         self._beta = [phase.pdf(self._theta) for phase in phases]
-        self._depth, a, b = _profile(link)
+        self._depth, a, b = _profile(water, bubbles)
         k = a + np.array(fractions) @ b
         steps = np.diff(self._depth)
         path = np.concatenate([[0.0], np.cumsum(0.5 * steps * (k[1:] + k[:-1]))])
@@ -62,8 +68,8 @@ class QuasiSingle:
             for bj in b
         ]
         self._bottom = None
-        if link.water.bottom_depth is not None:
-            self._bottom = link.water.bottom_albedo * decay[:, -1] / math.pi
+        if water.bottom_depth is not None:
+            self._bottom = water.bottom_albedo * decay[:, -1] / math.pi
 
     def upwelling(self, directions: Floats) -> Floats:
         """Return the radiance L_u below the surface [W m-2 sr-1 nm-1].
@@ -105,9 +111,8 @@ def _beams(day: Daylight, n: float) -> tuple[Floats, Floats]:
     return travel[lit], flux[lit] / -travel[lit, 2]
 
 
-def _profile(link: Link) -> tuple[Floats, Floats, Floats]:
+def _profile(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats, Floats, Floats]:
     """Return depths [m], absorption and scattering of water and bubbles over depth."""
-    water = link.water
     surface = np.array([0.0])
     a0, b0 = (float(v[0]) for v in water.profile(surface))
     k0 = a0 + b0 * water.phase.backscatter_fraction
@@ -119,6 +124,6 @@ def _profile(link: Link) -> tuple[Floats, Floats, Floats]:
     depth = np.concatenate([surface, np.geomspace(1e-4 * deepest, deepest, _DEPTHS)])
     a, b = water.profile(depth)
     scatterers = [b]
-    if link.bubbles is not None:
-        scatterers.append(link.bubbles.b(depth))
+    if bubbles is not None:
+        scatterers.append(bubbles.b(depth))
     return depth, a, np.array(scatterers)

@@ -37,8 +37,7 @@ from numba.core.compiler import CompileResult
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
 
-from meshtrace.cache import cache_directory
-from meshtrace.files import atomic
+from meshtrace.files import atomic, cache_directory
 from meshtrace.kernels.linking import PartCompiler, WholeCompiler
 
 config: Any = numba.config  # numba's stubs lack its fields

@@ -30,11 +30,10 @@ from meshtrace.link.sources import (
     TopHatBeam,
     WaterSource,
 )
-from meshtrace.models import Model
+from meshtrace.models import Family, Model
 from meshtrace.optics.bubble_base import AnyBubbles
 from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.optics.water import Water
-from meshtrace.registry import Family
 
 _TYPICAL = 16.0  # [m], depth plus height of links that keep the metre
 _SMALL = 8.0  # units below a metre, up to which meshes keep their spacing

@@ -9,9 +9,8 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator
 
 from meshtrace.errors import Refused
-from meshtrace.link.directions import unit_vector
-from meshtrace.models import Finite, Model, Position, Positive
-from meshtrace.registry import Family
+from meshtrace.models import Family, Finite, Model, Position, Positive
+from meshtrace.optics.directions import unit_vector
 
 
 class Aperture(

@@ -8,9 +8,8 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, SerializeAsAny
 
-from meshtrace.link.directions import unit_vector
-from meshtrace.models import Finite, Model, NonNegative, Position, Positive
-from meshtrace.registry import Family
+from meshtrace.models import Family, Finite, Model, NonNegative, Position, Positive
+from meshtrace.optics.directions import unit_vector
 
 
 class Source(

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, SerializeAsAny
 
 from meshtrace.errors import Refused, require_all, require_array, require_between, require_real
-from meshtrace.models import Floats
-from meshtrace.registry import Family
+from meshtrace.models import Family, Floats
 
 if TYPE_CHECKING:
     from meshtrace.optics.phase import PhaseFunction

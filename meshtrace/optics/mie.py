@@ -23,9 +23,8 @@ from typing import IO, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.cache import cache_directory
 from meshtrace.errors import Described, Refused, require_all
-from meshtrace.files import atomic
+from meshtrace.files import atomic, cache_directory
 from meshtrace.models import Floats
 
 _LOG = logging.getLogger(__name__)

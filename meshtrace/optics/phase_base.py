@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, SerializeAsAny
 
 from meshtrace.errors import Described, Refused, require_all, require_array
 from meshtrace.kernels.phase import PhaseTables
-from meshtrace.models import Floats
+from meshtrace.models import Family, Floats
 from meshtrace.optics.phase_tables import (
     Component,
     Segments,
@@ -26,7 +26,6 @@ from meshtrace.optics.phase_tables import (
     power_law_segments,
     sample_s,
 )
-from meshtrace.registry import Family
 
 
 class PhaseFunction(Family, frozen=True, default="fournier-forand"):

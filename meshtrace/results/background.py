@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from meshtrace.errors import Refused
 from meshtrace.models import Floats
 from meshtrace.results.variables import StoredArrays, Variable
-
-if TYPE_CHECKING:
-    from meshtrace.comms.ook import OokLink
 
 PARTS = ("sky", "glint", "water", "foam", "sun")
 """Parts of the background, in the order of `Background.part_radiance`.
@@ -72,7 +69,7 @@ class Background(StoredArrays):
         """Power into the aperture within the field of view [W nm-1]."""
         return self.radiance * self.acceptance
 
-    def count_rate(self, ook: OokLink) -> float:
+    def count_rate(self, ook: Any) -> float:
         """Return the primary counts of a receiver [s-1], before saturation.
 
         r_b = PDE P_b / E_ph,  P_b = <L> dlambda T G

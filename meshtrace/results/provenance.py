@@ -8,10 +8,9 @@ import subprocess
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from meshtrace.link import Link
+from meshtrace.models import Model
 
 
 @cache
@@ -26,7 +25,7 @@ def environment() -> dict[str, str]:
     }
 
 
-def provenance(link: Link, surface: dict[str, Any], run: dict[str, Any]) -> dict[str, Any]:
+def provenance(link: Model, surface: dict[str, Any], run: dict[str, Any]) -> dict[str, Any]:
     """Return versions, link, surface and run of a result as plain data."""
     return {
         "environment": environment(),

@@ -14,8 +14,7 @@ from typing import Any, Literal
 from meshtrace.errors import Described, Refused, did_you_mean, reason_of, require_keys
 from meshtrace.link import Footprint, Link
 from meshtrace.mesh import FADING, MeshSource, SurfaceModel, TriangleMesh
-from meshtrace.models import Model
-from meshtrace.registry import Family
+from meshtrace.models import Family, Model
 from meshtrace.scenario.tables import Table, as_table, validated, without_shared_wind
 from meshtrace.transport.options import Meshing
 

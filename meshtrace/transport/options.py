@@ -12,8 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, TypedDict
 from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 
 from meshtrace.errors import Refused, require_keys
-from meshtrace.models import Finite, Model
-from meshtrace.registry import Family
+from meshtrace.models import Family, Finite, Model
 from meshtrace.stored import SHIFTS
 
 BLOCK = 4096

@@ -42,13 +42,16 @@ class Scene(NamedTuple):
 def scene_of(link: Link, mesh: TriangleMesh, day: Daylight, normals: str, threads: int) -> Scene:
     """Return sea and light in the local coordinates of a link."""
     local = frame_of(link).mesh(mesh)
+    water = None
+    if day.water == "quasi-single":
+        water = QuasiSingle(link.water, link.bubbles, link.n_air, day)
     return Scene(
         EmbreeIntersector(local, threads),
         surface_arrays(local, normals, link.physics.unresolved),
         day,
         link.water.n / link.n_air,
         1.0 - link.whitecaps.transmittance if link.whitecaps else 0.0,
-        QuasiSingle(link, day) if day.water == "quasi-single" else None,
+        water,
         link.physics.second_hit == "trace",
     )
 

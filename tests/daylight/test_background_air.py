@@ -11,8 +11,8 @@ from mc_statistics import z_test
 import meshtrace as mt
 from meshtrace.daylight import QuasiSingle, glint_radiance, sky_radiance
 from meshtrace.errors import Refused
-from meshtrace.link.directions import unit_vector
 from meshtrace.mesh import UnresolvedSlopes
+from meshtrace.optics.directions import unit_vector
 from meshtrace.optics.fresnel import fresnel_reflectance, hemispheric_reflectance
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 from meshtrace.surfaces.statistics import cox_munk
@@ -29,6 +29,10 @@ def rough_plane(variances):
     flat = FlatSea().mesh(extent=60.0, spacing=2.0)
     unresolved = UnresolvedSlopes(variances, variances, 0.0)
     return mt.TriangleMesh(flat.vertices, flat.faces, flat.vertex_normals, unresolved)
+
+
+def _quasi_single(link, day):
+    return QuasiSingle(link.water, link.bubbles, link.n_air, day)
 
 
 def link(psi, **receiver):
@@ -157,13 +161,13 @@ def test_reflectance_of_mobley_1999(pair):
      (UNIFORM, "Lw_over_Ed_uniform_nadir_quasi_single")],
 )  # fmt: skip
 def test_light_out_of_the_water(day, key):
-    upwelling = QuasiSingle(mt.Link(), day).upwelling(np.array([[0.0, 0.0, 1.0]]))[0]
+    upwelling = _quasi_single(mt.Link(), day).upwelling(np.array([[0.0, 0.0, 1.0]]))[0]
     leaving = upwelling * (1.0 - float(fresnel_reflectance(1.0, 1.0, 1.33))) / 1.33**2
     assert leaving / day.irradiance == pytest.approx(REFERENCE["water_leaving"][key], rel=1e-3)
 
 
 def test_light_out_of_the_water_of_forward_photons():
-    upwelling = QuasiSingle(mt.Link(), SUN).upwelling(np.array([[0.0, 0.0, 1.0]]))[0]
+    upwelling = _quasi_single(mt.Link(), SUN).upwelling(np.array([[0.0, 0.0, 1.0]]))[0]
     leaving = upwelling * (1.0 - float(fresnel_reflectance(1.0, 1.0, 1.33))) / 1.33**2
     wanted = REFERENCE["water_leaving"]["forward_photons_sun30"]
     assert abs(leaving / SUN.irradiance - wanted["value"]) < 4.0 * wanted["stderr"]
@@ -174,7 +178,7 @@ def test_reflectance_below_the_surface_against_walks_and_published_laws():
     leaving = REFERENCE["water_leaving"]
     through = 1.0 - float(fresnel_reflectance(SUN.sun[2], 1.0, 1.33))
     view = np.array([unit_vector(20.0, 180.0)])
-    r_rs = QuasiSingle(mt.Link(), SUN).upwelling(view)[0] / (through * SUN.irradiance)
+    r_rs = _quasi_single(mt.Link(), SUN).upwelling(view)[0] / (through * SUN.irradiance)
     assert r_rs == pytest.approx(leaving["r_rs_view20"]["value"], rel=0.015)
     # Gordon et al. (1988) and Lee et al. (2002), for water with much more scattering
     u = 0.005908
@@ -212,14 +216,14 @@ def test_layers_equal_to_the_water_change_nothing():
     nadir = np.array([[0.3, 0.0, math.sqrt(0.91)]])
     plain, water = mt.Link(), mt.Link().water
     layered = plain.replace(water=water.replace(layers=((0.0, 0.114, 0.037), (9.0, 0.114, 0.037))))
-    found = [QuasiSingle(one, SUN).upwelling(nadir)[0] for one in (plain, layered)]
+    found = [_quasi_single(one, SUN).upwelling(nadir)[0] for one in (plain, layered)]
     assert found[1] == pytest.approx(found[0], rel=1e-3)
 
 
 def test_bottom_of_clear_water_is_seen_through_it():
     clear = mt.Water(a=0.0, b=0.0, bottom_depth=20.0, bottom_albedo=0.5)
     nadir = np.array([[0.0, 0.0, 1.0]])
-    found = QuasiSingle(mt.Link(water=clear), UNIFORM).upwelling(nadir)[0]
+    found = _quasi_single(mt.Link(water=clear), UNIFORM).upwelling(nadir)[0]
     wanted = 0.5 * (1.0 - hemispheric_reflectance(1.0, 1.33))  # E / pi of radiance 1
     assert found == pytest.approx(wanted, rel=2e-3)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import platformdirs
 import pytest
 
-from meshtrace.cache import cache_directory
+from meshtrace.files import cache_directory
 
 
 def no_home(*args, **kwargs):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from meshtrace.fields import attrs
 from meshtrace.models import Floats
 from meshtrace.stored import Stored
 from meshtrace.studies.convergence.checks import UNITS, Costs, Normals, Parameter, positive
@@ -17,6 +18,15 @@ from meshtrace.studies.convergence.fit import Fit, fit_law, largest_step, stderr
 
 if TYPE_CHECKING:
     import xarray as xr
+
+# fields of the reference in order: name in files after "exact_", registered name of its metadata
+_EXACT = {
+    "samples": ("samples", "gain"),
+    "ballistic": ("gain_ballistic", "gain_ballistic"),
+    "quadrature_error": ("quadrature_error", ""),
+    "slope_variance": ("mss", "mss"),
+    "lost": ("lost", ""),
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -165,15 +175,62 @@ class ConvergenceStudy(Stored):
         return dict(zip(self.normals, values, strict=True))
 
     def _content(self) -> xr.Dataset:
-        from meshtrace.studies.convergence.tables import dataset
+        import xarray as xr
 
-        return dataset(self)
+        dims, one = ("normals", self.parameter), {"units": "1"}
+        variables: dict[str, Any] = {
+            "gain": (dims, self.gain, attrs("gain")),
+            "gain_stderr": (dims, self.gain_stderr, attrs("gain_stderr")),
+            "gain_ballistic": (dims, self.ballistic.mean(axis=2), attrs("gain_ballistic")),
+            "mss": (dims, self.slope_variance, attrs("mss")),
+            "samples": ((*dims, "repeat", "shift"), self.samples, attrs("gain")),
+            "samples_ballistic": ((*dims, "repeat"), self.ballistic, attrs("gain_ballistic")),
+            "recommended": ("normals", list(self.recommended().values())),
+        }
+        for name in ("difference", "difference_stderr", "scatter", "error", "total_reflection"):
+            variables[name] = (dims, getattr(self, name), one)
+        for name, seconds in self.costs._asdict().items():
+            variables[f"{name}_time"] = (dims, seconds, {"units": "s"})
+        for name in ("order", "gain"):
+            limits = np.array([getattr(self.fits[kind], name) for kind in self.normals])
+            variables[f"fitted_{name}"] = (("normals", "limit"), limits, one)
+        if self.reference is not None:
+            variables["exact_gain"] = ((), self.reference.gain, attrs("gain"))
+            for name, (stored, registered) in _EXACT.items():
+                value = getattr(self.reference, name)
+                kind = attrs(registered) if registered else one
+                variables[f"exact_{stored}"] = ("shift" if np.ndim(value) else (), value, kind)
+        coordinates = {
+            "normals": list(self.normals),
+            "limit": ["value", "low", "high"],
+            self.parameter: (self.parameter, self.values, {"units": UNITS[self.parameter]}),
+        }
+        about = {"parameter": self.parameter, "tolerance": self.tolerance}
+        return xr.Dataset(variables, coordinates, about)
 
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> ConvergenceStudy:
-        from meshtrace.studies.convergence.tables import fields_of
-
-        return cls(**fields_of(data), provenance=provenance)
+        parameter, reference = data.attrs["parameter"], None
+        if "exact_samples" in data:
+            found = {name: data[f"exact_{stored}"] for name, (stored, _) in _EXACT.items()}
+            exact: dict[str, Any] = {
+                name: v.to_numpy() if v.dims else v.item() for name, v in found.items()
+            }
+            reference = Reference(**exact)
+        return cls(
+            parameter=parameter,
+            values=data[parameter].to_numpy(),
+            normals=tuple(data["normals"].values.tolist()),
+            samples=data["samples"].to_numpy(),
+            ballistic=data["samples_ballistic"].to_numpy(),
+            scatter=data["scatter"].to_numpy(),
+            slope_variance=data["mss"].to_numpy(),
+            total_reflection=data["total_reflection"].to_numpy(),
+            costs=Costs(*(data[f"{name}_time"].to_numpy() for name in Costs._fields)),
+            reference=reference,
+            tolerance=float(data.attrs["tolerance"]),
+            provenance=provenance,
+        )
 
     def _headline(self) -> str:
         none = f"finer than {self.values[-1]:g}"
@@ -186,6 +243,68 @@ class ConvergenceStudy(Stored):
 
     def summary(self) -> str:
         """Return the study as a table of text, errors in percent of the gain."""
-        from meshtrace.studies.convergence.tables import table
+        return "\n\n".join(self._table(kind) for kind in self.normals)
 
-        return "\n\n".join(table(self, kind) for kind in self.normals)
+    def _table(self, kind: Normals) -> str:
+        """Return the results of a study for one kind of normals as text."""
+        unit, k = UNITS[self.parameter], self.normals.index(kind)
+        base = "the exact surface" if self.reference else "the finest"
+        percent = 100.0 / self.anchor[k]
+        columns = [
+            (f"{self.parameter} [{unit}]", ">18", "g", self.values),
+            ("gain", ">12", ".4e", self.gain[k]),
+            ("unscattered", ">12", ".4e", self.ballistic.mean(axis=2)[k]),
+            ("difference", ">+12", ".4f", percent * self.difference[k]),
+            ("stderr", ">9", ".4f", percent * self.difference_stderr[k]),
+            ("scatter", ">9", ".4f", percent * self.scatter[k]),
+            ("slope var.", ">12", ".6f", self.slope_variance[k]),
+            ("total refl.", ">12", ".5f", self.total_reflection[k]),
+            *(
+                (f"{name} s", ">8", ".3f", seconds[k])
+                for name, seconds in zip(("mesh", "BVH", "gain"), self.costs, strict=True)
+            ),
+        ]
+        lines = ["".join(format(head, width.replace("+", "")) for head, width, _, _ in columns)]
+        for j in range(len(self.values)):
+            lines.append("".join(_cell(v[j], width, digits) for _, width, digits, v in columns))
+        lines = [f"{kind} normals, differences from {base} in percent", *lines]
+        return "\n".join([*lines, *self._exact_lines(), *self._fitted_lines(kind)])
+
+    def _exact_lines(self) -> list[str]:
+        """Return the row of the exact surface."""
+        exact = self.reference
+        if exact is None:
+            return []
+        lines = [
+            f"{'exact surface':>18}{exact.gain:>12.4e}{exact.ballistic:>12.4e}{'':>30}"
+            f"{exact.slope_variance:>12.6f}"
+        ]
+        if exact.lost:
+            lines.append(f"{exact.lost} crossings have none of the exact surface next to them")
+        return lines
+
+    def _fitted_lines(self, kind: Normals) -> list[str]:
+        """Return order, limit and recommendation as text."""
+        k, unit, exact = self.normals.index(kind), UNITS[self.parameter], self.reference
+        order, gain, _ = self.fits[kind]
+        lines = [
+            f"order {order.value:.2f} ({order.low:.2f} to {order.high:.2f}, 95 %)",
+            f"Richardson {gain.value:.5e} ({gain.low:.5e} to {gain.high:.5e}, 95 %)",
+        ]
+        if exact is not None:
+            inside = "inside" if gain.low <= exact.gain <= gain.high else "outside"
+            lines.append(f"exact surface {exact.gain:.5e}, {inside} that interval")
+        best = self.recommended()[kind]
+        said = f"finer than {self.values[-1]:g}" if math.isnan(best) else f"{best:.3g}"
+        lines.append(
+            f"common Monte Carlo error {100.0 * self.gain_stderr[k, -1] / self.gain[k, -1]:.2g} %; "
+            f"{self.parameter} for an error of {100.0 * self.tolerance:g} %: {said} {unit}"
+        )
+        return lines
+
+
+def _cell(value: float, width: str, digits: str) -> str:
+    """Return a value of the table, "-" for none."""
+    return (
+        format("-", width.replace("+", "")) if math.isnan(value) else format(value, width + digits)
+    )

@@ -16,7 +16,7 @@ from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from meshtrace.errors import MISSING, Refused, did_you_mean
-from meshtrace.models import Model
+from meshtrace.models.model import Model
 
 GROUP = "meshtrace.parts"
 """Group of entry points whose names are kinds and whose objects are classes."""

@@ -8,10 +8,8 @@ import pytest
 from pydantic import BeforeValidator, SerializeAsAny
 
 import meshtrace as mt
-from meshtrace import registry
 from meshtrace.errors import Refused
-from meshtrace.models import Model
-from meshtrace.registry import Family
+from meshtrace.models import GROUP, Family, Model, family
 
 
 class Lens(Family, default="ball"):
@@ -77,8 +75,8 @@ def test_a_module_in_the_working_directory_is_found(tmp_path, monkeypatch):
 
 
 def test_an_entry_point_names_a_kind(monkeypatch):
-    found = [EntryPoint("plate", f"{__name__}:Plane", registry.GROUP)]
-    monkeypatch.setattr(registry, "entry_points", lambda group: found)
+    found = [EntryPoint("plate", f"{__name__}:Plane", GROUP)]
+    monkeypatch.setattr(family, "entry_points", lambda group: found)
     assert Tube(lens="plate").lens == Plane()
 
 
