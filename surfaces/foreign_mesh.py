@@ -91,6 +91,11 @@ def from_trimesh(
     return TriangleMesh(vertices, faces.astype(np.int32), corner_normals, overhangs=overhangs)
 
 
+def unfit(found: str, allowed: str) -> Refused:
+    """Return the refusal of a source of meshes, by words about it."""
+    return Refused("source", Described(found), allowed)
+
+
 def read_mesh(source: Any) -> tuple[Floats, NDArray[np.int64]]:
     """Return vertices and facets of any source of `from_trimesh`, with their shapes checked."""
     if isinstance(source, str | PathLike):
@@ -100,19 +105,19 @@ def read_mesh(source: Any) -> tuple[Floats, NDArray[np.int64]]:
     pair = (source.vertices, source.faces) if hasattr(source, "faces") else source
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         allowed = "trimesh.Trimesh, a path, (vertices, faces) or (x, y, z)"
-        raise Refused("source", Described(type(source).__name__), allowed)
-    vertices = require_array(pair[0], "source", "vertices (n, 3) and faces (m, 3)")
-    faces = require_array(pair[1], "source", "vertices (n, 3) and faces (m, 3)", None)
+        raise unfit(type(source).__name__, allowed)
+    vertices, faces = (
+        require_array(rows, "source", "vertices (n, 3) and faces (m, 3)", dtype)
+        for rows, dtype in zip(pair, (float, None), strict=True)
+    )
     if vertices.size == 0 or faces.size == 0:
-        raise Refused("source", Described("empty"), "a surface of one or more facets")
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
-        found = Described(f"shapes {vertices.shape} and {faces.shape}")
-        raise Refused("source", found, "(n, 3) and (m, 3)")
+        raise unfit("empty", "a surface of one or more facets")
+    if any(rows.ndim != 2 or rows.shape[1] != 3 for rows in (vertices, faces)):
+        raise unfit(f"shapes {vertices.shape} and {faces.shape}", "(n, 3) and (m, 3)")
     if not np.issubdtype(faces.dtype, np.integer):
-        raise Refused("source", Described(f"faces of type {faces.dtype}"), "integers")
+        raise unfit(f"faces of type {faces.dtype}", "integers")
     if faces.min() < 0 or faces.max() >= len(vertices):
-        found = Described(f"faces {faces.min()}..{faces.max()}")
-        raise Refused("source", found, f"0..{len(vertices) - 1}")
+        raise unfit(f"faces {faces.min()}..{faces.max()}", f"0..{len(vertices) - 1}")
     return vertices, faces.astype(np.int64)
 
 
@@ -133,13 +138,11 @@ def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArra
     x, y, z = (np.asarray(a, dtype=np.float64) for a in (x, y, z))
     if x.ndim == 2:
         if x.shape != z.shape or y.shape != z.shape or z.size == 0:
-            raise Refused(
-                "source", Described(f"shapes {x.shape}, {y.shape}, {z.shape}"), "equal ones"
-            )
+            raise unfit(f"shapes {x.shape}, {y.shape}, {z.shape}", "equal ones")
         if np.ptp(x[0]) > 0.0:
             x, y, z = x.T, y.T, z.T
         if (x != x[:, :1]).any() or (y != y[:1]).any():
-            raise Refused("source", Described("x, y are no grid"), "the arrays of numpy.meshgrid")
+            raise unfit("x, y are no grid", "the arrays of numpy.meshgrid")
         x, y = x[:, 0], y[0]
     x, y = increasing("x", x), increasing("y", y)
     if z.shape != (len(x), len(y)):
@@ -152,7 +155,7 @@ def _merged(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray
     used, corner = np.unique(faces, return_inverse=True)
     vertices = vertices[used]
     if not np.isfinite(vertices).all():
-        raise Refused("source", Described("vertices not all finite"), "finite coordinates [m]")
+        raise unfit("vertices not all finite", "finite coordinates [m]")
     order = np.lexsort(vertices.T)
     new = np.ones(len(order), dtype=bool)
     new[1:] = (np.diff(vertices[order], axis=0) != 0.0).any(axis=1)
@@ -168,7 +171,7 @@ def _refuse_degenerate(vertices: Floats, faces: NDArray[np.int64]) -> None:
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     count = np.count_nonzero(area <= _SMALLEST_AREA * edge)
     if count:
-        raise Refused("source", Described(f"{count} of {len(faces)} facets without area"), "none")
+        raise unfit(f"{count} of {len(faces)} facets without area", "none")
 
 
 def _outline(vertices: Floats, faces: NDArray[np.int64], overhangs: bool) -> NDArray[np.int64]:
@@ -181,7 +184,7 @@ def _outline(vertices: Floats, faces: NDArray[np.int64], overhangs: bool) -> NDA
     starts = np.flatnonzero(np.diff(undirected, prepend=-1))
     uses = np.diff(starts, append=len(undirected))
     if (uses > 1).all():
-        raise Refused("source", Described("closed solid"), "an open surface")
+        raise unfit("closed solid", "an open surface")
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     cross = np.cross(b - a, c - a)
     up = cross[:, 2] / np.linalg.norm(cross, axis=1)
@@ -202,30 +205,28 @@ def _refuse_turned(cross: Floats, forward: NDArray[np.int64]) -> None:
     """Refuse facets wound against each other, and a surface with the air below."""
     against = np.count_nonzero(np.diff(np.sort(forward)) == 0)
     if against:
-        found = Described(f"{against} edges between facets of opposite winding")
-        raise Refused("source", found, "facets counter-clockwise seen from the air")
+        found = f"{against} edges between facets of opposite winding"
+        raise unfit(found, "facets counter-clockwise seen from the air")
     if not cross[:, 2].sum() > 0.0:
-        found = Described("turned over: its outline runs clockwise seen from above")
-        raise Refused("source", found, "facets counter-clockwise seen from the air, z up")
+        found = "turned over: its outline runs clockwise seen from above"
+        raise unfit(found, "facets counter-clockwise seen from the air, z up")
 
 
 def _refuse_count(what: str, wrong: NDArray[np.bool_], total: int) -> None:
     count = np.count_nonzero(wrong)
     if count:
-        raise Refused(
-            "source", Described(f"{count} of {total} {what}"), "a height field that faces up"
-        )
+        raise unfit(f"{count} of {total} {what}", "a height field that faces up")
 
 
 def _refuse_many_pieces(n: int, edges: NDArray[np.int64], outline: NDArray[np.int64]) -> None:
     pieces = _component_count(n, edges)
     if pieces > 1:
-        raise Refused("source", Described(f"{pieces} separate pieces or sheets"), "one")
+        raise unfit(f"{pieces} separate pieces or sheets", "one")
     if len(np.unique(outline[:, 0])) < len(outline):
-        raise Refused("source", Described("pieces joined at a single vertex only"), "one surface")
+        raise unfit("pieces joined at a single vertex only", "one surface")
     holes = _component_count(n, outline) - (n - len(outline)) - 1
     if holes:
-        raise Refused("source", Described(f"{holes} holes inside the outline"), "none")
+        raise unfit(f"{holes} holes inside the outline", "none")
 
 
 def _component_count(n: int, edges: NDArray[np.int64]) -> int:
@@ -255,9 +256,8 @@ def _refuse_folds(vertices: Floats, outline: NDArray[np.int64], overhangs: bool)
     least = _COVERAGE_TOLERANCE * longest**2 if overhangs else 0.0
     touching = np.count_nonzero(_segments_meet(start[i], end[i], start[j], end[j], least))
     if touching:
-        raise Refused(
-            "source",
-            Described(f"outline meets itself {touching} times seen from above"),
+        raise unfit(
+            f"outline meets itself {touching} times seen from above",
             "one sheet, without several sheets over one point or seams of unequal vertices",
         )
 
@@ -294,12 +294,11 @@ def _refuse_uncovered(segments: Floats, extent: float) -> None:
     crosses = np.maximum(enter.max(axis=1), 0.0) < np.minimum(leave.min(axis=1), 1.0)
     if crosses.any() or not _around_origin(start, step):
         low, high = start.min(axis=0), start.max(axis=0)
-        raise Refused(
-            "extent",
-            Described(f"{extent} m"),
+        allowed = (
             "a square |x|, |y| <= extent [m] that the surface covers; it lies in "
-            f"x {low[0]:g}..{high[0]:g} m, y {low[1]:g}..{high[1]:g} m",
+            f"x {low[0]:g}..{high[0]:g} m, y {low[1]:g}..{high[1]:g} m"
         )
+        raise Refused("extent", Described(f"{extent} m"), allowed)
 
 
 def _around_origin(start: Floats, step: Floats) -> bool:

@@ -17,9 +17,9 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.errors import Described, Refused, reason_of
+from meshtrace.errors import Refused, reason_of
 
-from .foreign_mesh import read_mesh
+from .foreign_mesh import read_mesh, unfit
 from .parameters import Floats
 from .triangulate import grid_faces
 
@@ -49,18 +49,21 @@ class Frames(ABC):
 
     Attributes
     ----------
+    path : Path
+        The file, where one holds all frames.
     times : ndarray or None
         Times of the frames [s], None if the files hold none.
     """
 
+    path: Path
     times: Floats | None = None
 
     @abstractmethod
     def __len__(self) -> int: ...
 
-    @abstractmethod
     def name(self, i: int) -> str:
-        """Return the name of a frame for errors."""
+        """Return the name of a frame for errors: by default, the file's and the number."""
+        return f"{self.path} [{i}]"
 
     @abstractmethod
     def read(self, i: int) -> Facets:
@@ -96,14 +99,13 @@ def open_frames(source: str | Sequence[str]) -> Frames:
     except Refused:
         raise
     except Exception as error:  # readers of XML, HDF5 and netCDF raise any exception
-        reason = Described(f"{path}: {reason_of(error)}")
-        raise Refused("source", reason, _ALLOWED) from error
+        raise unfit(f"{path}: {reason_of(error)}", _ALLOWED) from error
 
 
 def _files(files: list[Path], source: object) -> FileFrames:
     """Return files in the order of the number that distinguishes their names, or of the names."""
     if not files:
-        raise Refused("source", Described(f"no files in {source!r}"), _ALLOWED)
+        raise unfit(f"no files in {source!r}", _ALLOWED)
     for file in files:
         if not file.is_file() or file.suffix.lower() not in _TRIMESH + _VTK:
             raise Refused("source", str(file), _ALLOWED)
@@ -124,7 +126,7 @@ def _collection(path: Path) -> FileFrames:
     files = [path.parent / name for _, name in rows]
     missing = next((f for f in files if not f.is_file()), None)
     if missing is not None or not files:
-        raise Refused("source", Described(f"{path}: no {missing or 'files'}"), _ALLOWED)
+        raise unfit(f"{path}: no {missing or 'files'}", _ALLOWED)
     return FileFrames(files, np.array([time for time, _ in rows]))
 
 
@@ -183,10 +185,6 @@ class XdmfFrames(Frames):
     def __len__(self) -> int:
         return len(self._grids)
 
-    def name(self, i: int) -> str:
-        """Return the name of the file with the number of the grid."""
-        return f"{self.path} [{i}]"
-
     def read(self, i: int) -> Facets:
         """Return the triangles and quadrangles of a grid, the latter split."""
         try:
@@ -224,8 +222,8 @@ def _moved(points: Any, arrays: dict[str, Any]) -> Floats:
             return np.array(values, np.float64)
         if np.shape(values) == points.shape and name.lower().startswith(("disp", "warp")):
             return points + values
-    found = Described(f"point arrays {sorted(arrays)}")
-    raise Refused("source", found, "points, displacement, or a height z, eta or elevation")
+    allowed = "points, displacement, or a height z, eta or elevation"
+    raise unfit(f"point arrays {sorted(arrays)}", allowed)
 
 
 def _triangles(blocks: Any) -> NDArray[np.int64]:
@@ -235,7 +233,7 @@ def _triangles(blocks: Any) -> NDArray[np.int64]:
         if block.type == "quad":
             faces += [block.data[:, [0, 1, 2]], block.data[:, [0, 2, 3]]]
     if not faces:
-        raise Refused("source", Described("no triangles or quadrangles"), "a surface")
+        raise unfit("no triangles or quadrangles", "a surface")
     return np.concatenate(faces).astype(np.int64)
 
 
@@ -245,12 +243,12 @@ class GridFrames(Frames):
     def __init__(self, path: Path) -> None:
         self.path = path
         with self._opened() as data:
-            self._height = _height(data)
-            z = data[self._height]
             names = {name.lower(): name for name in map(str, data.variables)}
+            self._height = _height(data, names)
+            z = data[self._height]
             missing = [axis for axis in "xy" if axis not in names]
             if missing:
-                raise Refused("source", Described(f"without {missing}"), "x, y and z(t, i, j)")
+                raise unfit(f"without {missing}", "x, y and z(t, i, j)")
             self._axes = names["x"], names["y"]
             self._n = z.shape[0] if z.ndim == 3 else 1
             self._units = [data[name].attrs.get("units") for name in (*self._axes, z.name)]
@@ -263,17 +261,12 @@ class GridFrames(Frames):
 
         with open(self.path, "rb") as file:
             classic = file.read(3) == b"CDF"
-        options: Any = {"engine": "scipy"} if classic else {"engine": "h5netcdf"}
-        if not classic:
-            options["phony_dims"] = "sort"
+        own: Any = {"engine": "h5netcdf", "phony_dims": "sort"}
+        options = {"engine": "scipy"} if classic else own
         return xarray.open_dataset(self.path, decode_times=False, **options)
 
     def __len__(self) -> int:
         return self._n
-
-    def name(self, i: int) -> str:
-        """Return the name of the file with the number of the frame."""
-        return f"{self.path} [{i}]"
 
     def metres(self) -> float | None:
         """Return the unit of x, y and z [m], None unless all have the same known one."""
@@ -293,11 +286,10 @@ class GridFrames(Frames):
         if x.ndim == y.ndim == 1:
             x, y = np.meshgrid(x, y, indexing="ij")
         if not x.shape == y.shape == height.shape:
-            found = Described(f"shapes {x.shape}, {y.shape}, {height.shape}")
-            raise Refused("source", found, "x, y and z of one grid")
+            raise unfit(f"shapes {x.shape}, {y.shape}, {height.shape}", "x, y and z of one grid")
         gaps = np.count_nonzero(~np.isfinite(height))
         if gaps:
-            raise Refused("source", Described(f"{gaps} gaps (nan) in z"), "none: fill them first")
+            raise unfit(f"{gaps} gaps (nan) in z", "none: fill them first")
         vertices = np.stack([x.ravel(), y.ravel(), height.ravel()], axis=1)
         faces = grid_faces(*height.shape).astype(np.int64)
         along, across = np.diff(x, axis=0)[0, 0], np.diff(x, axis=1)[0, 0]
@@ -305,16 +297,15 @@ class GridFrames(Frames):
         return vertices, faces if turn > 0.0 else faces[:, ::-1]
 
 
-def _height(data: xarray.Dataset) -> str:
+def _height(data: xarray.Dataset, names: dict[str, str]) -> str:
     """Return the name of the heights: by name, or the only array over time and a grid."""
-    names = {str(name).lower(): str(name) for name in data.variables}
     for name in _HEIGHT:
         if name in names and data[names[name]].ndim in (2, 3):
             return names[name]
     found = [str(name) for name, array in data.variables.items() if array.ndim == 3]
     if len(found) != 1:
-        shown = Described(f"heights {found}")
-        raise Refused("source", shown, f"one array over time and a grid, or {', '.join(_HEIGHT)}")
+        allowed = f"one array over time and a grid, or {', '.join(_HEIGHT)}"
+        raise unfit(f"heights {found}", allowed)
     return found[0]
 
 
@@ -323,6 +314,6 @@ def _seconds(time: xarray.DataArray) -> Floats:
     word, _, rest = str(time.attrs.get("units", "s")).lower().partition(" ")
     unit = _SECONDS.get(word.removesuffix("s") or "s")
     if unit is None:
-        raise Refused("source", Described(f"time in {word!r}"), ", ".join(_SECONDS))
+        raise unfit(f"time in {word!r}", ", ".join(_SECONDS))
     values = np.asarray(time.values, np.float64)
     return unit * (values - values[0] if rest.startswith("since") else values)
