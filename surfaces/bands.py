@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .parameters import Floats
-from .spectra import Spectrum
+from .spectra import Spectrum, sea_state
 from .spreading import Spreading, direction_grid, direction_weights
 
 
@@ -167,14 +167,7 @@ def lattice(
     """
     centers = band.omega_min + band.d_omega * np.arange(frequency_count(band))
     theta = direction_grid(spreading.half_range, band.d_theta)
-    shares = direction_weights(
-        spreading,
-        centers,
-        theta,
-        band.d_theta,
-        omega_p=spectrum.omega_p,
-        wind_speed=spectrum.wind_speed,
-    )
+    shares = direction_weights(spreading, centers, theta, band.d_theta, **sea_state(spectrum))
     omega = np.broadcast_to(centers[:, None], shares.shape)
     if offsets is not None:
         omega = omega + band.d_omega * offsets
@@ -216,12 +209,8 @@ def drawn_waves(edges: Floats, d_theta: float, spectrum: Spectrum, spreading: Sp
     low = np.maximum(middle - 0.5 * d_theta, -half)
     cell = np.minimum(middle + 0.5 * d_theta, half) - low
     theta = low[:, None] + cell[:, None] * 0.5 * (nodes + 1.0)
-    density = spreading.density(
-        np.sqrt(edges[:-1] * edges[1:])[:, None],
-        theta.ravel(),
-        omega_p=spectrum.omega_p,
-        wind_speed=spectrum.wind_speed,
-    )
+    center = np.sqrt(edges[:-1] * edges[1:])[:, None]
+    density = spreading.density(center, theta.ravel(), **sea_state(spectrum))
     shares = (density.reshape(len(width), *theta.shape) * weights).sum(axis=2) * cell
     shares /= shares.sum(axis=1, keepdims=True)
     # ranks of random numbers, row by row: wider bands keep the places of the narrower

@@ -14,7 +14,7 @@ from meshtrace.errors import Refused
 
 from .dispersion import GRAVITY
 from .parameters import Floats, Positive
-from .spectra import Spectrum, peak_enhancement
+from .spectra import Spectrum, integral_over_peak, peak_enhancement
 
 LONGEST_SWELL = 25.0
 """Period T_u beyond which the shares of a swell change no more [s]."""
@@ -179,12 +179,7 @@ def _shape(f: Floats, gamma: float) -> Floats:
 
 @lru_cache
 def _integral(gamma: float) -> float:
-    from scipy.integrate import quad
-
-    return sum(
-        quad(lambda f: float(_shape(np.array(f), gamma)), *limits, epsabs=0.0, epsrel=1e-12)[0]
-        for limits in ((0.1, 1.0), (1.0, 2.0), (2.0, math.inf))
-    )
+    return integral_over_peak(lambda f: _shape(f, gamma))
 
 
 def _peak_density(peak: _Peak, omega: Floats) -> Floats:

@@ -15,7 +15,7 @@ from meshtrace.stored import read_dataset
 
 from .measured_sea import MeasuredSea
 from .parameters import Floats, Mss
-from .spectra import Elfouhaily
+from .spectra import Elfouhaily, sea_state
 from .spreading import ElfouhailySpreading
 from .statistics import components_slope_variance, cox_munk
 
@@ -268,9 +268,7 @@ def _with_tail(table: _Table, wind_speed: float) -> _Table:
     octaves = np.clip(np.log2(centers / omega[-1]), 0.0, 1.0)
     density = spectrum(centers) * (ratio + (1.0 - ratio) * octaves)
     turned = np.remainder(table.theta - _mean_direction(table) + np.pi, 2.0 * np.pi) - np.pi
-    spread = ElfouhailySpreading().density(
-        centers[:, None], turned, omega_p=spectrum.omega_p, wind_speed=wind_speed
-    )
+    spread = ElfouhailySpreading().density(centers[:, None], turned, **sea_state(spectrum))
     shares = spread / spread.sum(axis=1, keepdims=True)
     rows = (density * np.diff(edges))[:, None] * shares
     freq = np.concatenate([table.freq, centers / (2.0 * np.pi)])

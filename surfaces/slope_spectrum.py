@@ -13,7 +13,7 @@ from meshtrace.errors import require_between
 
 from .dispersion import GRAVITY, angular_frequency
 from .parameters import Floats
-from .spectra import Spectrum
+from .spectra import Spectrum, sea_state
 from .spreading import Spreading
 
 SHORTEST = 5000.0
@@ -67,9 +67,7 @@ class SlopeSpectrum(NamedTuple):
         variance = weight * np.gradient(omega, np.log(k)) * k**2 * spectrum(omega)
         theta = (np.arange(_SPREADING_NODES) + 0.5) * 2.0 * math.pi / _SPREADING_NODES - math.pi
         some = np.unique(np.linspace(0, len(k) - 1, _SPREADING_WAVENUMBERS).astype(int))
-        density = spreading.density(
-            omega[some, None], theta, omega_p=spectrum.omega_p, wind_speed=spectrum.wind_speed
-        )
+        density = spreading.density(omega[some, None], theta, **sea_state(spectrum))
         density = density / density.sum(axis=1, keepdims=True)
         rows = _product(np.cos(np.arange(_HARMONICS + 3)[:, None] * theta), density)
         harmonics = np.stack([np.interp(np.log(k), np.log(k[some]), row) for row in rows])

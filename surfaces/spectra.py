@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from functools import cached_property
 from typing import Annotated, Literal, Self
 
@@ -161,13 +162,8 @@ class Jonswap(Spectrum, frozen=True):
         if self.hs is None:
             X = _dimensionless_fetch(self.wind_speed, self.fetch)
             return self.alpha_coefficient * X**-0.22
-        from scipy.integrate import quad
-
         # deep-water variance for alpha = 1, with x = omega / omega_p
-        total = sum(
-            quad(lambda x: float(self._shape(np.array(x))), *limits, epsabs=0.0, epsrel=1e-12)[0]
-            for limits in ((0.1, 1.0), (1.0, 2.0), (2.0, math.inf))
-        )
+        total = integral_over_peak(self._shape)
         return self.hs**2 * self.omega_p**4 / (16.0 * GRAVITY**2 * total)
 
     def _shape(self, x: Floats) -> Floats:
@@ -347,6 +343,21 @@ class Elfouhaily(Spectrum, frozen=True):
         B_l = 0.003 * math.sqrt(age) * (c_p / c) * np.exp(-age / math.sqrt(10.0) * root)
         B_h = 0.5 * alpha_m * (c_m / c) * np.exp(-0.25 * (k / CAPILLARY_WAVENUMBER - 1.0) ** 2)
         return peak * (B_l + B_h) / k**3
+
+
+def sea_state(spectrum: Spectrum) -> dict[str, float]:
+    """Return peak frequency and wind speed, as the keywords of `Spreading.density`."""
+    return {"omega_p": spectrum.omega_p, "wind_speed": spectrum.wind_speed}
+
+
+def integral_over_peak(shape: Callable[[Floats], Floats]) -> float:
+    """Return the integral of a shape with a kink at its peak x = 1, which underflows below 0.1."""
+    from scipy.integrate import quad
+
+    return sum(
+        quad(lambda x: float(shape(np.array(x))), *limits, epsabs=0.0, epsrel=1e-12)[0]
+        for limits in ((0.1, 1.0), (1.0, 2.0), (2.0, math.inf))
+    )
 
 
 def peak_enhancement(
