@@ -13,6 +13,7 @@ from meshtrace.mesh import TriangleMesh
 
 from .dispersion import angular_frequency, wavenumber
 from .parameters import WIND_SPEED, Floats, Mss, Range
+from .slope_spectrum import SHORTEST
 from .spectra import Elfouhaily, Spectrum, elfouhaily_delta
 from .waves import WaveComponents
 
@@ -20,7 +21,6 @@ _LOWEST = 0.05
 _HIGHEST = 1e6
 _PANELS_PER_E_FOLD = 32
 _NODES = 8
-_SHORTEST = 5000.0
 
 
 def spectral_moment(
@@ -174,9 +174,7 @@ def components_slope_variance(
     >>> round(along**0.5, 3), round(across**0.5, 3)
     (0.069, 0.04)
     """
-    along, across = _turned(waves.kx, waves.ky, wind_direction_deg)
-    power = 0.5 * waves.amplitude**2
-    return float(np.sum(power * along**2)), float(np.sum(power * across**2))
+    return _mean_squares(0.5 * waves.amplitude**2, waves.kx, waves.ky, wind_direction_deg)
 
 
 def sampled_hs(mesh: TriangleMesh) -> float:
@@ -208,9 +206,7 @@ def sampled_slope_variance(
     """
     normal = mesh.vertex_normals
     slopes = -normal[:, 0] / normal[:, 2], -normal[:, 1] / normal[:, 2]
-    along, across = _turned(*slopes, wind_direction_deg)
-    share = _vertex_share(mesh)
-    return float(np.sum(share * along**2)), float(np.sum(share * across**2))
+    return _mean_squares(_vertex_share(mesh), *slopes, wind_direction_deg)
 
 
 def cox_munk(wind_speed: float) -> tuple[float, float]:
@@ -328,7 +324,7 @@ def elfouhaily_slope_variance(wind_speed: float, fetch: float | None = None) -> 
     (0.036, 0.025)
     """
     spectrum = Elfouhaily(wind_speed=wind_speed, fetch=fetch)
-    top = float(angular_frequency(_SHORTEST, capillary=True))
+    top = float(angular_frequency(SHORTEST, capillary=True))
     omega, weights = _quadrature(spectrum, 4, 0.0, top)
     k = wavenumber(omega, capillary=True)
     mss = weights * k**2 * spectrum(omega)
@@ -391,8 +387,7 @@ def meshed_slope_variance(
     power = 0.5 * waves.amplitude**2
     cx, cy = np.cos(waves.kx * h), np.cos(waves.ky * h)
     kept = 0.5 + (cx + cy + cx * cy) / 6.0
-    along, across = _turned(waves.kx, waves.ky, wind_direction_deg)
-    vertex = float(np.sum(power * kept * along**2)), float(np.sum(power * kept * across**2))
+    vertex = _mean_squares(power * kept, waves.kx, waves.ky, wind_direction_deg)
     sx = waves.kx * np.sinc(waves.kx * h / (2.0 * math.pi))
     sy = waves.ky * np.sinc(waves.ky * h / (2.0 * math.pi))
     both = sx * sy * np.cos(0.5 * waves.kx * h) * np.cos(0.5 * waves.ky * h)
@@ -426,12 +421,15 @@ def _quadrature(
     return omega, (half * weights).ravel() * omega
 
 
-def _turned(x: Floats, y: Floats, wind_direction_deg: float) -> tuple[Floats, Floats]:
-    """Return the parts of vectors along and across the wind."""
+def _mean_squares(
+    weight: Floats, x: Floats, y: Floats, wind_direction_deg: float
+) -> tuple[float, float]:
+    """Return the weighted squares of the parts of vectors along and across the wind."""
     Range("wind_direction_deg", unit="deg").check(wind_direction_deg)
     turn = math.radians(wind_direction_deg)
     cos, sin = math.cos(turn), math.sin(turn)
-    return cos * x + sin * y, cos * y - sin * x
+    along, across = cos * x + sin * y, cos * y - sin * x
+    return float(np.sum(weight * along**2)), float(np.sum(weight * across**2))
 
 
 def _vertex_share(mesh: TriangleMesh) -> Floats:
