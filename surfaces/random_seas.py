@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import PlainValidator, model_validator
@@ -14,21 +13,7 @@ from pydantic import PlainValidator, model_validator
 from meshtrace.errors import Refused, is_number
 from meshtrace.mesh import FADING
 
-from .bands import (
-    PAPER_BANDS,
-    PAPER_FETCH,
-    PER_OCTAVE,
-    Band,
-    bin_count,
-    drawn_waves,
-    frequency_count,
-    frequency_edges,
-    lattice,
-    natural_band,
-    paper_band,
-    scaled_band,
-    sparse_band,
-)
+from . import bands
 from .dispersion import wavenumber
 from .parameters import (
     Alpha,
@@ -118,33 +103,35 @@ class _BandedSea(RandomSea, frozen=True):
         """Return the default band of version 0.1 for the parameters of a sea."""
         return "scaled"
 
-    @abstractmethod
-    def _sampled_spectrum(self) -> Spectrum:
-        """Return the spectrum S(omega) of the sea."""
+    if TYPE_CHECKING:
 
-    def _default_band(self) -> Band:
-        omega_p = self._sampled_spectrum().omega_p
+        @property
+        def spectrum(self) -> Spectrum:
+            """The spectrum S(omega) of the sea."""
+
+    def _default_band(self) -> bands.Band:
+        omega_p = self.spectrum.omega_p
         if self.band == "scaled":
-            return scaled_band(omega_p)
-        natural = natural_band if self.order == 1 else sparse_band
+            return bands.scaled_band(omega_p)
+        natural = bands.natural_band if self.order == 1 else bands.sparse_band
         return natural(omega_p, self.spreading.half_range)
 
     def _peak_frequency(self) -> float:
-        return self._sampled_spectrum().omega_p
+        return self.spectrum.omega_p
 
     @property
-    def band_limits(self) -> Band:
+    def band_limits(self) -> bands.Band:
         """Frequencies and directions in use: given values and defaults."""
         if self.omega_max == FADING:
             allowed = "a frequency > 0 rad/s before a link is known; see fading.resolve_band"
             raise Refused("omega_max", FADING, allowed)
         given = self.omega_min, self.omega_max, self.d_omega, self.d_theta
-        band = Band(
+        band = bands.Band(
             *(d if g is None else g for g, d in zip(given, self._default_band(), strict=True))
         )
         if not self._log_spaced:
             return band
-        edges = band.omega_min, band.omega_min * 2.0 ** (1.0 / PER_OCTAVE)
+        edges = band.omega_min, band.omega_min * 2.0 ** (1.0 / bands.PER_OCTAVE)
         return band._replace(d_omega=edges[1] - edges[0])
 
     @property
@@ -165,7 +152,10 @@ class _BandedSea(RandomSea, frozen=True):
         if self._drawn and self.jitter:
             raise Refused("jitter", self.jitter, "only with equally spaced bands; others draw")
         if self.omega_max == FADING:
-            return self._check_fading()
+            if self.mss == "band":
+                raise Refused("omega_max", FADING, 'a frequency > 0 rad/s with mss = "band"')
+            self.model_copy(update={"omega_max": None})  # checks the rest
+            return self
         band = self.band_limits
         if band.omega_min >= band.omega_max:
             raise Refused("omega_min", band.omega_min, f"< omega_max = {band.omega_max:g} rad/s")
@@ -173,16 +163,12 @@ class _BandedSea(RandomSea, frozen=True):
             allowed = f"<= 2 omega_min = {2 * band.omega_min:g} rad/s with jitter"
             raise Refused("d_omega", band.d_omega, allowed)
         directions = len(direction_grid(self.spreading.half_range, band.d_theta))
-        bins = bin_count(band, self._log_spaced) if self._drawn else frequency_count(band)
+        bins = (
+            bands.bin_count(band, self._log_spaced) if self._drawn else bands.frequency_count(band)
+        )
         if bins * directions > self.most_components:
             allowed = f"a band of at most {self.most_components} waves, not {bins * directions}"
             raise Refused("d_omega", band.d_omega, allowed)
-        return self
-
-    def _check_fading(self) -> Self:
-        if self.mss == "band":
-            raise Refused("omega_max", FADING, 'a frequency > 0 rad/s with mss = "band"')
-        self.model_copy(update={"omega_max": None})  # checks the rest
         return self
 
     @cached_property
@@ -192,7 +178,7 @@ class _BandedSea(RandomSea, frozen=True):
         if self.jitter:
             band = self.band_limits
             directions = len(direction_grid(self.spreading.half_range, band.d_theta))
-            phase, offsets = rng.random((2, frequency_count(band), directions))
+            phase, offsets = rng.random((2, bands.frequency_count(band), directions))
             return self._waves(offsets - 0.5)._replace(phase=2.0 * math.pi * phase.ravel())
         if "waves" not in self._common:
             self._common["waves"] = self._waves()
@@ -201,12 +187,12 @@ class _BandedSea(RandomSea, frozen=True):
 
     def _waves(self, offsets: Floats | None = None) -> WaveComponents:
         """Return the waves with the phase 0; with `jitter` their frequencies are displaced."""
-        band, spectrum = self.band_limits, self._sampled_spectrum()
+        band = self.band_limits
         if self._drawn:
-            edges = frequency_edges(band, self._log_spaced)
-            waves = drawn_waves(edges, band.d_theta, spectrum, self.spreading)
+            edges = bands.frequency_edges(band, self._log_spaced)
+            waves = bands.drawn_waves(edges, band.d_theta, self.spectrum, self.spreading)
         else:
-            waves = lattice(band, spectrum, self.spreading, offsets)
+            waves = bands.lattice(band, self.spectrum, self.spreading, offsets)
         k = wavenumber(waves.omega, self._water_depth(), self.capillary)
         heading = waves.theta + math.radians(self.wind_direction_deg)
         amplitude, still = np.sqrt(2.0 * waves.variance), np.zeros_like(heading)
@@ -214,14 +200,14 @@ class _BandedSea(RandomSea, frozen=True):
 
     def slope_spectrum(self, omega_max: float | None = None) -> SlopeSpectrum:
         """Return the slopes of all waves of the spectrum, or of those up to a frequency [rad/s]."""
-        depth, spectrum = self._water_depth(), self._sampled_spectrum()
-        return SlopeSpectrum.of(spectrum, self.spreading, omega_max, depth, self.capillary)
+        depth = self._water_depth()
+        return SlopeSpectrum.of(self.spectrum, self.spreading, omega_max, depth, self.capillary)
 
     @property
     def slope_variance(self) -> tuple[float, float] | None:
         """Slope variances along and across the wind of the real sea, by `mss`."""
-        spectrum = self._sampled_spectrum()
-        return real_slope_variance(self.mss, spectrum.wind_speed, getattr(spectrum, "fetch", None))
+        fetch = getattr(self.spectrum, "fetch", None)
+        return real_slope_variance(self.mss, self.spectrum.wind_speed, fetch)
 
     @property
     def short_waves(self) -> _BandedSea:
@@ -230,12 +216,11 @@ class _BandedSea(RandomSea, frozen=True):
         Such a tail, fitted up to some 3 omega_p, is no model of short waves: its slope variance
         grows without limit.
         """
-        spectrum = self._sampled_spectrum()
-        if not isinstance(spectrum, Jonswap | PiersonMoskowitz | Tma):
+        if not isinstance(self.spectrum, Jonswap | PiersonMoskowitz | Tma):
             return self
-        fetch = getattr(spectrum, "fetch", None)
+        fetch = getattr(self.spectrum, "fetch", None)
         return SpectralSea(
-            spectrum=Elfouhaily(wind_speed=spectrum.wind_speed, fetch=fetch),
+            spectrum=Elfouhaily(wind_speed=self.spectrum.wind_speed, fetch=fetch),
             spreading=ElfouhailySpreading(),
             mss="elfouhaily",
             wind_direction_deg=self.wind_direction_deg,
@@ -342,7 +327,7 @@ class JonswapSea(_BandedSea, frozen=True):
 
     kind: Literal["jonswap"] = "jonswap"
     wind_speed: WindSpeed = 5.0
-    fetch: Fetch = PAPER_FETCH
+    fetch: Fetch = bands.PAPER_FETCH
     gamma: Gamma = 3.3
     alpha_coefficient: Alpha = ALPHA_COEFFICIENT
     hs: Positive | None = None
@@ -352,27 +337,20 @@ class JonswapSea(_BandedSea, frozen=True):
     @classmethod
     def equally_spaced_band(cls, config: Mapping[str, Any]) -> str:
         """Return "paper" for the sea states of the paper, or else "scaled"."""
-        return paper_band(config.get("wind_speed", 5.0), config.get("fetch", PAPER_FETCH))
+        return bands.paper_band(
+            config.get("wind_speed", 5.0), config.get("fetch", bands.PAPER_FETCH)
+        )
 
     @cached_property
     def spectrum(self) -> Jonswap:
         """The JONSWAP spectrum of this sea."""
-        return Jonswap(
-            wind_speed=self.wind_speed,
-            fetch=self.fetch,
-            gamma=self.gamma,
-            alpha_coefficient=self.alpha_coefficient,
-            hs=self.hs,
-            tp=self.tp,
-        )
+        shared = Jonswap.model_fields.keys() & JonswapSea.model_fields.keys() - {"kind"}
+        return Jonswap(**self.model_dump(include=shared))
 
-    def _sampled_spectrum(self) -> Spectrum:
-        return self.spectrum
-
-    def _default_band(self) -> Band:
+    def _default_band(self) -> bands.Band:
         if self.band != "paper":
             return super()._default_band()
-        tabulated = PAPER_BANDS.get(self.wind_speed)
+        tabulated = bands.PAPER_BANDS.get(self.wind_speed)
         if tabulated is None:
             raise Refused("band", "paper", "at 5 and 13 m/s only; 'scaled' takes any wind")
         return tabulated
@@ -422,9 +400,6 @@ class SpectralSea(_BandedSea, frozen=True):
         if None not in (own, self.depth) and own != self.depth:
             raise Refused("depth", self.depth, f"{own:g} m, the depth of the spectrum")
         return self
-
-    def _sampled_spectrum(self) -> Spectrum:
-        return self.spectrum
 
     def _water_depth(self) -> float | None:
         return getattr(self.spectrum, "depth", self.depth)

@@ -28,8 +28,8 @@ from meshtrace.surfaces import (
     Tma,
     sea_from_config,
 )
+from meshtrace.surfaces.bands import scaled_band
 from meshtrace.surfaces.dispersion import angular_frequency, phase_speed, wavenumber
-from meshtrace.surfaces.random_seas import scaled_band
 from meshtrace.surfaces.statistics import components_hs
 
 modest = settings(max_examples=25, deadline=None, derandomize=True)
