@@ -62,11 +62,8 @@ class Sheet(NamedTuple):
     @property
     def slopes(self) -> tuple[Floats, Floats]:
         """Slopes dz/dx and dz/dy at the positions, -N_x / J and -N_y / J."""
-        area = self.jacobian
-        return (
-            (self.zx * (1.0 + self.dyy) - self.dxy * self.zy) / area,
-            (self.zy * (1.0 + self.dxx) - self.dxy * self.zx) / area,
-        )
+        along_x, along_y = _adjugate(self.dxx, self.dxy, self.dyy, self.zx, self.zy)
+        return along_x / self.jacobian, along_y / self.jacobian
 
     @property
     def normals(self) -> Floats:
@@ -212,15 +209,13 @@ class ChoppyWaves:
         dxx, dxy, dyy = sum_second_derivatives(self._potential, r[:, 0], r[:, 1], time)
         area = (1.0 + dxx) * (1.0 + dyy) - dxy**2
         upright = (area > 0.0) & (dxx > -1.0)
-        area = np.where(upright, area, 1.0)
-        newton = np.stack(
-            [
-                ((1.0 + dyy) * miss[:, 0] - dxy * miss[:, 1]) / area,
-                ((1.0 + dxx) * miss[:, 1] - dxy * miss[:, 0]) / area,
-            ],
-            axis=1,
-        )
-        return np.where(upright[:, None], newton, miss)
+        newton = np.stack(_adjugate(dxx, dxy, dyy, *miss.T), axis=1)
+        return np.where(upright[:, None], newton / np.where(upright, area, 1.0)[:, None], miss)
+
+
+def _adjugate(dxx: Floats, dxy: Floats, dyy: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return the adjugate of I + grad D times a vector."""
+    return (1.0 + dyy) * x - dxy * y, (1.0 + dxx) * y - dxy * x
 
 
 def with_straight_rim(points: Floats) -> Floats:

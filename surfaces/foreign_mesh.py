@@ -13,7 +13,7 @@ from meshtrace.errors import Described, Refused, reason_of, require_array
 from meshtrace.mesh import TriangleMesh, vertex_normals
 
 from .parameters import Floats, Range
-from .triangulate import grid_faces, grid_vertices, increasing
+from .triangulate import grid_faces, grid_points, increasing
 
 if TYPE_CHECKING:
     import trimesh
@@ -147,7 +147,7 @@ def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArra
     x, y = increasing("x", x), increasing("y", y)
     if z.shape != (len(x), len(y)):
         raise Refused("z", z.shape, f"the shape {(len(x), len(y))} of x and y")
-    return grid_vertices(x, y, z), grid_faces(len(x), len(y)).astype(np.int64)
+    return grid_points(x, y, z).reshape(-1, 3), grid_faces(*z.shape).astype(np.int64)
 
 
 def _merged(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:

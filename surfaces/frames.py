@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from copy import deepcopy
 from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -197,9 +196,8 @@ class XdmfFrames(Frames):
             with TimeSeriesReader(self.path) as series:
                 points, cells = series.read_points_cells()
                 return _moved(points, series.read_data(i)[1]), _triangles(cells)
-        grid = deepcopy(self._grids[i])
-        for extra in [c for c in grid if c.tag not in ("Topology", "Geometry")]:
-            grid.remove(extra)
+        grid = ElementTree.Element("Grid", self._grids[i].attrib)
+        grid.extend(c for c in self._grids[i] if c.tag in ("Topology", "Geometry"))
         root = ElementTree.Element("Xdmf", Version="3.0")
         ElementTree.SubElement(root, "Domain").append(grid)
         mesh = XdmfReader(str(self.path)).read_xdmf3(root)
@@ -290,7 +288,7 @@ class GridFrames(Frames):
         gaps = np.count_nonzero(~np.isfinite(height))
         if gaps:
             raise unfit(f"{gaps} gaps (nan) in z", "none: fill them first")
-        vertices = np.stack([x.ravel(), y.ravel(), height.ravel()], axis=1)
+        vertices = np.stack([x, y, height], axis=-1).reshape(-1, 3)
         faces = grid_faces(*height.shape).astype(np.int64)
         along, across = np.diff(x, axis=0)[0, 0], np.diff(x, axis=1)[0, 0]
         turn = along * np.diff(y, axis=1)[0, 0] - across * np.diff(y, axis=0)[0, 0]

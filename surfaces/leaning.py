@@ -15,7 +15,7 @@ from meshtrace.mesh import TriangleMesh
 from .gridding import GridLines, grid_axis
 from .parameters import TIME, Floats, Positive, finite_array, grid_lines, points
 from .surface import Surface
-from .triangulate import mesh_of_sheet
+from .triangulate import grid_points, mesh_of_sheet
 
 _STEPS = 60  # of Newton and bisection for the label over a place
 
@@ -130,11 +130,8 @@ class LeaningWave(Surface, frozen=True):
         s, y = grid_lines(x_axis, y_axis)
         (x, z), (dx, dz) = self.profile(s), self._tangent(s)
         length = np.hypot(dx, dz)
-        shape = (len(s), len(y), 3)
-        vertices, normals = np.empty(shape), np.zeros(shape)
-        vertices[..., 0], vertices[..., 1], vertices[..., 2] = x[:, None], y, z[:, None]
-        normals[..., 0], normals[..., 2] = (-dz / length)[:, None], (dx / length)[:, None]
-        return vertices, normals
+        normals = grid_points(-dz / length, np.zeros_like(y), (dx / length)[:, None])
+        return grid_points(x, y, z[:, None]), normals
 
     def _triangulated(
         self, time: float, center: tuple[float, float], lines: GridLines

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from collections import OrderedDict
 from collections.abc import Sequence
+from os.path import abspath
 from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, PrivateAttr
+from pydantic import PrivateAttr
 
 from meshtrace.errors import Described, Refused, reason_of
 from meshtrace.mesh import TriangleMesh
@@ -93,7 +94,7 @@ class MeshSequence(Model, frozen=True):
     up: Literal["x", "y", "z"] = "z"
     normals: Literal["area", "angle"] = "area"
     blend: Literal["nearest", "linear"] = "nearest"
-    frame_rate: float | None = Field(None, gt=0.0, allow_inf_nan=False)
+    frame_rate: Positive | None = None
 
     _frames: Frames = PrivateAttr()
     _at: Floats = PrivateAttr()
@@ -208,11 +209,7 @@ class MeshSequence(Model, frozen=True):
         """Return the source (absolute paths) and options as plain data; see `sea_from_config`."""
         config = self.model_dump(mode="json", exclude_unset=True)
         source = self.source
-        whole = (
-            os.path.abspath(source)
-            if isinstance(source, str)
-            else list(map(os.path.abspath, source))
-        )
+        whole = abspath(source) if isinstance(source, str) else list(map(abspath, source))
         return {"kind": self.kind, **config, "source": whole}
 
     def __eq__(self, other: object) -> bool:

@@ -72,12 +72,9 @@ def height_field(
     for name, array in (("z", z), ("sx", sx), ("sy", sy)):
         if array.shape != shape:
             raise Refused(name, array.shape, f"the shape {shape} of these axes")
-    points = grid_vertices(x_axis, y_axis, z).reshape(*shape, 3)
-    normals = np.empty_like(points)
     upward = 1.0 / np.sqrt(1.0 + sx**2 + sy**2)
-    for column, values in enumerate((-sx * upward, -sy * upward, upward)):
-        normals[..., column] = values
-    return points, normals
+    normals = np.stack([-sx * upward, -sy * upward, upward], axis=-1)
+    return grid_points(x_axis, y_axis, z), normals
 
 
 def mesh_of_sheet(
@@ -116,10 +113,6 @@ def increasing(name: str, axis: ArrayLike) -> Floats:
     return axis
 
 
-def grid_vertices(x_axis: Floats, y_axis: Floats, z: Floats) -> Floats:
-    """Return the corners of a height field, shape (nx ny, 3)."""
-    vertices = np.empty((*z.shape, 3))
-    vertices[..., 0] = x_axis[:, None]
-    vertices[..., 1] = y_axis
-    vertices[..., 2] = z
-    return vertices.reshape(-1, 3)
+def grid_points(x_axis: Floats, y_axis: Floats, z: Floats) -> Floats:
+    """Return the points of a height field, shape (nx, ny, 3)."""
+    return np.stack(np.broadcast_arrays(x_axis[:, None], y_axis, z), axis=-1)

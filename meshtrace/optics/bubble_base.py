@@ -134,7 +134,7 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         most = min(max_depth, LAYER * self.e_folding) + crest
         if most / dz > _MOST_NODES:
             raise Refused("dz", dz, f"at most {_MOST_NODES} nodes over {most:g} m")
-        cells = math.ceil((min(max_depth, LAYER * self.e_folding) + crest) / dz)
+        cells = math.ceil(most / dz)
         depth = dz * np.arange(cells + 1, dtype=np.float64) - crest
         steps = integrate(self.b, depth[:-1], depth[1:], 16)
         return depth, self.b(depth), np.concatenate(([0.0], np.cumsum(steps)))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, field_validator, model_validator
 
-from meshtrace.errors import Refused, require_all, require_array, require_whole
+from meshtrace.errors import Refused, is_number, require_all, require_array, require_whole
 from meshtrace.models import Floats
 from meshtrace.optics.bubble_base import BubblePopulation
 from meshtrace.optics.mie import MieTable, cached_table, population_table
@@ -115,8 +115,7 @@ class HallNovarini(BubblePopulation, frozen=True):
     @field_validator("q", mode="before")
     @classmethod
     def _known_q(cls, value: Any) -> Any:
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if value != "mie" and not (number and 0.0 < value <= 10.0):
+        if value != "mie" and not (is_number(value) and 0.0 < value <= 10.0):
             raise Refused("q", value, '"mie" or 0 < q <= 10')
         return value
 
@@ -344,7 +343,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         """
         from meshtrace.optics.phase import HistogramPhase
 
-        theta_edges, cdf = (tuple(column.tolist()) for column in self.phase_table())
+        theta_edges, cdf = self.phase_table()
         return HistogramPhase(theta_edges=theta_edges, cdf_edges=cdf)
 
 

@@ -54,9 +54,8 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
     @classmethod
     def _from_table(cls, data: Any) -> Any:
         if isinstance(data, Mapping) and "file" in data:
-            return dict(cls.from_file(data["file"])) | {
-                k: v for k, v in data.items() if k != "file"
-            }
+            own = {key: value for key, value in data.items() if key != "file"}
+            return {**dict(cls.from_file(data["file"])), **own}
         return data
 
     @pydantic.model_validator(mode="after")
