@@ -82,8 +82,7 @@ def from_trimesh(
     2
     """
     vertices, faces = _merged(*read_mesh(source))
-    _refuse_degenerate(vertices, faces)
-    outline = _outline(vertices, faces, overhangs)
+    outline = _outline(len(vertices), faces, _area_vectors(vertices, faces), overhangs)
     _refuse_folds(vertices, outline, overhangs)
     if extent is not None:
         _refuse_uncovered(vertices[outline][..., :2], Range("extent", 0.0, unit="m").check(extent))
@@ -165,28 +164,27 @@ def _merged(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray
     return vertices[np.sort(first)], group[corner].reshape(-1, 3)
 
 
-def _refuse_degenerate(vertices: Floats, faces: NDArray[np.int64]) -> None:
+def _area_vectors(vertices: Floats, faces: NDArray[np.int64]) -> Floats:
+    """Return twice the area vectors of the facets; refuse facets without area."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     edge = np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    count = np.count_nonzero(area <= _SMALLEST_AREA * edge)
+    cross = np.cross(b - a, c - a)
+    count = np.count_nonzero(np.linalg.norm(cross, axis=1) <= _SMALLEST_AREA * edge)
     if count:
         raise unfit(f"{count} of {len(faces)} facets without area", "none")
+    return cross
 
 
-def _outline(vertices: Floats, faces: NDArray[np.int64], overhangs: bool) -> NDArray[np.int64]:
+def _outline(n: int, faces: NDArray[np.int64], cross: Floats, overhangs: bool) -> NDArray[np.int64]:
     """Return the directed boundary edges, shape (e, 2), of one open piece under air."""
     edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    forward = edges[:, 0] * len(vertices) + edges[:, 1]
-    backward = edges[:, 1] * len(vertices) + edges[:, 0]
+    forward, backward = edges[:, 0] * n + edges[:, 1], edges[:, 1] * n + edges[:, 0]
     # by sorting: numpy's hash tables take ten times as long for such keys
     undirected = np.sort(np.minimum(forward, backward))
     starts = np.flatnonzero(np.diff(undirected, prepend=-1))
     uses = np.diff(starts, append=len(undirected))
     if (uses > 1).all():
         raise unfit("closed solid", "an open surface")
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    cross = np.cross(b - a, c - a)
     up = cross[:, 2] / np.linalg.norm(cross, axis=1)
     if not overhangs:
         _refuse_count("facets face down", up < -_STEEPEST_NORMAL_Z, len(faces))
@@ -197,7 +195,7 @@ def _outline(vertices: Floats, faces: NDArray[np.int64], overhangs: bool) -> NDA
     reverse = np.sort(backward)
     at = np.minimum(np.searchsorted(reverse, forward), len(reverse) - 1)
     outline = edges[reverse[at] != forward]
-    _refuse_many_pieces(len(vertices), edges, outline)
+    _refuse_many_pieces(n, edges, outline)
     return outline
 
 

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from meshtrace.errors import Refused
 
 from .dispersion import wavenumber_in_current
-from .parameters import Current, Depth, Finite, Floats, Mss, Positive, WindSpeed
+from .parameters import Current, Depth, Finite, Floats, Mss, Positive, Variances, WindSpeed
 from .random_sea import RandomSea
 from .statistics import real_slope_variance
 from .waves import WaveComponents, flat_components
@@ -108,7 +108,7 @@ class MeasuredSea(RandomSea, frozen=True):
         return self
 
     @property
-    def slope_variance(self) -> tuple[float, float] | None:
+    def slope_variance(self) -> Variances | None:
         """Slope variances along and across the wind of the real sea, by `mss`."""
         return real_slope_variance(self.mss, self.wind_speed or 5.0)
 

@@ -57,6 +57,8 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Current = tuple[Finite, Finite]
 Mss = Literal["cox-munk", "elfouhaily", "band"]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
+Variances = tuple[float, float]
+"""Slope variances along and across the wind."""
 
 
 def finite_array(name: str, value: ArrayLike, minimum: float = -math.inf) -> Floats:

@@ -13,7 +13,7 @@ from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
 
 from .bound_waves import with_bound_waves
-from .parameters import Positive, Seed
+from .parameters import Positive, Seed, Variances
 from .statistics import meshed_slope_variance, unresolved_slope_variance
 from .wave_surface import WaveSurface
 from .waves import WaveComponents
@@ -120,7 +120,7 @@ class RandomSea(WaveSurface, frozen=True):
         return other
 
     @property
-    def slope_variance(self) -> tuple[float, float] | None:
+    def slope_variance(self) -> Variances | None:
         """Slope variances of the real sea along and across the wind; None if not known."""
         return None
 

@@ -25,6 +25,7 @@ from .parameters import (
     Gamma,
     Mss,
     Positive,
+    Variances,
     WindSpeed,
 )
 from .random_sea import RandomSea
@@ -204,7 +205,7 @@ class _BandedSea(RandomSea, frozen=True):
         return SlopeSpectrum.of(self.spectrum, self.spreading, omega_max, depth, self.capillary)
 
     @property
-    def slope_variance(self) -> tuple[float, float] | None:
+    def slope_variance(self) -> Variances | None:
         """Slope variances along and across the wind of the real sea, by `mss`."""
         fetch = getattr(self.spectrum, "fetch", None)
         return real_slope_variance(self.mss, self.spectrum.wind_speed, fetch)
@@ -226,7 +227,7 @@ class _BandedSea(RandomSea, frozen=True):
             wind_direction_deg=self.wind_direction_deg,
         )
 
-    def slopes_beyond(self, omega_max: float) -> tuple[float, float]:
+    def slopes_beyond(self, omega_max: float) -> Variances:
         """Return the slope variances along and across the wind beyond a frequency [rad/s]."""
         if self.slope_variance is None:
             return 0.0, 0.0

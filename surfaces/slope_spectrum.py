@@ -12,7 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from meshtrace.errors import require_between
 
 from .dispersion import GRAVITY, angular_frequency
-from .parameters import Floats
+from .parameters import Floats, Variances
 from .spectra import Spectrum, sea_state
 from .spreading import Spreading
 
@@ -74,7 +74,7 @@ class SlopeSpectrum(NamedTuple):
         return cls(k, omega, variance, harmonics)
 
     @property
-    def along_and_across(self) -> tuple[float, float]:
+    def along_and_across(self) -> Variances:
         """Slope variances along and across the wind."""
         along = 0.5 * float(np.sum(self.variance * (1.0 + self.harmonics[2])))
         return along, float(np.sum(self.variance)) - along

@@ -12,7 +12,7 @@ from meshtrace.errors import Refused
 from meshtrace.mesh import TriangleMesh
 
 from .dispersion import angular_frequency, wavenumber
-from .parameters import WIND_SPEED, Floats, Mss, Range
+from .parameters import WIND_SPEED, Floats, Mss, Range, Variances
 from .slope_spectrum import SHORTEST
 from .spectra import Elfouhaily, Spectrum, elfouhaily_delta
 from .waves import WaveComponents
@@ -148,9 +148,7 @@ def components_hs(waves: WaveComponents) -> float:
     return 4.0 * math.sqrt(0.5 * float(np.sum(waves.amplitude**2)))
 
 
-def components_slope_variance(
-    waves: WaveComponents, wind_direction_deg: float = 0.0
-) -> tuple[float, float]:
+def components_slope_variance(waves: WaveComponents, wind_direction_deg: float = 0.0) -> Variances:
     """Return the slope variances along and across the wind of a sum of waves, over all phases.
 
     sigma^2 = sum (a k_along)^2 / 2, and k_across alike
@@ -187,9 +185,7 @@ def sampled_hs(mesh: TriangleMesh) -> float:
     return 4.0 * math.sqrt(float(np.sum(share * (z - np.sum(share * z)) ** 2)))
 
 
-def sampled_slope_variance(
-    mesh: TriangleMesh, wind_direction_deg: float = 0.0
-) -> tuple[float, float]:
+def sampled_slope_variance(mesh: TriangleMesh, wind_direction_deg: float = 0.0) -> Variances:
     """Return the mean square slopes along and across the wind of one mesh, from its vertex normals.
 
     Parameters
@@ -209,7 +205,7 @@ def sampled_slope_variance(
     return _mean_squares(_vertex_share(mesh), *slopes, wind_direction_deg)
 
 
-def cox_munk(wind_speed: float) -> tuple[float, float]:
+def cox_munk(wind_speed: float) -> Variances:
     """Return the slope variances along and across the wind of a clean sea.
 
     sigma_along^2 = 3.16e-3 U, sigma_across^2 = 0.003 + 1.92e-3 U
@@ -248,9 +244,7 @@ def cox_munk(wind_speed: float) -> tuple[float, float]:
     return 3.16e-3 * wind_speed, 0.003 + 1.92e-3 * wind_speed
 
 
-def unresolved_slope_variance(
-    target: tuple[float, float], resolved: tuple[float, float]
-) -> tuple[float, float]:
+def unresolved_slope_variance(target: Variances, resolved: Variances) -> Variances:
     """Return the slope variances missing from a surface.
 
     Parameters
@@ -286,7 +280,7 @@ def unresolved_slope_variance(
 
 
 @cache
-def elfouhaily_slope_variance(wind_speed: float, fetch: float | None = None) -> tuple[float, float]:
+def elfouhaily_slope_variance(wind_speed: float, fetch: float | None = None) -> Variances:
     """Return the slope variances of the Elfouhaily spectrum, capillaries included.
 
     sigma_along^2, sigma_across^2 = int k^2 S(omega) (1 +- Delta(k) / 2) / 2 d omega
@@ -334,18 +328,18 @@ def elfouhaily_slope_variance(wind_speed: float, fetch: float | None = None) -> 
 
 def real_slope_variance(
     mss: Mss, wind_speed: float, fetch: float | None = None
-) -> tuple[float, float] | None:
+) -> Variances | None:
     """Return the slope variances of the real sea along and across the wind, None for "band"."""
     if mss == "band":
         return None
-    return (
-        cox_munk(wind_speed) if mss == "cox-munk" else elfouhaily_slope_variance(wind_speed, fetch)
-    )
+    if mss == "cox-munk":
+        return cox_munk(wind_speed)
+    return elfouhaily_slope_variance(wind_speed, fetch)
 
 
 def meshed_slope_variance(
     waves: WaveComponents, spacing: float, wind_direction_deg: float = 0.0
-) -> tuple[tuple[float, float], tuple[float, float]]:
+) -> tuple[Variances, Variances]:
     """Return the slope variances of a wave sum on a triangle mesh.
 
     Normals interpolated between corners with exact slopes keep, of the variance of a wave k,
@@ -421,9 +415,7 @@ def _quadrature(
     return omega, (half * weights).ravel() * omega
 
 
-def _mean_squares(
-    weight: Floats, x: Floats, y: Floats, wind_direction_deg: float
-) -> tuple[float, float]:
+def _mean_squares(weight: Floats, x: Floats, y: Floats, wind_direction_deg: float) -> Variances:
     """Return the weighted squares of the parts of vectors along and across the wind."""
     Range("wind_direction_deg", unit="deg").check(wind_direction_deg)
     turn = math.radians(wind_direction_deg)

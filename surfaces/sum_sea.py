@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field, SerializeAsAny
 from meshtrace.errors import Refused
 from meshtrace.mesh import FADING
 
+from .parameters import Variances
 from .random_sea import RandomSea
 from .surface import Surface
 from .waves import WaveComponents
@@ -73,7 +74,7 @@ class SumSea(RandomSea, frozen=True):
         return max(self.parts, key=lambda part: sum(part.slope_variance or (0.0, 0.0)))
 
     @property
-    def slope_variance(self) -> tuple[float, float] | None:
+    def slope_variance(self) -> Variances | None:
         """Slope variances along and across the wind of the part with the largest ones."""
         return self._windiest.slope_variance
 
