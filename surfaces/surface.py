@@ -9,7 +9,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Refused, require_finite
+from meshtrace.errors import require_pair
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.models import Family
 
@@ -149,8 +149,7 @@ class Surface(Family, ABC, frozen=True):
         (25, 3)
         """
         lines = GridLines(extent, spacing, fine_extent, coarse_spacing)
-        if len(require_finite(center, "center", "two coordinates [m]")) != 2:
-            raise Refused("center", center, "two coordinates [m]")
+        require_pair(center, "center", "two coordinates [m]")
         return self._triangulated(time, center, lines)
 
     def _triangulated(
@@ -189,9 +188,9 @@ class _Plane(Surface, frozen=True):
     height: Finite = 0.0
 
     @property
-    @abstractmethod
     def gradient(self) -> tuple[float, float]:
-        """Slopes (dz/dx, dz/dy) of the plane."""
+        """Slopes (dz/dx, dz/dy) of the plane, level unless it has some."""
+        return 0.0, 0.0
 
     def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> Floats:
         """Return z [m]; see `Surface.elevation`."""
@@ -221,11 +220,6 @@ class FlatSea(_Plane, frozen=True):
     """
 
     kind: Literal["flat"] = "flat"
-
-    @property
-    def gradient(self) -> tuple[float, float]:
-        """Slopes (0, 0)."""
-        return 0.0, 0.0
 
 
 class TiltedPlane(_Plane, frozen=True):

@@ -78,12 +78,10 @@ class Water(Model, frozen=True):
     def _surface_values(cls, data: Any) -> Any:
         """Take a and b from the first layer unless given."""
         if isinstance(data, dict) and data.get("layers") is not None:
-            try:
-                layers = np.array(data["layers"], dtype=np.float64, ndmin=2)
-            except (TypeError, ValueError):
-                layers = np.zeros(0)
+            allowed = "rows of [depth, a, b]"
+            layers = np.atleast_2d(require_array(data["layers"], "layers", allowed))
             if layers.ndim != 2 or layers.shape[1] != 3 or not layers.size:
-                raise Refused("layers", data["layers"], "rows of [depth, a, b]")
+                raise Refused("layers", data["layers"], allowed)
             first = {"a": float(layers[0, 1]), "b": float(layers[0, 2])}
             return {**first, **data, "layers": [tuple(row) for row in layers.tolist()]}
         return data
