@@ -62,8 +62,9 @@ class Sheet(NamedTuple):
     @property
     def slopes(self) -> tuple[Floats, Floats]:
         """Slopes dz/dx and dz/dy at the positions, -N_x / J and -N_y / J."""
+        area = self.jacobian
         along_x, along_y = _adjugate(self.dxx, self.dxy, self.dyy, self.zx, self.zy)
-        return along_x / self.jacobian, along_y / self.jacobian
+        return along_x / area, along_y / area
 
     @property
     def normals(self) -> Floats:
