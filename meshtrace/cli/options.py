@@ -74,7 +74,7 @@ class Case:
     wind: Wind = None
     settings: Settings = None
 
-    def scenario(self, link: Path | None, photons: str | None = None) -> Scenario:
-        """Return the scenario of a link file with these options."""
-        run = {"photons": photons, "seed": self.seed, "threads": self.threads}
-        return scenario_of(link, self.settings, self.wind, **run)
+    def scenario(self, link: Path | None, **run: str | None) -> Scenario:
+        """Return the scenario of a link file with these options and others of [run]."""
+        own = {"seed": self.seed, "threads": self.threads}
+        return scenario_of(link, self.settings, self.wind, **run, **own)
