@@ -7,7 +7,7 @@ import warnings
 from typing import Protocol
 
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Refused, require_between, require_real
+from meshtrace.errors import require_between
 
 MOST_BIAS_CURRENT = 10e-3
 """Mean bias current of a SiPM above which background light brings a warning [A]."""
@@ -66,10 +66,8 @@ def filter_shift_nm(wavelength_nm: float, angle_deg: float, n_eff: float = 2.0) 
     >>> [round(filter_shift_nm(470.0, angle), 2) for angle in (30.0, 10.0, 2.98)]
     [14.92, 1.77, 0.16]
     """
-    if not 0.0 <= require_real(angle_deg, "angle_deg", "0 <= angle_deg <= 90") <= 90.0:
-        raise Refused("angle_deg", angle_deg, "0 <= angle_deg <= 90")
-    if not 1.0 <= require_real(n_eff, "n_eff", ">= 1") < math.inf:
-        raise Refused("n_eff", n_eff, ">= 1")
+    require_between(angle_deg, 0.0, 90.0, "angle_deg", "[]")
+    require_between(n_eff, 1.0, math.inf, "n_eff", "[)", ">= 1")
     sine = math.sin(math.radians(angle_deg)) / n_eff
     return wavelength_nm * (1.0 - math.sqrt(1.0 - sine * sine))
 
