@@ -117,14 +117,14 @@ def require_word(value: Any, words: Iterable[str], path: str) -> None:
         raise Refused(path, value, ", ".join(words), did_you_mean(value, words))
 
 
-def require_whole(value: Any, low: int, high: int, path: str) -> None:
+def require_whole(value: Any, low: int, high: int, path: str, allowed: str = "") -> None:
     """Refuse all but integers from `low` to `high`; numpy's count, true and false do not."""
     try:
         whole = None if isinstance(value, bool) else operator.index(value)
     except TypeError:
         whole = None
     if whole is None or not low <= whole <= high:
-        raise Refused(path, value, f"an integer {low} <= {path} <= {high}")
+        raise Refused(path, value, allowed or f"an integer {low} <= {path} <= {high}")
 
 
 def require_kind(value: Any, kind: type | UnionType, path: str) -> None:
@@ -195,10 +195,7 @@ def require_names(value: Any, path: str) -> list[str]:
 
 def require_seed(value: Any) -> None:
     """Refuse all but keys of random numbers."""
-    try:
-        require_whole(value, 0, 2**64 - 1, "seed")
-    except Refused as error:
-        raise Refused("seed", error.value, "an integer 0 <= seed < 2^64") from None
+    require_whole(value, 0, 2**64 - 1, "seed", "an integer 0 <= seed < 2^64")
 
 
 def require_all(values: NDArray[Any], good: Any, path: str, allowed: str) -> None:

@@ -168,12 +168,12 @@ def _answers(result: dict[str, Any]) -> dict[str, str]:
 
 def _scaling(threads: dict[str, Any], workers: dict[str, Any] | None) -> dict[str, str]:
     """Return speeds relative to one thread or worker."""
-    counts = threads["threads"]
+    counts, analog, forced = (threads[k] for k in ("threads", "analog_by_jobs", "forced_by_jobs"))
     rows = {
         "threads": f"{_times(counts, threads['analog_speedup'])} (analog), "
         f"{_times(counts, threads['forced_speedup'])} (forced)",
-        "threads by job times": f"{_by_jobs(threads['analog_by_jobs'])} (analog), "
-        f"{_by_jobs(threads['forced_by_jobs'])} (forced, chains made included)",
+        "threads by job times": f"{_times(analog['threads'], analog['speedup'])} (analog), "
+        f"{_times(forced['threads'], forced['speedup'])} (forced, chains made included)",
         "workers": 'not measured: pip install "meshtrace[batch]"',
     }
     if workers is not None:
@@ -185,16 +185,10 @@ def _scaling(threads: dict[str, Any], workers: dict[str, Any] | None) -> dict[st
     return rows
 
 
-def _by_jobs(found: dict[str, Any]) -> str:
-    """Return the speedups that the job times allow."""
-    rows = zip(found["threads"], found["speedup"], strict=True)
-    return ", ".join(f"{n}: {speed:.2f}x" for n, speed in rows)
-
-
 def _times(counts: list[int], speedups: list[float]) -> str:
-    """Return the speedups as text, as in "2: 1.95x"."""
+    """Return the speedups as text, as in "2: 1.95x"; that of one only if there are no others."""
     rows = list(zip(counts, speedups, strict=True))
-    return ", ".join(f"{n}: {speed:.2f}x" for n, speed in (rows[1:] or rows))
+    return ", ".join(f"{n}: {speed:.2f}x" for n, speed in rows if n > 1 or len(rows) == 1)
 
 
 def _peak_memory() -> float:

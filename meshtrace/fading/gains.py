@@ -83,11 +83,6 @@ def check_effective(n_effective: float | None, n: int) -> float:
     return require_between(n_effective, 1.0, n, "n_effective", "[]", f"1 <= n_effective <= {n}")
 
 
-def check_block(block: int, n: int) -> None:
-    """Raise `Refused` for a block length of the bootstrap out of range."""
-    require_whole(block, 1, n // 2, "block")
-
-
 def level_of(gain: FloatArray, threshold: float, relative_to: Reference) -> float:
     """Return the threshold as a gain."""
     threshold = require_between(threshold, 0.0, math.inf, "threshold")
