@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -15,12 +15,8 @@ from meshtrace.cli.options import Output, Plot
 from meshtrace.errors import Refused, require_writable
 from meshtrace.files import atomic
 
-
-class Savable(Protocol):
-    """Result that can be written to a file."""
-
-    def save(self, path: Path) -> Any:
-        """Write the result."""
+if TYPE_CHECKING:
+    from meshtrace.stored import Stored
 
 
 def check_output(output: Path | None, *inputs: Path | None, option: str = "--output") -> None:
@@ -51,7 +47,7 @@ def _named_files(link: Path) -> Iterator[Path]:
         yield from (link.parent / text for text in texts(parse_toml(read_text(link))))
 
 
-def save(result: Savable, output: Path | None, quiet: bool = False) -> None:
+def save(result: Stored, output: Path | None, quiet: bool = False) -> None:
     """Write a result to a file, after the text on the console."""
     if output is not None:
         result.save(output)
@@ -102,7 +98,7 @@ class Written:
         check_output(self.output, *inputs)
         check_plot(self.plot, *inputs, self.output)
 
-    def write(self, result: Any) -> None:
+    def write(self, result: Stored) -> None:
         """Print a result and write it."""
         typer.echo(result.summary())
         save(result, self.output)

@@ -98,22 +98,21 @@ def warn_of_background(ook: OokLink, found: Radiance) -> None:
     """Warn of a filter narrower than its shift over the field of view, and of a large current."""
     optics = ook.optics
     shift = filter_shift_nm(found.wavelength_nm, 0.5 * optics.fov_deg)
+    texts = []
     if optics.filter_width_nm < shift:
-        warnings.warn(
+        texts.append(
             f"filter_width_nm {optics.filter_width_nm:g} is less than the shift of an interference "
-            f"filter at the edge of the field of view, {shift:.3g} nm: light from there is lost",
-            DaylightWarning,
-            stacklevel=3,
+            f"filter at the edge of the field of view, {shift:.3g} nm: light from there is lost"
         )
     rate = ook.sipm.dark_count_rate + ook.background_rate
     current = float(ook.sipm.bias_current(rate))
     if current > MOST_BIAS_CURRENT:
-        warnings.warn(
+        texts.append(
             f"background light of {ook.background_rate:.3g} counts per second draws "
-            f"{1e3 * current:.3g} mA of bias current through the SiPM: narrow the filter",
-            DaylightWarning,
-            stacklevel=3,
+            f"{1e3 * current:.3g} mA of bias current through the SiPM: narrow the filter"
         )
+    for text in texts:
+        warnings.warn(text, DaylightWarning, stacklevel=3)
 
 
 def widest_filter_nm(ook: OokLink, found: Radiance, power: float, ber: float) -> float:
