@@ -115,7 +115,9 @@ def checks(quick: bool = False, progress: Callable[[str], None] | None = None) -
         found = gain(name, QUICK_CHAINS if quick else CHAINS)
         tolerance = row["unscattered_tol_rel"]
         yield exact(f"{name} unscattered", source, row["unscattered"], found.unscattered, tolerance)
-        status = source if _is_checked(row) else f"{source}, single code"
+        # a second estimator or program has confirmed the total
+        confirmed = any(key.startswith("total_independent") for key in row)
+        status = source if confirmed else f"{source}, single code"
         total = row["total"], found.total, found.stderr, row["total_stderr"]
         yield Check(f"{name} total", status, *total)
     for name, row in reference()["series_frozen_phases"].items():
@@ -136,11 +138,6 @@ def _series_checks(name: str, row: dict[str, Any]) -> Iterator[Check]:
     yield exact(what, "W2A-1", expected[worst], unscattered[worst], _SERIES)
     spread = float(total.std(ddof=1) / total.mean())
     yield exact(f"{name} spread of total", "W2A-1", row["total_rel_std"], spread, _SPREAD)
-
-
-def _is_checked(row: dict[str, Any]) -> bool:
-    """Return whether a second estimator or program has confirmed a total."""
-    return any(key.startswith("total_independent") for key in row)
 
 
 def _wave_checks() -> Iterator[Check]:
