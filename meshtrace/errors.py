@@ -13,6 +13,7 @@ import os
 import re
 import stat
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Any, get_args
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _WRITABLE = "a file in an existing folder, both writable"
+_COMPARED = {"<": operator.lt, "<=": operator.le}
 
 LARGEST = 1e30
 """Magnitude of a number beyond which its square may overflow on the way to a gain."""
@@ -115,14 +117,14 @@ def require_word(value: Any, words: Iterable[str], path: str) -> None:
         raise Refused(path, value, ", ".join(words), did_you_mean(value, words))
 
 
-def require_whole(value: Any, low: int, high: int, path: str) -> None:
+def require_whole(value: Any, low: int, high: int, path: str, allowed: str = "") -> None:
     """Refuse all but integers from `low` to `high`; numpy's count, true and false do not."""
     try:
         whole = None if isinstance(value, bool) else operator.index(value)
     except TypeError:
         whole = None
     if whole is None or not low <= whole <= high:
-        raise Refused(path, value, f"an integer {low} <= {path} <= {high}")
+        raise Refused(path, value, allowed or f"an integer {low} <= {path} <= {high}")
 
 
 def require_kind(value: Any, kind: type | UnionType, path: str) -> None:
@@ -150,11 +152,17 @@ def require_finite(value: Any, path: str, allowed: str) -> NDArray[Any]:
     return array.reshape(-1)
 
 
-def require_between(value: Any, low: float, high: float, path: str) -> float:
-    """Return a number between two, these excluded; refuse any other value."""
-    allowed = f"{low:g} < {path} < {high:g}"
+def require_between(
+    value: Any, low: float, high: float, path: str, ends: str = "()", allowed: str = ""
+) -> float:
+    """Return a number of an interval; refuse any other value.
+
+    Brackets in `ends` say whether the bounds belong to it, as in "[)" for low <= value < high.
+    """
+    left, right = ("<=" if end in "[]" else "<" for end in ends)
+    allowed = allowed or f"{low:g} {left} {path} {right} {high:g}"
     number = require_real(value, path, allowed)
-    if not low < number < high:
+    if not (_COMPARED[left](low, number) and _COMPARED[right](number, high)):
         raise Refused(path, value, allowed)
     return number
 
@@ -187,10 +195,7 @@ def require_names(value: Any, path: str) -> list[str]:
 
 def require_seed(value: Any) -> None:
     """Refuse all but keys of random numbers."""
-    try:
-        require_whole(value, 0, 2**64 - 1, "seed")
-    except Refused as error:
-        raise Refused("seed", error.value, "an integer 0 <= seed < 2^64") from None
+    require_whole(value, 0, 2**64 - 1, "seed", "an integer 0 <= seed < 2^64")
 
 
 def require_all(values: NDArray[Any], good: Any, path: str, allowed: str) -> None:
@@ -231,8 +236,10 @@ def require_writable(
         If the path is one of these, a folder, a device, a FIFO or a read-only file, if its name is
         too long, or if its folder does not exist or is read-only.
     """
+    found = None
     try:
-        found = _status(path)
+        with suppress(FileNotFoundError):
+            found = os.stat(path)
         folder = Path(os.path.realpath(path)).parent
         read_only = not (folder.is_dir() and os.access(folder, os.W_OK))
         if found is not None:
@@ -253,14 +260,6 @@ def _same(name: str | Path, path: str | Path, exists: bool) -> bool:
     if exists and os.path.exists(name):
         return os.path.samefile(name, path)
     return os.path.realpath(name) == os.path.realpath(path)
-
-
-def _status(path: str | Path) -> os.stat_result | None:
-    """Return the status of a file, None if there is none."""
-    try:
-        return os.stat(path)
-    except FileNotFoundError:
-        return None
 
 
 def did_you_mean(word: Any, words: Iterable[str]) -> str:

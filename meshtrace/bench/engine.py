@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from time import perf_counter
 from typing import Any
@@ -63,8 +62,8 @@ def best_of(rounds: int, *jobs: Callable[[], Any]) -> list[float]:
 
 def replay(scene: Scene, rays: Rays, threads: int) -> None:
     """Cast recorded chunks of rays on all threads."""
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(lambda chunk: scene.run(*chunk), rays))
+    for _ in ordered_map(lambda chunk: scene.run(*chunk), rays, threads):
+        pass
 
 
 def analog_rate(

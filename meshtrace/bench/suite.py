@@ -106,74 +106,58 @@ def _resolved(sea: Any) -> SpectralSea:
     )
 
 
+_ROWS = (
+    ("analog", "analog photons", "{photons_per_s:.3g} per s, {threads} threads"),
+    ("analog", "raw Embree rays", "{rays_per_s:.3g} per s, same rays and mesh ({facets} facets)"),
+    ("analog", "photons per ray", "{ratio:.3f}; {tilted:.3f} with tilts for unresolved slopes"),
+    ("merit", "figure of merit", "{ratio:.3g} +- {ratio_stderr:.1g}, 1 / (variance x time) of "
+     "forced over analog, chains made included; {ratio_kept:.3g} with chains that are kept"),
+    ("merit", "  forced", "{forced_rtol:.2e} relative in {forced_seconds:.3f} s ({chains} chains; "
+     "made in {setup_seconds:.3f} s); scatter over stated error {scatter_over_error:.2f}"),
+    ("merit", "  analog", "{analog_rtol:.2e} relative in {analog_seconds:.3f} s ({photons} "
+     "photons)"),
+    ("new_sea", "new sea to {rtol:.2%}", "{seconds:.3f} s with mesh ({mesh_seconds:.3f} s) and "
+     "chains, {kept_seconds:.3f} s with chains that are kept; BVH {bvh_seconds:.3f} s"),
+    ("resolved_sea", "resolved sea to {gain[rtol]:.2%}", "{gain[seconds]:.3f} s ({gain[facets]} "
+     "facets); {seconds_per_realization:.3f} s each in an ensemble ({facets} facets), unscattered "
+     "light {direct_seconds:.4f} s"),
+    ("realization", "realization to {rtol:.2%}", "{cpu_seconds:.4f} CPU s each of {realizations} "
+     "({chains} chains)"),
+    ("downlink", "downlink to {rtol:.2%}", "{seconds:.3f} s with mesh ({mesh_seconds:.3f} s) and "
+     "chains"),
+    ("background", "background to {rtol:.2%}", "{cpu_seconds:.3f} CPU s ({rays} rays, sun at 30 "
+     "degrees)"),
+    ("coverage", "coverage to {rtol:.2%}", "{cpu_seconds:.1f} CPU s for {cells} cells"),
+    ("first_run", "first run", "{seconds:.1f} s ({cpu_seconds:.1f} CPU s) with compilation, "
+     "{warm_seconds:.1f} s ({warm_cpu_seconds:.1f} CPU s) afterwards"),
+)  # fmt: skip
+"""Measurement, and heading and text of its row in the report."""
+
+
 def report(result: dict[str, Any]) -> str:
     """Return the measurements of `bench` as a table of text."""
-    analog, merit, sea = result["analog"], result["merit"], result["new_sea"]
-    fine = result["resolved_sea"]
-    tilted = result["analog_tilted"]["ratio"]
+    merit = result["merit"]
+    relative = {f"{name}_rtol": merit[f"{name}_variance"] ** 0.5 for name in ("forced", "analog")}
+    tilted = {"tilted": result["analog_tilted"]["ratio"]}
+    measured = {**result, "analog": {**result["analog"], **tilted}, "merit": {**merit, **relative}}
     rows = {
-        "analog photons": f"{analog['photons_per_s']:.3g} per s, {analog['threads']} threads",
-        "raw Embree rays": f"{analog['rays_per_s']:.3g} per s, same rays and mesh "
-        f"({analog['facets']} facets)",
-        "photons per ray": f"{analog['ratio']:.3f}; {tilted:.3f} with tilts for unresolved slopes",
-        "figure of merit": f"{merit['ratio']:.3g} +- {merit['ratio_stderr']:.1g}, "
-        "1 / (variance x time) of forced over analog, chains made included; "
-        f"{merit['ratio_kept']:.3g} with chains that are kept",
-        "  forced": f"{merit['forced_variance'] ** 0.5:.2e} relative in "
-        f"{merit['forced_seconds']:.3f} s ({merit['chains']} chains; made in "
-        f"{merit['setup_seconds']:.3f} s); scatter over stated error "
-        f"{merit['scatter_over_error']:.2f}",
-        "  analog": f"{merit['analog_variance'] ** 0.5:.2e} relative in "
-        f"{merit['analog_seconds']:.3f} s ({merit['photons']} photons)",
-        f"new sea to {sea['rtol']:.2%}": f"{sea['seconds']:.3f} s with mesh "
-        f"({sea['mesh_seconds']:.3f} s) and chains, {sea['kept_seconds']:.3f} s with chains that "
-        f"are kept; BVH {sea['bvh_seconds']:.3f} s",
-        f"resolved sea to {fine['gain']['rtol']:.2%}": f"{fine['gain']['seconds']:.3f} s "
-        f"({fine['gain']['facets']} facets); {fine['seconds_per_realization']:.3f} s each in an "
-        f"ensemble ({fine['facets']} facets), unscattered light {fine['direct_seconds']:.4f} s",
-        **_answers(result),
-        "peak memory": f"{result['peak_memory_mib']:.0f} MiB",
-        **_scaling(result["thread_scaling"], result["worker_scaling"]),
+        heading.format(**measured[name]): text.format(**measured[name])
+        for name, heading, text in _ROWS
+        if measured[name] is not None
     }
+    rows["peak memory"] = f"{result['peak_memory_mib']:.0f} MiB"
+    rows |= _scaling(result["thread_scaling"], result["worker_scaling"])
     return text_table(rows.items())
-
-
-def _answers(result: dict[str, Any]) -> dict[str, str]:
-    """Return the times of whole answers as text."""
-    each, down = result["realization"], result["downlink"]
-    light, places, first = result["background"], result["coverage"], result["first_run"]
-    rows = {
-        f"realization to {each['rtol']:.2%}": f"{each['cpu_seconds']:.4f} CPU s each of "
-        f"{each['realizations']} ({each['chains']} chains)"
-    }
-    if down is not None:
-        rows[f"downlink to {down['rtol']:.2%}"] = (
-            f"{down['seconds']:.3f} s with mesh ({down['mesh_seconds']:.3f} s) and chains"
-        )
-    if light is not None:
-        rows[f"background to {light['rtol']:.2%}"] = (
-            f"{light['cpu_seconds']:.3f} CPU s ({light['rays']} rays, sun at 30 degrees)"
-        )
-    if places is not None:
-        rows[f"coverage to {places['rtol']:.2%}"] = (
-            f"{places['cpu_seconds']:.1f} CPU s for {places['cells']} cells"
-        )
-    if first is not None:
-        rows["first run"] = (
-            f"{first['seconds']:.1f} s ({first['cpu_seconds']:.1f} CPU s) with compilation, "
-            f"{first['warm_seconds']:.1f} s ({first['warm_cpu_seconds']:.1f} CPU s) afterwards"
-        )
-    return rows
 
 
 def _scaling(threads: dict[str, Any], workers: dict[str, Any] | None) -> dict[str, str]:
     """Return speeds relative to one thread or worker."""
-    counts = threads["threads"]
+    counts, analog, forced = (threads[k] for k in ("threads", "analog_by_jobs", "forced_by_jobs"))
     rows = {
         "threads": f"{_times(counts, threads['analog_speedup'])} (analog), "
         f"{_times(counts, threads['forced_speedup'])} (forced)",
-        "threads by job times": f"{_by_jobs(threads['analog_by_jobs'])} (analog), "
-        f"{_by_jobs(threads['forced_by_jobs'])} (forced, chains made included)",
+        "threads by job times": f"{_times(analog['threads'], analog['speedup'])} (analog), "
+        f"{_times(forced['threads'], forced['speedup'])} (forced, chains made included)",
         "workers": 'not measured: pip install "meshtrace[batch]"',
     }
     if workers is not None:
@@ -185,16 +169,10 @@ def _scaling(threads: dict[str, Any], workers: dict[str, Any] | None) -> dict[st
     return rows
 
 
-def _by_jobs(found: dict[str, Any]) -> str:
-    """Return the speedups that the job times allow."""
-    rows = zip(found["threads"], found["speedup"], strict=True)
-    return ", ".join(f"{n}: {speed:.2f}x" for n, speed in rows)
-
-
 def _times(counts: list[int], speedups: list[float]) -> str:
-    """Return the speedups as text, as in "2: 1.95x"."""
+    """Return the speedups as text, as in "2: 1.95x"; that of one only if there are no others."""
     rows = list(zip(counts, speedups, strict=True))
-    return ", ".join(f"{n}: {speed:.2f}x" for n, speed in (rows[1:] or rows))
+    return ", ".join(f"{n}: {speed:.2f}x" for n, speed in rows if n > 1 or len(rows) == 1)
 
 
 def _peak_memory() -> float:

@@ -3,7 +3,7 @@
 Heavy imports happen inside the commands, so that --help is quick.
 """
 
-from meshtrace.cli import (
+from meshtrace.cli import (  # noqa: F401, the commands join the application
     bench,
     ber,
     compare,
@@ -24,23 +24,4 @@ from meshtrace.cli import (
 )
 from meshtrace.cli.app import app
 
-__all__ = [
-    "app",
-    "bench",
-    "ber",
-    "compare",
-    "converge",
-    "coverage",
-    "explore",
-    "figures",
-    "new",
-    "optimize",
-    "plot",
-    "run",
-    "sensitivity",
-    "series",
-    "sweep",
-    "validate",
-    "view",
-    "warm",
-]
+__all__ = ["app"]

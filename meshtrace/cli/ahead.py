@@ -9,7 +9,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from meshtrace.parallel import default_threads
 from meshtrace.scenario import Scenario
@@ -24,27 +24,21 @@ def compiling_ahead(scenario: Scenario) -> Iterator[None]:
     """
     process = None
     if scenario.run.estimator.kind == "forced" and default_threads() > 1:
-        process = _start(scenario.to_toml())
+        silent = subprocess.DEVNULL
+        with suppress(OSError):
+            process = subprocess.Popen(
+                [sys.executable, "-m", "meshtrace.cli.ahead", scenario.to_toml()],
+                stdin=silent,
+                stdout=silent,
+                stderr=silent,
+                start_new_session=True,  # Ctrl-C is for the first process, which ends this one
+            )
     try:
         yield
     finally:
         if process is not None:
             process.kill()
             process.wait()
-
-
-def _start(toml: str) -> subprocess.Popen[bytes] | None:
-    silent = subprocess.DEVNULL
-    try:
-        return subprocess.Popen(
-            [sys.executable, "-m", "meshtrace.cli.ahead", toml],
-            stdin=silent,
-            stdout=silent,
-            stderr=silent,
-            start_new_session=True,  # Ctrl-C is for the first process, which ends this one
-        )
-    except OSError:
-        return None
 
 
 def main(toml: str) -> None:

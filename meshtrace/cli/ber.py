@@ -75,16 +75,6 @@ class Light:
         return {"daylight.model": model, "daylight.sun_zenith_deg": zenith, **filtered}
 
 
-@dataclass(frozen=True)
-class Sampled:
-    """Options of [run], and other changes of the link file."""
-
-    photons: Chains = SERIES_CHAINS
-    seed: Seed = None
-    threads: Threads = None
-    settings: Settings = None
-
-
 @app.command()
 @grouped
 def ber(
@@ -96,20 +86,23 @@ def ber(
     coupled: bool = Option(False, "--coupled", help="Apply the tilt to every photon."),
     output: Output = None,
     as_json: AsJson = False,
-    sampled: Sampled,
+    photons: Chains = SERIES_CHAINS,
+    seed: Seed = None,
+    threads: Threads = None,
+    settings: Settings = None,
 ) -> None:
     """Print bit error rate, outage, margin, capacity and range of a link."""
     from meshtrace.mesh import RandomSea
     from meshtrace.studies.performance.link_performance import link_performance
     from meshtrace.studies.performance.tables import DepthSweep
 
-    run = {"photons": sampled.photons, "seed": sampled.seed, "threads": sampled.threads}
+    run = {"photons": photons, "seed": seed, "threads": threads}
     scenarios = []
     for speed in [None] if study.winds is None else numbers("--wind", study.winds):
         given = {"detector.preset": study.preset, "uav.preset": uav, "wind_speed": speed}
         given |= light.changes()
         changes = [f"{key}={value}" for key, value in given.items() if value is not None]
-        scenarios.append(scenario_of(link, [*(sampled.settings or []), *changes], **run))
+        scenarios.append(scenario_of(link, [*(settings or []), *changes], **run))
     check_output(output, link)
     realizations = study.realizations
     if realizations is None:

@@ -9,14 +9,13 @@ from typer import Option
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import numbers, progress
-from meshtrace.cli.drawing import Written
 from meshtrace.cli.options import Case, LinkFile, grouped
+from meshtrace.cli.outputs import Written
 from meshtrace.errors import Refused, require_word
 
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
     from meshtrace.stored import Stored
-    from meshtrace.studies.convergence import ConvergenceStudy
 
 _LISTS = {"spacing": "--spacings", "time_step": "--time-steps", "omega_max": "--omega-max"}
 _OWN = {"spacing": "placements", "omega_max": "realizations", "time_step": "duration"}
@@ -98,12 +97,10 @@ def converge(
     parameter, values = _values(what, {k: text for k, text in given if text is not None})
     options = effort.options(parameter, values)
     written.check(link)
-    study: Stored
     if what == "fading":
-        study = _fading(scenario, values, options)
+        written.write(_fading(scenario, values, options))
     else:
-        study = _study(scenario, parameter, values, options)
-    written.write(study)
+        written.write(_study(scenario, parameter, values, options))
 
 
 def _values(what: str, given: dict[str, str]) -> tuple[str, list[float]]:
@@ -140,7 +137,7 @@ def _fading(scenario: Scenario, values: list[float], options: dict[str, Any]) ->
 
 def _study(
     scenario: Scenario, parameter: str, values: list[float], options: dict[str, Any]
-) -> ConvergenceStudy:
+) -> Stored:
     """Return the study of a scenario, with a progress bar."""
     from meshtrace.studies import convergence
     from meshtrace.studies.convergence.exact import is_wave_sum
@@ -157,5 +154,4 @@ def _study(
         study = convergence.band_limit_study
         surfaces = len(values) * options.get("realizations", convergence.REALIZATIONS)
     with progress(surfaces, False, "over the meshes", "forced") as (_, advance):
-        found: ConvergenceStudy = study(scenario, None, values, progress=advance, **options)
-    return found
+        return study(scenario, None, values, progress=advance, **options)

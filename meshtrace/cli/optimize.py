@@ -8,8 +8,8 @@ from typer import Option
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import numbers, progress
-from meshtrace.cli.drawing import Written
 from meshtrace.cli.options import SERIES_CHAINS, Case, Chains, LinkFile, grouped
+from meshtrace.cli.outputs import Written
 from meshtrace.errors import Refused
 
 

@@ -42,26 +42,20 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     """Replace the parameters of a command that are dataclasses by the options of their fields."""
     signature = inspect.signature(command, eval_str=True)
     parameters = signature.parameters.values()
-    groups: dict[str, Any] = {
-        p.name: p.annotation for p in parameters if is_dataclass(p.annotation)
-    }
+    groups: Any = {p.name: p.annotation for p in parameters if is_dataclass(p.annotation)}
 
     def call(**given: Any) -> None:
         for name, group in groups.items():
             given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
         command(**given)
 
-    options = [
-        option.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-        for p in parameters
-        for option in (
-            inspect.signature(groups[p.name], eval_str=True).parameters.values()
-            if p.name in groups
-            else [p]
-        )
-    ]
+    options: dict[str, inspect.Parameter] = {}
+    for p in parameters:
+        group = groups.get(p.name)
+        options |= inspect.signature(group, eval_str=True).parameters if group else {p.name: p}
+    named = [option.replace(kind=option.KEYWORD_ONLY) for option in options.values()]
     call.__name__, call.__doc__ = command.__name__, command.__doc__
-    call.__signature__ = inspect.Signature(options)  # type: ignore[attr-defined]
+    call.__signature__ = inspect.Signature(named)  # type: ignore[attr-defined]
     return call
 
 
@@ -74,7 +68,7 @@ class Case:
     wind: Wind = None
     settings: Settings = None
 
-    def scenario(self, link: Path | None, photons: str | None = None) -> Scenario:
-        """Return the scenario of a link file with these options."""
-        run = {"photons": photons, "seed": self.seed, "threads": self.threads}
-        return scenario_of(link, self.settings, self.wind, **run)
+    def scenario(self, link: Path | None, **run: str | None) -> Scenario:
+        """Return the scenario of a link file with these options and others of [run]."""
+        own = {"seed": self.seed, "threads": self.threads}
+        return scenario_of(link, self.settings, self.wind, **run, **own)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typer import Argument, Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.drawing import check_plot, draw
+from meshtrace.cli.outputs import check_plot, draw
 
 
 @app.command("plot")

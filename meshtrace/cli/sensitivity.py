@@ -9,8 +9,8 @@ from typer import Option
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import progress
-from meshtrace.cli.drawing import Written
 from meshtrace.cli.options import Case, LinkFile, grouped
+from meshtrace.cli.outputs import Written
 
 
 @app.command("sensitivity")
@@ -39,7 +39,7 @@ def sensitivity_command(
     """
     from meshtrace.studies.sensitivity import sensitivities
 
-    scenario = case.scenario(link, photons)
+    scenario = case.scenario(link, photons=photons)
     written.check(link)
     asked: Any = {"of": of, "realizations": realizations, "limit": limit, "step": step}
     with progress(len(wrt or []) or None, False, "parameters", "forced") as (_, advance):

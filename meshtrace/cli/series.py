@@ -34,7 +34,7 @@ def series(
     from meshtrace.studies.series import time_series
 
     at = numbers("--times", times)
-    scenario = case.scenario(link, photons)
+    scenario = case.scenario(link, photons=photons)
     _report(link, len(at), output, lambda step: time_series(scenario, times=at, progress=step))
 
 
@@ -51,7 +51,7 @@ def ensemble_command(
     """Compute the channel gain over random seas and print its distribution and fading."""
     from meshtrace.studies.series import ensemble
 
-    scenario = case.scenario(link, photons)
+    scenario = case.scenario(link, photons=photons)
     _report(link, n, output, lambda step: ensemble(scenario, n, progress=step))
 
 

@@ -44,10 +44,7 @@ def validate(
                 advance(1)
             say(name)
 
-        if case is None:
-            checks = run_checks(quick, step)
-        else:
-            checks = tuple(w2a1.checks(quick, step))
+        checks = run_checks(quick, step) if case is None else tuple(w2a1.checks(quick, step))
     failed = sum(not check.passed for check in checks)
     if as_json:
         rows = [finite(check.as_data()) for check in checks]

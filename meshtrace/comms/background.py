@@ -7,7 +7,7 @@ import warnings
 from typing import Protocol
 
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Refused, require_between, require_real
+from meshtrace.errors import require_between
 
 MOST_BIAS_CURRENT = 10e-3
 """Mean bias current of a SiPM above which background light brings a warning [A]."""
@@ -66,10 +66,8 @@ def filter_shift_nm(wavelength_nm: float, angle_deg: float, n_eff: float = 2.0) 
     >>> [round(filter_shift_nm(470.0, angle), 2) for angle in (30.0, 10.0, 2.98)]
     [14.92, 1.77, 0.16]
     """
-    if not 0.0 <= require_real(angle_deg, "angle_deg", "0 <= angle_deg <= 90") <= 90.0:
-        raise Refused("angle_deg", angle_deg, "0 <= angle_deg <= 90")
-    if not 1.0 <= require_real(n_eff, "n_eff", ">= 1") < math.inf:
-        raise Refused("n_eff", n_eff, ">= 1")
+    require_between(angle_deg, 0.0, 90.0, "angle_deg", "[]")
+    require_between(n_eff, 1.0, math.inf, "n_eff", "[)", ">= 1")
     sine = math.sin(math.radians(angle_deg)) / n_eff
     return wavelength_nm * (1.0 - math.sqrt(1.0 - sine * sine))
 
@@ -100,22 +98,21 @@ def warn_of_background(ook: OokLink, found: Radiance) -> None:
     """Warn of a filter narrower than its shift over the field of view, and of a large current."""
     optics = ook.optics
     shift = filter_shift_nm(found.wavelength_nm, 0.5 * optics.fov_deg)
+    texts = []
     if optics.filter_width_nm < shift:
-        warnings.warn(
+        texts.append(
             f"filter_width_nm {optics.filter_width_nm:g} is less than the shift of an interference "
-            f"filter at the edge of the field of view, {shift:.3g} nm: light from there is lost",
-            DaylightWarning,
-            stacklevel=3,
+            f"filter at the edge of the field of view, {shift:.3g} nm: light from there is lost"
         )
     rate = ook.sipm.dark_count_rate + ook.background_rate
     current = float(ook.sipm.bias_current(rate))
     if current > MOST_BIAS_CURRENT:
-        warnings.warn(
+        texts.append(
             f"background light of {ook.background_rate:.3g} counts per second draws "
-            f"{1e3 * current:.3g} mA of bias current through the SiPM: narrow the filter",
-            DaylightWarning,
-            stacklevel=3,
+            f"{1e3 * current:.3g} mA of bias current through the SiPM: narrow the filter"
         )
+    for text in texts:
+        warnings.warn(text, DaylightWarning, stacklevel=3)
 
 
 def widest_filter_nm(ook: OokLink, found: Radiance, power: float, ber: float) -> float:

@@ -20,11 +20,11 @@ from meshtrace.errors import (
     require_array,
     require_between,
     require_kind,
-    require_real,
     require_seed,
     require_whole,
 )
 from meshtrace.fading import Estimate
+from meshtrace.fading.gains import check_effective
 from meshtrace.models import Floats
 
 FEC_LIMITS: dict[str, float] = {"uncoded": 1e-3, "paper": 2e-3, "hard-7-percent": 3.8e-3}
@@ -208,10 +208,7 @@ def average_ber(
     (`fading.remove_noise`), or make it small against their spread.
     """
     g = faded_gains(gain, h_alpha)
-    allowed = f"1 <= n_effective <= {g.size}"
-    n = float(g.size) if n_effective is None else require_real(n_effective, "n_effective", allowed)
-    if not 1.0 <= n <= g.size:
-        raise Refused("n_effective", n_effective, allowed)
+    n = check_effective(n_effective, g.size)
     require_between(confidence, 0.0, 1.0, "confidence")
     require_seed(seed)
     require_whole(resamples, 1, 10**7, "resamples")
@@ -321,8 +318,7 @@ def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
         raise Refused("depth", depth, rising)
     if v.shape != d.shape or not np.all(np.isfinite(v) & (v > 0.0)):
         raise Refused("value", value, positive)
-    if not 0.0 < require_real(limit, "limit", "finite, > 0") < math.inf:
-        raise Refused("limit", limit, "finite, > 0")
+    require_between(limit, 0.0, math.inf, "limit", allowed="finite, > 0")
     curve = PchipInterpolator(d, np.log(v) - math.log(limit))
     crossings = curve.roots(discontinuity=False, extrapolate=False)
     crossings = crossings[np.isfinite(crossings)]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from meshtrace.comms.budget import ber_of_gains, faded_gains
 from meshtrace.comms.decisions import non_negative, soft_information
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Refused, require_kind, require_real
+from meshtrace.errors import Refused, require_between, require_kind, require_real
 from meshtrace.models import Floats
 
 
@@ -75,8 +75,7 @@ def capacity(
         If a value is out of range.
     """
     require_kind(link, OokLink, "link")
-    if not 0.0 <= require_real(outage, "outage", "0 <= outage < 1") < 1.0:
-        raise Refused("outage", outage, "0 <= outage < 1")
+    require_between(outage, 0.0, 1.0, "outage", "[)")
     g = faded_gains(gain, h_alpha)
     power = link.received_power(g)
     low, high = link.levels(power)
@@ -131,9 +130,7 @@ def wyner_capacity(peak_rate: float, dark_rate: float, mean_share: float = 1.0) 
     dark = require_real(dark_rate, "dark_rate", "finite, >= 0")
     if not (0.0 < peak < math.inf and 0.0 <= dark < math.inf):
         raise Refused("peak_rate, dark_rate", (peak_rate, dark_rate), "finite, > 0 and >= 0")
-    share = require_real(mean_share, "mean_share", "0 < mean_share <= 1")
-    if not 0.0 < share <= 1.0:
-        raise Refused("mean_share", mean_share, "0 < mean_share <= 1")
+    share = require_between(mean_share, 0.0, 1.0, "mean_share", "(]")
     s = min(dark / peak, 1e300)
     if s < 1e-300:
         q = min(share, math.exp(-1.0))

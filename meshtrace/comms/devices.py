@@ -9,7 +9,7 @@ import pydantic
 from numpy.typing import ArrayLike
 from scipy import constants
 
-from meshtrace.errors import Refused, require_real
+from meshtrace.errors import Refused, require_between
 from meshtrace.models import Floats, Model, NonNegative, Positive
 
 
@@ -36,9 +36,7 @@ def photon_energy(wavelength: float) -> float:
     >>> print(f"{photon_energy(470e-9):.9e}")
     4.226480547e-19
     """
-    allowed = "1e-7 <= wavelength <= 1e-5 m"
-    if not 1e-7 <= require_real(wavelength, "wavelength", allowed) <= 1e-5:
-        raise Refused("wavelength", wavelength, allowed)
+    require_between(wavelength, 1e-7, 1e-5, "wavelength", "[]", "1e-7 <= wavelength <= 1e-5 m")
     return constants.h * constants.c / wavelength
 
 

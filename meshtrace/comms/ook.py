@@ -17,12 +17,7 @@ from meshtrace.comms.decisions import non_negative, pattern_decision
 from meshtrace.comms.devices import OpticalFrontEnd
 from meshtrace.comms.ook_setup import OokSetup
 from meshtrace.comms.pulses import Eye, PulseFilters
-from meshtrace.errors import (
-    Refused,
-    require_between,
-    require_real,
-    require_whole,
-)
+from meshtrace.errors import Refused, require_between, require_whole
 from meshtrace.models import Floats
 
 _BLOCK = 256
@@ -199,9 +194,7 @@ class OokLink(OokSetup, frozen=True):
             Mean [s-1] and variance [s-2], shape of `power` with a last axis over `patterns`; the
             two patterns 0 and 1 for the models without intersymbol interference.
         """
-        allowed = "0 < phase <= 1"
-        if not 0.0 < require_real(phase, "phase", allowed) <= 1.0:
-            raise Refused("phase", phase, allowed)
+        require_between(phase, 0.0, 1.0, "phase", "(]")
         return self.receiver.moments(self, power, phase)
 
     def ber(self, power: ArrayLike) -> Floats:

@@ -40,13 +40,9 @@ class OokSetup(Model, frozen=True):
         return found if found.model_dump(exclude_defaults=True) else kind
 
     @pydantic.model_validator(mode="after")
-    def _window_within_bit(self) -> Self:
+    def _consistent(self) -> Self:
         if self.window is not None and self.window > self.bit_time * (1.0 + 1e-12):
             raise Refused("window", self.window, f"0 <= window <= {self.bit_time} s")
-        return self
-
-    @pydantic.model_validator(mode="after")
-    def _noise_of_model(self) -> Self:
         if self.saturation_noise == "renewal" and self.receiver.exact_counts:
             allowed = "auto or poisson for models of exact counts (CP, GP)"
             raise Refused("saturation_noise", "renewal", allowed)

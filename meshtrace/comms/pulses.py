@@ -48,11 +48,18 @@ class PulseFilters:
 
     def mean_step(self, t: ArrayLike) -> Floats:
         """Return the mean signal `t` [s] after the light is switched on, int g(u) l(t - u) du."""
-        return self._step(t, self._mean_terms())
+        a, w = 1.0 / self.tau_sipm, self.window
+        if w == 0.0:
+            return self._step(t, [], [(a, a)])
+        return self._step(t, [(1.0 / w, 0.0), (-1.0 / w, a)], [(-math.expm1(-a * w) / w, a)])
 
     def shot_step(self, t: ArrayLike) -> Floats:
         """Return the shot-noise variance [s-1] `t` [s] after, int g(u)^2 l(t - u) du."""
-        return self._step(t, self._shot_terms())
+        a, w = 1.0 / self.tau_sipm, self.window
+        if w == 0.0:
+            return self._step(t, [], [(a * a, 2.0 * a)])
+        inside = [(1.0 / w**2, 0.0), (-2.0 / w**2, a), (1.0 / w**2, 2.0 * a)]
+        return self._step(t, inside, [((math.expm1(-a * w) / w) ** 2, 2.0 * a)])
 
     @property
     def noise_energy(self) -> float:
@@ -115,29 +122,16 @@ class PulseFilters:
         edges = self.shot_step((np.arange(count) + phase) * bit_time)
         return np.diff(edges, prepend=0.0)
 
-    def _mean_terms(self) -> tuple[_Terms, _Terms]:
-        a, w = 1.0 / self.tau_sipm, self.window
-        if w == 0.0:
-            return [], [(a, a)]
-        return [(1.0 / w, 0.0), (-1.0 / w, a)], [(-math.expm1(-a * w) / w, a)]
-
-    def _shot_terms(self) -> tuple[_Terms, _Terms]:
-        a, w = 1.0 / self.tau_sipm, self.window
-        if w == 0.0:
-            return [], [(a * a, 2.0 * a)]
-        inside = [(1.0 / w**2, 0.0), (-2.0 / w**2, a), (1.0 / w**2, 2.0 * a)]
-        return inside, [((math.expm1(-a * w) / w) ** 2, 2.0 * a)]
-
-    def _step(self, t: ArrayLike, terms: tuple[_Terms, _Terms]) -> Floats:
+    def _step(self, t: ArrayLike, inside: _Terms, behind: _Terms) -> Floats:
         # g or g^2 is one sum of exponentials c exp(-a u) inside the window and another, counted
         # from the window's end, after it.
         elapsed: Floats = np.maximum(np.asarray(t, dtype=float), 0.0)
         during = np.minimum(elapsed, self.window)
         after = elapsed - during
         total = np.zeros_like(elapsed)
-        for c, a in terms[0]:
+        for c, a in inside:
             total += c * self._overlap(a, during, elapsed)
-        for c, a in terms[1]:
+        for c, a in behind:
             total += c * self._overlap(a, after, after)
         return total
 

@@ -9,13 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.errors import Described, Refused, require_whole
-from meshtrace.fading.gains import (
-    FloatArray,
-    check_bootstrap,
-    checked,
-    checked_gain,
-    checked_step,
-)
+from meshtrace.fading.gains import FloatArray, check_bootstrap, checked, checked_gain, checked_step
 from meshtrace.fading.intervals import Estimate, block_interval, block_means
 
 # Bound of memory: blocks of one replicate.

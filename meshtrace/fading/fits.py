@@ -114,10 +114,7 @@ def fit_lognormal(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Dist
 
 
 def fit_gamma_gamma(
-    gain: ArrayLike,
-    gain_stderr: ArrayLike | None = None,
-    *,
-    n_effective: float | None = None,
+    gain: ArrayLike, gain_stderr: ArrayLike | None = None, *, n_effective: float | None = None
 ) -> DistributionFit:
     r"""Fit a gamma-gamma law: moments refined by maximum likelihood.
 

@@ -13,7 +13,6 @@ from meshtrace.errors import (
     Refused,
     require_array,
     require_between,
-    require_real,
     require_whole,
     require_word,
 )
@@ -81,16 +80,7 @@ def check_effective(n_effective: float | None, n: int) -> float:
     """Return the number of independent samples, by default n."""
     if n_effective is None:
         return float(n)
-    allowed = f"1 <= n_effective <= {n}"
-    number = require_real(n_effective, "n_effective", allowed)
-    if not 1.0 <= number <= n:
-        raise Refused("n_effective", n_effective, allowed)
-    return number
-
-
-def check_block(block: int, n: int) -> None:
-    """Raise `Refused` for a block length of the bootstrap out of range."""
-    require_whole(block, 1, n // 2, "block")
+    return require_between(n_effective, 1.0, n, "n_effective", "[]", f"1 <= n_effective <= {n}")
 
 
 def level_of(gain: FloatArray, threshold: float, relative_to: Reference) -> float:

@@ -182,12 +182,7 @@ def _cached_band(link: Any, sea: Any) -> float:
     """Return `fading_band`, searched once for the same geometry and sea."""
     lever, receiver = paraxial_lever(link), link.receivers[0]
     config = {key: value for key, value in sea.to_config().items() if key != "seed"}
-    key = (
-        lever,
-        receiver.fov_deg,
-        abs(receiver.center[2]),
-        json.dumps(config, sort_keys=True),
-    )
+    key = (lever, receiver.fov_deg, abs(receiver.center[2]), json.dumps(config, sort_keys=True))
     if key not in _bands:
         _bands[key] = fading_band(link, sea)
     return _bands[key]

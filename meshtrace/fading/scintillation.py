@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import require_seed
-from meshtrace.fading.gains import FloatArray, check_block, check_bootstrap, checked
+from meshtrace.errors import require_seed, require_whole
+from meshtrace.fading.gains import FloatArray, check_bootstrap, checked
 from meshtrace.fading.intervals import Estimate, block_interval, block_means
 
 # Below this number the jackknife of the BCa bootstrap has too little to work on.
@@ -72,7 +72,7 @@ def scintillation_index(
     """
     g, noise = checked(gain, gain_stderr)
     check_bootstrap(confidence, resamples)
-    check_block(block, g.size)
+    require_whole(block, 1, g.size // 2, "block")
     noise = noise / g.mean() ** 2
     g = g / g.mean()
     value = float(_scintillation(g, noise))

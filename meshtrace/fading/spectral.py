@@ -13,16 +13,15 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from meshtrace.errors import Described, Refused, require_array, require_between
 from meshtrace.mesh import FADING
+from meshtrace.models import Floats
 
 _DISTANCES = 130
 _AZIMUTHS = 24  # Gauss nodes in a quadrant
 _DISK_WIDTHS = np.geomspace(0.02, 0.5, 8)
-
-Floats = NDArray[np.float64]
 
 
 class Lever(NamedTuple):
@@ -34,11 +33,7 @@ class Lever(NamedTuple):
 
 
 def scintillation_of_spectrum(
-    link: Any,
-    sea: Any,
-    omega_max: float | None = None,
-    tilts: bool = True,
-    heights: bool = False,
+    link: Any, sea: Any, omega_max: float | None = None, tilts: bool = True, heights: bool = False
 ) -> float:
     r"""Compute the scintillation index of unscattered light from the spectrum of the sea.
 
@@ -204,11 +199,7 @@ def _require_view(link: Any, lever: Lever, slope: float) -> None:
 
 
 def _covariance(
-    lever: Lever,
-    spectrum: Any,
-    missing: tuple[float, float],
-    lags: Floats,
-    heights: bool = False,
+    lever: Lever, spectrum: Any, missing: tuple[float, float], lags: Floats, heights: bool = False
 ) -> Floats:
     """Integrate the density of pairs of crossings, less that of independent ones, over R."""
     variance = np.array(spectrum.along_and_across)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TypedDict
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Refused, require_array, require_real, require_whole
+from meshtrace.errors import require_array, require_between, require_whole
 from meshtrace.fading.correlation import (
     autocorrelation,
     block_length,
@@ -42,20 +42,6 @@ from meshtrace.fading.summary import FadingStatistics
 # Below these numbers the intervals of a series are rough, and a fit is not tested.
 _FEWEST_EFFECTIVE = 20.0
 _FEWEST_TESTED = 20
-
-
-class _Boot(TypedDict):
-    confidence: float
-    resamples: int
-    seed: int
-
-
-class _Series(TypedDict, total=False):
-    lag: FloatArray
-    autocorrelation: FloatArray
-    coherence_time: Estimate
-    level_crossing_rate: tuple[Estimate, ...]
-    mean_fade_duration: tuple[Estimate, ...]
 
 
 def fading_statistics(
@@ -120,24 +106,23 @@ def fading_statistics(
     (300, 0.01, ['lognormal', 'gamma-gamma'])
     """
     g, variance = checked(gain, gain_stderr)
-    noise_of_all = require_real(common_stderr, "common_stderr", "finite >= 0")
-    if not 0.0 <= noise_of_all < math.inf:
-        raise Refused("common_stderr", common_stderr, "finite >= 0")
+    require_between(common_stderr, 0.0, math.inf, "common_stderr", "[)", "finite >= 0")
     require_whole(test_resamples, 0, MOST_RESAMPLES, "test_resamples")
     check_bootstrap(confidence, resamples)
     stderr = np.sqrt(variance) if variance.any() else None
     noise, spread = float(variance.mean()), float(g.var(ddof=1))
-    fades = np.ptp(g) > 0.0 and spread * (g.size - 1) / g.size > noise
+    fades = bool(np.ptp(g) > 0.0 and spread * (g.size - 1) / g.size > noise)
     levels = tuple(require_array(thresholds, "thresholds", "numbers > 0").ravel().tolist())
-    boot: _Boot = {"confidence": confidence, "resamples": resamples, "seed": seed}
-    n_effective, block = float(g.size), 1
-    series: _Series = {}
+    block = 1 if time is None else block_length(g)
+    boot: Any = {"block": block, "confidence": confidence, "resamples": resamples, "seed": seed}
+    n_effective = float(g.size)
+    series: dict[str, Any] = {}
     if time is not None:
-        block = block_length(g)
         n_effective = effective_samples(g, stderr) if fades else n_effective
-        series = _series_part(time, g, stderr, bool(fades), levels, relative_to, block, boot)
-    fits, goodness, fit_notes = _all_fits(g, stderr, n_effective, test_resamples, seed)
-    index = scintillation_index(g, stderr, block=block, **boot)
+        series = _series_part(time, g, stderr, fades, levels, relative_to, boot)
+    sample = remove_noise(g, stderr)
+    fits, goodness, fit_notes = _all_fits(sample, n_effective, test_resamples, seed)
+    index = scintillation_index(g, stderr, **boot)
     own = max(spread - noise, 0.0) / n_effective + noise / g.size
     return FadingStatistics(
         n=g.size,
@@ -151,13 +136,13 @@ def fading_statistics(
         noise_share=noise / spread if spread > 0.0 else 0.0,
         thresholds=levels,
         relative_to=relative_to,
-        outage=_outages(g, stderr, levels, relative_to, n_effective, confidence),
-        pdf=gain_pdf(g, stderr),
-        cdf=gain_cdf(g, stderr, n_effective=n_effective, confidence=confidence),
+        outage=tuple(_outages(sample, levels, relative_to, n_effective, confidence)),
+        pdf=gain_pdf(sample),
+        cdf=gain_cdf(sample, n_effective=n_effective, confidence=confidence),
         fits=fits,
         goodness=goodness,
         notes=(
-            *_noise_notes(g, variance, bool(fades), index),
+            *_noise_notes(g, variance, fades, index),
             *(_series_notes(g, noise, n_effective, series) if series else ()),
             *fit_notes,
         ),
@@ -172,73 +157,49 @@ def _series_part(
     fades: bool,
     levels: tuple[float, ...],
     relative_to: Reference,
-    block: int,
-    boot: _Boot,
-) -> _Series:
+    boot: dict[str, Any],
+) -> dict[str, Any]:
+    """Return the fields of the statistics that a time series alone has."""
     lag = checked_step(time, g.size) * np.arange(g.size // 2 + 1, dtype=np.float64)
     nothing = Estimate(math.nan, math.nan, math.nan)
+    below = {"relative_to": relative_to, **boot}
     return {
         "lag": lag,
-        "autocorrelation": (autocorrelation(g, stderr) if fades else np.full_like(lag, math.nan)),
-        "coherence_time": (
-            coherence_time(time, g, stderr, block=block, **boot) if fades else nothing
-        ),
-        "level_crossing_rate": tuple(
-            level_crossing_rate(time, g, h, relative_to=relative_to, block=block, **boot)
-            for h in levels
-        ),
-        "mean_fade_duration": tuple(
-            mean_fade_duration(time, g, h, relative_to=relative_to, block=block, **boot)
-            for h in levels
-        ),
+        "autocorrelation": autocorrelation(g, stderr) if fades else np.full_like(lag, math.nan),
+        "coherence_time": coherence_time(time, g, stderr, **boot) if fades else nothing,
+        "level_crossing_rate": tuple(level_crossing_rate(time, g, h, **below) for h in levels),
+        "mean_fade_duration": tuple(mean_fade_duration(time, g, h, **below) for h in levels),
     }
 
 
 def _outages(
-    g: FloatArray,
-    stderr: FloatArray | None,
+    sample: FloatArray,
     levels: tuple[float, ...],
     relative_to: Reference,
     n_effective: float,
     confidence: float,
-) -> tuple[Estimate, ...]:
-    """Return the outage below each threshold, with the number of trials behind it."""
-    found = []
+) -> Iterator[Estimate]:
+    """Yield the outage below each threshold, with the number of trials behind it."""
+    options: Any = {"relative_to": relative_to, "confidence": confidence}
     for threshold in levels:
         trials = n_effective
-        if n_effective != g.size:
-            sample = remove_noise(g, stderr)
+        if n_effective != sample.size:
             below = (sample < level_of(sample, threshold, relative_to)).astype(np.float64)
             # Rare outages decorrelate faster than the gain: their own correlation counts.
             trials = effective_samples(below) if 0.0 < below.mean() < 1.0 else n_effective
-        found.append(
-            outage(
-                g,
-                threshold,
-                stderr,
-                relative_to=relative_to,
-                n_effective=trials,
-                confidence=confidence,
-            )
-        )
-    return tuple(found)
+        yield outage(sample, threshold, n_effective=trials, **options)
 
 
 def _all_fits(
-    g: FloatArray,
-    stderr: FloatArray | None,
-    n_effective: float,
-    resamples: int,
-    seed: int,
+    sample: FloatArray, n_effective: float, resamples: int, seed: int
 ) -> tuple[tuple[DistributionFit, ...], tuple[GoodnessOfFit, ...], list[str]]:
-    sample = remove_noise(g, stderr)
     if not sample.all():
         return (), (), ["some gains are 0: no continuous law fitted"]
     if np.ptp(sample) <= 1e-12 * sample.max():
         return (), (), ["no variance above the Monte Carlo noise: no law fitted"]
     fits = (fit_lognormal(sample), fit_gamma_gamma(sample, n_effective=n_effective))
     notes = [f"{fit.model}: {fit.note}" for fit in fits if fit.note]
-    apart = sample[:: math.ceil(g.size / n_effective)]
+    apart = sample[:: math.ceil(sample.size / n_effective)]
     if resamples == 0:
         return fits, (), notes
     if apart.size < _FEWEST_TESTED:
@@ -263,7 +224,7 @@ def _noise_notes(g: FloatArray, variance: FloatArray, fades: bool, index: Estima
 
 
 def _series_notes(
-    g: FloatArray, independent: float, n_effective: float, series: _Series
+    g: FloatArray, independent: float, n_effective: float, series: dict[str, Any]
 ) -> list[str]:
     notes = []
     if n_effective < _FEWEST_EFFECTIVE:

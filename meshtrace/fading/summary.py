@@ -27,6 +27,7 @@ _ESTIMATES = (
     "level_crossing_rate",
     "mean_fade_duration",
 )
+_LIMITS = {"": "", "_low": ", lower confidence limit", "_high": ", upper confidence limit"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -161,9 +162,11 @@ class FadingStatistics(Stored):
         )
         for name, dims, values in self._variables():
             data[name] = (dims, values, fields.attrs(name))
-        for name, dims, estimates in self._estimates():
-            columns = np.reshape(estimates, (len(self.thresholds), 3) if dims else (3,))
-            for suffix, column in zip(("", "_low", "_high"), columns.T, strict=True):
+        for name in _ESTIMATES:
+            estimates = getattr(self, name)
+            dims = () if isinstance(estimates, Estimate) else ("threshold",)
+            columns = zip(_LIMITS, np.transpose(estimates), strict=True) if estimates else ()
+            for suffix, column in columns:
                 data[name + suffix] = (dims, column, _limit_attrs(name, suffix))
         return data
 
@@ -172,7 +175,7 @@ class FadingStatistics(Stored):
         def estimates(name: str) -> Any:
             if name not in data:
                 return None if name == "coherence_time" else ()
-            columns = np.stack([data[name + suffix] for suffix in ("", "_low", "_high")], axis=-1)
+            columns = np.stack([data[name + suffix] for suffix in _LIMITS], axis=-1)
             rows = tuple(Estimate(*row.tolist()) for row in np.atleast_2d(columns))
             return rows if data[name].dims else rows[0]
 
@@ -237,14 +240,6 @@ class FadingStatistics(Stored):
         yield "ks", ("model",), [tests.get(fit.model, none).ks for fit in self.fits]
         yield "ks_p_value", ("model",), [tests.get(fit.model, none).p_value for fit in self.fits]
 
-    def _estimates(
-        self,
-    ) -> Iterator[tuple[str, tuple[str, ...], Estimate | tuple[Estimate, ...]]]:
-        for name in _ESTIMATES:
-            estimates = getattr(self, name)
-            if estimates:
-                yield name, () if isinstance(estimates, Estimate) else ("threshold",), estimates
-
 
 def _text(estimate: Estimate) -> str:
     return f"{estimate.value:.4g} [{estimate.low:.4g}, {estimate.high:.4g}]"
@@ -252,6 +247,5 @@ def _text(estimate: Estimate) -> str:
 
 def _limit_attrs(name: str, suffix: str) -> dict[str, str]:
     attrs = fields.attrs(name)
-    if suffix:
-        attrs["long_name"] += f", {'lower' if suffix == '_low' else 'upper'} confidence limit"
+    attrs["long_name"] += _LIMITS[suffix]
     return attrs

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import chain
 from typing import Any
 
 from meshtrace.daylight.light import Daylight
@@ -21,8 +22,8 @@ _KEYS: dict[str, tuple[str, ...]] = {
     "night": _SUN,
     "none": (),
 }
-_OF_IRRADIANCE = ("model", *_SUN, "time", "latitude", "longitude", *_ATMOSPHERE, "transmittance",
-                  "phase_deg")  # fmt: skip
+_OF_IRRADIANCE = {"model", *chain.from_iterable(_KEYS.values())}
+_PATTERNS = {"uniform": "uniform", "night": "uniform", "overcast": "cie-1"}
 _MODELS = {"clear sky": "clear", "overcast sky": "overcast", "uniform sky": "uniform",
            "moonlight": "moon", "moonless night": "night"}  # fmt: skip
 
@@ -49,10 +50,8 @@ def read_daylight(value: Any, link: Link) -> Daylight | None:
 def _made(model: str, table: Table) -> Daylight:
     light = next(name for name, word in _MODELS.items() if word == model)
     table = {"light": light, **table}
-    if model in ("uniform", "night"):
-        table = {"pattern": "uniform", **table}
-    if model == "overcast":
-        table = {"pattern": "cie-1", **table}
+    if model in _PATTERNS:
+        table = {"pattern": _PATTERNS[model], **table}
     if "direct" in table or "diffuse" in table:
         for key in _KEYS[model]:
             if key in table and key not in _SUN:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.link import Led, Link, Physics, Receiver
 from meshtrace.mesh import SurfaceModel, WaveSum
@@ -114,7 +115,9 @@ def checks(quick: bool = False, progress: Callable[[str], None] | None = None) -
         found = gain(name, QUICK_CHAINS if quick else CHAINS)
         tolerance = row["unscattered_tol_rel"]
         yield exact(f"{name} unscattered", source, row["unscattered"], found.unscattered, tolerance)
-        status = source if _is_checked(row) else f"{source}, single code"
+        # a second estimator or program has confirmed the total
+        confirmed = any(key.startswith("total_independent") for key in row)
+        status = source if confirmed else f"{source}, single code"
         total = row["total"], found.total, found.stderr, row["total_stderr"]
         yield Check(f"{name} total", status, *total)
     for name, row in reference()["series_frozen_phases"].items():
@@ -137,30 +140,27 @@ def _series_checks(name: str, row: dict[str, Any]) -> Iterator[Check]:
     yield exact(f"{name} spread of total", "W2A-1", row["total_rel_std"], spread, _SPREAD)
 
 
-def _is_checked(row: dict[str, Any]) -> bool:
-    """Return whether a second estimator or program has confirmed a total."""
-    return any(key.startswith("total_independent") for key in row)
-
-
 def _wave_checks() -> Iterator[Check]:
     """Yield the comparison of the waves of the seas with the listed ones."""
-    for name, listed in (
-        ("jonswap5", reference()["jonswap5_components"]["rows"]),
-        ("jonswap13", None),
-    ):
-        sea = surface(name)
-        assert isinstance(sea, WaveSum)
-        waves = np.array(sea.components[:5]).T
-        if listed is None:
-            check = reference()["jonswap13_check"]
-            listed = np.array([check["first"], check["last"]])
-            variance = 0.5 * float(np.square(waves[:, 0]).sum())
-            expected = check["sum_amplitude_squared_half"]
-            yield exact(f"{name} waves, variance", "W2A-1", expected, variance, _LISTED)
-            waves = waves[[0, -1]]
-        phases = np.abs(waves[:, :4] - np.array(listed)[:, :4]).max()
-        phases = max(phases, np.abs(np.sin(0.5 * (waves[:, 4] - np.array(listed)[:, 4]))).max())
-        yield Check(f"{name} waves, largest difference", "W2A-1", 0.0, float(phases), 0.0, _LISTED)
+    yield _largest_difference("jonswap5", _waves(5), reference()["jonswap5_components"]["rows"])
+    waves, listed = _waves(13), reference()["jonswap13_check"]
+    variance = 0.5 * float(np.square(waves[:, 0]).sum())
+    expected = listed["sum_amplitude_squared_half"]
+    yield exact("jonswap13 waves, variance", "W2A-1", expected, variance, _LISTED)
+    yield _largest_difference("jonswap13", waves[[0, -1]], [listed["first"], listed["last"]])
+
+
+def _waves(wind_speed: int) -> NDArray[np.float64]:
+    """Return the first five properties of the waves of a random sea, the last one their phase."""
+    sea = surface(f"jonswap{wind_speed}")
+    assert isinstance(sea, WaveSum)
+    return np.array(sea.components[:5]).T
+
+
+def _largest_difference(name: str, waves: NDArray[np.float64], listed: list[list[float]]) -> Check:
+    difference = waves - np.array(listed)
+    largest = max(np.abs(difference[:, :4]).max(), np.abs(np.sin(0.5 * difference[:, 4])).max())
+    return Check(f"{name} waves, largest difference", "W2A-1", 0.0, float(largest), 0.0, _LISTED)
 
 
 def score(found: Iterable[Check]) -> int:

@@ -66,7 +66,7 @@ def test_block_runs_without_a_process(monkeypatch):
 
 
 def test_analog_run_and_single_core_start_no_process(monkeypatch):
-    monkeypatch.setattr(ahead, "_start", lambda toml: pytest.fail("started"))
+    monkeypatch.setattr(ahead.subprocess, "Popen", lambda *_, **__: pytest.fail("started"))
     with ahead.compiling_ahead(Scenario.from_toml('[run]\nestimator = "analog"\n')):
         pass
     monkeypatch.setattr(ahead, "default_threads", lambda: 1)
