@@ -39,7 +39,7 @@ _ALLOWED = (
 _HEIGHT = ("z", "eta", "elevation", "zeta")
 _METRES = {"m": 1.0, "metre": 1.0, "meter": 1.0, "cm": 0.01, "mm": 0.001, "millimetre": 0.001,
            "millimeter": 0.001, "centimetre": 0.01, "centimeter": 0.01}  # fmt: skip
-_SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "m": 1e-3, "millisecond": 1e-3, "min": 60.0,
+_SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "ms": 1e-3, "millisecond": 1e-3, "min": 60.0,
             "minute": 60.0, "h": 3600.0, "hour": 3600.0, "day": 86400.0}  # fmt: skip
 
 
@@ -310,7 +310,7 @@ def _height(data: xarray.Dataset, names: dict[str, str]) -> str:
 def _seconds(time: xarray.DataArray) -> Floats:
     """Return times [s]; dates count from the first one."""
     word, _, rest = str(time.attrs.get("units", "s")).lower().partition(" ")
-    unit = _SECONDS.get(word.removesuffix("s") or "s")
+    unit = _SECONDS.get(word) or _SECONDS.get(word.removesuffix("s"))
     if unit is None:
         raise unfit(f"time in {word!r}", ", ".join(_SECONDS))
     values = np.asarray(time.values, np.float64)

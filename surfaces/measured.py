@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from meshtrace.columns import read_columns
-from meshtrace.errors import Described, DomainWarning, Refused, did_you_mean
+from meshtrace.errors import Described, DomainWarning, Refused, did_you_mean, reason_of
 from meshtrace.stored import read_dataset
 
 from .measured_sea import MeasuredSea
@@ -149,7 +149,12 @@ def _read(
     source: Any, reader: str | None, time: Any, site: Any, x_axis_deg: float
 ) -> tuple[_Table, str | None]:
     if reader is not None:
-        dataset = _reader(reader)(source)
+        read = _reader(reader)
+        try:
+            dataset = read(source)
+        except Exception as error:  # the readers raise any exception
+            found = Described(reason_of(error))
+            raise Refused(str(source), found, f"a file that read_{reader} reads") from error
     elif isinstance(source, str | PathLike):
         is_text = str(source).lower().endswith((".csv", ".txt"))
         dataset = _text_table(source) if is_text else read_dataset(source)
@@ -175,9 +180,9 @@ def _read(
     freq, direction = (np.asarray(efth[name], dtype=np.float64) for name in ("freq", "dir"))
     variance = efth.values * np.gradient(freq)[:, None] * _direction_width(direction)
     if not (np.isfinite(freq) & (freq > 0.0)).all():
-        raise Refused("freq", "not positive", "finite numbers > 0 [Hz]")
+        raise Refused("freq", Described("not positive"), "finite numbers > 0 [Hz]")
     if not (np.isfinite(variance) & (variance >= 0.0)).all():
-        raise Refused("efth", "negative or not finite", "finite variance densities >= 0")
+        raise Refused("efth", Described("negative or not finite"), "finite variance densities >= 0")
     theta = np.radians(180.0 + x_axis_deg - direction)
     return _Table(freq, theta, variance), ", ".join(record) or None
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import PrivateAttr
 
-from meshtrace.errors import Described, Refused, reason_of
+from meshtrace.errors import Described, Refused, reason_of, require_whole
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Model
 
@@ -135,7 +135,19 @@ class MeshSequence(Model, frozen=True):
         return len(self._frames)
 
     def frame(self, i: int) -> TriangleMesh:
-        """Return frame i, from memory or its file."""
+        """Return frame i, from memory or its file.
+
+        Parameters
+        ----------
+        i : int
+            Number of the frame, 0 <= i < len(self).
+
+        Raises
+        ------
+        Refused
+            If there is no such frame, or its file is damaged.
+        """
+        require_whole(i, 0, len(self) - 1, "i")
         with self._lock:
             if i not in self._kept:
                 self._kept[i] = self._read(i)

@@ -202,6 +202,8 @@ def test_reader_of_a_swan_file(tmp_path):
     assert components_hs(sea.components) == pytest.approx(expected, rel=1e-6)
     with pytest.raises(ValueError, match=r"reader: 'swam', .*did you mean swan"):
         from_wavespectra(path, reader="swam")
+    with pytest.raises(ValueError, match=r"missing.spec: .*, allowed: a file that read_swan reads"):
+        from_wavespectra(tmp_path / "missing.spec", reader="swan")
 
 
 def test_reader_needs_wavespectra(monkeypatch):

@@ -442,3 +442,19 @@ def test_names_without_numbers_ask_for_times(tmp_path, meshes):
         meshes[0].to_trimesh().export(tmp_path / f"{name}.ply")
     with pytest.raises(Refused, match=r"times: None, allowed: times \[s\] or frame_rate"):
         MeshSequence(tmp_path)
+
+
+@pytest.mark.parametrize("write", [write_trimesh("ply"), write_xdmf_series, write_netcdf])
+@pytest.mark.parametrize("i", [-1, 3, 0.5])
+def test_refuses_frames_that_do_not_exist(tmp_path, meshes, write, i):
+    sea = MeshSequence(**{"times": TIMES, **write(tmp_path, meshes)})
+    with pytest.raises(Refused, match=rf"^i: {i}, allowed: an integer 0 <= i <= 2$"):
+        sea.frame(i)
+
+
+def test_minutes_written_as_m_are_no_milliseconds(tmp_path, meshes):
+    z = heights(meshes).transpose(0, 2, 1)
+    coords = {"time": ("time", list(TIMES), {"units": "m"}), "x": AXIS, "y": AXIS}
+    xr.Dataset({"eta": (("time", "y", "x"), z)}, coords).to_netcdf(tmp_path / "sea.nc")
+    with pytest.raises(Refused, match=r"time in 'm', allowed: s, sec, second, ms, .*, min,"):
+        MeshSequence(tmp_path / "sea.nc", scale=1.0)
