@@ -37,6 +37,11 @@ def hard_information(ber: ArrayLike) -> Floats:
     ber : array_like
         Bit error rate, 0 <= ber <= 1, any shape.
 
+    Raises
+    ------
+    Refused
+        If a rate is not within its range.
+
     Examples
     --------
     >>> round(float(hard_information(1e-3)), 6)
@@ -44,7 +49,7 @@ def hard_information(ber: ArrayLike) -> Floats:
     """
     from scipy.special import entr
 
-    p = non_negative("ber", ber)
+    p = non_negative("ber", ber, 1.0)
     return 1.0 - (entr(p) + entr(1.0 - p)) / math.log(2.0)
 
 

@@ -19,19 +19,7 @@ class ReceiverModel(Family, default="W"):
     in plain data by its import path "module:Mine", or by the name that a field such as
     ``kind: Literal["mine"] = "mine"`` gives it. Its methods get the `OokLink` whose model it is.
 
-    Examples
-    --------
-    >>> from meshtrace.comms.ook import OokLink
-    >>> class MiddleThreshold(ReceiverModel):
-    ...     kind: Literal["middle"] = "middle"
-    ...
-    ...     def decide(self, link, power):
-    ...         from scipy.special import ndtr
-    ...         zero, one = link.levels(power)
-    ...         noise = np.sqrt(one * link.bit_rate)
-    ...         return Decision(ndtr(-0.5 * (one - zero) / noise), 0.5 * (zero + one))
-    >>> f"{float(OokLink(model='middle').ber(1e-10)):.1e}"
-    '1.7e-07'
+    docs/guides/own_receiver_model.md is an example.
     """
 
     has_pulses: ClassVar[bool] = False

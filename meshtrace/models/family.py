@@ -36,7 +36,7 @@ class Family(Model, frozen=True):
     ...     kind: Literal["ball"] = "ball"
     ...     radius: float = 1.0
     >>> Lens.read({"kind": "ball", "radius": 2.0}), Lens.read("ball").radius
-    (Ball(kind='ball', radius=2.0), 1.0)
+    (Ball(radius=2.0), 1.0)
     """
 
     if TYPE_CHECKING:

@@ -111,7 +111,7 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
         --------
         >>> from meshtrace.link import Receiver
         >>> Receiver.notes()["radius"]
-        'Aperture radius [m]'
+        'Radius of the aperture [m], > 0'
         """
         found: dict[str, str] = {}
         for parent in reversed(cls.__mro__):

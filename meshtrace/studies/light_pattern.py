@@ -81,7 +81,7 @@ def light_pattern(
     >>> from meshtrace.surfaces import FlatSea
     >>> pattern = mt.light_pattern(mt.Link(), FlatSea(), extent=0.1, step=0.02)
     >>> float(pattern.gain.mean().round(7))
-    4.77e-05
+    4.51e-05
     """
     require_between(time, -math.inf, math.inf, "time")
     case = resolve(link, surface)

@@ -77,7 +77,7 @@ def background(
     >>> from meshtrace.surfaces import FlatSea
     >>> found = background(Link(), FlatSea(), Daylight(direct=1.42, diffuse=0.295))
     >>> f"{found.parts['sky']:.2e}"
-    '2.04e-03'
+    '2.08e-03'
     """
     day = getattr(link, "daylight", None) if day is None else day
     require_kind(day, Daylight | None, "day")

@@ -144,7 +144,7 @@ def sensitivities(
     >>> from meshtrace.surfaces import FlatSea
     >>> s = mt.sensitivities(mt.Link(), FlatSea(), wrt=["water.a", "water.b"], photons=1024)
     >>> [round(row.elasticity, 2) for row in s.table]
-    [-1.14, -0.09]
+    [-1.14, -0.08]
     """
     given = {"photons": photons, "seed": seed, "threads": threads, **options}
     case = _case(link, sea, {k: v for k, v in given.items() if v is not None})

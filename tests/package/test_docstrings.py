@@ -1,0 +1,36 @@
+"""Examples in docstrings run, and print the digits that they state."""
+
+import doctest
+import importlib
+from pathlib import Path
+
+import pytest
+
+import meshtrace
+
+ROOMS = (meshtrace, meshtrace.surfaces, meshtrace.viz)
+MODULES = sorted(
+    {
+        ".".join([room.__name__, *file.relative_to(folder).with_suffix("").parts])
+        for room in ROOMS
+        for folder in [Path(room.__file__).parent]
+        for file in folder.rglob("*.py")
+        if not file.name.startswith("__")
+    }
+)
+SLOW = {
+    "meshtrace.explorer.layout",
+    "meshtrace.optics.mie",
+    "meshtrace.studies.convergence.drivers",
+    "meshtrace.studies.duplex",
+    "meshtrace.studies.sensitivity.study",
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.thorough] * (name in SLOW)) for name in MODULES],
+)
+def test_examples_of_a_module(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert doctest.testmod(importlib.import_module(name)).failed == 0
