@@ -94,6 +94,19 @@ def axes(ax: Axes | None) -> Axes:
         return plt.subplots()[1]
 
 
+def finished(ax: Axes, *, legend: bool = True, no_grid: str = "", **settings: Any) -> Axes:
+    """Return axes with labels, scales and limits, and with a legend if there are names.
+
+    `no_grid` is the axis, "x" or "y", without grid lines, as that of names and counts.
+    """
+    ax.set(**settings)
+    if legend and ax.get_legend_handles_labels()[1]:
+        ax.legend()
+    if no_grid:
+        ax.grid(axis=no_grid, visible=False)
+    return ax
+
+
 def note(ax: Axes, text: str) -> None:
     """Write a short explanation above the right end of axes."""
     ax.annotate(text, (1.0, 1.01), xycoords="axes fraction", ha="right", va="bottom", fontsize=8)
