@@ -7,7 +7,7 @@ from .light import add_coverage as add_coverage
 from .light import add_footprint as add_footprint
 from .light import add_paths as add_paths
 from .light import select_paths as select_paths
-from .light_pattern import save_light as save_light
+from .movie import save_light as save_light
 from .movie import save_movie as save_movie
 from .parts import add_bubbles as add_bubbles
 from .parts import add_receiver as add_receiver
