@@ -60,7 +60,7 @@ def make_figures(
     profiles. A figure whose record has the same key and whose files are all present is kept, so
     that an interrupted run resumes.
     """
-    from meshtrace.paper.profile_files import profiles_of
+    from meshtrace.paper.profiles import profiles_of
 
     setting, folder = setting or Setting(), Path(folder)
     report = on_figure or (lambda name, record: None)
