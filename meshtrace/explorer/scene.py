@@ -140,10 +140,8 @@ class LiveScene:
 
     def show_rays(self, paths: PhotonPaths | None) -> None:
         """Show paths of received light, or none."""
-        direct, scattered, crossings = _rays(paths, self.stage)
-        self._set("unscattered", direct)
-        self._set("scattered", scattered)
-        self._set("crossings", crossings)
+        for name, part in _rays(paths, self.stage).items():
+            self._set(name, part)
 
     def show_map(self, coverage: CoverageMap | None, height: float) -> None:
         """Show a map at a height [m], or none."""
@@ -338,21 +336,21 @@ def _cone(
     return [parts.fan(np.array(apex, np.float32), rim.astype(np.float32))]
 
 
-def _rays(
-    paths: PhotonPaths | None, stage: Stage
-) -> tuple[pv.PolyData | None, pv.PolyData | None, pv.PolyData | None]:
+def _rays(paths: PhotonPaths | None, stage: Stage) -> dict[str, pv.PolyData | None]:
     """Return tubes along unscattered and along scattered paths, and dots at the crossings."""
+    found: dict[str, pv.PolyData | None] = dict.fromkeys(("unscattered", "scattered", "crossings"))
     if paths is None or not len(paths.what):
-        return None, None, None
-    groups = []
-    for chosen in (paths.length <= 3, paths.length > 3):
+        return found
+    direct = paths.length <= 3
+    for name, chosen in (("unscattered", direct), ("scattered", ~direct)):
         points, cells = select_paths(paths, chosen).polylines()
-        lines = pv.PolyData(points.astype(np.float32), lines=cells) if len(points) else None
-        groups.append(lines and lines.tube(radius=0.0013 * stage.size, n_sides=6).triangulate())
+        if len(points):
+            lines = pv.PolyData(points.astype(np.float32), lines=cells)
+            found[name] = lines.tube(radius=0.0013 * stage.size, n_sides=6).triangulate()
     crossing = paths.vertex[np.arange(len(paths.what)), np.maximum(paths.length - 2, 0)]
     ball = pv.Sphere(radius=0.0035 * stage.size, theta_resolution=6, phi_resolution=6)
-    dots = pv.PolyData(crossing).glyph(geom=ball, scale=False, orient=False)
-    return groups[0], groups[1], dots
+    found["crossings"] = pv.PolyData(crossing).glyph(geom=ball, scale=False, orient=False)
+    return found
 
 
 def _plane(coverage: CoverageMap, height: float) -> pv.PolyData:
