@@ -8,15 +8,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused, require_array
 from meshtrace.fields import FIELDS
+from meshtrace.models import Floats
 
 from .checks import checked
 from .style import INK, axes, finished, label_of, note
-
-Floats = NDArray[np.float64]
 
 BER_SHOWN = (1e-9, 1.0)
 """Limits of the axis of error rates."""

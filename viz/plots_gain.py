@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from meshtrace import fading
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
+from meshtrace.models import Floats
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
 from meshtrace.results.series import GainSeries
@@ -21,8 +21,6 @@ from meshtrace.uav import Route
 from .checks import checked
 from .plots_curves import plot_curves
 from .style import INK, LED_COLOR, PALETTE, axes, axis_label, draw_map, finished, note
-
-Floats = NDArray[np.float64]
 
 _SHOWN = 1e-6  # of the largest bar, down to which bars are drawn
 _FITS = {"lognormal": fading.fit_lognormal, "gamma-gamma": fading.fit_gamma_gamma}

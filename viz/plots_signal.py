@@ -9,17 +9,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
-from numpy.typing import NDArray
 
 from meshtrace.comms.pulses import Eye
 from meshtrace.errors import Described, Refused
+from meshtrace.models import Floats
 from meshtrace.results.background import Background, BackgroundSeries
 from meshtrace.results.impulse import ImpulseResponse
 
 from .checks import checked
 from .style import INK, PALETTE, axes, axis_label, finished, note
-
-Floats = NDArray[np.float64]
 
 LARGEST_ERROR = 0.4
 """Relative standard error of an impulse response, beyond which a bin is not drawn."""

@@ -209,5 +209,9 @@ _TO_RGB = np.array(
 
 def _srgb(lab: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return OKLab colours (n, 3) as sRGB, cut to 0..1."""
-    linear = np.clip((lab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0.0, 1.0)
+    return to_srgb(np.clip((lab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0.0, 1.0))
+
+
+def to_srgb(linear: Any) -> Any:
+    """Return linear light, 0..1, as sRGB."""
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)

@@ -146,12 +146,9 @@ class Page:
     def _moved(self, **_: Any) -> None:
         """Send the controls that differ from the state."""
         page, now = self.server.state, self.session.state.settings
-        moved = {key: page[key] for key, value in now.items() if page[key] != value}
+        shown = {key: _number(page[key]) if key in BY_NAME else page[key] for key in now}
         try:
-            values = {
-                key: _number(value) if key in BY_NAME else value for key, value in moved.items()
-            }
-            moves = {key: v for key, v in values.items() if v != now[key]}
+            moves = {key: value for key, value in shown.items() if value != now[key]}
             self.session.move(moves, answer=False)  # the scene is first: it is ready sooner
         except Refused as error:
             page.refused = str(error)

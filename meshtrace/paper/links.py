@@ -5,19 +5,17 @@ from __future__ import annotations
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.kernels.random import realization_seed
+from meshtrace.models import Floats
 from meshtrace.paper.registry import Number, Setting
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces.bands import paper_band
 from meshtrace.uav.airframe import UAVS
 
 Form = Literal["physical", "paper"]
-Floats = NDArray[np.float64]
-
 WINDS = (0.0, 5.0, 13.0)
 ROUGH = WINDS[1:]
 UAV = UAVS["dji-m300-rtk"]

@@ -8,18 +8,16 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 import meshtrace as mt
 from meshtrace.fields import attrs
+from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.paper.canvas import WIND_COLORS, dataset, panels, wind_name
 from meshtrace.paper.links import ROUGH
 from meshtrace.paper.registry import FigureOutput, Setting, row
 from meshtrace.viz import plot_bubble_profile, plot_phase_cdf
 from meshtrace.viz.style import INK, PALETTE
-
-Floats = NDArray[np.float64]
 
 NODES = 500
 """Even grid of angles from 0 to 180 degrees on which the distances of two CDFs are taken."""

@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused, one_line, require_array, require_kind, require_real
+from meshtrace.models import Floats
 from meshtrace.optics.water import quan_fry
 from meshtrace.paper.registry import Setting
 from meshtrace.stored import read_dataset
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Floats = NDArray[np.float64]
 
 STEEPEST = math.radians(80.0)
 """Largest angle from the vertical that `ray_deflection` follows."""
