@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
@@ -12,14 +13,14 @@ from matplotlib.colors import to_rgb
 from scipy.spatial.transform import Rotation
 
 from meshtrace.errors import Refused
-from meshtrace.link import CardioidalSky, Link, Sun, UniformSky
+from meshtrace.link import CardioidalSky, Link, Receiver, Sun, UniformSky
 from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.bubbles import HallNovarini
 
 from .checks import checked
 from .export import surface_sampler, to_pyvista
-from .stage import Scene, Z, add_labels, round_range
+from .stage import Scene, Stage, Z, add_labels, round_range
 from .style import LED_COLOR, PALETTE, RECEIVER_COLOR, UAV_COLOR, plain_label, water_map
 from .water import SeaLight, ShadedSea
 
@@ -277,17 +278,21 @@ def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool =
         _add_cone(scene, mesh, receiver.center, (-x, -y, -z), half, RECEIVER_COLOR)
         if not stage.contains(receiver.center):
             continue
-        radius = max(receiver.radius, 0.016 * stage.size)
-        disk = pv.Cylinder(
-            center=receiver.center, direction=receiver.axis, radius=radius, height=0.15 * radius
-        )
+        disk, scale = receiver_disk(receiver, stage)
         scene.add_mesh(disk, color=RECEIVER_COLOR, ambient=0.4)
-        scale = radius / receiver.radius
         drawn = "" if scale == 1.0 else f" (drawn {scale:.2g}x)"
         text = f"receiver, radius {receiver.radius:g} m{drawn}\nfield of view {receiver.fov_deg:g}°"
         if labels:
             _label(scene, receiver.center, 0.075, text)
     return scene
+
+
+def receiver_disk(receiver: Any, stage: Stage) -> tuple[pv.PolyData, float]:
+    """Return the disk of a receiver, and the factor by which it is enlarged to be seen."""
+    radius = max(receiver.radius, 0.016 * stage.size)
+    size: Any = {"radius": radius, "height": 0.15 * radius}
+    disk = pv.Cylinder(center=receiver.center, direction=receiver.axis, **size)
+    return disk, radius / receiver.radius
 
 
 def _label(scene: Scene, place: Vector, shift: float, text: str) -> None:
@@ -307,14 +312,27 @@ def _add_cone(
     x0, x1, y0, y1, *_ = stage.bounds
     if not ((rim[:, :2] >= (x0, y0)) & (rim[:, :2] <= (x1, y1))).all():
         return
-    n = len(rim) - 1
-    fan = np.column_stack([np.full(n, 3), np.zeros(n), np.arange(n) + 1, np.arange(n) + 2])
-    cone = pv.PolyData(np.vstack([apex, rim]), faces=fan.astype(int).ravel())
+    cone = fan(apex, rim)
     ring = pv.lines_from_points(rim + 2e-3 * stage.size * Z).tube(radius=0.0014 * stage.size)
     for part, opacity in ((cone, 0.16), (ring, 1.0)):
         shown = part.clip_box(stage.bounds, invert=False)
         if shown.n_cells:
             scene.add_mesh(shown, color=color, opacity=opacity, lighting=False)
+
+
+def fan(apex: Vector, rim: np.ndarray) -> pv.PolyData:
+    """Return the triangles between an apex and the sides of a closed line (n, 3) [m]."""
+    row = np.arange(len(rim) - 1)
+    faces = np.column_stack([np.full_like(row, 3), np.zeros_like(row), row + 1, row + 2])
+    return pv.PolyData(np.vstack([apex, rim]), faces=faces.ravel())
+
+
+def cone_rays(axis: Vector, half_deg: float, n: int) -> np.ndarray:
+    """Return unit vectors (n, 3) along the sides of a cone, the last one as the first."""
+    azimuth = np.linspace(0.0, 2.0 * math.pi, n)
+    half = math.radians(half_deg)
+    around = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1) * math.sin(half)
+    return np.column_stack([around, np.full(n, math.cos(half))]) @ rotation_from_z(axis).T
 
 
 def cone_rim(
@@ -324,10 +342,7 @@ def cone_rim(
 
     Rays without a crossing within `longest` [m] end there.
     """
-    azimuth = np.linspace(0.0, 2.0 * math.pi, 97)
-    half = math.radians(half_deg)
-    around = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1) * math.sin(half)
-    rays = np.column_stack([around, np.full(97, math.cos(half))]) @ rotation_from_z(axis).T
+    rays = cone_rays(axis, half_deg, 97)
     elevation, towards = surface_sampler(mesh), -math.copysign(1.0, apex[2])
     climb = np.maximum(towards * rays[:, 2], 1e-3)
     rim, z = np.empty_like(rays), np.zeros(97)
@@ -341,23 +356,29 @@ def cone_rim(
 @checked
 def add_uav(scene: Scene, link: Link) -> Scene:
     """Draw a quadcopter above every receiver or lamp in the air, tilted as they are."""
-    carried = [(r.center, r.axis) for r in link.receivers if r.kind == "receiver"]
-    for lamp in link.transmitters:
-        if isinstance(lamp, AirLamp):
-            x, y, z = lamp.axis
-            carried.append((lamp.center, (-x, -y, -z)))
-    for center, up in carried:
+    for center, up in carried(link):
         if scene.stage.contains(center):
-            glyph = quadcopter(0.05 * scene.stage.size)
-            glyph.points = glyph.points @ rotation_from_z(up).T + np.array(center)
+            glyph = quadcopter(0.05 * scene.stage.size, center, up)
             scene.add_mesh(glyph, color=UAV_COLOR, ambient=0.35, specular=0.3)
     return scene
 
 
-def quadcopter(arm: float) -> pv.PolyData:
-    """Return an aircraft with arms of a length [m], its receiver at the origin."""
+def carried(link: Link) -> Iterator[tuple[Vector, Vector]]:
+    """Yield place and upward axis of each aircraft, which carries a receiver or a lamp."""
+    for receiver in link.receivers:
+        if isinstance(receiver, Receiver):
+            yield receiver.center, receiver.axis
+    for lamp in link.transmitters:
+        if isinstance(lamp, AirLamp):
+            x, y, z = lamp.axis
+            yield lamp.center, (-x, -y, -z)
+
+
+def quadcopter(arm: float, center: Vector, up: Vector) -> pv.PolyData:
+    """Return an aircraft with arms of a length [m], whose payload is at a place."""
     glyph = _unit_quadcopter().copy()
     glyph.points *= arm
+    glyph.points = glyph.points @ rotation_from_z(up).T + np.array(center)
     return glyph
 
 

@@ -8,15 +8,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused, require_array
 from meshtrace.fields import FIELDS
+from meshtrace.models import Floats
 
 from .checks import checked
-from .style import INK, axes, label_of, note
-
-Floats = NDArray[np.float64]
+from .style import INK, axes, finished, label_of, note
 
 BER_SHOWN = (1e-9, 1.0)
 """Limits of the axis of error rates."""
@@ -70,9 +68,7 @@ def plot_curves(
             ax.fill_between(x, low, high, color=line.get_color(), alpha=0.25, lw=0)
     if f"{quantity}_low" not in data and f"{quantity}_stderr" in data:
         note(ax, "band: ± 2 standard errors")
-    _legend(ax)
-    ax.set(xlabel=label, ylabel=label_of(quantity))
-    return ax
+    return finished(ax, xlabel=label, ylabel=label_of(quantity))
 
 
 @checked
@@ -102,27 +98,24 @@ def plot_bubble_profile(
     ax = axes(ax)
     for name, values, _, _ in _curves(data, quantity):
         ax.plot(values, z, label=name)
-    _legend(ax)
-    ax.set(xscale="log", xlabel=label_of(quantity), ylabel=label, ylim=(z.max(), z.min()))
-    return ax
+    limits = (z.max(), z.min())
+    return finished(ax, xscale="log", xlabel=label_of(quantity), ylabel=label, ylim=limits)
 
 
 @checked
 def plot_spectrum(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot wave frequency spectra `spectrum` over `omega` [rad s-1]; see `plot_curves`."""
-    ax = plot_curves(data, "spectrum", ax=ax)
-    ax.set_ylim(bottom=0.0)
-    return ax
+    return finished(plot_curves(data, "spectrum", ax=ax), ylim=(0.0, None))
 
 
 @checked
 def plot_spreading(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot directional spreadings `spreading` over `theta` [rad] off the wind."""
     ax = plot_curves(data, "spreading", ax=ax)
-    ax.set(xlabel=r"direction off the wind $\theta$ [°]")
-    ax.set(ylabel=r"directional spreading $D(\theta)$ [rad$^{-1}$]")
-    ax.set_ylim(bottom=0.0)
-    return ax
+    label = r"directional spreading $D(\theta)$ [rad$^{-1}$]"
+    return finished(
+        ax, xlabel=r"direction off the wind $\theta$ [°]", ylabel=label, ylim=(0.0, None)
+    )
 
 
 @checked
@@ -149,8 +142,7 @@ def plot_sweep(
         If there are more than two parameters of several values.
     """
     ax = plot_curves(_over_parameters(data, quantity), quantity, style="o-", ax=ax)
-    ax.set_yscale("log" if log else "linear")
-    return ax
+    return finished(ax, yscale="log" if log else "linear")
 
 
 def _over_parameters(data: xr.Dataset, quantity: str) -> xr.Dataset:
@@ -180,8 +172,7 @@ def plot_ber(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """
     ax = plot_curves(positive(data, "ber"), "ber", ax=ax)
     ax.axhline(1e-3, color=INK, lw=0.8, ls="--")
-    ax.set(yscale="log", ylim=BER_SHOWN)
-    return ax
+    return finished(ax, yscale="log", ylim=BER_SHOWN)
 
 
 def positive(data: xr.Dataset, quantity: str) -> xr.Dataset:
@@ -229,8 +220,3 @@ def _variable(data: xr.Dataset, name: str, dims: tuple[Hashable, ...] = ()) -> x
     if found.dtype.kind not in "biuf" or not found.size:
         raise Refused(name, Described(f"{found.size} values of {found.dtype}"), "numbers")
     return found
-
-
-def _legend(ax: Axes) -> None:
-    if ax.get_legend_handles_labels()[1]:
-        ax.legend()

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from meshtrace import fading
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
+from meshtrace.models import Floats
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
 from meshtrace.results.series import GainSeries
@@ -20,11 +20,42 @@ from meshtrace.uav import Route
 
 from .checks import checked
 from .plots_curves import plot_curves
-from .style import INK, LED_COLOR, PALETTE, axes, axis_label, draw_map, note
+from .style import INK, LED_COLOR, PALETTE, axes, axis_label, draw_map, finished, note
 
-Floats = NDArray[np.float64]
-
+_SHOWN = 1e-6  # of the largest bar, down to which bars are drawn
 _FITS = {"lognormal": fading.fit_lognormal, "gamma-gamma": fading.fit_gamma_gamma}
+
+
+@checked
+def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
+    """Plot the fates of analog light, or the gain of forced detection by order of scattering.
+
+    Parameters
+    ----------
+    result : GainResult
+        Gain of one link.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    if result.gain_order is None:
+        return plot_fates(result, ax=ax)
+    ax = axes(ax)
+    ballistic = np.atleast_1d(0.0 if result.gain_ballistic is None else result.gain_ballistic)
+    width = 0.8 / len(ballistic)
+    for i, (direct, orders) in enumerate(zip(ballistic, result.gain_order, strict=True)):
+        gains = np.array([direct, *orders])
+        place = np.arange(len(gains)) + (i - 0.5 * (len(ballistic) - 1)) * width
+        ax.bar(place[gains > 0.0], gains[gains > 0.0], width, label=f"receiver {i}")
+    ax.xaxis.get_major_locator().set_params(integer=True)
+    ax.set(yscale="log", xlabel="number of scatterings", ylabel=axis_label("gain"))
+    most = float(max(ballistic.max(), result.gain_order.max()))
+    if most > 0.0:
+        ax.set_ylim(_SHOWN * most, 2.0 * most)
+    return finished(ax, legend=len(ballistic) > 1, no_grid="x")
 
 
 @checked
@@ -56,10 +87,9 @@ def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
     ax.bar_label(bars, [f"{v:.2g}" for v in shares.values()], padding=3, fontsize=9)
     decades = 10.0 ** np.arange(np.floor(np.log10(min(shares.values()))), 1.0)
     ax.set(xscale="log", xlabel="share of the emitted light", xticks=decades)
-    ax.set_xlim(decades[0], 10.0)  # room for the numbers beside the bars
     ax.invert_yaxis()
-    ax.grid(axis="y", visible=False)
-    return ax
+    # room for the numbers beside the bars
+    return finished(ax, legend=False, no_grid="y", xlim=(decades[0], 10.0))
 
 
 @checked
@@ -117,9 +147,7 @@ def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     link = Link.model_validate(origin["link"])
     places = np.transpose([source.position for source in link.transmitters])
     ax.plot(*places, "*", color=LED_COLOR, mec=INK, ms=12, label="source")
-    ax.set(aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
-    ax.legend()
-    return ax
+    return finished(ax, aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
 
 
 @checked
@@ -162,11 +190,8 @@ def plot_gain_pdf(
     x = x[x > 0.0]
     for name, fit in laws.items():
         ax.plot(x, fit.law.pdf(x), label=f"{name}, index {fit.scintillation_index:.3g}")
-    if laws:
-        ax.legend()
     note(ax, f"n = {np.size(gain[0])}, bars: ± 1 standard error")
-    ax.set(xlabel=axis_label("gain"), ylabel=axis_label("gain_pdf"))
-    return ax
+    return finished(ax, xlabel=axis_label("gain"), ylabel=axis_label("gain_pdf"))
 
 
 @checked
@@ -203,11 +228,9 @@ def plot_gain_cdf(
     x = np.linspace(found.gain[0], found.gain[-1], 400)
     for dashes, (name, fit) in zip(("-", "--"), laws.items(), strict=False):
         ax.plot(x, fit.law.cdf(x), dashes, label=name)
-    ax.legend()
     note(ax, f"n = {len(found.gain)}, band: 95 %")
     ax.set(yscale="log", xlabel=axis_label("gain"), ylabel=axis_label("gain_cdf"))
-    ax.set_ylim(0.5 / len(found.gain), 1.3)
-    return ax
+    return finished(ax, ylim=(0.5 / len(found.gain), 1.3))
 
 
 def _fitted(
@@ -267,9 +290,7 @@ def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None
         ax.axvspan(tau.low, tau.high, color=shade, alpha=0.15, lw=0)
         ax.axvline(tau.value, color=shade, label=label)
         note(ax, f"samples every {step:.3g} s, band: interval of the coherence time")
-        ax.legend()
-    ax.set(xlabel=axis_label("lag"), ylabel=axis_label("autocorrelation"))
-    return ax
+    return finished(ax, xlabel=axis_label("lag"), ylabel=axis_label("autocorrelation"))
 
 
 @checked

@@ -1,4 +1,4 @@
-"""Plots of signals: impulse responses and eye diagrams."""
+"""Plots of signals: impulse responses, background light and eye diagrams."""
 
 from __future__ import annotations
 
@@ -9,16 +9,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
-from numpy.typing import NDArray
 
 from meshtrace.comms.pulses import Eye
 from meshtrace.errors import Described, Refused
+from meshtrace.models import Floats
+from meshtrace.results.background import Background, BackgroundSeries
 from meshtrace.results.impulse import ImpulseResponse
 
 from .checks import checked
-from .style import PALETTE, axes, axis_label, note
-
-Floats = NDArray[np.float64]
+from .style import INK, PALETTE, axes, axis_label, finished, note
 
 LARGEST_ERROR = 0.4
 """Relative standard error of an impulse response, beyond which a bin is not drawn."""
@@ -74,9 +73,36 @@ def plot_impulse_response(
         raise Refused("responses", Described("single photons alone"), "responses with more light")
     note(ax, "band: ± 2 standard errors")
     ax.set(yscale="log", xlim=(0.0, last), ylim=(floor, 2.0 * top))
-    ax.set(xlabel=r"delay after the first light $\tau$ [ns]", ylabel=axis_label("impulse_response"))
-    ax.legend()
-    return ax
+    delay = r"delay after the first light $\tau$ [ns]"
+    return finished(ax, xlabel=delay, ylabel=axis_label("impulse_response"))
+
+
+@checked
+def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = None) -> Axes:
+    """Plot the background radiance by its parts, as bars or over time.
+
+    Parameters
+    ----------
+    result : Background or BackgroundSeries
+        Of `background` or `background_series`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax, label = axes(ax), axis_label("background_radiance")
+    if isinstance(result, BackgroundSeries):
+        for name, radiance in result.parts.items():
+            if radiance.any():
+                ax.plot(result.time, radiance, label=name)
+        return finished(ax, xlabel=axis_label("time"), ylabel=label, ylim=(0.0, None))
+    names = [name for name, radiance in result.parts.items() if radiance > 0.0]
+    radiance = [result.parts[name] for name in names]
+    errors = [2.0 * result.parts_stderr[name] for name in names]
+    ax.bar(names, radiance, yerr=errors, color=PALETTE["sky"], ecolor=INK, capsize=3)
+    return finished(ax, legend=False, no_grid="x", ylabel=label, title=result.light)
 
 
 @checked
@@ -108,10 +134,10 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
         ax.plot([], [], color=PALETTE[shade], label=name)
     ax.margins(y=0.12)
     ax.legend(loc="upper left", ncols=2)
-    ax.set(xlabel="time [ns], two bits", ylabel="signal over its swing")
     note(ax, "band: ± 1 standard deviation")
-    ax.set_title(f"opening {eye.opening:.2f}, Q = {eye.q_factor:.2f}")
-    return ax
+    title = f"opening {eye.opening:.2f}, Q = {eye.q_factor:.2f}"
+    labels = {"xlabel": "time [ns], two bits", "ylabel": "signal over its swing"}
+    return finished(ax, legend=False, title=title, **labels)
 
 
 def _band(x: Floats, low: Floats, high: Floats, color: str) -> PathPatch:

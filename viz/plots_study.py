@@ -1,6 +1,8 @@
-"""Plots of studies: convergence with the mesh, and the performance of a link."""
+"""Plots of studies: comparisons, convergence, performance, sensitivities, optima, inferences."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,18 +10,77 @@ from matplotlib.ticker import LogLocator
 
 from meshtrace.comms.background import name_of_light
 from meshtrace.errors import Refused
+from meshtrace.studies.comparison import Comparison
+from meshtrace.studies.convergence.fading import FadingConvergence
 from meshtrace.studies.convergence.study import ConvergenceStudy
-from meshtrace.studies.performance.tables import LinkPerformance
+from meshtrace.studies.duplex import Duplex
+from meshtrace.studies.inference.result import Inference
+from meshtrace.studies.optimisation.result import Optimum
+from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
+from meshtrace.studies.sensitivity.result import Sensitivities
+from meshtrace.studies.sensitivity.swings import swings
 
 from .checks import checked
 from .plots_curves import BER_SHOWN, plot_curves, positive
-from .style import INK, axes, note
+from .style import INK, PALETTE, axes, axis_label, finished, note
 
 _STEPS = {
     "spacing": "mesh spacing [m]",
     "time_step": "time step [s]",
     "omega_max": "band limit [rad s$^{-1}$]",
 }
+
+
+@checked
+def plot_comparison(result: Comparison, *, ax: Axes | None = None) -> Axes:
+    """Plot the gains of links over that of the first one [dB], with two standard errors.
+
+    Parameters
+    ----------
+    result : Comparison
+        Of `compare`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = axes(ax)
+    place = np.arange(len(result.names))
+    ax.barh(place, result.ratio_db, color=PALETTE["sky"], height=0.6)
+    ax.errorbar(
+        result.ratio_db, place, xerr=2.0 * result.ratio_db_stderr, fmt="none", ecolor="k", capsize=3
+    )
+    ax.axvline(0.0, color="k", lw=0.8)
+    ax.set_yticks(place, result.names)
+    ax.invert_yaxis()
+    label = f"gain over {result.names[0]} [dB]"
+    return finished(ax, legend=False, no_grid="y", xlabel=label)
+
+
+@checked
+def plot_duplex(result: Duplex, *, ax: Axes | None = None) -> Axes:
+    """Plot the gains of both directions over their means, over time or realizations.
+
+    Parameters
+    ----------
+    result : Duplex
+        Of `duplex`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = axes(ax)
+    for name, series in (("up", result.up), ("down", result.down)):
+        gain = series.gains[:, 0]
+        x = series.time if series.along == "time" else np.arange(len(gain))
+        ax.plot(x, gain / gain.mean(), label=name)
+    along = axis_label("time") if result.up.along == "time" else "realization"
+    return finished(ax, xlabel=along, ylabel="gain over its mean", ylim=(0.0, None))
 
 
 @checked
@@ -57,9 +118,33 @@ def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_major_formatter("{x:g}")
     ax.minorticks_off()
-    ax.set_ylabel("error of the gain [%]")
-    ax.legend()
-    return ax
+    return finished(ax, ylabel="error of the gain [%]")
+
+
+@checked
+def plot_fading_convergence(study: FadingConvergence, *, ax: Axes | None = None) -> Axes:
+    """Plot the scintillation index over the highest frequency of the waves.
+
+    Parameters
+    ----------
+    study : FadingConvergence
+        Of `fading_study`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = axes(ax)
+    ax.plot(study.omega_max, study.with_tilts, label="closed form, random slopes beyond")
+    ax.plot(study.omega_max, study.band_alone, "--", label="closed form, nothing beyond")
+    if np.isfinite(study.measured).any():
+        errors = 2.0 * study.measured_stderr
+        ax.errorbar(study.omega_max, study.measured, errors, fmt="o", capsize=3, label="measured")
+    ax.axhline(study.all_waves, color=INK, lw=0.8, ls=":", label="all waves")
+    ax.set(xscale="log", yscale="log", xlabel=r"highest frequency of the waves [rad s$^{-1}$]")
+    return finished(ax, ylabel=axis_label("scintillation_index"))
 
 
 @checked
@@ -101,9 +186,104 @@ def plot_performance(
         light = name_of_light(performance.light)
         band = f"n = {seas} seas, band: {100.0 * performance.confidence:g} %"
         note(ax, f"{band}, background light: {light}")
-    ax.set(yscale="log")
-    pad = 0.03 * np.ptp(performance.depths)
-    ax.set_xlim(min(performance.depths) - pad, max(performance.depths) + pad)
     place = {"xy": (0.0, -0.17), "xycoords": "axes fraction"}
     ax.annotate(performance.status, **place, fontsize=7.5, va="top", wrap=True)
-    return ax
+    pad = 0.03 * np.ptp(performance.depths)
+    ends = min(performance.depths) - pad, max(performance.depths) + pad
+    return finished(ax, yscale="log", xlim=ends)
+
+
+def plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:
+    """Plot the bit error rate of the first bit rate over depth, one curve for each wind."""
+    data = result.to_dataset().isel(bit_rate=0, drop=True).transpose("wind_speed", "depth")
+    names = [f"{speed:g} m/s" for speed in result.wind_speeds]
+    ax = plot_curves(data.assign_coords(wind_speed=names), "ber", style="o-", ax=ax)
+    first = result.performances[0]
+    rate, light = first.bit_rates[0] / 1e6, name_of_light(first.light)
+    return finished(ax, yscale="log", title=f"{rate:g} Mbit/s, background light: {light}")
+
+
+@checked
+def plot_tornado(
+    s: Sensitivities,
+    *,
+    change: float | Mapping[str, tuple[float, float]] = 0.1,
+    ax: Axes | None = None,
+) -> Axes:
+    """Plot the change of a quantity with each parameter at a lower and a higher value.
+
+    Parameters
+    ----------
+    s : Sensitivities
+        Of `sensitivities`; each end of a bar is a run with the chains of the study.
+    change : float or mapping of str to (low, high)
+        Relative change to either side, or the values of some parameters, see
+        `studies.sensitivity.swings`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+        Bars in dB, in m for the range, the largest on top; standard errors as whiskers.
+    """
+    ax = axes(ax)
+    found = swings(s, change)
+    place = np.arange(len(found))
+    for side, (label, color) in enumerate((("lower", "C0"), ("higher", "C1"))):
+        values = [one.change[side] for one in found]
+        errors = [one.stderr[side] for one in found]
+        ax.barh(place, values, 0.7, xerr=errors, color=color, label=label,
+                error_kw={"elinewidth": 0.8, "capsize": 2, "ecolor": INK})  # fmt: skip
+    names = [f"{one.name}\n{one.values[0]:.4g} to {one.values[1]:.4g} {one.unit}" for one in found]
+    ax.set_yticks(place, [name.removesuffix(" 1") for name in names], fontsize=8)
+    ax.invert_yaxis()
+    ax.axvline(0.0, color=INK, lw=0.8)
+    form = ".2e" if s.of == "gain" else ".3g"
+    base = f"{s.value:{form}} {s.unit}".removesuffix(" 1")
+    label = f"change of the {s.of} from {base} [{'m' if s.of == 'range' else 'dB'}]"
+    return finished(ax, no_grid="y", xlabel=label)
+
+
+@checked
+def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
+    """Plot the cost of all candidates over the first variable, with the best one.
+
+    Parameters
+    ----------
+    o : Optimum
+        Of `optimize`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = axes(ax)
+    ax.plot(o.history[:, 0], o.history[:, -1], "o", ms=4, label="candidates")
+    ax.plot(o.values[0], o.cost, "*", ms=12, color="C1", label="best")
+    ax.axvspan(*o.flatness[0], color="C1", alpha=0.15, label="within one standard error")
+    return finished(ax, xlabel=o.variables[0], ylabel=f"cost of the {o.objective}")
+
+
+@checked
+def plot_inference(f: Inference, *, ax: Axes | None = None) -> Axes:
+    """Plot measured over fitted gains.
+
+    Parameters
+    ----------
+    f : Inference
+        Of `infer`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = axes(ax)
+    ax.plot(np.arange(1, len(f.measured) + 1), f.measured / f.predicted, "o")
+    ax.axhline(1.0, color=INK, lw=0.8)
+    labels = {"xlabel": "measurement", "ylabel": "measured over fitted"}
+    return finished(ax, legend=False, **labels)

@@ -27,8 +27,7 @@ from meshtrace.transport.simulate import simulate
 from .checks import checked
 from .export import export_scene
 from .html import save_html
-from .light_pattern import save_light
-from .movie import natural_rate, save_movie
+from .movie import natural_rate, save_light, save_movie
 from .scenes import RECEIVED_SHOWN, SceneStyle, scene
 
 SUFFIXES = {

@@ -144,6 +144,11 @@ class Scene(pv.Plotter):
         """Height of texts [pixel], in proportion to the window."""
         return round(min(0.015 * self.window_size[0], 0.024 * self.window_size[1]))
 
+    def write(self, text: str, left: float, bottom: float, color: str) -> None:
+        """Write a text at a place in the window, of 1 by 1."""
+        font: Any = {"font_size": round(0.5 * self.font_size), "font_file": FONT_FILE}
+        self.add_text(text, position=(left, bottom), viewport=True, color=color, **font)
+
     def bar(self, title: str) -> Any:
         """Return the options of a colour bar, in the next place along the right edge."""
         place = len(self.scalar_bars)
@@ -281,9 +286,7 @@ def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0
 def add_caption(scene: Scene, text: str) -> Scene:
     """Write a caption along the lower edge, above the key."""
     scene.caption = text
-    font: Any = {"font_size": round(0.5 * scene.font_size), "font_file": FONT_FILE}
-    bottom = 0.02 + 2.0 * scene.font_size / scene.window_size[1]
-    scene.add_text(text, position=(0.02, bottom), viewport=True, color=INK, **font)
+    scene.write(text, 0.02, 0.02 + 2.0 * scene.font_size / scene.window_size[1], INK)
     return scene
 
 
@@ -297,9 +300,7 @@ def add_key(scene: Scene) -> Scene:
             left, bottom = 0.02, bottom + 1.6 * scene.font_size / scene.window_size[1]
         swatch = (0.0, "\N{BLACK SQUARE}", color), (0.0, "\N{WHITE SQUARE}", INK)
         for shift, text, shade in (*swatch, (2.3, label, INK)):
-            font: Any = {"font_size": round(0.5 * scene.font_size), "font_file": FONT_FILE}
-            place = left + shift * letter, bottom
-            scene.add_text(text, position=place, viewport=True, color=shade, **font)
+            scene.write(text, left + shift * letter, bottom, shade)
         left += (len(label) + 4.3) * letter
     return scene
 

@@ -94,6 +94,19 @@ def axes(ax: Axes | None) -> Axes:
         return plt.subplots()[1]
 
 
+def finished(ax: Axes, *, legend: bool = True, no_grid: str = "", **settings: Any) -> Axes:
+    """Return axes with labels, scales and limits, and with a legend if there are names.
+
+    `no_grid` is the axis, "x" or "y", without grid lines, as that of names and counts.
+    """
+    ax.set(**settings)
+    if legend and ax.get_legend_handles_labels()[1]:
+        ax.legend()
+    if no_grid:
+        ax.grid(axis=no_grid, visible=False)
+    return ax
+
+
 def note(ax: Axes, text: str) -> None:
     """Write a short explanation above the right end of axes."""
     ax.annotate(text, (1.0, 1.01), xycoords="axes fraction", ha="right", va="bottom", fontsize=8)
@@ -196,5 +209,9 @@ _TO_RGB = np.array(
 
 def _srgb(lab: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return OKLab colours (n, 3) as sRGB, cut to 0..1."""
-    linear = np.clip((lab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0.0, 1.0)
+    return to_srgb(np.clip((lab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0.0, 1.0))
+
+
+def to_srgb(linear: Any) -> Any:
+    """Return linear light, 0..1, as sRGB."""
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)

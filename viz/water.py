@@ -25,6 +25,8 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.optics.water import Water, pure_water_absorption, sea_water_scattering
 
+from .style import to_srgb
+
 Floats = NDArray[np.float32] | NDArray[np.float64]
 
 RGB_NM = np.array([610.0, 545.0, 465.0])
@@ -292,8 +294,7 @@ def screen_colors(light: Floats, foam: Floats | None = None) -> NDArray[np.uint8
     if foam is not None:
         light = light + foam[:, None] * (FOAM_REFLECTANCE - light)
     linear = 1.0 - np.exp(-EXPOSURE * np.maximum(light, 0.0))
-    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.ascontiguousarray(np.rint(255.0 * srgb), np.uint8)
+    return np.ascontiguousarray(np.rint(255.0 * to_srgb(linear)), np.uint8)
 
 
 class ShadedSea:

@@ -104,13 +104,8 @@ def value_of(config: Mapping[str, Any], control: Control) -> float | None:
     12.0
     >>> value_of({"transmitter": {"kind": "sun"}}, BY_NAME["depth"])
     """
-    for key in control.keys:
-        try:
-            value = _at(config, _path(config, key))
-        except (KeyError, IndexError, TypeError):
-            continue
-        return float(f"{control.per_unit * value:.12g}")
-    return None
+    found = _find(config, control)
+    return None if found is None else float(f"{control.per_unit * found[1]:.12g}")
 
 
 def with_value(config: Table, control: Control, value: float) -> Table:
@@ -123,14 +118,10 @@ def with_value(config: Table, control: Control, value: float) -> Table:
     """
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise Refused(control.name, value, "finite numbers")
-    for key in control.keys:
-        path = _path(config, key)
-        try:
-            _at(config, path)
-        except (KeyError, IndexError, TypeError):
-            continue
-        return _with(config, path, float(f"{value / control.per_unit:.12g}"))
-    raise Refused(control.name, value, "a link with this value")
+    found = _find(config, control)
+    if found is None:
+        raise Refused(control.name, value, "a link with this value")
+    return _with(config, found[0], float(f"{value / control.per_unit:.12g}"))
 
 
 def with_choice(config: Table, name: str, word: str) -> Table:
@@ -167,20 +158,23 @@ def slider_range(control: Control, value: float) -> tuple[float, float]:
     return low, high
 
 
-def _path(config: Mapping[str, Any], key: str) -> list[str | int]:
-    """Return the path of a dotted key, through the first item of a list of parts."""
-    path: list[str | int] = []
-    for word in key.split("."):
-        path.append(int(word) if word.isdecimal() else word)
-        if len(path) == 1 and isinstance(config.get(word), list):
-            path.append(0)
-    return path
+def _find(config: Mapping[str, Any], control: Control) -> tuple[list[str | int], Any] | None:
+    """Return path and value of the first key of a control that the tables have.
 
-
-def _at(config: Any, path: list[str | int]) -> Any:
-    for key in path:
-        config = config[key]
-    return config
+    Of a list of parts the first one counts.
+    """
+    for key in control.keys:
+        path: list[str | int] = [int(word) if word.isdecimal() else word for word in key.split(".")]
+        if isinstance(config.get(str(path[0])), list):
+            path.insert(1, 0)
+        found: Any = config
+        try:
+            for part in path:
+                found = found[part]
+        except (KeyError, IndexError, TypeError):
+            continue
+        return path, found
+    return None
 
 
 def _with(part: Any, path: list[str | int], value: Any) -> Any:

@@ -8,15 +8,14 @@ from typing import Any, Protocol
 import numpy as np
 from matplotlib.colors import to_hex
 from trame.ui.vuetify3 import VAppLayout
-from trame.widgets import html
+from trame.widgets import html, vtk
 from trame.widgets import vuetify3 as v3
 from trame_client.widgets.core import AbstractElement
 
 from meshtrace.explorer.controls import CONTROLS, Control, slider_range
-from meshtrace.explorer.readings import MARGIN_LABEL
+from meshtrace.explorer.readings import BITS
 from meshtrace.explorer.scene import SCATTERED_COLOR, UNSCATTERED_COLOR, LiveScene
 from meshtrace.explorer.state import State
-from meshtrace.explorer.view import SceneView
 from meshtrace.link import Link
 from meshtrace.viz.style import LED_COLOR, RECEIVER_COLOR, water_map
 
@@ -37,6 +36,35 @@ _WORDS = {"Sea": {"water": "Water"}, "Bits": {"light": "Daylight"}}
 _ENTER = "{name} = $event.target.value === '' ? null : Number($event.target.value)"
 
 _EVENTS = ("movelamp", "movereceiver", "seek")
+
+
+class SceneView(vtk.VtkLocalView):
+    """View that is drawn by the browser.
+
+    Parameters
+    ----------
+    window : vtkRenderWindow
+        Window of the scene.
+    **options
+        Attributes of the element.
+    """
+
+    def __init__(self, window: Any, **options: Any) -> None:
+        super().__init__(window, **options)
+        self._window = window
+        # the description of a scene lacks the angle of view
+        name = self.server.trigger_name(lambda: self.push_camera())
+        self.on_ready = f"if ($event && !framed) {{ framed = true; trigger('{name}') }}"
+
+    def push_changes(self) -> None:
+        """Send the parts that have changed to the open page.
+
+        `update` describes the whole scene besides, for a page that is loaded later, which takes as
+        long again: it follows at the end of the work.
+        """
+        if self.server.protocol:
+            changes = self._helper.scene(self._window, new_state=False)
+            self.server.protocol.publish("trame.vtk.delta", changes)
 
 
 class Actions(Protocol):
@@ -61,7 +89,7 @@ def _part(name: str, **options: Any) -> AbstractElement:
 
 def build(server: Any, window: Any, actions: Actions, link: Link) -> Any:
     """Build the page of a server; return the view of the render window."""
-    values = {name: server.state[name] for name in (c.name for c in CONTROLS)}
+    values = {control.name: server.state[control.name] for control in CONTROLS}
     with VAppLayout(server), html.Div(classes="mt-page"):
         _head(actions)
         with html.Div(classes="mt-left"):
@@ -175,15 +203,11 @@ def _readings(actions: Actions) -> None:
             with html.Div(classes=("stale.gain && !playing ? 'mt-faded' : ''",)):
                 html.Div("{{ reading.db }}", classes="mt-big", id="db")
                 html.Div("{{ reading.gain }}", id="gain", raw_attrs=[':data-value="reading.value"'])
-                _rows([("Unscattered share", "reading.unscattered"), ("Sample", "reading.chains")])
+                _rows("reading", {"unscattered": "Unscattered share", "chains": "Sample"})
         with html.Div(classes="mt-card"):
             html.H2("Bits")
             with html.Div(classes=("stale.gain && !playing ? 'mt-faded' : ''",)):
-                _rows([
-                    ("Received power", "reading.power"), ("Required power", "reading.required"),
-                    (MARGIN_LABEL, "reading.margin"), ("Bit error rate", "reading.ber"),
-                    ("Light", "reading.light"), ("Background", "reading.background"),
-                ])  # fmt: skip
+                _rows("reading", BITS)
         with html.Div(classes="mt-card"):
             html.H2("Fading")
             _part("series", time=("fading.time",), gain=("fading.gain",), now=("time",),
@@ -191,10 +215,8 @@ def _readings(actions: Actions) -> None:
                   seek=(actions.seek, "[$event]"), classes="mt-tall")  # fmt: skip
             _part("histogram", gain=("fading.gain",), faded=("stale.fading",), id="histogram")
             with html.Div(classes=("stale.fading ? 'mt-faded' : ''",)):
-                _rows([
-                    ("Scintillation index", "fading.index"), ("All waves", "fading.all_waves"),
-                    ("Lowest / mean", "fading.low"),
-                ])  # fmt: skip
+                _rows("fading", {"index": "Scintillation index", "all_waves": "All waves",
+                                 "low": "Lowest / mean"})  # fmt: skip
             html.Div("{{ fading.note }}", v_if="fading.note", classes="mt-note")
         with html.Div(classes="mt-card"):
             html.H2("Coverage")
@@ -210,11 +232,12 @@ def _readings(actions: Actions) -> None:
             html.Div("{{ note }}", v_for="note in reading.notes", key=("note",))
 
 
-def _rows(rows: list[tuple[str, str]]) -> None:
+def _rows(source: str, labels: dict[str, str]) -> None:
+    """Add a table of the texts of a reading by the labels of its keys."""
     with html.Dl(classes="mt-rows"):
-        for label, value in rows:
+        for key, label in labels.items():
             html.Dt(label)
-            html.Dd(f"{{{{ {value} }}}}", id=value.replace(".", "-"))
+            html.Dd(f"{{{{ {source}.{key} }}}}", id=f"{source}-{key}")
 
 
 def _dialog() -> None:

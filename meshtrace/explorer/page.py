@@ -138,21 +138,17 @@ class Page:
         page.trame__title = "meshtrace explorer"
         page.client_only("shot", "framed")
         page.update({**state.settings, "choices": {k: list(v) for k, v in CHOICES.items()}})
-        page.update({"title": title, "playing": False, "refused": ""})
-        page.update({"shot": None, "framed": False})
-        page.update({"text_shown": False, "text": "", "text_title": ""})
+        page.update({"title": title, "refused": "", "text": "", "text_title": "", "shot": None})
+        page.update(dict.fromkeys(("playing", "framed", "text_shown"), False))
         self._refresh()
         self._refresh_views()
 
     def _moved(self, **_: Any) -> None:
         """Send the controls that differ from the state."""
         page, now = self.server.state, self.session.state.settings
-        moved = {key: page[key] for key, value in now.items() if page[key] != value}
+        shown = {key: _number(page[key]) if key in BY_NAME else page[key] for key in now}
         try:
-            values = {
-                key: _number(value) if key in BY_NAME else value for key, value in moved.items()
-            }
-            moves = {key: v for key, v in values.items() if v != now[key]}
+            moves = {key: value for key, value in shown.items() if value != now[key]}
             self.session.move(moves, answer=False)  # the scene is first: it is ready sooner
         except Refused as error:
             page.refused = str(error)
@@ -185,14 +181,16 @@ class Page:
 
     def _show_light(self) -> None:
         """Show the rays and the map of the state, or none, and refresh the views."""
-        rays, found = self.session.answer("rays"), self.session.answer("map")
-        fresh = self.session.fresh
-        self.scene.show_rays(rays if fresh("rays") and isinstance(rays, PhotonPaths) else None)
-        lit = fresh("map") and isinstance(found, CoverageMap)
+        self.scene.show_rays(self._shown("rays", PhotonPaths))
         height = self.session.state.channel.link.receivers[0].center[2]
-        self.scene.show_map(found if lit else None, height)
+        self.scene.show_map(self._shown("map", CoverageMap), height)
         self.view.push_changes()
         self._refresh_views()
+
+    def _shown(self, name: str, kind: type) -> Any:
+        """Return the answer of a stage to the present state, None without or after a failure."""
+        found = self.session.answer(name)
+        return found if self.session.fresh(name) and isinstance(found, kind) else None
 
     def _answered(self, name: str) -> None:
         """Show an answer; called in the thread of the work."""
@@ -222,9 +220,8 @@ class Page:
         page, state = self.server.state, self.session.state
         page.time = round(state.time, 3)
         page.update(layout.views(state, self.scene))
-        found = self.session.answer("map")
-        shown = self.session.fresh("map") and isinstance(found, CoverageMap)
-        page.map = _map_image(found) if shown else None
+        found = self._shown("map", CoverageMap)
+        page.map = None if found is None else _map_image(found)
 
     def _play_or_pause(self, playing: bool = False, **_: Any) -> None:
         if self._loop is None or bool(self._running) == playing:

@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
-from meshtrace.explorer import texts
 from meshtrace.explorer.session import Session
 from meshtrace.explorer.stages import LIMIT, Fading, Failed, Gain
 
-_NO_BITS = dict.fromkeys(("power", "required", "margin", "ber", "light", "background"), "–")
+BER_FLOOR = 1e-15
+"""Bit error rate below which a number says nothing about a device."""
+
+BITS = {
+    "power": "Received power",
+    "required": "Required power",
+    "margin": f"Margin (BER {LIMIT:g})",
+    "ber": "Bit error rate",
+    "light": "Light",
+    "background": "Background",
+}
+"""Labels of the readings of a transmission."""
+
+_NO_BITS = dict.fromkeys(BITS, "–")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: ""}
 
 
 def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
@@ -33,8 +48,8 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
     share = found.unscattered / found.gain if found.gain > 0 and found.unscattered else 0.0
     texts_of = {
         "value": found.gain,
-        "gain": texts.with_error(found.gain, found.stderr),
-        "db": texts.decibels(found.gain),
+        "gain": with_error(found.gain, found.stderr),
+        "db": decibels(found.gain),
         "unscattered": f"{100.0 * share:.1f} %" if found.unscattered is not None else "–",
         "chains": f"{found.photons} {'photons' if found.unscattered is None else 'chains'}",
         "notes": list(found.notes),
@@ -42,7 +57,7 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
     series = session.answer("fading")
     if running and isinstance(series, Fading) and session.fresh("fading"):
         now = float(np.interp(session.state.time, series.time, series.gain))
-        texts_of |= {"value": now, "gain": f"{now:.3e}", "db": texts.decibels(now)}
+        texts_of |= {"value": now, "gain": f"{now:.3e}", "db": decibels(now)}
     return {**texts_of, **_bits(found)}
 
 
@@ -52,14 +67,12 @@ def _bits(gain: Gain) -> dict[str, str]:
         return dict(_NO_BITS)
     error = bits.power_stderr / bits.power if bits.power > 0.0 else 0.0
     return {
-        "power": f"{texts.power(bits.power)} ± {100.0 * error:.1g} %",
-        "required": texts.power(bits.required) if np.isfinite(bits.required) else "none suffices",
-        "margin": f"{bits.margin_db:+.1f} dB".replace("-", "\N{MINUS SIGN}")
-        if np.isfinite(bits.margin_db)
-        else "–",
-        "ber": texts.bit_error_rate(bits.ber),
+        "power": f"{power(bits.power)} ± {100.0 * error:.1g} %",
+        "required": power(bits.required) if np.isfinite(bits.required) else "none suffices",
+        "margin": _minus(f"{bits.margin_db:+.1f} dB") if np.isfinite(bits.margin_db) else "–",
+        "ber": bit_error_rate(bits.ber),
         "light": bits.light or "dark",
-        "background": "–" if bits.background is None else texts.rate(bits.background),
+        "background": "–" if bits.background is None else rate(bits.background),
     }
 
 
@@ -83,7 +96,7 @@ def fading_reading(session: Session) -> dict[str, Any]:
         "duration": found.duration,
         "index": index,
         "all_waves": "–" if found.index_of_all is None else f"{found.index_of_all:.2g}",
-        "low": texts.decibels(float(relative.min())),
+        "low": decibels(float(relative.min())),
         "note": f"left out for errors above 20 %: {found.left_out}" if found.left_out else "",
     }
 
@@ -106,8 +119,77 @@ def caption(session: Session) -> str:
     parts += [f"seed of the sea {seed}"] if seed is not None else []
     parts += [f"time {session.state.time:.2f} s"]
     if isinstance(gain, Gain) and session.fresh("gain"):
-        parts.append(f"gain {texts.with_error(gain.gain, gain.stderr)}")
+        parts.append(f"gain {with_error(gain.gain, gain.stderr)}")
     return "meshtrace: " + ", ".join(parts)
 
 
-MARGIN_LABEL = f"Margin (BER {LIMIT:g})"
+def with_error(value: float, error: float) -> str:
+    """Return a number with its error to two digits, as in 5.804 ± 0.012 × 10⁻⁵.
+
+    Examples
+    --------
+    >>> with_error(5.8047e-05, 8.1e-08)
+    '(5.8047 ± 0.0081) × 10⁻⁵'
+    >>> with_error(0.0, 0.0)
+    '0'
+    """
+    if value <= 0.0 or not math.isfinite(value):
+        return f"{value:g}"
+    power = math.floor(math.log10(value))
+    value, error = value / 10.0**power, error / 10.0**power
+    digits = 4 if error <= 0.0 else min(max(1 - math.floor(math.log10(error)), 0), 6)
+    raised = str(power).translate(_RAISED)
+    return f"({value:.{digits}f} ± {error:.{digits}f}) × 10{raised}"
+
+
+def decibels(ratio: float, digits: int = 2) -> str:
+    """Return a ratio in decibels.
+
+    Examples
+    --------
+    >>> decibels(1e-4), decibels(0.0)
+    ('−40.00 dB', 'none')
+    """
+    if ratio <= 0.0:
+        return "none"
+    return _minus(f"{10.0 * math.log10(ratio):.{digits}f} dB")
+
+
+def _minus(number: str) -> str:
+    return number.replace("-", "\N{MINUS SIGN}")
+
+
+def power(watt: float) -> str:
+    """Return an optical power with a prefix.
+
+    Examples
+    --------
+    >>> power(2.5014e-8), power(0.0)
+    ('25.01 nW', '0 W')
+    """
+    if watt <= 0.0:
+        return "0 W"
+    thousand = max(min(3 * math.floor(math.log10(watt) / 3.0), 0), -15)
+    return f"{watt / 10.0**thousand:.4g} {_PREFIXES[thousand]}W"
+
+
+def rate(per_second: float) -> str:
+    """Return a rate of counts.
+
+    Examples
+    --------
+    >>> rate(1.234e7)
+    '1.2e+07 counts/s'
+    """
+    return f"{per_second:.2g} counts/s"
+
+
+def bit_error_rate(ber: float) -> str:
+    """Return a bit error rate, with a floor.
+
+    Examples
+    --------
+    >>> bit_error_rate(1.234e-4), bit_error_rate(1e-300)
+    ('1.23e-04', '< 1e-15')
+    """
+    return f"< {BER_FLOOR:g}" if ber < BER_FLOOR else f"{ber:.2e}"

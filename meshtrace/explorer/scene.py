@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import cache
 from typing import Any
 
@@ -12,13 +11,13 @@ from matplotlib import colormaps
 from matplotlib.colors import to_rgb
 
 from meshtrace.explorer.state import State
-from meshtrace.link import Receiver
 from meshtrace.link.sources import AirLamp, WaterSource
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths
-from meshtrace.viz.parts import NEAR_OPACITY, WATER_COLORS, quadcopter, rotation_from_z
+from meshtrace.viz import parts
+from meshtrace.viz.light import select_paths
 from meshtrace.viz.scenes import wind_of
 from meshtrace.viz.stage import Scene, Stage, look, round_range, stage_of
 from meshtrace.viz.style import LED_COLOR, PALETTE, RECEIVER_COLOR, UAV_COLOR, water_map
@@ -141,10 +140,8 @@ class LiveScene:
 
     def show_rays(self, paths: PhotonPaths | None) -> None:
         """Show paths of received light, or none."""
-        direct, scattered, crossings = _rays(paths, self.stage)
-        self._set("unscattered", direct)
-        self._set("scattered", scattered)
-        self._set("crossings", crossings)
+        for name, part in _rays(paths, self.stage).items():
+            self._set(name, part)
 
     def show_map(self, coverage: CoverageMap | None, height: float) -> None:
         """Show a map at a height [m], or none."""
@@ -226,7 +223,7 @@ class LiveScene:
         self._add("uav", color=UAV_COLOR, ambient=0.35, specular=0.3)
         self._add("map", scalars="tint", rgb=True, opacity=0.8, **plain)
         self._add("water", "near water", scalars="tint", rgb=True, culling="back",
-                  opacity=NEAR_OPACITY, **plain)  # fmt: skip
+                  opacity=parts.NEAR_OPACITY, **plain)  # fmt: skip
 
     def _add(self, name: str, actor: str = "", **options: Any) -> None:
         part = self._parts.setdefault(name, pv.PolyData())
@@ -270,7 +267,7 @@ def _water(mesh: TriangleMesh, stage: Stage) -> pv.PolyData | None:
         np.vstack([ring, foot]).astype(np.float32), faces=np.concatenate([sides.ravel(), floor])
     )
     tint = np.full((2 * n, 4), 140, np.uint8)
-    for rows, color in zip((slice(n), slice(n, None)), WATER_COLORS, strict=True):
+    for rows, color in zip((slice(n), slice(n, None)), parts.WATER_COLORS, strict=True):
         tint[rows, :3] = np.rint(255.0 * np.array(to_rgb(color)))
     part.point_data["tint"] = tint
     return part
@@ -297,24 +294,18 @@ def _link_parts(state: State, stage: Stage) -> dict[str, pv.PolyData | None]:
         if isinstance(source, WaterSource | AirLamp):
             found["lamp"].append(_sphere(source.center, 0.014 * size))
             found["beam"] += _cone(source.center, source.axis, source.spread_deg, stage)
-        if isinstance(source, AirLamp):
-            found["uav"].append(_aircraft(source.center, -np.array(source.axis), size))
     for receiver in link.receivers:
         x, y, z = receiver.axis
         found["view"] += _cone(receiver.center, (-x, -y, -z), receiver.fov_deg / 2.0, stage)
-        radius = max(receiver.radius, 0.016 * size)
-        found["receiver"].append(pv.Cylinder(
-            center=receiver.center, direction=receiver.axis, radius=radius, height=0.15 * radius
-        ).triangulate())  # fmt: skip
-        if isinstance(receiver, Receiver):
-            found["uav"].append(_aircraft(receiver.center, receiver.axis, size))
-    return {name: _merged(parts) for name, parts in found.items()}
+        found["receiver"].append(parts.receiver_disk(receiver, stage)[0].triangulate())
+    found["uav"] = [parts.quadcopter(0.055 * size, *place) for place in parts.carried(link)]
+    return {name: _merged(pieces) for name, pieces in found.items()}
 
 
-def _merged(parts: list[pv.PolyData]) -> pv.PolyData | None:
-    if len(parts) > 1:
-        return pv.merge(parts)
-    return parts[0] if parts else None
+def _merged(pieces: list[pv.PolyData]) -> pv.PolyData | None:
+    if len(pieces) > 1:
+        return pv.merge(pieces)
+    return pieces[0] if pieces else None
 
 
 @cache
@@ -328,23 +319,13 @@ def _sphere(center: tuple[float, float, float], radius: float) -> pv.PolyData:
     return sphere
 
 
-def _aircraft(center: tuple[float, float, float], up: Any, size: float) -> pv.PolyData:
-    """Return an aircraft whose payload is at a point."""
-    glyph = quadcopter(0.055 * size)
-    glyph.points = glyph.points @ rotation_from_z(tuple(up)).T + center
-    return glyph
-
-
 def _cone(
     apex: tuple[float, float, float], axis: tuple[float, float, float], half: float, stage: Stage
 ) -> list[pv.PolyData]:
     """Return a cone from its apex to the still water, or to the side of the stage."""
     if not 0.0 < half < _WIDEST:
         return []
-    azimuth = np.linspace(0.0, 2.0 * math.pi, 73)[:-1]
-    sine, cosine = math.sin(math.radians(half)), math.cos(math.radians(half))
-    rays = np.column_stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.full(72, cosine)])
-    rays = rays @ rotation_from_z(axis).T
+    rays = parts.cone_rays(axis, half, 73)
     longest = 2.0 * stage.size
     with np.errstate(divide="ignore"):
         to_water = np.where(rays[:, 2] * apex[2] < 0.0, -apex[2] / rays[:, 2], longest)
@@ -352,29 +333,24 @@ def _cone(
             side = np.copysign(stage.half, rays[:, i]) + stage.center[i] - apex[i]
             to_water = np.minimum(to_water, np.maximum(side / rays[:, i], 0.0))
     rim = np.array(apex) + to_water[:, None] * rays
-    row = np.arange(72)
-    fan = np.column_stack([np.full(72, 3), np.zeros(72, int), row + 1, (row + 1) % 72 + 1])
-    return [pv.PolyData(np.vstack([apex, rim]).astype(np.float32), faces=fan.ravel())]
+    return [parts.fan(np.array(apex, np.float32), rim.astype(np.float32))]
 
 
-def _rays(
-    paths: PhotonPaths | None, stage: Stage
-) -> tuple[pv.PolyData | None, pv.PolyData | None, pv.PolyData | None]:
+def _rays(paths: PhotonPaths | None, stage: Stage) -> dict[str, pv.PolyData | None]:
     """Return tubes along unscattered and along scattered paths, and dots at the crossings."""
+    found: dict[str, pv.PolyData | None] = dict.fromkeys(("unscattered", "scattered", "crossings"))
     if paths is None or not len(paths.what):
-        return None, None, None
-    groups = []
-    for chosen in (paths.length <= 3, paths.length > 3):
-        rows = PhotonPaths(
-            paths.vertex[chosen], paths.weight[chosen], paths.what[chosen], paths.photon[chosen]
-        )
-        points, cells = rows.polylines()
-        lines = pv.PolyData(points.astype(np.float32), lines=cells) if len(points) else None
-        groups.append(lines and lines.tube(radius=0.0013 * stage.size, n_sides=6).triangulate())
+        return found
+    direct = paths.length <= 3
+    for name, chosen in (("unscattered", direct), ("scattered", ~direct)):
+        points, cells = select_paths(paths, chosen).polylines()
+        if len(points):
+            lines = pv.PolyData(points.astype(np.float32), lines=cells)
+            found[name] = lines.tube(radius=0.0013 * stage.size, n_sides=6).triangulate()
     crossing = paths.vertex[np.arange(len(paths.what)), np.maximum(paths.length - 2, 0)]
     ball = pv.Sphere(radius=0.0035 * stage.size, theta_resolution=6, phi_resolution=6)
-    dots = pv.PolyData(crossing).glyph(geom=ball, scale=False, orient=False)
-    return groups[0], groups[1], dots
+    found["crossings"] = pv.PolyData(crossing).glyph(geom=ball, scale=False, orient=False)
+    return found
 
 
 def _plane(coverage: CoverageMap, height: float) -> pv.PolyData:

@@ -71,7 +71,7 @@ class Session:
 
     def start(self) -> None:
         """Start to answer the first state."""
-        self._submit()
+        self.answer_now()
 
     @property
     def state(self) -> State:
@@ -102,12 +102,13 @@ class Session:
 
     def answer_now(self) -> None:
         """Start to answer the present state, after `show_time` or a move without answer."""
-        self._submit()
+        state, with_map = self._state, self._map_wanted
+        self._worker.submit(lambda ticket: self._work(ticket, state, with_map))
 
     def make_map(self) -> None:
         """Make the map of the present state, after its other answers."""
         self._map_wanted = True
-        self._submit()
+        self.answer_now()
 
     def answer(self, name: str) -> Any:
         """Return the latest answer of a stage; None before the first."""
@@ -130,10 +131,6 @@ class Session:
     def join(self) -> None:
         """Wait for the end of the work, after `close`: the interpreter must not end before."""
         self._worker.join()
-
-    def _submit(self) -> None:
-        state, with_map = self._state, self._map_wanted
-        self._worker.submit(lambda ticket: self._work(ticket, state, with_map))
 
     def _work(self, ticket: Ticket, state: State, with_map: bool) -> None:
         for name, stage in STAGES.items():

@@ -65,8 +65,11 @@ class Worker:
         self._thread = threading.Thread(target=self._run, name="meshtrace explorer", daemon=True)
         self._thread.start()
 
-    def submit(self, job: Callable[[Ticket], None]) -> int:
-        """Replace the waiting job, supersede the running one, and return the ticket's number."""
+    def submit(self, job: Callable[[Ticket], None] | None) -> int:
+        """Replace the waiting job, supersede the running one, and return the ticket's number.
+
+        Without a job the thread rests.
+        """
         with self._changed:
             self.newest += 1
             self._job = job
@@ -75,10 +78,7 @@ class Worker:
 
     def supersede(self) -> None:
         """End the running job after its present step, and leave out the waiting one."""
-        with self._changed:
-            self.newest += 1
-            self._job = None
-            self._changed.notify_all()
+        self.submit(None)
 
     def close(self) -> None:
         """End the thread after the present step of its job."""

@@ -10,7 +10,7 @@ import xarray as xr
 import meshtrace as mt
 from meshtrace.comms.devices import SiPM
 from meshtrace.paper.canvas import WIND_COLORS, panels, wind_name
-from meshtrace.paper.links import FORMS, WINDS, Form, decibel, mean_gain
+from meshtrace.paper.links import FORMS, WINDS, Form, decibel, difference, mean_gain
 from meshtrace.paper.registry import PRINTED, Entry, FigureOutput, Number, Setting, row
 from meshtrace.viz import plot_ber
 
@@ -85,18 +85,14 @@ def signal_to_noise(setting: Setting, realizations: int, photons: int, analog: i
 
     still = [traced(0.0, "physical"), Number(straight_gain(_SNR_DEPTH))]
     rough = [traced(_SNR_WIND, form) for form in FORMS]
-    found = [
-        [
-            decibel(Number(*(g * _power_ratio(form) for g in gain)))
-            for form, gain in zip(FORMS, pair, strict=True)
-        ]
-        for pair in (still, rough)
-    ]
-    differences = [
-        Number(a.value - b.value, float(np.hypot(a.stderr, b.stderr)))
-        for a, b in zip(*found, strict=True)
-    ]
-    return [row("snr-still", found[0]), row("snr-wind", found[1]), row("margin", differences)]
+
+    def ratios(gains: list[Number]) -> list[Number]:
+        powers = [(g, _power_ratio(form)) for g, form in zip(gains, FORMS, strict=True)]
+        return [decibel(Number(g.value * power, g.stderr * power)) for g, power in powers]
+
+    found = ratios(still), ratios(rough)
+    margins = map(difference, *found)
+    return [row("snr-still", found[0]), row("snr-wind", found[1]), row("margin", margins)]
 
 
 def straight_gain(depth: float) -> float:
@@ -128,8 +124,7 @@ def _numbers(ranges: list[Any]) -> list[Entry]:
         return [number(found, wind, rate) for found in ranges]
 
     def lost(before: float, after: float, rate: float) -> list[Number]:
-        both = zip(pair(before, rate), pair(after, rate), strict=True)
-        return [Number(a.value - b.value, float(np.hypot(a.stderr, b.stderr))) for a, b in both]
+        return list(map(difference, pair(before, rate), pair(after, rate)))
 
     flat = "a flat sea to 5 m/s"
     return [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -12,7 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from meshtrace.fields import FIELDS, attrs
-from meshtrace.paper.links import FORM_NAMES, FORMS, Form
+from meshtrace.paper.links import FORM_NAMES, FORMS, ROUGH, Form
+from meshtrace.paper.registry import Entry, Number, row
 from meshtrace.viz.style import INK, PALETTE, RC
 
 WIND_COLORS = {0.0: PALETTE["black"], 5.0: PALETTE["blue"], 13.0: PALETTE["vermilion"]}
@@ -48,14 +49,14 @@ def mark_printed(ax: Any, x: Sequence[float], y: Sequence[float]) -> None:
     ax.plot(x, y, "*", zorder=5, label="printed", **look)
 
 
-def dataset(dims: tuple[str, ...], variables: dict[str, Any], **coords: Any) -> xr.Dataset:
-    """Return variables of the same dimensions; registered names get their attributes."""
+def dataset(variables: dict[str, Any], **coords: Any) -> xr.Dataset:
+    """Return variables over all coordinates; registered names get their attributes."""
 
     def attributes(name: str) -> dict[str, str]:
         return attrs(name) if name in FIELDS else {}
 
     return xr.Dataset(
-        {name: (dims, values, attributes(name)) for name, values in variables.items()},
+        {name: (tuple(coords), values, attributes(name)) for name, values in variables.items()},
         {name: (name, list(values), attributes(name)) for name, values in coords.items()},
     )
 
@@ -63,3 +64,8 @@ def dataset(dims: tuple[str, ...], variables: dict[str, Any], **coords: Any) -> 
 def wind_name(speed: float) -> str:
     """Return the name of a wind in legends."""
     return "flat sea" if speed == 0.0 else f"{speed:g} m/s"
+
+
+def wind_rows(key: str, numbers: Mapping[tuple[Form, float], Number | float]) -> list[Entry]:
+    """Return a row of rows.toml for each rough sea, of numbers by form and wind."""
+    return [row(key, [numbers[form, u] for form in FORMS], wind=wind_name(u), u=u) for u in ROUGH]

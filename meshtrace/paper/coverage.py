@@ -1,19 +1,22 @@
-"""Figures of the gain over the plane of the receiver."""
+"""Figures of photons one by one: their fates, and the gain over the plane of the receiver."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 import meshtrace as mt
-from meshtrace.paper.canvas import dataset, panels, wind_name
-from meshtrace.paper.links import FORM_NAMES, FORMS, decibel, ratio, scenario
+from meshtrace.paper.canvas import dataset, form_panels, panels, wind_name
+from meshtrace.paper.links import FORM_NAMES, FORMS, RADIUS, ROUGH, decibel, ratio, scenario
 from meshtrace.paper.registry import FigureOutput, Number, Setting, row
+from meshtrace.results.gain import FATE_MEANING, Fate
+from meshtrace.viz import plot_fates
 from meshtrace.viz.style import draw_map
 
-WINDS = (5.0, 13.0)
 EXTENT = 5.0
 """Half-width of the maps [m]."""
 
@@ -25,6 +28,30 @@ CENTRE = 1.0
 
 RING = (3.0, 4.0)
 """Inner and outer radius of the ring whose gain is compared with the centre [m]."""
+
+
+def fates(setting: Setting, photons: int) -> FigureOutput:
+    """Draw shares of the light by fate."""
+    picture, axes = form_panels(width=6.4)
+    shares = {}
+    for form, ax in axes.items():
+        made = scenario(ROUGH[1], form, receiver={"radius": RADIUS}, run={"estimator": "analog"})
+        options: Any = {"estimator": "analog", "photons": photons, **setting.run}
+        result = mt.simulate(made.link, made.surface, **options)
+        plot_fates(result, ax=ax)
+        shares[form] = {name: tally.weight for name, tally in result.fates.items()}
+    table = pd.DataFrame(shares).fillna(0.0)
+    numbers = [
+        row(
+            "share",
+            [Number(s, float(np.sqrt(max(s * photons, 0.0)) / photons)) for s in both],
+            fate=FATE_MEANING[Fate[str(name).upper()]],
+        )
+        for name, both in zip(table.index, table.to_numpy(), strict=True)
+        if max(both) > 0.0
+    ]
+    data = dataset({"fate_weight": table.to_numpy().T}, form=FORMS, fate=table.index)
+    return FigureOutput(picture, data, numbers, {"wind": ROUGH[1], "radius": RADIUS})
 
 
 def coverage_half_angle(setting: Setting, **effort: Any) -> FigureOutput:
@@ -43,7 +70,7 @@ def _maps(
 ) -> FigureOutput:  # fmt: skip
     options: Any = {"extent": EXTENT, "step": step, "photons": photons, **setting.run}
     options["times"] = [2.0 * i for i in range(times)]
-    cases = [(form, wind) for form in FORMS for wind in WINDS]
+    cases = list(itertools.product(FORMS, ROUGH))
     picture, axes = panels(len(cases), len(values), width=4.0, height=3.3)
     made = {}
     for i, (form, wind) in enumerate(cases):
@@ -56,19 +83,16 @@ def _maps(
             axes[i, j].set_title(text, fontsize=9.5)
     words = {"inner": RING[0], "outer": RING[1], "centre": CENTRE}
     numbers = []
-    for wind in WINDS:
-        for value in values:
-            case = {"wind": wind_name(wind), "case": title.format(value)}
-            numbers.append(
-                row("fall", [_fall(made[f, wind, value]) for f in FORMS], **case, **words)
-            )
-    shape = (len(FORMS), len(WINDS), len(values), len(found.x), len(found.y))
+    for wind, value in itertools.product(ROUGH, values):
+        case = {"wind": wind_name(wind), "case": title.format(value), **words}
+        numbers.append(row("fall", [_fall(made[form, wind, value]) for form in FORMS], **case))
+    shape = (len(FORMS), len(ROUGH), len(values), len(found.x), len(found.y))
     columns = {
         key: np.reshape([getattr(m, key) for m in made.values()], shape)
         for key in ("gain", "gain_stderr")
     }
-    coords = {"form": FORMS, "wind_speed": WINDS, name: values, "x": found.x, "y": found.y}
-    return FigureOutput(picture, dataset(tuple(coords), columns, **coords), numbers)
+    coords = {"form": FORMS, "wind_speed": ROUGH, name: values, "x": found.x, "y": found.y}
+    return FigureOutput(picture, dataset(columns, **coords), numbers)
 
 
 def _draw(ax: Any, found: mt.CoverageMap) -> None:

@@ -10,11 +10,13 @@ import xarray as xr
 import meshtrace as mt
 from meshtrace.fading import gain_pdf
 from meshtrace.fields import attrs
-from meshtrace.paper.canvas import WIND_COLORS, dataset, form_panels, panels, wind_name
+from meshtrace.paper.canvas import WIND_COLORS, dataset, form_panels, panels, wind_name, wind_rows
 from meshtrace.paper.links import (
     FORM_NAMES,
     FORMS,
     RADIUS,
+    ROUGH,
+    UAV,
     Form,
     bubble_factor,
     forced,
@@ -23,16 +25,12 @@ from meshtrace.paper.links import (
 )
 from meshtrace.paper.registry import FigureOutput, Number, Setting, row
 from meshtrace.scenario import Scenario
-from meshtrace.uav.airframe import UAVS
 from meshtrace.uav.tilt import h_alpha
-from meshtrace.viz import axis_label
+from meshtrace.viz.style import axis_label, finished
 
-WINDS = (5.0, 13.0)
 DURATION = 10.0
 COMMON_CUT_OFF = 4.0
 """Highest frequency of waves in a common band [rad s-1], that of the paper at 5 m/s."""
-
-_UAV = UAVS["dji-m300-rtk"]
 
 
 def _factor(angle: Any) -> Any:
@@ -43,35 +41,30 @@ def gain_series(setting: Setting, times: int, photons: int, analog: int) -> Figu
     """Draw the gain over a moving sea with the tilt of a flying UAV."""
     at = np.linspace(0.0, DURATION, times)
     picture, axes = panels(2, 1, width=8.0, height=2.9, sharex=True)
-    gains, numbers = {}, []
+    gains, spreads = {}, {}
     for ax, form in zip(axes[:, 0], FORMS, strict=True):
-        for wind in WINDS:
+        for wind in ROUGH:
             made = forced(wind, form)
             series = mt.time_series(made.link, made.surface, at, photons=photons, **setting.run)
-            flight = _UAV.simulate_flight(gusts(wind, form), at, setting.seed)
+            flight = UAV.simulate_flight(gusts(wind, form), at, setting.seed)
             bubbles = _bubbles(wind, form, setting, analog)
             factor = bubbles.value * _factor(flight.tilt.angle)
+            mean = series.gain * factor
             error = factor * np.hypot(series.gain_stderr, series.gain * bubbles.relative)
-            gains[form, wind] = series, series.gain * factor, error
-            mean, band = gains[form, wind][1], 2.0 * gains[form, wind][2]
-            ax.plot(at, mean, color=WIND_COLORS[wind], label=wind_name(wind))
-            look: Any = {"color": WIND_COLORS[wind], "alpha": 0.25, "lw": 0}
-            ax.fill_between(at, mean - band, mean + band, **look)
-        ax.set(ylabel=axis_label("gain"), title=FORM_NAMES[form])
-        ax.set_ylim(bottom=0.0)
+            gains[form, wind] = mean, error
+            spreads[form, wind] = series.gain.std(ddof=1) / series.gain.mean()
+            (line,) = ax.plot(at, mean, color=WIND_COLORS[wind], label=wind_name(wind))
+            band: Any = {"color": line.get_color(), "alpha": 0.25, "lw": 0}
+            ax.fill_between(at, mean - 2.0 * error, mean + 2.0 * error, **band)
+        ax.set(ylabel=axis_label("gain"), title=FORM_NAMES[form], ylim=(0.0, None))
         ax.legend(ncols=2)
     axes[1, 0].set(xlabel=axis_label("time"))
-    for wind in WINDS:
-        pair = [gains[form, wind][0].gain for form in FORMS]
-        numbers.append(
-            row("spread", [g.std(ddof=1) / g.mean() for g in pair], wind=wind_name(wind))
-        )
     columns = {
-        name: [[gains[form, wind][i] for wind in WINDS] for form in FORMS]
-        for i, name in ((1, "gain"), (2, "gain_stderr"))
+        name: [[gains[form, wind][i] for wind in ROUGH] for form in FORMS]
+        for i, name in enumerate(("gain", "gain_stderr"))
     }
-    coords = {"form": FORMS, "wind_speed": WINDS, "time": at}
-    return FigureOutput(picture, dataset(tuple(coords), columns, **coords), numbers)
+    coords = {"form": FORMS, "wind_speed": ROUGH, "time": at}
+    return FigureOutput(picture, dataset(columns, **coords), wind_rows("spread", spreads))
 
 
 def gain_distribution(
@@ -82,12 +75,12 @@ def gain_distribution(
     picture, axes = form_panels()
     means, indices, variables, factors = {}, {}, {}, {}
     for form, ax in axes.items():
-        for wind in WINDS:
+        for wind in ROUGH:
             made = forced(wind, form)
             series = _ensemble(made, counts[form], photons, setting)
             winds = gusts(wind, form).sample_wind(counts[form], setting.seed)
             bubbles = factors[form, wind] = _bubbles(wind, form, setting, analog)
-            gain = bubbles.value * series.gain * _factor(_UAV.tilt(winds).angle)
+            gain = bubbles.value * series.gain * _factor(UAV.tilt(winds).angle)
             spread = gain.std(ddof=1) / np.sqrt(len(gain))
             chains = bubbles.value * series.mean_stderr
             error = float(np.hypot(np.hypot(spread, chains), gain.mean() * bubbles.relative))
@@ -97,26 +90,17 @@ def gain_distribution(
             ax.stairs(histogram.density, histogram.edges, color=color, label=wind_name(wind))
             ax.axvline(gain.mean(), color=color, lw=1.0, ls="--")
             variables[f"gain_{form}_{wind:g}"] = f"realization_{form}", gain, attrs("gain")
-        ax.set(xlabel=axis_label("gain"), ylabel=axis_label("gain_pdf"))
-        ax.set_xlim(left=0.0)
-        ax.legend()
-    numbers = []
-    for wind in WINDS:
-        words = {"wind": wind_name(wind), "u": wind}
-        numbers.append(row("mean", [means[form, wind] for form in FORMS], **words))
-    ratios = [ratio(means[form, WINDS[1]], means[form, WINDS[0]]) for form in FORMS]
-    numbers.append(row("ratio", ratios))
-    for wind in WINDS:
-        pair = [indices[form, wind] for form in FORMS]
-        numbers.append(row("index", pair, wind=wind_name(wind)))
-    for wind in WINDS:
-        pair = []
-        for form in FORMS:
-            made = forced(wind, form, sea={"omega_max": COMMON_CUT_OFF})
-            few = max(counts[form] // 10, 40)
-            pair.append(_index(_ensemble(made, few, photons, setting)))
-        numbers.append(row("common", pair, wind=wind_name(wind)))
-    effects = [bubble_factor(WINDS[1], "physical", setting, analog), factors["paper", WINDS[1]]]
+        labels = {"xlabel": axis_label("gain"), "ylabel": axis_label("gain_pdf")}
+        finished(ax, xlim=(0.0, None), **labels)
+
+    def common(form: Form, wind: float) -> Number:
+        made = forced(wind, form, sea={"omega_max": COMMON_CUT_OFF})
+        return _index(_ensemble(made, max(counts[form] // 10, 40), photons, setting))
+
+    ratios = [ratio(means[form, ROUGH[1]], means[form, ROUGH[0]]) for form in FORMS]
+    numbers = [*wind_rows("mean", means), row("ratio", ratios), *wind_rows("index", indices)]
+    numbers += wind_rows("common", {pair: common(*pair) for pair in means})
+    effects = [bubble_factor(ROUGH[1], "physical", setting, analog), factors["paper", ROUGH[1]]]
     numbers.append(row("bubbles", effects, radius=RADIUS))
     return FigureOutput(picture, xr.Dataset(variables), numbers)
 

@@ -5,20 +5,20 @@ from __future__ import annotations
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.kernels.random import realization_seed
+from meshtrace.models import Floats
 from meshtrace.paper.registry import Number, Setting
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces.bands import paper_band
 from meshtrace.uav.airframe import UAVS
 
 Form = Literal["physical", "paper"]
-Floats = NDArray[np.float64]
-
 WINDS = (0.0, 5.0, 13.0)
+ROUGH = WINDS[1:]
+UAV = UAVS["dji-m300-rtk"]
 FORMS: tuple[Form, Form] = ("physical", "paper")
 FORM_NAMES = {"physical": "default", "paper": "paper preset"}
 RADIUS = 0.25
@@ -90,7 +90,7 @@ def mean_h_alpha(wind: float, form: Form, height: float = 5.0) -> float:
     if wind == 0.0:
         return 1.0
     kind: Literal["exact", "gamma"] = "exact" if form == "physical" else "gamma"
-    law = UAVS["dji-m300-rtk"].tilt_law(gusts(wind, form, height), kind)
+    law = UAV.tilt_law(gusts(wind, form, height), kind)
     return law.h_moment(1, np.radians(mt.Receiver().fov_deg))
 
 
@@ -125,9 +125,8 @@ def bubble_factor(wind: float, form: Form, setting: Setting, analog: int, **tabl
     distance = plain.receivers[0].center[2] - plain.transmitters[0].center[2]
     wide = {**tables.get("receiver", {}), "radius": RADIUS * distance / 15.0}
     given: Any = {**tables, "receiver": wide, "run": {"estimator": "analog"}}
-    pair = [
-        scenario(wind, form, **given, **extra) for extra in ({}, {"bubbles": {"model": "none"}})
-    ]
+    clear = {"bubbles": {"model": "none"}}
+    pair = [scenario(wind, form, **given), scenario(wind, form, **given, **clear)]
     gains = np.empty((BUBBLE_SEAS, 2))
     for i in range(BUBBLE_SEAS):
         seed = realization_seed(setting.seed, i)
@@ -186,11 +185,10 @@ def mean_gain(
     bubbles = [Number(1.0)] * len(tilt)
     if form == "paper" and wind > 0.0:
         bubbles = _bubble_factors(wind, setting, analog, **tables)
-    found = []
-    for f, (b, db), g, e in zip(tilt, bubbles, gains.T, chains, strict=True):
-        common = np.hypot(b * e, db * g.mean())
-        found.append(Mean(f * b * g, float(f * common)))
-    return found
+    return [
+        Mean(f * b * g, float(f * np.hypot(b * e, db * g.mean())))
+        for f, (b, db), g, e in zip(tilt, bubbles, gains.T, chains, strict=True)
+    ]
 
 
 def _bubble_factors(wind: float, setting: Setting, analog: int, **tables: Any) -> list[Number]:
@@ -211,6 +209,11 @@ def ratio(a: Number, b: Number) -> Number:
     """Return a / b with its standard error, as of independent numbers."""
     value = a.value / b.value
     return Number(value, abs(value) * float(np.hypot(a.stderr / a.value, b.stderr / b.value)))
+
+
+def difference(a: Number, b: Number) -> Number:
+    """Return a - b with its standard error, as of independent numbers."""
+    return Number(a.value - b.value, float(np.hypot(a.stderr, b.stderr)))
 
 
 def decibel(number: Number) -> Number:

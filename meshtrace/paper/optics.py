@@ -8,19 +8,17 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 import meshtrace as mt
 from meshtrace.fields import attrs
+from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.paper.canvas import WIND_COLORS, dataset, panels, wind_name
+from meshtrace.paper.links import ROUGH
 from meshtrace.paper.registry import FigureOutput, Setting, row
 from meshtrace.viz import plot_bubble_profile, plot_phase_cdf
 from meshtrace.viz.style import INK, PALETTE
 
-Floats = NDArray[np.float64]
-
-WINDS = (5.0, 13.0)
 NODES = 500
 """Even grid of angles from 0 to 180 degrees on which the distances of two CDFs are taken."""
 
@@ -167,22 +165,22 @@ def bubble_scattering(setting: Setting) -> FigureOutput:
 
 def _bubbles(name: str, quantity: Callable[..., Floats]) -> FigureOutput:
     forms: dict[str, dict[str, Any]] = {"default": {}, "paper": {"psi": "paper", "q": 2.0}}
-    coords = {"form": forms, "wind_speed": WINDS, "depth": np.linspace(0.0, 10.0, 201)}
+    coords = {"form": forms, "wind_speed": ROUGH, "depth": np.linspace(0.0, 10.0, 201)}
     depth = coords["depth"]
-    bubbles = [[mt.HallNovarini(wind_speed=u, **form) for u in WINDS] for form in forms.values()]
+    bubbles = [[mt.HallNovarini(wind_speed=u, **form) for u in ROUGH] for form in forms.values()]
     values = np.array([[quantity(one, depth) for one in pair] for pair in bubbles])
-    data = dataset(tuple(coords), {name: values}, **coords)
+    data = dataset({name: values}, **coords)
     curves = data.stack(curve=("form", "wind_speed")).transpose("curve", "depth")
-    names = [f"{wind_name(u)}, {form}" for form in forms for u in WINDS]
+    names = [f"{wind_name(u)}, {form}" for form in forms for u in ROUGH]
     picture, axes = panels()
     shown = curves.drop_vars(("curve", "form", "wind_speed")).assign_coords(curve=names)
     ax = plot_bubble_profile(shown, quantity=name, ax=axes[0, 0])
     for i, line in enumerate(ax.lines):
-        line.set(color=WIND_COLORS[WINDS[i % 2]], linestyle="-" if i < 2 else "--")
+        line.set(color=WIND_COLORS[ROUGH[i % 2]], linestyle="-" if i < 2 else "--")
     ax.set_xlim(values.max() * 1e-8, values.max() * 3.0)
     ax.legend()
     numbers = []
-    for z, wind in itertools.product((0.0, 1.0), WINDS):
+    for z, wind in itertools.product((0.0, 1.0), ROUGH):
         words = {"name": attrs(name)["long_name"], "z": z, "wind": wind_name(wind)}
         found = data[name].sel(depth=z, wind_speed=wind, method="nearest").to_numpy().tolist()
         numbers.append(row("value", found, **words))

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused, one_line, require_array, require_kind, require_real
+from meshtrace.models import Floats
 from meshtrace.optics.water import quan_fry
+from meshtrace.paper.registry import Setting
 from meshtrace.stored import read_dataset
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Floats = NDArray[np.float64]
 
 STEEPEST = math.radians(80.0)
 """Largest angle from the vertical that `ray_deflection` follows."""
@@ -264,6 +264,38 @@ def load_profiles(path: str | Path) -> list[WaterProfile]:
         described = Described("no good samples")
         raise Refused("", described, "a profile of two or more samples", source=str(path))
     return found
+
+
+def profiles_of(setting: Setting) -> list[WaterProfile]:
+    """Return the profiles of the given files, or stand-ins for them.
+
+    Raises
+    ------
+    Refused
+        If a file cannot be read.
+    """
+    if not setting.profiles:
+        return stand_ins()
+    return [profile for path in setting.profiles for profile in load_profiles(path)]
+
+
+def stand_ins() -> list[WaterProfile]:
+    """Return invented profiles: the data of the paper cannot be distributed.
+
+    A mixed layer as in the paper, and two profiles with sharper thermoclines.
+    """
+    z = np.linspace(0.0, 100.0, 201)
+    shapes = (("stand-in, mixed", 80.0, 20.0, 2.0, 0.1), ("stand-in, weak", 40.0, 10.0, 2.0, 0.3))
+    sharp = ("stand-in, sharp", 25.0, 2.0, 4.0, 0.6)
+    return [
+        WaterProfile(
+            z,
+            26.0 - 0.5 * drop * (1.0 + np.tanh((z - middle) / width)),
+            35.2 + 0.5 * fresh * np.tanh((z - middle) / width),
+            name=name,
+        )
+        for name, middle, width, drop, fresh in (*shapes, sharp)
+    ]
 
 
 def _profiles(data: xr.Dataset, path: str) -> Iterator[WaterProfile]:

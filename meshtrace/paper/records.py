@@ -14,7 +14,7 @@ INDEX = "index.html"
 
 def write_record(path: Path, record: dict[str, Any]) -> None:
     """Write a record with its SHA-256 digest, atomically."""
-    content = {**record, "digest": _digest(record)}
+    content = {**record, "digest": digest(record)}
     with atomic(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
@@ -25,8 +25,9 @@ def read_record(path: Path) -> dict[str, Any] | None:
         record = dict(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError, RecursionError):
         return None
-    return record if record.pop("digest", None) == _digest(record) else None
+    return record if record.pop("digest", None) == digest(record) else None
 
 
-def _digest(record: dict[str, Any]) -> str:
+def digest(record: dict[str, Any]) -> str:
+    """Return the SHA-256 digest of a record."""
     return hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()

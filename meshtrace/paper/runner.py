@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -13,7 +12,7 @@ from typing import Any
 
 from meshtrace.files import atomic
 from meshtrace.paper.index import write_index
-from meshtrace.paper.records import read_record, write_record
+from meshtrace.paper.records import digest, read_record, write_record
 from meshtrace.paper.registry import FIGURES, Figure, FigureOutput, Row, Setting, load
 from meshtrace.stored import write_dataset
 
@@ -60,7 +59,7 @@ def make_figures(
     profiles. A figure whose record has the same key and whose files are all present is kept, so
     that an interrupted run resumes.
     """
-    from meshtrace.paper.profile_files import profiles_of
+    from meshtrace.paper.profiles import profiles_of
 
     setting, folder = setting or Setting(), Path(folder)
     report = on_figure or (lambda name, record: None)
@@ -83,19 +82,16 @@ def make_figures(
 
 def key(one: Figure, setting: Setting, quick: bool) -> str:
     """Return the digest of the inputs of a figure."""
+    files = setting.profiles if one.reads_profiles else ()
     inputs = {
         "name": one.name,
         "version": version("meshtrace"),
         "revision": one.revision,
         "effort": one.effort(quick),
         "seed": setting.seed,
-        "profiles": [_digest(path) for path in setting.profiles] if one.reads_profiles else [],
+        "profiles": [hashlib.sha256(path.read_bytes()).hexdigest() for path in files],
     }
-    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return digest(inputs)
 
 
 def _kept(folder: Path, one: Figure, wanted: str) -> dict[str, Any] | None:

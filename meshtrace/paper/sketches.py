@@ -1,4 +1,4 @@
-"""Figures of geometry: the link, the UAV's axes, and the offset of the receiver."""
+"""Figures of scenes: the seas, the link, the UAV's axes, and the offset of the receiver."""
 
 from __future__ import annotations
 
@@ -11,16 +11,21 @@ import xarray as xr
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.paper.links import FORMS, gusts
-from meshtrace.paper.registry import FigureOutput, Setting, row
+from meshtrace.paper.canvas import dataset, panels, wind_name
+from meshtrace.paper.links import FORMS, ROUGH, UAV, gusts
+from meshtrace.paper.registry import Entry, FigureOutput, Number, Setting, row
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.uav.airframe import UAVS
-from meshtrace.viz.style import PALETTE
+from meshtrace.surfaces.statistics import components_hs
+from meshtrace.viz.style import PALETTE, draw_map
 
 STYLE = viz.SceneStyle(off_screen=True, window_size=(1400, 875))
 """Style of the scenes."""
 
+SEA_STYLE = viz.SceneStyle(labels=False, off_screen=True, window_size=(1120, 720))
+
 WIND = 13.0
+HALF_WIDTH = 50.0
+"""Half-width of the paper's square [m]."""
 
 
 def _shot(scene: Any) -> Any:
@@ -50,7 +55,7 @@ def link(setting: Setting, paths: int) -> FigureOutput:
 
 def uav_axes(setting: Setting) -> FigureOutput:
     """Draw a quadcopter that leans into the wind, with its axes of roll, pitch and yaw."""
-    tilts = [np.degrees(UAVS["dji-m300-rtk"].tilt_law(gusts(WIND, form)).mean()) for form in FORMS]
+    tilts = [np.degrees(UAV.tilt_law(gusts(WIND, form)).mean()) for form in FORMS]
     receiver = mt.Receiver(tilt_deg=float(tilts[0]))
     made = mt.Link(receiver=receiver)
     scene = viz.scene(made, FlatSea(), style=replace(STYLE, labels=False, color="plain"))
@@ -95,3 +100,43 @@ def offset(setting: Setting) -> FigureOutput:
     reach = height * float(np.tan(np.radians(0.5 * mt.Receiver().fov_deg)))
     data = xr.Dataset({"offset": ((), distance, {"units": "m"})})
     return FigureOutput(picture, data, [row("reach", (reach, reach))], {"distance": distance})
+
+
+def surfaces(setting: Setting, seas: int) -> FigureOutput:
+    """Draw a JONSWAP sea in both winds, as a scene and as a map."""
+    axis = np.linspace(-HALF_WIDTH, HALF_WIDTH, 201)
+    picture, axes = panels(2, 2, width=5.6, height=4.0)
+    elevation, numbers = [], []
+    for j, wind in enumerate(ROUGH):
+        sea = JonswapSea(wind_speed=wind, seed=setting.seed, band="paper")
+        z = sea.grid(axis, axis)[0]
+        limit = float(np.abs(z).max())
+        scene = viz.scene(None, sea.mesh(extent=HALF_WIDTH, spacing=0.5), style=SEA_STYLE)
+        viz.look(scene, elevation_deg=28.0)
+        scene.camera.zoom(1.15)
+        axes[0, j].imshow(_shot(scene))
+        axes[0, j].set(title=wind_name(wind))
+        axes[0, j].set_axis_off()
+        colors: Any = {"cmap": viz.water_map(), "vmin": -limit, "vmax": limit}
+        draw_map(axes[1, j], axis, axis, z, viz.axis_label("elevation"), **colors)
+        elevation.append(z)
+        numbers += _numbers(sea, axis, setting.seed, seas)
+    coords = {"wind_speed": ROUGH, "x": axis, "y": axis}
+    data = dataset({"elevation": np.array(elevation)}, **coords)
+    return FigureOutput(picture, data, numbers)
+
+
+def _numbers(sea: JonswapSea, axis: Any, seed: int, seas: int) -> list[Entry]:
+    spans = []
+    for i in range(seas):
+        z = sea.with_seed(seed + i).grid(axis, axis)[0]
+        spans.append((np.ptp(z), np.ptp(z[:, len(axis) // 2])))
+    square, line = (_mean(values) for values in zip(*spans, strict=True))
+    hs = components_hs(sea.components)
+    words = {"wind": wind_name(sea.wind_speed), "u": sea.wind_speed}
+    found = {"square": square, "line": line, "hs": hs}
+    return [row(key, (number, number), **words) for key, number in found.items()]
+
+
+def _mean(values: tuple[float, ...]) -> Number:
+    return Number(float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values))))

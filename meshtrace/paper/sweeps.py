@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.paper.canvas import WIND_COLORS, dataset, form_panels, mark_printed, wind_name
-from meshtrace.paper.links import FORMS, WINDS, Form, Mean, decibel, mean_gain, ratio
+from meshtrace.paper.links import FORMS, ROUGH, WINDS, Form, Mean, decibel, mean_gain, ratio
 from meshtrace.paper.registry import PRINTED, Entry, FigureOutput, Number, Setting, row
 from meshtrace.viz import plot_sweep
 
@@ -33,8 +33,8 @@ class Sweep(NamedTuple):
 
     def loss(self, wind: float, before: float, after: float) -> list[Number]:
         """Return the losses [dB] from one value to another, of both forms."""
-        pairs = zip(self.means(wind, before), self.means(wind, after), strict=True)
-        return [decibel(a.over(b)) for a, b in pairs]
+        quotients = map(Mean.over, self.means(wind, before), self.means(wind, after))
+        return list(map(decibel, quotients))
 
     def column(self, form: Form, wind: float, i: int) -> NDArray[np.float64]:
         """Return the gains (0) or their standard errors (1)."""
@@ -49,7 +49,7 @@ class Sweep(NamedTuple):
             key: [[self.column(f, u, i) for u in WINDS] for f in FORMS]
             for i, key in enumerate(("gain", "gain_stderr"))
         }
-        data = dataset(tuple(coords), columns, **coords)
+        data = dataset(columns, **coords)
         named = data.assign_coords(wind_speed=[wind_name(u) for u in WINDS])
         picture, axes = form_panels(sharey=True)
         for form, ax in axes.items():
@@ -93,11 +93,11 @@ def gain_half_angle(setting: Setting, **effort: int) -> FigureOutput:
 def gain_depth(setting: Setting, **effort: int) -> FigureOutput:
     """Draw the mean gain over the LED's depth."""
     sweep = _sources("depth", (10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0), setting, **effort)
-    numbers = [row("first", sweep.at(u, 10.0), wind=wind_name(u), u=u) for u in (5.0, 13.0)]
+    numbers = [row("first", sweep.at(u, 10.0), wind=wind_name(u), u=u) for u in ROUGH]
     numbers += [
         row("gain", sweep.at(u, depth), wind=wind_name(u), depth=depth)
         for depth in (20.0, 40.0)
-        for u in (5.0, 13.0)
+        for u in ROUGH
     ]
     return sweep.output(numbers, [(10.0, "gain-5"), (10.0, "gain-13")])
 
@@ -106,11 +106,11 @@ def gain_height(setting: Setting, **effort: int) -> FigureOutput:
     """Draw the mean gain over the height of the receiver."""
     heights = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
     sweep = _receivers("height", {h: {"height": h} for h in heights}, setting, **effort)
-    numbers = []
-    for height in (5.0, 10.0):
-        for u in (5.0, 13.0):
-            pair = zip(sweep.at(0.0, height), sweep.at(u, height), strict=True)
-            numbers.append(row("ratio", [ratio(a, b) for a, b in pair], u=u, height=height))
+    numbers = [
+        row("ratio", map(ratio, sweep.at(0.0, height), sweep.at(u, height)), u=u, height=height)
+        for height in (5.0, 10.0)
+        for u in ROUGH
+    ]
     return sweep.output(numbers, [(5.0, "gain-5"), (5.0, "gain-13")])
 
 
@@ -130,5 +130,5 @@ def gain_offset(setting: Setting, **effort: int) -> FigureOutput:
     """Draw the mean gain over the horizontal offset of the receiver, down-wind."""
     offsets = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0)
     sweep = _receivers("offset", {x: {"position": [x, 0.0]} for x in offsets}, setting, **effort)
-    losses = {u: sweep.loss(u, 0.0, 0.5) for u in (5.0, 13.0)}
+    losses = {u: sweep.loss(u, 0.0, 0.5) for u in ROUGH}
     return sweep.output([row("loss", g, wind=wind_name(u), u=u) for u, g in losses.items()])

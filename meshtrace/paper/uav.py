@@ -10,38 +10,33 @@ import xarray as xr
 
 import meshtrace as mt
 from meshtrace.paper.canvas import panels, wind_name
-from meshtrace.paper.links import FORM_NAMES, FORMS, Form, gusts
+from meshtrace.paper.links import FORM_NAMES, FORMS, ROUGH, UAV, Form, gusts
 from meshtrace.paper.registry import Entry, FigureOutput, Number, Setting, row
-from meshtrace.uav.airframe import UAVS
-from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, compare_laws
-from meshtrace.viz.style import INK, PALETTE
+from meshtrace.uav.tilt import compare_laws
+from meshtrace.viz.style import INK, PALETTE, finished
 
-WINDS = (5.0, 13.0)
 KNOT = 1852.0 / 3600.0
 """One knot [m s-1]."""
 
 MODERATE_W20 = 30.0
 """Wind at 20 feet for moderate turbulence [kt], Appendix B."""
 
-_UAV = UAVS["dji-m300-rtk"]
 _RED = PALETTE["vermilion"]
 
 
-def _laws(wind: float, form: Form) -> tuple[ExactTiltLaw, GammaTiltLaw]:
+def _laws(wind: float, form: Form) -> tuple[Any, Any]:
+    """Return the exact law of the tilt and the paper's Gamma law."""
     dryden = gusts(wind, form)
-    exact, gamma = _UAV.tilt_law(dryden), _UAV.tilt_law(dryden, "gamma")
-    assert isinstance(exact, ExactTiltLaw)
-    assert isinstance(gamma, GammaTiltLaw)
-    return exact, gamma
+    return UAV.tilt_law(dryden), UAV.tilt_law(dryden, "gamma")
 
 
 def tilt(setting: Setting, samples: int) -> FigureOutput:
     """Draw sampled tilts, their exact law and the paper's Gamma law."""
     picture, axes = panels(2, 2)
     variables: dict[str, Any] = {}
-    for ax, (form, wind) in zip(axes.flat, itertools.product(FORMS, WINDS), strict=True):
+    for ax, (form, wind) in zip(axes.flat, itertools.product(FORMS, ROUGH), strict=True):
         exact, gamma = _laws(wind, form)
-        drawn = _UAV.tilt(gusts(wind, form).sample_wind(samples, setting.seed)).angle
+        drawn = UAV.tilt(gusts(wind, form).sample_wind(samples, setting.seed)).angle
         grid = np.linspace(exact.ppf(1e-6), exact.ppf(1.0 - 1e-6), 400)
         density, edges = np.histogram(drawn, bins=80, density=True)
         key, per_degree = f"{form}_{wind:g}", np.radians(1.0)
@@ -52,13 +47,12 @@ def tilt(setting: Setting, samples: int) -> FigureOutput:
             pdf = law.pdf(grid)
             ax.plot(np.degrees(grid), pdf * per_degree, dashes, color=color, label=label)
             variables[f"pdf_{name}_{key}"] = (f"angle_{key}", pdf, {"units": "rad-1"})
-        ax.set(xlabel=r"tilt $\alpha$ [°]", ylabel=r"probability density [1/°]")
-        ax.set_title(f"{wind_name(wind)}, {FORM_NAMES[form]}")
-        ax.legend()
+        labels = {"xlabel": r"tilt $\alpha$ [°]", "ylabel": r"probability density [1/°]"}
+        finished(ax, title=f"{wind_name(wind)}, {FORM_NAMES[form]}", **labels)
         variables[f"angle_{key}"] = (f"angle_{key}", grid, {"units": "rad"})
         variables[f"pdf_sampled_{key}"] = (f"bin_{key}", density, {"units": "rad-1"})
         variables[f"edges_{key}"] = (f"edge_{key}", edges, {"units": "rad"})
-    numbers = [entry for wind in WINDS for entry in _tilt_numbers(wind)]
+    numbers = [entry for wind in ROUGH for entry in _tilt_numbers(wind)]
     return FigureOutput(picture, xr.Dataset(variables), numbers)
 
 
@@ -80,8 +74,8 @@ def h_alpha(setting: Setting) -> FigureOutput:
     picture, axes = panels(1, 2)
     variables: dict[str, Any] = {}
     numbers = []
-    for ax, wind in zip(axes[0], WINDS, strict=True):
-        laws: Any = _laws(wind, "physical")[0], _laws(wind, "paper")[1]
+    for ax, wind in zip(axes[0], ROUGH, strict=True):
+        laws = _laws(wind, "physical")[0], _laws(wind, "paper")[1]
         low = max(min(float(np.cos(law.ppf(1.0 - 1e-5))) for law in laws), 0.0)
         h, key = np.linspace(low, 1.0, 801)[:-1], f"h_{wind:g}"
         names = ("default, exact law", "paper preset, Gamma law")
@@ -89,9 +83,8 @@ def h_alpha(setting: Setting) -> FigureOutput:
             ax.plot(h, law.h_pdf(h, fov), label=name)
             variables[f"pdf_{form}_{wind:g}"] = (key, law.h_pdf(h, fov), {"units": "1"})
         variables[key] = (key, h, {"units": "1"})
-        ax.set(xlabel=r"factor $h_\alpha$", ylabel=r"probability density $f(h_\alpha)$")
-        ax.set_title(wind_name(wind))
-        ax.legend()
+        labels = {"xlabel": r"factor $h_\alpha$", "ylabel": r"probability density $f(h_\alpha)$"}
+        finished(ax, title=wind_name(wind), **labels)
         words = {"wind": wind_name(wind)}
         published = float(laws[1].tilt_coefficient ** (laws[1].shape - 1.0))
         numbers.append(row("mean", [float(law.h_moment(1, fov)) for law in laws], **words))

@@ -10,8 +10,7 @@ import xarray as xr
 
 from meshtrace.fields import attrs
 from meshtrace.paper.canvas import panels
-from meshtrace.paper.profile_files import profiles_of
-from meshtrace.paper.profiles import WaterProfile, ray_deflection
+from meshtrace.paper.profiles import WaterProfile, profiles_of, ray_deflection
 from meshtrace.paper.registry import Entry, FigureOutput, Setting, row
 from meshtrace.viz.style import PALETTE
 
