@@ -116,11 +116,13 @@ def save_movie(
 
     def frames() -> Iterator[NDArray[np.uint8]]:
         plotter = None
-        for time in map(float, times):
-            plotter = scene(link, sea, time=time, **light, plotter=plotter)
-            yield frame.draw(np.asarray(plotter.screenshot(return_img=True)), time)
-        if plotter is not None:
-            plotter.close()
+        try:
+            for time in map(float, times):
+                plotter = scene(link, sea, time=time, **light, plotter=plotter)
+                yield frame.draw(np.asarray(plotter.screenshot(return_img=True)), time)
+        finally:
+            if plotter is not None:
+                plotter.close()
 
     return _write_movie(path, frames(), options, progress)
 
@@ -179,15 +181,16 @@ def save_light(
 
     if still:
         with atomic(path) as temporary:
-            pattern = light_pattern(link, sea, **size, time=float(at[0]))
-            _LightFrame(link, sea, pattern).figure.savefig(temporary, dpi=130)
+            first = float(at[0])
+            pattern = light_pattern(link, sea, **size, time=first)
+            _LightFrame(link, sea, pattern, first).figure.savefig(temporary, dpi=130)
         return path
 
     def frames() -> Iterator[NDArray[np.uint8]]:
         frame = None
         for time in map(float, at):
             pattern = light_pattern(link, sea, **size, time=time)
-            frame = frame or _LightFrame(link, sea, pattern)
+            frame = frame or _LightFrame(link, sea, pattern, time)
             yield frame.draw(pattern, time)
 
     return _write_movie(path, frames(), options, progress)
@@ -290,7 +293,7 @@ class _LightFrame:
     """Figure with the slope of the sea on the left and the light on the right."""
 
     @mpl.rc_context(RC | {"axes.grid": False})
-    def __init__(self, link: Link, sea: Any, pattern: CoverageMap) -> None:
+    def __init__(self, link: Link, sea: Any, pattern: CoverageMap, time: float) -> None:
         depth, height = getattr(link.transmitters[0], "depth", 1.0), link.only_receiver.height
         share = depth / (depth + link.water.n / link.n_air * height)
         source = np.array(link.transmitters[0].position)
@@ -298,7 +301,7 @@ class _LightFrame:
         corner = [np.array([c[0], c[-1]]) for c in (pattern.x, pattern.y)]
         lines = [s + share * (c - s) for s, c in zip(source, corner, strict=True)]
         self.axes = [np.linspace(*line, 400) for line in lines]
-        slope = self._slope(0.0)
+        slope = self._slope(time)
         limit = _STEEPEST * float(slope.std()) or 0.1
         self.figure = _figure(LIGHT_SIZE, 80)
         left, right = self.figure.subplots(1, 2)

@@ -25,6 +25,17 @@ def test_a_picture(tmp_path):
 
 
 @pytest.mark.thorough
+def test_a_picture_shows_the_sea_of_its_time(tmp_path):
+    seas = []
+    for time in (0.0, 3.0):
+        path = viz.save_light(SHARP, SEA, tmp_path / f"{time}.png", [time], **SMALL)
+        with Image.open(path) as picture:
+            pixels = np.asarray(picture.convert("RGB"), float)
+        seas.append(pixels[80:-80, 60 : pixels.shape[1] // 2 - 120])
+    assert (np.abs(seas[1] - seas[0]).sum(axis=2) > 30).mean() > 0.1
+
+
+@pytest.mark.thorough
 def test_a_movie_in_which_light_and_sea_move(tmp_path):
     seen = []
     path = viz.save_light(
