@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Described, Refused, require_array, require_real
+from meshtrace.errors import Described, Refused, require_array, require_between, require_real
 from meshtrace.models import Floats
 
 _NORMAL = 1e9  # mean counts above which their law is normal, to a skewness of 3e-5
@@ -133,9 +133,9 @@ def generalized_poisson_logpmf(k: ArrayLike, primaries: float, branching: float)
     """
     from scipy.special import gammaln, xlogy
 
-    k = require_array(k, "k", "counts, integers >= 0")
-    primaries = require_real(primaries, "primaries", "a number >= 0")
-    branching = require_real(branching, "branching", _BRANCHING)
+    k = non_negative("k", k)
+    primaries = require_between(primaries, 0.0, math.inf, "primaries", "[)", "a number >= 0")
+    branching = require_between(branching, 0.0, 1.0, "branching", "[)")
     rate = primaries + k * branching
     grown = xlogy(1.0, primaries) + xlogy(k - 1.0, np.where(rate > 0.0, rate, 1.0))
     return np.where(k == 0.0, -primaries, grown - rate - gammaln(k + 1.0))

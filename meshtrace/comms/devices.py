@@ -9,7 +9,7 @@ import pydantic
 from numpy.typing import ArrayLike
 from scipy import constants
 
-from meshtrace.errors import Refused, require_between
+from meshtrace.errors import require_between
 from meshtrace.models import Floats, Model, NonNegative, Positive
 
 
@@ -238,8 +238,7 @@ class SiPM(Model, frozen=True):
         Refused
             If the bandwidth is not positive.
         """
-        if not 0.0 < noise_bandwidth < math.inf:
-            raise Refused("noise_bandwidth", noise_bandwidth, "> 0 Hz")
+        require_between(noise_bandwidth, 0.0, math.inf, "noise_bandwidth", allowed="> 0 Hz")
         fb = self.excess_noise_factor * noise_bandwidth
         root = 1.0 + math.sqrt(1.0 + 2.0 * self.dark_count_rate / fb)
         return photon_energy(wavelength) * fb / self.pde * root
@@ -420,7 +419,7 @@ class OpticalFrontEnd(Model, frozen=True):
         Refused
             If the radiance is negative or not finite.
         """
-        if not 0.0 <= radiance_per_nm < math.inf:
-            raise Refused("radiance_per_nm", radiance_per_nm, ">= 0 W m-2 nm-1 sr-1")
+        allowed = ">= 0 W m-2 nm-1 sr-1"
+        require_between(radiance_per_nm, 0.0, math.inf, "radiance_per_nm", "[)", allowed)
         etendue = self._acceptance * self.efficiency(detector_area)
         return radiance_per_nm * self.filter_width_nm * etendue

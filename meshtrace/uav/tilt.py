@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Refused
+from meshtrace.errors import require_between
 from meshtrace.models import Floats
 
 
@@ -66,9 +66,7 @@ def h_alpha(tilt: ArrayLike, fov: float) -> Floats:
 
 
 def _half_angle(fov: float) -> float:
-    if not 0.0 < fov <= math.pi:
-        raise Refused("fov", fov, "0 < fov <= pi rad (full angle)")
-    return 0.5 * fov
+    return 0.5 * require_between(fov, 0.0, math.pi, "fov", "(]", "0 < fov <= pi rad (full angle)")
 
 
 @functools.cache
