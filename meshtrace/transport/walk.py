@@ -29,7 +29,7 @@ from meshtrace.optics.phase_base import PhaseFunction
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.analog import chunk_tallies, setup_of
-from meshtrace.transport.frame import IDENTITY, frame_of
+from meshtrace.transport.frame import frame_of
 from meshtrace.transport.options import Analog
 
 _BLUR = math.radians(3.0)
@@ -57,21 +57,22 @@ def walked(
         raise Refused("physics", link.physics.absorption, allowed)
     frame, n = frame_of(link), link.water.n / link.n_air
     bare = link.model_copy(update={"receiver": (), "planes": None})
-    local = EmbreeIntersector(mesh if frame == IDENTITY else frame.mesh(mesh), threads)
+    local = EmbreeIntersector(frame.mesh(mesh), threads)
     options = Analog(roulette=1e-3, max_surface_events=100)
     setup = setup_of(bare, frame, local, seed, normals, options, 1)
     sun, irradiance = refracted_sun(day, n)
-    foam = setup.interface.foam_transmittance
+    world, foam = setup.world, setup.world.interface.foam_transmittance
     bubbles = link.bubbles.phase_function() if link.bubbles else link.water.phase
     back = Backward(
         np.ascontiguousarray(origins), np.ascontiguousarray(directions), in_water, not in_water,
-        day.sky, Vec3(*sun.tolist()), foam * irradiance if setup.medium.b_max > 0.0 else 0.0,
+        day.sky, Vec3(*sun.tolist()), foam * irradiance if world.medium.b_max > 0.0 else 0.0,
         1.0 if in_water else 1.0 - float(link.water.phase.cdf(_FORWARD)),
         *(blurred_phase(p) * (in_water | _WIDE) for p in (link.water.phase, bubbles)),
     )  # fmt: skip
     spans = [(i, min(i + options.batch_size, len(origins)))
              for i in range(0, len(origins), options.batch_size)]  # fmt: skip
-    done = ordered_map(partial(chunk_tallies, setup._replace(back=back)), spans, threads)
+    setup = setup._replace(world=world._replace(back=back))
+    done = ordered_map(partial(chunk_tallies, setup), spans, threads)
     scores = np.concatenate([tallies.score for _, tallies in done])
     by_shift = scores.reshape(SHIFTS, -1, 2).mean(axis=1)
     return by_shift * ((n**2, 1.0) if in_water else (1.0, 1.0 / n**2))
