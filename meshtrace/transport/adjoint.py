@@ -34,6 +34,7 @@ from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.angle_tables import angle_table
 from meshtrace.transport.arrays import interface_arrays, surface_arrays, with_raster
@@ -60,12 +61,12 @@ _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
 class Sums(NamedTuple):
     """Sums over the paths of a block."""
 
-    groups: NDArray[np.float64]  # (SHIFTS,)
-    orders: NDArray[np.float64]  # (orders,)
+    groups: Floats  # (SHIFTS,)
+    orders: Floats  # (orders,)
     square: float
     scored: int
     beside: int
-    arrivals: NDArray[np.float64] | None  # (arrivals, 4) weight, way in water and air, group
+    arrivals: Floats | None  # (arrivals, 4) weight, way in water and air, group
 
 
 @dataclass(frozen=True)
@@ -89,20 +90,20 @@ class AdjointParts:
         add up to its scattered gain.
     """
 
-    scattered: NDArray[np.float64]
-    orders: NDArray[np.float64]
+    scattered: Floats
+    orders: Floats
     scored: NDArray[np.int64]
-    variance: NDArray[np.float64]
-    beside: NDArray[np.float64]
-    arrivals: list[NDArray[np.float64]] | None = None
+    variance: Floats
+    beside: Floats
+    arrivals: list[Floats] | None = None
 
     @property
-    def gain(self) -> NDArray[np.float64]:
+    def gain(self) -> Floats:
         """Scattered gain of each receiver."""
         return self.scattered.mean(axis=1)
 
     @property
-    def stderr(self) -> NDArray[np.float64]:
+    def stderr(self) -> Floats:
         """Standard error of the scattered gain of each receiver."""
         return self.scattered.std(axis=1, ddof=1) / math.sqrt(SHIFTS)
 
@@ -188,7 +189,7 @@ class AdjointPaths:
             np.zeros((len(receivers), len(share))),
             np.zeros_like(groups[:, : len(share)]),
         )
-        rows: list[list[NDArray[np.float64]]] = [[np.zeros((0, 4))] for _ in receivers]
+        rows: list[list[Floats]] = [[np.zeros((0, 4))] for _ in receivers]
         for (r, s, _), sums in zip(jobs, blocks, strict=True):
             if sums.arrivals is not None:
                 per_arrival = share[s] / (SHIFTS * per_group[sums.arrivals[:, 3].astype(np.int64)])
@@ -342,15 +343,13 @@ class _Over:
             self._arrivals_of(scores, air, first) if self._arrivals else None,
         )
 
-    def _arrivals_of(
-        self, scores: NDArray[np.float64], air: NDArray[np.float64], first: int
-    ) -> NDArray[np.float64]:
+    def _arrivals_of(self, scores: Floats, air: Floats, first: int) -> Floats:
         """Return weight, way in water and air [m] and group of scores."""
         path = scores[:, 0].astype(np.int64)
         ways = self._unit * scores[:, 3], self._unit * air[path]
         return np.column_stack([scores[:, 2], *ways, (first + path) % SHIFTS])
 
-    def _follow(self, paths: starting.Paths, world: starting.World) -> NDArray[np.float64]:
+    def _follow(self, paths: starting.Paths, world: starting.World) -> Floats:
         """Trace paths to their ends, with rays for doubtful visibility; return the scores."""
         n = len(paths.weight)
         most = 6 * n + 64
@@ -373,14 +372,14 @@ class _Over:
                 paths.score, (kept[:, 0].astype(np.int64), kept[:, 1].astype(np.int64)), kept[:, 2]
             )
 
-    def _cut(self, ray: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def _cut(self, ray: Floats) -> NDArray[np.bool_]:
         """Return the paths that meet the surface; rays start slightly off the first facet."""
         hair = 1e-4 * ray[:, 7]
         start = ray[:, 1:4] + hair[:, None] * ray[:, 4:7]
         hits = self._intersector.intersect(start, ray[:, 4:7])
         return hits.distance < ray[:, 7] - hair
 
-    def _below(self, root: NDArray[np.float64]) -> NDArray[np.int32]:
+    def _below(self, root: Floats) -> NDArray[np.int32]:
         """Return the facets over points (x, y); -1 outside the mesh and for still water."""
         shape = root.shape[:2]
         if self._flat:
@@ -393,7 +392,7 @@ class _Over:
         down[:, 2] = -1.0
         return self._intersector.facets(origins, down).reshape(shape)
 
-    def _starts(self, world: starting.World) -> NDArray[np.float64]:
+    def _starts(self, world: starting.World) -> Floats:
         """Return crossings (x, y) of light from the source to the centre of the aperture."""
         n = self._medium.n_water / self._medium.n_air
         target, emitter = world.target, world.optics.emitter

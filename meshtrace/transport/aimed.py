@@ -24,6 +24,7 @@ from meshtrace.kernels.scene import FACET, Emitter, Scene, Target, facet_summary
 from meshtrace.kernels.shadow import BESIDE, CUT, shadows
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.transport.arrays import locator, surface_arrays, with_raster
 from meshtrace.transport.chain_sets import CROSSINGS, ChainSet
 from meshtrace.transport.forced_link import ForcedLink
@@ -117,7 +118,7 @@ class AimedChains:
         return rough._replace(along=along, across=across)
 
     @property
-    def centroids(self) -> NDArray[np.float64]:
+    def centroids(self) -> Floats:
         """Centroids of the facets, shape (m, 3)."""
         return np.stack([self.facets[name] for name in ("x", "y", "z")], axis=1)
 
@@ -192,13 +193,13 @@ class AimedChains:
         near = self.locator.facet if len(self.locator.facet) else slice(None)
         return float(self.facets["curvature"][near].max()), float(self.facets["radius"][near].max())
 
-    def score(self, source: int, receiver: int, chains: ChainSet) -> NDArray[np.float64]:
+    def score(self, source: int, receiver: int, chains: ChainSet) -> Floats:
         """Return the score of each chain of a set, from a source to a receiver."""
         return self.aim(source, receiver, chains, keep=False)[0]
 
     def aim(
         self, source: int, receiver: int, chains: ChainSet, keep: bool
-    ) -> tuple[NDArray[np.float64], NDArray[np.void]]:
+    ) -> tuple[Floats, NDArray[np.void]]:
         """Return the score of each chain and, if `keep`, its unblocked arrivals."""
         emitter, target = self.link.emitters[source], self.link.targets[receiver]
         n = len(chains.audit)
@@ -234,12 +235,7 @@ class AimedChains:
         self.counters += out.counters
         return out.score, arrivals
 
-    def _cut(
-        self,
-        origins: NDArray[np.float64],
-        directions: NDArray[np.float64],
-        lengths: NDArray[np.float64],
-    ) -> NDArray[np.bool_]:
+    def _cut(self, origins: Floats, directions: Floats, lengths: Floats) -> NDArray[np.bool_]:
         """Return the straight paths that the surface blocks.
 
         A path that starts or ends on the surface is shortened by a hair at both ends. Paths
@@ -255,9 +251,7 @@ class AimedChains:
             cut[beside] = hits.distance < lengths[beside] - 3.0 * hair
         return cut
 
-    def direct_gains(
-        self, source: int, receiver: int, at: Vec3 | None = None
-    ) -> NDArray[np.float64] | None:
+    def direct_gains(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats | None:
         """Return the unscattered gain through each facet, without noise.
 
         From the centre of the source, or from the point `at`. None where it has to be sampled:
@@ -267,9 +261,7 @@ class AimedChains:
             return self.facet_gains(source, receiver, at)
         return self._blurred_gains(source, receiver, at) if self.blurred else None
 
-    def _blurred_gains(
-        self, source: int, receiver: int, at: Vec3 | None
-    ) -> NDArray[np.float64] | None:
+    def _blurred_gains(self, source: int, receiver: int, at: Vec3 | None) -> Floats | None:
         """Return the unscattered gain through each facet of a mesh with random slopes."""
         scene = self._forwards(source, receiver, at)
         target, n = scene.target, scene.medium.n_water / scene.medium.n_air
@@ -288,9 +280,7 @@ class AimedChains:
             gain[self._hidden(source, receiver, np.flatnonzero(doubtful))] = 0.0
         return gain
 
-    def facet_gains(
-        self, source: int, receiver: int, at: Vec3 | None = None
-    ) -> NDArray[np.float64]:
+    def facet_gains(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats:
         """Return the unscattered gain through each facet."""
         scene = self._forwards(source, receiver, at)
         stretch, lever = self.bounds_of(scene)
@@ -322,12 +312,8 @@ class AimedChains:
         return facets[cut]
 
     def direct_paths(
-        self,
-        source: int,
-        receiver: int,
-        facets: NDArray[np.intp],
-        disk: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+        self, source: int, receiver: int, facets: NDArray[np.intp], disk: Floats
+    ) -> Floats:
         """Return (n, 3, 3): source, crossing and landing of unscattered light near facets."""
         emitter, target = self.link.emitters[source], self.link.targets[receiver]
         found, crossings = np.zeros(len(facets), bool), np.zeros((len(facets), 3))
@@ -352,7 +338,7 @@ def _disk_nodes(blur: float) -> tuple[int, int]:
 
 
 @cache
-def _disk_rule(rings: int, around: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _disk_rule(rings: int, around: int) -> tuple[Floats, Floats]:
     """Return quadrature points and weights on the unit disk, with rings at Gauss's nodes."""
     nodes, weights = np.polynomial.legendre.leggauss(rings)
     azimuth = 2.0 * math.pi * (np.arange(around) + 0.5 * (np.arange(rings)[:, None] % 2)) / around
@@ -362,7 +348,7 @@ def _disk_rule(rings: int, around: int) -> tuple[NDArray[np.float64], NDArray[np
     return points.reshape(-1, 2), shares
 
 
-def on_disk(center: Vec3, end: Emitter | Target, disk: NDArray[np.float64]) -> NDArray[np.float64]:
+def on_disk(center: Vec3, end: Emitter | Target, disk: Floats) -> Floats:
     """Return the points of an emitter or target that belong to points of the unit disk."""
     return np.asarray(center) + end.radius * disk @ np.array([end.e1, end.e2])
 

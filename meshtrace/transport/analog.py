@@ -25,6 +25,7 @@ from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Fate, Tallies
 from meshtrace.kernels.vectors import UP, Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.analog_grid import NO_GRID, grid_arrays
@@ -69,7 +70,7 @@ class FixedPointSum:
         self._whole += self._part >> 44
         self._part &= (1 << 44) - 1
 
-    def value(self) -> NDArray[np.float64]:
+    def value(self) -> Floats:
         """Return the sum as floating point numbers."""
         return self._whole + self._part * UNIT
 
@@ -79,8 +80,8 @@ class Sums:
     """Tallies of a run of photons; those of disjoint photons add."""
 
     photons: int
-    score: NDArray[np.float64]
-    score_squared: NDArray[np.float64]
+    score: Floats
+    score_squared: Floats
     count: NDArray[np.int64]
     misses: NDArray[np.int64]
     ledger: FixedPointSum

@@ -20,6 +20,7 @@ from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.medium import DepthMode, Medium
 from meshtrace.kernels.scene import FACET, Emitter, Scene, Target
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.arrays import empty_locator, surface_arrays
@@ -40,8 +41,6 @@ _LONGEST_WAY = 1.3, 6.0  # smallest and largest of the longest way, over the sho
 TURBID = 4.0
 """Scatterings expected on the way, from which water is turbid: chains are fitted to the way."""
 
-_Points = NDArray[np.float64]
-
 
 class ChainSet(NamedTuple):
     """Chains of one order from one source, and their crossings of a flat sea."""
@@ -49,7 +48,7 @@ class ChainSet(NamedTuple):
     order: int
     chains: Chains
     flat: list[NDArray[np.void]]  # by receiver, (n, crossings) FLAT
-    audit: NDArray[np.float64]
+    audit: Floats
 
     def blocks(self) -> list[ChainSet]:
         """Return the chains in blocks of whole shifts, for threads."""
@@ -106,7 +105,7 @@ class ChainDrawer:
         """Return sets of chains; the threads share their blocks."""
         sets: list[ChainSet] = []
 
-        def jobs() -> Iterator[tuple[int, ChainSet, _Points, _Points]]:
+        def jobs() -> Iterator[tuple[int, ChainSet, Floats, Floats]]:
             for request in requests:
                 sets.append(self.empty(request))
                 points, shifts = points_of(request)
@@ -143,7 +142,7 @@ class ChainDrawer:
         flat = [np.zeros((n, CROSSINGS), FLAT) for _ in self._link.targets]
         return ChainSet(order, chains, flat, np.empty(n))
 
-    def _fill(self, source: int, block: ChainSet, points: _Points, shifts: _Points) -> None:
+    def _fill(self, source: int, block: ChainSet, points: Floats, shifts: Floats) -> None:
         """Draw the chains of a block from shifted points; find their crossings of a flat sea."""
         u = (points[None] + shifts) % 1.0
         u = np.clip(u.reshape(-1, u.shape[-1]), 1e-12, 1.0 - 1e-12)
@@ -173,7 +172,7 @@ class ChainDrawer:
             self._link.interface,
         )
 
-    def flat_scores(self, source: int, chains: ChainSet) -> NDArray[np.float64]:
+    def flat_scores(self, source: int, chains: ChainSet) -> Floats:
         """Return the scores of chains over still water, shape (receivers, chains)."""
         scores = np.empty((len(chains.flat), len(chains.audit)))
         for receiver, (flat, score) in enumerate(zip(chains.flat, scores, strict=True)):
@@ -182,7 +181,7 @@ class ChainDrawer:
         return scores
 
 
-def points_of(request: Request) -> tuple[_Points, _Points]:
+def points_of(request: Request) -> tuple[Floats, Floats]:
     """Return the points of a set of chains and their shifts, kept if they are few."""
     width = kernel.DIMENSIONS * request.order + 6
     few = request.per_shift * width <= _MOST_KEPT
@@ -190,7 +189,7 @@ def points_of(request: Request) -> tuple[_Points, _Points]:
 
 
 @lru_cache(maxsize=64)
-def _points(width: int, per_shift: int, key: tuple[int, ...]) -> tuple[_Points, _Points]:
+def _points(width: int, per_shift: int, key: tuple[int, ...]) -> tuple[Floats, Floats]:
     """Return Sobol points of the unit cube, (per_shift, width), and their random shifts."""
     from scipy.stats import qmc
 
@@ -279,14 +278,14 @@ def last_order(medium: Medium, expected: Nominal) -> int:
     return int(min(max(poisson.isf(_TAIL, most), 1), _MAX_ORDER))
 
 
-def flat_mesh(low: NDArray[np.float64], high: NDArray[np.float64]) -> TriangleMesh:
+def flat_mesh(low: Floats, high: Floats) -> TriangleMesh:
     """Return a flat sea of two facets between two corners (x, y)."""
     (x0, y0), (x1, y1) = low, high
     corners = [(x0, y0, 0.0), (x1, y0, 0.0), (x1, y1, 0.0), (x0, y1, 0.0)]
     return TriangleMesh(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-def starts_of(emitter: Emitter, target: Target) -> NDArray[np.float64]:
+def starts_of(emitter: Emitter, target: Target) -> Floats:
     """Return the starts (x, y) of the search for flat crossings, the likely one first.
 
     Light that arrives flatter than 60 degrees crosses far out, where Newton comes from anywhere.

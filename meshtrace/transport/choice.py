@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.models import Floats
 from meshtrace.transport.chain_sets import TURBID
 from meshtrace.transport.forced_link import ForcedLink
 from meshtrace.transport.pilots import Pilot
@@ -31,9 +32,9 @@ _DOUBT = 3.5  # standard errors by which the pilots may differ: beyond, chains m
 class ScatteredPilot(NamedTuple):
     """Mean of the scattered gain and variance of one sample, by receiver."""
 
-    mean: NDArray[np.float64]
-    variance: NDArray[np.float64]
-    stderr: NDArray[np.float64]
+    mean: Floats
+    variance: Floats
+    stderr: Floats
 
 
 def chain_pilot(pilots: list[Pilot], link: ForcedLink) -> ScatteredPilot:

@@ -29,6 +29,7 @@ from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.adjoint import AdjointPaths
@@ -194,7 +195,7 @@ class ForcedDetection:
         """Return the seed of the chains of an emitter: receivers have the same in any order."""
         return self._key[1], 0 if self.arrays.down else emitter
 
-    def _flat_gain(self, pilots: list[Pilot]) -> NDArray[np.float64]:
+    def _flat_gain(self, pilots: list[Pilot]) -> Floats:
         """Return the gain of each receiver over a flat sea."""
         aimed, link = self.over(self.flat()), self.arrays
         targets = range(len(link.targets))
@@ -277,7 +278,7 @@ class ForcedDetection:
         counts = Counts(sums.chains, *(int(c) for c in aimed.counters))
         return sums.parts(counts._replace(sampled=sampled))
 
-    def _direct(self, aimed: AimedChains, s: int, r: int) -> NDArray[np.float64]:
+    def _direct(self, aimed: AimedChains, s: int, r: int) -> Floats:
         """Return the unscattered gain of a source and a receiver: one number, or one per shift."""
         if self.arrays.sizes[s] > 0.0:
             points = self._lamp_points(s)
@@ -288,9 +289,7 @@ class ForcedDetection:
             return gains.sum(keepdims=True)
         return aimed.score(s, r, self._unscattered[s]).reshape(SHIFTS, -1).mean(axis=1)
 
-    def _from_point(
-        self, aimed: AimedChains, s: int, r: int, point: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _from_point(self, aimed: AimedChains, s: int, r: int, point: Floats) -> Floats:
         """Return the unscattered gain through each facet from a point of an extended source."""
         gains = aimed.direct_gains(s, r, Vec3(*point.tolist()))
         if gains is None:
@@ -299,7 +298,7 @@ class ForcedDetection:
             raise Refused("transmitter", narrow, allowed)
         return gains
 
-    def _lamp_points(self, s: int) -> NDArray[np.float64]:
+    def _lamp_points(self, s: int) -> Floats:
         """Return points of an extended source, those of each shift in turn."""
         photons, seed = self._key
         per_shift = max(photons // (_CHAINS_PER_POINT * SHIFTS), 2)
@@ -332,7 +331,7 @@ class ForcedDetection:
         origin = np.array(self.link.origin)
         return flat_mesh(origin - far, origin + far)
 
-    def arrivals(self, mesh: TriangleMesh) -> list[NDArray[np.float64]]:
+    def arrivals(self, mesh: TriangleMesh) -> list[Floats]:
         """Return, by receiver, rows of weight, path in water, path in air [m] and shift.
 
         The weights of a receiver add up to its gain. Unscattered light without random slopes
@@ -354,7 +353,7 @@ class ForcedDetection:
         """Receivers served by adjoint paths."""
         return [r for r, m in enumerate(self.method) if m == "adjoint"]
 
-    def _aimed_arrivals(self, aimed: AimedChains, r: int) -> NDArray[np.float64]:
+    def _aimed_arrivals(self, aimed: AimedChains, r: int) -> Floats:
         """Return arrivals of a receiver over facets and chains."""
         link, unit = self.arrays, self.arrays.frame.unit
         rows = [np.zeros((0, 4))]
@@ -383,9 +382,7 @@ class ForcedDetection:
         return np.concatenate(rows)
 
 
-def cut_share(
-    link: Link, mesh: TriangleMesh, seed: int, normals: str, threads: int
-) -> NDArray[np.float64]:
+def cut_share(link: Link, mesh: TriangleMesh, seed: int, normals: str, threads: int) -> Floats:
     """Return the share of the light of a flat sea that crosses outside a mesh, by receiver."""
     low, high = mesh.bounds[:, :2]
     reach = crossing_reach(link) + np.array(link.origin) * [[-1.0], [1.0]]
@@ -398,13 +395,8 @@ def cut_share(
 
 
 def _direct_rows(
-    aimed: AimedChains,
-    gains: NDArray[np.float64],
-    lamp: NDArray[np.float64],
-    center: Vec3,
-    unit: float,
-    shift: int,
-) -> NDArray[np.float64]:
+    aimed: AimedChains, gains: Floats, lamp: Floats, center: Vec3, unit: float, shift: int
+) -> Floats:
     """Return the arrivals of unscattered light from a point through facets."""
     lit = np.flatnonzero(gains)
     crossing = aimed.centroids[lit]
@@ -412,5 +404,5 @@ def _direct_rows(
     return _rows(gains[lit], unit * water, unit * air, np.full(len(lit), shift))
 
 
-def _rows(*columns: NDArray[Any]) -> NDArray[np.float64]:
+def _rows(*columns: NDArray[Any]) -> Floats:
     return np.column_stack(columns).astype(np.float64)

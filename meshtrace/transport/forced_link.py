@@ -6,7 +6,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import Interface
@@ -18,6 +17,7 @@ from meshtrace.link import Link, Receiver, Source, WaterReceiver, WaterSource
 from meshtrace.link.receivers import Aperture
 from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.transport.arrays import interface_arrays, medium_arrays, pattern_of
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 
@@ -48,7 +48,7 @@ class ForcedLink(NamedTuple):
 
     frame: Frame
     emitters: list[Emitter]
-    power: NDArray[np.float64]  # (sources,) shares of the power
+    power: Floats  # (sources,) shares of the power
     targets: list[Target]
     medium: Medium
     interface: Interface
@@ -68,7 +68,7 @@ class ForcedLink(NamedTuple):
         """Return the share of the power of the source of a pair."""
         return float(self.power[target if self.down else emitter])
 
-    def by_receiver(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def by_receiver(self, values: Floats) -> Floats:
         """Return the sum over the sources of values (emitters, targets), by share of the power."""
         return values @ self.power if self.down else self.power @ values
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.medium import Medium
@@ -18,6 +17,7 @@ from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import Apertures
 from meshtrace.link import Link
 from meshtrace.mesh import FARTHEST, TriangleMesh
+from meshtrace.models import Floats
 
 
 class Frame(NamedTuple):
@@ -27,11 +27,11 @@ class Frame(NamedTuple):
     y: float
     unit: float
 
-    def points(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def points(self, points: Floats) -> Floats:
         """Return local coordinates of points [m]."""
         return (points - np.array([self.x, self.y, 0.0])) / self.unit
 
-    def metres(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def metres(self, points: Floats) -> Floats:
         """Return the coordinates [m] of local points."""
         return points * self.unit + np.array([self.x, self.y, 0.0])
 

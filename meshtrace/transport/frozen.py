@@ -20,6 +20,7 @@ from meshtrace.errors import Refused
 from meshtrace.kernels.chains import Nominal
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.aimed import AimedChains, Search, on_disk
 from meshtrace.transport.chain_sets import ChainDrawer, ChainSet
@@ -38,14 +39,14 @@ class Light(NamedTuple):
     Carlo error, and belongs to every shift alike.
     """
 
-    weight: NDArray[np.float64]
+    weight: Floats
     order: NDArray[np.int64]  # number of scatterings
-    water: NDArray[np.float64]  # path in the water [m]
-    angle: NDArray[np.float64]  # to the axis of the receiver [rad]
-    lamp: NDArray[np.float64]  # cosine of the emission to the axis of the source
+    water: Floats  # path in the water [m]
+    angle: Floats  # to the axis of the receiver [rad]
+    lamp: Floats  # cosine of the emission to the axis of the source
     shift: NDArray[np.int64]
 
-    def by_shift(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def by_shift(self, values: Floats) -> Floats:
         """Return the sum of the weights times values (n,) of each shift, shape (shifts,)."""
         light = self.weight * values
         common = self.shift < 0
@@ -113,7 +114,7 @@ class FrozenForced:
                 (mesh, NearbyFacets(base.over(mesh), base.scattered_sets)) for mesh in meshes
             ]
 
-    def gains(self, link: Link, mesh: TriangleMesh) -> NDArray[np.float64]:
+    def gains(self, link: Link, mesh: TriangleMesh) -> Floats:
         """Return the gain of a neighbouring link by the shift of the points.
 
         Parameters
@@ -210,12 +211,7 @@ class FrozenForced:
         return laws
 
     def _direct(
-        self,
-        arrays: ForcedLink,
-        aimed: AimedChains,
-        emitter: int,
-        target: int,
-        gains: NDArray[np.float64],
+        self, arrays: ForcedLink, aimed: AimedChains, emitter: int, target: int, gains: Floats
     ) -> Light:
         """Return the unscattered light, by facet."""
         lit = np.flatnonzero(gains)
@@ -246,12 +242,8 @@ class FrozenForced:
 
 
 def _angles(
-    arrays: ForcedLink,
-    emitter: int,
-    target: int,
-    start: NDArray[np.float64],
-    end: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    arrays: ForcedLink, emitter: int, target: int, start: Floats, end: Floats
+) -> tuple[Floats, Floats]:
     """Return angles of arrival [rad] and cosines of emission of chains, by their two end segments.
 
     Chains of light that goes down start at the receiver and end at the lamp.
@@ -263,6 +255,6 @@ def _angles(
     return np.arccos(_cosine(end, high.axis)), first
 
 
-def _cosine(way: NDArray[np.float64], axis: tuple[float, float, float]) -> NDArray[np.float64]:
+def _cosine(way: Floats, axis: tuple[float, float, float]) -> Floats:
     """Return the cosines of the angles of directions (n, 3) to an axis."""
     return np.clip(way @ np.array(axis) / np.linalg.norm(way, axis=1), -1.0, 1.0)

@@ -9,13 +9,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import DomainWarning
 from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.parallel import default_threads
 from meshtrace.results.gain import (
     Fate,
@@ -46,7 +46,7 @@ class FewSamplesWarning(UserWarning):
     """Small effective sample size: the error of a gain may exceed its standard error."""
 
 
-def per_receiver(link: Link, array: NDArray[np.float64]) -> Any:
+def per_receiver(link: Link, array: Floats) -> Any:
     """Return values of the receivers as an array, or as a number for a single receiver."""
     return array if isinstance(link.receiver, tuple) else float(array[0])
 
@@ -78,9 +78,7 @@ def analog_result(
     )
 
 
-def bound_of_dark(
-    link: Link, mesh: TriangleMesh, gain: NDArray[np.float64], run: Run, normals: str
-) -> Any:
+def bound_of_dark(link: Link, mesh: TriangleMesh, gain: Floats, run: Run, normals: str) -> Any:
     """Return upper bounds of gains without received light, nan elsewhere; None if all have light.
 
     The bound is that of as many analog photons, as aimed samples without contributions give none.
@@ -175,12 +173,12 @@ def _scattered(result: GainResult) -> list[tuple[int, ScatteredSamples]]:
 
 
 def _that_matter(
-    rows: list[ScatteredSamples], share: NDArray[np.float64], gain: NDArray[np.float64]
+    rows: list[ScatteredSamples], share: Floats, gain: Floats
 ) -> list[tuple[int, ScatteredSamples]]:
     return [(r, row) for r, row in enumerate(rows) if share[r] > _SMALL * gain[r]]
 
 
-def warn_of_returned(link: Link, gain: NDArray[np.float64]) -> None:
+def warn_of_returned(link: Link, gain: Floats) -> None:
     """Warn where forced detection leaves out more than 0.1 % of a gain."""
     returned = returned_gain(link)
     for r in np.flatnonzero((returned > _RETURNED * gain) & (gain > 0.0)):
@@ -217,9 +215,7 @@ def _arrivals(sums: Sums) -> Arrivals:
     )
 
 
-def _planes(
-    link: Link, sums: Sums, mean: NDArray[np.float64], stderr: NDArray[np.float64]
-) -> Planes | None:
+def _planes(link: Link, sums: Sums, mean: Floats, stderr: Floats) -> Planes | None:
     if not link.planes:
         return None
     columns = [values[i::4] for values in (mean, stderr) for i in range(4)]

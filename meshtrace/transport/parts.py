@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.models import Floats
 from meshtrace.results.gain import ScatteredSamples
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.adjoint import AdjointParts
@@ -57,14 +58,14 @@ class Parts:
         Effective number of samples, (sum w)^2 / sum w^2 of their contributions w.
     """
 
-    direct: NDArray[np.float64]
-    scattered: NDArray[np.float64]
-    orders: NDArray[np.float64]
+    direct: Floats
+    scattered: Floats
+    orders: Floats
     counts: Counts
     method: list[Method]
     samples: NDArray[np.int64]
     scored: NDArray[np.int64]
-    effective: NDArray[np.float64]
+    effective: Floats
 
     def samples_by_receiver(self) -> list[ScatteredSamples]:
         """Return the estimator and the samples of the scattered gain of each receiver."""
@@ -73,22 +74,22 @@ class Parts:
         return [ScatteredSamples(name, int(n), int(k), float(e)) for name, n, k, e in rows]
 
     @property
-    def ballistic(self) -> NDArray[np.float64]:
+    def ballistic(self) -> Floats:
         """Unscattered gain of each receiver."""
         return self.direct.mean(axis=1)
 
     @property
-    def shifts(self) -> NDArray[np.float64]:
+    def shifts(self) -> Floats:
         """Gain of each receiver by the shift of the points, shape (receivers, shifts)."""
         return self.direct + self.scattered
 
     @property
-    def gain(self) -> NDArray[np.float64]:
+    def gain(self) -> Floats:
         """Gain of each receiver."""
         return self.shifts.mean(axis=1)
 
     @property
-    def stderr(self) -> NDArray[np.float64]:
+    def stderr(self) -> Floats:
         """Standard error of the gain of each receiver."""
         return self.shifts.std(axis=1, ddof=1) / math.sqrt(SHIFTS)
 
@@ -115,7 +116,7 @@ class Sums:
         self._samples, self._scored = np.zeros((2, receivers), np.int64)
         self._paths: tuple[AdjointParts, int] | None = None
 
-    def add_direct(self, gains: Iterable[NDArray[np.float64]]) -> int:
+    def add_direct(self, gains: Iterable[Floats]) -> int:
         """Add the unscattered gain of each pair; return the number of sampled ones."""
         sampled = 0
         for pair, gain in zip(self.pairs, gains, strict=True):
@@ -123,7 +124,7 @@ class Sums:
             sampled += len(gain) > 1
         return sampled
 
-    def add_chains(self, scores: Iterable[NDArray[np.float64]]) -> None:
+    def add_chains(self, scores: Iterable[Floats]) -> None:
         """Add the scores of each job."""
         found = iter(scores)
         for e, t, chains in self._sets:

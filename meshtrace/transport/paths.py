@@ -13,6 +13,7 @@ from meshtrace.errors import Described, Refused
 from meshtrace.kernels.photon_state import Vertex
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.transport.analog import new_recorder, run_analog
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.options import BLOCK, Analog
@@ -38,8 +39,8 @@ class PhotonPaths:
         Photon that a path belongs to; light reflected by the surface starts a new path.
     """
 
-    vertex: NDArray[np.float64]
-    weight: NDArray[np.float64]
+    vertex: Floats
+    weight: Floats
     what: NDArray[np.int8]
     photon: NDArray[np.int64]
 
@@ -58,7 +59,7 @@ class PhotonPaths:
         """`Vertex` code at the end of each path."""
         return self.what[np.arange(len(self.what)), self.length - 1]
 
-    def polylines(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def polylines(self) -> tuple[Floats, NDArray[np.int64]]:
         """Return points (n, 3) and VTK cells: the count of each line before its points."""
         used = self.what >= 0
         points = self.vertex[used]
@@ -109,10 +110,7 @@ def record_paths(
 
 
 def _split(
-    vertex: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    what: NDArray[np.int8],
-    length: NDArray[np.int64],
+    vertex: Floats, weight: Floats, what: NDArray[np.int8], length: NDArray[np.int64]
 ) -> PhotonPaths:
     """Split the records after each flight through the air; reflected light starts a new path."""
     rows: list[tuple[int, int, int]] = []

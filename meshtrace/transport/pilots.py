@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.chain_sets import ChainDrawer
@@ -20,8 +21,8 @@ class Pilot(NamedTuple):
     """Statistics of pilot chains over a flat sea, by receiver and order from 1 on."""
 
     chains: NDArray[np.int64]  # (orders,)
-    mean: NDArray[np.float64]  # (receivers, orders)
-    spread: NDArray[np.float64]  # (receivers, orders) standard deviation of one chain
+    mean: Floats  # (receivers, orders)
+    spread: Floats  # (receivers, orders) standard deviation of one chain
     scored: NDArray[np.int64]  # (receivers, orders) chains with a score > 0
 
     def of(self, receivers: NDArray[np.bool_]) -> Pilot:
@@ -29,7 +30,7 @@ class Pilot(NamedTuple):
         rows = (self.mean[receivers], self.spread[receivers], self.scored[receivers])
         return Pilot(self.chains, *rows)
 
-    def joined(self, power: NDArray[np.float64]) -> Pilot:
+    def joined(self, power: Floats) -> Pilot:
         """Return the pilot of one receiver with targets of shares of the power."""
         mean, spread = (power @ self.mean)[None], (power @ self.spread)[None]
         return Pilot(self.chains, mean, spread, self.scored.max(axis=0)[None])
@@ -44,7 +45,7 @@ def pilot(
     mean, spread = np.zeros((receivers, orders)), np.zeros((receivers, orders))
     scored = np.zeros((receivers, orders), np.int64)
 
-    def scores_of(order: int) -> NDArray[np.float64]:
+    def scores_of(order: int) -> Floats:
         n = _PILOT // SHIFTS
         for step in range(_PILOT_STEPS):
             chosen = drawer.draw(source, order, n, (*seed, order, 2 + step))
@@ -60,9 +61,7 @@ def pilot(
     return Pilot(chains, mean, spread, scored)
 
 
-def allotment(
-    photons: int, expected: float, found: Pilot, gain: NDArray[np.float64]
-) -> NDArray[np.int64]:
+def allotment(photons: int, expected: float, found: Pilot, gain: Floats) -> NDArray[np.int64]:
     """Return the number of chains of each order and shift.
 
     Parameters

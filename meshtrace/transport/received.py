@@ -5,20 +5,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.kernels.chains import Chains
 from meshtrace.kernels.scene import Emitter, Target
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.transport.aimed import AimedChains, on_disk
 from meshtrace.transport.forced import ForcedDetection
-
-Path = NDArray[np.float64]
 
 
 def received_light(
     forced: ForcedDetection, mesh: TriangleMesh, n: int, rng: np.random.Generator
-) -> list[tuple[Path, float]]:
+) -> list[tuple[Floats, float]]:
     """Return n paths into the first receiver, sampled in proportion to their weight.
 
     Each is (points, weight) from the source over its scatterings and the crossing to the
@@ -28,7 +26,7 @@ def received_light(
     sets = forced.sets(aimed)
     link = forced.arrays
     light: list[float] = []
-    paths: list[Path] = []
+    paths: list[Floats] = []
     for s, power in enumerate(link.power):
         e, t = (0, s) if link.down else (s, 0)
         if not aimed.rough:
@@ -54,7 +52,7 @@ def received_light(
 
 def _direct(
     aimed: AimedChains, emitter: int, target: int, n: int, rng: np.random.Generator
-) -> tuple[NDArray[np.float64], float]:
+) -> tuple[Floats, float]:
     """Return about n unscattered paths into the first receiver and their gain."""
     gains = aimed.facet_gains(emitter, target)
     lit = np.flatnonzero(gains)
@@ -67,7 +65,7 @@ def _direct(
     return aimed.direct_paths(emitter, target, facets, disk), float(gains.sum())
 
 
-def _placed(chains: Chains, arrival: np.void, emitter: Emitter, target: Target) -> Path:
+def _placed(chains: Chains, arrival: np.void, emitter: Emitter, target: Target) -> Floats:
     """Return the points of a chain turned to its emission direction, up to the aperture."""
     from scipy.spatial.transform import Rotation
 

@@ -6,18 +6,18 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.link import Link, Source, WaterReceiver
 from meshtrace.link.sources import AirLamp
+from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.transport.forced_link import emitter_of
 
 _RINGS, _AZIMUTHS = 48, 12
 
 
-def returned_gain(link: Link) -> NDArray[np.float64]:
+def returned_gain(link: Link) -> Floats:
     r"""Estimate the gain of light that leaves the water after a reflection at the surface.
 
     For light that goes down, the gain of light that is reflected at the surface before it arrives,
@@ -120,7 +120,7 @@ def _etendue(low_end: Any) -> float:
     return (math.pi * low_end.radius * math.sin(math.radians(low_end.fov_deg) / 2.0)) ** 2
 
 
-def _rays(source: Any) -> NDArray[np.float64]:
+def _rays(source: Any) -> Floats:
     """Return directions of equal power, as of a Lambertian source, that go up."""
     u = (np.arange(_RINGS) + 0.5) / _RINGS
     cosine = 1.0 - 2.0 * u
@@ -141,7 +141,7 @@ def _rays(source: Any) -> NDArray[np.float64]:
     return rays[rays[:, 2] > 0.01]
 
 
-def _seen(receiver: Any, place: NDArray[np.float64], below: float) -> NDArray[np.float64]:
+def _seen(receiver: Any, place: Floats, below: float) -> Floats:
     """Return the share of Lambert's power that leaves each place and is received.
 
     At a lamp, which is reached backwards, the light of its pattern per area [sr-1 m-2].
@@ -159,7 +159,7 @@ def _seen(receiver: Any, place: NDArray[np.float64], below: float) -> NDArray[np
     return np.asarray(np.where(seen, area * view * rise / (math.pi * distance**2), 0.0))
 
 
-def _intensity(lamp: AirLamp, cosine: NDArray[np.float64]) -> NDArray[np.float64]:
+def _intensity(lamp: AirLamp, cosine: Floats) -> Floats:
     """Return the intensity of a lamp at the cosine of an angle to its axis [sr-1]."""
     emitter = emitter_of(lamp)
     cosine = np.clip(cosine, 0.0, 1.0)
