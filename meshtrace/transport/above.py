@@ -23,7 +23,9 @@ from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.results.background import PARTS
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.frame import frame_of
-from meshtrace.transport.scene_light import (
+from meshtrace.transport.submerged import walked
+from meshtrace.transport.sun_points import Reflection, focused_sun
+from meshtrace.transport.view import (
     FOAM,
     GLINT,
     SKY,
@@ -31,12 +33,12 @@ from meshtrace.transport.scene_light import (
     WATER,
     Hit,
     Scene,
+    View,
     first_hits,
+    only_aperture,
     scene_of,
+    shifted_points,
 )
-from meshtrace.transport.sun_points import Reflection, focused_sun
-from meshtrace.transport.view import View, only_aperture, shifted_points
-from meshtrace.transport.walk import walked
 
 _BOUNCES = 8
 _OFFSET = 1e-5  # start of a ray above its facet, in units of the frame

@@ -36,8 +36,7 @@ from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.angle_tables import angle_table
-from meshtrace.transport.arrays import interface_arrays, surface_arrays, with_raster
+from meshtrace.transport.arrays import angle_table, interface_arrays, surface_arrays, with_raster
 from meshtrace.transport.forced_link import (
     emitter_of,
     expected_water,

@@ -23,11 +23,12 @@ from meshtrace.kernels.roots import ROOT
 from meshtrace.kernels.scene import FACET, Emitter, Scene, Target, facet_summary
 from meshtrace.kernels.shadow import BESIDE, CUT, shadows
 from meshtrace.kernels.vectors import Vec3
+from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.transport.arrays import locator, surface_arrays, with_raster
-from meshtrace.transport.chain_sets import CROSSINGS, ChainSet
-from meshtrace.transport.forced_link import ForcedLink
+from meshtrace.transport.chain_sets import CROSSINGS, ChainDrawer, ChainSet, Request
+from meshtrace.transport.forced_link import ForcedLink, forced_link
 
 Search = Literal["usual", "thorough"]
 
@@ -359,3 +360,27 @@ def _lever(n: float, target: Target, waves: float) -> float:
     cos_t = math.sqrt(1.0 - sin_t**2)
     cos_i = math.sqrt(1.0 - (sin_t / n) ** 2)
     return (target.center[2] + waves) * abs(n * cos_i / cos_t - 1.0) / cos_t**2
+
+
+def compile_evaluation(link: Link, mesh: TriangleMesh, normals: str = "vertex") -> None:
+    """Compile the kernels that evaluate chains of a link over a mesh, in the order of their use.
+
+    Those that draw chains take as long to compile: a second process can take its share.
+
+    Parameters
+    ----------
+    link, mesh
+        Link and surface of a later run, which choose between the kernels.
+    normals : {"vertex", "facet"}
+        Normals interpolated from the corners, or those of the facets.
+
+    Raises
+    ------
+    Refused
+        If forced detection does not follow the link.
+    """
+    arrays = forced_link(link)
+    none = ChainDrawer(arrays, 0.0, 0.0).empty(Request(source=0, order=1, per_shift=0, key=()))
+    aimed = AimedChains(arrays, mesh, None, normals, link.physics.unresolved)
+    aimed.direct_gains(0, 0)
+    aimed.score(0, 0, none)

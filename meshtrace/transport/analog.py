@@ -28,9 +28,10 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.analog_grid import NO_GRID, grid_arrays
 from meshtrace.transport.arrays import (
+    NO_GRID,
     aperture_arrays,
+    grid_arrays,
     interface_arrays,
     medium_arrays,
     source_arrays,

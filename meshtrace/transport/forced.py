@@ -38,10 +38,13 @@ from meshtrace.transport.chain_sets import ChainDrawer, ChainSet, Request, flat_
 from meshtrace.transport.choice import (
     PILOT_PATHS,
     Method,
+    Pilot,
     ScatteredPilot,
+    allotment,
     chain_pilot,
     choose,
     is_clear,
+    pilot,
 )
 from meshtrace.transport.forced_link import (
     ANALOG,
@@ -52,7 +55,6 @@ from meshtrace.transport.forced_link import (
     require_height_field,
 )
 from meshtrace.transport.parts import Counts, Parts, Sums
-from meshtrace.transport.pilots import Pilot, allotment, pilot
 
 Scattered = Literal["auto", "chains", "adjoint"]
 
