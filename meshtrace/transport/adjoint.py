@@ -13,7 +13,6 @@ W_k the weight behind k scatterings and L_k the light that the path's segment re
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -35,6 +34,7 @@ from meshtrace.link import Link
 from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
+from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.arrays import angle_table, interface_arrays, surface_arrays, with_raster
 from meshtrace.transport.forced_link import (
@@ -44,7 +44,7 @@ from meshtrace.transport.forced_link import (
     require_followable,
     target_of,
 )
-from meshtrace.transport.frame import IDENTITY, frame_of
+from meshtrace.transport.frame import frame_of
 
 _BLOCK = 4096  # paths of one block; sums of blocks do not depend on threads
 _ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
@@ -166,7 +166,7 @@ class AdjointPaths:
         arrivals : bool
             Keep every contribution to the gain with its path lengths.
         """
-        over = _Over(self, mesh, intersector or EmbreeIntersector(mesh, 1), arrivals)
+        over = _Over(self, mesh, intersector, arrivals)
         receivers = range(len(self.link.receivers))
         share = np.array([t.power_mw for t in self.link.transmitters])
         share /= share.sum()
@@ -177,17 +177,13 @@ class AdjointPaths:
             for s in range(len(share))
             for first in range(0, n, _BLOCK)
         ]
-        with ThreadPoolExecutor(self.threads) as pool:
-            blocks = list(
-                pool.map(lambda j: over.block(j[0], j[1], j[2], min(_BLOCK, n - j[2])), jobs)
-            )
+        blocks = ordered_map(
+            lambda job: over.block(*job, min(_BLOCK, n - job[2])), jobs, self.threads
+        )
         per_group = np.bincount(np.arange(n) % SHIFTS, minlength=SHIFTS)
         groups, orders = np.zeros((len(receivers), SHIFTS)), np.zeros((len(receivers), _ORDERS))
         scored, beside = np.zeros(len(receivers), np.int64), np.zeros(len(receivers))
-        square, total = (
-            np.zeros((len(receivers), len(share))),
-            np.zeros_like(groups[:, : len(share)]),
-        )
+        square, total = np.zeros((2, len(receivers), len(share)))
         rows: list[list[Floats]] = [[np.zeros((0, 4))] for _ in receivers]
         for (r, s, _), sums in zip(jobs, blocks, strict=True):
             if sums.arrivals is not None:
@@ -212,26 +208,25 @@ class _Over:
         self,
         paths: AdjointPaths,
         mesh: TriangleMesh,
-        intersector: EmbreeIntersector,
+        intersector: EmbreeIntersector | None,
         arrivals: bool,
     ) -> None:
         link, frame = paths.link, frame_of(paths.link)
-        if frame != IDENTITY:
-            mesh = frame.mesh(mesh)
-            intersector = EmbreeIntersector(mesh, 1)
+        local = frame.mesh(mesh)
+        given = intersector if local is mesh else None
         self._arrivals, self._unit = arrivals, frame.unit
         forms = [repr(r) for r in link.receivers]
         self._rank = np.argsort(np.argsort(forms, kind="stable"))
         self._seed, self._smooth = paths.seed, paths.normals == "vertex"
-        self._intersector = intersector
-        surface = surface_arrays(mesh, paths.normals, link.physics.unresolved)
+        self._intersector = given or EmbreeIntersector(local, 1)
+        surface = surface_arrays(local, paths.normals, link.physics.unresolved)
         self._surface = surface._replace(level=float(surface.high[2]))
-        self._flat = mesh.max_slope == 0.0 and surface.low[2] == surface.high[2]
+        self._flat = local.max_slope == 0.0 and surface.low[2] == surface.high[2]
         self._rough = surface.roughness.along > 0.0 or surface.roughness.across > 0.0
         medium = frame.medium(expected_water(link, frame.unit * float(surface.high[2])))
         sampled = medium
         if medium.depth_mode == DepthMode.LOCAL:
-            medium = with_raster(medium, intersector)
+            medium = with_raster(medium, self._intersector)
             sampled = medium._replace(depth_mode=DepthMode.CLAMPED)
         self._medium = medium
         self._interface = interface_arrays(link)
@@ -251,26 +246,21 @@ class _Over:
         ]
 
     def _world(self, receiver: int, source: int, first: int) -> starting.World:
-        if self._down:  # paths start at the lamps, and receivers have the same in any order
-            optics, size = self._sources[receiver]
-            target, stream = self._targets[source], 0
-            axis, cos_cone = target.lamp.axis, target.cos_half_fov
-        else:
-            optics, size = self._sources[source]
-            target, stream = self._targets[receiver], int(self._rank[receiver])
-            axis = Vec3(-target.axis.x, -target.axis.y, -target.axis.z)
-            cos_cone = target.cos_half_fov
+        # from the lamps paths start that receivers have alike, in any order
+        low, high = (receiver, source) if self._down else (source, receiver)
+        stream = 0 if self._down else int(self._rank[receiver])
+        (optics, size), target = self._sources[low], self._targets[high]
+        axis = target.lamp.axis if self._down else Vec3(*(-x for x in target.axis))
+        cos_cone = target.cos_half_fov
         if self._interface.fov != FieldOfView.ANGLE:  # a disk about the point below the receiver
             axis = Vec3(0.0, 0.0, -1.0)
             fall = target.center[2] - float(self._surface.high[2])
             nearest = fall - target.radius * math.hypot(target.axis[0], target.axis[1])
-            widest = 2.0 * target.radius + (target.center[2] - float(self._surface.low[2])) * (
-                target.tan_half_fov
-            )
+            rise = target.center[2] - float(self._surface.low[2])
+            widest = 2.0 * target.radius + rise * target.tan_half_fov
             cos_cone = nearest / math.hypot(nearest, widest) if nearest > 0.0 else 0.0
-        key = np.random.SeedSequence((self._seed, source, stream, 0xAD)).generate_state(
-            1, np.uint64
-        )[0]
+        seeds = np.random.SeedSequence((self._seed, source, stream, 0xAD))
+        key = seeds.generate_state(1, np.uint64)[0]
         b, bubbles = _vertical_depths(self._medium, -optics.emitter.position[2])
         lobe_bubble = bubbles / (b + bubbles) if bubbles > 0.0 else 0.0
         beam = _beam_width(optics.emitter)
@@ -367,9 +357,8 @@ class _Over:
             kept = checks.score[:listed][free]
             if self._arrivals:
                 rows.append(kept)
-            np.add.at(
-                paths.score, (kept[:, 0].astype(np.int64), kept[:, 1].astype(np.int64)), kept[:, 2]
-            )
+            path, order = kept[:, :2].astype(np.int64).T
+            np.add.at(paths.score, (path, order), kept[:, 2])
 
     def _cut(self, ray: Floats) -> NDArray[np.bool_]:
         """Return the paths that meet the surface; rays start slightly off the first facet."""

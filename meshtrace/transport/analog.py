@@ -12,12 +12,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.bvh import Intersector
+from meshtrace.bvh import EmbreeIntersector, Intersector
 from meshtrace.kernels import photon_state as kernel
 from meshtrace.kernels.photon import advance
 from meshtrace.kernels.sky import FORWARD, N_SCORES
@@ -38,6 +38,7 @@ from meshtrace.transport.arrays import (
     surface_arrays,
     with_raster,
 )
+from meshtrace.transport.case import Case
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 from meshtrace.transport.options import BLOCK, Analog, IrradianceMap, Record, read_records
 
@@ -192,6 +193,22 @@ def run_analog(
     return sums
 
 
+def photons_over(
+    case: Case, mesh: TriangleMesh, options: Analog, photons: int, **others: Any
+) -> Sums:
+    """Return the tallies of photons of a case over its mesh; for other options see `run_analog`."""
+    return run_analog(
+        case.link,
+        EmbreeIntersector(mesh, case.threads),
+        options,
+        photons=photons,
+        seed=case.run.seed,
+        normals=case.meshing.normals,
+        threads=case.threads,
+        **others,
+    )
+
+
 def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
     """Trace the photons first <= id < last; repeat with more room if arrivals overflow."""
     first, last = span
@@ -313,5 +330,5 @@ def _tallies(setup: Setup, photons: int, room: int) -> Tallies:
 
 def _zero(setup: Setup) -> Sums:
     none, score = setup.world.tallies, np.zeros(setup.n_scores)
-    exact = (FixedPointSum(getattr(none, name).shape) for name in _EXACT)
-    return Sums(0, score, score.copy(), none.n_photons.copy(), none.misses.copy(), *exact)
+    exact = {name: FixedPointSum(getattr(none, name).shape) for name in _EXACT}
+    return Sums(0, score, score.copy(), none.n_photons.copy(), none.misses.copy(), **exact)

@@ -49,6 +49,7 @@ from meshtrace.transport.choice import (
 from meshtrace.transport.forced_link import (
     ANALOG,
     POINTS_ONLY,
+    across,
     crossing_reach,
     forced_link,
     needs_paths,
@@ -130,19 +131,14 @@ class ForcedDetection:
 
         Pilots over a flat sea compare the estimators and allot the chains to the orders.
         """
-        beyond = needs_paths(self.link)
-        if beyond is not None:
-            refused = Refused(*beyond, POINTS_ONLY)
-            if self._wanted == "chains":
-                raise refused
-            self._take(["adjoint"] * len(self.link.receivers), refused)
-            return [[] for _ in self.arrays.emitters]
         photons, link, threads = self._key[0], self.arrays, self._options[1]
         sources, receivers = range(len(link.emitters)), len(self.link.receivers)
-        targets = len(link.targets)
+        beyond, targets = needs_paths(self.link), len(link.targets)
         try:
+            if beyond is not None:
+                raise Refused(*beyond, POINTS_ONLY)
             pilots = [pilot(self.drawer, s, self._seed(s), targets, threads) for s in sources]
-        except Refused as refused:  # too many orders for chains
+        except Refused as refused:  # a feature, or too many orders, for chains
             if self._wanted == "chains":
                 raise
             self._take(["adjoint"] * receivers, refused)
@@ -311,11 +307,9 @@ class ForcedDetection:
             radius = size * np.sqrt(u[:, 0])
         else:
             radius = size * np.sqrt(-0.5 * np.log(np.maximum(u[:, 0], 1e-12)))
-        axis = np.array(emitter.axis)
-        e1 = np.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.9 else (1.0, 0.0, 0.0))
-        e1 /= np.linalg.norm(e1)
+        e1, e2 = (np.array(e) for e in across(emitter.axis))
         phi = 2.0 * math.pi * u[:, 1:2]
-        circle = np.cos(phi) * e1 + np.sin(phi) * np.cross(axis, e1)
+        circle = np.cos(phi) * e1 + np.sin(phi) * e2
         return np.array(emitter.position) + radius[:, None] * circle
 
     def _reaching(self, mesh: TriangleMesh) -> ForcedDetection:
@@ -346,14 +340,10 @@ class ForcedDetection:
         result = [self._aimed_arrivals(aimed, r) for r in range(len(self.link.receivers))]
         if self._adjoint is not None:
             found = self._adjoint.evaluate(mesh, arrivals=True).arrivals or []
-            for r, rows in zip(self._on_paths, found, strict=True):
+            on_paths = (r for r, method in enumerate(self.method) if method == "adjoint")
+            for r, rows in zip(on_paths, found, strict=True):
                 result[r] = np.concatenate([result[r], rows])
         return result
-
-    @property
-    def _on_paths(self) -> list[int]:
-        """Receivers served by adjoint paths."""
-        return [r for r, m in enumerate(self.method) if m == "adjoint"]
 
     def _aimed_arrivals(self, aimed: AimedChains, r: int) -> Floats:
         """Return arrivals of a receiver over facets and chains."""

@@ -271,7 +271,7 @@ def expected_water(link: Link, crest: float) -> Medium:
 def emitter_of(end: Source | Aperture, frame: Frame = IDENTITY) -> Emitter:
     """Return a source, or an aperture whose light is reversed, as numbers in a frame."""
     position = Vec3(*frame.points(np.array(end.center)).tolist())
-    e1, e2 = _across(end.axis)
+    e1, e2 = across(end.axis)
     if isinstance(end, Aperture):
         axis, radius = Vec3(*(-x for x in end.axis)), end.radius / frame.unit
         half = math.radians(end.fov_deg) / 2.0
@@ -291,7 +291,7 @@ def emitter_of(end: Source | Aperture, frame: Frame = IDENTITY) -> Emitter:
     return Emitter(position, Vec3(*end.axis), kind, spread, norm, 1.0, 0.0, e1, e2)
 
 
-def _across(axis: tuple[float, float, float]) -> tuple[Vec3, Vec3]:
+def across(axis: tuple[float, float, float]) -> tuple[Vec3, Vec3]:
     """Return two unit vectors across an axis."""
     e1 = np.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.9 else (1.0, 0.0, 0.0))
     e1 /= np.linalg.norm(e1)
@@ -331,7 +331,7 @@ def _lit_angle(lamp: AirLamp) -> float:
 
 def target_of(receiver: Any, frame: Frame = IDENTITY) -> Target:
     """Return a receiver as numbers, lengths in the unit of a frame."""
-    e1, e2 = _across(receiver.axis)
+    e1, e2 = across(receiver.axis)
     half = math.radians(receiver.fov_deg) / 2.0
     widest = min(half + math.radians(receiver.tilt_deg), math.radians(88.0))
     center = Vec3(*frame.points(np.array(receiver.center)).tolist())

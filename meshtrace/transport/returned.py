@@ -12,7 +12,7 @@ from meshtrace.link import Link, Source, WaterReceiver
 from meshtrace.link.sources import AirLamp
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
-from meshtrace.transport.forced_link import emitter_of
+from meshtrace.transport.forced_link import across, emitter_of
 
 _RINGS, _AZIMUTHS = 48, 12
 
@@ -134,10 +134,8 @@ def _rays(source: Any) -> Floats:
     azimuth = 2.0 * math.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
     c, f = (v.ravel() for v in np.meshgrid(cosine, azimuth, indexing="ij"))
     s = np.sqrt(np.maximum(1.0 - c * c, 0.0))
-    side = np.cross(axis, [0.0, 1.0, 0.0] if abs(axis[1]) < 0.9 else [1.0, 0.0, 0.0])
-    side /= np.linalg.norm(side)
-    across = np.cross(axis, side)
-    rays = c[:, None] * axis + (s * np.cos(f))[:, None] * side + (s * np.sin(f))[:, None] * across
+    e1, e2 = (np.array(e) for e in across(axis))
+    rays = c[:, None] * axis + (s * np.cos(f))[:, None] * e1 + (s * np.sin(f))[:, None] * e2
     return rays[rays[:, 2] > 0.01]
 
 
