@@ -24,7 +24,7 @@ from meshtrace.results.background import PARTS
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.frame import frame_of
 from meshtrace.transport.submerged import walked
-from meshtrace.transport.sun_points import Reflection, focused_sun
+from meshtrace.transport.sun_points import Reflection, bent_sun
 from meshtrace.transport.view import (
     FOAM,
     GLINT,
@@ -59,7 +59,7 @@ def seen_from_air(
         parts[:, SUN] += sun_in_view(scene, view)
         if not scene.rough:
             law = Reflection(np.array(day.sun), scene.n)
-            glint = focused_sun(scene.intersector, scene.surface, law, view)
+            glint = bent_sun(scene.intersector, scene.surface, law, view)
             parts[:, GLINT] += day.direct * (1.0 - scene.foam) * glint
     if day.water == "walk":
         light = walked(link, mesh, day, origins, directions, seed, normals, threads, in_water=False)

@@ -224,11 +224,9 @@ class _Over:
         self._flat = local.max_slope == 0.0 and surface.low[2] == surface.high[2]
         self._rough = surface.roughness.along > 0.0 or surface.roughness.across > 0.0
         medium = frame.medium(expected_water(link, frame.unit * float(surface.high[2])))
-        sampled = medium
-        if medium.depth_mode == DepthMode.LOCAL:
-            medium = with_raster(medium, self._intersector)
-            sampled = medium._replace(depth_mode=DepthMode.CLAMPED)
-        self._medium = medium
+        self._medium = medium = with_raster(medium, self._intersector)
+        by_depth = medium.depth_mode == DepthMode.LOCAL
+        sampled = medium._replace(depth_mode=DepthMode.CLAMPED) if by_depth else medium
         self._interface = interface_arrays(link)
         water = angle_table(link.water.phase)
         bubble = angle_table(link.bubbles.phase_function()) if link.bubbles else water

@@ -330,5 +330,5 @@ def _tallies(setup: Setup, photons: int, room: int) -> Tallies:
 
 def _zero(setup: Setup) -> Sums:
     none, score = setup.world.tallies, np.zeros(setup.n_scores)
-    exact = {name: FixedPointSum(getattr(none, name).shape) for name in _EXACT}
+    exact: dict[str, Any] = {name: FixedPointSum(getattr(none, name).shape) for name in _EXACT}
     return Sums(0, score, score.copy(), none.n_photons.copy(), none.misses.copy(), **exact)

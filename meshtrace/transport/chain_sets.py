@@ -89,13 +89,12 @@ class ChainDrawer:
 
     def __init__(self, link: ForcedLink, crest: float, ceiling: float) -> None:
         self._link = link
-        self._medium = link.medium
         self._ceiling = ceiling
-        self.nominals = [nominal(self._medium, e, link.targets, crest) for e in link.emitters]
+        self.nominals = [nominal(link.medium, e, link.targets, crest) for e in link.emitters]
 
     def last_order(self, source: int) -> int:
         """Return the highest order of the chains from a source; refuse too dense water."""
-        return last_order(self._medium, self.nominals[source])
+        return last_order(self._link.medium, self.nominals[source])
 
     def draw(self, source: int, order: int, per_shift: int, key: tuple[int, ...]) -> ChainSet:
         """Return chains of one order, `per_shift` for each shift of the points."""
@@ -149,7 +148,7 @@ class ChainDrawer:
         block.audit[:] = u[:, -2]
         law = self.nominals[source]
         component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
-        kernel.make_chains(block.chains, law, self._medium, u, component)
+        kernel.make_chains(block.chains, law, self._link.medium, u, component)
         for receiver, out in enumerate(block.flat):
             scene, raised = self.still_scenes(source, self._link.targets[receiver])
             starts = starts_of(scene.emitter, scene.target)
@@ -157,26 +156,16 @@ class ChainDrawer:
 
     def still_scenes(self, source: int, target: Target) -> tuple[Scene, Scene]:
         """Return a source and an aperture over still water, and over water at the ceiling."""
-        scene = self._still(source, target)
-        return scene, scene._replace(surface=scene.surface._replace(level=self._ceiling))
-
-    def _still(self, source: int, target: Target) -> Scene:
-        """Return a source and an aperture over still water."""
-        return Scene(
-            self._link.emitters[source],
-            target,
-            _still_water(),
-            empty_locator(),
-            np.zeros(0, FACET),
-            self._medium,
-            self._link.interface,
-        )
+        link, facets = self._link, (empty_locator(), np.zeros(0, FACET))
+        sea = _still_water()
+        still = Scene(link.emitters[source], target, sea, *facets, link.medium, link.interface)
+        return still, still._replace(surface=sea._replace(level=self._ceiling))
 
     def flat_scores(self, source: int, chains: ChainSet) -> Floats:
         """Return the scores of chains over still water, shape (receivers, chains)."""
         scores = np.empty((len(chains.flat), len(chains.audit)))
         for receiver, (flat, score) in enumerate(zip(chains.flat, scores, strict=True)):
-            scene = self._still(source, self._link.targets[receiver])
+            scene, _ = self.still_scenes(source, self._link.targets[receiver])
             flat_contributions(chains.chains, flat, scene, score)
         return scores
 
@@ -296,10 +285,6 @@ def starts_of(emitter: Emitter, target: Target) -> Floats:
     reach = min(target.reach, 2.0 * (target.center[2] + 2.0))
     for radius in (0.3, 0.8):
         for azimuth in np.arange(6) * math.pi / 3.0 + radius:
-            rows.append(
-                (
-                    rx + radius * reach * math.cos(azimuth),
-                    ry + radius * reach * math.sin(azimuth),
-                )
-            )
+            far = radius * reach
+            rows.append((rx + far * math.cos(azimuth), ry + far * math.sin(azimuth)))
     return np.array(rows)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -291,7 +292,7 @@ def emitter_of(end: Source | Aperture, frame: Frame = IDENTITY) -> Emitter:
     return Emitter(position, Vec3(*end.axis), kind, spread, norm, 1.0, 0.0, e1, e2)
 
 
-def across(axis: tuple[float, float, float]) -> tuple[Vec3, Vec3]:
+def across(axis: Sequence[float] | Floats) -> tuple[Vec3, Vec3]:
     """Return two unit vectors across an axis."""
     e1 = np.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.9 else (1.0, 0.0, 0.0))
     e1 /= np.linalg.norm(e1)

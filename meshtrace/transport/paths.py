@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Described, Refused
-from meshtrace.kernels.photon_state import Vertex
+from meshtrace.kernels.photon_state import Recorder, Vertex
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
@@ -77,19 +77,13 @@ class PhotonPaths:
         """Return the paths as an xarray Dataset."""
         import xarray as xr
 
-        codes = np.array(list(Vertex), np.int8)
+        names = " ".join(v.name.lower() for v in Vertex)
+        flags = {"flag_values": np.array(list(Vertex), np.int8), "flag_meanings": names}
         return xr.Dataset(
             {
                 "vertex": (("path", "step", "axis"), self.vertex, {"units": "m"}),
                 "weight": (("path", "step"), self.weight, {"units": "1"}),
-                "what": (
-                    ("path", "step"),
-                    self.what,
-                    {
-                        "flag_values": codes,
-                        "flag_meanings": " ".join(v.name.lower() for v in Vertex),
-                    },
-                ),
+                "what": (("path", "step"), self.what, flags),
                 "photon": ("path", self.photon),
             },
             {"axis": ["x", "y", "z"]},
@@ -110,16 +104,20 @@ def record_paths(
         normals=normals,
         recorder=recorder,
     )
-    return _split(recorder.vertex, recorder.weight, recorder.what, recorder.length)
+    return _split(recorder)
 
 
-def _split(
-    vertex: Floats, weight: Floats, what: NDArray[np.int8], length: NDArray[np.int64]
-) -> PhotonPaths:
+def _empty(longest: int, photon: NDArray[np.int64]) -> PhotonPaths:
+    """Return paths of photons without vertices."""
+    room = new_recorder(len(photon), longest)
+    return PhotonPaths(room.vertex, room.weight, room.what, photon)
+
+
+def _split(recorder: Recorder) -> PhotonPaths:
     """Split the records after each flight through the air; reflected light starts a new path."""
     rows: list[tuple[int, int, int]] = []
-    for i, n in enumerate(length):
-        codes = what[i, :n]
+    for i, n in enumerate(recorder.length):
+        codes = recorder.what[i, :n]
         starts = [0, *np.flatnonzero(codes == Vertex.BRANCH)]
         for a, b in zip(starts, [*starts[1:], n], strict=True):
             left = np.flatnonzero((codes[a:b] == Vertex.RECEIVED) | (codes[a:b] == Vertex.LANDED))
@@ -127,16 +125,10 @@ def _split(
             if end - a > 1:
                 rows.append((i, int(a), int(end)))
     longest = max((b - a for _, a, b in rows), default=1)
-    out = PhotonPaths(
-        np.full((len(rows), longest, 3), np.nan),
-        np.full((len(rows), longest), np.nan),
-        np.full((len(rows), longest), -1, np.int8),
-        np.array([i for i, _, _ in rows], np.int64),
-    )
+    out = _empty(longest, np.array([i for i, _, _ in rows], np.int64))
     for k, (i, a, b) in enumerate(rows):
-        out.vertex[k, : b - a] = vertex[i, a:b]
-        out.weight[k, : b - a] = weight[i, a:b]
-        out.what[k, : b - a] = what[i, a:b]
+        for name in ("vertex", "weight", "what"):
+            getattr(out, name)[k, : b - a] = getattr(recorder, name)[i, a:b]
     return out
 
 
@@ -151,16 +143,10 @@ def received_paths(
     forced = ForcedDetection(link, chains, seed, normals, crest=crest, scattered="chains")
     rows = received_light(forced, mesh, n, np.random.default_rng([seed, 1]))
     if not rows:
-        raise Refused(
-            "received_only", Described("no light is received"), "a link that receives some"
-        )
+        dark = Described("no light is received")
+        raise Refused("received_only", dark, "a link that receives some")
     longest = max(len(points) for points, _ in rows)
-    out = PhotonPaths(
-        np.full((len(rows), longest, 3), np.nan),
-        np.full((len(rows), longest), np.nan),
-        np.full((len(rows), longest), -1, np.int8),
-        np.arange(len(rows), dtype=np.int64),
-    )
+    out = _empty(longest, np.arange(len(rows), dtype=np.int64))
     for k, (points, weight) in enumerate(rows):
         m = len(points)
         out.vertex[k, :m] = points

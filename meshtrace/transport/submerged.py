@@ -13,6 +13,7 @@ error.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -34,7 +35,7 @@ from meshtrace.stored import SHIFTS
 from meshtrace.transport.analog import chunk_tallies, setup_of
 from meshtrace.transport.frame import frame_of
 from meshtrace.transport.options import Analog
-from meshtrace.transport.sun_points import Refraction, attenuated_sun
+from meshtrace.transport.sun_points import Refraction, bent_sun
 from meshtrace.transport.view import (
     SKY,
     SUN,
@@ -73,39 +74,39 @@ def seen_from_water(
     parts[:, SKY], parts[:, SUN] = light[:, 0], light[:, 1]
     if day.direct == 0.0:
         return parts
-    scene, depths = scene_of(link, mesh, day, normals, threads), OpticalDepth(link)
+    scene, depths = scene_of(link, mesh, day, normals, threads), optical_depth(link)
     if scene.rough:
         direct = _through_slopes(scene, view, depths)
     else:
         law = Refraction(np.array(day.sun), scene.n)
-        direct = attenuated_sun(scene.intersector, scene.surface, law, view, depths)
+        direct = bent_sun(scene.intersector, scene.surface, law, view, depths)
     parts[:, SUN] += day.direct * (1.0 - scene.foam) * direct
     return parts
 
 
-class OpticalDepth:
-    """Vertical optical depth of attenuation between points of the surface and the receiver."""
+def optical_depth(link: Link) -> Callable[[Floats], Floats]:
+    """Return the vertical optical depth of attenuation from points of the surface to the receiver.
 
-    def __init__(self, link: Link) -> None:
-        self._unit = frame_of(link).unit
-        self._bottom = -only_aperture(link).center[2]
-        self._depth = np.linspace(0.0, self._bottom, _LEVELS)
-        a, b = link.water.profile(self._depth)
-        c = a + b
-        if link.bubbles is not None:
-            c = c + link.bubbles.b(self._depth)
-        step = self._depth[1]
-        self._path = np.concatenate([[0.0], np.cumsum(0.5 * step * (c[1:] + c[:-1]))])
-        self._top = float(a[0] + b[0])
+    A function of points (n, 3) in local coordinates; above still water there are no bubbles.
+    """
+    unit = frame_of(link).unit
+    depth = np.linspace(0.0, -only_aperture(link).center[2], _LEVELS)
+    a, b = link.water.profile(depth)
+    c = a + b
+    if link.bubbles is not None:
+        c = c + link.bubbles.b(depth)
+    path = np.concatenate([[0.0], np.cumsum(0.5 * depth[1] * (c[1:] + c[:-1]))])
+    top = float(a[0] + b[0])
 
-    def __call__(self, points: Floats) -> Floats:
-        """Return the optical depth below points (n, 3) in local coordinates; bubbles below 0."""
-        z = self._unit * points[:, 2]
-        below = np.interp(np.maximum(-z, 0.0), self._depth, self._path)
-        return np.asarray(self._path[-1] - below + self._top * np.maximum(z, 0.0))
+    def below(points: Floats) -> Floats:
+        z = unit * points[:, 2]
+        above = np.interp(np.maximum(-z, 0.0), depth, path)
+        return np.asarray(path[-1] - above + top * np.maximum(z, 0.0))
+
+    return below
 
 
-def _through_slopes(scene: Scene, view: View, depths: OpticalDepth) -> Floats:
+def _through_slopes(scene: Scene, view: View, depths: Callable[[Floats], Floats]) -> Floats:
     """Return the mean radiance of the sun through unresolved slopes, over its irradiance, by shift.
 
     L / E = (1 - rho) n^2 cos(theta_a) cos(theta_w) p(s_r - s_m) cos(b_g)

@@ -78,26 +78,14 @@ class Refraction(NamedTuple):
 Bending = Reflection | Refraction
 
 
-def focused_sun(
-    intersector: EmbreeIntersector, surface: Surface, law: Bending, view: View
+def bent_sun(
+    intersector: EmbreeIntersector, surface: Surface, law: Bending, view: View, depths: Any = None
 ) -> Floats:
     """Return the mean radiance of bent sun over the irradiance of the sun, by shift (shifts,).
 
-    Shadows of the sun by other waves are left out, and so is light bent twice.
+    Shadows of the sun by other waves are left out, and so is light bent twice. Under water
+    `depths(points)` are vertical optical depths.
     """
-    return _means(intersector, surface, law, view, None)
-
-
-def attenuated_sun(
-    intersector: EmbreeIntersector, surface: Surface, law: Bending, view: View, depths: Any
-) -> Floats:
-    """Return `focused_sun` under water; `depths(points)` are vertical optical depths."""
-    return _means(intersector, surface, law, view, depths)
-
-
-def _means(
-    intersector: EmbreeIntersector, surface: Surface, law: Bending, view: View, depths: Any
-) -> Floats:
     per_shift = len(view.uniforms) // SHIFTS
     chosen = (per_shift * np.arange(SHIFTS)[:, None] + np.arange(min(_POINTS, per_shift))).ravel()
     every = np.arange(len(surface.faces))
