@@ -277,9 +277,7 @@ class AimedChains:
         needed = np.empty((len(scene.surface.vertices), 3))
         if not blurred.blurred_gain(scene, disk, needed, gain, doubtful):
             return None
-        if doubtful.any():
-            gain[self._hidden(source, receiver, np.flatnonzero(doubtful))] = 0.0
-        return gain
+        return self._seen(gain, np.flatnonzero(doubtful), source, receiver)
 
     def facet_gains(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats:
         """Return the unscattered gain through each facet."""
@@ -289,9 +287,7 @@ class AimedChains:
         doubtful = np.zeros(len(gain), bool)
         stack = np.empty((image.STACK, 3), np.int64)
         image.image_gain(scene, 1.5 * stretch, lever, stack, gain, doubtful)
-        if doubtful.any():
-            gain[self._hidden(source, receiver, np.flatnonzero(doubtful))] = 0.0
-        return gain
+        return self._seen(gain, np.flatnonzero(doubtful), source, receiver)
 
     def bounds_of(self, scene: Scene) -> tuple[float, float]:
         """Return bounds on the change of a landing point with its crossing, and with a slope."""
@@ -300,17 +296,17 @@ class AimedChains:
         stretch = 1.5 * (1.0 + n * (height + self._waves) / depth)
         return stretch, 1.5 * _lever(n, scene.target, self._waves)
 
-    def _hidden(self, source: int, receiver: int, facets: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the facets with a centroid hidden from the source or the aperture's centre."""
-        emitter, target = self.link.emitters[source], self.link.targets[receiver]
-        centroid = self.centroids[facets]
-        cut = np.zeros(len(facets), bool)
-        for end in (emitter.position, target.center):
+    def _seen(self, gain: Floats, doubtful: NDArray[np.intp], source: int, receiver: int) -> Floats:
+        """Return gains without those of doubtful facets with a centroid hidden from either end."""
+        if not len(doubtful):
+            return gain
+        centroid = self.centroids[doubtful]
+        for end in (self.link.emitters[source].position, self.link.targets[receiver].center):
             way = centroid - np.asarray(end)
             length = np.linalg.norm(way, axis=1)
             start = np.tile(np.asarray(end), (len(way), 1))
-            cut |= self._cut(start, way / length[:, None], length)
-        return facets[cut]
+            gain[doubtful[self._cut(start, way / length[:, None], length)]] = 0.0
+        return gain
 
     def direct_paths(
         self, source: int, receiver: int, facets: NDArray[np.intp], disk: Floats

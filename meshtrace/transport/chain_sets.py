@@ -93,8 +93,33 @@ class ChainDrawer:
         self.nominals = [nominal(link.medium, e, link.targets, crest) for e in link.emitters]
 
     def last_order(self, source: int) -> int:
-        """Return the highest order of the chains from a source; refuse too dense water."""
-        return last_order(self._link.medium, self.nominals[source])
+        """Return the highest order of the chains from a source; refuse too dense water.
+
+        Beyond it a Poisson law of the scatterings has less than 1e-7.
+        """
+        from scipy.stats import poisson
+
+        medium, expected = self._link.medium, self.nominals[source]
+        b = medium.layer_b.mean() if medium.layered else medium.b
+        most = 1.2 * max(expected.expected, b * expected.distance + float(medium.bubble_path[-1]))
+        if b == 0.0 and medium.bubble_path[-1] == 0.0:
+            return 0
+        if poisson.sf(_MAX_ORDER, 1.2 * expected.expected) > _MOST_LEFT_OUT:
+            raise Refused(
+                "water",
+                f"{expected.expected:.3g} scatterings expected on the way to the surface",
+                f'nearly all light within {_MAX_ORDER}; else estimator="analog"',
+            )
+        upper = float(expected.density[len(expected.density) // 2 :].max()) * expected.distance
+        if medium.layered and upper > _MOST_CROWDED and expected.expected > 2.0:
+            raise Refused(
+                "water.layers",
+                f"{expected.expected:.3g} scatterings expected, {upper:.3g} times as dense near "
+                "the surface as on average",
+                f"up to {_MOST_CROWDED:g}; light that wanders in a thin turbid layer needs "
+                'estimator="analog"',
+            )
+        return int(min(max(poisson.isf(_TAIL, most), 1), _MAX_ORDER))
 
     def draw(self, source: int, order: int, per_shift: int, key: tuple[int, ...]) -> ChainSet:
         """Return chains of one order, `per_shift` for each shift of the points."""
@@ -143,8 +168,7 @@ class ChainDrawer:
 
     def _fill(self, source: int, block: ChainSet, points: Floats, shifts: Floats) -> None:
         """Draw the chains of a block from shifted points; find their crossings of a flat sea."""
-        u = (points[None] + shifts) % 1.0
-        u = np.clip(u.reshape(-1, u.shape[-1]), 1e-12, 1.0 - 1e-12)
+        u = shifted(points, shifts)
         block.audit[:] = u[:, -2]
         law = self.nominals[source]
         component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
@@ -174,19 +198,26 @@ def points_of(request: Request) -> tuple[Floats, Floats]:
     """Return the points of a set of chains and their shifts, kept if they are few."""
     width = kernel.DIMENSIONS * request.order + 6
     few = request.per_shift * width <= _MOST_KEPT
-    return (_points if few else _points.__wrapped__)(width, request.per_shift, request.key)
+    return (_kept_points if few else sobol_points)(width, request.per_shift, request.key)
 
 
-@lru_cache(maxsize=64)
-def _points(width: int, per_shift: int, key: tuple[int, ...]) -> tuple[Floats, Floats]:
+def sobol_points(width: int, per_shift: int, key: tuple[int, ...]) -> tuple[Floats, Floats]:
     """Return Sobol points of the unit cube, (per_shift, width), and their random shifts."""
     from scipy.stats import qmc
 
     rng = np.random.default_rng(key)
-    points = qmc.Sobol(width, scramble=True, rng=rng).random_base2(
-        math.ceil(math.log2(max(per_shift, 2)))
-    )[:per_shift]
+    size = math.ceil(math.log2(max(per_shift, 2)))
+    points = qmc.Sobol(width, scramble=True, rng=rng).random_base2(size)[:per_shift]
     return points, rng.random((SHIFTS, 1, width))
+
+
+_kept_points = lru_cache(maxsize=64)(sobol_points)
+
+
+def shifted(points: Floats, shifts: Floats) -> Floats:
+    """Return the points of each shift in turn, inside of the unit cube."""
+    u = (points[None] + shifts) % 1.0
+    return np.clip(u.reshape(-1, u.shape[-1]), 1e-12, 1.0 - 1e-12)
 
 
 @cache
@@ -239,32 +270,6 @@ def nominal(medium: Medium, emitter: Emitter, targets: list[Target], crest: floa
         1.0 + (longest - 1.0) * _STRETCH,
         np.append((1.0 - fitted) * _MIXTURE, fitted),
     )
-
-
-def last_order(medium: Medium, expected: Nominal) -> int:
-    """Return the order beyond which a Poisson law of the scatterings has less than 1e-7."""
-    from scipy.stats import poisson
-
-    b = medium.layer_b.mean() if medium.layered else medium.b
-    most = 1.2 * max(expected.expected, b * expected.distance + float(medium.bubble_path[-1]))
-    if b == 0.0 and medium.bubble_path[-1] == 0.0:
-        return 0
-    if poisson.sf(_MAX_ORDER, 1.2 * expected.expected) > _MOST_LEFT_OUT:
-        raise Refused(
-            "water",
-            f"{expected.expected:.3g} scatterings expected on the way to the surface",
-            f'nearly all light within {_MAX_ORDER}; else estimator="analog"',
-        )
-    upper = float(expected.density[len(expected.density) // 2 :].max()) * expected.distance
-    if medium.layered and upper > _MOST_CROWDED and expected.expected > 2.0:
-        raise Refused(
-            "water.layers",
-            f"{expected.expected:.3g} scatterings expected, {upper:.3g} times as dense near the "
-            "surface as on average",
-            f"up to {_MOST_CROWDED:g}; light that wanders in a thin turbid layer needs "
-            'estimator="analog"',
-        )
-    return int(min(max(poisson.isf(_TAIL, most), 1), _MAX_ORDER))
 
 
 def flat_mesh(low: Floats, high: Floats) -> TriangleMesh:

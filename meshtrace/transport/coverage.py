@@ -42,6 +42,7 @@ from meshtrace.transport.forced_link import ANALOG, needs_paths
 from meshtrace.transport.options import Forced
 
 _CHAINS = 256  # of the lowest level; the levels above double it
+_LAST = int(math.log2(Forced.most_photons // _CHAINS))  # level
 _STREAM, _PILOT_STREAM = 32, 16  # of the points of the lowest level, and of the pilot
 _NODE_STEP = 0.07  # distance of the nodes over the height of the map above the source
 _MOST_NODES = 33  # along an axis
@@ -210,7 +211,6 @@ class ForcedMap:
         n = self._grid.n
         gain, stderr = np.zeros(n * n), np.zeros(n * n)
         level = self._first_levels(rtol)
-        last = int(math.log2(Forced.most_photons // _CHAINS))
         open_ = np.ones(n * n, bool)
         while open_.any():
             now = int(level[open_].min())
@@ -221,10 +221,10 @@ class ForcedMap:
                 gain[some], stderr[some] = mean_and_error(found)
                 more = levels_lacking(found, rtol)
                 dark = (gain[some] == 0.0) & (now >= _DARK_LEVEL)
-                done = (more == 0) | dark | (now == last)
+                done = (more == 0) | dark | (now == _LAST)
                 self.lacking += int((done & (more > 0) & ~dark).sum())
                 open_[some[done]] = False
-                level[some] = np.minimum(now + more, last)
+                level[some] = np.minimum(now + more, _LAST)
                 if progress is not None:
                     progress(int(done.sum()))
         return gain.reshape(n, n), stderr.reshape(n, n)
@@ -235,8 +235,7 @@ class ForcedMap:
         k = min(n, _PILOT_CELLS)
         at = np.unique(np.linspace(0, n - 1, k).round().astype(np.int64))
         cells = (at[:, None] * n + at[None, :]).ravel()
-        last = int(math.log2(Forced.most_photons // _CHAINS))
-        more = np.minimum(levels_lacking(self._evaluate(0, cells, _PILOT_STREAM), rtol), last)
+        more = np.minimum(levels_lacking(self._evaluate(0, cells, _PILOT_STREAM), rtol), _LAST)
         nearest = np.abs(np.arange(n)[:, None] - at).argmin(axis=1)
         lattice = more.reshape(len(at), len(at))
         return lattice[np.ix_(nearest, nearest)].ravel()
@@ -288,9 +287,8 @@ class ForcedMap:
         nodes = kernel.Nodes(-half, 2.0 * half / (k - 1), k)
         at = np.clip(np.floor((places + half) / nodes.step).astype(np.int64), 0, k - 2)
         needed = np.zeros((k, k), bool)
-        for a in (0, 1):
-            for b in (0, 1):
-                needed[at[:, 0] + a, at[:, 1] + b] = True
+        for a, b in np.ndindex(2, 2):
+            needed[at[:, 0] + a, at[:, 1] + b] = True
         if len(places) < np.count_nonzero(needed):
             return kernel.Nodes(-half, 2.0 * half, 2), np.zeros((2, 2), bool)
         return nodes, needed

@@ -17,10 +17,9 @@ from __future__ import annotations
 import math
 from functools import cached_property, partial
 from itertools import islice
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Described, Refused
@@ -55,7 +54,15 @@ from meshtrace.transport.forced_link import (
     needs_paths,
     require_height_field,
 )
-from meshtrace.transport.parts import Counts, Parts, Sums
+from meshtrace.transport.parts import (
+    Counts,
+    Light,
+    Parts,
+    Sums,
+    chain_light,
+    direct_light,
+    joined,
+)
 
 Scattered = Literal["auto", "chains", "adjoint"]
 
@@ -337,41 +344,33 @@ class ForcedDetection:
         if higher is not self:
             return higher.arrivals(mesh)
         aimed = self.over(mesh)
-        result = [self._aimed_arrivals(aimed, r) for r in range(len(self.link.receivers))]
+        found = (self._aimed_arrivals(aimed, r) for r in range(len(self.link.receivers)))
+        result = [np.column_stack([x.weight, x.water, x.air, x.shift]) for x in found]
         if self._adjoint is not None:
-            found = self._adjoint.evaluate(mesh, arrivals=True).arrivals or []
+            paths = self._adjoint.evaluate(mesh, arrivals=True).arrivals or []
             on_paths = (r for r, method in enumerate(self.method) if method == "adjoint")
-            for r, rows in zip(on_paths, found, strict=True):
+            for r, rows in zip(on_paths, paths, strict=True):
                 result[r] = np.concatenate([result[r], rows])
         return result
 
-    def _aimed_arrivals(self, aimed: AimedChains, r: int) -> Floats:
-        """Return arrivals of a receiver over facets and chains."""
-        link, unit = self.arrays, self.arrays.frame.unit
-        rows = [np.zeros((0, 4))]
+    def _aimed_arrivals(self, aimed: AimedChains, r: int) -> Light:
+        """Return the light of a receiver over facets and chains."""
+        link, chained = self.arrays, self.method[r] == "chains"
+        rows: list[Light] = []
         for s, power in enumerate(link.power):
             e, t = (r, s) if link.down else (s, r)
-            sets, center = self.scattered_sets[e], link.targets[t].center
+            sets = self.scattered_sets[e] if chained else []
             if link.sizes[e] > 0.0:
                 points = self._lamp_points(e)
                 for i, lamp in enumerate(points):
                     gains = power * self._from_point(aimed, e, t, lamp) / len(points)
-                    group = i * SHIFTS // len(points)
-                    rows.append(_direct_rows(aimed, gains, lamp, center, unit, group))
+                    rows.append(direct_light(aimed, e, t, gains, lamp, i * SHIFTS // len(points)))
             elif (found := aimed.direct_gains(e, t)) is not None:
-                lamp = np.array(link.emitters[e].position)
-                rows.append(_direct_rows(aimed, power * found, lamp, center, unit, -1))
+                rows.append(direct_light(aimed, e, t, power * found))
             else:
                 sets = [self._unscattered[e], *sets]
-            for chains in sets:
-                if chains.order > 0 and self.method[r] == "adjoint":
-                    continue
-                _, light = aimed.aim(e, t, chains, keep=True)
-                n = len(chains.audit)
-                weight = power * light["weight"] / n
-                shift = light["chain"] // (n // SHIFTS)
-                rows.append(_rows(weight, unit * light["water"], unit * light["air"], shift))
-        return np.concatenate(rows)
+            rows += [chain_light(aimed, e, t, chains) for chains in sets]
+        return joined(rows)
 
 
 def cut_share(link: Link, mesh: TriangleMesh, seed: int, normals: str, threads: int) -> Floats:
@@ -384,17 +383,3 @@ def cut_share(link: Link, mesh: TriangleMesh, seed: int, normals: str, threads: 
     whole = few.evaluate(few.flat()).gain
     cut = whole - few.evaluate(flat_mesh(low, high)).gain
     return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)
-
-
-def _direct_rows(
-    aimed: AimedChains, gains: Floats, lamp: Floats, center: Vec3, unit: float, shift: int
-) -> Floats:
-    """Return the arrivals of unscattered light from a point through facets."""
-    lit = np.flatnonzero(gains)
-    crossing = aimed.centroids[lit]
-    water, air = (np.linalg.norm(crossing - end, axis=1) for end in (lamp, center))
-    return _rows(gains[lit], unit * water, unit * air, np.full(len(lit), shift))
-
-
-def _rows(*columns: NDArray[Any]) -> Floats:
-    return np.column_stack(columns).astype(np.float64)

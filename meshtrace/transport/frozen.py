@@ -11,10 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from threading import Lock
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.errors import Refused
 from meshtrace.kernels.chains import Nominal
@@ -26,36 +25,15 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.aimed import NO_LISTS, AimedChains, Search, on_disk
+from meshtrace.transport.aimed import NO_LISTS, AimedChains, Search
 from meshtrace.transport.chain_sets import ChainDrawer, ChainSet
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import ForcedLink, forced_link
 from meshtrace.transport.outcome import warn_of_chains
+from meshtrace.transport.parts import Light, chain_light, direct_light, joined
 
 _KEPT = 4  # sets of chains for the last geometries
 _SLACK = 0.04  # displacement of landing points that a list allows, over the receiver's height
-
-
-class Light(NamedTuple):
-    """Light that arrives at one receiver, one row an arrival; the weights sum to the gain.
-
-    Unscattered light without random slopes is one row a facet, with shift -1: it has no Monte
-    Carlo error, and belongs to every shift alike.
-    """
-
-    weight: Floats
-    order: NDArray[np.int64]  # number of scatterings
-    water: Floats  # path in the water [m]
-    angle: Floats  # to the axis of the receiver [rad]
-    lamp: Floats  # cosine of the emission to the axis of the source
-    shift: NDArray[np.int64]
-
-    def by_shift(self, values: Floats) -> Floats:
-        """Return the sum of the weights times values (n,) of each shift, shape (shifts,)."""
-        light = self.weight * values
-        common = self.shift < 0
-        sums = np.bincount(self.shift[~common], light[~common], minlength=SHIFTS)
-        return light[common].sum() + SHIFTS * sums
 
 
 class FrozenForced:
@@ -152,11 +130,10 @@ class FrozenForced:
             row, power = rows[arrays.receiver(e, t)], arrays.share(e, t)
             direct = aimed.direct_gains(e, t)
             if direct is not None:
-                row.append(self._direct(arrays, aimed, e, t, power * direct))
-            for chains in sets[e]:
-                if chains.order > 0 or direct is None:
-                    row.append(self._arrivals(arrays, aimed, e, t, chains))
-        return [Light(*map(np.concatenate, zip(*row, strict=True))) for row in rows]
+                row.append(direct_light(aimed, e, t, power * direct))
+            shown = (c for c in sets[e] if c.order > 0 or direct is None)
+            row += [chain_light(aimed, e, t, chains) for chains in shown]
+        return [joined(row) for row in rows]
 
     def _aimed(
         self, link: Link, mesh: TriangleMesh
@@ -204,64 +181,9 @@ class FrozenForced:
         pairs = zip(self._nominals, self._base.arrays.emitters, arrays.emitters, strict=True)
         for law, before, now in pairs:
             k = now.position.z / before.position.z
-            laws.append(
-                law._replace(
-                    distance=law.distance * k,
-                    step=law.step * k,
-                    c=law.c / k,
-                    density=law.density / k,
-                )
-            )
+            lengths: dict[str, Any] = {"distance": law.distance * k, "step": law.step * k}
+            laws.append(law._replace(**lengths, c=law.c / k, density=law.density / k))
         return laws
-
-    def _direct(
-        self, arrays: ForcedLink, aimed: AimedChains, emitter: int, target: int, gains: Floats
-    ) -> Light:
-        """Return the unscattered light, by facet."""
-        lit = np.flatnonzero(gains)
-        crossing = aimed.centroids[lit]
-        low, high = arrays.emitters[emitter], arrays.targets[target]
-        up = crossing - np.array(low.position)
-        water, same = np.linalg.norm(up, axis=1), np.zeros(len(lit), np.int64)
-        angle, lamp = _angles(arrays, emitter, target, up, np.array(high.center) - crossing)
-        return Light(gains[lit], same, arrays.frame.unit * water, angle, lamp, same - 1)
-
-    def _arrivals(
-        self, arrays: ForcedLink, aimed: AimedChains, emitter: int, target: int, chains: ChainSet
-    ) -> Light:
-        """Return the arrivals of a set of chains."""
-        end, n = arrays.targets[target], len(chains.audit)
-        _, found = aimed.aim(emitter, target, chains, keep=True)
-        chain = found["chain"]
-        way = on_disk(end.center, end, chains.chains.disk[chain]) - found["point"]
-        angle, lamp = _angles(arrays, emitter, target, found["emission"], way)
-        return Light(
-            arrays.share(emitter, target) * found["weight"] / n,
-            np.full(len(found), chains.order),
-            arrays.frame.unit * found["water"],
-            angle,
-            lamp,
-            chain // (n // SHIFTS),
-        )
-
-
-def _angles(
-    arrays: ForcedLink, emitter: int, target: int, start: Floats, end: Floats
-) -> tuple[Floats, Floats]:
-    """Return angles of arrival [rad] and cosines of emission of chains, by their two end segments.
-
-    Chains of light that goes down start at the receiver and end at the lamp.
-    """
-    low, high = arrays.emitters[emitter], arrays.targets[target]
-    first = _cosine(start, low.axis)
-    if arrays.down:
-        return np.arccos(first), _cosine(-end, high.lamp.axis)
-    return np.arccos(_cosine(end, high.axis)), first
-
-
-def _cosine(way: Floats, axis: tuple[float, float, float]) -> Floats:
-    """Return the cosines of the angles of directions (n, 3) to an axis."""
-    return np.clip(way @ np.array(axis) / np.linalg.norm(way, axis=1), -1.0, 1.0)
 
 
 class NearbyFacets:

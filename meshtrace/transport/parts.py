@@ -1,4 +1,4 @@
-"""Gain over one surface by receiver, shift and order, with the counts of its chains."""
+"""Gain over one surface by receiver, shift and order, and its light by arrival."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from meshtrace.models import Floats
 from meshtrace.results.gain import ScatteredSamples
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.adjoint import AdjointParts
+from meshtrace.transport.aimed import AimedChains, on_disk
 from meshtrace.transport.chain_sets import ChainSet
 from meshtrace.transport.choice import Method
 from meshtrace.transport.forced_link import ForcedLink
@@ -167,3 +168,82 @@ class Sums:
             self._scored,
             effective,
         )
+
+
+class Light(NamedTuple):
+    """Light that arrives at one receiver, one row an arrival; the weights sum to the gain.
+
+    Unscattered light without random slopes is one row a facet, with shift -1: it has no Monte
+    Carlo error, and belongs to every shift alike.
+    """
+
+    weight: Floats
+    order: NDArray[np.int64]  # number of scatterings
+    water: Floats  # path in the water [m]
+    air: Floats
+    angle: Floats  # to the axis of the receiver [rad]
+    lamp: Floats  # cosine of the emission to the axis of the source
+    shift: NDArray[np.int64]
+
+    def by_shift(self, values: Floats) -> Floats:
+        """Return the sum of the weights times values (n,) of each shift, shape (shifts,)."""
+        light = self.weight * values
+        common = self.shift < 0
+        sums = np.bincount(self.shift[~common], light[~common], minlength=SHIFTS)
+        return light[common].sum() + SHIFTS * sums
+
+
+def joined(rows: list[Light]) -> Light:
+    """Return all light of some rows."""
+    return Light(*map(np.concatenate, zip(*rows, strict=True)))
+
+
+def direct_light(
+    aimed: AimedChains,
+    emitter: int,
+    target: int,
+    gains: Floats,
+    at: Floats | None = None,
+    shift: int = -1,
+) -> Light:
+    """Return unscattered light by facet, from the point `at` of an extended source."""
+    link, unit = aimed.link, aimed.link.frame.unit
+    lit = np.flatnonzero(gains)
+    crossing = aimed.centroids[lit]
+    start = np.array(link.emitters[emitter].position) if at is None else at
+    up, way = crossing - start, np.array(link.targets[target].center) - crossing
+    water, air = (unit * np.linalg.norm(part, axis=1) for part in (up, way))
+    order, shifts = np.zeros(len(lit), np.int64), np.full(len(lit), shift)
+    return Light(gains[lit], order, water, air, *_angles(link, emitter, target, up, way), shifts)
+
+
+def chain_light(aimed: AimedChains, emitter: int, target: int, chains: ChainSet) -> Light:
+    """Return the arrivals of a set of chains."""
+    link, unit, n = aimed.link, aimed.link.frame.unit, len(chains.audit)
+    _, found = aimed.aim(emitter, target, chains, keep=True)
+    end, chain = link.targets[target], found["chain"]
+    way = on_disk(end.center, end, chains.chains.disk[chain]) - found["point"]
+    weight = link.share(emitter, target) * found["weight"] / n
+    water, air = unit * found["water"], unit * found["air"]
+    angles = _angles(link, emitter, target, found["emission"], way)
+    order, shift = np.full(len(found), chains.order), chain // (n // SHIFTS)
+    return Light(weight, order, water, air, *angles, shift)
+
+
+def _angles(
+    arrays: ForcedLink, emitter: int, target: int, start: Floats, end: Floats
+) -> tuple[Floats, Floats]:
+    """Return angles of arrival [rad] and cosines of emission of chains, by their two end segments.
+
+    Chains of light that goes down start at the receiver and end at the lamp.
+    """
+    low, high = arrays.emitters[emitter], arrays.targets[target]
+    first = _cosine(start, low.axis)
+    if arrays.down:
+        return np.arccos(first), _cosine(-end, high.lamp.axis)
+    return np.arccos(_cosine(end, high.axis)), first
+
+
+def _cosine(way: Floats, axis: tuple[float, float, float]) -> Floats:
+    """Return the cosines of the angles of directions (n, 3) to an axis."""
+    return np.clip(way @ np.array(axis) / np.linalg.norm(way, axis=1), -1.0, 1.0)

@@ -20,6 +20,7 @@ from meshtrace.models import Floats
 from meshtrace.results.background import PARTS
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.arrays import surface_arrays
+from meshtrace.transport.chain_sets import shifted, sobol_points
 from meshtrace.transport.frame import Frame, frame_of
 
 SKY, GLINT, WATER, FOAM, SUN = range(len(PARTS))
@@ -99,14 +100,7 @@ def only_aperture(link: Link) -> Aperture:
 
 def shifted_points(points: int, width: int, seed: int) -> Floats:
     """Return some Sobol points (points, width), each of the 32 shifts together."""
-    per_shift = points // SHIFTS
-    from scipy.stats import qmc
-
-    rng = np.random.default_rng((seed, 19))
-    size = math.ceil(math.log2(max(per_shift, 2)))
-    sobol = qmc.Sobol(width, scramble=True, rng=rng).random_base2(size)[:per_shift]
-    u = (sobol[None] + rng.random((SHIFTS, 1, width))) % 1.0
-    return np.clip(u.reshape(-1, width), 1e-12, 1.0 - 1e-12)
+    return shifted(*sobol_points(width, points // SHIFTS, (seed, 19)))
 
 
 class Scene(NamedTuple):
