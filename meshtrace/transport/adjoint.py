@@ -74,6 +74,8 @@ class AdjointParts:
 
     Attributes
     ----------
+    photons : int
+        Paths for each receiver.
     scattered : ndarray, shape (receivers, SHIFTS)
         Scattered gain of each group of paths; its mean over the groups is the scattered gain.
     orders : ndarray, shape (receivers, orders)
@@ -89,6 +91,7 @@ class AdjointParts:
         add up to its scattered gain.
     """
 
+    photons: int
     scattered: Floats
     orders: Floats
     scored: NDArray[np.int64]
@@ -198,7 +201,7 @@ class AdjointPaths:
             total[r, s] += sums.groups.sum() / n
         variance = ((square - total**2) * share**2).sum(axis=1) * len(share)
         kept = [np.concatenate(row) for row in rows] if arrivals else None
-        return AdjointParts(groups, orders, scored, variance, beside, kept)
+        return AdjointParts(self.photons, groups, orders, scored, variance, beside, kept)
 
 
 class _Over:

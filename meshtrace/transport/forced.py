@@ -278,10 +278,10 @@ class ForcedDetection:
         scores = ordered_map(lambda job: job(), jobs, self._options[1], ahead=len(jobs))
         sampled = sums.add_direct(islice(scores, len(sums.pairs)))
         sums.add_chains(scores)
-        if self._adjoint is not None:
-            sums.add_paths(self._adjoint.evaluate(mesh, intersector), self._adjoint.photons)
+        adjoint = self._adjoint
+        paths = None if adjoint is None else adjoint.evaluate(mesh, intersector)
         counts = Counts(sums.chains, *(int(c) for c in aimed.counters))
-        return sums.parts(counts._replace(sampled=sampled))
+        return sums.parts(counts._replace(sampled=sampled), paths)
 
     def _direct(self, aimed: AimedChains, s: int, r: int) -> Floats:
         """Return the unscattered gain of a source and a receiver: one number, or one per shift."""

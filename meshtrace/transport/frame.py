@@ -19,6 +19,10 @@ from meshtrace.link import Link
 from meshtrace.mesh import FARTHEST, TriangleMesh
 from meshtrace.models import Floats
 
+# fields of a medium without a raster
+_PER_LENGTH = ("a", "b", "layer_a", "layer_b", "bubble_b", "b_max", "c_max")
+_LENGTHS = ("layer_step", "bubble_start", "bubble_step", "bottom_z")
+
 
 class Frame(NamedTuple):
     """Origin (x, y) [m] and unit of length [m], a power of two: scaling rounds nothing."""
@@ -62,20 +66,9 @@ class Frame(NamedTuple):
         """Return water without a raster with coefficients per unit of length."""
         if self == IDENTITY:
             return medium
-        u = self.unit
-        return medium._replace(
-            a=medium.a * u,
-            b=medium.b * u,
-            layer_step=medium.layer_step / u,
-            layer_a=medium.layer_a * u,
-            layer_b=medium.layer_b * u,
-            bubble_start=medium.bubble_start / u,
-            bubble_step=medium.bubble_step / u,
-            bubble_b=medium.bubble_b * u,
-            b_max=medium.b_max * u,
-            c_max=medium.c_max * u,
-            bottom_z=medium.bottom_z / u,
-        )
+        scaled = {name: getattr(medium, name) * self.unit for name in _PER_LENGTH}
+        lengths = {name: getattr(medium, name) / self.unit for name in _LENGTHS}
+        return medium._replace(**scaled, **lengths)
 
 
 IDENTITY = Frame(0.0, 0.0, 1.0)

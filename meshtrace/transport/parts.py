@@ -115,7 +115,6 @@ class Sums:
         self._scattered = np.zeros((receivers, self._orders, SHIFTS))
         self._squares = np.zeros(receivers)
         self._samples, self._scored = np.zeros((2, receivers), np.int64)
-        self._paths: tuple[AdjointParts, int] | None = None
 
     def add_direct(self, gains: Iterable[Floats]) -> int:
         """Add the unscattered gain of each pair; return the number of sampled ones."""
@@ -137,17 +136,12 @@ class Sums:
             self._scored[r] += np.count_nonzero(score)
             self._squares[r] += share**2 * np.mean(score**2) / len(score)
 
-    def add_paths(self, found: AdjointParts, photons: int) -> None:
-        """Add the scattered light of the receivers that rest on adjoint paths."""
-        self._paths = found, photons
-
-    def parts(self, counts: Counts) -> Parts:
-        """Return the gain in parts."""
+    def parts(self, counts: Counts, found: AdjointParts | None) -> Parts:
+        """Return the gain in parts, with the light of receivers that rest on adjoint paths."""
         scattered, orders = self._scattered.sum(axis=1), self._scattered.mean(axis=2)
         mean = scattered.mean(axis=1)
         effective = mean**2 / np.maximum(self._squares, 1e-300)
-        if self._paths is not None:
-            found, photons = self._paths
+        if found is not None:
             rows = np.array([m == "adjoint" for m in self._method])
             scattered[rows] = found.scattered
             seen = np.flatnonzero(found.orders.any(axis=0)).max(initial=-1) + 1
@@ -155,19 +149,11 @@ class Sums:
             wide[:, : orders.shape[1]] = orders
             wide[rows, :seen] = found.orders[:, :seen]
             orders = wide
-            self._samples[rows], self._scored[rows] = photons, found.scored
+            self._samples[rows], self._scored[rows] = found.photons, found.scored
             square = found.gain**2
-            effective[rows] = photons * square / np.maximum(found.variance + square, 1e-300)
-        return Parts(
-            self._direct,
-            scattered,
-            orders,
-            counts,
-            self._method,
-            self._samples,
-            self._scored,
-            effective,
-        )
+            effective[rows] = found.photons * square / np.maximum(found.variance + square, 1e-300)
+        sampled = self._method, self._samples, self._scored, effective
+        return Parts(self._direct, scattered, orders, counts, *sampled)
 
 
 class Light(NamedTuple):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from meshtrace.kernels.sources import SourceKind
-from meshtrace.link import Link, Source, WaterReceiver
+from meshtrace.link import Link, WaterReceiver
 from meshtrace.link.sources import AirLamp
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
@@ -73,15 +74,14 @@ def returned_gain(link: Link) -> Floats:
     rows = [(0.0, water.a, water.b)] if water.layers is None else list(water.layers)
     x = max(back * b / max(a + back * b, 1e-12) for _, a, b in rows)
     albedo = x / (1.0 + math.sqrt(1.0 - x * x))
-    pairs: list[tuple[Any, Any, Source, int]] = []  # ends in the water and in the air
-    for i, end in enumerate(receivers):
-        for t in link.transmitters:
-            pairs.append((end, t, t, i) if link.direction == "down" else (t, end, t, i))
-    scale = (water.n / link.n_air) ** 2 if link.direction == "down" else 1.0
+    down = link.direction == "down"
+    scale = (water.n / link.n_air) ** 2 if down else 1.0
     total = sum(t.power_mw for t in link.transmitters)
     diffuse_reflectance = _diffuse_reflectance(water.n, link.n_air)
     out = albedo * (1.0 - diffuse_reflectance) / (1.0 - albedo * diffuse_reflectance)
-    for low_end, high_end, source, i in pairs:
+    for (i, end), source in product(enumerate(receivers), link.transmitters):
+        low_end: Any = end if down else source
+        high_end: Any = source if down else end
         depth = -low_end.center[2]
         a, b = _mean(rows, depth)
         below = 0.5 / max(a + back * b, 1e-12)

@@ -45,7 +45,6 @@ from meshtrace.transport.view import (
     first_hits,
     only_aperture,
     scene_of,
-    shifted_points,
 )
 
 _REACH = 6.0  # standard deviations of the slopes, to which the cone about the sun is sampled
@@ -66,11 +65,9 @@ def seen_from_water(
     Sun that reaches the receiver unscattered passes the mesh; scattered sunlight passes still
     water before it.
     """
-    view = View.of(only_aperture(link), frame_of(link), shifted_points(photons, 7, seed))
+    view = View.of(link, photons, seed)
     parts = np.zeros((SHIFTS, len(PARTS)))
-    light = walked(
-        link, mesh, day, view.origins(), view.directions(), seed, normals, threads, in_water=True
-    )
+    light = walked(link, mesh, day, view, seed, normals, threads, in_water=True)
     parts[:, SKY], parts[:, SUN] = light[:, 0], light[:, 1]
     if day.direct == 0.0:
         return parts
@@ -79,7 +76,7 @@ def seen_from_water(
         direct = _through_slopes(scene, view, depths)
     else:
         law = Refraction(np.array(day.sun), scene.n)
-        direct = bent_sun(scene.intersector, scene.surface, law, view, depths)
+        direct = bent_sun(scene, law, view, depths)
     parts[:, SUN] += day.direct * (1.0 - scene.foam) * direct
     return parts
 
@@ -137,12 +134,12 @@ def _through_slopes(scene: Scene, view: View, depths: Callable[[Floats], Floats]
 
 
 def walked(
-    link: Link, mesh: TriangleMesh, day: Daylight, origins: Floats, directions: Floats, seed: int,
-    normals: str, threads: int, *, in_water: bool,
+    link: Link, mesh: TriangleMesh, day: Daylight, view: View, seed: int, normals: str,
+    threads: int, *, in_water: bool,
 ) -> Floats:  # fmt: skip
     """Return the radiance of sky and of scattered sun at a receiver by shift (shifts, 2).
 
-    From the air only light that has been in the water counts. `origins` are local coordinates.
+    From the air only light that has been in the water counts.
 
     Raises
     ------
@@ -161,13 +158,13 @@ def walked(
     world, foam = setup.world, setup.world.interface.foam_transmittance
     bubbles = link.bubbles.phase_function() if link.bubbles else link.water.phase
     back = Backward(
-        np.ascontiguousarray(origins), np.ascontiguousarray(directions), in_water, not in_water,
+        view.origins(), view.directions(), in_water, not in_water,
         day.sky, Vec3(*sun.tolist()), foam * irradiance if world.medium.b_max > 0.0 else 0.0,
         1.0 if in_water else 1.0 - float(link.water.phase.cdf(_FORWARD)),
         *(blurred_phase(p) * (in_water | _WIDE) for p in (link.water.phase, bubbles)),
     )  # fmt: skip
-    spans = [(i, min(i + options.batch_size, len(origins)))
-             for i in range(0, len(origins), options.batch_size)]  # fmt: skip
+    rays, step = len(view.uniforms), options.batch_size
+    spans = [(i, min(i + step, rays)) for i in range(0, rays, step)]
     setup = setup._replace(world=world._replace(back=back))
     done = ordered_map(partial(chunk_tallies, setup), spans, threads)
     scores = np.concatenate([tallies.score for _, tallies in done])

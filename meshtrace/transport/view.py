@@ -21,7 +21,7 @@ from meshtrace.results.background import PARTS
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.arrays import surface_arrays
 from meshtrace.transport.chain_sets import shifted, sobol_points
-from meshtrace.transport.frame import Frame, frame_of
+from meshtrace.transport.frame import frame_of
 
 SKY, GLINT, WATER, FOAM, SUN = range(len(PARTS))
 
@@ -36,10 +36,12 @@ class View(NamedTuple):
     uniforms: Floats  # (rays, 7): disk, cone, tilt of the first reflection
 
     @classmethod
-    def of(cls, aperture: Aperture, frame: Frame, uniforms: Floats) -> View:
-        """Return the view of an aperture in the coordinates of a frame."""
+    def of(cls, link: Link, points: int, seed: int) -> View:
+        """Return the view of a link's aperture, in local coordinates."""
+        aperture, frame = only_aperture(link), frame_of(link)
         psi = math.radians(0.5 * aperture.fov_deg)
         axis, center = -np.array(aperture.axis), frame.points(np.array(aperture.center))
+        uniforms = shifted(*sobol_points(7, points // SHIFTS, (seed, 19)))
         return cls(center, axis, aperture.radius / frame.unit, math.sin(psi) ** 2, uniforms)
 
     def origins(self) -> Floats:
@@ -96,11 +98,6 @@ def only_aperture(link: Link) -> Aperture:
     if len(link.receivers) != 1:
         raise Refused("receiver", Described(f"{len(link.receivers)} apertures"), "one aperture")
     return link.receivers[0]
-
-
-def shifted_points(points: int, width: int, seed: int) -> Floats:
-    """Return some Sobol points (points, width), each of the 32 shifts together."""
-    return shifted(*sobol_points(width, points // SHIFTS, (seed, 19)))
 
 
 class Scene(NamedTuple):
