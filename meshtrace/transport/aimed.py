@@ -165,15 +165,8 @@ class AimedChains:
 
     def scene(self, emitter: Emitter, target: Target) -> Scene:
         """Return one source, the surface and one aperture as the kernels take them."""
-        return Scene(
-            emitter,
-            target,
-            self.surface,
-            self.locator,
-            self.facets,
-            self.medium,
-            self.link.interface,
-        )
+        facets, medium, interface = self.facets, self.medium, self.link.interface
+        return Scene(emitter, target, self.surface, self.locator, facets, medium, interface)
 
     def search_of(self, target: Target) -> SearchExtent:
         """Return the extent of the search for roots."""

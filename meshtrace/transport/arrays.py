@@ -25,8 +25,7 @@ from meshtrace.models import Floats
 from meshtrace.optics.phase import PhaseFunction
 
 _LAYER_NODES = 2049  # of the tables of a layered water
-
-_CELLS_PER_LOG = 200.0
+_CELLS_PER_LOG = 200.0  # of the tables over the scattering angle
 
 _ROUNDING = 128 * 2.0**-24
 """Relative rounding of coordinates that leaves a facet in single precision in no doubt."""
@@ -58,17 +57,8 @@ def surface_arrays(mesh: TriangleMesh, normals: str, unresolved: str = "none") -
         roughness = Roughness(
             math.sqrt(missing[0]), math.sqrt(missing[1]), math.cos(wind), math.sin(wind)
         )
-    return Surface(
-        mesh.vertices,
-        mesh.faces,
-        mesh.face_normals,
-        mesh.vertex_normals,
-        low,
-        high,
-        mesh.max_slope,
-        normals == "vertex",
-        roughness,
-    )
+    arrays = mesh.vertices, mesh.faces, mesh.face_normals, mesh.vertex_normals
+    return Surface(*arrays, low, high, mesh.max_slope, normals == "vertex", roughness)
 
 
 def interface_arrays(link: Link) -> Interface:
