@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels.jit import config
 from meshtrace.kernels.rays import RAY_WORDS, cast
+from meshtrace.models import Floats
 
 _TRIANGLES = 0  # RTC_GEOMETRY_TYPE_TRIANGLE
 _INDEX, _VERTEX = 0, 1  # RTC_BUFFER_TYPE_*
@@ -70,7 +71,7 @@ class Library(NamedTuple):
     intersect: int  # address of rtcIntersect1
 
 
-def new_scene(vertices: NDArray[np.float64], faces: NDArray[np.integer[Any]]) -> Scene:
+def new_scene(vertices: Floats, faces: NDArray[np.integer[Any]]) -> Scene:
     """Return a committed scene of a mesh in robust mode, in single precision."""
     found = library()
     if found is not None:
@@ -111,9 +112,7 @@ class SharedScene:
         If Embree reports an error.
     """
 
-    def __init__(
-        self, found: Library, vertices: NDArray[np.float64], faces: NDArray[np.integer[Any]]
-    ) -> None:
+    def __init__(self, found: Library, vertices: Floats, faces: NDArray[np.integer[Any]]) -> None:
         rtc = found.functions
         # Embree may read 16 bytes at the last vertex
         corners = np.zeros((len(vertices) + 1, 3), np.float32)
@@ -172,7 +171,7 @@ def _device() -> Any:
 class CopiedScene:
     """Scene of embreex, with a copy of the mesh."""
 
-    def __init__(self, vertices: NDArray[np.float64], faces: NDArray[np.integer[Any]]) -> None:
+    def __init__(self, vertices: Floats, faces: NDArray[np.integer[Any]]) -> None:
         from embreex.mesh_construction import TriangleMesh as EmbreeMesh
         from embreex.rtcore_scene import EmbreeScene
 

@@ -7,8 +7,9 @@ only between neighbours at an edge.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,43 +43,48 @@ class Hits(NamedTuple):
     v: Floats
 
 
-class Intersector(Protocol):
-    """Interface of an acceleration structure, as the tracers use it."""
+class Intersector(ABC):
+    """Acceleration structure over a triangle mesh, as the tracers use it.
 
-    mesh: TriangleMesh
-    shortcut: bool  # whether facets may be found without it where the answer is known
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The surface.
+    """
 
-    def over(self, mesh: TriangleMesh) -> Intersector:
+    shortcut = False  # whether facets may be found without it where the answer is known
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        require_kind(mesh, TriangleMesh, "mesh")
+        self.mesh = mesh
+
+    def over(self, mesh: TriangleMesh) -> Self:
         """Return an intersector of the same kind over another mesh."""
-        ...
+        return type(self)(mesh)
 
+    @abstractmethod
     def facets(
         self, origins: NDArray[np.float32], directions: NDArray[np.float32]
     ) -> NDArray[np.int32]:
-        """Return the first facet of each ray, -1 for a miss; thread-safe."""
-        ...
+        """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
 
     def intersect(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
         """Return the first hit of each ray."""
-        ...
+        o = np.ascontiguousarray(origins, dtype=np.float64)
+        d = np.ascontiguousarray(directions, dtype=np.float64)
+        for name, array in (("origins", o), ("directions", d)):
+            if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
+                raise Refused(name, Described(f"shape {array.shape}"), "finite (n, 3)")
+        if o.shape != d.shape:
+            other = Described(f"shape {d.shape}")
+            raise Refused("directions", other, f"that of origins, {o.shape}")
+        facet = self.facets(o.astype(np.float32), d.astype(np.float32))
+        triangles = Triangles(self.mesh.vertices, self.mesh.faces, self.mesh.face_normals)
+        distance, u, v = facet_hits(facet, o, d, triangles)
+        return Hits(facet, distance, u, v)
 
 
-def _hits(intersector: Intersector, origins: ArrayLike, directions: ArrayLike) -> Hits:
-    o = np.ascontiguousarray(origins, dtype=np.float64)
-    d = np.ascontiguousarray(directions, dtype=np.float64)
-    for name, array in (("origins", o), ("directions", d)):
-        if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
-            raise Refused(name, Described(f"shape {array.shape}"), "finite (n, 3)")
-    if o.shape != d.shape:
-        raise Refused("directions", Described(f"shape {d.shape}"), f"that of origins, {o.shape}")
-    facet = intersector.facets(o.astype(np.float32), d.astype(np.float32))
-    mesh = intersector.mesh
-    triangles = Triangles(mesh.vertices, mesh.faces, mesh.face_normals)
-    distance, u, v = facet_hits(facet, o, d, triangles)
-    return Hits(facet, distance, u, v)
-
-
-class EmbreeIntersector:
+class EmbreeIntersector(Intersector):
     """Embree BVH over a triangle mesh, in robust mode.
 
     Parameters
@@ -98,12 +104,11 @@ class EmbreeIntersector:
     shortcut = True
 
     def __init__(self, mesh: TriangleMesh, threads: int | None = None) -> None:
-        require_kind(mesh, TriangleMesh, "mesh")
-        self.mesh = mesh
+        super().__init__(mesh)
         self.threads = default_threads(threads)
         self._scene = new_scene(mesh.vertices, mesh.faces)
 
-    def over(self, mesh: TriangleMesh) -> EmbreeIntersector:
+    def over(self, mesh: TriangleMesh) -> Self:
         """Return an intersector of the same kind over another mesh."""
         return type(self)(mesh, self.threads)
 
@@ -123,25 +128,15 @@ class EmbreeIntersector:
         """
         o, d = np.asarray(origins, dtype=float), np.asarray(directions, dtype=float)
         if self.threads == 1 or len(o) < 2 * self.threads:
-            return _hits(self, o, d)
+            return super().intersect(o, d)
         bounds = np.linspace(0, len(o), self.threads + 1, dtype=int)
-        chunks = (slice(*ends) for ends in pairwise(bounds))
-        parts = ordered_map(lambda chunk: _hits(self, o[chunk], d[chunk]), chunks, self.threads)
+        chunks, hits = (slice(*ends) for ends in pairwise(bounds)), super().intersect
+        parts = ordered_map(lambda chunk: hits(o[chunk], d[chunk]), chunks, self.threads)
         return Hits(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 
-class BruteForceIntersector:
+class BruteForceIntersector(Intersector):
     """Brute force: every ray against every facet in double precision, the reference of tests."""
-
-    shortcut = False
-
-    def __init__(self, mesh: TriangleMesh) -> None:
-        require_kind(mesh, TriangleMesh, "mesh")
-        self.mesh = mesh
-
-    def over(self, mesh: TriangleMesh) -> BruteForceIntersector:
-        """Return an intersector of the same kind over another mesh."""
-        return type(self)(mesh)
 
     def facets(
         self, origins: NDArray[np.float32], directions: NDArray[np.float32]
@@ -149,10 +144,6 @@ class BruteForceIntersector:
         """Return the first facet of each ray, -1 for a miss; thread-safe."""
         rays = origins.astype(np.float64), directions.astype(np.float64)
         return _first_facets(*rays, self.mesh.vertices, self.mesh.faces)
-
-    def intersect(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
-        """Return the first hit of each ray."""
-        return _hits(self, origins, directions)
 
 
 @allocating_entry

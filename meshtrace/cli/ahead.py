@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 
 from meshtrace.parallel import default_threads
 from meshtrace.scenario import Scenario
-from meshtrace.transport.ahead import compile_evaluation
+from meshtrace.transport.aimed import compile_evaluation
 
 
 @contextmanager

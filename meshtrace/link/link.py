@@ -6,7 +6,6 @@ import math
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from meshtrace.errors import Described, Refused, require_kind, require_real
@@ -30,7 +29,7 @@ from meshtrace.link.sources import (
     TopHatBeam,
     WaterSource,
 )
-from meshtrace.models import Family, Model
+from meshtrace.models import Family, Floats, Model
 from meshtrace.optics.bubble_base import AnyBubbles
 from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.optics.water import Water
@@ -412,7 +411,7 @@ def _low_and_high(source: Source, end: Aperture) -> tuple[Source | Aperture, Sou
     return (end, source) if isinstance(source, AirLamp) else (source, end)
 
 
-def _crossing(low: Source | Aperture, high: Source | Aperture, n: float) -> NDArray[np.float64]:
+def _crossing(low: Source | Aperture, high: Source | Aperture, n: float) -> Floats:
     """Return the crossing (x, y) [m] of still water by light between two ends."""
     a, b = np.array(low.position, float), np.array(high.position, float)
     depth, height = getattr(low, "depth", 1.0), getattr(high, "height", 1.0)

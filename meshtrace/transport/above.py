@@ -22,8 +22,9 @@ from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.results.background import PARTS
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.frame import frame_of
-from meshtrace.transport.scene_light import (
+from meshtrace.transport.submerged import walked
+from meshtrace.transport.sun_points import Reflection, bent_sun
+from meshtrace.transport.view import (
     FOAM,
     GLINT,
     SKY,
@@ -31,12 +32,10 @@ from meshtrace.transport.scene_light import (
     WATER,
     Hit,
     Scene,
+    View,
     first_hits,
     scene_of,
 )
-from meshtrace.transport.sun_points import Reflection, focused_sun
-from meshtrace.transport.view import View, only_aperture, shifted_points
-from meshtrace.transport.walk import walked
 
 _BOUNCES = 8
 _OFFSET = 1e-5  # start of a ray above its facet, in units of the frame
@@ -48,19 +47,18 @@ def seen_from_air(
     threads: int,
 ) -> Floats:  # fmt: skip
     """Return the radiances of the parts by shift (shifts, parts) for a receiver in the air."""
-    view = View.of(only_aperture(link), frame_of(link), shifted_points(photons, 7, seed))
+    view = View.of(link, photons, seed)
     scene = scene_of(link, mesh, day, normals, threads)
-    origins, directions = view.origins(), view.directions()
-    parts = follow(scene, origins, directions, view.uniforms[:, 4:], seed)
+    parts = follow(scene, view.origins(), view.directions(), view.uniforms[:, 4:], seed)
     parts = parts.reshape(SHIFTS, -1, len(PARTS)).mean(axis=1)
     if day.direct > 0.0:
         parts[:, SUN] += sun_in_view(scene, view)
         if not scene.rough:
             law = Reflection(np.array(day.sun), scene.n)
-            glint = focused_sun(scene.intersector, scene.surface, law, view)
+            glint = bent_sun(scene, law, view)
             parts[:, GLINT] += day.direct * (1.0 - scene.foam) * glint
     if day.water == "walk":
-        light = walked(link, mesh, day, origins, directions, seed, normals, threads, in_water=False)
+        light = walked(link, mesh, day, view, seed, normals, threads, in_water=False)
         parts[:, WATER] += light.sum(axis=1)
     return parts
 

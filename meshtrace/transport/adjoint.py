@@ -13,7 +13,6 @@ W_k the weight behind k scatterings and L_k the light that the path's segment re
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -34,9 +33,10 @@ from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.angle_tables import angle_table
-from meshtrace.transport.arrays import interface_arrays, surface_arrays, with_raster
+from meshtrace.transport.arrays import angle_table, interface_arrays, surface_arrays, with_raster
 from meshtrace.transport.forced_link import (
     emitter_of,
     expected_water,
@@ -44,7 +44,7 @@ from meshtrace.transport.forced_link import (
     require_followable,
     target_of,
 )
-from meshtrace.transport.frame import IDENTITY, frame_of
+from meshtrace.transport.frame import frame_of
 
 _BLOCK = 4096  # paths of one block; sums of blocks do not depend on threads
 _ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
@@ -60,12 +60,12 @@ _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
 class Sums(NamedTuple):
     """Sums over the paths of a block."""
 
-    groups: NDArray[np.float64]  # (SHIFTS,)
-    orders: NDArray[np.float64]  # (orders,)
+    groups: Floats  # (SHIFTS,)
+    orders: Floats  # (orders,)
     square: float
     scored: int
     beside: int
-    arrivals: NDArray[np.float64] | None  # (arrivals, 4) weight, way in water and air, group
+    arrivals: Floats | None  # (arrivals, 4) weight, way in water and air, group
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,8 @@ class AdjointParts:
 
     Attributes
     ----------
+    photons : int
+        Paths for each receiver.
     scattered : ndarray, shape (receivers, SHIFTS)
         Scattered gain of each group of paths; its mean over the groups is the scattered gain.
     orders : ndarray, shape (receivers, orders)
@@ -89,20 +91,21 @@ class AdjointParts:
         add up to its scattered gain.
     """
 
-    scattered: NDArray[np.float64]
-    orders: NDArray[np.float64]
+    photons: int
+    scattered: Floats
+    orders: Floats
     scored: NDArray[np.int64]
-    variance: NDArray[np.float64]
-    beside: NDArray[np.float64]
-    arrivals: list[NDArray[np.float64]] | None = None
+    variance: Floats
+    beside: Floats
+    arrivals: list[Floats] | None = None
 
     @property
-    def gain(self) -> NDArray[np.float64]:
+    def gain(self) -> Floats:
         """Scattered gain of each receiver."""
         return self.scattered.mean(axis=1)
 
     @property
-    def stderr(self) -> NDArray[np.float64]:
+    def stderr(self) -> Floats:
         """Standard error of the scattered gain of each receiver."""
         return self.scattered.std(axis=1, ddof=1) / math.sqrt(SHIFTS)
 
@@ -166,7 +169,7 @@ class AdjointPaths:
         arrivals : bool
             Keep every contribution to the gain with its path lengths.
         """
-        over = _Over(self, mesh, intersector or EmbreeIntersector(mesh, 1), arrivals)
+        over = _Over(self, mesh, intersector, arrivals)
         receivers = range(len(self.link.receivers))
         share = np.array([t.power_mw for t in self.link.transmitters])
         share /= share.sum()
@@ -177,18 +180,14 @@ class AdjointPaths:
             for s in range(len(share))
             for first in range(0, n, _BLOCK)
         ]
-        with ThreadPoolExecutor(self.threads) as pool:
-            blocks = list(
-                pool.map(lambda j: over.block(j[0], j[1], j[2], min(_BLOCK, n - j[2])), jobs)
-            )
+        blocks = ordered_map(
+            lambda job: over.block(*job, min(_BLOCK, n - job[2])), jobs, self.threads
+        )
         per_group = np.bincount(np.arange(n) % SHIFTS, minlength=SHIFTS)
         groups, orders = np.zeros((len(receivers), SHIFTS)), np.zeros((len(receivers), _ORDERS))
         scored, beside = np.zeros(len(receivers), np.int64), np.zeros(len(receivers))
-        square, total = (
-            np.zeros((len(receivers), len(share))),
-            np.zeros_like(groups[:, : len(share)]),
-        )
-        rows: list[list[NDArray[np.float64]]] = [[np.zeros((0, 4))] for _ in receivers]
+        square, total = np.zeros((2, len(receivers), len(share)))
+        rows: list[list[Floats]] = [[np.zeros((0, 4))] for _ in receivers]
         for (r, s, _), sums in zip(jobs, blocks, strict=True):
             if sums.arrivals is not None:
                 per_arrival = share[s] / (SHIFTS * per_group[sums.arrivals[:, 3].astype(np.int64)])
@@ -202,7 +201,7 @@ class AdjointPaths:
             total[r, s] += sums.groups.sum() / n
         variance = ((square - total**2) * share**2).sum(axis=1) * len(share)
         kept = [np.concatenate(row) for row in rows] if arrivals else None
-        return AdjointParts(groups, orders, scored, variance, beside, kept)
+        return AdjointParts(self.photons, groups, orders, scored, variance, beside, kept)
 
 
 class _Over:
@@ -212,28 +211,25 @@ class _Over:
         self,
         paths: AdjointPaths,
         mesh: TriangleMesh,
-        intersector: EmbreeIntersector,
+        intersector: EmbreeIntersector | None,
         arrivals: bool,
     ) -> None:
         link, frame = paths.link, frame_of(paths.link)
-        if frame != IDENTITY:
-            mesh = frame.mesh(mesh)
-            intersector = EmbreeIntersector(mesh, 1)
+        local = frame.mesh(mesh)
+        given = intersector if local is mesh else None
         self._arrivals, self._unit = arrivals, frame.unit
         forms = [repr(r) for r in link.receivers]
         self._rank = np.argsort(np.argsort(forms, kind="stable"))
         self._seed, self._smooth = paths.seed, paths.normals == "vertex"
-        self._intersector = intersector
-        surface = surface_arrays(mesh, paths.normals, link.physics.unresolved)
+        self._intersector = given or EmbreeIntersector(local, 1)
+        surface = surface_arrays(local, paths.normals, link.physics.unresolved)
         self._surface = surface._replace(level=float(surface.high[2]))
-        self._flat = mesh.max_slope == 0.0 and surface.low[2] == surface.high[2]
+        self._flat = local.max_slope == 0.0 and surface.low[2] == surface.high[2]
         self._rough = surface.roughness.along > 0.0 or surface.roughness.across > 0.0
         medium = frame.medium(expected_water(link, frame.unit * float(surface.high[2])))
-        sampled = medium
-        if medium.depth_mode == DepthMode.LOCAL:
-            medium = with_raster(medium, intersector)
-            sampled = medium._replace(depth_mode=DepthMode.CLAMPED)
-        self._medium = medium
+        self._medium = medium = with_raster(medium, self._intersector)
+        by_depth = medium.depth_mode == DepthMode.LOCAL
+        sampled = medium._replace(depth_mode=DepthMode.CLAMPED) if by_depth else medium
         self._interface = interface_arrays(link)
         water = angle_table(link.water.phase)
         bubble = angle_table(link.bubbles.phase_function()) if link.bubbles else water
@@ -251,26 +247,21 @@ class _Over:
         ]
 
     def _world(self, receiver: int, source: int, first: int) -> starting.World:
-        if self._down:  # paths start at the lamps, and receivers have the same in any order
-            optics, size = self._sources[receiver]
-            target, stream = self._targets[source], 0
-            axis, cos_cone = target.lamp.axis, target.cos_half_fov
-        else:
-            optics, size = self._sources[source]
-            target, stream = self._targets[receiver], int(self._rank[receiver])
-            axis = Vec3(-target.axis.x, -target.axis.y, -target.axis.z)
-            cos_cone = target.cos_half_fov
+        # from the lamps paths start that receivers have alike, in any order
+        low, high = (receiver, source) if self._down else (source, receiver)
+        stream = 0 if self._down else int(self._rank[receiver])
+        (optics, size), target = self._sources[low], self._targets[high]
+        axis = target.lamp.axis if self._down else Vec3(*(-x for x in target.axis))
+        cos_cone = target.cos_half_fov
         if self._interface.fov != FieldOfView.ANGLE:  # a disk about the point below the receiver
             axis = Vec3(0.0, 0.0, -1.0)
             fall = target.center[2] - float(self._surface.high[2])
             nearest = fall - target.radius * math.hypot(target.axis[0], target.axis[1])
-            widest = 2.0 * target.radius + (target.center[2] - float(self._surface.low[2])) * (
-                target.tan_half_fov
-            )
+            rise = target.center[2] - float(self._surface.low[2])
+            widest = 2.0 * target.radius + rise * target.tan_half_fov
             cos_cone = nearest / math.hypot(nearest, widest) if nearest > 0.0 else 0.0
-        key = np.random.SeedSequence((self._seed, source, stream, 0xAD)).generate_state(
-            1, np.uint64
-        )[0]
+        seeds = np.random.SeedSequence((self._seed, source, stream, 0xAD))
+        key = seeds.generate_state(1, np.uint64)[0]
         b, bubbles = _vertical_depths(self._medium, -optics.emitter.position[2])
         lobe_bubble = bubbles / (b + bubbles) if bubbles > 0.0 else 0.0
         beam = _beam_width(optics.emitter)
@@ -342,15 +333,13 @@ class _Over:
             self._arrivals_of(scores, air, first) if self._arrivals else None,
         )
 
-    def _arrivals_of(
-        self, scores: NDArray[np.float64], air: NDArray[np.float64], first: int
-    ) -> NDArray[np.float64]:
+    def _arrivals_of(self, scores: Floats, air: Floats, first: int) -> Floats:
         """Return weight, way in water and air [m] and group of scores."""
         path = scores[:, 0].astype(np.int64)
         ways = self._unit * scores[:, 3], self._unit * air[path]
         return np.column_stack([scores[:, 2], *ways, (first + path) % SHIFTS])
 
-    def _follow(self, paths: starting.Paths, world: starting.World) -> NDArray[np.float64]:
+    def _follow(self, paths: starting.Paths, world: starting.World) -> Floats:
         """Trace paths to their ends, with rays for doubtful visibility; return the scores."""
         n = len(paths.weight)
         most = 6 * n + 64
@@ -369,18 +358,17 @@ class _Over:
             kept = checks.score[:listed][free]
             if self._arrivals:
                 rows.append(kept)
-            np.add.at(
-                paths.score, (kept[:, 0].astype(np.int64), kept[:, 1].astype(np.int64)), kept[:, 2]
-            )
+            path, order = kept[:, :2].astype(np.int64).T
+            np.add.at(paths.score, (path, order), kept[:, 2])
 
-    def _cut(self, ray: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def _cut(self, ray: Floats) -> NDArray[np.bool_]:
         """Return the paths that meet the surface; rays start slightly off the first facet."""
         hair = 1e-4 * ray[:, 7]
         start = ray[:, 1:4] + hair[:, None] * ray[:, 4:7]
         hits = self._intersector.intersect(start, ray[:, 4:7])
         return hits.distance < ray[:, 7] - hair
 
-    def _below(self, root: NDArray[np.float64]) -> NDArray[np.int32]:
+    def _below(self, root: Floats) -> NDArray[np.int32]:
         """Return the facets over points (x, y); -1 outside the mesh and for still water."""
         shape = root.shape[:2]
         if self._flat:
@@ -393,7 +381,7 @@ class _Over:
         down[:, 2] = -1.0
         return self._intersector.facets(origins, down).reshape(shape)
 
-    def _starts(self, world: starting.World) -> NDArray[np.float64]:
+    def _starts(self, world: starting.World) -> Floats:
         """Return crossings (x, y) of light from the source to the centre of the aperture."""
         n = self._medium.n_water / self._medium.n_air
         target, emitter = world.target, world.optics.emitter

@@ -23,10 +23,12 @@ from meshtrace.kernels.roots import ROOT
 from meshtrace.kernels.scene import FACET, Emitter, Scene, Target, facet_summary
 from meshtrace.kernels.shadow import BESIDE, CUT, shadows
 from meshtrace.kernels.vectors import Vec3
+from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.transport.arrays import locator, surface_arrays, with_raster
-from meshtrace.transport.chain_sets import CROSSINGS, ChainSet
-from meshtrace.transport.forced_link import ForcedLink
+from meshtrace.transport.chain_sets import CROSSINGS, ChainDrawer, ChainSet, Request
+from meshtrace.transport.forced_link import ForcedLink, forced_link
 
 Search = Literal["usual", "thorough"]
 
@@ -117,7 +119,7 @@ class AimedChains:
         return rough._replace(along=along, across=across)
 
     @property
-    def centroids(self) -> NDArray[np.float64]:
+    def centroids(self) -> Floats:
         """Centroids of the facets, shape (m, 3)."""
         return np.stack([self.facets[name] for name in ("x", "y", "z")], axis=1)
 
@@ -163,15 +165,8 @@ class AimedChains:
 
     def scene(self, emitter: Emitter, target: Target) -> Scene:
         """Return one source, the surface and one aperture as the kernels take them."""
-        return Scene(
-            emitter,
-            target,
-            self.surface,
-            self.locator,
-            self.facets,
-            self.medium,
-            self.link.interface,
-        )
+        facets, medium, interface = self.facets, self.medium, self.link.interface
+        return Scene(emitter, target, self.surface, self.locator, facets, medium, interface)
 
     def search_of(self, target: Target) -> SearchExtent:
         """Return the extent of the search for roots."""
@@ -192,13 +187,13 @@ class AimedChains:
         near = self.locator.facet if len(self.locator.facet) else slice(None)
         return float(self.facets["curvature"][near].max()), float(self.facets["radius"][near].max())
 
-    def score(self, source: int, receiver: int, chains: ChainSet) -> NDArray[np.float64]:
+    def score(self, source: int, receiver: int, chains: ChainSet) -> Floats:
         """Return the score of each chain of a set, from a source to a receiver."""
         return self.aim(source, receiver, chains, keep=False)[0]
 
     def aim(
         self, source: int, receiver: int, chains: ChainSet, keep: bool
-    ) -> tuple[NDArray[np.float64], NDArray[np.void]]:
+    ) -> tuple[Floats, NDArray[np.void]]:
         """Return the score of each chain and, if `keep`, its unblocked arrivals."""
         emitter, target = self.link.emitters[source], self.link.targets[receiver]
         n = len(chains.audit)
@@ -234,12 +229,7 @@ class AimedChains:
         self.counters += out.counters
         return out.score, arrivals
 
-    def _cut(
-        self,
-        origins: NDArray[np.float64],
-        directions: NDArray[np.float64],
-        lengths: NDArray[np.float64],
-    ) -> NDArray[np.bool_]:
+    def _cut(self, origins: Floats, directions: Floats, lengths: Floats) -> NDArray[np.bool_]:
         """Return the straight paths that the surface blocks.
 
         A path that starts or ends on the surface is shortened by a hair at both ends. Paths
@@ -255,9 +245,7 @@ class AimedChains:
             cut[beside] = hits.distance < lengths[beside] - 3.0 * hair
         return cut
 
-    def direct_gains(
-        self, source: int, receiver: int, at: Vec3 | None = None
-    ) -> NDArray[np.float64] | None:
+    def direct_gains(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats | None:
         """Return the unscattered gain through each facet, without noise.
 
         From the centre of the source, or from the point `at`. None where it has to be sampled:
@@ -267,9 +255,7 @@ class AimedChains:
             return self.facet_gains(source, receiver, at)
         return self._blurred_gains(source, receiver, at) if self.blurred else None
 
-    def _blurred_gains(
-        self, source: int, receiver: int, at: Vec3 | None
-    ) -> NDArray[np.float64] | None:
+    def _blurred_gains(self, source: int, receiver: int, at: Vec3 | None) -> Floats | None:
         """Return the unscattered gain through each facet of a mesh with random slopes."""
         scene = self._forwards(source, receiver, at)
         target, n = scene.target, scene.medium.n_water / scene.medium.n_air
@@ -284,13 +270,9 @@ class AimedChains:
         needed = np.empty((len(scene.surface.vertices), 3))
         if not blurred.blurred_gain(scene, disk, needed, gain, doubtful):
             return None
-        if doubtful.any():
-            gain[self._hidden(source, receiver, np.flatnonzero(doubtful))] = 0.0
-        return gain
+        return self._seen(gain, np.flatnonzero(doubtful), source, receiver)
 
-    def facet_gains(
-        self, source: int, receiver: int, at: Vec3 | None = None
-    ) -> NDArray[np.float64]:
+    def facet_gains(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats:
         """Return the unscattered gain through each facet."""
         scene = self._forwards(source, receiver, at)
         stretch, lever = self.bounds_of(scene)
@@ -298,9 +280,7 @@ class AimedChains:
         doubtful = np.zeros(len(gain), bool)
         stack = np.empty((image.STACK, 3), np.int64)
         image.image_gain(scene, 1.5 * stretch, lever, stack, gain, doubtful)
-        if doubtful.any():
-            gain[self._hidden(source, receiver, np.flatnonzero(doubtful))] = 0.0
-        return gain
+        return self._seen(gain, np.flatnonzero(doubtful), source, receiver)
 
     def bounds_of(self, scene: Scene) -> tuple[float, float]:
         """Return bounds on the change of a landing point with its crossing, and with a slope."""
@@ -309,25 +289,21 @@ class AimedChains:
         stretch = 1.5 * (1.0 + n * (height + self._waves) / depth)
         return stretch, 1.5 * _lever(n, scene.target, self._waves)
 
-    def _hidden(self, source: int, receiver: int, facets: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the facets with a centroid hidden from the source or the aperture's centre."""
-        emitter, target = self.link.emitters[source], self.link.targets[receiver]
-        centroid = self.centroids[facets]
-        cut = np.zeros(len(facets), bool)
-        for end in (emitter.position, target.center):
+    def _seen(self, gain: Floats, doubtful: NDArray[np.intp], source: int, receiver: int) -> Floats:
+        """Return gains without those of doubtful facets with a centroid hidden from either end."""
+        if not len(doubtful):
+            return gain
+        centroid = self.centroids[doubtful]
+        for end in (self.link.emitters[source].position, self.link.targets[receiver].center):
             way = centroid - np.asarray(end)
             length = np.linalg.norm(way, axis=1)
             start = np.tile(np.asarray(end), (len(way), 1))
-            cut |= self._cut(start, way / length[:, None], length)
-        return facets[cut]
+            gain[doubtful[self._cut(start, way / length[:, None], length)]] = 0.0
+        return gain
 
     def direct_paths(
-        self,
-        source: int,
-        receiver: int,
-        facets: NDArray[np.intp],
-        disk: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+        self, source: int, receiver: int, facets: NDArray[np.intp], disk: Floats
+    ) -> Floats:
         """Return (n, 3, 3): source, crossing and landing of unscattered light near facets."""
         emitter, target = self.link.emitters[source], self.link.targets[receiver]
         found, crossings = np.zeros(len(facets), bool), np.zeros((len(facets), 3))
@@ -352,7 +328,7 @@ def _disk_nodes(blur: float) -> tuple[int, int]:
 
 
 @cache
-def _disk_rule(rings: int, around: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _disk_rule(rings: int, around: int) -> tuple[Floats, Floats]:
     """Return quadrature points and weights on the unit disk, with rings at Gauss's nodes."""
     nodes, weights = np.polynomial.legendre.leggauss(rings)
     azimuth = 2.0 * math.pi * (np.arange(around) + 0.5 * (np.arange(rings)[:, None] % 2)) / around
@@ -362,7 +338,7 @@ def _disk_rule(rings: int, around: int) -> tuple[NDArray[np.float64], NDArray[np
     return points.reshape(-1, 2), shares
 
 
-def on_disk(center: Vec3, end: Emitter | Target, disk: NDArray[np.float64]) -> NDArray[np.float64]:
+def on_disk(center: Vec3, end: Emitter | Target, disk: Floats) -> Floats:
     """Return the points of an emitter or target that belong to points of the unit disk."""
     return np.asarray(center) + end.radius * disk @ np.array([end.e1, end.e2])
 
@@ -373,3 +349,27 @@ def _lever(n: float, target: Target, waves: float) -> float:
     cos_t = math.sqrt(1.0 - sin_t**2)
     cos_i = math.sqrt(1.0 - (sin_t / n) ** 2)
     return (target.center[2] + waves) * abs(n * cos_i / cos_t - 1.0) / cos_t**2
+
+
+def compile_evaluation(link: Link, mesh: TriangleMesh, normals: str = "vertex") -> None:
+    """Compile the kernels that evaluate chains of a link over a mesh, in the order of their use.
+
+    Those that draw chains take as long to compile: a second process can take its share.
+
+    Parameters
+    ----------
+    link, mesh
+        Link and surface of a later run, which choose between the kernels.
+    normals : {"vertex", "facet"}
+        Normals interpolated from the corners, or those of the facets.
+
+    Raises
+    ------
+    Refused
+        If forced detection does not follow the link.
+    """
+    arrays = forced_link(link)
+    none = ChainDrawer(arrays, 0.0, 0.0).empty(Request(source=0, order=1, per_shift=0, key=()))
+    aimed = AimedChains(arrays, mesh, None, normals, link.physics.unresolved)
+    aimed.direct_gains(0, 0)
+    aimed.score(0, 0, none)

@@ -8,44 +8,45 @@ and so on until the chunk has ended. Chunks are independent and added in their o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.bvh import Intersector
+from meshtrace.bvh import EmbreeIntersector, Intersector
 from meshtrace.kernels import photon_state as kernel
-from meshtrace.kernels.facets import Surface
-from meshtrace.kernels.interface import Interface
-from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.photon import advance
-from meshtrace.kernels.photon_grid import Grid
-from meshtrace.kernels.sky import FORWARD, N_SCORES, Backward
-from meshtrace.kernels.sources import Sources
-from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Apertures, Fate, Tallies
+from meshtrace.kernels.sky import FORWARD, N_SCORES
+from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Fate, Tallies
 from meshtrace.kernels.vectors import UP, Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.analog_grid import NO_GRID, grid_arrays
 from meshtrace.transport.arrays import (
+    NO_GRID,
     aperture_arrays,
+    grid_arrays,
     interface_arrays,
     medium_arrays,
     source_arrays,
     surface_arrays,
     with_raster,
 )
+from meshtrace.transport.case import Case
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 from meshtrace.transport.options import BLOCK, Analog, IrradianceMap, Record, read_records
 
 _SLOTS = 3072  # photons under way in a thread: their state stays in the cache
 _SLOTS_CAST = 8192  # where all rays are cast: each batch has a fixed cost
 _GUIDED = 100  # crossings of light that a jet guides
+_EXACT = ("ledger", "map", "map_squared", "radiance")  # fields of `Sums` and of tallies
+_SUMS = (*_EXACT, "n_photons", "misses", "n_arrivals")
 
 
 def options_over(mesh: TriangleMesh, options: Analog) -> Analog:
@@ -71,7 +72,7 @@ class FixedPointSum:
         self._whole += self._part >> 44
         self._part &= (1 << 44) - 1
 
-    def value(self) -> NDArray[np.float64]:
+    def value(self) -> Floats:
         """Return the sum as floating point numbers."""
         return self._whole + self._part * UNIT
 
@@ -81,11 +82,11 @@ class Sums:
     """Tallies of a run of photons; those of disjoint photons add."""
 
     photons: int
-    score: NDArray[np.float64]
-    score_squared: NDArray[np.float64]
-    ledger: FixedPointSum
+    score: Floats
+    score_squared: Floats
     count: NDArray[np.int64]
     misses: NDArray[np.int64]
+    ledger: FixedPointSum
     map: FixedPointSum
     map_squared: FixedPointSum
     radiance: FixedPointSum
@@ -98,12 +99,10 @@ class Sums:
             block = tallies.score[start : min(start + BLOCK, photons)]
             self.score += block.sum(axis=0)
             self.score_squared += np.einsum("ij,ij->j", block, block)
-        self.ledger.add(tallies.ledger)
         self.count += tallies.n_photons
         self.misses += tallies.misses
-        self.map.add(tallies.map)
-        self.map_squared.add(tallies.map_squared)
-        self.radiance.add(tallies.radiance)
+        for name in _EXACT:
+            getattr(self, name).add(getattr(tallies, name))
         n = min(int(tallies.n_arrivals[0]), len(tallies.arrivals))
         if n:
             rows = tallies.arrivals[:n]
@@ -112,31 +111,20 @@ class Sums:
 
 
 class Setup(NamedTuple):
-    """Inputs common to the chunks of one run, in local coordinates except for the map."""
+    """Inputs common to the chunks of one run, in local coordinates, with tallies of no photons."""
 
     frame: Frame
     intersector: Intersector
-    seed: int
-    sources: Sources
-    surface: Surface
-    grid: Grid
-    medium: Medium
-    apertures: Apertures
-    interface: Interface
-    limits: kernel.Limits
-    planes: NDArray[np.float64]  # heights
-    radiance_bins: tuple[int, int]
-    map: IrradianceMap | None
+    world: kernel.World
     arrivals: bool
-    recorder: kernel.Recorder
-    back: Backward = FORWARD
 
     @property
     def n_scores(self) -> int:
         """Scores of a photon: one for each aperture, four for each plane; two on the way back."""
-        if len(self.back.origin):
+        world = self.world
+        if len(world.back.origin):
             return N_SCORES
-        return len(self.apertures.radius) + N_PLANE_SCORES * len(self.planes)
+        return len(world.apertures.radius) + N_PLANE_SCORES * len(world.tallies.planes)
 
 
 def run_analog(
@@ -189,12 +177,9 @@ def run_analog(
     frame = frame_of(link)
     if frame != IDENTITY:
         intersector = intersector.over(frame.mesh(intersector.mesh))
-    setup = setup_of(link, frame, intersector, seed, normals, options, first_scored)
-    setup = setup._replace(
-        map=records.get("irradiance-map"),  # type: ignore[arg-type]
-        arrivals="arrivals" in records,
-        recorder=recorder or new_recorder(0, 0),
-    )
+    recorder = recorder or new_recorder(0, 0)
+    inputs = link, frame, intersector, seed, normals, options, first_scored
+    setup = setup_of(*inputs, records, recorder)
     sums = _zero(setup)
     first, end = options.first_photon, options.first_photon + photons
     starts = range(first, end, options.batch_size)
@@ -203,15 +188,31 @@ def run_analog(
         sums.add(n, tallies)
         if progress is not None:
             progress(n)
-    if setup.frame != IDENTITY:
-        setup.recorder.vertex[:] = setup.frame.metres(setup.recorder.vertex)
+    if frame != IDENTITY:
+        recorder.vertex[:] = frame.metres(recorder.vertex)
     return sums
+
+
+def photons_over(
+    case: Case, mesh: TriangleMesh, options: Analog, photons: int, **others: Any
+) -> Sums:
+    """Return the tallies of photons of a case over its mesh; for other options see `run_analog`."""
+    return run_analog(
+        case.link,
+        EmbreeIntersector(mesh, case.threads),
+        options,
+        photons=photons,
+        seed=case.run.seed,
+        normals=case.meshing.normals,
+        threads=case.threads,
+        **others,
+    )
 
 
 def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
     """Trace the photons first <= id < last; repeat with more room if arrivals overflow."""
     first, last = span
-    room = (last - first) * len(setup.apertures.radius) if setup.arrivals else 0
+    room = (last - first) * len(setup.world.apertures.radius) if setup.arrivals else 0
     while True:
         tallies = _tallies(setup, last - first, room)
         _follow(setup, first, last, tallies)
@@ -224,7 +225,7 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
 
 def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
     """Trace photons in a pool of slots, alternating kernel and Embree until all have ended."""
-    slots = min(_SLOTS if len(setup.grid.x.line) else _SLOTS_CAST, last - first)
+    slots = min(_SLOTS if len(setup.world.grid.x.line) else _SLOTS_CAST, last - first)
     pool = kernel.Pool(
         photon=np.zeros(slots, kernel.PHOTON),
         origin=np.zeros((slots, 3), np.float32),
@@ -232,20 +233,7 @@ def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
         ray_slot=np.zeros(slots, np.int64),
         numbers=np.zeros((4, slots)),
     )
-    world = kernel.World(
-        first=first,
-        seed=np.uint64(setup.seed),  # numba takes a Python integer for a signed one
-        sources=setup.sources,
-        surface=setup.surface,
-        grid=setup.grid,
-        medium=setup.medium,
-        apertures=setup.apertures,
-        interface=setup.interface,
-        limits=setup.limits,
-        tallies=tallies,
-        recorder=setup.recorder,
-        back=setup.back,
-    )
+    world = setup.world._replace(first=first, tallies=tallies)
     facets = np.zeros(0, np.int32)
     n_rays, next_photon = 0, first
     while n_rays or next_photon < last:
@@ -262,8 +250,10 @@ def setup_of(
     normals: str,
     options: Analog,
     first_scored: int,
+    records: Mapping[str, Record] = MappingProxyType({}),
+    recorder: kernel.Recorder | None = None,
 ) -> Setup:
-    """Return the inputs of the chunks, without records; the intersector is that of the frame."""
+    """Return the inputs of the chunks; the intersector is that of the frame."""
     surface = surface_arrays(intersector.mesh, normals, link.physics.unresolved)
     crest = float(surface.high[2])
     sources = frame.sources(source_arrays(link, frame.unit * (crest + 1e-3)))
@@ -276,26 +266,22 @@ def setup_of(
             depth = frame.unit * max(-z for z in sources.position[:, 2])
             roulette = 0.5 * math.exp(-min(link.water.a * depth, 600.0))
     medium = frame.medium(medium_arrays(link, frame.unit * crest))
-    planes = link.planes
-    return Setup(
-        frame=frame,
-        intersector=intersector,
-        seed=seed,
+    limits = options.max_events, options.max_surface_events, first_scored
+    world = kernel.World(
+        first=0,
+        seed=np.uint64(seed),  # numba takes a Python integer for a signed one
         sources=sources,
         surface=surface,
         grid=grid_arrays(intersector.mesh) if intersector.shortcut else NO_GRID,
         medium=with_raster(medium, intersector),
         apertures=frame.apertures(aperture_arrays(link)),
         interface=interface_arrays(link),
-        limits=kernel.Limits(
-            roulette, survival, options.max_events, options.max_surface_events, first_scored
-        ),
-        planes=-np.array(planes.depths if planes else ()) / frame.unit,
-        radiance_bins=(planes.n_cosines, planes.n_azimuths) if planes else (0, 1),
-        map=None,
-        arrivals=False,
-        recorder=new_recorder(0, 0),
+        limits=kernel.Limits(roulette, survival, *limits),
+        tallies=_no_tallies(link, frame, records.get("irradiance-map")),
+        recorder=recorder or new_recorder(0, 0),
+        back=FORWARD,
     )
+    return Setup(frame, intersector, world, "arrivals" in records)
 
 
 def new_recorder(photons: int, vertices: int) -> kernel.Recorder:
@@ -308,16 +294,19 @@ def new_recorder(photons: int, vertices: int) -> kernel.Recorder:
     )
 
 
-def _tallies(setup: Setup, photons: int, room: int = 0) -> Tallies:
-    planes, grid, frame = setup.planes, setup.map, setup.frame
+def _no_tallies(link: Link, frame: Frame, record: Record | None) -> Tallies:
+    """Return tallies of no photons."""
+    planes, grid = link.planes, record if isinstance(record, IrradianceMap) else None
+    depths = np.array(planes.depths if planes else ())
+    bins = (planes.n_cosines, planes.n_azimuths) if planes else (0, 1)
     n_cells = grid.n if grid else 0
     return Tallies(
-        score=np.zeros((photons, setup.n_scores)),
+        score=np.zeros((0, 0)),
         ledger=np.zeros(len(Fate), np.int64),
         n_photons=np.zeros(len(Fate), np.int64),
         misses=np.zeros(len(kernel.Miss), np.int64),
-        planes=planes,
-        radiance=np.zeros((SHIFTS, len(planes), *setup.radiance_bins), np.int64),
+        planes=-depths / frame.unit,
+        radiance=np.zeros((SHIFTS, len(depths), *bins), np.int64),
         map_z=grid.height / frame.unit if grid else 0.0,
         map_x=(-grid.extent - frame.x) / frame.unit if grid else 0.0,
         map_y=(-grid.extent - frame.y) / frame.unit if grid else 0.0,
@@ -326,21 +315,20 @@ def _tallies(setup: Setup, photons: int, room: int = 0) -> Tallies:
         map_cos=max(math.cos(math.radians(grid.fov_deg) / 2.0), 1e-12) if grid else 0.0,
         map=np.zeros((n_cells, n_cells), np.int64),
         map_squared=np.zeros((n_cells, n_cells), np.int64),
-        arrivals=np.zeros(room, ARRIVAL),
+        arrivals=np.zeros(0, ARRIVAL),
         n_arrivals=np.zeros(1, np.int64),
     )
 
 
+def _tallies(setup: Setup, photons: int, room: int) -> Tallies:
+    """Return tallies of some photons, with room for arrivals."""
+    none = setup.world.tallies
+    sums = {name: np.zeros_like(getattr(none, name)) for name in _SUMS}
+    score, arrivals = np.zeros((photons, setup.n_scores)), np.zeros(room, ARRIVAL)
+    return none._replace(score=score, arrivals=arrivals, **sums)
+
+
 def _zero(setup: Setup) -> Sums:
-    tallies = _tallies(setup, 0)
-    return Sums(
-        0,
-        np.zeros(setup.n_scores),
-        np.zeros(setup.n_scores),
-        FixedPointSum((len(Fate),)),
-        np.zeros(len(Fate), np.int64),
-        np.zeros(len(kernel.Miss), np.int64),
-        FixedPointSum(tallies.map.shape),
-        FixedPointSum(tallies.map.shape),
-        FixedPointSum(tallies.radiance.shape),
-    )
+    none, score = setup.world.tallies, np.zeros(setup.n_scores)
+    exact: dict[str, Any] = {name: FixedPointSum(getattr(none, name).shape) for name in _EXACT}
+    return Sums(0, score, score.copy(), none.n_photons.copy(), none.misses.copy(), **exact)

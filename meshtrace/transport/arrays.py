@@ -1,25 +1,42 @@
-"""Conversion of validated models to NamedTuples of arrays for the kernels."""
+"""Conversion of validated models and meshes to NamedTuples of arrays for the kernels."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from enum import IntEnum
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from meshtrace.bvh import Intersector
+from meshtrace.kernels.angle_table import SMALLEST_ANGLE, AngleTable
 from meshtrace.kernels.facets import SMOOTH, Roughness, Surface
 from meshtrace.kernels.interface import Direction, FieldOfView, FresnelMode, Interface, Snell
 from meshtrace.kernels.medium import Absorption, DepthMode, Medium
+from meshtrace.kernels.photon_grid import Axis, Grid, is_grid
 from meshtrace.kernels.scene import Locator, Target, count_bins, fill_bins
 from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import Apertures
 from meshtrace.link import AirSource, Link, Receiver, Source, WaterSource
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.optics.phase import PhaseFunction
 
 _LAYER_NODES = 2049  # of the tables of a layered water
+_CELLS_PER_LOG = 200.0  # of the tables over the scattering angle
+
+_ROUNDING = 128 * 2.0**-24
+"""Relative rounding of coordinates that leaves a facet in single precision in no doubt."""
+
+_SLOPES = 2.0  # steepness of the rays over that of the facets
+_LEAST_STEEP = 0.2  # vertical over horizontal components, above a flat sea
+_MOST_BINS = 2**17
+
+_NONE = Axis(np.zeros(0), np.zeros(0), np.zeros(0, np.int64), 0.0)
+NO_GRID = Grid(_NONE, _NONE, 0.0, np.inf, 0.0, 0.0, 0.0)
+"""Grid that answers no ray."""
 
 
 def _code(codes: type[IntEnum], name: str) -> int:
@@ -40,17 +57,8 @@ def surface_arrays(mesh: TriangleMesh, normals: str, unresolved: str = "none") -
         roughness = Roughness(
             math.sqrt(missing[0]), math.sqrt(missing[1]), math.cos(wind), math.sin(wind)
         )
-    return Surface(
-        mesh.vertices,
-        mesh.faces,
-        mesh.face_normals,
-        mesh.vertex_normals,
-        low,
-        high,
-        mesh.max_slope,
-        normals == "vertex",
-        roughness,
-    )
+    arrays = mesh.vertices, mesh.faces, mesh.face_normals, mesh.vertex_normals
+    return Surface(*arrays, low, high, mesh.max_slope, normals == "vertex", roughness)
 
 
 def interface_arrays(link: Link) -> Interface:
@@ -246,3 +254,71 @@ def locator(surface: Surface, targets: Sequence[Target]) -> Locator:
     grid = grid._replace(facet=np.empty(start[-1], np.int32))
     fill_bins(surface, grid, bins, start[:-1].copy())
     return grid
+
+
+@lru_cache(maxsize=32)
+def angle_table(phase: PhaseFunction) -> AngleTable:
+    """Tabulate a phase function and its integral over the scattering angle.
+
+    Parameters
+    ----------
+    phase : PhaseFunction
+        The phase function.
+
+    Notes
+    -----
+    A cell holds the mean over its solid angle by 4 Gauss points in theta; cells are 0.5 % wide.
+    """
+    log_first = math.log(SMALLEST_ANGLE)
+    cells = math.ceil((math.log(math.pi) - log_first) * _CELLS_PER_LOG)
+    per_log = cells / (math.log(math.pi) - log_first)
+    edge = np.exp(log_first + np.arange(cells + 1) / per_log)
+    edge[-1] = math.pi
+    node, weight = np.polynomial.legendre.leggauss(4)
+    half = 0.5 * np.diff(edge)[:, None]
+    theta = edge[:-1, None] + half * (1.0 + node)
+    solid = weight * np.sin(theta)
+    beta = (phase.pdf(theta) * solid).sum(axis=1) / solid.sum(axis=1)
+    parts = beta * np.diff(edge)
+    tail = np.append(np.cumsum(parts[::-1])[::-1], 0.0)
+    return AngleTable(log_first, per_log, edge, beta, tail)
+
+
+def grid_arrays(mesh: TriangleMesh) -> Grid:
+    """Return the grid of a height field made by `triangulate`, `NO_GRID` for another mesh.
+
+    Facets are found with a margin for the single precision of Embree: they are its facets.
+    """
+    x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
+    ny = int(np.argmax(x != x[0]))  # vertices of the first line; 0 if there is but one
+    nx = len(x) // ny if ny > 1 else 0
+    if nx < 2 or nx * ny != len(x) or len(mesh.faces) != 2 * (nx - 1) * (ny - 1):
+        return NO_GRID
+    if not mesh.single_valued or not is_grid(mesh.vertices, mesh.faces, nx, ny):
+        return NO_GRID
+    lines = x[::ny].copy(), y[:ny].copy()
+    if any((np.diff(line) <= 0.0).any() for line in lines):  # a grid that was turned
+        return NO_GRID
+    along_x, along_y = (_axis(line) for line in lines)
+    if max(len(along_x.guide), len(along_y.guide)) > _MOST_BINS:
+        return NO_GRID
+    low, high = mesh.bounds
+    return Grid(
+        along_x,
+        along_y,
+        level=float(0.5 * (low[2] + high[2])),
+        steep=max(_SLOPES * mesh.max_slope, _LEAST_STEEP) ** 2,
+        rounding=_ROUNDING,
+        height=float(high[2] - low[2] + max(high[2], -low[2])),
+        clear=_ROUNDING * float(np.abs(mesh.bounds).max()),
+    )
+
+
+def _axis(line: Floats) -> Axis:
+    """Return grid lines with bins somewhat narrower than their smallest distance."""
+    edges = np.diff(line)
+    span = float(line[-1] - line[0])
+    bins = min(int(1.01 * span / edges.min()) + 1, _MOST_BINS + 1)
+    starts = line[0] + span * np.arange(bins) / bins
+    guide = np.searchsorted(line, starts, side="right") - 1
+    return Axis(np.append(line[:-1], np.inf), 1.0 / edges, guide.astype(np.int64), bins / span)

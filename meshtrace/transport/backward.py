@@ -8,9 +8,7 @@ from typing import Any, Unpack
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Refused, require_kind, require_whole, require_word
 from meshtrace.link import Link
-from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import MeshSource, TriangleMesh
-from meshtrace.models import Floats
 from meshtrace.parallel import default_threads
 from meshtrace.results.background import Background
 from meshtrace.results.provenance import provenance
@@ -103,14 +101,7 @@ def background_over(
     """Return the background of the one receiver of a link over a mesh, of checked inputs."""
     aperture = only_aperture(link)
     seen = seen_from_air if aperture.center[2] > 0.0 else seen_from_water
-    sums = seen(link, mesh, day, photons, seed, normals, threads)
-    return summed(sums, aperture, day, origin)
-
-
-def summed(
-    by_shift: Floats, aperture: Aperture, day: Daylight, origin: dict[str, Any]
-) -> Background:
-    """Return the result of radiances (shifts, parts)."""
+    by_shift = seen(link, mesh, day, photons, seed, normals, threads)
     error = math.sqrt(SHIFTS)
     total = by_shift.sum(axis=1)
     sin2 = math.sin(math.radians(0.5 * aperture.fov_deg)) ** 2

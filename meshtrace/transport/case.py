@@ -10,6 +10,7 @@ from meshtrace.errors import Described, Refused, require_keys, require_kind
 from meshtrace.fading.resolving import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
+from meshtrace.parallel import default_threads
 from meshtrace.transport.options import Meshing, Run, run_keys
 
 DEFAULT_WIND_SPEED = 5.0
@@ -32,6 +33,11 @@ class Case(NamedTuple):
         given = {key: options.pop(key) for key in Meshing.model_fields if key in options}
         meshing = (self.meshing if mesh is None else mesh).replace(**given)
         return self._replace(run=self.run.replace(**options), meshing=meshing)
+
+    @property
+    def threads(self) -> int:
+        """Threads of the run, all cores by default."""
+        return default_threads(self.run.threads)
 
 
 @runtime_checkable

@@ -20,6 +20,7 @@ from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.medium import DepthMode, Medium
 from meshtrace.kernels.scene import FACET, Emitter, Scene, Target
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.arrays import empty_locator, surface_arrays
@@ -40,8 +41,6 @@ _LONGEST_WAY = 1.3, 6.0  # smallest and largest of the longest way, over the sho
 TURBID = 4.0
 """Scatterings expected on the way, from which water is turbid: chains are fitted to the way."""
 
-_Points = NDArray[np.float64]
-
 
 class ChainSet(NamedTuple):
     """Chains of one order from one source, and their crossings of a flat sea."""
@@ -49,7 +48,7 @@ class ChainSet(NamedTuple):
     order: int
     chains: Chains
     flat: list[NDArray[np.void]]  # by receiver, (n, crossings) FLAT
-    audit: NDArray[np.float64]
+    audit: Floats
 
     def blocks(self) -> list[ChainSet]:
         """Return the chains in blocks of whole shifts, for threads."""
@@ -90,13 +89,37 @@ class ChainDrawer:
 
     def __init__(self, link: ForcedLink, crest: float, ceiling: float) -> None:
         self._link = link
-        self._medium = link.medium
         self._ceiling = ceiling
-        self.nominals = [nominal(self._medium, e, link.targets, crest) for e in link.emitters]
+        self.nominals = [nominal(link.medium, e, link.targets, crest) for e in link.emitters]
 
     def last_order(self, source: int) -> int:
-        """Return the highest order of the chains from a source; refuse too dense water."""
-        return last_order(self._medium, self.nominals[source])
+        """Return the highest order of the chains from a source; refuse too dense water.
+
+        Beyond it a Poisson law of the scatterings has less than 1e-7.
+        """
+        from scipy.stats import poisson
+
+        medium, expected = self._link.medium, self.nominals[source]
+        b = medium.layer_b.mean() if medium.layered else medium.b
+        most = 1.2 * max(expected.expected, b * expected.distance + float(medium.bubble_path[-1]))
+        if b == 0.0 and medium.bubble_path[-1] == 0.0:
+            return 0
+        if poisson.sf(_MAX_ORDER, 1.2 * expected.expected) > _MOST_LEFT_OUT:
+            raise Refused(
+                "water",
+                f"{expected.expected:.3g} scatterings expected on the way to the surface",
+                f'nearly all light within {_MAX_ORDER}; else estimator="analog"',
+            )
+        upper = float(expected.density[len(expected.density) // 2 :].max()) * expected.distance
+        if medium.layered and upper > _MOST_CROWDED and expected.expected > 2.0:
+            raise Refused(
+                "water.layers",
+                f"{expected.expected:.3g} scatterings expected, {upper:.3g} times as dense near "
+                "the surface as on average",
+                f"up to {_MOST_CROWDED:g}; light that wanders in a thin turbid layer needs "
+                'estimator="analog"',
+            )
+        return int(min(max(poisson.isf(_TAIL, most), 1), _MAX_ORDER))
 
     def draw(self, source: int, order: int, per_shift: int, key: tuple[int, ...]) -> ChainSet:
         """Return chains of one order, `per_shift` for each shift of the points."""
@@ -106,7 +129,7 @@ class ChainDrawer:
         """Return sets of chains; the threads share their blocks."""
         sets: list[ChainSet] = []
 
-        def jobs() -> Iterator[tuple[int, ChainSet, _Points, _Points]]:
+        def jobs() -> Iterator[tuple[int, ChainSet, Floats, Floats]]:
             for request in requests:
                 sets.append(self.empty(request))
                 points, shifts = points_of(request)
@@ -143,14 +166,13 @@ class ChainDrawer:
         flat = [np.zeros((n, CROSSINGS), FLAT) for _ in self._link.targets]
         return ChainSet(order, chains, flat, np.empty(n))
 
-    def _fill(self, source: int, block: ChainSet, points: _Points, shifts: _Points) -> None:
+    def _fill(self, source: int, block: ChainSet, points: Floats, shifts: Floats) -> None:
         """Draw the chains of a block from shifted points; find their crossings of a flat sea."""
-        u = (points[None] + shifts) % 1.0
-        u = np.clip(u.reshape(-1, u.shape[-1]), 1e-12, 1.0 - 1e-12)
+        u = shifted(points, shifts)
         block.audit[:] = u[:, -2]
         law = self.nominals[source]
         component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
-        kernel.make_chains(block.chains, law, self._medium, u, component)
+        kernel.make_chains(block.chains, law, self._link.medium, u, component)
         for receiver, out in enumerate(block.flat):
             scene, raised = self.still_scenes(source, self._link.targets[receiver])
             starts = starts_of(scene.emitter, scene.target)
@@ -158,47 +180,44 @@ class ChainDrawer:
 
     def still_scenes(self, source: int, target: Target) -> tuple[Scene, Scene]:
         """Return a source and an aperture over still water, and over water at the ceiling."""
-        scene = self._still(source, target)
-        return scene, scene._replace(surface=scene.surface._replace(level=self._ceiling))
+        link, facets = self._link, (empty_locator(), np.zeros(0, FACET))
+        sea = _still_water()
+        still = Scene(link.emitters[source], target, sea, *facets, link.medium, link.interface)
+        return still, still._replace(surface=sea._replace(level=self._ceiling))
 
-    def _still(self, source: int, target: Target) -> Scene:
-        """Return a source and an aperture over still water."""
-        return Scene(
-            self._link.emitters[source],
-            target,
-            _still_water(),
-            empty_locator(),
-            np.zeros(0, FACET),
-            self._medium,
-            self._link.interface,
-        )
-
-    def flat_scores(self, source: int, chains: ChainSet) -> NDArray[np.float64]:
+    def flat_scores(self, source: int, chains: ChainSet) -> Floats:
         """Return the scores of chains over still water, shape (receivers, chains)."""
         scores = np.empty((len(chains.flat), len(chains.audit)))
         for receiver, (flat, score) in enumerate(zip(chains.flat, scores, strict=True)):
-            scene = self._still(source, self._link.targets[receiver])
+            scene, _ = self.still_scenes(source, self._link.targets[receiver])
             flat_contributions(chains.chains, flat, scene, score)
         return scores
 
 
-def points_of(request: Request) -> tuple[_Points, _Points]:
+def points_of(request: Request) -> tuple[Floats, Floats]:
     """Return the points of a set of chains and their shifts, kept if they are few."""
     width = kernel.DIMENSIONS * request.order + 6
     few = request.per_shift * width <= _MOST_KEPT
-    return (_points if few else _points.__wrapped__)(width, request.per_shift, request.key)
+    return (_kept_points if few else sobol_points)(width, request.per_shift, request.key)
 
 
-@lru_cache(maxsize=64)
-def _points(width: int, per_shift: int, key: tuple[int, ...]) -> tuple[_Points, _Points]:
+def sobol_points(width: int, per_shift: int, key: tuple[int, ...]) -> tuple[Floats, Floats]:
     """Return Sobol points of the unit cube, (per_shift, width), and their random shifts."""
     from scipy.stats import qmc
 
     rng = np.random.default_rng(key)
-    points = qmc.Sobol(width, scramble=True, rng=rng).random_base2(
-        math.ceil(math.log2(max(per_shift, 2)))
-    )[:per_shift]
+    size = math.ceil(math.log2(max(per_shift, 2)))
+    points = qmc.Sobol(width, scramble=True, rng=rng).random_base2(size)[:per_shift]
     return points, rng.random((SHIFTS, 1, width))
+
+
+_kept_points = lru_cache(maxsize=64)(sobol_points)
+
+
+def shifted(points: Floats, shifts: Floats) -> Floats:
+    """Return the points of each shift in turn, inside of the unit cube."""
+    u = (points[None] + shifts) % 1.0
+    return np.clip(u.reshape(-1, u.shape[-1]), 1e-12, 1.0 - 1e-12)
 
 
 @cache
@@ -253,40 +272,14 @@ def nominal(medium: Medium, emitter: Emitter, targets: list[Target], crest: floa
     )
 
 
-def last_order(medium: Medium, expected: Nominal) -> int:
-    """Return the order beyond which a Poisson law of the scatterings has less than 1e-7."""
-    from scipy.stats import poisson
-
-    b = medium.layer_b.mean() if medium.layered else medium.b
-    most = 1.2 * max(expected.expected, b * expected.distance + float(medium.bubble_path[-1]))
-    if b == 0.0 and medium.bubble_path[-1] == 0.0:
-        return 0
-    if poisson.sf(_MAX_ORDER, 1.2 * expected.expected) > _MOST_LEFT_OUT:
-        raise Refused(
-            "water",
-            f"{expected.expected:.3g} scatterings expected on the way to the surface",
-            f'nearly all light within {_MAX_ORDER}; else estimator="analog"',
-        )
-    upper = float(expected.density[len(expected.density) // 2 :].max()) * expected.distance
-    if medium.layered and upper > _MOST_CROWDED and expected.expected > 2.0:
-        raise Refused(
-            "water.layers",
-            f"{expected.expected:.3g} scatterings expected, {upper:.3g} times as dense near the "
-            "surface as on average",
-            f"up to {_MOST_CROWDED:g}; light that wanders in a thin turbid layer needs "
-            'estimator="analog"',
-        )
-    return int(min(max(poisson.isf(_TAIL, most), 1), _MAX_ORDER))
-
-
-def flat_mesh(low: NDArray[np.float64], high: NDArray[np.float64]) -> TriangleMesh:
+def flat_mesh(low: Floats, high: Floats) -> TriangleMesh:
     """Return a flat sea of two facets between two corners (x, y)."""
     (x0, y0), (x1, y1) = low, high
     corners = [(x0, y0, 0.0), (x1, y0, 0.0), (x1, y1, 0.0), (x0, y1, 0.0)]
     return TriangleMesh(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-def starts_of(emitter: Emitter, target: Target) -> NDArray[np.float64]:
+def starts_of(emitter: Emitter, target: Target) -> Floats:
     """Return the starts (x, y) of the search for flat crossings, the likely one first.
 
     Light that arrives flatter than 60 degrees crosses far out, where Newton comes from anywhere.
@@ -297,10 +290,6 @@ def starts_of(emitter: Emitter, target: Target) -> NDArray[np.float64]:
     reach = min(target.reach, 2.0 * (target.center[2] + 2.0))
     for radius in (0.3, 0.8):
         for azimuth in np.arange(6) * math.pi / 3.0 + radius:
-            rows.append(
-                (
-                    rx + radius * reach * math.cos(azimuth),
-                    ry + radius * reach * math.sin(azimuth),
-                )
-            )
+            far = radius * reach
+            rows.append((rx + far * math.cos(azimuth), ry + far * math.sin(azimuth)))
     return np.array(rows)

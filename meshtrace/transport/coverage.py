@@ -31,6 +31,7 @@ from meshtrace.kernels.unscattered import STACK
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link, Receiver
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.aimed import ROOTS, AimedChains
@@ -40,9 +41,8 @@ from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import ANALOG, needs_paths
 from meshtrace.transport.options import Forced
 
-_Floats = NDArray[np.float64]
-
 _CHAINS = 256  # of the lowest level; the levels above double it
+_LAST = int(math.log2(Forced.most_photons // _CHAINS))  # level
 _STREAM, _PILOT_STREAM = 32, 16  # of the points of the lowest level, and of the pilot
 _NODE_STEP = 0.07  # distance of the nodes over the height of the map above the source
 _MOST_NODES = 33  # along an axis
@@ -78,9 +78,9 @@ class Grid(NamedTuple):
 class Sums(NamedTuple):
     """Gain of cells by shift, and the moments of their scattered light."""
 
-    gain: _Floats  # (shifts, cells)
-    scattered: _Floats  # (cells,)
-    square: _Floats  # (cells,) variance of the mean of as many independent chains
+    gain: Floats  # (shifts, cells)
+    scattered: Floats  # (cells,)
+    square: Floats  # (cells,) variance of the mean of as many independent chains
 
 
 class Scored(NamedTuple):
@@ -88,8 +88,8 @@ class Scored(NamedTuple):
 
     order: int
     first: int  # shift
-    gain: _Floats  # (shifts, cells)
-    square: _Floats  # (cells,) part of `Sums.square`
+    gain: Floats  # (shifts, cells)
+    square: Floats  # (cells,) part of `Sums.square`
     counts: dict[str, int]
 
 
@@ -163,7 +163,7 @@ class ForcedMap:
         aimed.locator = locator(aimed.surface, [self._target._replace(reach=math.inf)])
         return aimed
 
-    def _unscattered(self) -> _Floats | None:
+    def _unscattered(self) -> Floats | None:
         """Return the unscattered gain (n, n) of the cells; None if it has to be sampled."""
         jobs = [
             partial(self._image, aimed, s)
@@ -177,7 +177,7 @@ class ForcedMap:
             total += found
         return total / len(self._aimed)
 
-    def _image(self, aimed: AimedChains, source: int) -> _Floats | None:
+    def _image(self, aimed: AimedChains, source: int) -> Floats | None:
         """Return the unscattered gain of the cells from one source over one mesh."""
         scene = aimed.scene(self._arrays.emitters[source], self._target)
         half, step = self._grid.half / self._unit, self._grid.step / self._unit
@@ -202,7 +202,7 @@ class ForcedMap:
 
     def run(
         self, rtol: float, progress: Callable[[int], None] | None = None
-    ) -> tuple[_Floats, _Floats]:
+    ) -> tuple[Floats, Floats]:
         """Return gain and standard error (n, n), with chains up to a relative error of each cell.
 
         A pilot of a few cells assigns each cell its number of chains; cells above the
@@ -211,7 +211,6 @@ class ForcedMap:
         n = self._grid.n
         gain, stderr = np.zeros(n * n), np.zeros(n * n)
         level = self._first_levels(rtol)
-        last = int(math.log2(Forced.most_photons // _CHAINS))
         open_ = np.ones(n * n, bool)
         while open_.any():
             now = int(level[open_].min())
@@ -222,10 +221,10 @@ class ForcedMap:
                 gain[some], stderr[some] = mean_and_error(found)
                 more = levels_lacking(found, rtol)
                 dark = (gain[some] == 0.0) & (now >= _DARK_LEVEL)
-                done = (more == 0) | dark | (now == last)
+                done = (more == 0) | dark | (now == _LAST)
                 self.lacking += int((done & (more > 0) & ~dark).sum())
                 open_[some[done]] = False
-                level[some] = np.minimum(now + more, last)
+                level[some] = np.minimum(now + more, _LAST)
                 if progress is not None:
                     progress(int(done.sum()))
         return gain.reshape(n, n), stderr.reshape(n, n)
@@ -236,8 +235,7 @@ class ForcedMap:
         k = min(n, _PILOT_CELLS)
         at = np.unique(np.linspace(0, n - 1, k).round().astype(np.int64))
         cells = (at[:, None] * n + at[None, :]).ravel()
-        last = int(math.log2(Forced.most_photons // _CHAINS))
-        more = np.minimum(levels_lacking(self._evaluate(0, cells, _PILOT_STREAM), rtol), last)
+        more = np.minimum(levels_lacking(self._evaluate(0, cells, _PILOT_STREAM), rtol), _LAST)
         nearest = np.abs(np.arange(n)[:, None] - at).argmin(axis=1)
         lattice = more.reshape(len(at), len(at))
         return lattice[np.ix_(nearest, nearest)].ravel()
@@ -262,7 +260,7 @@ class ForcedMap:
                 self.counts[name] += count
         return sums
 
-    def _jobs(self, level: int, places: _Floats, stream: int) -> Iterator[Callable[[], Scored]]:
+    def _jobs(self, level: int, places: Floats, stream: int) -> Iterator[Callable[[], Scored]]:
         """Yield jobs over whole shifts of the chains of a level."""
         photons = _CHAINS << level
         requests = self._base.requests(photons, stream + level)
@@ -281,7 +279,7 @@ class ForcedMap:
         search = aimed.search_of(self._target)
         return search if search.audit == 1.0 else search._replace(audit=_AUDITED, curvature=0.0)
 
-    def _nodes(self, places: _Floats) -> tuple[kernel.Nodes, NDArray[np.bool_]]:
+    def _nodes(self, places: Floats) -> tuple[kernel.Nodes, NDArray[np.bool_]]:
         """Return the lattice of nodes, and those around the places; none for fewer places."""
         half, emitters = self._grid.half / self._unit, self._arrays.emitters
         height = self._target.center.z - max(e.position.z for e in emitters)
@@ -289,9 +287,8 @@ class ForcedMap:
         nodes = kernel.Nodes(-half, 2.0 * half / (k - 1), k)
         at = np.clip(np.floor((places + half) / nodes.step).astype(np.int64), 0, k - 2)
         needed = np.zeros((k, k), bool)
-        for a in (0, 1):
-            for b in (0, 1):
-                needed[at[:, 0] + a, at[:, 1] + b] = True
+        for a, b in np.ndindex(2, 2):
+            needed[at[:, 0] + a, at[:, 1] + b] = True
         if len(places) < np.count_nonzero(needed):
             return kernel.Nodes(-half, 2.0 * half, 2), np.zeros((2, 2), bool)
         return nodes, needed
@@ -302,7 +299,7 @@ class ForcedMap:
         request: Request,
         first: int,
         last: int,
-        places: _Floats,
+        places: Floats,
         nodes: kernel.Nodes,
         needed: NDArray[np.bool_],
     ) -> Scored:
@@ -367,26 +364,26 @@ def upright(target: Target) -> Target:
     return target._replace(e1=Vec3(1.0, 0.0, 0.0), e2=Vec3(0.0, 1.0, 0.0))
 
 
-def start_shares(starts: _Floats) -> _Floats:
+def start_shares(starts: Floats) -> Floats:
     """Return the displacement of each start of the search with that of the aperture."""
     return np.array([1.0, 0.5, 0.0] + [1.0] * (len(starts) - 3))
 
 
-def square_of(disk: _Floats, side: float) -> _Floats:
+def square_of(disk: Floats, side: float) -> Floats:
     """Return points of a square from those of the unit disk, by a map that preserves areas."""
     radial = np.square(disk).sum(axis=1)
     angular = np.arctan2(disk[:, 1], disk[:, 0]) / (2.0 * math.pi) + 0.5
     return side * (np.stack([radial, angular], axis=1) - 0.5)
 
 
-def square_rule(n: int) -> tuple[_Floats, _Floats]:
+def square_rule(n: int) -> tuple[Floats, Floats]:
     """Return points and shares of Gauss's rule over the unit square about the origin."""
     x, w = np.polynomial.legendre.leggauss(n)
     a, b = np.meshgrid(0.5 * x, 0.5 * x, indexing="ij")
     return np.stack([a.ravel(), b.ravel()], axis=1), np.outer(0.5 * w, 0.5 * w).ravel()
 
 
-def mean_and_error(sums: Sums) -> tuple[_Floats, _Floats]:
+def mean_and_error(sums: Sums) -> tuple[Floats, Floats]:
     """Return gain and standard error of cells."""
     return sums.gain.mean(axis=0), sums.gain.std(axis=0, ddof=1) / math.sqrt(SHIFTS)
 

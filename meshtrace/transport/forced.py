@@ -17,10 +17,9 @@ from __future__ import annotations
 import math
 from functools import cached_property, partial
 from itertools import islice
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Described, Refused
@@ -29,6 +28,7 @@ from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.adjoint import AdjointPaths
@@ -37,21 +37,32 @@ from meshtrace.transport.chain_sets import ChainDrawer, ChainSet, Request, flat_
 from meshtrace.transport.choice import (
     PILOT_PATHS,
     Method,
+    Pilot,
     ScatteredPilot,
+    allotment,
     chain_pilot,
     choose,
     is_clear,
+    pilot,
 )
 from meshtrace.transport.forced_link import (
     ANALOG,
     POINTS_ONLY,
+    across,
     crossing_reach,
     forced_link,
     needs_paths,
     require_height_field,
 )
-from meshtrace.transport.parts import Counts, Parts, Sums
-from meshtrace.transport.pilots import Pilot, allotment, pilot
+from meshtrace.transport.parts import (
+    Counts,
+    Light,
+    Parts,
+    Sums,
+    chain_light,
+    direct_light,
+    joined,
+)
 
 Scattered = Literal["auto", "chains", "adjoint"]
 
@@ -127,19 +138,14 @@ class ForcedDetection:
 
         Pilots over a flat sea compare the estimators and allot the chains to the orders.
         """
-        beyond = needs_paths(self.link)
-        if beyond is not None:
-            refused = Refused(*beyond, POINTS_ONLY)
-            if self._wanted == "chains":
-                raise refused
-            self._take(["adjoint"] * len(self.link.receivers), refused)
-            return [[] for _ in self.arrays.emitters]
         photons, link, threads = self._key[0], self.arrays, self._options[1]
         sources, receivers = range(len(link.emitters)), len(self.link.receivers)
-        targets = len(link.targets)
+        beyond, targets = needs_paths(self.link), len(link.targets)
         try:
+            if beyond is not None:
+                raise Refused(*beyond, POINTS_ONLY)
             pilots = [pilot(self.drawer, s, self._seed(s), targets, threads) for s in sources]
-        except Refused as refused:  # too many orders for chains
+        except Refused as refused:  # a feature, or too many orders, for chains
             if self._wanted == "chains":
                 raise
             self._take(["adjoint"] * receivers, refused)
@@ -194,7 +200,7 @@ class ForcedDetection:
         """Return the seed of the chains of an emitter: receivers have the same in any order."""
         return self._key[1], 0 if self.arrays.down else emitter
 
-    def _flat_gain(self, pilots: list[Pilot]) -> NDArray[np.float64]:
+    def _flat_gain(self, pilots: list[Pilot]) -> Floats:
         """Return the gain of each receiver over a flat sea."""
         aimed, link = self.over(self.flat()), self.arrays
         targets = range(len(link.targets))
@@ -272,12 +278,12 @@ class ForcedDetection:
         scores = ordered_map(lambda job: job(), jobs, self._options[1], ahead=len(jobs))
         sampled = sums.add_direct(islice(scores, len(sums.pairs)))
         sums.add_chains(scores)
-        if self._adjoint is not None:
-            sums.add_paths(self._adjoint.evaluate(mesh, intersector), self._adjoint.photons)
+        adjoint = self._adjoint
+        paths = None if adjoint is None else adjoint.evaluate(mesh, intersector)
         counts = Counts(sums.chains, *(int(c) for c in aimed.counters))
-        return sums.parts(counts._replace(sampled=sampled))
+        return sums.parts(counts._replace(sampled=sampled), paths)
 
-    def _direct(self, aimed: AimedChains, s: int, r: int) -> NDArray[np.float64]:
+    def _direct(self, aimed: AimedChains, s: int, r: int) -> Floats:
         """Return the unscattered gain of a source and a receiver: one number, or one per shift."""
         if self.arrays.sizes[s] > 0.0:
             points = self._lamp_points(s)
@@ -288,9 +294,7 @@ class ForcedDetection:
             return gains.sum(keepdims=True)
         return aimed.score(s, r, self._unscattered[s]).reshape(SHIFTS, -1).mean(axis=1)
 
-    def _from_point(
-        self, aimed: AimedChains, s: int, r: int, point: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _from_point(self, aimed: AimedChains, s: int, r: int, point: Floats) -> Floats:
         """Return the unscattered gain through each facet from a point of an extended source."""
         gains = aimed.direct_gains(s, r, Vec3(*point.tolist()))
         if gains is None:
@@ -299,7 +303,7 @@ class ForcedDetection:
             raise Refused("transmitter", narrow, allowed)
         return gains
 
-    def _lamp_points(self, s: int) -> NDArray[np.float64]:
+    def _lamp_points(self, s: int) -> Floats:
         """Return points of an extended source, those of each shift in turn."""
         photons, seed = self._key
         per_shift = max(photons // (_CHAINS_PER_POINT * SHIFTS), 2)
@@ -310,11 +314,9 @@ class ForcedDetection:
             radius = size * np.sqrt(u[:, 0])
         else:
             radius = size * np.sqrt(-0.5 * np.log(np.maximum(u[:, 0], 1e-12)))
-        axis = np.array(emitter.axis)
-        e1 = np.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.9 else (1.0, 0.0, 0.0))
-        e1 /= np.linalg.norm(e1)
+        e1, e2 = (np.array(e) for e in across(emitter.axis))
         phi = 2.0 * math.pi * u[:, 1:2]
-        circle = np.cos(phi) * e1 + np.sin(phi) * np.cross(axis, e1)
+        circle = np.cos(phi) * e1 + np.sin(phi) * e2
         return np.array(emitter.position) + radius[:, None] * circle
 
     def _reaching(self, mesh: TriangleMesh) -> ForcedDetection:
@@ -332,7 +334,7 @@ class ForcedDetection:
         origin = np.array(self.link.origin)
         return flat_mesh(origin - far, origin + far)
 
-    def arrivals(self, mesh: TriangleMesh) -> list[NDArray[np.float64]]:
+    def arrivals(self, mesh: TriangleMesh) -> list[Floats]:
         """Return, by receiver, rows of weight, path in water, path in air [m] and shift.
 
         The weights of a receiver add up to its gain. Unscattered light without random slopes
@@ -342,50 +344,36 @@ class ForcedDetection:
         if higher is not self:
             return higher.arrivals(mesh)
         aimed = self.over(mesh)
-        result = [self._aimed_arrivals(aimed, r) for r in range(len(self.link.receivers))]
+        found = (self._aimed_arrivals(aimed, r) for r in range(len(self.link.receivers)))
+        result = [np.column_stack([x.weight, x.water, x.air, x.shift]) for x in found]
         if self._adjoint is not None:
-            found = self._adjoint.evaluate(mesh, arrivals=True).arrivals or []
-            for r, rows in zip(self._on_paths, found, strict=True):
+            paths = self._adjoint.evaluate(mesh, arrivals=True).arrivals or []
+            on_paths = (r for r, method in enumerate(self.method) if method == "adjoint")
+            for r, rows in zip(on_paths, paths, strict=True):
                 result[r] = np.concatenate([result[r], rows])
         return result
 
-    @property
-    def _on_paths(self) -> list[int]:
-        """Receivers served by adjoint paths."""
-        return [r for r, m in enumerate(self.method) if m == "adjoint"]
-
-    def _aimed_arrivals(self, aimed: AimedChains, r: int) -> NDArray[np.float64]:
-        """Return arrivals of a receiver over facets and chains."""
-        link, unit = self.arrays, self.arrays.frame.unit
-        rows = [np.zeros((0, 4))]
+    def _aimed_arrivals(self, aimed: AimedChains, r: int) -> Light:
+        """Return the light of a receiver over facets and chains."""
+        link, chained = self.arrays, self.method[r] == "chains"
+        rows: list[Light] = []
         for s, power in enumerate(link.power):
             e, t = (r, s) if link.down else (s, r)
-            sets, center = self.scattered_sets[e], link.targets[t].center
+            sets = self.scattered_sets[e] if chained else []
             if link.sizes[e] > 0.0:
                 points = self._lamp_points(e)
                 for i, lamp in enumerate(points):
                     gains = power * self._from_point(aimed, e, t, lamp) / len(points)
-                    group = i * SHIFTS // len(points)
-                    rows.append(_direct_rows(aimed, gains, lamp, center, unit, group))
+                    rows.append(direct_light(aimed, e, t, gains, lamp, i * SHIFTS // len(points)))
             elif (found := aimed.direct_gains(e, t)) is not None:
-                lamp = np.array(link.emitters[e].position)
-                rows.append(_direct_rows(aimed, power * found, lamp, center, unit, -1))
+                rows.append(direct_light(aimed, e, t, power * found))
             else:
                 sets = [self._unscattered[e], *sets]
-            for chains in sets:
-                if chains.order > 0 and self.method[r] == "adjoint":
-                    continue
-                _, light = aimed.aim(e, t, chains, keep=True)
-                n = len(chains.audit)
-                weight = power * light["weight"] / n
-                shift = light["chain"] // (n // SHIFTS)
-                rows.append(_rows(weight, unit * light["water"], unit * light["air"], shift))
-        return np.concatenate(rows)
+            rows += [chain_light(aimed, e, t, chains) for chains in sets]
+        return joined(rows)
 
 
-def cut_share(
-    link: Link, mesh: TriangleMesh, seed: int, normals: str, threads: int
-) -> NDArray[np.float64]:
+def cut_share(link: Link, mesh: TriangleMesh, seed: int, normals: str, threads: int) -> Floats:
     """Return the share of the light of a flat sea that crosses outside a mesh, by receiver."""
     low, high = mesh.bounds[:, :2]
     reach = crossing_reach(link) + np.array(link.origin) * [[-1.0], [1.0]]
@@ -395,22 +383,3 @@ def cut_share(
     whole = few.evaluate(few.flat()).gain
     cut = whole - few.evaluate(flat_mesh(low, high)).gain
     return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)
-
-
-def _direct_rows(
-    aimed: AimedChains,
-    gains: NDArray[np.float64],
-    lamp: NDArray[np.float64],
-    center: Vec3,
-    unit: float,
-    shift: int,
-) -> NDArray[np.float64]:
-    """Return the arrivals of unscattered light from a point through facets."""
-    lit = np.flatnonzero(gains)
-    crossing = aimed.centroids[lit]
-    water, air = (np.linalg.norm(crossing - end, axis=1) for end in (lamp, center))
-    return _rows(gains[lit], unit * water, unit * air, np.full(len(lit), shift))
-
-
-def _rows(*columns: NDArray[Any]) -> NDArray[np.float64]:
-    return np.column_stack(columns).astype(np.float64)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import Interface
@@ -18,6 +18,7 @@ from meshtrace.link import Link, Receiver, Source, WaterReceiver, WaterSource
 from meshtrace.link.receivers import Aperture
 from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.transport.arrays import interface_arrays, medium_arrays, pattern_of
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 
@@ -48,7 +49,7 @@ class ForcedLink(NamedTuple):
 
     frame: Frame
     emitters: list[Emitter]
-    power: NDArray[np.float64]  # (sources,) shares of the power
+    power: Floats  # (sources,) shares of the power
     targets: list[Target]
     medium: Medium
     interface: Interface
@@ -68,7 +69,7 @@ class ForcedLink(NamedTuple):
         """Return the share of the power of the source of a pair."""
         return float(self.power[target if self.down else emitter])
 
-    def by_receiver(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def by_receiver(self, values: Floats) -> Floats:
         """Return the sum over the sources of values (emitters, targets), by share of the power."""
         return values @ self.power if self.down else self.power @ values
 
@@ -271,7 +272,7 @@ def expected_water(link: Link, crest: float) -> Medium:
 def emitter_of(end: Source | Aperture, frame: Frame = IDENTITY) -> Emitter:
     """Return a source, or an aperture whose light is reversed, as numbers in a frame."""
     position = Vec3(*frame.points(np.array(end.center)).tolist())
-    e1, e2 = _across(end.axis)
+    e1, e2 = across(end.axis)
     if isinstance(end, Aperture):
         axis, radius = Vec3(*(-x for x in end.axis)), end.radius / frame.unit
         half = math.radians(end.fov_deg) / 2.0
@@ -291,7 +292,7 @@ def emitter_of(end: Source | Aperture, frame: Frame = IDENTITY) -> Emitter:
     return Emitter(position, Vec3(*end.axis), kind, spread, norm, 1.0, 0.0, e1, e2)
 
 
-def _across(axis: tuple[float, float, float]) -> tuple[Vec3, Vec3]:
+def across(axis: Sequence[float] | Floats) -> tuple[Vec3, Vec3]:
     """Return two unit vectors across an axis."""
     e1 = np.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.9 else (1.0, 0.0, 0.0))
     e1 /= np.linalg.norm(e1)
@@ -331,7 +332,7 @@ def _lit_angle(lamp: AirLamp) -> float:
 
 def target_of(receiver: Any, frame: Frame = IDENTITY) -> Target:
     """Return a receiver as numbers, lengths in the unit of a frame."""
-    e1, e2 = _across(receiver.axis)
+    e1, e2 = across(receiver.axis)
     half = math.radians(receiver.fov_deg) / 2.0
     widest = min(half + math.radians(receiver.tilt_deg), math.radians(88.0))
     center = Vec3(*frame.points(np.array(receiver.center)).tolist())

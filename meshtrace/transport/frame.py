@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.medium import Medium
@@ -18,6 +17,11 @@ from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import Apertures
 from meshtrace.link import Link
 from meshtrace.mesh import FARTHEST, TriangleMesh
+from meshtrace.models import Floats
+
+# fields of a medium without a raster
+_PER_LENGTH = ("a", "b", "layer_a", "layer_b", "bubble_b", "b_max", "c_max")
+_LENGTHS = ("layer_step", "bubble_start", "bubble_step", "bottom_z")
 
 
 class Frame(NamedTuple):
@@ -27,11 +31,11 @@ class Frame(NamedTuple):
     y: float
     unit: float
 
-    def points(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def points(self, points: Floats) -> Floats:
         """Return local coordinates of points [m]."""
         return (points - np.array([self.x, self.y, 0.0])) / self.unit
 
-    def metres(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def metres(self, points: Floats) -> Floats:
         """Return the coordinates [m] of local points."""
         return points * self.unit + np.array([self.x, self.y, 0.0])
 
@@ -62,20 +66,9 @@ class Frame(NamedTuple):
         """Return water without a raster with coefficients per unit of length."""
         if self == IDENTITY:
             return medium
-        u = self.unit
-        return medium._replace(
-            a=medium.a * u,
-            b=medium.b * u,
-            layer_step=medium.layer_step / u,
-            layer_a=medium.layer_a * u,
-            layer_b=medium.layer_b * u,
-            bubble_start=medium.bubble_start / u,
-            bubble_step=medium.bubble_step / u,
-            bubble_b=medium.bubble_b * u,
-            b_max=medium.b_max * u,
-            c_max=medium.c_max * u,
-            bottom_z=medium.bottom_z / u,
-        )
+        scaled = {name: getattr(medium, name) * self.unit for name in _PER_LENGTH}
+        lengths = {name: getattr(medium, name) / self.unit for name in _LENGTHS}
+        return medium._replace(**scaled, **lengths)
 
 
 IDENTITY = Frame(0.0, 0.0, 1.0)

@@ -11,46 +11,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from threading import Lock
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.errors import Refused
 from meshtrace.kernels.chains import Nominal
+from meshtrace.kernels.crossings import Near
+from meshtrace.kernels.crossings import Search as SearchExtent
+from meshtrace.kernels.nearby import LONGEST, PROBES, Lists, list_facets, near_rows
+from meshtrace.kernels.scene import Scene
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.aimed import AimedChains, Search, on_disk
+from meshtrace.transport.aimed import NO_LISTS, AimedChains, Search
 from meshtrace.transport.chain_sets import ChainDrawer, ChainSet
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import ForcedLink, forced_link
-from meshtrace.transport.nearby import NearbyFacets
 from meshtrace.transport.outcome import warn_of_chains
+from meshtrace.transport.parts import Light, chain_light, direct_light, joined
 
 _KEPT = 4  # sets of chains for the last geometries
-
-
-class Light(NamedTuple):
-    """Light that arrives at one receiver, one row an arrival; the weights sum to the gain.
-
-    Unscattered light without random slopes is one row a facet, with shift -1: it has no Monte
-    Carlo error, and belongs to every shift alike.
-    """
-
-    weight: NDArray[np.float64]
-    order: NDArray[np.int64]  # number of scatterings
-    water: NDArray[np.float64]  # path in the water [m]
-    angle: NDArray[np.float64]  # to the axis of the receiver [rad]
-    lamp: NDArray[np.float64]  # cosine of the emission to the axis of the source
-    shift: NDArray[np.int64]
-
-    def by_shift(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the sum of the weights times values (n,) of each shift, shape (shifts,)."""
-        light = self.weight * values
-        common = self.shift < 0
-        sums = np.bincount(self.shift[~common], light[~common], minlength=SHIFTS)
-        return light[common].sum() + SHIFTS * sums
+_SLACK = 0.04  # displacement of landing points that a list allows, over the receiver's height
 
 
 class FrozenForced:
@@ -113,7 +96,7 @@ class FrozenForced:
                 (mesh, NearbyFacets(base.over(mesh), base.scattered_sets)) for mesh in meshes
             ]
 
-    def gains(self, link: Link, mesh: TriangleMesh) -> NDArray[np.float64]:
+    def gains(self, link: Link, mesh: TriangleMesh) -> Floats:
         """Return the gain of a neighbouring link by the shift of the points.
 
         Parameters
@@ -147,11 +130,10 @@ class FrozenForced:
             row, power = rows[arrays.receiver(e, t)], arrays.share(e, t)
             direct = aimed.direct_gains(e, t)
             if direct is not None:
-                row.append(self._direct(arrays, aimed, e, t, power * direct))
-            for chains in sets[e]:
-                if chains.order > 0 or direct is None:
-                    row.append(self._arrivals(arrays, aimed, e, t, chains))
-        return [Light(*map(np.concatenate, zip(*row, strict=True))) for row in rows]
+                row.append(direct_light(aimed, e, t, power * direct))
+            shown = (c for c in sets[e] if c.order > 0 or direct is None)
+            row += [chain_light(aimed, e, t, chains) for chains in shown]
+        return [joined(row) for row in rows]
 
     def _aimed(
         self, link: Link, mesh: TriangleMesh
@@ -199,70 +181,70 @@ class FrozenForced:
         pairs = zip(self._nominals, self._base.arrays.emitters, arrays.emitters, strict=True)
         for law, before, now in pairs:
             k = now.position.z / before.position.z
-            laws.append(
-                law._replace(
-                    distance=law.distance * k,
-                    step=law.step * k,
-                    c=law.c / k,
-                    density=law.density / k,
-                )
-            )
+            lengths: dict[str, Any] = {"distance": law.distance * k, "step": law.step * k}
+            laws.append(law._replace(**lengths, c=law.c / k, density=law.density / k))
         return laws
 
-    def _direct(
-        self,
-        arrays: ForcedLink,
-        aimed: AimedChains,
-        emitter: int,
-        target: int,
-        gains: NDArray[np.float64],
-    ) -> Light:
-        """Return the unscattered light, by facet."""
-        lit = np.flatnonzero(gains)
-        crossing = aimed.centroids[lit]
-        low, high = arrays.emitters[emitter], arrays.targets[target]
-        up = crossing - np.array(low.position)
-        water, same = np.linalg.norm(up, axis=1), np.zeros(len(lit), np.int64)
-        angle, lamp = _angles(arrays, emitter, target, up, np.array(high.center) - crossing)
-        return Light(gains[lit], same, arrays.frame.unit * water, angle, lamp, same - 1)
 
-    def _arrivals(
-        self, arrays: ForcedLink, aimed: AimedChains, emitter: int, target: int, chains: ChainSet
-    ) -> Light:
-        """Return the arrivals of a set of chains."""
-        end, n = arrays.targets[target], len(chains.audit)
-        _, found = aimed.aim(emitter, target, chains, keep=True)
-        chain = found["chain"]
-        way = on_disk(end.center, end, chains.chains.disk[chain]) - found["point"]
-        angle, lamp = _angles(arrays, emitter, target, found["emission"], way)
-        return Light(
-            arrays.share(emitter, target) * found["weight"] / n,
-            np.full(len(found), chains.order),
-            arrays.frame.unit * found["water"],
-            angle,
-            lamp,
-            chain // (n // SHIFTS),
-        )
+class NearbyFacets:
+    """Lists of facets of a base link over one surface, made when they are first used.
 
-
-def _angles(
-    arrays: ForcedLink,
-    emitter: int,
-    target: int,
-    start: NDArray[np.float64],
-    end: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return angles of arrival [rad] and cosines of emission of chains, by their two end segments.
-
-    Chains of light that goes down start at the receiver and end at the lamp.
+    Parameters
+    ----------
+    aimed : AimedChains
+        The base link over the surface.
+    sets : list of list of ChainSet
+        Its chains, by source.
     """
-    low, high = arrays.emitters[emitter], arrays.targets[target]
-    first = _cosine(start, low.axis)
-    if arrays.down:
-        return np.arccos(first), _cosine(-end, high.lamp.axis)
-    return np.arccos(_cosine(end, high.axis)), first
 
+    def __init__(self, aimed: AimedChains, sets: list[list[ChainSet]]) -> None:
+        self._aimed = aimed
+        self._sets = {(s, c.order): c for s, row in enumerate(sets) for c in row}
+        self._lists: dict[tuple[int, int, int], Lists] = {}
+        self._lock = Lock()
 
-def _cosine(way: NDArray[np.float64], axis: tuple[float, float, float]) -> NDArray[np.float64]:
-    """Return the cosines of the angles of directions (n, 3) to an axis."""
-    return np.clip(way @ np.array(axis) / np.linalg.norm(way, axis=1), -1.0, 1.0)
+    def near(
+        self, source: int, receiver: int, chains: ChainSet, scene: Scene, search: SearchExtent
+    ) -> Near:
+        """Return the facets to search for each chain of a neighbouring link."""
+        base = self._sets.get((source, chains.order))
+        if base is None or receiver >= len(base.flat) or not self._covers(scene):
+            return NO_LISTS
+        key = source, receiver, chains.order
+        with self._lock:
+            if key not in self._lists:
+                self._lists[key] = self._list(*key)
+        lists, slack = self._lists[key], self._slack(receiver)
+        rows = np.empty_like(lists.rows)
+        near_rows(chains.chains, chains.flat[receiver], lists, search, slack, scene, rows)
+        return Near(rows, lists.facet)
+
+    def _slack(self, receiver: int) -> float:
+        return _SLACK * float(self._aimed.link.targets[receiver].center.z)
+
+    def _covers(self, scene: Scene) -> bool:
+        """Return whether the base sees all of the surface that the neighbour sees."""
+        at, target = self._aimed.locator, scene.target
+        edges = zip((at.x, at.y), (at.nx, at.ny), (0, 1), strict=True)
+        for low, n, i in edges:
+            first = max(target.center[i] - target.reach, float(scene.surface.low[i]))
+            last = min(target.center[i] + target.reach, float(scene.surface.high[i]))
+            if first < low or last > low + n * at.step:
+                return False
+        return True
+
+    def _list(self, source: int, receiver: int, order: int) -> Lists:
+        """Return the lists of one set of chains."""
+        chains, aimed = self._sets[source, order], self._aimed
+        flat = chains.flat[receiver]
+        target = aimed.link.targets[receiver]
+        scene = aimed.scene(aimed.link.emitters[source], target)
+        out = Lists(
+            flat,
+            np.full((*flat.shape, 2), -1, np.int64),
+            np.empty(LONGEST * (len(flat) + 1), np.int32),
+            np.zeros(flat.shape),
+            np.zeros((*flat.shape, PROBES, 2)),
+        )
+        n = list_facets(chains.chains, aimed.search_of(target), self._slack(receiver), scene, out)
+        return out._replace(facet=out.facet[:n].copy())

@@ -9,14 +9,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import DomainWarning
 from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
-from meshtrace.parallel import default_threads
+from meshtrace.models import Floats
 from meshtrace.results.gain import (
     Fate,
     FateTally,
@@ -27,9 +25,10 @@ from meshtrace.results.gain import (
 from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, standard_error
 from meshtrace.stored import SHIFTS
 from meshtrace.transport import options
-from meshtrace.transport.analog import Sums, run_analog
+from meshtrace.transport.analog import Sums, photons_over
+from meshtrace.transport.case import Case
 from meshtrace.transport.forced import ForcedDetection, cut_share
-from meshtrace.transport.options import Analog, Record, Run
+from meshtrace.transport.options import Analog, Record
 from meshtrace.transport.returned import returned_gain
 
 LEFT_DOMAIN_WARNING = 1e-4
@@ -46,7 +45,7 @@ class FewSamplesWarning(UserWarning):
     """Small effective sample size: the error of a gain may exceed its standard error."""
 
 
-def per_receiver(link: Link, array: NDArray[np.float64]) -> Any:
+def per_receiver(link: Link, array: Floats) -> Any:
     """Return values of the receivers as an array, or as a number for a single receiver."""
     return array if isinstance(link.receiver, tuple) else float(array[0])
 
@@ -78,9 +77,7 @@ def analog_result(
     )
 
 
-def bound_of_dark(
-    link: Link, mesh: TriangleMesh, gain: NDArray[np.float64], run: Run, normals: str
-) -> Any:
+def bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Any:
     """Return upper bounds of gains without received light, nan elsewhere; None if all have light.
 
     The bound is that of as many analog photons, as aimed samples without contributions give none.
@@ -91,17 +88,14 @@ def bound_of_dark(
     """
     if (gain > 0.0).all():
         return None
-    most = largest_weight(link, float(mesh.bounds[0, 2]))
+    most = largest_weight(case.link, float(mesh.bounds[0, 2]))
     bound = np.full(len(gain), sys.float_info.min)
     if most > sys.float_info.min:
-        threads, n = default_threads(run.threads), run.photons
-        scene, walk = EmbreeIntersector(mesh, threads), Analog(roulette=1e-3 * most)
-        sums = run_analog(
-            link, scene, walk, photons=n, seed=run.seed, normals=normals, threads=threads
-        )
+        n = case.run.photons
+        sums = photons_over(case, mesh, Analog(roulette=1e-3 * most), n)
         error = standard_error(sums.score, sums.score_squared, n)
         bound = np.maximum(sums.score / n + 2.0 * error + 3.0 * most / n, bound)
-    return per_receiver(link, np.where(gain > 0.0, np.nan, bound))
+    return per_receiver(case.link, np.where(gain > 0.0, np.nan, bound))
 
 
 def largest_weight(link: Link, trough: float) -> float:
@@ -175,12 +169,12 @@ def _scattered(result: GainResult) -> list[tuple[int, ScatteredSamples]]:
 
 
 def _that_matter(
-    rows: list[ScatteredSamples], share: NDArray[np.float64], gain: NDArray[np.float64]
+    rows: list[ScatteredSamples], share: Floats, gain: Floats
 ) -> list[tuple[int, ScatteredSamples]]:
     return [(r, row) for r, row in enumerate(rows) if share[r] > _SMALL * gain[r]]
 
 
-def warn_of_returned(link: Link, gain: NDArray[np.float64]) -> None:
+def warn_of_returned(link: Link, gain: Floats) -> None:
     """Warn where forced detection leaves out more than 0.1 % of a gain."""
     returned = returned_gain(link)
     for r in np.flatnonzero((returned > _RETURNED * gain) & (gain > 0.0)):
@@ -194,9 +188,9 @@ def warn_of_returned(link: Link, gain: NDArray[np.float64]) -> None:
         )
 
 
-def warn_of_cut(link: Link, mesh: TriangleMesh, run: Run, normals: str) -> None:
+def warn_of_cut(case: Case, mesh: TriangleMesh) -> None:
     """Warn of a mesh that ends where light would cross to a receiver."""
-    cut = cut_share(link, mesh, run.seed, normals, default_threads(run.threads))
+    cut = cut_share(case.link, mesh, case.run.seed, case.meshing.normals, case.threads)
     for r in np.flatnonzero(cut > LEFT_DOMAIN_WARNING):
         warnings.warn(
             f"receiver {r}: the mesh cuts off {100.0 * cut[r]:.2g} % of the light (flat sea; limit "
@@ -217,9 +211,7 @@ def _arrivals(sums: Sums) -> Arrivals:
     )
 
 
-def _planes(
-    link: Link, sums: Sums, mean: NDArray[np.float64], stderr: NDArray[np.float64]
-) -> Planes | None:
+def _planes(link: Link, sums: Sums, mean: Floats, stderr: Floats) -> Planes | None:
     if not link.planes:
         return None
     columns = [values[i::4] for values in (mean, stderr) for i in range(4)]

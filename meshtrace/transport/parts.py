@@ -1,4 +1,4 @@
-"""Gain over one surface by receiver, shift and order, with the counts of its chains."""
+"""Gain over one surface by receiver, shift and order, and its light by arrival."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.models import Floats
 from meshtrace.results.gain import ScatteredSamples
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.adjoint import AdjointParts
+from meshtrace.transport.aimed import AimedChains, on_disk
 from meshtrace.transport.chain_sets import ChainSet
 from meshtrace.transport.choice import Method
 from meshtrace.transport.forced_link import ForcedLink
@@ -57,14 +59,14 @@ class Parts:
         Effective number of samples, (sum w)^2 / sum w^2 of their contributions w.
     """
 
-    direct: NDArray[np.float64]
-    scattered: NDArray[np.float64]
-    orders: NDArray[np.float64]
+    direct: Floats
+    scattered: Floats
+    orders: Floats
     counts: Counts
     method: list[Method]
     samples: NDArray[np.int64]
     scored: NDArray[np.int64]
-    effective: NDArray[np.float64]
+    effective: Floats
 
     def samples_by_receiver(self) -> list[ScatteredSamples]:
         """Return the estimator and the samples of the scattered gain of each receiver."""
@@ -73,22 +75,22 @@ class Parts:
         return [ScatteredSamples(name, int(n), int(k), float(e)) for name, n, k, e in rows]
 
     @property
-    def ballistic(self) -> NDArray[np.float64]:
+    def ballistic(self) -> Floats:
         """Unscattered gain of each receiver."""
         return self.direct.mean(axis=1)
 
     @property
-    def shifts(self) -> NDArray[np.float64]:
+    def shifts(self) -> Floats:
         """Gain of each receiver by the shift of the points, shape (receivers, shifts)."""
         return self.direct + self.scattered
 
     @property
-    def gain(self) -> NDArray[np.float64]:
+    def gain(self) -> Floats:
         """Gain of each receiver."""
         return self.shifts.mean(axis=1)
 
     @property
-    def stderr(self) -> NDArray[np.float64]:
+    def stderr(self) -> Floats:
         """Standard error of the gain of each receiver."""
         return self.shifts.std(axis=1, ddof=1) / math.sqrt(SHIFTS)
 
@@ -113,9 +115,8 @@ class Sums:
         self._scattered = np.zeros((receivers, self._orders, SHIFTS))
         self._squares = np.zeros(receivers)
         self._samples, self._scored = np.zeros((2, receivers), np.int64)
-        self._paths: tuple[AdjointParts, int] | None = None
 
-    def add_direct(self, gains: Iterable[NDArray[np.float64]]) -> int:
+    def add_direct(self, gains: Iterable[Floats]) -> int:
         """Add the unscattered gain of each pair; return the number of sampled ones."""
         sampled = 0
         for pair, gain in zip(self.pairs, gains, strict=True):
@@ -123,7 +124,7 @@ class Sums:
             sampled += len(gain) > 1
         return sampled
 
-    def add_chains(self, scores: Iterable[NDArray[np.float64]]) -> None:
+    def add_chains(self, scores: Iterable[Floats]) -> None:
         """Add the scores of each job."""
         found = iter(scores)
         for e, t, chains in self._sets:
@@ -135,17 +136,12 @@ class Sums:
             self._scored[r] += np.count_nonzero(score)
             self._squares[r] += share**2 * np.mean(score**2) / len(score)
 
-    def add_paths(self, found: AdjointParts, photons: int) -> None:
-        """Add the scattered light of the receivers that rest on adjoint paths."""
-        self._paths = found, photons
-
-    def parts(self, counts: Counts) -> Parts:
-        """Return the gain in parts."""
+    def parts(self, counts: Counts, found: AdjointParts | None) -> Parts:
+        """Return the gain in parts, with the light of receivers that rest on adjoint paths."""
         scattered, orders = self._scattered.sum(axis=1), self._scattered.mean(axis=2)
         mean = scattered.mean(axis=1)
         effective = mean**2 / np.maximum(self._squares, 1e-300)
-        if self._paths is not None:
-            found, photons = self._paths
+        if found is not None:
             rows = np.array([m == "adjoint" for m in self._method])
             scattered[rows] = found.scattered
             seen = np.flatnonzero(found.orders.any(axis=0)).max(initial=-1) + 1
@@ -153,16 +149,87 @@ class Sums:
             wide[:, : orders.shape[1]] = orders
             wide[rows, :seen] = found.orders[:, :seen]
             orders = wide
-            self._samples[rows], self._scored[rows] = photons, found.scored
+            self._samples[rows], self._scored[rows] = found.photons, found.scored
             square = found.gain**2
-            effective[rows] = photons * square / np.maximum(found.variance + square, 1e-300)
-        return Parts(
-            self._direct,
-            scattered,
-            orders,
-            counts,
-            self._method,
-            self._samples,
-            self._scored,
-            effective,
-        )
+            effective[rows] = found.photons * square / np.maximum(found.variance + square, 1e-300)
+        sampled = self._method, self._samples, self._scored, effective
+        return Parts(self._direct, scattered, orders, counts, *sampled)
+
+
+class Light(NamedTuple):
+    """Light that arrives at one receiver, one row an arrival; the weights sum to the gain.
+
+    Unscattered light without random slopes is one row a facet, with shift -1: it has no Monte
+    Carlo error, and belongs to every shift alike.
+    """
+
+    weight: Floats
+    order: NDArray[np.int64]  # number of scatterings
+    water: Floats  # path in the water [m]
+    air: Floats
+    angle: Floats  # to the axis of the receiver [rad]
+    lamp: Floats  # cosine of the emission to the axis of the source
+    shift: NDArray[np.int64]
+
+    def by_shift(self, values: Floats) -> Floats:
+        """Return the sum of the weights times values (n,) of each shift, shape (shifts,)."""
+        light = self.weight * values
+        common = self.shift < 0
+        sums = np.bincount(self.shift[~common], light[~common], minlength=SHIFTS)
+        return light[common].sum() + SHIFTS * sums
+
+
+def joined(rows: list[Light]) -> Light:
+    """Return all light of some rows."""
+    return Light(*map(np.concatenate, zip(*rows, strict=True)))
+
+
+def direct_light(
+    aimed: AimedChains,
+    emitter: int,
+    target: int,
+    gains: Floats,
+    at: Floats | None = None,
+    shift: int = -1,
+) -> Light:
+    """Return unscattered light by facet, from the point `at` of an extended source."""
+    link, unit = aimed.link, aimed.link.frame.unit
+    lit = np.flatnonzero(gains)
+    crossing = aimed.centroids[lit]
+    start = np.array(link.emitters[emitter].position) if at is None else at
+    up, way = crossing - start, np.array(link.targets[target].center) - crossing
+    water, air = (unit * np.linalg.norm(part, axis=1) for part in (up, way))
+    order, shifts = np.zeros(len(lit), np.int64), np.full(len(lit), shift)
+    return Light(gains[lit], order, water, air, *_angles(link, emitter, target, up, way), shifts)
+
+
+def chain_light(aimed: AimedChains, emitter: int, target: int, chains: ChainSet) -> Light:
+    """Return the arrivals of a set of chains."""
+    link, unit, n = aimed.link, aimed.link.frame.unit, len(chains.audit)
+    _, found = aimed.aim(emitter, target, chains, keep=True)
+    end, chain = link.targets[target], found["chain"]
+    way = on_disk(end.center, end, chains.chains.disk[chain]) - found["point"]
+    weight = link.share(emitter, target) * found["weight"] / n
+    water, air = unit * found["water"], unit * found["air"]
+    angles = _angles(link, emitter, target, found["emission"], way)
+    order, shift = np.full(len(found), chains.order), chain // (n // SHIFTS)
+    return Light(weight, order, water, air, *angles, shift)
+
+
+def _angles(
+    arrays: ForcedLink, emitter: int, target: int, start: Floats, end: Floats
+) -> tuple[Floats, Floats]:
+    """Return angles of arrival [rad] and cosines of emission of chains, by their two end segments.
+
+    Chains of light that goes down start at the receiver and end at the lamp.
+    """
+    low, high = arrays.emitters[emitter], arrays.targets[target]
+    first = _cosine(start, low.axis)
+    if arrays.down:
+        return np.arccos(first), _cosine(-end, high.lamp.axis)
+    return np.arccos(_cosine(end, high.axis)), first
+
+
+def _cosine(way: Floats, axis: tuple[float, float, float]) -> Floats:
+    """Return the cosines of the angles of directions (n, 3) to an axis."""
+    return np.clip(way @ np.array(axis) / np.linalg.norm(way, axis=1), -1.0, 1.0)

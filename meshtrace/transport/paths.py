@@ -10,16 +10,21 @@ from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Described, Refused
-from meshtrace.kernels.photon_state import Vertex
+from meshtrace.kernels.photon_state import Recorder, Vertex
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.transport.analog import new_recorder, run_analog
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.options import BLOCK, Analog
-from meshtrace.transport.received import received_light
 
 if TYPE_CHECKING:
     import xarray as xr
+import math
+
+from meshtrace.kernels.chains import Chains
+from meshtrace.kernels.scene import Emitter, Target
+from meshtrace.transport.aimed import AimedChains, on_disk
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +43,8 @@ class PhotonPaths:
         Photon that a path belongs to; light reflected by the surface starts a new path.
     """
 
-    vertex: NDArray[np.float64]
-    weight: NDArray[np.float64]
+    vertex: Floats
+    weight: Floats
     what: NDArray[np.int8]
     photon: NDArray[np.int64]
 
@@ -58,7 +63,7 @@ class PhotonPaths:
         """`Vertex` code at the end of each path."""
         return self.what[np.arange(len(self.what)), self.length - 1]
 
-    def polylines(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def polylines(self) -> tuple[Floats, NDArray[np.int64]]:
         """Return points (n, 3) and VTK cells: the count of each line before its points."""
         used = self.what >= 0
         points = self.vertex[used]
@@ -72,19 +77,13 @@ class PhotonPaths:
         """Return the paths as an xarray Dataset."""
         import xarray as xr
 
-        codes = np.array(list(Vertex), np.int8)
+        names = " ".join(v.name.lower() for v in Vertex)
+        flags = {"flag_values": np.array(list(Vertex), np.int8), "flag_meanings": names}
         return xr.Dataset(
             {
                 "vertex": (("path", "step", "axis"), self.vertex, {"units": "m"}),
                 "weight": (("path", "step"), self.weight, {"units": "1"}),
-                "what": (
-                    ("path", "step"),
-                    self.what,
-                    {
-                        "flag_values": codes,
-                        "flag_meanings": " ".join(v.name.lower() for v in Vertex),
-                    },
-                ),
+                "what": (("path", "step"), self.what, flags),
                 "photon": ("path", self.photon),
             },
             {"axis": ["x", "y", "z"]},
@@ -105,19 +104,20 @@ def record_paths(
         normals=normals,
         recorder=recorder,
     )
-    return _split(recorder.vertex, recorder.weight, recorder.what, recorder.length)
+    return _split(recorder)
 
 
-def _split(
-    vertex: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    what: NDArray[np.int8],
-    length: NDArray[np.int64],
-) -> PhotonPaths:
+def _empty(longest: int, photon: NDArray[np.int64]) -> PhotonPaths:
+    """Return paths of photons without vertices."""
+    room = new_recorder(len(photon), longest)
+    return PhotonPaths(room.vertex, room.weight, room.what, photon)
+
+
+def _split(recorder: Recorder) -> PhotonPaths:
     """Split the records after each flight through the air; reflected light starts a new path."""
     rows: list[tuple[int, int, int]] = []
-    for i, n in enumerate(length):
-        codes = what[i, :n]
+    for i, n in enumerate(recorder.length):
+        codes = recorder.what[i, :n]
         starts = [0, *np.flatnonzero(codes == Vertex.BRANCH)]
         for a, b in zip(starts, [*starts[1:], n], strict=True):
             left = np.flatnonzero((codes[a:b] == Vertex.RECEIVED) | (codes[a:b] == Vertex.LANDED))
@@ -125,16 +125,10 @@ def _split(
             if end - a > 1:
                 rows.append((i, int(a), int(end)))
     longest = max((b - a for _, a, b in rows), default=1)
-    out = PhotonPaths(
-        np.full((len(rows), longest, 3), np.nan),
-        np.full((len(rows), longest), np.nan),
-        np.full((len(rows), longest), -1, np.int8),
-        np.array([i for i, _, _ in rows], np.int64),
-    )
+    out = _empty(longest, np.array([i for i, _, _ in rows], np.int64))
     for k, (i, a, b) in enumerate(rows):
-        out.vertex[k, : b - a] = vertex[i, a:b]
-        out.weight[k, : b - a] = weight[i, a:b]
-        out.what[k, : b - a] = what[i, a:b]
+        for name in ("vertex", "weight", "what"):
+            getattr(out, name)[k, : b - a] = getattr(recorder, name)[i, a:b]
     return out
 
 
@@ -149,16 +143,10 @@ def received_paths(
     forced = ForcedDetection(link, chains, seed, normals, crest=crest, scattered="chains")
     rows = received_light(forced, mesh, n, np.random.default_rng([seed, 1]))
     if not rows:
-        raise Refused(
-            "received_only", Described("no light is received"), "a link that receives some"
-        )
+        dark = Described("no light is received")
+        raise Refused("received_only", dark, "a link that receives some")
     longest = max(len(points) for points, _ in rows)
-    out = PhotonPaths(
-        np.full((len(rows), longest, 3), np.nan),
-        np.full((len(rows), longest), np.nan),
-        np.full((len(rows), longest), -1, np.int8),
-        np.arange(len(rows), dtype=np.int64),
-    )
+    out = _empty(longest, np.arange(len(rows), dtype=np.int64))
     for k, (points, weight) in enumerate(rows):
         m = len(points)
         out.vertex[k, :m] = points
@@ -171,3 +159,68 @@ def received_paths(
             out.what[k, m - 2] = Vertex.SURFACE_OUT
         out.what[k, m - 1] = Vertex.RECEIVED
     return out
+
+
+def received_light(
+    forced: ForcedDetection, mesh: TriangleMesh, n: int, rng: np.random.Generator
+) -> list[tuple[Floats, float]]:
+    """Return n paths into the first receiver, sampled in proportion to their weight.
+
+    Each is (points, weight) from the source over its scatterings and the crossing to the
+    aperture; all carry the same share of the gain.
+    """
+    aimed = forced.over(mesh)
+    sets = forced.sets(aimed)
+    link = forced.arrays
+    light: list[float] = []
+    paths: list[Floats] = []
+    for s, power in enumerate(link.power):
+        e, t = (0, s) if link.down else (s, 0)
+        if not aimed.rough:
+            direct, gain = _direct(aimed, e, t, n, rng)
+            paths += list(direct)
+            light += [power * gain / max(len(direct), 1)] * len(direct)
+        for chains in sets[e]:
+            _, found = aimed.aim(e, t, chains, keep=True)
+            weight = power * found["weight"] / len(chains.audit)
+            if not weight.sum() > 0.0:
+                continue
+            kept = rng.choice(len(found), min(n, len(found)), p=weight / weight.sum())
+            for k in kept:
+                paths.append(_placed(chains.chains, found[k], link.emitters[e], link.targets[t]))
+            light += [float(weight.sum()) / max(len(kept), 1)] * len(kept)
+    if not paths:
+        return []
+    total = float(sum(light))
+    chosen = rng.choice(len(paths), n, p=np.array(light) / total)
+    with_light = -1 if link.down else 1
+    return [(link.frame.metres(paths[k][::with_light]), total / n) for k in chosen]
+
+
+def _direct(
+    aimed: AimedChains, emitter: int, target: int, n: int, rng: np.random.Generator
+) -> tuple[Floats, float]:
+    """Return about n unscattered paths into the first receiver and their gain."""
+    gains = aimed.facet_gains(emitter, target)
+    lit = np.flatnonzero(gains)
+    if not len(lit):
+        return np.zeros((0, 3, 3)), 0.0
+    facets = rng.choice(lit, n, p=gains[lit] / gains[lit].sum())
+    u = rng.random((n, 2))
+    angle = 2.0 * np.pi * u[:, 1]
+    disk = np.sqrt(u[:, :1]) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return aimed.direct_paths(emitter, target, facets, disk), float(gains.sum())
+
+
+def _placed(chains: Chains, arrival: np.void, emitter: Emitter, target: Target) -> Floats:
+    """Return the points of a chain turned to its emission direction, up to the aperture."""
+    from scipy.spatial.transform import Rotation
+
+    i, w = int(arrival["chain"]), arrival["emission"]
+    axis = np.array([-w[1], w[0], 0.0])
+    sine = np.linalg.norm(axis)
+    angle = math.atan2(sine, w[2])
+    turn = Rotation.from_rotvec(axis * (angle / sine if sine > 0.0 else 0.0))
+    start = on_disk(emitter.position, emitter, chains.disk[i : i + 1])
+    end = on_disk(target.center, target, chains.disk[i : i + 1])
+    return np.vstack([start, turn.apply(chains.vertex[i]) + start, arrival["point"], end])

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.kernels.sources import SourceKind
-from meshtrace.link import Link, Source, WaterReceiver
+from meshtrace.link import Link, WaterReceiver
 from meshtrace.link.sources import AirLamp
+from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
-from meshtrace.transport.forced_link import emitter_of
+from meshtrace.transport.forced_link import across, emitter_of
 
 _RINGS, _AZIMUTHS = 48, 12
 
 
-def returned_gain(link: Link) -> NDArray[np.float64]:
+def returned_gain(link: Link) -> Floats:
     r"""Estimate the gain of light that leaves the water after a reflection at the surface.
 
     For light that goes down, the gain of light that is reflected at the surface before it arrives,
@@ -73,15 +74,14 @@ def returned_gain(link: Link) -> NDArray[np.float64]:
     rows = [(0.0, water.a, water.b)] if water.layers is None else list(water.layers)
     x = max(back * b / max(a + back * b, 1e-12) for _, a, b in rows)
     albedo = x / (1.0 + math.sqrt(1.0 - x * x))
-    pairs: list[tuple[Any, Any, Source, int]] = []  # ends in the water and in the air
-    for i, end in enumerate(receivers):
-        for t in link.transmitters:
-            pairs.append((end, t, t, i) if link.direction == "down" else (t, end, t, i))
-    scale = (water.n / link.n_air) ** 2 if link.direction == "down" else 1.0
+    down = link.direction == "down"
+    scale = (water.n / link.n_air) ** 2 if down else 1.0
     total = sum(t.power_mw for t in link.transmitters)
     diffuse_reflectance = _diffuse_reflectance(water.n, link.n_air)
     out = albedo * (1.0 - diffuse_reflectance) / (1.0 - albedo * diffuse_reflectance)
-    for low_end, high_end, source, i in pairs:
+    for (i, end), source in product(enumerate(receivers), link.transmitters):
+        low_end: Any = end if down else source
+        high_end: Any = source if down else end
         depth = -low_end.center[2]
         a, b = _mean(rows, depth)
         below = 0.5 / max(a + back * b, 1e-12)
@@ -120,7 +120,7 @@ def _etendue(low_end: Any) -> float:
     return (math.pi * low_end.radius * math.sin(math.radians(low_end.fov_deg) / 2.0)) ** 2
 
 
-def _rays(source: Any) -> NDArray[np.float64]:
+def _rays(source: Any) -> Floats:
     """Return directions of equal power, as of a Lambertian source, that go up."""
     u = (np.arange(_RINGS) + 0.5) / _RINGS
     cosine = 1.0 - 2.0 * u
@@ -134,14 +134,12 @@ def _rays(source: Any) -> NDArray[np.float64]:
     azimuth = 2.0 * math.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
     c, f = (v.ravel() for v in np.meshgrid(cosine, azimuth, indexing="ij"))
     s = np.sqrt(np.maximum(1.0 - c * c, 0.0))
-    side = np.cross(axis, [0.0, 1.0, 0.0] if abs(axis[1]) < 0.9 else [1.0, 0.0, 0.0])
-    side /= np.linalg.norm(side)
-    across = np.cross(axis, side)
-    rays = c[:, None] * axis + (s * np.cos(f))[:, None] * side + (s * np.sin(f))[:, None] * across
+    e1, e2 = (np.array(e) for e in across(axis))
+    rays = c[:, None] * axis + (s * np.cos(f))[:, None] * e1 + (s * np.sin(f))[:, None] * e2
     return rays[rays[:, 2] > 0.01]
 
 
-def _seen(receiver: Any, place: NDArray[np.float64], below: float) -> NDArray[np.float64]:
+def _seen(receiver: Any, place: Floats, below: float) -> Floats:
     """Return the share of Lambert's power that leaves each place and is received.
 
     At a lamp, which is reached backwards, the light of its pattern per area [sr-1 m-2].
@@ -159,7 +157,7 @@ def _seen(receiver: Any, place: NDArray[np.float64], below: float) -> NDArray[np
     return np.asarray(np.where(seen, area * view * rise / (math.pi * distance**2), 0.0))
 
 
-def _intensity(lamp: AirLamp, cosine: NDArray[np.float64]) -> NDArray[np.float64]:
+def _intensity(lamp: AirLamp, cosine: Floats) -> Floats:
     """Return the intensity of a lamp at the cosine of an angle to its axis [sr-1]."""
     emitter = emitter_of(lamp)
     cosine = np.clip(cosine, 0.0, 1.0)

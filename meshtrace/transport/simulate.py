@@ -8,15 +8,15 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
+from meshtrace.models import Floats
 from meshtrace.parallel import default_threads
 from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
 from meshtrace.results.tallies import Arrivals, standard_error
-from meshtrace.transport.analog import options_over, run_analog
+from meshtrace.transport.analog import options_over, photons_over
 from meshtrace.transport.case import Case, HasCase, resolve
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach, require_height_field
@@ -134,46 +134,46 @@ def _simulated(
     case: Case, record: Iterable[Record], progress: Callable[[int], None] | None
 ) -> GainResult:
     """Return the result of a case whose options have been checked."""
-    run, mesh, config = _over_mesh(case)
-    records, analog = read_records(record, run.estimator), isinstance(run.estimator, Analog)
-
-    def origin(run: Run) -> dict[str, Any]:
-        recorded = [r.model_dump(mode="json") for r in records.values()]
-        whole = {**run.to_config(), **case.meshing.model_dump(), "record": recorded}
-        return {**provenance(case.link, config, whole), **case.origin}
+    case, mesh, config = _over_mesh(case)
+    records = read_records(record, case.run.estimator)
+    analog = isinstance(case.run.estimator, Analog)
 
     def evaluate(run: Run) -> GainResult:
-        inputs = case.link, mesh, run, case.meshing.normals, records, origin(run)
+        recorded = [r.model_dump(mode="json") for r in records.values()]
+        whole = {**run.to_config(), **case.meshing.model_dump(), "record": recorded}
+        origin = {**provenance(case.link, config, whole), **case.origin}
+        inputs = case._replace(run=run), mesh, records, origin
         return _analog(*inputs, progress) if analog else _forced(*inputs)
 
-    result = _to_tolerance(evaluate, run)
+    result = _to_tolerance(evaluate, case.run)
     warn_of_few(result)
     if analog:
         warn_of_lost(result)
         return result
-    if not _reflected_photons(case.link, run):
+    if not _reflected_photons(case):
         warn_of_returned(case.link, result.gains)
-    warn_of_cut(case.link, mesh, run, case.meshing.normals)
+    warn_of_cut(case, mesh)
     return result
 
 
-def _over_mesh(case: Case) -> tuple[Run, TriangleMesh, dict[str, Any]]:
-    """Return the options of the run, the mesh and the configuration that identifies it.
+def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:
+    """Return the case with its estimator, the mesh and the configuration that identifies it.
 
     Over a surface that overhangs the estimator is analog unless chosen.
     """
-    run, chosen = case.run, "estimator" in case.run.model_fields_set
+    chosen = "estimator" in case.run.model_fields_set
     if not chosen and not getattr(case.surface, "single_valued", True):
-        run = run.replace(estimator="analog")
-    analog = isinstance(run.estimator, Analog)
-    reach = None if analog else crossing_reach(case.link)
+        case = case._replace(run=case.run.replace(estimator="analog"))
+    options = case.run.estimator
+    reach = None if isinstance(options, Analog) else crossing_reach(case.link)
     mesh, config = mesh_for(case.link, case.surface, case.meshing, reach)
-    if isinstance(run.estimator, Analog):
-        return run.replace(estimator=options_over(mesh, run.estimator)), mesh, config
+    if isinstance(options, Analog):
+        run = case.run.replace(estimator=options_over(mesh, options))
+        return case._replace(run=run), mesh, config
     if chosen or mesh.single_valued:
         require_height_field(mesh)
-        return run, mesh, config
-    return _over_mesh(case._replace(run=run.replace(estimator="analog")))
+        return case, mesh, config
+    return _over_mesh(case._replace(run=case.run.replace(estimator="analog")))
 
 
 def _to_tolerance(evaluate: _Evaluate, run: Run) -> GainResult:
@@ -202,46 +202,31 @@ def _to_tolerance(evaluate: _Evaluate, run: Run) -> GainResult:
 
 
 def _analog(
-    link: Link,
+    case: Case,
     mesh: TriangleMesh,
-    run: Run,
-    normals: str,
     records: dict[str, Record],
     origin: dict[str, Any],
     progress: Callable[[int], None] | None,
 ) -> GainResult:
+    run = case.run
     assert isinstance(run.estimator, Analog)
-    sums = run_analog(
-        link,
-        EmbreeIntersector(mesh, default_threads(run.threads)),
-        run.estimator,
-        photons=run.photons,
-        seed=run.seed,
-        normals=normals,
-        threads=default_threads(run.threads),
-        record=records.values(),
-        progress=progress,
-    )
-    return analog_result(link, sums, origin, records)
+    followed = {"record": records.values(), "progress": progress}
+    sums = photons_over(case, mesh, run.estimator, run.photons, **followed)
+    return analog_result(case.link, sums, origin, records)
 
 
 def _forced(
-    link: Link,
-    mesh: TriangleMesh,
-    run: Run,
-    normals: str,
-    records: dict[str, Record],
-    origin: dict[str, Any],
+    case: Case, mesh: TriangleMesh, records: dict[str, Record], origin: dict[str, Any]
 ) -> GainResult:
-    assert isinstance(run.estimator, Forced)
-    crest, threads = float(mesh.bounds[1, 2]), default_threads(run.threads)
-    forced = ForcedDetection(link, run.photons, run.seed, normals, threads, crest)
+    link, run = case.link, case.run
+    options = case.meshing.normals, case.threads, float(mesh.bounds[1, 2])
+    forced = ForcedDetection(link, run.photons, run.seed, *options)
     parts = forced.evaluate(mesh)
-    reflected = _reflected_photons(link, run)
+    reflected = _reflected_photons(case)
     gain, stderr = parts.gain, parts.stderr
     extra: dict[str, Any] = {}
     if reflected:
-        added, added_stderr = _reflected(link, mesh, run, normals, reflected)
+        added, added_stderr = _reflected(case, mesh, reflected)
         gain, stderr = gain + added, np.hypot(stderr, added_stderr)
         extra["gain_reflected"] = per_receiver(link, added)
         extra["gain_reflected_stderr"] = per_receiver(link, added_stderr)
@@ -251,7 +236,7 @@ def _forced(
     return GainResult(
         gain=per_receiver(link, gain),
         gain_stderr=per_receiver(link, stderr),
-        gain_bound=bound_of_dark(link, mesh, gain, run, normals),
+        gain_bound=bound_of_dark(case, mesh, gain),
         photons=run.photons,
         fates={},
         provenance=origin,
@@ -264,43 +249,35 @@ def _forced(
     )
 
 
-def _reflected_photons(link: Link, run: Run) -> int:
+def _reflected_photons(case: Case) -> int:
     """Return the analog photons for light first reflected into the water.
 
     A bottom sends it back: there they are traced by default.
     """
+    link, run = case.link, case.run
     assert isinstance(run.estimator, Forced)
     water, traced = link.water, link.physics.reflected == "trace"
     bright = water.bottom_depth is not None and water.bottom_albedo > 0.0
     return run.estimator.reflected_photons or (_BOTTOM * run.photons if bright and traced else 0)
 
 
-def _reflected(
-    link: Link, mesh: TriangleMesh, run: Run, normals: str, photons: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _reflected(case: Case, mesh: TriangleMesh, photons: int) -> tuple[Floats, Floats]:
     """Return the gain of light first reflected into the water, by analog photons, wide aperture.
 
     That light comes from everywhere below: its irradiance is even over metres, so an aperture
     of 1 m (never wider than half of the patch in the field of view) has the same mean.
     """
+    link = case.link
     wide, area = [], []
     for r in link.receivers:
         half = math.radians(min(r.fov_deg, 120.0)) / 2.0
         radius = max(r.radius, min(1.0, 0.5 * abs(r.center[2]) * math.tan(half)))
         wide.append(r.replace(radius=radius))
         area.append((r.radius / radius) ** 2)
-    threads = default_threads(run.threads)
     deepest = max(-item.center[2] for _, item in link.items())
-    sums = run_analog(
-        link.replace(receiver=tuple(wide)),
-        EmbreeIntersector(mesh, threads),
-        Analog(roulette=1e-3 * math.exp(-link.water.a * deepest)),
-        photons=photons,
-        seed=run.seed,
-        normals=normals,
-        threads=threads,
-        first_scored=2,
-    )
+    options = Analog(roulette=1e-3 * math.exp(-link.water.a * deepest))
+    widened = case._replace(link=link.replace(receiver=tuple(wide)))
+    sums = photons_over(widened, mesh, options, photons, first_scored=2)
     n = sums.photons
     scale = np.array(area)
     return scale * sums.score / n, scale * standard_error(sums.score, sums.score_squared, n)

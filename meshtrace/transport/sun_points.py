@@ -14,19 +14,19 @@ takes its own point of the sun, neighbours opposite ones.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.bvh import EmbreeIntersector
 from meshtrace.daylight.glint import slopes_of
 from meshtrace.daylight.light import SUN_RADIUS_DEG
 from meshtrace.kernels.facets import Surface
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.view import View, cone
+from meshtrace.transport.view import Scene, View, cone
 
 _POINTS = 4  # of the aperture in each shift
 _STEPS = 6  # of Newton's method
@@ -78,27 +78,15 @@ class Refraction(NamedTuple):
 Bending = Reflection | Refraction
 
 
-def focused_sun(
-    intersector: EmbreeIntersector, surface: Surface, law: Bending, view: View
+def bent_sun(
+    scene: Scene, law: Bending, view: View, depths: Callable[[Floats], Floats] | None = None
 ) -> Floats:
     """Return the mean radiance of bent sun over the irradiance of the sun, by shift (shifts,).
 
-    Shadows of the sun by other waves are left out, and so is light bent twice.
+    Shadows of the sun by other waves are left out, and so is light bent twice. Under water
+    `depths(points)` are vertical optical depths.
     """
-    return _means(intersector, surface, law, view, None)
-
-
-def attenuated_sun(
-    intersector: EmbreeIntersector, surface: Surface, law: Bending, view: View, depths: Any
-) -> Floats:
-    """Return `focused_sun` under water; `depths(points)` are vertical optical depths."""
-    return _means(intersector, surface, law, view, depths)
-
-
-def _means(
-    intersector: EmbreeIntersector, surface: Surface, law: Bending, view: View, depths: Any
-) -> Floats:
-    per_shift = len(view.uniforms) // SHIFTS
+    surface, per_shift = scene.surface, len(view.uniforms) // SHIFTS
     chosen = (per_shift * np.arange(SHIFTS)[:, None] + np.arange(min(_POINTS, per_shift))).ravel()
     every = np.arange(len(surface.faces))
     nearest = np.linalg.norm(surface.vertices - view.center, axis=1).min()
@@ -108,7 +96,7 @@ def _means(
     points = view.origins()[chosen]
     laws = [law._replace(sun=sun) for sun in _suns(law.sun, view.uniforms[chosen, 2:4])]
     found = [
-        _irradiance(intersector, surface, near, one, view, point, depths)
+        _irradiance(scene, near, one, view, point, depths)
         for one, point in zip(laws, points, strict=True)
     ]
     return np.array(found).reshape(SHIFTS, -1).mean(axis=1) / (math.pi * view.sin2_psi)
@@ -151,10 +139,10 @@ def _may_vanish(gaps: Floats, slack: Floats | float) -> NDArray[np.bool_]:
 
 
 def _irradiance(
-    intersector: EmbreeIntersector, surface: Surface, facets: NDArray[np.int64], law: Bending,
-    view: View, point: Floats, depths: Any,
-) -> float:  # fmt: skip
+    scene: Scene, facets: NDArray[np.int64], law: Bending, view: View, point: Floats, depths: Any
+) -> float:
     """Return the irradiance of bent sun at a point of the aperture, over that of the sun."""
+    surface = scene.surface
     facets = facets[_may_vanish(_corner_gaps(surface, facets, law, point), 0.0)]
     corner, normals = surface.vertices[surface.faces[facets]], _normals(surface, facets)
 
@@ -177,7 +165,7 @@ def _irradiance(
     place = _blend(u, corner)[inside]
     distance = np.linalg.norm(point - place, axis=1)
     light = (point - place) / distance[:, None]
-    first = intersector.intersect(np.broadcast_to(point, light.shape), -light).distance
+    first = scene.intersector.intersect(np.broadcast_to(point, light.shape), -light).distance
     seen = first > distance * (1.0 - 1e-3)
     light_in = law.strength(light) * view.accepted(-light) / (distance**2 * det)
     if depths is not None:

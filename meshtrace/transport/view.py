@@ -1,4 +1,4 @@
-"""View of a receiver: points of its disk and directions inside its field of view."""
+"""View of a receiver: its disk and field of view, and sea and daylight as its rays meet them."""
 
 from __future__ import annotations
 
@@ -6,13 +6,24 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from meshtrace.bvh import EmbreeIntersector
+from meshtrace.daylight.light import Daylight
+from meshtrace.daylight.water_leaving import QuasiSingle
 from meshtrace.errors import Described, Refused
+from meshtrace.kernels.facets import Surface
 from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
+from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
+from meshtrace.results.background import PARTS
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.frame import Frame
+from meshtrace.transport.arrays import surface_arrays
+from meshtrace.transport.chain_sets import shifted, sobol_points
+from meshtrace.transport.frame import frame_of
+
+SKY, GLINT, WATER, FOAM, SUN = range(len(PARTS))
 
 
 class View(NamedTuple):
@@ -25,10 +36,12 @@ class View(NamedTuple):
     uniforms: Floats  # (rays, 7): disk, cone, tilt of the first reflection
 
     @classmethod
-    def of(cls, aperture: Aperture, frame: Frame, uniforms: Floats) -> View:
-        """Return the view of an aperture in the coordinates of a frame."""
+    def of(cls, link: Link, points: int, seed: int) -> View:
+        """Return the view of a link's aperture, in local coordinates."""
+        aperture, frame = only_aperture(link), frame_of(link)
         psi = math.radians(0.5 * aperture.fov_deg)
         axis, center = -np.array(aperture.axis), frame.points(np.array(aperture.center))
+        uniforms = shifted(*sobol_points(7, points // SHIFTS, (seed, 19)))
         return cls(center, axis, aperture.radius / frame.unit, math.sin(psi) ** 2, uniforms)
 
     def origins(self) -> Floats:
@@ -87,13 +100,72 @@ def only_aperture(link: Link) -> Aperture:
     return link.receivers[0]
 
 
-def shifted_points(points: int, width: int, seed: int) -> Floats:
-    """Return some Sobol points (points, width), each of the 32 shifts together."""
-    per_shift = points // SHIFTS
-    from scipy.stats import qmc
+class Scene(NamedTuple):
+    """Sea and light that the rays of a view meet."""
 
-    rng = np.random.default_rng((seed, 19))
-    size = math.ceil(math.log2(max(per_shift, 2)))
-    sobol = qmc.Sobol(width, scramble=True, rng=rng).random_base2(size)[:per_shift]
-    u = (sobol[None] + rng.random((SHIFTS, 1, width))) % 1.0
-    return np.clip(u.reshape(-1, width), 1e-12, 1.0 - 1e-12)
+    intersector: EmbreeIntersector
+    surface: Surface
+    day: Daylight
+    n: float  # index of the water over that of the air
+    foam: float  # share of the surface
+    water: QuasiSingle | None
+    second_hits: bool
+
+    @property
+    def rough(self) -> bool:
+        """Whether the mesh leaves out slopes."""
+        return self.surface.roughness.along > 0.0 or self.surface.roughness.across > 0.0
+
+
+def scene_of(link: Link, mesh: TriangleMesh, day: Daylight, normals: str, threads: int) -> Scene:
+    """Return sea and light in the local coordinates of a link."""
+    local = frame_of(link).mesh(mesh)
+    water = None
+    if day.water == "quasi-single":
+        water = QuasiSingle(link.water, link.bubbles, link.n_air, day)
+    return Scene(
+        EmbreeIntersector(local, threads),
+        surface_arrays(local, normals, link.physics.unresolved),
+        day,
+        link.water.n / link.n_air,
+        1.0 - link.whitecaps.transmittance if link.whitecaps else 0.0,
+        water,
+        link.physics.second_hit == "trace",
+    )
+
+
+class Hit(NamedTuple):
+    """Points where rays meet the sea: facet normal, and normal for the bending of light."""
+
+    point: Floats
+    facet_normal: Floats
+    normal: Floats
+
+
+def first_hits(
+    scene: Scene, origin: Floats, direction: Floats, *, below: bool = False
+) -> tuple[Hit, NDArray[np.bool_]]:
+    """Return the hits of rays on the sea, level beyond the mesh, and the mask of rays with one.
+
+    Rays come from the air, or from `below`.
+    """
+    side = -1.0 if below else 1.0
+    hits, surface = scene.intersector.intersect(origin, direction), scene.surface
+    facet = hits.facet
+    facet_normal = surface.face_normals[facet]
+    on_mesh = (facet >= 0) & (side * np.einsum("ij,ij->i", facet_normal, direction) < 0.0)
+    level = -origin[:, 2] / np.where(direction[:, 2] == 0.0, math.inf, direction[:, 2])
+    distance = np.where(on_mesh, hits.distance, np.maximum(level, 0.0))
+    point = origin + distance[:, None] * direction
+    normal = facet_normal
+    if surface.interpolate:
+        a, b, c = (surface.vertex_normals[surface.faces[facet, i]] for i in range(3))
+        u, v = (np.where(on_mesh, w, 0.0)[:, None] for w in (hits.u, hits.v))
+        normal = (1.0 - u - v) * a + u * b + v * c
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    up = np.array([0.0, 0.0, 1.0])
+    facet_normal = np.where(on_mesh[:, None], facet_normal, up)
+    normal = np.where(on_mesh[:, None], normal, up)
+    behind = side * np.einsum("ij,ij->i", normal, direction) >= 0.0
+    normal[behind] = facet_normal[behind]
+    return Hit(point, facet_normal, normal), on_mesh | (side * direction[:, 2] < 0.0)

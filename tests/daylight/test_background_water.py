@@ -13,7 +13,7 @@ from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.optics.phase import FournierForand
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.transport.walk import blurred_phase
+from meshtrace.transport.submerged import blurred_phase
 
 REFERENCE = json.loads(
     (Path(__file__).parents[1] / "data/daylight_downlink_reference.json").read_text()

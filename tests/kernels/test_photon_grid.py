@@ -12,7 +12,7 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.surfaces.triangulate import triangulate
 from meshtrace.transport.analog import run_analog
-from meshtrace.transport.analog_grid import NO_GRID, grid_arrays
+from meshtrace.transport.arrays import NO_GRID, grid_arrays
 
 SEA = JonswapSea(wind_speed=13.0, seed=7, band="paper")
 

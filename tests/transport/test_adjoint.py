@@ -18,7 +18,7 @@ from meshtrace.kernels.angle_table import tail_at
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport.adjoint import SHIFTS, AdjointPaths
-from meshtrace.transport.angle_tables import angle_table
+from meshtrace.transport.arrays import angle_table
 from meshtrace.transport.forced import ForcedDetection
 
 FLAT = FlatSea().mesh(extent=60.0, spacing=10.0)
