@@ -57,7 +57,7 @@ class Daylight(Model, frozen=True):
         "overcast" or "harrison-coombes".
     water : {"quasi-single", "walk", "none"}
         Light that leaves the water towards a receiver in the air: closed form of single
-        scattering, photons followed backwards, or none. Light under water is always followed.
+        scattering, photons traced backwards, or none. Light under water is always traced.
     foam_reflectance : float
         Effective reflectance of whitecaps [1], 0 ... 1.
     light : str

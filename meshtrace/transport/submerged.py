@@ -1,4 +1,4 @@
-"""Daylight at a receiver in the water: sky by photons followed backwards, sun through the sea.
+"""Daylight at a receiver in the water: sky by photons traced backwards, sun through the sea.
 
 The analog engine runs backwards: photons from a receiver to the sky, connected to the sun. Radiance
 over the squared index is kept along a ray, whatever the mesh: the mean score of photons that start
@@ -146,9 +146,10 @@ def walked(
     Refused
         If the water absorbs otherwise than along the way, or the forms are those of the paper.
     """
-    if link.physics.absorption != "continuous" or link.physics.snell != "physical":
-        allowed = "absorption continuous and snell physical for light that is followed backwards"
-        raise Refused("physics", link.physics.absorption, allowed)
+    for name, kept in (("absorption", "continuous"), ("snell", "physical")):
+        form = getattr(link.physics, name)
+        if form != kept:
+            raise Refused(f"physics.{name}", form, f"{kept}, for light that is traced backwards")
     frame, n = frame_of(link), link.water.n / link.n_air
     bare = link.model_copy(update={"receiver": (), "planes": None})
     local = EmbreeIntersector(frame.mesh(mesh), threads)

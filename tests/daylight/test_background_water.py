@@ -162,9 +162,16 @@ def test_blurred_phase_functions_keep_their_probability():
     np.testing.assert_allclose(table[wide], phase.pdf(theta[wide]), rtol=0.02)
 
 
-def test_published_forms_are_refused():
-    link = below(5.0).replace(physics="paper")
-    with pytest.raises(Refused, match="physics"):
+@pytest.mark.parametrize(
+    ("physics", "line"),
+    [
+        ("paper", "physics.absorption: 'paper', allowed: continuous"),
+        ({"snell": "paper"}, "physics.snell: 'paper', allowed: physical"),
+    ],
+)
+def test_published_forms_are_refused(physics, line):
+    link = below(5.0).replace(physics=physics)
+    with pytest.raises(Refused, match=line):
         mt.background(link, FlatSea(), UNIFORM)
 
 

@@ -330,6 +330,13 @@ def test_sources_share_the_light_by_their_power():
     assert z_test(both.gain[0], both.stderr[0], expected, stderr) > ALPHA
 
 
+def test_more_sources_than_shifts():
+    tilted = mt.Link().replace("receiver.tilt_deg", 60.0)
+    one = evaluate(tilted, 4096)
+    many = evaluate(tilted.replace(transmitter=(mt.Led(),) * (SHIFTS + 1)), 128 * (SHIFTS + 1), 2)
+    assert z_test(many.gain[0], many.stderr[0], one.gain[0], one.stderr[0]) > ALPHA
+
+
 def test_no_scatterers_no_light():
     dark = evaluate(mt.Link(water=mt.Water(b=0.0)), 256)
     assert dark.gain[0] == 0.0
