@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from meshtrace.kernels.angle_table import SMALLEST_ANGLE, AngleTable
+from meshtrace.kernels.phase import SMALLEST_ANGLE, AngleTable
 from meshtrace.optics.phase import PhaseFunction
 
 _CELLS_PER_LOG = 200.0
