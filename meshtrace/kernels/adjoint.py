@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.adjoint_look import PEAK, peak_density, peaked_s
+from meshtrace.kernels.adjoint_look import mixed_phase, peaked_density, peaked_s
 from meshtrace.kernels.adjoint_start import (
     ENDED,
     FIRST_STREAM,
@@ -27,7 +27,6 @@ from meshtrace.kernels.adjoint_start import (
     importance_at,
     is_flat,
 )
-from meshtrace.kernels.angle_table import phase_at
 from meshtrace.kernels.beam_fan import (
     distance_density,
     drawn_in_beam,
@@ -44,7 +43,7 @@ from meshtrace.kernels.medium import (
     scattering_coefficients,
     scattering_depth,
 )
-from meshtrace.kernels.phase import sample_s
+from meshtrace.kernels.phase import phase_at, sample_s
 from meshtrace.kernels.random import uniforms
 from meshtrace.kernels.sources import intensity, lambert_reflection
 from meshtrace.kernels.vectors import (
@@ -316,7 +315,7 @@ def _drawn_aim(to_lamp, u_kind, u, v, share, fan, in_fan, optics):
 def _aim_of(to_lamp, w, share, fan, in_fan, optics):
     """Return the density [sr-1] of `_drawn_aim`, and the light along w over that farther aside."""
     theta = angle_between(to_lamp, w)
-    density = (1.0 - PEAK) * _mixed_phase(theta, share, optics) + PEAK * peak_density(theta)
+    density = peaked_density(theta, share, optics)
     brighter = max(phase_at(optics.water, theta) / phase_at(optics.water, _ASIDE), 1.0)
     if in_fan > 0.0:
         beam = fan_density(fan, w, optics)
@@ -330,15 +329,7 @@ def _forward(d, w, share, on_bottom, optics):
     """Return the density [sr-1] of directions after a scattering or a reflection at the bottom."""
     if on_bottom:
         return max(w.z, 0.0) / math.pi
-    return _mixed_phase(angle_between(d, w), share, optics)
-
-
-@inlined
-def _mixed_phase(theta, share, optics):
-    beta = (1.0 - share) * phase_at(optics.water, theta)
-    if share > 0.0:
-        beta += share * phase_at(optics.bubble, theta)
-    return beta
+    return mixed_phase(angle_between(d, w), share, optics)
 
 
 @inlined

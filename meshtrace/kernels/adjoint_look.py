@@ -9,12 +9,11 @@ import math
 from typing import NamedTuple
 
 from meshtrace.kernels.adjoint_start import ENDED, LOOK, STARTED
-from meshtrace.kernels.angle_table import phase_at
 from meshtrace.kernels.jit import entry, inlined, outlined
-from meshtrace.kernels.phase import sample_s
+from meshtrace.kernels.phase import phase_at, sample_s
 from meshtrace.kernels.random import uniforms
 from meshtrace.kernels.sources import emission_s, intensity
-from meshtrace.kernels.vectors import Vec3, angle_between, dot, minus, norm, row, turn, unit, write
+from meshtrace.kernels.vectors import Vec3, along, angle_between, dot, norm, row, turn, unit, write
 
 PEAK = 0.3
 """Share of directions about a source or a lobe with a density as 1 / sin(theta / 2)."""
@@ -54,7 +53,7 @@ def _drawn_aside(lobe, axis, u, v, world):
     s = 1.0 / (1.0 / rim.s0 - u * (1.0 / rim.s0 - 1.0 / rim.s1))
     sin, cos = 2.0 * math.sqrt(max(s * (1.0 - s), 0.0)), 1.0 - 2.0 * s
     along_lobe = dot(axis, lobe)
-    e = minus(axis, Vec3(along_lobe * lobe.x, along_lobe * lobe.y, along_lobe * lobe.z))
+    e = along(axis, lobe, -along_lobe)
     if norm(e) < 1e-9:
         return turn(lobe, s, v)
     e = unit(e)
@@ -92,6 +91,21 @@ def peaked_s(u, u_kind, share, medium):
     return sample_s(medium.phase_water, u)
 
 
+@inlined
+def peaked_density(theta, share, optics):
+    """Return the density [sr-1] of the directions drawn by `peaked_s`."""
+    return (1.0 - PEAK) * mixed_phase(theta, share, optics) + PEAK * peak_density(theta)
+
+
+@inlined
+def mixed_phase(theta, share, optics):
+    """Return the phase function [sr-1] of water and a share of bubbles."""
+    beta = (1.0 - share) * phase_at(optics.water, theta)
+    if share > 0.0:
+        beta += share * phase_at(optics.bubble, theta)
+    return beta
+
+
 @outlined
 def _lobe_density(w, lobe, axis, inside, world):
     """Return the density [sr-1] of directions of the cone that are drawn about a lobe."""
@@ -99,10 +113,7 @@ def _lobe_density(w, lobe, axis, inside, world):
     if not inside:
         rim, s = _rim(lobe, axis, world), math.sin(0.5 * theta) ** 2
         return 1.0 / (s * s * (1.0 / rim.s0 - 1.0 / rim.s1) * 4.0 * rim.half)
-    density = (1.0 - world.lobe_bubble) * phase_at(world.optics.water, theta)
-    if world.lobe_bubble > 0.0:
-        density += world.lobe_bubble * phase_at(world.optics.bubble, theta)
-    return (1.0 - PEAK) * density + PEAK * peak_density(theta)
+    return peaked_density(theta, world.lobe_bubble, world.optics)
 
 
 @outlined
@@ -183,12 +194,12 @@ def look(paths, origins, directions, world):
     outside, the field of view beside them. The pattern of a lamp takes the place of the cosine
     lobe. Rays start above the highest crest.
     """
-    a, high = world.target.axis, world.surface.high[2]
+    high = world.surface.high[2]
     for i in range(len(paths.weight)):
         lobes = _lobes_of(paths, i, world)
         w = _drawn(paths, i, lobes, world)
         p = row(paths.point, i)
-        facing = -(w.x * a[0] + w.y * a[1] + w.z * a[2])
+        facing = -dot(w, world.target.axis)
         paths.state[i] = ENDED
         if facing > 0.0 and w.z < 0.0 and _in_cone(w, world):
             weight = _weight(paths, i, w, facing, lobes, world)
@@ -197,6 +208,5 @@ def look(paths, origins, directions, world):
                 paths.state[i] = STARTED
         write(paths.direction[i], w)
         t = max((high - p.z) / w.z, 0.0) * (1.0 - 1e-3) if w.z < 0.0 else 0.0
-        for k in range(3):
-            origins[i, k] = paths.point[i, k] + t * paths.direction[i, k]
-            directions[i, k] = paths.direction[i, k]
+        write(origins[i], along(p, w, t))
+        write(directions[i], w)

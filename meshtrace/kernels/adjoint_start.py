@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels.facets import (
     Surface,
+    drawn_tilt,
     exposure,
     normal_at,
     plane_distance,
-    slope_tilt,
     tilted,
 )
 from meshtrace.kernels.interface import FieldOfView, FresnelMode, Interface, reflectance, refract
@@ -117,19 +117,16 @@ def begin(paths, starts, world):
         u, v, u_lamp, v_lamp = uniforms(world.key, world.first + i, 0, _START)
         r = target.radius * math.sqrt(u)
         cos_phi, sin_phi = on_circle(v)
-        p, q = r * cos_phi, r * sin_phi
-        for k in range(3):
-            paths.point[i, k] = target.center[k] + p * target.e1[k] + q * target.e2[k]
-            paths.lamp[i, k] = emitter.position[k]
+        side = along(target.center, target.e1, r * cos_phi)
+        write(paths.point[i], along(side, target.e2, r * sin_phi))
+        write(paths.lamp[i], emitter.position)
         if world.size > 0.0:
             gaussian = emitter.kind == SourceKind.GAUSSIAN_BEAM
             r = world.size * math.sqrt(-0.5 * math.log(u_lamp) if gaussian else u_lamp)
             across = turn(emitter.axis, 0.5, v_lamp)
             write(paths.lamp[i], along(emitter.position, across, r))
         u, v, _, _ = uniforms(world.key, world.first + i, 0, _TILT)
-        r = math.sqrt(-2.0 * math.log(u))
-        cos_phi, sin_phi = on_circle(v)
-        tilt = slope_tilt(world.surface.roughness, r * cos_phi, r * sin_phi)
+        tilt = drawn_tilt(world.surface.roughness, u, v)
         paths.tilt[i, 0], paths.tilt[i, 1] = tilt.x, tilt.y
         height, depth = target.center[2], max(-emitter.position[2], 0.0)
         share = n * height / (n * height + depth)
@@ -146,37 +143,37 @@ def begin(paths, starts, world):
 
 
 @inlined
-def _normal(x, y, facet, surface, tilt_x, tilt_y):
+def _normal(x, y, facet, surface, tilt):
     n = UP
     if facet >= 0:
         n = normal_at(x, y, facet, surface)
-    if tilt_x != 0.0 or tilt_y != 0.0:
-        n = tilted(n, Vec2(tilt_x, tilt_y))
+    if tilt.x != 0.0 or tilt.y != 0.0:
+        n = tilted(n, tilt)
     return n
 
 
 @inlined
-def _imbalance(x, y, facet, a, b, tilt_x, tilt_y, n, surface):
+def _imbalance(x, y, facet, a, b, tilt, n, surface):
     """Return the derivative of the optical path from a (air) to b (water) along the surface.
 
     It vanishes where Snell's law holds.
     """
     p = Vec3(x, y, height_on(x, y, facet, surface))
-    m = _normal(x, y, facet, surface, tilt_x, tilt_y)
+    m = _normal(x, y, facet, surface, tilt)
     up, down = unit(minus(a, p)), unit(minus(b, p))
     hx, hy, hz = up.x + n * down.x, up.y + n * down.y, up.z + n * down.z
     return hx - m.x / m.z * hz, hy - m.y / m.z * hz
 
 
 @outlined
-def _stationary(x, y, facet, a, b, tilt_x, tilt_y, n, surface):
+def _stationary(x, y, facet, a, b, tilt, n, surface):
     """Return the crossing (x, y) on the plane of a facet of unscattered light from b to a."""
     size = norm(minus(a, b))
     for _ in range(_NEWTON if facet >= 0 else 3 * _NEWTON):
         h = 1e-6 * size
-        f, g = _imbalance(x, y, facet, a, b, tilt_x, tilt_y, n, surface)
-        fx, gx = _imbalance(x + h, y, facet, a, b, tilt_x, tilt_y, n, surface)
-        fy, gy = _imbalance(x, y + h, facet, a, b, tilt_x, tilt_y, n, surface)
+        f, g = _imbalance(x, y, facet, a, b, tilt, n, surface)
+        fx, gx = _imbalance(x + h, y, facet, a, b, tilt, n, surface)
+        fy, gy = _imbalance(x, y + h, facet, a, b, tilt, n, surface)
         fx, gx, fy, gy = (fx - f) / h, (gx - g) / h, (fy - f) / h, (gy - g) / h
         det = fx * gy - fy * gx
         if det == 0.0:
@@ -203,11 +200,10 @@ def improve(paths, facets, kept, world):
     roots = paths.root.shape[1]
     for i in range(len(paths.weight)):
         a, b = row(paths.point, i), row(paths.lamp, i)
+        tilt = Vec2(paths.tilt[i, 0], paths.tilt[i, 1])
         for k in range(roots):
             x, y = paths.root[i, k, 0], paths.root[i, k, 1]
-            x, y = _stationary(
-                x, y, facets[i, k], a, b, paths.tilt[i, 0], paths.tilt[i, 1], n, world.surface
-            )
+            x, y = _stationary(x, y, facets[i, k], a, b, tilt, n, world.surface)
             if not (abs(x) < math.inf and abs(y) < math.inf):
                 x, y = a.x, a.y
             paths.root[i, k, 0], paths.root[i, k, 1] = x, y
@@ -247,7 +243,7 @@ def enter(paths, facets, world):
             reach = target.radius + (target.center[2] - p.z) * target.tan_half_fov
             if (p.x - target.center[0]) ** 2 + (p.y - target.center[1]) ** 2 >= reach * reach:
                 continue
-        weight, d = _crossed(p, d, f, g, paths.tilt[i, 0], paths.tilt[i, 1], world)
+        weight, d = _crossed(p, d, f, g, Vec2(paths.tilt[i, 0], paths.tilt[i, 1]), world)
         if weight == 0.0:
             continue
         write(paths.point[i], p)
@@ -262,11 +258,11 @@ def enter(paths, facets, world):
 
 
 @outlined
-def _crossed(p, d, f, g, tilt_x, tilt_y, world):
+def _crossed(p, d, f, g, tilt, world):
     """Return (factor of the weight, direction in the water) of a path at facet f."""
     medium = world.optics.medium
-    n = _normal(p.x, p.y, f, world.surface, 0.0, 0.0)
-    m = _normal(p.x, p.y, f, world.surface, tilt_x, tilt_y)
+    n = normal_at(p.x, p.y, f, world.surface)
+    m = _normal(p.x, p.y, f, world.surface, tilt)
     cos_air = -dot(d, m)
     if cos_air <= 0.0:
         return 0.0, d
@@ -278,7 +274,6 @@ def _crossed(p, d, f, g, tilt_x, tilt_y, world):
     if from_below <= 0.0 or from_below - 2.0 * cos_water * dot(m, g) >= 0.0:
         return 0.0, d
     through = 1.0 - reflectance(cos_water, cos_air, medium.n_water, medium.n_air)
-    tilt = Vec2(tilt_x, tilt_y)
     if world.target.is_lamp:
         return through * world.interface.foam_transmittance * exposure(d, n, tilt), inwards
     if world.interface.fresnel == FresnelMode.PAPER_BOTH:
@@ -286,7 +281,7 @@ def _crossed(p, d, f, g, tilt_x, tilt_y, world):
     through *= world.interface.foam_transmittance
     through *= (medium.n_air / medium.n_water) ** 2
     through *= from_below * cos_air / (cos_water * -dot(d, g))
-    if tilt_x != 0.0 or tilt_y != 0.0:
+    if tilt.x != 0.0 or tilt.y != 0.0:
         through *= exposure(scaled(-1.0, inwards), n, tilt)
     return through, inwards
 

@@ -174,21 +174,17 @@ def aim_at(x, y, facet, shot, scene):
 
 
 @inlined
+def quotients(m, a, b):
+    """Return ((dx, dx), (dy, dy)) over a step along x, where m becomes a, and along y, b."""
+    h = 1.0 / STEP
+    return (a.x - m.x) * h, (b.x - m.x) * h, (a.y - m.y) * h, (b.y - m.y) * h
+
+
+@inlined
 def differences(m, a, b):
     """Return the `Jacobian` of `Aim` m from those a step along x (a) and along y (b)."""
-    h = 1.0 / STEP
-    return Jacobian(
-        m.ok and a.ok and b.ok,
-        m,
-        (a.at.x - m.at.x) * h,
-        (b.at.x - m.at.x) * h,
-        (a.at.y - m.at.y) * h,
-        (b.at.y - m.at.y) * h,
-        (a.w.x - m.w.x) * h,
-        (b.w.x - m.w.x) * h,
-        (a.w.y - m.w.y) * h,
-        (b.w.y - m.w.y) * h,
-    )
+    ok = m.ok and a.ok and b.ok
+    return Jacobian(ok, m, *quotients(m.at, a.at, b.at), *quotients(m.w, a.w, b.w))
 
 
 @outlined

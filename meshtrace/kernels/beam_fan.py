@@ -13,8 +13,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from meshtrace.kernels.angle_table import SMALLEST_ANGLE, angle_of_tail, phase_at, tail_at
 from meshtrace.kernels.jit import inlined, outlined
+from meshtrace.kernels.line_estimate import seen_line
+from meshtrace.kernels.phase import angle_of_tail, phase_at, tail_at
 from meshtrace.kernels.vectors import Vec3, angle_between, cross, dot, minus, norm, scaled, unit
 
 _THINNEST = 1e-3  # sine of a tilt
@@ -117,21 +118,11 @@ def pass_of(p, d, longest, lamp, width, optics):
 
     Array twin: none, geometry.
     """
-    to_lamp = minus(lamp, p)
-    t0 = dot(to_lamp, d)
-    off = Vec3(t0 * d.x - to_lamp.x, t0 * d.y - to_lamp.y, t0 * d.z - to_lamp.z)
-    distance = max(norm(off), SMALLEST_ANGLE * norm(to_lamp))
-    first = math.atan2(distance, t0)
-    last = math.pi if math.isinf(longest) else math.atan2(distance, t0 - longest)
-    axis = optics.emitter.axis
-    p_along, p_foot = dot(axis, d), dot(axis, off) / distance
-    center = math.atan2(p_foot, -p_along)
-    if center < -0.5 * math.pi:
-        center += 2.0 * math.pi
-    miss = math.acos(min(math.hypot(p_along, p_foot), 1.0))
-    scale = math.hypot(width, miss)
-    low, high = math.atan((first - center) / scale), math.atan((last - center) / scale)
-    return Pass(t0, distance, center, scale, low, high)
+    line = seen_line(p, d, longest, lamp, optics.emitter.axis)
+    scale = math.hypot(width, math.acos(min(line.nearest, 1.0)))
+    low = math.atan((line.low - line.center) / scale)
+    high = math.atan((line.high - line.center) / scale)
+    return Pass(line.foot, line.distance, line.center, scale, low, high)
 
 
 @inlined

@@ -14,16 +14,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.aiming import STEP, Aim, Jacobian, Shot, emission_through
-from meshtrace.kernels.chain_gain import acceptance, is_steep, keep, transmittance, weight_of
+from meshtrace.kernels.aiming import STEP, Aim, Jacobian, Shot, emission_through, quotients
+from meshtrace.kernels.chain_gain import (
+    Crossing,
+    acceptance,
+    is_steep,
+    keep,
+    transmittance,
+    weight_of,
+)
 from meshtrace.kernels.crossings import Counter, shot_of
 from meshtrace.kernels.facets import corners, exposure, normal_at, slope_tilt
 from meshtrace.kernels.interface import reflectance
-from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
-from meshtrace.kernels.medium import absorption_path, scattering_path
+from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
+from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.scene import height_on, locate
 from meshtrace.kernels.sources import intensity
-from meshtrace.kernels.unscattered import beam_width, node, solid_angle, straight_depth
+from meshtrace.kernels.unscattered import (
+    beam_width,
+    nodes_of,
+    part_of_row,
+    solid_angle,
+    straight_depth,
+)
 from meshtrace.kernels.vectors import (
     UP,
     Vec2,
@@ -154,14 +167,10 @@ def blurred_gain(scene, disk, needed, gain, doubtful):
             return False
         steep = True
         for i in range(n):
-            for j in range(n - i):
-                g, s = _part_gain(f, n, i, j, ONE, disk, scene)
+            for k in range(2 * (n - i) - 1):
+                g, s = _part_gain(f, n, *part_of_row(i, k), disk, scene)
                 gain[f] += g
                 steep = steep and s
-                if i + j <= n - 2:
-                    g, s = _part_gain(f, n, i + 1, j + 1, -ONE, disk, scene)
-                    gain[f] += g
-                    steep = steep and s
         doubtful[f] = gain[f] > 0.0 and not steep
     return True
 
@@ -182,7 +191,7 @@ def slope_range(f, scene):
 
 @inlined
 def _range_of(u, v, w):
-    """Return what `slope_range` does of the slopes at the corners."""
+    """Return the `slope_range` of a facet from the slopes needed at its corners."""
     x, y = (u.x + v.x + w.x) / 3.0, (u.y + v.y + w.y) / 3.0
     p, q, r = minus2(u, v), minus2(v, w), minus2(w, u)
     change = max(dot2(p, p), dot2(q, q), dot2(r, r))
@@ -213,11 +222,10 @@ class LitPart(NamedTuple):
 
 @inlined
 def lit_part(f, n, i, j, side, scene):
-    """Return the part with the nodes (i, j), (i + side, j), (i, j + side)."""
+    """Return the part with the corners `nodes_of`."""
     surface, source = scene.surface, scene.emitter.position
-    p = minus(node(f, n, i, j, surface), source)
-    q = minus(node(f, n, i + side, j, surface), source)
-    r = minus(node(f, n, i, j + side, surface), source)
+    p, q, r = nodes_of(f, n, i, j, side, surface)
+    p, q, r = minus(p, source), minus(q, source), minus(r, source)
     way = blend(1.0 / 3.0, 1.0 / 3.0, p, q, r)
     length = norm(way)
     w = scaled(1.0 / length, way)
@@ -226,14 +234,6 @@ def lit_part(f, n, i, j, side, scene):
     facing = dot(w, row(surface.face_normals, f))
     light = intensity(scene.emitter, w) if facing > 0.0 else 0.0
     return LitPart(middle, normal, w, length, solid_angle(p, q, r), light)
-
-
-@inlined
-def depth_below(part, scene):
-    """Return the optical depth from the source to a part of a facet."""
-    source = scene.emitter.position
-    tau = absorption_path(scene.medium, source.z, part.middle.z, part.length)
-    return tau + scattering_path(scene.medium, source, part.middle, part.length)
 
 
 @outlined
@@ -258,7 +258,7 @@ def _part_gain(f, n, i, j, side, disk, scene):
     if total == 0.0:
         return 0.0, True
     if not scene.mirrored:
-        light *= math.exp(-depth_below(part, scene))
+        light *= math.exp(-depth_between(scene.medium, source, middle, part.length))
     return scene.target.area * light * part.omega * total, steep
 
 
@@ -280,17 +280,11 @@ def blurred_contributions(chains, flat, spread, scene, out):
         for k in range(len(flat[i])):
             if flat[i, k].branch == 0.0:
                 break
-            x, y = proposed(flat[i, k], chains.tilt[i, 0], chains.tilt[i, 1], spread, scene)
-            facet = locate(scene.locator, scene.surface, x, y)
-            if facet < 0:
-                continue
-            p = Vec3(x, y, height_on(x, y, facet, scene.surface))
-            shot = shot_of(chains, i, scene, flat[i, k].branch, scene.surface.roughness)
-            w, steep, aim = weigh_sloped(chains, i, flat[i], p, facet, shot, spread, scene)
-            if w <= 0.0:
+            light = sloped_crossing(chains, i, flat[i], k, spread, scene)
+            if light.weight <= 0.0:
                 continue
             out.counters[Counter.SOLVED] += 1
-            counts = keep(chains, i, p, w, steep, aim, shot.start, counts, scene, out)
+            counts = keep(chains, i, light.weight, light, counts, scene, out)
     return counts
 
 
@@ -305,7 +299,16 @@ def _lifted(flat, scene):
 
 
 @inlined
-def proposed(flat, first, second, spread, scene):
+def sloped_crossing(chains, i, flat, k, spread, scene):
+    """Return the `Crossing` of chain i that is proposed for crossing k of the flat sea."""
+    x, y = _proposed(flat[k], chains.tilt[i, 0], chains.tilt[i, 1], spread, scene)
+    facet = locate(scene.locator, scene.surface, x, y)
+    shot = shot_of(chains, i, scene, flat[k].branch, scene.surface.roughness)
+    return _weigh_sloped(chains, i, flat, x, y, facet, shot, spread, scene)
+
+
+@inlined
+def _proposed(flat, first, second, spread, scene):
     """Return the crossing of the flat sea displaced by a standard normal slope."""
     x, y = _lifted(flat, scene)
     s = slope_tilt(spread, first, second)
@@ -332,35 +335,27 @@ def _density(flat, x, y, branch, spread, scene):
 
 
 @outlined
-def weigh_sloped(chains, i, flat, p, facet, shot, spread, scene):
-    """Return (weight, steep, aim) of chain i through P: its light over the density of P."""
+def _weigh_sloped(chains, i, flat, x, y, facet, shot, spread, scene):
+    """Return the `Crossing` of chain i over (x, y): its light over the density of the point."""
+    p = Vec3(x, y, height_on(x, y, facet, scene.surface))
     ok, length, w, d = emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
-    n = normal_at(p.x, p.y, facet, scene.surface)
     none = Aim(False, shot.goal, w, d, UP, 1.0, length, 0.0)
-    if not ok or dot(d, row(scene.surface.face_normals, facet)) <= 0.0:
-        return 0.0, True, none
+    nothing = Crossing(0.0, True, none, p, shot.start)
+    if facet < 0 or not ok or dot(d, row(scene.surface.face_normals, facet)) <= 0.0:
+        return nothing
+    n = normal_at(x, y, facet, scene.surface)
     s = slope_towards(p, n, w, d, length, shot.goal, scene)
-    density = _density(flat, p.x, p.y, shot.branch, spread, scene)
+    density = _density(flat, x, y, shot.branch, spread, scene)
     if s.density == 0.0 or density == 0.0:
-        return 0.0, True, none
-    ok_x, x = _emission_at(p.x + STEP, p.y, facet, shot, scene)
-    ok_y, y = _emission_at(p.x, p.y + STEP, facet, shot, scene)
-    h = 1.0 / STEP
-    j = Jacobian(
-        ok_x and ok_y,  # a scattering closer to the surface than a step has no derivative
-        s.aim,
-        density / s.density,
-        0.0,
-        0.0,
-        1.0,
-        (x.x - w.x) * h,
-        (y.x - w.x) * h,
-        (x.y - w.y) * h,
-        (y.y - w.y) * h,
-    )
+        return nothing
+    ok_x, w_x = _emission_at(x + STEP, y, facet, shot, scene)
+    ok_y, w_y = _emission_at(x, y + STEP, facet, shot, scene)
+    turns = quotients(w, w_x, w_y)
+    # a scattering closer to the surface than a step has no derivative
+    j = Jacobian(ok_x and ok_y, s.aim, density / s.density, 0.0, 0.0, 1.0, *turns)
     shot = Shot(shot.start, shot.q, shot.v, shot.goal, shot.branch, s.tilt)
     weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
-    return weight, is_steep(s.aim, scene) and deep, s.aim
+    return Crossing(weight, is_steep(s.aim, scene) and deep, s.aim, p, shot.start)
 
 
 @inlined

@@ -13,7 +13,6 @@ from meshtrace.kernels.blurred import (
     MOST_SLOPE,
     PART_BEAM,
     PART_SLOPE,
-    depth_below,
     lit_part,
     slope_range,
     slope_towards,
@@ -22,32 +21,25 @@ from meshtrace.kernels.chain_gain import acceptance, is_steep, transmittance
 from meshtrace.kernels.crossings import straight_shot
 from meshtrace.kernels.facets import exposure, normal_at
 from meshtrace.kernels.interface import FieldOfView
-from meshtrace.kernels.jit import ONE, entry, inlined, outlined
+from meshtrace.kernels.jit import entry, inlined, outlined
+from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.places import moved
 from meshtrace.kernels.scene import height_on
 from meshtrace.kernels.shadow import is_free
-from meshtrace.kernels.sources import intensity
 from meshtrace.kernels.unscattered import (
     BEAM_SHARE,
     EDGE,
     beam_width,
+    carried,
     is_lit_corner,
     is_reflected,
     node,
+    nodes_of,
+    part_of_row,
     push_quarters,
     solid_angle,
-    straight_depth,
 )
-from meshtrace.kernels.vectors import (
-    Vec2,
-    Vec3,
-    along,
-    cross2,
-    minus,
-    minus2,
-    norm,
-    scaled,
-)
+from meshtrace.kernels.vectors import Vec2, Vec3, along, cross2, minus, minus2, norm, scaled
 
 _ROUNDING = 1e-12  # share of an image
 
@@ -145,8 +137,7 @@ def _light(x, y, f, cell, shot, scene):
     light = acceptance(m, p, moved(scene, cell.x, cell.y).target, scene.interface.fov)
     if light == 0.0 or not (is_steep(m, scene) or _free(p, m, scene)):
         return 0.0
-    light *= intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
-    return light * math.exp(-straight_depth(p, m, scene.emitter.position, scene))
+    return carried(light, p, m, scene)
 
 
 @outlined
@@ -155,9 +146,7 @@ def _part_cells(f, n, i, j, side, cells, poly, shot, scene, gain):
 
     Array twin: `unscattered.image_gain` of one aperture.
     """
-    p = node(f, n, i, j, scene.surface)
-    q = node(f, n, i + side, j, scene.surface)
-    r = node(f, n, i, j + side, scene.surface)
+    p, q, r = nodes_of(f, n, i, j, side, scene.surface)
     a = aim_at(p.x, p.y, f, shot, scene)
     b = aim_at(q.x, q.y, f, shot, scene)
     c = aim_at(r.x, r.y, f, shot, scene)
@@ -288,10 +277,8 @@ def blurred_map(scene, cells, stretch, most, rules, gain):
         if n > most:
             return False
         for i in range(n):
-            for j in range(n - i):
-                _blurred_part(f, n, i, j, ONE, box, cells, rules, scene, gain)
-                if i + j <= n - 2:
-                    _blurred_part(f, n, i + 1, j + 1, -ONE, box, cells, rules, scene, gain)
+            for k in range(2 * (n - i) - 1):
+                _blurred_part(f, n, *part_of_row(i, k), box, cells, rules, scene, gain)
     return True
 
 
@@ -338,7 +325,8 @@ def _blurred_part(f, n, i, j, side, box, cells, rules, scene, gain):
     part = lit_part(f, n, i, j, side, scene)
     if part.light == 0.0:
         return
-    light = part.light * math.exp(-depth_below(part, scene)) * part.omega
+    tau = depth_between(scene.medium, scene.emitter.position, part.middle, part.length)
+    light = part.light * math.exp(-tau) * part.omega
     light *= cells.step * cells.step
     for k in range(box.west, box.east + 1):
         x = cells.x + (k + 0.5) * cells.step

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.aiming import jacobian
+from meshtrace.kernels.aiming import Aim, jacobian
 from meshtrace.kernels.crossings import find_crossings, shot_of
 from meshtrace.kernels.facets import SMOOTH, exposure, normal_at, tilted
 from meshtrace.kernels.interface import FieldOfView, FresnelMode
@@ -62,6 +62,16 @@ class Output(NamedTuple):
     roots: NDArray[np.void]  # ROOT
 
 
+class Crossing(NamedTuple):
+    """Crossing of a chain, and the light that it brings."""
+
+    weight: float
+    steep: bool  # no wave can cut its paths off
+    aim: Aim
+    point: Vec3
+    start: Vec3  # of the chain
+
+
 @entry
 def contributions(chains, flat, audits, search, scene, out):
     """Write the contribution of each chain to the aperture.
@@ -77,12 +87,11 @@ def contributions(chains, flat, audits, search, scene, out):
         for k in range(find_crossings(chains, i, flat[i], audits[i], search, scene, out)):
             root = out.roots[k]
             shot = shot_of(chains, i, scene, root.branch, scene.surface.roughness)
-            p = Vec3(root.x, root.y, height_on(root.x, root.y, root.facet, scene.surface))
-            w, steep, aim = weigh(chains, i, p, root.facet, shot, scene)
-            w *= root.multiplicity
+            light = weigh(chains, i, root.x, root.y, root.facet, shot, scene)
+            w = light.weight * root.multiplicity
             if w <= 0.0:
                 continue
-            counts = keep(chains, i, p, w, steep, aim, shot.start, counts, scene, out)
+            counts = keep(chains, i, w, light, counts, scene, out)
     return counts
 
 
@@ -110,22 +119,22 @@ def flat_contributions(chains, flat, scene, score):
 
 
 @inlined
-def keep(chains, i, p, w, steep, aim, start, counts, scene, out):
-    """Score the light w of chain i that crosses at p, or list it as doubtful with its rays.
+def keep(chains, i, w, light, counts, scene, out):
+    """Score the light w of chain i by its `Crossing`, or list it as doubtful with its rays.
 
     Array twin: none, a list for Embree.
     `counts` are those of `contributions`, returned with what is added.
     """
     n_doubt, n_rays, n_arrivals = counts
-    first = n_rays
-    if not steep:
-        n_rays = list_paths(chains, i, aim, p, start, n_doubt, scene, out.rays, n_rays)
+    first, aim = n_rays, light.aim
+    if not light.steep:
+        n_rays = list_paths(chains, i, light, n_doubt, scene, out.rays, n_rays)
     if n_arrivals < len(out.arrivals):
         a = out.arrivals[n_arrivals]
         a.chain, a.weight = i, w
         a.water, a.air = chains.path[i] + aim.length, aim.flight
         a.doubt = n_doubt if n_rays > first else -1
-        write(a.point, p)
+        write(a.point, light.point)
         write(a.emission, aim.w)
         n_arrivals += 1
     if n_rays > first:
@@ -181,14 +190,12 @@ def _is_seen(m, p, target, fov):
 
 
 @inlined
-def weigh(chains, i, p, facet, shot, scene):
-    """Return (weight, steep, aim) of a crossing of chain i on a facet.
-
-    `steep`: no wave can cut its paths off.
-    """
-    j = jacobian(p.x, p.y, facet, shot, scene)
+def weigh(chains, i, x, y, facet, shot, scene):
+    """Return the `Crossing` of chain i over (x, y) on a facet."""
+    p = Vec3(x, y, height_on(x, y, facet, scene.surface))
+    j = jacobian(x, y, facet, shot, scene)
     weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
-    return weight, is_steep(j.aim, scene) and deep, j.aim
+    return Crossing(weight, is_steep(j.aim, scene) and deep, j.aim, p, shot.start)
 
 
 @inlined
@@ -282,18 +289,18 @@ def _transmit(chains, i, m, p, start, scene):
 
 
 @outlined
-def list_paths(chains, i, m, p, source, crossing, scene, rays, n):
-    """List the straight parts of a path that a wave may block; return the number of rays.
+def list_paths(chains, i, light, crossing, scene, rays, n):
+    """List the straight parts of a `Crossing`'s path that a wave may block; return the rays.
 
     Array twin: none, a list for Embree.
     A vertex above the highest crest needs no ray of its own: the path to it or from it is cut.
     """
     low, high, slope = scene.surface.low[2], scene.surface.high[2], scene.surface.max_slope
-    start = source
+    m, p, start = light.aim, light.point, light.start
     order = chains.vertex.shape[1]
     for k in range(order + (2 if scene.interface.follow_second_hit else 1)):
         if k < order:
-            end = _vertex(chains, i, k, m, source)
+            end = _vertex(chains, i, k, m, light.start)
         elif k == order:
             end = p
         else:

@@ -1,4 +1,7 @@
-"""Crossings of each chain over one surface: Newton from those of a flat sea, and audits."""
+"""Crossings of each chain over one surface: Newton from those of a flat sea, and audits.
+
+An audit searches every facet for all crossings near that of a flat sea that land on one point.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,146 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.aiming import Shot, flat_crossing, newton
-from meshtrace.kernels.facets import SMOOTH, inside_facet, slope_tilt
+from meshtrace.kernels.aiming import Shot, aim_at, flat_crossing, newton
+from meshtrace.kernels.facets import SMOOTH, corners, inside_facet, slope_tilt
 from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
-from meshtrace.kernels.roots import MARGIN, enumerate_roots, is_known, listed_roots
-from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
+from meshtrace.kernels.scene import FLAT_SEA, bins_near, height_on, is_first_bin, locate
 from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, along, dot, norm, row
+
+MARGIN = 1.3  # on first-order bounds, for the higher orders
+
+ROOT = np.dtype(
+    [
+        ("x", float),
+        ("y", float),
+        ("branch", float),
+        ("facet", np.int64),
+        ("multiplicity", float),  # number of crossings that it stands for
+    ]
+)
+"""A crossing of the surface that lands on the point aimed at."""
+
+
+@inlined
+def is_known(roots, first, last, x, y, branch, tolerance):
+    """Return whether a crossing is one of the records first <= k < last.
+
+    Array twin: numpy.abs of differences.
+    """
+    for k in range(first, last):
+        r = roots[k]
+        if r.branch == branch and abs(r.x - x) + abs(r.y - y) < tolerance:
+            return True
+    return False
+
+
+@outlined
+def enumerate_roots(roots, n, flat, radius, shot, scene):
+    """Append every crossing near a flat-sea crossing that lands on the point; return the number.
+
+    Array twin: the roots of the analytic sinusoid in the tests.
+    Every facet within `radius` is searched.
+    """
+    grid = scene.locator
+    i0, i1, j0, j1 = bins_near(flat.x, flat.y, radius, grid)
+    for i in range(i0, i1 + 1):
+        for j in range(j0, j1 + 1):
+            for k in range(grid.start[i * grid.ny + j], grid.start[i * grid.ny + j + 1]):
+                f = np.int64(grid.facet[k])
+                if may_hold(scene.facets[f], flat, shot.tilt, 0.0):
+                    if is_first_bin(i, j, i0, j0, f, scene.surface, grid):
+                        n = _facet_roots(roots, n, f, flat, shot, scene)
+    return n
+
+
+@outlined
+def listed_roots(roots, n, flat, facets, shot, scene):
+    """Append every crossing on some facets that lands on the point; return the number.
+
+    Array twin: `enumerate_roots`, which searches every facet.
+    """
+    for k in range(len(facets)):
+        f = np.int64(facets[k])
+        if may_hold(scene.facets[f], flat, shot.tilt, 0.0):
+            n = _facet_roots(roots, n, f, flat, shot, scene)
+    return n
+
+
+@inlined
+def may_hold(facet, flat, tilt, slack):
+    """Return whether a crossing may lie within `slack` [m] of a facet, to first order.
+
+    Array twin: `_facet_roots` without it finds the same roots.
+    The flat crossing moves by dP/dslope and dP/dz; half of the move is left for the
+    higher orders, and the facet's size grows by its curvature.
+    """
+    sx, sy = facet.slope_x + tilt.x, facet.slope_y + tilt.y
+    dz = facet.z - flat.level
+    mx, my = flat.m11 * sx + flat.m12 * sy, flat.m21 * sx + flat.m22 * sy
+    hx, hy = flat.h1 * dz, flat.h2 * dz
+    move = abs(mx) + abs(my) + abs(hx) + abs(hy)
+    bend = abs(flat.m11) + abs(flat.m12) + abs(flat.m21) + abs(flat.m22)
+    reach = 0.5 * move + 2.0 * facet.radius * (1.0 + bend * facet.curvature) + slack
+    ex, ey = flat.x + mx + hx - facet.x, flat.y + my + hy - facet.y
+    return ex * ex + ey * ey <= reach * reach
+
+
+@outlined
+def corner_shines(f, shot, scene):
+    """Return whether light leaves the water at a corner of a facet, but not at its centroid.
+
+    Array twin: fine meshes of the same water in the tests.
+    """
+    for p in corners(scene.surface.vertices, f, scene.surface.faces):
+        if aim_at(p.x, p.y, f, shot, scene).ok:
+            return True
+    return False
+
+
+@inlined
+def spread_of(facet, flat):
+    """Return the largest distance of landing points of a facet from that of its centroid [m].
+
+    Array twin: `_facet_roots` without it finds the same roots.
+    """
+    return MARGIN * facet.radius * (flat.high + flat.lever * facet.curvature)
+
+
+@outlined
+def _facet_roots(roots, n, f, flat, shot, scene):
+    """Add the roots on facet f.
+
+    If its centroid lands farther from the point than |dX/dP| of a curved surface could bring
+    over the facet's size, it holds none. Where a fold of the map runs through a facet there
+    may be two: Newton starts from its corners too.
+    """
+    facet = scene.facets[f]
+    x, y = facet.x, facet.y
+    m = aim_at(x, y, f, shot, scene)
+    bend = flat.lever * facet.curvature
+    if m.ok:
+        if math.hypot(m.at.x - shot.goal.x, m.at.y - shot.goal.y) > spread_of(facet, flat):
+            return n
+    elif not corner_shines(f, shot, scene):
+        return n
+    first = n
+    n = _add_root(roots, n, first, x, y, f, shot, scene)
+    if not m.ok or (scene.surface.interpolate and bend > 0.5 * flat.high):
+        for p in corners(scene.surface.vertices, f, scene.surface.faces):
+            n = _add_root(roots, n, first, p.x, p.y, f, shot, scene)
+    return n
+
+
+@inlined
+def _add_root(roots, n, first, x, y, f, shot, scene):
+    found, x, y, _ = newton(x, y, f, YES, 2.0 * scene.facets[f].radius, shot, scene)
+    if not found or n >= len(roots) or not inside_facet(x, y, f, scene.surface):
+        return n
+    if is_known(roots, first, n, x, y, shot.branch, 1e-6):
+        return n
+    roots[n].x, roots[n].y, roots[n].branch, roots[n].facet = x, y, shot.branch, f
+    return n + 1
+
 
 _FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, that is much
 _AUDIT_FAILED = 0.25  # share of chains without a solution whose facets are all searched
@@ -208,7 +345,7 @@ def _near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counter
 
 @inlined
 def radius_of(flat, search, shot, scene):
-    """Return how far from a flat crossing those of the wavy sea may lie [m].
+    """Return the largest distance of crossings of the wavy sea from a flat one [m].
 
     Array twin: `enumerate_roots` over all of the sea finds no others.
     """

@@ -18,6 +18,7 @@ from meshtrace.kernels.vectors import (
     dot,
     minus,
     minus2,
+    on_circle,
     row,
     unit,
 )
@@ -174,6 +175,14 @@ def slope_tilt(roughness, along, across):
     """
     a, c = roughness.along * along, roughness.across * across
     return Vec2(roughness.cos * a - roughness.sin * c, roughness.sin * a + roughness.cos * c)
+
+
+@inlined
+def drawn_tilt(roughness, u, v):
+    """Return the slopes along x and y of two uniforms."""
+    r = math.sqrt(-2.0 * math.log(u))
+    cos_phi, sin_phi = on_circle(v)
+    return slope_tilt(roughness, r * cos_phi, r * sin_phi)
 
 
 @inlined

@@ -54,7 +54,7 @@ _bare: dict[str, Any] = {
     **({"pipeline_class": PartCompiler} if _LINKED else {}),
 }
 
-ZERO, ONE, TWO = np.int64(0), np.int64(1), np.int64(2)
+ZERO, ONE = np.int64(0), np.int64(1)
 """Numbers as arguments: a literal has a type of its own, which would compile the function again."""
 NO, YES = np.bool_(False), np.bool_(True)
 

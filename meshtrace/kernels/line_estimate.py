@@ -20,13 +20,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from meshtrace.kernels.angle_table import (
-    SMALLEST_ANGLE,
-    AngleTable,
-    angle_of_tail,
-    phase_at,
-    tail_at,
-)
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import (
     Medium,
@@ -36,9 +29,16 @@ from meshtrace.kernels.medium import (
     scattering_coefficients,
     scattering_depth,
 )
+from meshtrace.kernels.phase import (
+    SMALLEST_ANGLE,
+    AngleTable,
+    angle_of_tail,
+    phase_at,
+    tail_at,
+)
 from meshtrace.kernels.scene import Emitter
 from meshtrace.kernels.sources import SourceKind, emission_s, intensity
-from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm, turn
+from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm, scaled, turn
 
 _DISTANCE_SHARE = 0.25  # of the samples drawn by the distance along the line
 _BEAM_SHARE = 0.35  # of those drawn by the angle to the axis of a beam
@@ -62,31 +62,58 @@ class Optics(NamedTuple):
     beam_rate: float  # inverse of the mean distance of points drawn in the beam [m-1]
 
 
+class SeenLine(NamedTuple):
+    """A line seen from the source."""
+
+    foot: float  # t0 [m]
+    distance: float  # D [m]
+    low: float  # scattering angles at its ends [rad]
+    high: float
+    center: float  # theta_c
+    nearest: float  # A, cosine of the angle at which it passes the axis
+
+
 @inlined
-def _beam(emitter, cos_along, cos_foot):
-    """Return (theta_c, half, width) of the part of a line inside the beam of the source.
+def seen_line(p, d, longest, lamp, axis):
+    """Return the `SeenLine` from p along d.
+
+    Array twin: none, geometry.
+    """
+    to_lamp = minus(lamp, p)
+    t0 = dot(to_lamp, d)
+    off = minus(scaled(t0, d), to_lamp)
+    # lines that pass closer are beyond double precision, and beyond the table
+    distance = max(norm(off), SMALLEST_ANGLE * norm(to_lamp))
+    low = math.atan2(distance, t0)
+    high = math.pi if math.isinf(longest) else math.atan2(distance, t0 - longest)
+    cos_along, cos_foot = dot(axis, d), dot(axis, off) / distance
+    center = math.atan2(cos_foot, -cos_along)
+    if center < -0.5 * math.pi:
+        center += 2.0 * math.pi
+    return SeenLine(t0, distance, low, high, center, math.hypot(cos_along, cos_foot))
+
+
+@inlined
+def _beam(emitter, nearest):
+    """Return (half, width) of the part of a line inside the beam of the source.
 
     The source shines between theta_c - half and theta_c + half only (half < 0: nowhere); width
     is the scale of the logistic law that follows its intensity, 0 for none.
     """
-    center = math.atan2(cos_foot, -cos_along)
-    if center < -0.5 * math.pi:
-        center += 2.0 * math.pi
     if emitter.kind == SourceKind.ISOTROPIC:
-        return center, 2.0 * math.pi, 0.0
+        return 2.0 * math.pi, 0.0
     if emitter.kind == SourceKind.LED:
         width = 0.6 / math.sqrt(emitter.spread) if emitter.spread > 4.0 else 0.0
-        return center, 0.5 * math.pi, width
+        return 0.5 * math.pi, width
     widest, width = emitter.spread, 0.0
     if emitter.kind == SourceKind.GAUSSIAN_BEAM:
         width = 0.3 * emitter.spread
         widest *= _GAUSSIAN_END
     if widest > 0.5 * math.pi:
-        return center, 2.0 * math.pi, width
-    largest = math.hypot(cos_along, cos_foot)
-    if largest <= math.cos(widest):
-        return center, -1.0, width
-    return center, math.acos(math.cos(widest) / largest), width
+        return 2.0 * math.pi, width
+    if nearest <= math.cos(widest):
+        return -1.0, width
+    return math.acos(math.cos(widest) / nearest), width
 
 
 @inlined
@@ -163,13 +190,9 @@ def line_of(p, d, longest, lamp, optics):
 
     Array twin: none, geometry.
     """
-    to_lamp = minus(lamp, p)
-    t0 = dot(to_lamp, d)
-    off = Vec3(t0 * d.x - to_lamp.x, t0 * d.y - to_lamp.y, t0 * d.z - to_lamp.z)
-    # lines that pass closer are beyond double precision, and beyond the table
-    distance = max(norm(off), SMALLEST_ANGLE * norm(to_lamp))
-    part = _lit_part(d, t0, distance, off, longest, optics.emitter)
-    lit, low, high, first, last, center, width = part
+    seen = seen_line(p, d, longest, lamp, optics.emitter.axis)
+    foot, distance, _, _, center, _ = seen
+    lit, low, high, first, last, width = _lit_part(seen, longest, optics.emitter)
     mass, mass_bubble, share_bubble = 0.0, 0.0, 0.0
     side, share_beam, f_low, f_high = 1.0, 0.0, 0.0, 0.0
     if lit:
@@ -188,27 +211,22 @@ def line_of(p, d, longest, lamp, optics):
             if abs(f_high - f_low) > 1e-250:
                 share_beam = _BEAM_SHARE
     ends = low, high, first, last, center, width, side, f_low, f_high
-    return Line(lit, t0, distance, *ends, share_beam, share_bubble, mass, mass_bubble)
+    return Line(lit, foot, distance, *ends, share_beam, share_bubble, mass, mass_bubble)
 
 
 @inlined
-def _lit_part(d, t0, distance, off, longest, emitter):
-    """Return (lit, angles, distances, theta_c, width) of the part of a line that is lit."""
-    low, high, first, last = 0.0, 0.0, 0.0, longest
-    center, half, width = 0.0, -1.0, 0.0
-    if distance > 0.0:
-        low = math.atan2(distance, t0)
-        high = math.pi if math.isinf(longest) else math.atan2(distance, t0 - longest)
-        axis = emitter.axis
-        center, half, width = _beam(emitter, dot(axis, d), dot(axis, off) / distance)
-        if center - half > low:
-            low = center - half
-            first = min(max(t0 - distance / math.tan(low), 0.0), longest)
-        if center + half < high:
-            high = center + half
-            last = min(max(t0 - distance / math.tan(high), first), longest)
-    lit = half >= 0.0 and low < high and first < last
-    return lit, low, high, first, last, center, width
+def _lit_part(seen, longest, emitter):
+    """Return (lit, angles, distances, width) of the part of a line that is lit."""
+    low, high, first, last = seen.low, seen.high, 0.0, longest
+    half, width = _beam(emitter, seen.nearest)
+    if seen.center - half > low:
+        low = seen.center - half
+        first = min(max(seen.foot - seen.distance / math.tan(low), 0.0), longest)
+    if seen.center + half < high:
+        high = seen.center + half
+        last = min(max(seen.foot - seen.distance / math.tan(high), first), longest)
+    lit = seen.distance > 0.0 and half >= 0.0 and low < high and first < last
+    return lit, low, high, first, last, width
 
 
 @inlined

@@ -243,23 +243,15 @@ def collide(medium, p, weight, u_kind, u_theta):
     pick = u_kind * majorant
     if pick >= total:
         return -1.0, weight
-    if mode == Absorption.CONTINUOUS:
-        pick_b = pick
-    else:
-        albedo = scatter / total
-        if mode == Absorption.ANALOG:
-            if pick >= scatter:
-                return -1.0, 0.0
-            pick_b = pick
-        elif mode == Absorption.IMPLICIT:
-            weight *= albedo
-            pick_b = pick * albedo
-        else:  # Algorithm 1 as published: weighted at every interaction, turned in a few
-            weight *= albedo
-            if pick >= scatter:
-                return -1.0, weight
-            pick_b = pick
-    if pick_b < b:
+    if mode == Absorption.IMPLICIT or mode == Absorption.PAPER:
+        weight *= scatter / total
+    if mode == Absorption.IMPLICIT:
+        pick *= scatter / total
+    elif (
+        pick >= scatter
+    ):  # Algorithm 1 as published is weighted at every interaction, turned in few
+        return -1.0, 0.0 if mode == Absorption.ANALOG else weight
+    if pick < b:
         return sample_s(medium.phase_water, u_theta), weight
     return sample_s(medium.phase_bubble, u_theta), weight
 
@@ -279,8 +271,16 @@ def scattering_depth(medium, p, d, t):
 
     Array twin: see `scattering_path`.
     """
-    q = along(p, d, t)
-    return scattering_path(medium, p, q, t)
+    return scattering_path(medium, p, along(p, d, t), t)
+
+
+@inlined
+def depth_between(medium, p, q, length):
+    """Return the optical depth of absorption and scattering along a straight path from p to q.
+
+    Array twin: see `scattering_path`.
+    """
+    return absorption_path(medium, p.z, q.z, length) + scattering_path(medium, p, q, length)
 
 
 @inlined
@@ -289,7 +289,7 @@ def optical_depth(medium, p, d, t):
 
     Array twin: see `scattering_path`.
     """
-    return scattering_depth(medium, p, d, t) + absorption_path(medium, p.z, p.z + t * d.z, t)
+    return depth_between(medium, p, along(p, d, t), t)
 
 
 @inlined

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.kernels.aiming import aim_at, land_sloped
-from meshtrace.kernels.crossings import radius_of, shot_of
+from meshtrace.kernels.crossings import MARGIN, may_hold, radius_of, shot_of, spread_of
 from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
-from meshtrace.kernels.roots import MARGIN, may_hold, spread_of
 from meshtrace.kernels.scene import bins_near, is_first_bin
 from meshtrace.kernels.vectors import Vec3
 
@@ -106,13 +105,19 @@ def _passes(f, flat, slack, hair, shot, scene):
 def _probe(flat, radius, shot, scene, out):
     """Write landings less the point around a flat crossing; return whether all land."""
     for k in range(PROBES):
-        side = radius if k % 2 == 0 else -radius
-        x, y = (flat.x + side, flat.y) if k < 2 else (flat.x, flat.y + side)
-        m = land_sloped(Vec3(x, y, flat.level), 0.0, 0.0, shot, scene)
+        m = _probed(k, flat, radius, shot, scene)
         if not m.ok:
             return False
         out[k, 0], out[k, 1] = m.at.x - shot.goal.x, m.at.y - shot.goal.y
     return True
+
+
+@inlined
+def _probed(k, flat, radius, shot, scene):
+    """Return the `Aim` of point k around a flat crossing."""
+    side = radius if k % 2 == 0 else -radius
+    x, y = (flat.x + side, flat.y) if k < 2 else (flat.x, flat.y + side)
+    return land_sloped(Vec3(x, y, flat.level), 0.0, 0.0, shot, scene)
 
 
 @entry
@@ -156,11 +161,8 @@ def _landing(f, g, lists, i, k, search, shot, scene):
     Twice the largest displacement on still water, for the slopes of the waves.
     """
     worst = 0.0
-    radius = lists.radius[i, k]
     for c in range(PROBES):
-        side = radius if c % 2 == 0 else -radius
-        x, y = (g.x + side, g.y) if c < 2 else (g.x, g.y + side)
-        m = land_sloped(Vec3(x, y, g.level), 0.0, 0.0, shot, scene)
+        m = _probed(c, g, lists.radius[i, k], shot, scene)
         if not m.ok:
             return math.inf
         dx = m.at.x - shot.goal.x - lists.miss[i, k, c, 0]

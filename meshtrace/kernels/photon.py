@@ -15,6 +15,7 @@ import numpy as np
 from meshtrace.kernels.facets import plane_distance
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import sample_free_path
+from meshtrace.kernels.photon_events import bounce, cross, fly_water, lowest, scatter, to_sky
 from meshtrace.kernels.photon_grid import UNKNOWN, grid_facet
 from meshtrace.kernels.photon_state import (
     GOES_ON,
@@ -28,14 +29,12 @@ from meshtrace.kernels.photon_state import (
     record,
     steeper_than_waves,
 )
-from meshtrace.kernels.photon_surface import cross, to_sky
-from meshtrace.kernels.photon_water import bounce, fly_water, lowest, scatter
 from meshtrace.kernels.prefetch import prefetch
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.sky import is_backward, launch_back
 from meshtrace.kernels.sources import launched
 from meshtrace.kernels.tally import Fate, deposit
-from meshtrace.kernels.vectors import along, dot, row
+from meshtrace.kernels.vectors import Vec3, along, dot, plus, row, write
 
 _NUDGE = 1e-4  # [m], displacement of a missed ray that is cast again
 _RETRIES = 3
@@ -60,7 +59,9 @@ def _start(q, photon, numbers, world):
 
 @inlined
 def _end(q, fate, world):
-    """Deposit the rest of the weight, count the photon and free its slot."""
+    """End a photon that has a fate: deposit the rest of its weight, count it, free its slot."""
+    if fate == GOES_ON:
+        return
     deposit(world.tallies, fate, q.weight)
     world.tallies.n_photons[q.outcome if q.outcome >= 0 else fate] += 1
     record(world.recorder, q, Vertex.END)
@@ -96,12 +97,9 @@ def _cast(q, slot, n_rays, pool, world):
         t = (world.surface.high[2] - q.z) / q.dz
     t = max(t - 1e-3 * (1.0 + t), 0.0)
     nudge = _NUDGE * q.retry
-    pool.origin[n_rays, 0] = q.x + t * q.dx + nudge
-    pool.origin[n_rays, 1] = q.y + t * q.dy + 0.7 * nudge
-    pool.origin[n_rays, 2] = q.z + t * q.dz + (-nudge if q.in_water == 1 else nudge)
-    pool.direction[n_rays, 0] = q.dx
-    pool.direction[n_rays, 1] = q.dy
-    pool.direction[n_rays, 2] = q.dz
+    aside = Vec3(nudge, 0.7 * nudge, -nudge if q.in_water == 1 else nudge)
+    write(pool.origin[n_rays], plus(along(place(q), heading(q), t), aside))
+    write(pool.direction[n_rays], heading(q))
     pool.ray_slot[n_rays] = slot
     return n_rays + 1
 
@@ -218,9 +216,7 @@ def _settle_all(pool, world):
     for slot in range(len(pool.photon)):
         q = pool.photon[slot]
         if q.status == Status.FACING:
-            fate = _settle(q, world)
-            if fate != GOES_ON:
-                _end(q, fate, world)
+            _end(q, _settle(q, world), world)
 
 
 @outlined
@@ -252,14 +248,12 @@ def _move_all(pool, world):
     for slot in range(len(pool.photon)):
         q = pool.photon[slot]
         if q.status == Status.MOVING:
-            fate = _move(q, world)
-            if fate != GOES_ON:
-                _end(q, fate, world)
+            _end(q, _move(q, world), world)
 
 
 @inlined
 def _expect(facet, surface):
-    """Request what `_settle` reads of a facet."""
+    """Request the numbers of a facet that `_settle` reads."""
     prefetch(surface.face_normals, facet)
     prefetch(surface.faces, facet)
 

@@ -175,15 +175,9 @@ def set_weight(q, weight, fate, world):
 @inlined
 def score_on_apertures(q, in_water, flight, world):
     """Score a straight path on the apertures; return whether any received it."""
+    fov, medium = world.interface.fov, world.medium
     return score_apertures(
-        world.tallies,
-        world.apertures,
-        world.first,
-        q.id,
-        in_water,
-        flight,
-        world.interface.fov,
-        world.medium,
+        world.tallies, world.apertures, world.first, q.id, in_water, flight, fov, medium
     )
 
 

@@ -6,22 +6,20 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import literal_unroll
 from numpy.typing import NDArray
 
-from meshtrace.kernels.blurred import proposed, weigh_sloped
+from meshtrace.kernels.aiming import FLAT
+from meshtrace.kernels.blurred import sloped_crossing
 from meshtrace.kernels.chain_gain import list_paths, weigh
-from meshtrace.kernels.crossings import (
-    Counter,
-    Search,
-    find_crossings,
-    flat_crossings_of,
-    shot_of,
-)
+from meshtrace.kernels.crossings import Counter, Search, find_crossings, flat_crossings_of, shot_of
 from meshtrace.kernels.facets import Roughness
 from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
-from meshtrace.kernels.scene import Scene, Target, height_on, locate
+from meshtrace.kernels.scene import Scene, Target
 from meshtrace.kernels.shadow import is_free
 from meshtrace.kernels.vectors import Vec3
+
+_MIXED = tuple(name for name in FLAT.names or () if name not in ("branch", "level"))
 
 
 class Nodes(NamedTuple):
@@ -68,14 +66,7 @@ def moved(scene, x, y):
     """
     t = scene.target
     center = Vec3(t.center.x + x, t.center.y + y, t.center.z)
-    target = Target(
-        center, t.axis, t.e1, t.e2, t.area, t.radius, t.cos_half_fov, t.tan_half_fov, t.reach,
-        t.sin_widest, t.is_lamp, t.lamp,
-    )  # fmt: skip
-    return Scene(
-        scene.emitter, target, scene.surface, scene.locator, scene.facets, scene.medium,
-        scene.interface, scene.mirrored,
-    )  # fmt: skip
+    return Scene(scene.emitter, Target(center, *t[1:]), *scene[2:])
 
 
 @outlined
@@ -108,8 +99,12 @@ def _same(f, g):
 
 
 @inlined
-def _mix(a, b, c, d, u, v):
-    return (1.0 - u) * ((1.0 - v) * a + v * b) + u * ((1.0 - v) * c + v * d)
+def _mix(f, g, h, k, u, v, out):
+    """Write the bilinear interpolant of four flat crossings."""
+    for name in literal_unroll(_MIXED):
+        low, high = (1.0 - v) * f[name] + v * g[name], (1.0 - v) * h[name] + v * k[name]
+        out[name] = (1.0 - u) * low + u * high
+    out.branch, out.level = f.branch, f.level
 
 
 @outlined
@@ -125,30 +120,17 @@ def _near_nodes(flats, x, y, nodes, out):
         return 0 if none else -1
     if f[1].branch != 0.0 or not (_same(f, g) and _same(f, h) and _same(f, k)):
         return -1
-    o, f, g, h, k = out[0], f[0], g[0], h[0], k[0]
-    o.x = _mix(f.x, g.x, h.x, k.x, u, v)
-    o.y = _mix(f.y, g.y, h.y, k.y, u, v)
-    o.low = _mix(f.low, g.low, h.low, k.low, u, v)
-    o.high = _mix(f.high, g.high, h.high, k.high, u, v)
-    o.lever = _mix(f.lever, g.lever, h.lever, k.lever, u, v)
-    o.lift = _mix(f.lift, g.lift, h.lift, k.lift, u, v)
-    o.m11 = _mix(f.m11, g.m11, h.m11, k.m11, u, v)
-    o.m12 = _mix(f.m12, g.m12, h.m12, k.m12, u, v)
-    o.m21 = _mix(f.m21, g.m21, h.m21, k.m21, u, v)
-    o.m22 = _mix(f.m22, g.m22, h.m22, k.m22, u, v)
-    o.h1 = _mix(f.h1, g.h1, h.h1, k.h1, u, v)
-    o.h2 = _mix(f.h2, g.h2, h.h2, k.h2, u, v)
-    o.branch, o.level = f.branch, f.level
+    _mix(f[0], g[0], h[0], k[0], u, v, out[0])
     out[1].branch = 0.0
     return 1
 
 
 @inlined
-def _arrives(chains, i, p, steep, aim, start, scene, room):
-    """Return whether no wave cuts off the path of chain i that crosses at p."""
-    if steep:
-        return True
-    n = list_paths(chains, i, aim, p, start, ZERO, scene, room.rays, ZERO)
+def _arrives(chains, i, light, scene, room):
+    """Return whether a `Crossing` of chain i brings light, and no wave cuts off its path."""
+    if light.steep or not light.weight > 0.0:
+        return light.weight > 0.0
+    n = list_paths(chains, i, light, ZERO, scene, room.rays, ZERO)
     for k in range(n):
         r = room.rays[k]
         origin = Vec3(r.origin[0], r.origin[1], r.origin[2])
@@ -164,18 +146,11 @@ def _rough_light(chains, i, spread, scene, room):
     """Return the light of chain i through a surface with random slopes."""
     total = 0.0
     for k in range(len(room.flat)):
-        flat = room.flat[k]
-        if flat.branch == 0.0:
+        if room.flat[k].branch == 0.0:
             break
-        x, y = proposed(flat, chains.tilt[i, 0], chains.tilt[i, 1], spread, scene)
-        facet = locate(scene.locator, scene.surface, x, y)
-        if facet < 0:
-            continue
-        p = Vec3(x, y, height_on(x, y, facet, scene.surface))
-        shot = shot_of(chains, i, scene, flat.branch, scene.surface.roughness)
-        w, steep, aim = weigh_sloped(chains, i, room.flat, p, facet, shot, spread, scene)
-        if w > 0.0 and _arrives(chains, i, p, steep, aim, shot.start, scene, room):
-            total += w
+        light = sloped_crossing(chains, i, room.flat, k, spread, scene)
+        if _arrives(chains, i, light, scene, room):
+            total += light.weight
     return total
 
 
@@ -186,10 +161,9 @@ def _light(chains, i, audit, search, scene, room):
     for k in range(find_crossings(chains, i, room.flat, audit, search, scene, room)):
         root = room.roots[k]
         shot = shot_of(chains, i, scene, root.branch, scene.surface.roughness)
-        p = Vec3(root.x, root.y, height_on(root.x, root.y, root.facet, scene.surface))
-        w, steep, aim = weigh(chains, i, p, root.facet, shot, scene)
-        if w > 0.0 and _arrives(chains, i, p, steep, aim, shot.start, scene, room):
-            total += w * root.multiplicity
+        light = weigh(chains, i, root.x, root.y, root.facet, shot, scene)
+        if _arrives(chains, i, light, scene, room):
+            total += light.weight * root.multiplicity
     return total
 
 

@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 from meshtrace.kernels.aiming import aim_at
 from meshtrace.kernels.chain_gain import acceptance, is_steep, transmittance
-from meshtrace.kernels.crossings import straight_shot
+from meshtrace.kernels.crossings import corner_shines, straight_shot
 from meshtrace.kernels.facets import corners, normal_at
 from meshtrace.kernels.jit import ONE, entry, inlined, outlined
-from meshtrace.kernels.medium import absorption_path, scattering_path
-from meshtrace.kernels.roots import corner_shines
+from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.scene import height_on
 from meshtrace.kernels.sources import SourceKind, intensity
 from meshtrace.kernels.vectors import (
@@ -121,12 +120,18 @@ def _light(x, y, f, shot, scene):
     m = aim_at(x, y, f, shot, scene)
     if not m.ok:
         return 0.0, True
-    p, source = Vec3(x, y, height_on(x, y, f, scene.surface)), scene.emitter.position
+    p = Vec3(x, y, height_on(x, y, f, scene.surface))
     light = acceptance(m, p, scene.target, scene.interface.fov)
     if light > 0.0:
-        light *= intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
-        light *= math.exp(-straight_depth(p, m, source, scene))
+        light = carried(light, p, m, scene)
     return light, is_steep(m, scene)
+
+
+@inlined
+def carried(light, p, m, scene):
+    """Return accepted light times intensity and transmittance of surface and water."""
+    light *= intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
+    return light * math.exp(-straight_depth(p, m, scene.emitter.position, scene))
 
 
 @inlined
@@ -138,11 +143,8 @@ def straight_depth(p, m, source, scene):
     """
     if scene.mirrored:
         q, end = Vec3(p.x, p.y, -p.z), along(p, m.r, m.flight)
-        end = Vec3(end.x, end.y, -end.z)
-        tau = absorption_path(scene.medium, q.z, end.z, m.flight)
-        return tau + scattering_path(scene.medium, q, end, m.flight)
-    tau = absorption_path(scene.medium, source.z, p.z, m.length)
-    return tau + scattering_path(scene.medium, source, p, m.length)
+        return depth_between(scene.medium, q, Vec3(end.x, end.y, -end.z), m.flight)
+    return depth_between(scene.medium, source, p, m.length)
 
 
 @entry
@@ -249,8 +251,7 @@ def push_quarters(stack, top, i, j, side):
 @outlined
 def is_lit_corner(f, nodes, i, j, side, shot, scene):
     """Return whether unscattered light crosses a corner of a part of a facet."""
-    for k in range(3):
-        q = node(f, nodes, i + (side if k == 1 else 0), j + (side if k == 2 else 0), scene.surface)
+    for q in nodes_of(f, nodes, i, j, side, scene.surface):
         if aim_at(q.x, q.y, f, shot, scene).ok:
             return True
     return False
@@ -279,13 +280,17 @@ def _facet_gain(f, n, shot, scene):
     """Sum the parts of a facet cut into n^2 triangles."""
     gain, steep = 0.0, True
     for i in range(n):
-        for j in range(n - i):
-            g, s = _triangle_gain(f, n, i, j, ONE, shot, scene)
+        for k in range(2 * (n - i) - 1):
+            g, s = _triangle_gain(f, n, *part_of_row(i, k), shot, scene)
             gain, steep = gain + g, steep and s
-            if i + j <= n - 2:
-                g, s = _triangle_gain(f, n, i + 1, j + 1, -ONE, shot, scene)
-                gain, steep = gain + g, steep and s
     return gain, steep
+
+
+@inlined
+def part_of_row(i, k):
+    """Return (i, j, side) of part k of row i of a facet: parts of either side in turn."""
+    odd = k % 2
+    return i + odd, k // 2 + odd, ONE - 2 * odd
 
 
 @inlined
@@ -298,12 +303,17 @@ def node(f, n, i, j, surface):
     return blend(i / n, j / n, a, b, c)
 
 
+@inlined
+def nodes_of(f, n, i, j, side, surface):
+    """Return the nodes (i, j), (i + side, j), (i, j + side) of a part of a facet."""
+    p, q = node(f, n, i, j, surface), node(f, n, i + side, j, surface)
+    return p, q, node(f, n, i, j + side, surface)
+
+
 @outlined
 def _triangle_gain(f, n, i, j, side, shot, scene):
-    """Return (gain, steep) of the part with the nodes (i, j), (i + side, j), (i, j + side)."""
-    p = node(f, n, i, j, scene.surface)
-    q = node(f, n, i + side, j, scene.surface)
-    r = node(f, n, i, j + side, scene.surface)
+    """Return (gain, steep) of the part with the corners `nodes_of`."""
+    p, q, r = nodes_of(f, n, i, j, side, scene.surface)
     a = aim_at(p.x, p.y, f, shot, scene)
     b = aim_at(q.x, q.y, f, shot, scene)
     c = aim_at(r.x, r.y, f, shot, scene)

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels.aiming import STEP, differences, land_sloped, newton_step
 from meshtrace.kernels.chain_gain import weigh, weight_of
-from meshtrace.kernels.crossings import shot_of, straight_shot
+from meshtrace.kernels.crossings import is_known, shot_of, straight_shot
 from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
-from meshtrace.kernels.roots import is_known
-from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
+from meshtrace.kernels.scene import FLAT_SEA, locate
 from meshtrace.kernels.vectors import Vec3, dot, row
 
 _TOLERANCE = 1e-8  # [m]: separates crossings that lie close together at a caustic
@@ -140,8 +139,7 @@ def move_crossings(chains, arrivals, waves, scene, score, counters):
         facet = locate(scene.locator, scene.surface, x, y)
         meshed = 0.0
         if facet >= 0:
-            p = Vec3(x, y, height_on(x, y, facet, scene.surface))
-            meshed = weigh(chains, i, p, facet, shot, scene)[0]
+            meshed = weigh(chains, i, x, y, facet, shot, scene).weight
         found, x, y = _exact_newton(x, y, waves, shot, scene)
         if not found or meshed == 0.0:
             counters[Moved.LOST] += 1

@@ -148,7 +148,7 @@ def _branches(direction: Floats, normal: Floats, n: float) -> tuple[Floats, Floa
 
 
 def _tilted(surface: Surface, hit: Hit, direction: Floats, u: Floats) -> Floats:
-    """Return normals tilted by unresolved slopes, twin of `photon_surface._roughened`."""
+    """Return normals tilted by unresolved slopes, twin of `photon_events._roughened`."""
     roughness, normal = surface.roughness, hit.normal
     if roughness.along == 0.0 == roughness.across:
         return normal

@@ -14,12 +14,11 @@ from meshtrace.bvh import EmbreeIntersector
 from meshtrace.kernels import blurred
 from meshtrace.kernels import chain_gain as kernel
 from meshtrace.kernels import unscattered as image
-from meshtrace.kernels.crossings import Counter, Near, direct_crossings
+from meshtrace.kernels.crossings import ROOT, Counter, Near, direct_crossings
 from meshtrace.kernels.crossings import Search as SearchExtent
 from meshtrace.kernels.facets import Roughness, Surface
 from meshtrace.kernels.interface import Direction, Snell
 from meshtrace.kernels.medium import DepthMode
-from meshtrace.kernels.roots import ROOT
 from meshtrace.kernels.scene import FACET, Emitter, Scene, Target, facet_summary
 from meshtrace.kernels.shadow import BESIDE, CUT, shadows
 from meshtrace.kernels.vectors import Vec3

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from meshtrace.bvh import Intersector
-from meshtrace.kernels.angle_table import SMALLEST_ANGLE, AngleTable
 from meshtrace.kernels.facets import SMOOTH, Roughness, Surface
 from meshtrace.kernels.interface import Direction, FieldOfView, FresnelMode, Interface, Snell
 from meshtrace.kernels.medium import Absorption, DepthMode, Medium
+from meshtrace.kernels.phase import SMALLEST_ANGLE, AngleTable
 from meshtrace.kernels.photon_grid import Axis, Grid, is_grid
 from meshtrace.kernels.scene import Locator, Target, count_bins, fill_bins
 from meshtrace.kernels.sources import SourceKind, Sources

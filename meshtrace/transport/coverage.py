@@ -24,8 +24,7 @@ from meshtrace.kernels import places as kernel
 from meshtrace.kernels.aiming import FLAT
 from meshtrace.kernels.blurred import MOST_PARTS
 from meshtrace.kernels.chain_gain import RAY
-from meshtrace.kernels.crossings import Counter, Search
-from meshtrace.kernels.roots import ROOT
+from meshtrace.kernels.crossings import ROOT, Counter, Search
 from meshtrace.kernels.scene import Target
 from meshtrace.kernels.unscattered import STACK
 from meshtrace.kernels.vectors import Vec3

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 import meshtrace as mt
 from meshtrace.bvh import BruteForceIntersector
 from meshtrace.kernels import aiming
+from meshtrace.kernels.crossings import ROOT, enumerate_roots
 from meshtrace.kernels.jit import entry, inlined
-from meshtrace.kernels.roots import ROOT, enumerate_roots
 from meshtrace.kernels.scene import FACET, FLAT_SEA, Scene, facet_summary, locate
 from meshtrace.kernels.vectors import Vec2, Vec3, row, write
 from meshtrace.optics.fresnel import fresnel_reflectance, refract

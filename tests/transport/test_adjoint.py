@@ -14,7 +14,7 @@ from transport.single_scattering import Setting, single_scattering
 
 import meshtrace as mt
 from meshtrace.errors import Refused
-from meshtrace.kernels.angle_table import tail_at
+from meshtrace.kernels.phase import tail_at
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport.adjoint import SHIFTS, AdjointPaths

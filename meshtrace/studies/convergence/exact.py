@@ -10,7 +10,7 @@ import numpy as np
 from meshtrace.errors import Refused
 from meshtrace.kernels import wave_sum as analytic
 from meshtrace.kernels.chains import Chains
-from meshtrace.kernels.roots import ROOT
+from meshtrace.kernels.crossings import ROOT
 from meshtrace.kernels.scene import Scene
 from meshtrace.mesh import SurfaceModel, WaveSum
 from meshtrace.models import Floats

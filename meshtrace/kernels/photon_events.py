@@ -1,13 +1,16 @@
-"""The analog photon at the surface: refraction, reflection, and light that leaves for good."""
+"""Events of the analog photon: in the water, at the bottom and at the surface.
+
+At the surface light is refracted and reflected; what leaves for good is scored at once.
+"""
 
 from __future__ import annotations
 
 import math
 
-from meshtrace.kernels.facets import exposure, is_rough, normal_on, slope_tilt, tilted
+from meshtrace.kernels.facets import drawn_tilt, exposure, is_rough, normal_on, tilted
 from meshtrace.kernels.interface import FresnelMode, branches
 from meshtrace.kernels.jit import inlined, outlined
-from meshtrace.kernels.medium import sample_free_path
+from meshtrace.kernels.medium import Absorption, absorption_path, collide, sample_free_path
 from meshtrace.kernels.photon_state import (
     GOES_ON,
     Vertex,
@@ -23,9 +26,10 @@ from meshtrace.kernels.photon_state import (
     write_vertex,
 )
 from meshtrace.kernels.random import Purpose, uniforms
-from meshtrace.kernels.sky import SKY_SCORE, is_backward, radiance
-from meshtrace.kernels.tally import Fate, Flight, deposit, score_map
-from meshtrace.kernels.vectors import Vec2, along, on_circle, row, scaled
+from meshtrace.kernels.sky import SKY_SCORE, SUN_SCORE, is_backward, radiance, sunlight
+from meshtrace.kernels.sources import lambert_reflection
+from meshtrace.kernels.tally import Fate, Flight, deposit, score_map, score_planes
+from meshtrace.kernels.vectors import Vec2, along, row, scaled, turn
 
 _OFFSET = 1e-5  # [m], distance of a ray's start from the facet that it leaves
 _LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets, those of jets are smooth
@@ -76,9 +80,7 @@ def _roughened(q, n, world):
     exposures, which add up to 2.
     """
     u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE)
-    r = math.sqrt(-2.0 * math.log(u))
-    cos_phi, sin_phi = on_circle(v)
-    tilt = slope_tilt(world.surface.roughness, r * cos_phi, r * sin_phi)
+    tilt = drawn_tilt(world.surface.roughness, u, v)
     if 2.0 * w >= exposure(heading(q), n, tilt):
         tilt = Vec2(-tilt.x, -tilt.y)
     return tilted(n, tilt), lot
@@ -166,3 +168,84 @@ def _leave(q, d, g, world):
     if q.crossings >= world.limits.surface_events or q.event >= world.limits.events:
         return Fate.EVENT_LIMIT
     return GOES_ON
+
+
+@inlined
+def fly_water(q, length, world):
+    """Move a photon in water: absorption along the way, planes and apertures on the way."""
+    p = along(place(q), heading(q), length)
+    a_path = 0.0
+    if world.medium.absorption == Absorption.CONTINUOUS:
+        a_path = absorption_path(world.medium, q.z, p.z, length)
+    if len(world.tallies.planes) > 0 or world.apertures.any_in_water or world.tallies.map_z < 0.0:
+        _score_water(q, length, world)
+    put(q, p)
+    q.water += length
+    if a_path > 0.0:
+        set_weight(q, q.weight * math.exp(-a_path), Fate.ABSORBED, world)
+
+
+@inlined
+def lowest(world):
+    """Return a height below every plane, map and aperture in the water."""
+    low = min(world.surface.low[2], world.tallies.map_z)
+    for h in world.tallies.planes:
+        low = min(low, h)
+    for i in range(len(world.apertures.radius)):
+        low = min(low, world.apertures.center[i, 2] - world.apertures.radius[i])
+    return low - 1.0
+
+
+@outlined
+def _score_water(q, length, world):
+    """Score a path in water on planes and apertures; not inlined, most links have none."""
+    flight = Flight(place(q), heading(q), length, q.weight, q.water, q.air)
+    column = len(world.apertures.radius)
+    score_planes(world.tallies, column, q.id - world.first, flight, world.medium)
+    score_on_apertures(q, True, flight, world)
+    if world.tallies.map_z < 0.0:
+        score_map(world.tallies, flight, world.medium)
+
+
+@inlined
+def _continue(q, u_path, world):
+    """Draw the next free path after a collision; end a photon by its limits."""
+    q.free = sample_free_path(world.medium, place(q), u_path)
+    if q.event >= world.limits.events:
+        return Fate.EVENT_LIMIT
+    return roulette(q, -1.0, world)
+
+
+@inlined
+def scatter(q, world):
+    """Apply a collision at the position of a photon."""
+    q.event += 1
+    if world.back.irradiance > 0.0:
+        light = sunlight(world.back, world.medium, place(q), heading(q), q.weight)
+        world.tallies.score[q.id - world.first, SUN_SCORE] += light
+    u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION)
+    s, weight = collide(world.medium, place(q), q.weight, u_kind, u_theta)
+    if weight != q.weight:
+        set_weight(q, weight, Fate.ABSORBED, world)
+        if weight == 0.0:
+            return Fate.ABSORBED
+    if s >= 0.0:
+        head(q, turn(heading(q), s, u_phi))
+        record(world.recorder, q, Vertex.SCATTER)
+    return _continue(q, u_path, world)
+
+
+@outlined
+def bounce(q, world):
+    """Apply the reflection or absorption at the bottom; not inlined, most links have none."""
+    fly_water(q, (world.medium.bottom_z - q.z) / q.dz, world)
+    q.z = world.medium.bottom_z
+    kept = q.weight * world.medium.bottom_albedo
+    if kept == 0.0:
+        return Fate.BOTTOM
+    set_weight(q, kept, Fate.BOTTOM, world)
+    q.event += 1
+    u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM)
+    head(q, lambert_reflection(u_cos, u_phi))
+    record(world.recorder, q, Vertex.BOTTOM)
+    return _continue(q, u_path, world)
