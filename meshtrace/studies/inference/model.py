@@ -109,8 +109,6 @@ class Model:
         Unknown parameters; a and b of uniform water weigh the arrivals again.
     run : Run
         Photons, seed and threads.
-    threads : int
-        Threads.
     """
 
     def __init__(
@@ -178,10 +176,9 @@ class Model:
         setting = Setting(link, self._surface, None)
         same = setting
         for p, step in zip(self._unknowns, x, strict=True):
-            value = p.base + step if p.absolute else p.origin + p.scale * math.exp(step)
-            setting = p.at(setting, value)
+            setting = p.at(setting, p.moved(step))
             if not (self._quick and p.name in WATER):
-                same = p.at(same, value)
+                same = p.at(same, p.moved(step))
         light = _predictor(link, self._surface, self._run).light(same.link)
         old, new = same.link.water, setting.link.water
         if (old.a, old.b) != (new.a, new.b):

@@ -146,10 +146,7 @@ class Optimum(Stored):
 
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> Optimum:
-        best, start, difference, error, improved = (
-            float(data.attrs[f"validation_{key}"]) for key in Validation._fields
-        )
-        notes = data.attrs["notes"]
+        *check, improved = (float(data.attrs[f"validation_{key}"]) for key in Validation._fields)
         return cls(
             best=Link.model_validate_json(data.attrs["best"]),
             objective=data.attrs["objective"],
@@ -162,7 +159,7 @@ class Optimum(Stored):
             bounds=data["optimum_bounds"].values,
             flatness=data["optimum_flatness"].values,
             history=np.column_stack([data["optimum_history"].values, data["optimum_cost"].values]),
-            validation=Validation(best, start, difference, error, bool(improved)),
-            notes=tuple(notes.split("\n")) if notes else (),
+            validation=Validation(*check, bool(improved)),
+            notes=tuple(data.attrs["notes"].splitlines()),
             provenance=provenance,
         )
