@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,6 +22,7 @@ from meshtrace.results.provenance import environment, provenance
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.background import held_light
+from meshtrace.studies.inputs import forced_case
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.problem import (
     Problem,
@@ -32,13 +34,11 @@ from meshtrace.studies.sensitivity.problem import (
     has_moments,
     moments,
     second_step,
-    without_each,
 )
 from meshtrace.studies.sensitivity.quantities import Of, Quantity
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
-from meshtrace.transport.case import Case, resolve
+from meshtrace.transport.case import Case
 from meshtrace.transport.meshing import mesh_for
-from meshtrace.transport.options import Forced
 
 DEFAULT_CHAINS = 8192
 """Chains of a study of sensitivities."""
@@ -147,7 +147,10 @@ def sensitivities(
     [-1.14, -0.09]
     """
     given = {"photons": photons, "seed": seed, "threads": threads, **options}
-    case = _case(link, sea, {k: v for k, v in given.items() if v is not None})
+    given = {name: value for name, value in given.items() if value is not None}
+    if not isinstance(link, Scenario):
+        given = {"photons": DEFAULT_CHAINS, **given}
+    case = forced_case(link, sea, given)
     require_between(limit, 0.0, 0.5, "limit")
     quantity = Quantity(of, limit)
     setting = _setting(case, link, of, ook, bit_rate)
@@ -172,27 +175,15 @@ def sensitivities(
     return replace(_result(study, found, asked, case), light=light)
 
 
-def _case(link: Any, sea: Any, options: dict[str, Any]) -> Case:
-    """Return the checked inputs of a study."""
-    if not isinstance(link, Scenario):
-        options = {"photons": DEFAULT_CHAINS, **options}
-    case = resolve(link, sea).with_options(**options)
-    if not isinstance(case.run.estimator, Forced):
-        raise Refused("run.estimator", "analog", "forced")
-    return case
-
-
 def _setting(
     case: Case, link: Any, of: str, ook: OokLink | Preset | None, bit_rate: float | None
 ) -> Setting:
     """Return link, surface and, except for the gain, the electronics."""
     if isinstance(link, Scenario) and link.detector is not None and ook == "physical":
         ook = link.detector
-    if of == "gain":
-        return Setting(case.link, case.surface, None)
-    if ook is None:
-        if of != "range":
-            raise Refused("ook", None, f"a transmission, for {of}")
+    if ook is None and of not in ("gain", "range"):
+        raise Refused("ook", None, f"a transmission, for {of}")
+    if ook is None or of == "gain":
         return Setting(case.link, case.surface, None)
     electronics = OokLink.of_link(case.link, ook, bit_rate)
     return Setting(electronics.channel(case.link), case.surface, electronics)
@@ -258,15 +249,18 @@ class _Study:
     ) -> None:
         self.problem, self.quantity = problem, quantity
         self._shelf, self._steps = shelf, steps
+        self._seas = range(problem.realizations)
         self._threads = default_threads(problem.run.threads)
         self._exact: dict[str, Floats] = {}
 
     def gains(self, *settings: Setting) -> Floats:
         """Return the gains of settings over all seas, shape (settings * seas, shifts)."""
-        seas = range(self.problem.realizations)
-        jobs = [(setting, i) for setting in settings for i in seas]
-        found = ordered_map(lambda job: self.problem.gains(*job), jobs, self._threads)
-        return np.array(list(found))
+        jobs = product(settings, self._seas)
+        return self._over(lambda job: self.problem.gains(*job), jobs)
+
+    def _over(self, numbers: Callable[[Any], Floats], jobs: Iterable[Any]) -> Floats:
+        """Return the numbers of each job, stacked."""
+        return np.array(list(ordered_map(numbers, jobs, self._threads)))
 
     @property
     def base(self) -> Floats:
@@ -285,24 +279,24 @@ class _Study:
 
     def _moments(self) -> Floats:
         """Return dh / d ln a and dh / d ln b, shape (2, seas, shifts)."""
-        link, seas = self.problem.setting.link, range(self.problem.realizations)
+        link = self.problem.setting.link
 
         def one(i: int) -> Floats:
             found = moments(link, self.problem.light(link, i))
             return np.array([found["water.a"], found["water.b"]])
 
-        return np.stack(list(ordered_map(one, seas, self._threads)), axis=1)
+        return self._over(one, self._seas).swapaxes(0, 1)
 
     def _edge(self, name: str) -> Floats:
         """Return dh / d ln fov, shape (seas, shifts)."""
-        link, seas = self.problem.setting.link, range(self.problem.realizations)
+        link = self.problem.setting.link
         fov = link.receivers[0].fov_deg
         wide = link.replace(name, min(fov + _WIDER_DEG, 180.0))
 
         def one(i: int) -> Floats:
             return edge_of_view(self.problem.light(wide, i), 0.5 * fov)
 
-        return np.stack(list(ordered_map(one, seas, self._threads)))
+        return self._over(one, self._seas)
 
     def derivatives(self, p: Parameter, progress: Callable[[int], None] | None) -> _Rates:
         """Return the derivatives by a parameter."""
@@ -329,15 +323,13 @@ class _Study:
 
     def _rates(self, response: Response, ooks: list[OokLink | None]) -> Floats:
         """Return the derivative of the logarithm: of all, without each shift, without each sea."""
-        low, high = (
-            np.array([self.quantity.log(gains, ook) for gains in without_each(side)])
-            for side, ook in zip((response.below, response.above), ooks, strict=True)
-        )
+        low = self.quantity.logs(response.below, ooks[0])
+        high = self.quantity.logs(response.above, ooks[1])
         return (high - low) / (2.0 * response.step)
 
     def _differences(self, p: Parameter) -> _Rates:
         """Return central differences over a step, compared with those over a longer one."""
-        setting, seas = self.problem.setting, self.problem.realizations
+        setting = self.problem.setting
         factors = [1.0, second_step(p, self._steps.get(p.name, p.step))]
         sides = []
         for factor in factors:
@@ -346,7 +338,7 @@ class _Study:
             except Refused:  # the longer step leaves the range
                 break
         name = f"{p.name} {p.step!r}"
-        gains = self._kept(name, lambda: self.gains(*sides)).reshape(-1, seas, SHIFTS)
+        gains = self._kept(name, lambda: self.gains(*sides)).reshape(-1, len(self._seas), SHIFTS)
         found = []
         for k in range(0, len(gains), 2):
             response = Response(gains[k], gains[k + 1], factors[k // 2] * p.step)
@@ -384,7 +376,7 @@ class _Study:
 def _result(study: _Study, found: list[_Rates], asked: list[str], case: Case) -> Sensitivities:
     """Return the table of the derivatives."""
     quantity, setting = study.quantity, study.problem.setting
-    logs = np.array([quantity.log(gains, setting.ook) for gains in without_each(study.base)])
+    logs = quantity.logs(study.base, setting.ook)
     value, stderr = quantity.value(float(logs[0])), error_of(logs)
     rates = np.array([one.rates for one in found])
     if quantity.of == "range":
@@ -398,19 +390,19 @@ def _result(study: _Study, found: list[_Rates], asked: list[str], case: Case) ->
     else:
         stderr *= abs(quantity.slope(value))
     kept = [i for i, one in enumerate(found) if one.parameter.name in asked]
-    found, rates = [found[i] for i in kept], rates[kept]
-    rows, factors = [], []
-    for one, rate in zip(found, rates, strict=True):
-        row, factor = _row(one, float(rate[0]), error_of(rate), quantity, value)
-        rows.append(row)
-        factors.append(factor)
+    rates = rates[kept]
+    pairs = [
+        _row(found[i], float(rate[0]), error_of(rate), quantity, value)
+        for i, rate in zip(kept, rates, strict=True)
+    ]
+    rows, factors = zip(*pairs, strict=True)
     covariance = covariance_of(rates) * np.outer(factors, factors)
     key = _key(case, setting, study.problem.realizations)
     run = {**case.run.to_config(), **case.meshing.model_dump(mode="json")}
     run.pop("threads")
     origin = provenance(setting.link, key["surface"], run)
     origin |= {"of": quantity.of, "limit": quantity.limit}
-    origin |= {name: key[name] for name in ("ook", "realizations")}
+    origin |= {"ook": key["ook"], "realizations": key["realizations"]}
     return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
 
 
@@ -426,12 +418,9 @@ def _row(
 ) -> tuple[Row, float]:
     """Return the row of a parameter, and its logarithmic derivative over the rate."""
     p = one.parameter
-    relative = rate if p.absolute else rate / p.scale
-    if not p.absolute:
-        elasticity, factor = rate, 1.0
-    else:
-        factor = p.base if p.base != 0.0 else 1.0
-        elasticity = rate * p.base if p.base != 0.0 else math.nan
+    relative = rate / p.scale
+    factor = p.base if p.absolute and p.base != 0.0 else 1.0
+    elasticity = math.nan if p.absolute and p.base == 0.0 else rate * factor
     slope = value if quantity.of == "range" else quantity.slope(value)
     return Row(
         p.name,
@@ -441,7 +430,7 @@ def _row(
         abs(factor) * error,
         relative,
         slope * relative,
-        abs(slope / (1.0 if p.absolute else p.scale)) * error,
+        abs(slope / p.scale) * error,
         one.second,
         one.method,
         one.suspicious,

@@ -1,0 +1,56 @@
+"""Surfaces of a study of neighbouring links, all on the grid lines of one of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from meshtrace.kernels.random import realization_seed
+from meshtrace.link import Link
+from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.meshing import GAIN_SPACING, mesh_lines, require_cover
+from meshtrace.transport.options import Meshing
+
+_WIDER = 1.2  # reach of the meshes over that of the link: neighbours lie within
+
+
+class CommonLines:
+    """Meshes of a surface and of its neighbours on common grid lines.
+
+    Parameters
+    ----------
+    link : Link
+        The link that all meshes cover.
+    surface : MeshSource or TriangleMesh
+        Its surface; a mesh is taken as it is.
+    meshing : Meshing
+        Time and resolution.
+    seed : int, optional
+        Seed of the realizations; None takes a surface with its own phases.
+    per_wave : float
+        Spacing over 1 / k of the shortest wave, see `mesh_for`.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        surface: Any,
+        meshing: Meshing,
+        seed: int | None = None,
+        per_wave: float = GAIN_SPACING,
+    ) -> None:
+        self._link, self._surface, self._time, self._seed = link, surface, meshing.time, seed
+        self._lines: dict[str, Any] = {}
+        if isinstance(surface, SurfaceModel):
+            reach = _WIDER * crossing_reach(link)
+            self._lines = mesh_lines(link, surface, meshing, reach, per_wave)
+
+    def mesh(self, i: int = 0, surface: Any = None) -> TriangleMesh:
+        """Return realization i of the surface, or of a neighbour of it."""
+        mesh = self._surface if surface is None else surface
+        if not isinstance(mesh, TriangleMesh):
+            if self._seed is not None:
+                mesh = mesh.with_seed(realization_seed(self._seed, i))
+            mesh = mesh.mesh(self._time, **self._lines)
+        require_cover(self._link, mesh)
+        return mesh
