@@ -146,7 +146,9 @@ class Optimum(Stored):
 
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> Optimum:
-        check: list[Any] = [float(data.attrs[f"validation_{key}"]) for key in Validation._fields]
+        best, start, difference, error, improved = (
+            float(data.attrs[f"validation_{key}"]) for key in Validation._fields
+        )
         return cls(
             best=Link.model_validate_json(data.attrs["best"]),
             objective=data.attrs["objective"],
@@ -159,7 +161,7 @@ class Optimum(Stored):
             bounds=data["optimum_bounds"].values,
             flatness=data["optimum_flatness"].values,
             history=np.column_stack([data["optimum_history"].values, data["optimum_cost"].values]),
-            validation=Validation(*check[:-1], bool(check[-1])),
+            validation=Validation(best, start, difference, error, bool(improved)),
             notes=tuple(data.attrs["notes"].splitlines()),
             provenance=provenance,
         )
