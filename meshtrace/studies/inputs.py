@@ -1,4 +1,4 @@
-"""Inputs that all studies share: a link and a sea, or a Scenario, and the options of the chains."""
+"""Inputs that all studies share: a link and a sea, or a Scenario, options of chains, meshes."""
 
 from __future__ import annotations
 
@@ -17,13 +17,21 @@ from meshtrace.results.provenance import provenance
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.transport.case import Case, resolve
 from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import FADING_SPACING, mesh_for
+from meshtrace.transport.meshing import (
+    FADING_SPACING,
+    GAIN_SPACING,
+    mesh_for,
+    mesh_lines,
+    require_cover,
+)
 from meshtrace.transport.options import Forced, Meshing, Run
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
 
 DEFAULT_CHAINS = 2048
 """Chains of a study over many surfaces, common to all of them."""
+
+_WIDER = 1.2  # reach of meshes over that of a link: its neighbours lie within
 
 
 class Inputs(NamedTuple):
@@ -91,6 +99,48 @@ class Inputs(NamedTuple):
             raise Refused(name, Described(type(sea).__name__), "a sea with random phases")
         seeds = np.array([realization_seed(self.run.seed, i) for i in range(n)], np.int64)
         return seeds, ((sea.with_seed(int(seed)), time) for seed in seeds)
+
+
+class CommonLines:
+    """Meshes of a surface and of its neighbours on common grid lines.
+
+    Parameters
+    ----------
+    link : Link
+        The link that all meshes cover.
+    surface : MeshSource or TriangleMesh
+        Its surface; a mesh is taken as it is.
+    meshing : Meshing
+        Time and resolution.
+    seed : int, optional
+        Seed of the realizations; None takes a surface with its own phases.
+    per_wave : float
+        Spacing over 1 / k of the shortest wave, see `mesh_for`.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        surface: Any,
+        meshing: Meshing,
+        seed: int | None = None,
+        per_wave: float = GAIN_SPACING,
+    ) -> None:
+        self._link, self._surface, self._time, self._seed = link, surface, meshing.time, seed
+        self._lines: dict[str, Any] = {}
+        if isinstance(surface, SurfaceModel):
+            reach = _WIDER * crossing_reach(link)
+            self._lines = mesh_lines(link, surface, meshing, reach, per_wave)
+
+    def mesh(self, i: int = 0, surface: Any = None) -> TriangleMesh:
+        """Return realization i of the surface, or of a neighbour of it."""
+        mesh = self._surface if surface is None else surface
+        if not isinstance(mesh, TriangleMesh):
+            if self._seed is not None:
+                mesh = mesh.with_seed(realization_seed(self._seed, i))
+            mesh = mesh.mesh(self._time, **self._lines)
+        require_cover(self._link, mesh)
+        return mesh
 
 
 def wind_over(sea: Any, link: Link, name: str) -> Dryden:

@@ -15,7 +15,7 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.seas import CommonLines
+from meshtrace.studies.inputs import CommonLines
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting
 from meshtrace.studies.sensitivity.problem import has_moments, moments
 from meshtrace.transport.frozen import FrozenForced, Light

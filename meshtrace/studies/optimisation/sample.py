@@ -15,7 +15,7 @@ from meshtrace.mesh import RandomSea
 from meshtrace.models import Floats
 from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.seas import CommonLines
+from meshtrace.studies.inputs import CommonLines
 from meshtrace.transport.frozen import FrozenForced, Light
 from meshtrace.transport.meshing import FADING_SPACING
 from meshtrace.transport.options import Meshing, Run

@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +18,8 @@ from meshtrace.link import Link
 from meshtrace.mesh import RandomSea, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.seas import CommonLines
-from meshtrace.studies.sensitivity.parameters import Parameter, Setting
+from meshtrace.studies.inputs import CommonLines
+from meshtrace.studies.sensitivity.parameters import Setting
 from meshtrace.transport.frozen import FrozenForced, Light
 from meshtrace.transport.meshing import FADING_SPACING
 from meshtrace.transport.options import Meshing, Run
@@ -81,14 +82,6 @@ class Problem:
         return self._frozen.light(link, self.base_mesh(i))[0]
 
 
-class Response(NamedTuple):
-    """Gains (seas, shifts) at a step to either side of the base."""
-
-    below: Floats
-    above: Floats
-    step: float
-
-
 def has_moments(link: Link) -> bool:
     """Return whether a and b enter the weights alone, as powers of b and exp(-(a + b) L)."""
     plain = link.bubbles is None and link.water.layers is None
@@ -130,37 +123,28 @@ class Shelf:
     def __init__(self, folder: str | Path | None, key: dict[str, Any]) -> None:
         self._folder = None if folder is None else Path(folder)
         self._key = json.dumps(key, sort_keys=True)
+        self._numbers: dict[str, Floats] = {}
         if self._folder is not None:
             self._folder.mkdir(parents=True, exist_ok=True)
 
-    def _path(self, name: str) -> Path:
-        assert self._folder is not None
-        return self._folder / f"{hashlib.sha256((self._key + name).encode()).hexdigest()[:24]}.npy"
+    def kept(self, name: str, make: Callable[[], Floats]) -> Floats:
+        """Return the numbers of a parameter, made once."""
+        if name not in self._numbers:
+            folder = self._folder
+            self._numbers[name] = make() if folder is None else self._filed(folder, name, make)
+        return self._numbers[name]
 
-    def get(self, name: str) -> Floats | None:
-        """Return the numbers of a finished parameter; None if there are none."""
-        if self._folder is None:
-            return None
-        try:
-            with self._path(name).open("rb") as file:
-                found: Floats = np.load(file, allow_pickle=False)
-        except (OSError, ValueError, EOFError):
-            return None
-        return found
-
-    def put(self, name: str, numbers: Floats) -> None:
-        """Keep the numbers of a parameter."""
-        if self._folder is not None:
-            with atomic(self._path(name)) as temporary, temporary.open("wb") as file:
-                np.save(file, numbers, allow_pickle=False)
-
-
-def second_step(p: Parameter, default: float) -> float:
-    """Return the steps of a repeated difference: thrice, and at least thrice the usual one.
-
-    A small step sees none of the discontinuities that rare chains carry.
-    """
-    return 3.0 * max(1.0, default / p.step)
+    def _filed(self, folder: Path, name: str, make: Callable[[], Floats]) -> Floats:
+        """Return the numbers in the file of a parameter, made unless it is a readable one."""
+        digest = hashlib.sha256((self._key + name).encode()).hexdigest()
+        path = folder / f"{digest[:24]}.npy"
+        with suppress(OSError, ValueError, EOFError), path.open("rb") as file:
+            found: Floats = np.load(file, allow_pickle=False)
+            return found
+        numbers = make()
+        with atomic(path) as temporary, temporary.open("wb") as file:
+            np.save(file, numbers, allow_pickle=False)
+        return numbers
 
 
 def without_each(gains: Floats) -> Iterator[Floats]:

@@ -26,14 +26,12 @@ from meshtrace.studies.inputs import forced_case
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.problem import (
     Problem,
-    Response,
     Shelf,
     covariance_of,
     edge_of_view,
     error_of,
     has_moments,
     moments,
-    second_step,
 )
 from meshtrace.studies.sensitivity.quantities import Of, Quantity
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
@@ -251,7 +249,6 @@ class _Study:
         self._shelf, self._steps = shelf, steps
         self._seas = range(problem.realizations)
         self._threads = default_threads(problem.run.threads)
-        self._exact: dict[str, Floats] = {}
 
     def gains(self, *settings: Setting) -> Floats:
         """Return the gains of settings over all seas, shape (settings * seas, shifts)."""
@@ -265,17 +262,7 @@ class _Study:
     @property
     def base(self) -> Floats:
         """Gains of the base, shape (seas, shifts)."""
-        return self._kept("base", lambda: self.gains(self.problem.setting))
-
-    def _kept(self, name: str, make: Callable[[], Floats]) -> Floats:
-        """Return numbers of this study, made once."""
-        if name not in self._exact:
-            numbers = self._shelf.get(name)
-            if numbers is None:
-                numbers = make()
-                self._shelf.put(name, numbers)
-            self._exact[name] = numbers
-        return self._exact[name]
+        return self._shelf.kept("base", lambda: self.gains(self.problem.setting))
 
     def _moments(self) -> Floats:
         """Return dh / d ln a and dh / d ln b, shape (2, seas, shifts)."""
@@ -303,10 +290,10 @@ class _Study:
         link = self.problem.setting.link
         first = "receiver.0" if isinstance(link.receiver, tuple) else "receiver"
         if p.name in ("water.a", "water.b") and has_moments(link):
-            gains = self._kept("moments", self._moments)[int(p.name == "water.b")]
+            gains = self._shelf.kept("moments", self._moments)[int(p.name == "water.b")]
             found = self._exactly(p, gains, "moment")
         elif p.name == f"{first}.fov_deg" and link.physics.fov == "angle":
-            gains = self._kept(p.name, lambda: self._edge(p.name))
+            gains = self._shelf.kept(p.name, lambda: self._edge(p.name))
             found = self._exactly(p, gains, "angle")
         else:
             found = self._differences(p)
@@ -318,19 +305,21 @@ class _Study:
         """Return the derivatives of the quantity from those of the gains (seas, shifts)."""
         base, setting = self.base, self.problem.setting
         sides = [p.at(setting, p.shifted(side * _DIRECT / p.step)).ook for side in (-1.0, 1.0)]
-        response = Response(base - _DIRECT * change, base + _DIRECT * change, _DIRECT)
-        return _Rates(p, self._rates(response, sides), math.nan, method, False, "")
+        gains = base - _DIRECT * change, base + _DIRECT * change
+        return _Rates(p, self._rates(gains, sides, _DIRECT), math.nan, method, False, "")
 
-    def _rates(self, response: Response, ooks: list[OokLink | None]) -> Floats:
-        """Return the derivative of the logarithm: of all, without each shift, without each sea."""
-        low = self.quantity.logs(response.below, ooks[0])
-        high = self.quantity.logs(response.above, ooks[1])
-        return (high - low) / (2.0 * response.step)
+    def _rates(self, gains: Iterable[Floats], ooks: list[OokLink | None], step: float) -> Floats:
+        """Return the derivative of the logarithm: of all, without each shift, without each sea.
+
+        `gains` are those (seas, shifts) at a step to either side of the base.
+        """
+        low, high = map(self.quantity.logs, gains, ooks)
+        return (high - low) / (2.0 * step)
 
     def _differences(self, p: Parameter) -> _Rates:
         """Return central differences over a step, compared with those over a longer one."""
         setting = self.problem.setting
-        factors = [1.0, second_step(p, self._steps.get(p.name, p.step))]
+        factors = [1.0, self._longer(p)]
         sides = []
         for factor in factors:
             try:
@@ -338,15 +327,24 @@ class _Study:
             except Refused:  # the longer step leaves the range
                 break
         name = f"{p.name} {p.step!r}"
-        gains = self._kept(name, lambda: self.gains(*sides)).reshape(-1, len(self._seas), SHIFTS)
+        gains = self._shelf.kept(name, lambda: self.gains(*sides)).reshape(
+            -1, len(self._seas), SHIFTS
+        )
         found = []
         for k in range(0, len(gains), 2):
-            response = Response(gains[k], gains[k + 1], factors[k // 2] * p.step)
-            found.append(self._rates(response, [side.ook for side in sides[k : k + 2]]))
+            ooks = [side.ook for side in sides[k : k + 2]]
+            found.append(self._rates(gains[k : k + 2], ooks, factors[k // 2] * p.step))
         suspicious, notes = self._compared(found)
         if p.origin:
             notes = f"relative to {p.name} - {p.origin:g}" + (f"; {notes}" if notes else "")
         return _Rates(p, found[0], self._second(p, gains), "difference", suspicious, notes)
+
+    def _longer(self, p: Parameter) -> float:
+        """Return the steps of a repeated difference: thrice, and at least thrice the usual one.
+
+        A small step sees none of the discontinuities that rare chains carry.
+        """
+        return 3.0 * max(1.0, self._steps.get(p.name, p.step) / p.step)
 
     def _compared(self, found: list[Floats]) -> tuple[bool, str]:
         """Return the disagreement of the derivatives over two steps, if any."""
@@ -364,7 +362,7 @@ class _Study:
         if not p.absolute:
             return math.nan
         setting, k = self.problem.setting, 2 if len(gains) > 2 else 0
-        steps = p.step * (1.0 if k == 0 else second_step(p, self._steps.get(p.name, p.step)))
+        steps = p.step * (self._longer(p) if k else 1.0)
         low, mid, high = (
             self.quantity.log(g, setting.ook) for g in (gains[k], self.base, gains[k + 1])
         )
