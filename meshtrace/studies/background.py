@@ -13,7 +13,6 @@ from meshtrace.comms.background import DARK, occupancy, with_background
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
-from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea
 from meshtrace.models import Floats
@@ -82,8 +81,7 @@ def background_series(
     require_whole(photons, SHIFTS, 10_000_000, "photons")
     given = {"seed": seed, "spacing": spacing, "extent": extent, "threads": threads}
     inputs = resolve_chains(link, surface, **given)
-    day = getattr(inputs.scenario, "daylight", None) if day is None else day
-    day = checked_daylight(day, inputs.link)
+    day = light_of(inputs, day)
     if day is None:
         raise Refused("day", None, "a Daylight")
     at = require_finite(() if times is None else times, "times", "at least one time [s]")
@@ -92,8 +90,7 @@ def background_series(
     links = [inputs.link] * len(at)
     if flight is not None:
         links = flown_links(inputs, at, flight.checked())
-        wind = inputs.wind_of(flight)
-        origin |= {"uav": flight.uav.model_dump(mode="json"), "wind": wind.model_dump(mode="json")}
+        origin |= inputs.of_flight(flight)
     found = [
         _over(inputs, link, inputs.surface, day, photons, float(t))
         for link, t in zip(links, at, strict=True)
@@ -104,6 +101,12 @@ def background_series(
         np.array([f.part_radiance_stderr for f in found]),
         origin,
     )
+
+
+def light_of(inputs: Inputs, day: Daylight | None) -> Daylight | None:
+    """Return the light of a study, by default that of its scenario."""
+    own = getattr(inputs.scenario, "daylight", None)
+    return checked_daylight(own if day is None else day, inputs.link)
 
 
 def checked_daylight(day: Daylight | None, link: Link) -> Daylight | None:
@@ -155,7 +158,7 @@ def _cases(
         return [(flown[i], sea, float(times[i])) for i in chosen]
     many: list[MeshSource] = [sea]
     if isinstance(sea, RandomSea):
-        many = [sea.with_seed(realization_seed(seed, i)) for i in range(most)]
+        many = [one for one, _ in inputs.realizations(most)[1]]
     elif flight is not None:
         many = [sea] * most
     links = [link] * len(many)

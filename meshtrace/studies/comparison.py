@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -13,19 +13,18 @@ import xarray as xr
 from meshtrace.comms.background import DARK, warn_of_background, with_background
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Described, Refused, require_whole
-from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, RandomSea
+from meshtrace.mesh import MeshSource
 from meshtrace.models import Floats
 from meshtrace.results.variables import StoredArrays, Variable
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import (
     background_over_seas,
-    checked_daylight,
     error_rate,
+    light_of,
     transmission_of,
 )
-from meshtrace.studies.inputs import Inputs, resolve_chains
+from meshtrace.studies.inputs import Inputs, resolve_chains, with_all_ends
 from meshtrace.studies.series import common_chains
 from meshtrace.tables import text_table
 
@@ -233,22 +232,14 @@ def compare(
         _samples(one, of.link, realizations, progress)
         for one, of in zip(inputs.values(), over, strict=True)
     ])  # fmt: skip
-    days = [_light(one, daylight) for one in inputs.values()]
+    days = [light_of(one, daylight) for one in inputs.values()]
     origin = [
-        {
-            **one.provenance(realizations=realizations),
-            "daylight": day and day.model_dump(mode="json"),
-        }
+        one.provenance(realizations=realizations)
+        | {"daylight": day and day.model_dump(mode="json")}
         for one, day in zip(inputs.values(), days, strict=True)
     ]
     made = Comparison.of_samples(tuple(inputs), samples, origin)
     return _under_light(made, list(inputs.values()), days, samples, realizations)
-
-
-def _light(inputs: Inputs, daylight: Daylight | None) -> Daylight | None:
-    """Return the light of a link, by default that of its scenario."""
-    own = inputs.scenario.daylight if inputs.scenario is not None else None
-    return checked_daylight(own if daylight is None else daylight, inputs.link)
 
 
 def _under_light(
@@ -290,32 +281,20 @@ def _joint(inputs: list[Inputs]) -> list[Inputs]:
     same = all((i.surface, i.meshing) == (first.surface, first.meshing) for i in inputs)
     if not same:
         return inputs
-    clearest = min((i.link for i in inputs), key=lambda link: link.water.a)
-    ends = {
-        "transmitter": tuple(t for i in inputs for t in i.link.transmitters),
-        "receiver": tuple(r for i in inputs for r in i.link.receivers),
-    }
-    return [first._replace(link=clearest.replace(**ends))] * len(inputs)
-
-
-def _surfaces(inputs: Inputs, realizations: int) -> Iterator[tuple[MeshSource, float]]:
-    """Yield each realization of a sea, and its time."""
-    time, sea = inputs.meshing.time, inputs.surface
-    if realizations == 1:
-        yield sea, time
-        return
-    if not isinstance(sea, RandomSea):
-        raise Refused("surface", Described(type(sea).__name__), "a sea with random phases")
-    for i in range(realizations):
-        yield sea.with_seed(realization_seed(inputs.run.seed, i)), time
+    links = [i.link for i in inputs]
+    clearest = min(links, key=lambda link: link.water.a)
+    return [first._replace(link=with_all_ends(clearest, links))] * len(inputs)
 
 
 def _samples(
     inputs: Inputs, lit: Link, realizations: int, progress: Callable[[int], None] | None
 ) -> Floats:
     """Return the gain by group of chains over one sea, or by sea over several."""
+    surfaces = iter([(inputs.surface, inputs.meshing.time)])
+    if realizations > 1:
+        surfaces = inputs.realizations(realizations)[1]
     groups = []
-    for parts in common_chains(inputs, _surfaces(inputs, realizations), lit):
+    for parts in common_chains(inputs, surfaces, lit):
         groups.append(parts.shifts[0])
         if progress is not None:
             progress(1)

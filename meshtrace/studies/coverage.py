@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,113 +111,106 @@ def coverage_map(
     at = require_finite(times, "times", "one or more times [s]").tolist()
     view = {"axis": receiver.axis, "fov_deg": receiver.fov_deg}
     grid = IrradianceMap(height=receiver.center[2], extent=extent, step=step, **view)
+    mapped = _Mapped(case, receiver, grid, at)
     if rtol is not None and not isinstance(case.run.estimator, Analog):
         try:
-            return _forced(case, receiver, grid, at, rtol, progress)
+            return mapped.forced(rtol, progress)
         except Refused:  # a feature that chains do not follow
             pass
-    return _analog(case, receiver, grid, at, photons, rtol, progress)
+    return mapped.analog(photons, rtol, progress)
 
 
-def _forced(
-    case: Case,
-    receiver: Receiver | WaterReceiver,
-    grid: IrradianceMap,
-    times: list[float],
-    rtol: float,
-    progress: Callable[[int], None] | None,
-) -> CoverageMap:
-    """Return the map by forced detection."""
-    link = case.link.replace(receiver=receiver)
-    require_mappable(link)
-    cells = Grid(grid.extent, grid.step)
-    sides = (-cells.extent, 2.0 * cells.half - cells.extent)
-    corners = link.replace(
-        receiver=tuple(receiver.replace(position=(x, y)) for x in sides for y in sides)
-    )
-    reach, meshes = crossing_reach(corners), []
-    for time in times:
-        mesh, config = mesh_for(corners, case.surface, case.meshing.replace(time=time), reach)
-        meshes.append(mesh)
-    threads = default_threads(case.run.threads)
-    forced = ForcedMap(link, meshes, cells, case.run.seed, case.meshing.normals, threads)
-    gain, stderr = forced.run(rtol, progress)
-    _warn_of_lack(forced.lacking, gain.size, rtol)
-    run = {
-        **case.run.to_config(),
-        "rtol": rtol,
-        **case.meshing.model_dump(),
-        "record": [grid.model_dump()],
-    }
-    origin = {**provenance(link, config, run), **case.origin, "times": times}
-    origin["chains"] = forced.counts
-    warn_of_returned(corners, gain[[0, 0, -1, -1], [0, -1, 0, -1]])
-    axis = np.asarray(-grid.extent + grid.step * (np.arange(grid.n) + 0.5), np.float64)
-    bound = None
-    if not (gain > 0.0).all():
-        dark = _analog(case, receiver, grid, times, _BOUND_PHOTONS, None, None)
-        limit = _bound(case, receiver, grid, dark, _BOUND_PHOTONS * len(times))
-        bound = np.where(gain > 0.0, np.nan, limit)
-    return CoverageMap(axis, axis, gain, stderr, origin, bound)
+class _Mapped(NamedTuple):
+    """Link, surface and options of a map, its receiver, cells and times."""
 
+    case: Case
+    receiver: Receiver | WaterReceiver
+    grid: IrradianceMap
+    times: list[float]
 
-def _analog(
-    case: Case,
-    receiver: Receiver | WaterReceiver,
-    grid: IrradianceMap,
-    times: list[float],
-    photons: int,
-    rtol: float | None,
-    progress: Callable[[int], None] | None,
-) -> CoverageMap:
-    """Return the map by analog photons."""
+    def forced(self, rtol: float, progress: Callable[[int], None] | None) -> CoverageMap:
+        """Return the map by forced detection."""
+        case, receiver, grid, times = self
+        link = case.link.replace(receiver=receiver)
+        require_mappable(link)
+        cells = Grid(grid.extent, grid.step)
+        sides = (-cells.extent, 2.0 * cells.half - cells.extent)
+        corners = link.replace(
+            receiver=tuple(receiver.replace(position=(x, y)) for x in sides for y in sides)
+        )
+        reach, meshes = crossing_reach(corners), []
+        for time in times:
+            mesh, config = mesh_for(corners, case.surface, case.meshing.replace(time=time), reach)
+            meshes.append(mesh)
+        threads = default_threads(case.run.threads)
+        forced = ForcedMap(link, meshes, cells, case.run.seed, case.meshing.normals, threads)
+        gain, stderr = forced.run(rtol, progress)
+        _warn_of_lack(forced.lacking, gain.size, rtol)
+        run = {
+            **case.run.to_config(),
+            "rtol": rtol,
+            **case.meshing.model_dump(),
+            "record": [grid.model_dump()],
+        }
+        origin = {**provenance(link, config, run), **case.origin, "times": times}
+        origin["chains"] = forced.counts
+        warn_of_returned(corners, gain[[0, 0, -1, -1], [0, -1, 0, -1]])
+        axis = np.asarray(-grid.extent + grid.step * (np.arange(grid.n) + 0.5), np.float64)
+        bound = None
+        if not (gain > 0.0).all():
+            limit = self._bound(self.analog(_BOUND_PHOTONS), _BOUND_PHOTONS)
+            bound = np.where(gain > 0.0, np.nan, limit)
+        return CoverageMap(axis, axis, gain, stderr, origin, bound)
 
-    def run(n: int, first: int) -> list[GainResult]:
-        """Return the maps of n photons at each time, from the photon id `first` on."""
-        return [
-            simulate(
-                case.link, case.surface, "analog", photons=n, seed=case.run.seed,
-                threads=case.run.threads, mesh=case.meshing.replace(time=time),
-                first_photon=first + i * n, record=[grid], progress=progress,
-            )
-            for i, time in enumerate(times)
-        ]  # fmt: skip
+    def analog(
+        self,
+        photons: int,
+        rtol: float | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> CoverageMap:
+        """Return the map by analog photons."""
+        case, receiver, grid, times = self
 
-    runs, area = run(photons, 0), np.pi * receiver.radius**2
-    found = _mean(runs, times, area)
-    while rtol is not None and photons < Analog.most_photons:
-        lack = (float(_errors(found).max()) / rtol) ** 2
-        if lack <= 1.0:
-            break
-        more = math.ceil(photons * min(1.1 * lack, _MOST_AT_ONCE)) - photons
-        more = min(more, Analog.most_photons - photons)
-        added = run(more, len(times) * photons)
-        runs = [merge([a, b]) for a, b in zip(runs, added, strict=True)]
-        photons += more
+        def run(n: int, first: int) -> list[GainResult]:
+            """Return the maps of n photons at each time, from the photon id `first` on."""
+            return [
+                simulate(
+                    case.link, case.surface, "analog", photons=n, seed=case.run.seed,
+                    threads=case.run.threads, mesh=case.meshing.replace(time=time),
+                    first_photon=first + i * n, record=[grid], progress=progress,
+                )
+                for i, time in enumerate(times)
+            ]  # fmt: skip
+
+        runs, area = run(photons, 0), np.pi * receiver.radius**2
         found = _mean(runs, times, area)
-    if rtol is None:
-        return found
-    _warn_of_lack(int((_errors(found) > rtol).sum()), found.gain.size, rtol)
-    if (found.gain > 0.0).all():
-        return found
-    limit = _bound(case, receiver, grid, found, photons * len(times))
-    return replace(found, gain_bound=np.where(found.gain > 0.0, np.nan, limit))
+        while rtol is not None and photons < Analog.most_photons:
+            lack = (float(_errors(found).max()) / rtol) ** 2
+            if lack <= 1.0:
+                break
+            more = math.ceil(photons * min(1.1 * lack, _MOST_AT_ONCE)) - photons
+            more = min(more, Analog.most_photons - photons)
+            added = run(more, len(times) * photons)
+            runs = [merge([a, b]) for a, b in zip(runs, added, strict=True)]
+            photons += more
+            found = _mean(runs, times, area)
+        if rtol is None:
+            return found
+        _warn_of_lack(int((_errors(found) > rtol).sum()), found.gain.size, rtol)
+        if (found.gain > 0.0).all():
+            return found
+        limit = self._bound(found, photons)
+        return replace(found, gain_bound=np.where(found.gain > 0.0, np.nan, limit))
 
+    def _bound(self, found: CoverageMap, photons: int) -> NDArray[np.float64]:
+        """Return upper bounds of the gains of analog photons at each time, 95 % confidence.
 
-def _bound(
-    case: Case,
-    receiver: Receiver | WaterReceiver,
-    grid: IrradianceMap,
-    found: CoverageMap,
-    photons: int,
-) -> NDArray[np.float64]:
-    """Return upper bounds of the gains of analog photons at 95 % confidence.
-
-    No photon scores more than its largest weight w times the aperture over the cell; with mean m
-    and standard error s the bound is m + 2 s + 3 w / n (rule of three).
-    """
-    most = largest_weight(case.link, 0.0) * np.pi * receiver.radius**2 / grid.step**2
-    return found.gain + 2.0 * found.gain_stderr + 3.0 * most / photons
+        No photon scores more than its largest weight w times the aperture over the cell; with
+        mean m and standard error s the bound is m + 2 s + 3 w / n (rule of three).
+        """
+        weight = largest_weight(self.case.link, 0.0)
+        most = weight * np.pi * self.receiver.radius**2 / self.grid.step**2
+        return found.gain + 2.0 * found.gain_stderr + 3.0 * most / (photons * len(self.times))
 
 
 def _mean(runs: list[GainResult], times: list[float], area: float) -> CoverageMap:

@@ -19,13 +19,12 @@ from meshtrace.errors import (
     require_real,
     require_whole,
 )
-from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, RandomSea, TriangleMesh
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.parallel import ordered_map
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import Stored
-from meshtrace.studies.inputs import Inputs, resolve_chains
+from meshtrace.studies.inputs import Inputs, resolve_chains, with_all_ends
 from meshtrace.studies.series import gain_series
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach
@@ -216,7 +215,7 @@ def duplex(
     if (times is None) == (realizations is None):
         raise Refused("times", times, "times, or a number of realizations")
     along: Literal["time", "realization"] = "realization" if times is None else "time"
-    both = _both(pair[0], pair[1])
+    both = pair[0]._replace(link=with_all_ends(up, (up, down)))
     coordinate, surfaces = _surfaces(both, times, realizations)
     parts = list(_pairs(pair, both, surfaces, progress))
     series = [
@@ -230,30 +229,16 @@ def duplex(
     return Duplex(series[0], series[1], correlation, origin)
 
 
-def _both(up: Inputs, down: Inputs) -> Inputs:
-    """Return the inputs of all ends of both directions, for surfaces that suit them."""
-    ends = {
-        name: tuple(part for inputs in (up, down) for part in getattr(inputs.link, name + "s"))
-        for name in ("transmitter", "receiver")
-    }
-    return up._replace(link=up.link.replace(**ends))
-
-
 def _surfaces(
     both: Inputs, times: ArrayLike | None, realizations: int | None
 ) -> tuple[np.ndarray, list[tuple[MeshSource, float]]]:
     """Return times or seeds, and each surface and its time."""
-    sea = both.surface
     if times is not None:
         at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
-        return at, [(sea, float(t)) for t in at]
+        return at, [(both.surface, float(t)) for t in at]
     require_whole(realizations, 1, 10_000_000, "realizations")
-    if not isinstance(sea, RandomSea):
-        raise Refused("sea", Described(type(sea).__name__), "a sea with random phases")
-    n = int(realizations or 0)
-    seeds = np.array([realization_seed(both.run.seed, i) for i in range(n)], np.int64)
-    time = both.meshing.time
-    return seeds, [(sea.with_seed(int(s)), time) for s in seeds]
+    seeds, surfaces = both.realizations(int(realizations or 0), "sea")
+    return seeds, list(surfaces)
 
 
 def _pairs(

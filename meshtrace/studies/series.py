@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused, require_finite, require_kind, require_whole
+from meshtrace.errors import Refused, require_finite, require_kind, require_whole
 from meshtrace.fading.resolving import band_fading
-from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, RandomSea, SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map, trim_memory
 from meshtrace.results.series import GainSeries
@@ -140,9 +139,8 @@ def over_times(
         return gain_series(inputs.link, "time", times, parts, origin, progress)
     changes: dict[str, Any] = {}
     if flight is not None:
-        wind = inputs.wind_of(flight)
-        origin["uav"], origin["wind"] = (m.model_dump(mode="json") for m in (flight.uav, wind))
-        changes |= _tilts(inputs, times, flight.uav, wind)
+        origin |= inputs.of_flight(flight)
+        changes |= _tilts(inputs, times, flight)
     if route is not None:
         origin["route"] = route.model_dump(mode="json")
         changes |= route.at(times, inputs.link.air_end[1].height)._asdict()
@@ -214,13 +212,8 @@ def over_realizations(
     inputs: Inputs, n_realizations: int, progress: Callable[[int], None] | None = None
 ) -> GainSeries:
     """Return the gains over random phases of resolved inputs, see `ensemble`."""
-    sea, time = inputs.surface, inputs.meshing.time
-    if not isinstance(sea, RandomSea):
-        raise Refused("surface", Described(type(sea).__name__), "a sea with random phases")
-    seeds = np.array(
-        [realization_seed(inputs.run.seed, i) for i in range(n_realizations)], np.int64
-    )
-    parts = common_chains(inputs, ((sea.with_seed(int(s)), time) for s in seeds))
+    seeds, surfaces = inputs.realizations(n_realizations)
+    parts = common_chains(inputs, surfaces)
     return gain_series(inputs.link, "realization", seeds, parts, inputs.provenance(), progress)
 
 
@@ -267,18 +260,19 @@ def common_chains(
     return ordered_map(evaluate, jobs, inputs.threads)
 
 
-def _tilts(inputs: Inputs, times: Floats, uav: Uav, wind: Dryden) -> dict[str, Floats]:
+def _tilts(inputs: Inputs, times: Floats, flight: Flight) -> dict[str, Floats]:
     """Return the tilt of the end in the air at each time of a flight [deg]."""
     name, end = inputs.link.air_end
     if end.tilt_deg != 0.0:
         raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the flight tilts it")
-    tilt_deg, azimuth_deg = np.degrees(uav.simulate_flight(wind, times, inputs.run.seed).tilt)
+    record = flight.uav.simulate_flight(inputs.wind_of(flight), times, inputs.run.seed)
+    tilt_deg, azimuth_deg = np.degrees(record.tilt)
     return {"tilt_deg": tilt_deg, "tilt_azimuth_deg": azimuth_deg}
 
 
 def flown_links(inputs: Inputs, times: Floats, flight: Flight) -> list[Link]:
     """Return the link at each time of a flight, its end in the air tilted."""
-    tilts = _tilts(inputs, times, flight.uav, inputs.wind_of(flight))
+    tilts = _tilts(inputs, times, flight)
     rows = zip(*tilts.values(), strict=True)
     return [_moved(inputs.link, dict(zip(tilts, row, strict=True))) for row in rows]
 

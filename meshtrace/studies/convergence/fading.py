@@ -29,6 +29,8 @@ DEFAULT_BANDS = (4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 64.0, 128.0)
 """Highest frequencies of a study [rad s-1]."""
 
 _BOOTSTRAPS = 400
+_INDICES = ("with_tilts", "band_alone", "measured", "measured_stderr")
+_NUMBERS = ("all_waves", "tolerance", "recommended")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,14 +83,8 @@ class FadingConvergence(Stored):
             f"{'omega_max [rad/s]':>18}{'band alone':>12}{'with tilts':>12}{'of all':>9}"
             f"{'measured':>12}{'stderr':>9}"
         ]
-        rows = zip(
-            self.omega_max,
-            self.band_alone,
-            self.with_tilts,
-            self.measured,
-            self.measured_stderr,
-            strict=True,
-        )
+        closed = self.omega_max, self.band_alone, self.with_tilts
+        rows = zip(*closed, self.measured, self.measured_stderr, strict=True)
         for omega, alone, tilted, found, stderr in rows:
             line = f"{omega:>18g}{alone:>12.4g}{tilted:>12.4g}{tilted / self.all_waves:>9.1%}"
             lines.append(line if math.isnan(found) else f"{line}{found:>12.4g}{stderr:>9.2g}")
@@ -98,19 +94,15 @@ class FadingConvergence(Stored):
     def _content(self) -> xr.Dataset:
         import xarray as xr
 
-        names = ("with_tilts", "band_alone", "measured", "measured_stderr")
         index = attrs("scintillation_index")
-        variables = {name: ("omega_max", getattr(self, name), index) for name in names}
+        variables = {name: ("omega_max", getattr(self, name), index) for name in _INDICES}
         coordinates = {"omega_max": ("omega_max", self.omega_max, {"units": "rad s-1"})}
-        numbers = ("all_waves", "tolerance", "recommended")
-        return xr.Dataset(variables, coordinates, {name: getattr(self, name) for name in numbers})
+        return xr.Dataset(variables, coordinates, {name: getattr(self, name) for name in _NUMBERS})
 
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> FadingConvergence:
-        names = ("omega_max", "with_tilts", "band_alone", "measured", "measured_stderr")
-        fields: dict[str, Any] = {name: data[name].to_numpy() for name in names}
-        for name in ("all_waves", "tolerance", "recommended"):
-            fields[name] = float(data.attrs[name])
+        fields: dict[str, Any] = {name: data[name].to_numpy() for name in ("omega_max", *_INDICES)}
+        fields |= {name: float(data.attrs[name]) for name in _NUMBERS}
         return cls(**fields, provenance=provenance)
 
 
@@ -169,6 +161,7 @@ def fading_study(
     )
     link = inputs.link
     sea = getattr(inputs.sea, "short_waves", inputs.sea)
+    inputs = inputs._replace(surface=sea)
     all_waves = scintillation_of_spectrum(link, sea)
     both = [[scintillation_of_spectrum(link, sea, w, t) for w in values] for t in (True, False)]
     try:
@@ -177,7 +170,7 @@ def fading_study(
         recommended = math.nan
     measured = np.full((len(values), 2), math.nan)
     for i, limit in enumerate(values if realizations else ()):
-        measured[i] = _measured(inputs._replace(surface=sea), limit, realizations, progress)
+        measured[i] = _measured(inputs, limit, realizations, progress)
     return FadingConvergence(
         omega_max=np.array(values),
         with_tilts=np.array(both[0]),
@@ -187,9 +180,7 @@ def fading_study(
         measured_stderr=measured[:, 1],
         tolerance=tolerance,
         recommended=recommended,
-        provenance=inputs._replace(surface=sea).provenance(
-            omega_max=list(values), realizations=realizations
-        ),
+        provenance=inputs.provenance(omega_max=list(values), realizations=realizations),
     )
 
 
@@ -198,11 +189,9 @@ def _measured(
 ) -> tuple[float, float]:
     """Return the index of unscattered light over an ensemble, and its standard error."""
     sea: Any = inputs.sea
-    sea = sea.model_copy(update={"omega_max": omega_max})
-    inputs = inputs._replace(surface=sea)
+    inputs = inputs._replace(surface=sea.model_copy(update={"omega_max": omega_max}))
     gain = over_realizations(inputs, realizations, progress).gain_ballistic
-    drawn = np.random.default_rng(inputs.run.seed).integers(
-        0, realizations, (_BOOTSTRAPS, realizations)
-    )
+    rng = np.random.default_rng(inputs.run.seed)
+    drawn = rng.integers(0, realizations, (_BOOTSTRAPS, realizations))
     indices = [sample.var(ddof=1) / sample.mean() ** 2 for sample in (gain, *gain[drawn])]
     return indices[0], float(np.std(indices[1:]))

@@ -233,13 +233,14 @@ class ConvergenceStudy(Stored):
         )
 
     def _headline(self) -> str:
-        none = f"finer than {self.values[-1]:g}"
-        found = ", ".join(
-            f"{kind} {none if math.isnan(value) else format(value, '.3g')}"
-            for kind, value in self.recommended().items()
-        )
+        found = ", ".join(f"{kind} {self._recommended(kind)}" for kind in self.normals)
         percent = 100.0 * self.tolerance
         return f"{self.parameter} [{UNITS[self.parameter]}] for an error of {percent:g} %: {found}"
+
+    def _recommended(self, kind: Normals) -> str:
+        """Return the recommended value for one kind of normals as text."""
+        best = self.recommended()[kind]
+        return f"finer than {self.values[-1]:g}" if math.isnan(best) else f"{best:.3g}"
 
     def summary(self) -> str:
         """Return the study as a table of text, errors in percent of the gain."""
@@ -294,11 +295,10 @@ class ConvergenceStudy(Stored):
         if exact is not None:
             inside = "inside" if gain.low <= exact.gain <= gain.high else "outside"
             lines.append(f"exact surface {exact.gain:.5e}, {inside} that interval")
-        best = self.recommended()[kind]
-        said = f"finer than {self.values[-1]:g}" if math.isnan(best) else f"{best:.3g}"
         lines.append(
             f"common Monte Carlo error {100.0 * self.gain_stderr[k, -1] / self.gain[k, -1]:.2g} %; "
-            f"{self.parameter} for an error of {100.0 * self.tolerance:g} %: {said} {unit}"
+            f"{self.parameter} for an error of {100.0 * self.tolerance:g} %: "
+            f"{self._recommended(kind)} {unit}"
         )
         return lines
 

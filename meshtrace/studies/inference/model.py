@@ -11,15 +11,14 @@ import numpy as np
 
 from meshtrace.errors import Described, Refused, require_array, require_real
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.stored import SHIFTS
+from meshtrace.studies.inputs import CommonLines
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting
 from meshtrace.studies.sensitivity.problem import has_moments, moments
-from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.frozen import FrozenForced, Light
-from meshtrace.transport.meshing import mesh_lines, require_cover
 from meshtrace.transport.options import Meshing, Run
 from meshtrace.transport.view import only_aperture
 
@@ -27,7 +26,6 @@ WATER = ("water.a", "water.b")
 SCALE = "scale"
 """Unknown factor of all measurements: the calibration of the receiver."""
 
-_WIDER = 1.2
 _LARGEST = 64  # predicted measurements that are kept for further fits
 _STEP = 0.01  # of differences in the logarithm
 
@@ -109,8 +107,6 @@ class Model:
         Unknown parameters; a and b of uniform water weigh the arrivals again.
     run : Run
         Photons, seed and threads.
-    threads : int
-        Threads.
     """
 
     def __init__(
@@ -178,10 +174,9 @@ class Model:
         setting = Setting(link, self._surface, None)
         same = setting
         for p, step in zip(self._unknowns, x, strict=True):
-            value = p.base + step if p.absolute else p.origin + p.scale * math.exp(step)
-            setting = p.at(setting, value)
+            setting = p.at(setting, p.moved(step))
             if not (self._quick and p.name in WATER):
-                same = p.at(same, value)
+                same = p.at(same, p.moved(step))
         light = _predictor(link, self._surface, self._run).light(same.link)
         old, new = same.link.water, setting.link.water
         if (old.a, old.b) != (new.a, new.b):
@@ -196,14 +191,7 @@ class _Predictor:
     """Chains of one link and the light of its last neighbours."""
 
     def __init__(self, link: Link, surface: Any, run: Run) -> None:
-        if isinstance(surface, TriangleMesh):
-            self._mesh = surface
-        else:
-            lines: dict[str, Any] = {}
-            if isinstance(surface, SurfaceModel):
-                lines = mesh_lines(link, surface, Meshing(), _WIDER * crossing_reach(link))
-            self._mesh = surface.mesh(0.0, **lines)
-        require_cover(link, self._mesh)
+        self._mesh = CommonLines(link, surface, Meshing()).mesh()
         crest = float(self._mesh.bounds[1, 2])
         self._frozen = FrozenForced(link, run.photons, run.seed, crest)
         self._lights: OrderedDict[str, Light] = OrderedDict()

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.stored import Stored
+from meshtrace.results.variables import Variable
+from meshtrace.studies.stored_fields import StoredFields
 from meshtrace.tables import text_table
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Inference(Stored):
+class Inference(StoredFields):
     """Unknown parameters of a link from measured gains.
 
     Attributes
@@ -46,22 +43,23 @@ class Inference(Stored):
         Versions and configuration.
     """
 
-    unknown: tuple[str, ...]
-    unit: tuple[str, ...]
-    estimate: Floats
-    error: Floats
-    covariance: Floats
-    free_error: Floats
-    singular_values: Floats
+    unknown: Annotated[tuple[str, ...], Variable("unknown")]
+    unit: Annotated[tuple[str, ...], Variable("unknown", name="inferred_unit")]
+    estimate: Annotated[Floats, Variable("unknown", name="inferred_value")]
+    error: Annotated[Floats, Variable("unknown", name="inferred_stderr")]
+    covariance: Annotated[Floats, Variable("unknown unknown_too", name="inferred_covariance")]
+    free_error: Annotated[Floats, Variable("unknown", name="inferred_free_error")]
+    singular_values: Annotated[Floats, Variable("direction", name="singular_value")]
     weakest: str
     chi2: float
     degrees: int
-    measured: Floats
-    predicted: Floats
+    measured: Annotated[Floats, Variable("measurement", name="measured_gain")]
+    predicted: Annotated[Floats, Variable("measurement", name="predicted_gain")]
     provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "inference"
     title: ClassVar[str] = "meshtrace inference"
+    _attributes: ClassVar[dict[str, type]] = {"weakest": str, "chi2": float, "degrees": int}
 
     @property
     def value(self) -> dict[str, float]:
@@ -109,40 +107,4 @@ class Inference(Stored):
                 f"singular values {singular}",
                 f"weakest: {self.weakest}",
             ]
-        )
-
-    def _content(self) -> xr.Dataset:
-        import xarray as xr
-
-        data = {
-            "inferred_value": ("unknown", self.estimate),
-            "inferred_stderr": ("unknown", self.error),
-            "inferred_unit": ("unknown", list(self.unit)),
-            "inferred_free_error": ("unknown", self.free_error),
-            "inferred_covariance": (("unknown", "unknown_too"), self.covariance),
-            "singular_value": ("direction", self.singular_values),
-            "measured_gain": ("measurement", self.measured),
-            "predicted_gain": ("measurement", self.predicted),
-        }
-        found = xr.Dataset(data, {"unknown": list(self.unknown)})
-        for name in found.variables:
-            found[name].attrs.update(attrs(str(name)))
-        return found.assign_attrs(weakest=self.weakest, chi2=self.chi2, degrees=self.degrees)
-
-    @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> Inference:
-        return cls(
-            unknown=tuple(str(name) for name in data["unknown"].values),
-            unit=tuple(str(name) for name in data["inferred_unit"].values),
-            estimate=data["inferred_value"].values,
-            error=data["inferred_stderr"].values,
-            covariance=data["inferred_covariance"].values,
-            free_error=data["inferred_free_error"].values,
-            singular_values=data["singular_value"].values,
-            weakest=data.attrs["weakest"],
-            chi2=float(data.attrs["chi2"]),
-            degrees=int(data.attrs["degrees"]),
-            measured=data["measured_gain"].values,
-            predicted=data["predicted_gain"].values,
-            provenance=provenance,
         )

@@ -29,6 +29,7 @@ from meshtrace.transport.case import resolve
 DEFAULT_CHAINS = 4096
 """Chains of the prediction of each measurement."""
 
+_SCALE = Parameter(SCALE, 1.0, "1", absolute=False, origin=0.0, step=1.0)
 _FARTHEST = 5.0  # of a logarithm from its start
 _ANY_SCALE = 100.0  # of the logarithm of the scale
 _UNKNOWN = 1.0  # relative standard error beyond which no value is quoted
@@ -112,7 +113,9 @@ def infer(
     for p in found:
         if p.name.split(".")[0] in ("sea", "wind_speed"):
             raise Refused("unknown", p.name, "keys of the link, or scale")
-    fit = _Fit(data, names, found, _priors(prior, names, found))
+    of_link = iter(found)
+    unknowns = [_SCALE if name == SCALE else next(of_link) for name in names]
+    fit = _Fit(data, names, unknowns, _priors(prior, names, unknowns))
     fit.model = Model(case.link, case.surface, data.keys, found, case.run)
     surface = {} if isinstance(case.surface, TriangleMesh) else dict(case.surface.to_config())
     origin = provenance(case.link, surface, {"photons": photons, "seed": seed})
@@ -127,28 +130,25 @@ class _Prior(NamedTuple):
     std: float
 
 
-def _priors(prior: Any, names: list[str], found: list[Parameter]) -> list[_Prior]:
+def _priors(prior: Any, names: list[str], unknowns: list[Parameter]) -> list[_Prior]:
     """Return the priors in the coordinates of the fit."""
-    known = {p.name: p for p in found}
+    known = dict(zip(names, unknowns, strict=True))
     rows = []
     table = {} if prior is None else prior
     require_keys(table, names, "prior")
     for name, pair in table.items():
         mean, std = require_pair(pair, f"prior.{name}", "(mean, std), std > 0")
-        p = known.get(name)
-        if not std > 0.0 or not (mean > 0.0 or (p is not None and p.absolute)):
+        p = known[name]
+        if not std > 0.0 or not (mean > 0.0 or p.absolute):
             raise Refused(f"prior.{name}", pair, "(mean, std), std > 0")
-        if p is not None and p.absolute:
-            rows.append(_Prior(names.index(name), mean - p.base, std))
-        else:
-            base, origin = (1.0, 0.0) if p is None else (p.scale, p.origin)
-            off = mean - origin
-            rows.append(_Prior(names.index(name), math.log(off / base), std / off))
+        off = mean - (p.base if p.absolute else p.origin)
+        place = (off, std) if p.absolute else (math.log(off / p.scale), std / off)
+        rows.append(_Prior(names.index(name), *place))
     return rows
 
 
 class _Fit:
-    """Least squares for the unknowns `names`; `found` are those of the link."""
+    """Least squares for the unknowns, given by their names and as parameters."""
 
     model: Model
 
@@ -156,7 +156,7 @@ class _Fit:
         self,
         data: Measurements,
         names: list[str],
-        found: list[Parameter],
+        unknowns: list[Parameter],
         priors: list[_Prior],
     ) -> None:
         if not names or len(set(names)) < len(names):
@@ -164,7 +164,7 @@ class _Fit:
         if len(names) > len(data.value) + len(priors):
             allowed = f"at most {len(data.value) + len(priors)}: measurements and priors"
             raise Refused("unknown", names, allowed)
-        self._data, self._names, self._found, self._priors = data, names, found, priors
+        self._data, self._names, self._unknowns, self._priors = data, names, unknowns, priors
         self._link_axes = [i for i, name in enumerate(names) if name != SCALE]
 
     def _predicted(self, x: Floats) -> Prediction:
@@ -205,11 +205,8 @@ class _Fit:
 
     def _limits(self) -> Floats:
         """Return the largest move of each unknown from its start."""
-        limits = np.array([_ANY_SCALE if n == SCALE else _FARTHEST for n in self._names])
-        for i, p in zip(self._link_axes, self._found, strict=True):
-            if p.absolute:
-                limits[i] = 100.0 * p.step
-        return limits
+        limits = [100.0 * p.step if p.absolute else _FARTHEST for p in self._unknowns]
+        return np.where([p is _SCALE for p in self._unknowns], _ANY_SCALE, limits)
 
     def result(self, origin: dict[str, Any]) -> Inference:
         """Return the fit, with the identifiability at its start."""
@@ -232,14 +229,14 @@ class _Fit:
         after = _relative(*np.linalg.svd(whitened, full_matrices=False)[1:])
         off = np.linalg.solve(root, last.log - np.log(self._data.value))
         chi2 = float(off @ off) + sum(((x[p.axis] - p.mean) / p.std) ** 2 for p in self._priors)
-        values, units, scales = self._values(x)
-        relative = [p.absolute for p in self._found]
-        absolute = np.zeros(len(self._names), bool)
-        absolute[self._link_axes] = relative
+        absolute = np.array([p.absolute for p in self._unknowns])
+        moves = list(zip(self._unknowns, x, strict=True))
+        values = [p.moved(step) for p, step in moves]
+        scales = [1.0 if p.absolute else abs(p.scale) * math.exp(step) for p, step in moves]
         hidden = ~absolute & ((before > _UNKNOWN) | (after > _UNKNOWN))
         return Inference(
             unknown=tuple(self._names),
-            unit=tuple(units),
+            unit=tuple(p.unit for p in self._unknowns),
             estimate=np.where(hidden, math.nan, values),
             error=np.where(hidden, math.nan, np.sqrt(np.diag(covariance)) * scales),
             covariance=covariance,
@@ -252,22 +249,6 @@ class _Fit:
             predicted=np.exp(last.log),
             provenance=origin,
         )
-
-    def _values(self, x: Floats) -> tuple[Floats, list[str], Floats]:
-        """Return values and units of the unknowns, and their changes per unit of x."""
-        known = {p.name: p for p in self._found}
-        values, units, scales = [], [], []
-        for name, step in zip(self._names, x, strict=True):
-            p = known.get(name)
-            if p is not None and p.absolute:
-                values.append(p.base + step)
-                scales.append(1.0)
-            else:
-                origin, base = (0.0, 1.0) if p is None else (p.origin, p.scale)
-                values.append(origin + base * math.exp(step))
-                scales.append(abs(base) * math.exp(step))
-            units.append("1" if p is None else p.unit)
-        return np.array(values), units, np.array(scales)
 
 
 def _relative(singular: Floats, rows: Floats) -> Floats:

@@ -65,11 +65,6 @@ class Goal:
         """Name of the objective."""
         return "custom" if callable(self.objective) else self.objective
 
-    @property
-    def unit(self) -> str:
-        """Unit of the quantity."""
-        return {"range": "m", "margin": "dB"}.get(self.name, "1")
-
     def costs(self, link: Link, evaluate: Evaluate) -> Floats:
         """Return the number to minimise: of all gains, then of the groups of the jackknife."""
         if self.objective == "range":

@@ -149,7 +149,6 @@ class Optimum(Stored):
         best, start, difference, error, improved = (
             float(data.attrs[f"validation_{key}"]) for key in Validation._fields
         )
-        notes = data.attrs["notes"]
         return cls(
             best=Link.model_validate_json(data.attrs["best"]),
             objective=data.attrs["objective"],
@@ -163,6 +162,6 @@ class Optimum(Stored):
             flatness=data["optimum_flatness"].values,
             history=np.column_stack([data["optimum_history"].values, data["optimum_cost"].values]),
             validation=Validation(best, start, difference, error, bool(improved)),
-            notes=tuple(notes.split("\n")) if notes else (),
+            notes=tuple(data.attrs["notes"].splitlines()),
             provenance=provenance,
         )

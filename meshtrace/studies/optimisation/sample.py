@@ -11,13 +11,13 @@ import numpy as np
 from meshtrace.errors import Refused
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Led, Link
-from meshtrace.mesh import RandomSea, SurfaceModel, TriangleMesh
+from meshtrace.mesh import RandomSea
 from meshtrace.models import Floats
 from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.studies.inputs import CommonLines
 from meshtrace.transport.frozen import FrozenForced, Light
-from meshtrace.transport.meshing import FADING_SPACING, mesh_lines, require_cover
+from meshtrace.transport.meshing import FADING_SPACING
 from meshtrace.transport.options import Meshing, Run
 from meshtrace.uav.airframe import Uav
 from meshtrace.uav.wind import Dryden
@@ -26,7 +26,6 @@ _POSITIONS = 12  # of the receiver over each of several seas
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # azimuths that fill a disk evenly
 _CREST_MARGIN = 1.5  # over the highest crest of the first surface
 _CASES = 4  # candidates whose arrivals are kept for other fields of view
-_WIDER = 1.2  # reach of the mesh over that of the start
 
 
 REWEIGHED = ("receiver.fov_deg", "transmitter.half_angle_deg")
@@ -79,7 +78,7 @@ class Sample:
         aircraft: Aircraft,
         turned: tuple[str, ...],
     ) -> None:
-        self._sea, self._run, self._meshing = sea, run, meshing
+        self._run = run
         self._aircraft, self._start, self._turned = aircraft, link, turned
         self._random = isinstance(sea, RandomSea)
         self._seas = realizations if self._random else 1
@@ -87,17 +86,11 @@ class Sample:
         self._places = 1
         if moving:
             self._places = _POSITIONS if self._random else realizations
-        elif not self._random and realizations > 1:
-            self._seas = 1
         self._draw()
         start = self._spread(link, 0)
-        self._lines: dict[str, Any] = {}
-        if isinstance(sea, SurfaceModel):
-            reach = _WIDER * crossing_reach(start)
-            self._lines = mesh_lines(start, sea, meshing, reach, FADING_SPACING)
-        self._meshes = [self._mesh(i) for i in range(self._seas)]
-        for mesh in self._meshes:
-            require_cover(start, mesh)
+        seed = run.seed if self._random else None
+        seas = CommonLines(start, sea, meshing, seed, FADING_SPACING)
+        self._meshes = [seas.mesh(i) for i in range(self._seas)]
         crest = _CREST_MARGIN * max(float(mesh.bounds[1, 2]) for mesh in self._meshes)
         self._frozen = FrozenForced(link, run.photons, run.seed, crest, meshing.normals)
         self._lights = lru_cache(_CASES)(self._light)
@@ -120,16 +113,6 @@ class Sample:
             tilt = aircraft.uav.tilt(winds)
             angles = np.degrees(np.stack([tilt.angle, tilt.azimuth], axis=1))
             self._tilts = angles.reshape(self._seas, m, 2)
-
-    def _mesh(self, i: int) -> TriangleMesh:
-        """Return the surface of realization i."""
-        if isinstance(self._sea, TriangleMesh):
-            return self._sea
-        sea = self._sea
-        if self._random:
-            sea = sea.with_seed(realization_seed(self._run.seed, i))
-        mesh: TriangleMesh = sea.mesh(self._meshing.time, **self._lines)
-        return mesh
 
     def _spread(self, link: Link, i: int) -> Link:
         """Return a link with its end in the air at all places over sea i."""
@@ -192,8 +175,9 @@ class Sample:
             factor *= (new.order + 1.0) / (old.order + 1.0) * lit ** (new.order - old.order)
         return factor
 
-    def resampled(self, gains: Floats) -> list[tuple[Floats, Floats]]:
-        """Return means over the shifts, and weights: all, without each shift, without each sea."""
+    def groups(self, link: Link) -> list[tuple[Floats, Floats]]:
+        """Return mean gains of a candidate, and weights: all, without each shift, each sea."""
+        gains = self.gains(link)
         found = [(gains.mean(axis=1), self.weights)]
         found += [(np.delete(gains, i, axis=1).mean(axis=1), self.weights) for i in range(SHIFTS)]
         if self._seas > 1:

@@ -26,13 +26,13 @@ from meshtrace.models import Floats
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import held_light
+from meshtrace.studies.inputs import forced_case, wind_over
 from meshtrace.studies.optimisation.objectives import Custom, Goal, Objective
 from meshtrace.studies.optimisation.result import Optimum, Validation
 from meshtrace.studies.optimisation.sample import REWEIGHED, Aircraft, Sample
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.problem import error_of
-from meshtrace.transport.case import Case, resolve
-from meshtrace.transport.options import Forced
+from meshtrace.transport.case import Case
 from meshtrace.uav.airframe import Uav
 from meshtrace.uav.wind import Dryden
 
@@ -143,16 +143,13 @@ def optimize(
     """
     given = {"photons": photons, "seed": seed, **options}
     given |= {} if threads is None else {"threads": threads}
-    case = resolve(link, sea).with_options(**given)
-    if not isinstance(case.run.estimator, Forced):
-        raise Refused("run.estimator", "analog", "forced")
+    case = forced_case(link, sea, given)
     require_whole(realizations, 1, 100_000, "realizations")
     require_between(quantile, 0.0, 1.0, "quantile")
     require_between(limit, 0.0, 0.5, "limit")
     require_kind(uav, Uav | None, "uav")
     require_kind(wind, Dryden | None, "wind")
-    functions = isinstance(constraints, list | tuple) and all(map(callable, constraints))
-    if not functions:
+    if not (isinstance(constraints, list | tuple) and all(map(callable, constraints))):
         raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")
     if isinstance(link, Scenario):
         uav = uav or link.uav
@@ -167,7 +164,9 @@ def optimize(
         electronics, light = held_light(electronics, case, day, str(objective))
     goal = Goal(objective, quantile, electronics, limit)
     variables, bounds = _variables(case, over)
-    aircraft = Aircraft(_stds(hover_std), uav, _wind(case, uav, wind))
+    if uav is not None and wind is None:
+        wind = wind_over(case.surface, case.link, "wind")
+    aircraft = Aircraft(_stds(hover_std), uav, wind)
     search = _Search(case, goal, variables, bounds, realizations, aircraft, progress)
     found = search.optimum(tuple(constraints), method)
     return replace(found, notes=(*found.notes, f"background light: {light}")) if light else found
@@ -179,16 +178,6 @@ def _stds(hover_std: Any) -> tuple[float, float]:
     if min(pair) < 0.0:
         raise Refused("hover_std", hover_std, "two numbers >= 0 [m]")
     return pair
-
-
-def _wind(case: Case, uav: Uav | None, wind: Dryden | None) -> Dryden | None:
-    """Return the wind at an aircraft."""
-    if uav is None or wind is not None:
-        return wind
-    speed = getattr(case.surface, "wind_speed", None)
-    if speed is None:
-        raise Refused("wind", None, "a wind, over a sea without wind speed")
-    return Dryden(wind_speed=speed, height=case.link.air_end[1].height)
 
 
 def _variables(
@@ -272,11 +261,7 @@ class _Search:
 
     def _costs(self, values: Floats, sample: Sample | None = None) -> Floats:
         """Return the costs of a candidate: of all gains, and of the groups of the jackknife."""
-        chosen = sample or self._sample
-        return self._goal.costs(self._link(values), lambda link: self._groups(link, chosen))
-
-    def _groups(self, link: Link, sample: Sample) -> list[tuple[Floats, Floats]]:
-        return sample.resampled(sample.gains(link))
+        return self._goal.costs(self._link(values), (sample or self._sample).groups)
 
     def _cost(self, x: Any) -> float:
         """Return the cost of a point of the unit cube, kept in the history."""
@@ -381,7 +366,7 @@ class _Search:
         difference, error = float(old[0] - new[0]), error_of(old - new)
         improved = bool(difference > 2.0 * error) if error > 0.0 else difference > 0.0
         quantities = [
-            goal.quantity(self._link(v), float(c[0]), lambda at: self._groups(at, fresh))
+            goal.quantity(self._link(v), float(c[0]), fresh.groups)
             for v, c in ((best, new), (self._start, old))
         ]
         for p, value, (low, high) in zip(self._variables, best, self._bounds, strict=True):
@@ -390,8 +375,8 @@ class _Search:
                     notes.append(f"{p.name} is at the bound {end:g}")
         if not improved:
             notes.append("no improvement found")
-        value = goal.quantity(link, cost, lambda at: self._groups(at, self._sample))
         error_of_value = goal.error(cost, stderr)
+        value = goal.quantity(link, cost, self._sample.groups)
         options = {**case.run.to_config(), **case.meshing.model_dump()}
         return Optimum(
             best=link,

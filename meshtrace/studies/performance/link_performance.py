@@ -28,7 +28,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import RandomSea, SurfaceModel
 from meshtrace.results.background import Background
 from meshtrace.scenario import Scenario
-from meshtrace.studies.background import background_over_seas, checked_daylight, described
+from meshtrace.studies.background import background_over_seas, described, light_of
 from meshtrace.studies.inputs import resolve_chains
 from meshtrace.studies.performance.operating_point import operating_point
 from meshtrace.studies.performance.samples import Ensemble, Realizations
@@ -156,7 +156,6 @@ def link_performance(
     if scenario is not None:
         ook = scenario.detector if ook is None else ook
         flight = flight or (Flight(scenario.uav) if scenario.uav else None)
-        daylight = scenario.daylight if daylight is None else daylight
     flight = _flight(flight, shortcuts, speed, link)
     require_between(limit, 0.0, 0.5, "limit")
     require_whole(over.n, 2, 10_000_000, "realizations")
@@ -167,7 +166,7 @@ def link_performance(
     ensemble = Ensemble(inputs, over.n, flight, progress)
     links = _links(ooks[0].channel(link), depths)
     fades = {depth: ensemble.samples(at) for depth, at in links.items()}
-    day = checked_daylight(daylight, link)
+    day = light_of(inputs, daylight)
     lights = _lights(ensemble, links, day)
     points = [
         operating_point(one, depth, samples, limit, confidence, inputs.run.seed, lights[depth])
@@ -185,7 +184,7 @@ def link_performance(
     origin = {
         **closed_form(next(iter(links.values())), inputs.surface, seas, level=2),
         "ook": [one.model_dump(mode="json") for one in ooks],
-        "daylight": daylight.model_dump(mode="json") if daylight else None,
+        "daylight": day.model_dump(mode="json") if day else None,
         **ensemble.provenance(),
     }
     origin = {**next(iter(fades.values())).series.provenance, **origin}

@@ -115,8 +115,7 @@ def _under_light(
     step = quantile * found.radiance_stderr / found.radiance
     lights = [with_background(dark, found, max(1.0 + s, 0.0)) for s in (-step, step)]
     rates = [float(ber_of_gains(one, samples.samples.ravel()).mean()) for one in lights]
-    logs = _joined(*(math.log(max(value, 1e-300)) for value in (*ber, *rates)))
-    return Estimate(*(math.exp(value) for value in logs))
+    return _joined_rates(*ber, *rates)
 
 
 def ber_of_samples(
@@ -130,9 +129,7 @@ def ber_of_samples(
     over_seas = bootstrapped_mean(bers[0], samples.n_effective, confidence, _RESAMPLES, seed)
     if over_seas.value == 0.0:
         return over_seas
-    values = (*over_seas, float(bers[1].mean()), float(bers[2].mean()))
-    logs = _joined(*(math.log(max(value, 1e-300)) for value in values))
-    return Estimate(*(math.exp(value) for value in logs))
+    return _joined_rates(*over_seas, float(bers[1].mean()), float(bers[2].mean()))
 
 
 def outage_of_samples(
@@ -170,6 +167,12 @@ def _joined(value: float, low: float, high: float, brighter: float, darker: floa
         value - math.hypot(value - low, value - brighter),
         value + math.hypot(high - value, darker - value),
     )
+
+
+def _joined_rates(*rates: float) -> Estimate:
+    """Return the interval of an error rate, `_joined` in the logarithm."""
+    logs = _joined(*(math.log(max(rate, 1e-300)) for rate in rates))
+    return Estimate(*(math.exp(value) for value in logs))
 
 
 def _capacity(ook: OokLink, gain: Floats) -> Capacity:

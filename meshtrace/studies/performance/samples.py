@@ -100,8 +100,7 @@ class Ensemble(NamedTuple):
         """Return the aircraft, its wind and the number of realizations."""
         flight = self.flight
         return {
-            "uav": flight.uav.model_dump(mode="json") if flight else None,
-            "wind": self.inputs.wind_of(flight).model_dump(mode="json") if flight else None,
+            **(self.inputs.of_flight(flight) if flight else {"uav": None, "wind": None}),
             "coupled": flight is not None and flight.coupled,
             "realizations": self.n,
         }

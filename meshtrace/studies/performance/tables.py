@@ -362,9 +362,9 @@ class DepthSweep(Stored):
         """Return the ranges of all winds and bit rates as a text for the terminal."""
         first = self.performances[0]
         lines = [first._range_heading]
-        for speed, performance in zip(self.wind_speeds, self.performances, strict=True):
+        pairs = list(zip(self.wind_speeds, self.performances, strict=True))
+        for speed, performance in pairs:
             lines += performance._range_lines(f"{speed:>5g} m/s")
-        pairs = zip(self.wind_speeds, self.performances, strict=True)
         light = [f"background light, {speed:g} m/s: {p.light}" for speed, p in pairs]
         if len({p.light for p in self.performances}) == 1:
             light = [f"background light: {first.light}"]

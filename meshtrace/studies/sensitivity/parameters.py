@@ -66,9 +66,13 @@ class Parameter(NamedTuple):
 
     def shifted(self, steps: float) -> float:
         """Return the value at a signed number of steps."""
+        return self.moved(steps * self.step)
+
+    def moved(self, move: float) -> float:
+        """Return the value at a move in `unit`, or in the logarithm if it is relative."""
         if self.absolute:
-            return self.base + steps * self.step
-        return self.origin + (self.base - self.origin) * math.exp(steps * self.step)
+            return self.base + move
+        return self.origin + self.scale * math.exp(move)
 
     @property
     def scale(self) -> float:

@@ -5,26 +5,25 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from meshtrace.errors import Refused, require_whole
 from meshtrace.files import atomic
-from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
-from meshtrace.mesh import RandomSea, SurfaceModel, TriangleMesh
+from meshtrace.mesh import RandomSea, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.sensitivity.parameters import Parameter, Setting
-from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.studies.inputs import CommonLines
+from meshtrace.studies.sensitivity.parameters import Setting
 from meshtrace.transport.frozen import FrozenForced, Light
-from meshtrace.transport.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines, require_cover
+from meshtrace.transport.meshing import FADING_SPACING
 from meshtrace.transport.options import Meshing, Run
 
-_WIDER = 1.2  # reach of the mesh over that of the base link: neighbours lie within
 _KEPT = 4  # meshes of the base sea that stay in memory
 _CREST_MARGIN = 1.5  # over the highest crest of the first seas: later ones may be higher
 _KERNEL_DEG = 4.0  # half-width of the window in angle at the edge of the field of view
@@ -59,50 +58,28 @@ class Problem:
             raise Refused("realizations", realizations, f"1 over a surface of kind {kind}")
         self.setting, self.run, self.meshing = setting, run, meshing
         self.realizations = realizations
-        self._lines: dict[str, Any] = {}
-        if isinstance(sea, SurfaceModel):
-            reach = _WIDER * crossing_reach(setting.link)
-            per_wave = GAIN_SPACING if realizations == 1 else FADING_SPACING
-            self._lines = mesh_lines(setting.link, sea, meshing, reach, per_wave)
-        self._meshes = [self.mesh(sea, i) for i in range(min(realizations, _KEPT))]
+        many = (run.seed, FADING_SPACING) if realizations > 1 else ()
+        self._seas = CommonLines(setting.link, sea, meshing, *many)
+        self._meshes = [self._seas.mesh(i) for i in range(min(realizations, _KEPT))]
         crest = max(float(mesh.bounds[1, 2]) for mesh in self._meshes)
         crest *= 1.0 if realizations == 1 else _CREST_MARGIN
         self._frozen = FrozenForced(
             setting.link, run.photons, run.seed, crest, meshing.normals, meshes=self._meshes
         )
 
-    def mesh(self, sea: Any, i: int) -> TriangleMesh:
-        """Return realization i of a sea on the grid lines of the base."""
-        if isinstance(sea, TriangleMesh):
-            mesh = sea
-        else:
-            if self.realizations > 1:
-                sea = sea.with_seed(realization_seed(self.run.seed, i))
-            mesh = sea.mesh(self.meshing.time, **self._lines)
-        require_cover(self.setting.link, mesh)
-        return mesh
-
     def base_mesh(self, i: int) -> TriangleMesh:
         """Return realization i of the base sea; the first ones are kept."""
-        return self._meshes[i] if i < len(self._meshes) else self.mesh(self.setting.sea, i)
+        return self._meshes[i] if i < len(self._meshes) else self._seas.mesh(i)
 
     def gains(self, setting: Setting, i: int) -> Floats:
         """Return the gain of the first receiver over realization i by shift, shape (shifts,)."""
         same = setting.sea is self.setting.sea
-        mesh = self.base_mesh(i) if same else self.mesh(setting.sea, i)
+        mesh = self.base_mesh(i) if same else self._seas.mesh(i, setting.sea)
         return self._frozen.gains(setting.link, mesh)[0]
 
     def light(self, link: Link, i: int) -> Light:
         """Return the light that a neighbouring link receives over realization i."""
         return self._frozen.light(link, self.base_mesh(i))[0]
-
-
-class Response(NamedTuple):
-    """Gains (seas, shifts) at a step to either side of the base."""
-
-    below: Floats
-    above: Floats
-    step: float
 
 
 def has_moments(link: Link) -> bool:
@@ -146,37 +123,28 @@ class Shelf:
     def __init__(self, folder: str | Path | None, key: dict[str, Any]) -> None:
         self._folder = None if folder is None else Path(folder)
         self._key = json.dumps(key, sort_keys=True)
+        self._numbers: dict[str, Floats] = {}
         if self._folder is not None:
             self._folder.mkdir(parents=True, exist_ok=True)
 
-    def _path(self, name: str) -> Path:
-        assert self._folder is not None
-        return self._folder / f"{hashlib.sha256((self._key + name).encode()).hexdigest()[:24]}.npy"
+    def kept(self, name: str, make: Callable[[], Floats]) -> Floats:
+        """Return the numbers of a parameter, made once."""
+        if name not in self._numbers:
+            folder = self._folder
+            self._numbers[name] = make() if folder is None else self._filed(folder, name, make)
+        return self._numbers[name]
 
-    def get(self, name: str) -> Floats | None:
-        """Return the numbers of a finished parameter; None if there are none."""
-        if self._folder is None:
-            return None
-        try:
-            with self._path(name).open("rb") as file:
-                found: Floats = np.load(file, allow_pickle=False)
-        except (OSError, ValueError, EOFError):
-            return None
-        return found
-
-    def put(self, name: str, numbers: Floats) -> None:
-        """Keep the numbers of a parameter."""
-        if self._folder is not None:
-            with atomic(self._path(name)) as temporary, temporary.open("wb") as file:
-                np.save(file, numbers, allow_pickle=False)
-
-
-def second_step(p: Parameter, default: float) -> float:
-    """Return the steps of a repeated difference: thrice, and at least thrice the usual one.
-
-    A small step sees none of the discontinuities that rare chains carry.
-    """
-    return 3.0 * max(1.0, default / p.step)
+    def _filed(self, folder: Path, name: str, make: Callable[[], Floats]) -> Floats:
+        """Return the numbers in the file of a parameter, made unless it is a readable one."""
+        digest = hashlib.sha256((self._key + name).encode()).hexdigest()
+        path = folder / f"{digest[:24]}.npy"
+        with suppress(OSError, ValueError, EOFError), path.open("rb") as file:
+            found: Floats = np.load(file, allow_pickle=False)
+            return found
+        numbers = make()
+        with atomic(path) as temporary, temporary.open("wb") as file:
+            np.save(file, numbers, allow_pickle=False)
+        return numbers
 
 
 def without_each(gains: Floats) -> Iterator[Floats]:

@@ -15,6 +15,7 @@ from meshtrace.comms.budget import required_gain
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Refused, require_word
 from meshtrace.models import Floats
+from meshtrace.studies.sensitivity.problem import without_each
 
 Of = Literal["gain", "ber", "outage", "range", "margin"]
 
@@ -77,6 +78,10 @@ class Quantity:
         if not excess(-spread) > 0.0 > excess(spread):
             raise Refused("limit", self.limit, "a bit error rate that some power reaches")
         return -float(brentq(excess, -spread, spread, xtol=1e-9))
+
+    def logs(self, gains: Floats, ook: OokLink | None) -> Floats:
+        """Return the logarithm for all gains and for the groups of the jackknife."""
+        return np.array([self.log(group, ook) for group in without_each(gains)])
 
     def value(self, log: float) -> float:
         """Return the quantity from its logarithm; for "range" the factor of the light."""

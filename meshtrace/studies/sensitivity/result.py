@@ -5,24 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, overload
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, get_type_hints, overload
 
 import numpy as np
 
 from meshtrace.errors import Refused, require_keys, require_real
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.stored import Stored
+from meshtrace.results.variables import Variable
+from meshtrace.studies.stored_fields import StoredFields
 from meshtrace.tables import text_table
 
 if TYPE_CHECKING:
     import xarray as xr
 
 _FARTHEST = 0.3  # change of a logarithm that a first-order forecast may reach
-_WORDS = ("name", "unit", "method", "notes")
-_NUMBERS = (
-    "base", "elasticity", "stderr", "relative", "derivative", "derivative_stderr", "second",
-)  # fmt: skip
 
 
 class Value(NamedTuple):
@@ -80,6 +77,9 @@ class Row:
         return getattr(self, key)
 
 
+_COLUMNS = get_type_hints(Row)
+
+
 class Table(tuple[Row, ...]):
     """Rows, by number or by the name of the parameter."""
 
@@ -98,7 +98,7 @@ class Table(tuple[Row, ...]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sensitivities(Stored):
+class Sensitivities(StoredFields):
     """Sensitivities of a quantity of a link.
 
     Attributes
@@ -121,16 +121,17 @@ class Sensitivities(Stored):
     """
 
     of: str
-    value: float
-    stderr: float
+    value: Annotated[float, Variable("", name="quantity")]
+    stderr: Annotated[float, Variable("", name="quantity_stderr")]
     unit: str
     table: Table
-    logs: Floats
+    logs: Annotated[Floats, Variable("parameter parameter_too", name="sensitivity_covariance")]
     provenance: dict[str, Any] = field(default_factory=dict)
     light: str = ""
 
     kind: ClassVar[str] = "sensitivity"
     title: ClassVar[str] = "meshtrace sensitivities"
+    _attributes: ClassVar[dict[str, type]] = {"of": str, "unit": str, "light": str}
 
     def _headline(self) -> str:
         largest = max(self.table, key=lambda row: abs(np.nan_to_num(row.elasticity)))
@@ -210,42 +211,30 @@ class Sensitivities(Stored):
         return Value(value, value * math.hypot(self.stderr / self.value, spread))
 
     def _content(self) -> xr.Dataset:
-        import xarray as xr
-
-        data: dict[str, Any] = {
-            f"sensitivity_{key}": ("parameter", [row[key] for row in self.table])
-            for key in (*_WORDS[1:], *_NUMBERS)
-        }
-        suspicious = np.array([row.suspicious for row in self.table], np.int8)
-        data["sensitivity_suspicious"] = ("parameter", suspicious)
-        data["sensitivity_covariance"] = (("parameter", "parameter_too"), self.logs)
-        data["quantity"], data["quantity_stderr"] = ((), self.value), ((), self.stderr)
-        names = [row.name for row in self.table]
-        found = xr.Dataset(
-            data, {"parameter": names}, {"of": self.of, "unit": self.unit, "light": self.light}
-        )
-        for name in found.variables:
-            found[name].attrs.update(attrs(str(name)))
-        return found
+        columns = {}
+        for name, kind in _COLUMNS.items():
+            numbers = [row[name] for row in self.table]
+            key = _stored(name)
+            columns[key] = (
+                "parameter",
+                np.array(numbers, np.int8 if kind is bool else kind),
+                attrs(key),
+            )
+        return super()._content().assign(columns)
 
     @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> Sensitivities:
-        columns: list[list[Any]] = [[str(name) for name in data["parameter"].values]]
-        columns += [[str(v) for v in data[f"sensitivity_{key}"].values] for key in _WORDS[1:]]
-        columns += [data[f"sensitivity_{key}"].values.tolist() for key in _NUMBERS]
-        columns.append([bool(v) for v in data["sensitivity_suspicious"].values])
-        keys = (*_WORDS, *_NUMBERS, "suspicious")
-        rows = [Row(**dict(zip(keys, row, strict=True))) for row in zip(*columns, strict=True)]
-        return cls(
-            of=data.attrs["of"],
-            value=float(data["quantity"]),
-            stderr=float(data["quantity_stderr"]),
-            unit=data.attrs["unit"],
-            table=Table(rows),
-            logs=data["sensitivity_covariance"].values,
-            provenance=provenance,
-            light=str(data.attrs.get("light", "")),
-        )
+    def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
+        """Return the fields that a dataset holds."""
+        columns = [
+            map(kind, data[_stored(name)].values.tolist()) for name, kind in _COLUMNS.items()
+        ]
+        rows = (Row(*values) for values in zip(*columns, strict=True))
+        return super().arrays(data) | {"table": Table(rows)}
+
+
+def _stored(column: str) -> str:
+    """Return the name of a column of the table in files."""
+    return "parameter" if column == "name" else f"sensitivity_{column}"
 
 
 def _factor(row: Row) -> float:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,24 +22,21 @@ from meshtrace.results.provenance import environment, provenance
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.background import held_light
+from meshtrace.studies.inputs import forced_case
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.problem import (
     Problem,
-    Response,
     Shelf,
     covariance_of,
     edge_of_view,
     error_of,
     has_moments,
     moments,
-    second_step,
-    without_each,
 )
 from meshtrace.studies.sensitivity.quantities import Of, Quantity
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
-from meshtrace.transport.case import Case, resolve
+from meshtrace.transport.case import Case
 from meshtrace.transport.meshing import mesh_for
-from meshtrace.transport.options import Forced
 
 DEFAULT_CHAINS = 8192
 """Chains of a study of sensitivities."""
@@ -147,7 +145,10 @@ def sensitivities(
     [-1.14, -0.08]
     """
     given = {"photons": photons, "seed": seed, "threads": threads, **options}
-    case = _case(link, sea, {k: v for k, v in given.items() if v is not None})
+    given = {name: value for name, value in given.items() if value is not None}
+    if not isinstance(link, Scenario):
+        given = {"photons": DEFAULT_CHAINS, **given}
+    case = forced_case(link, sea, given)
     require_between(limit, 0.0, 0.5, "limit")
     quantity = Quantity(of, limit)
     setting = _setting(case, link, of, ook, bit_rate)
@@ -172,27 +173,15 @@ def sensitivities(
     return replace(_result(study, found, asked, case), light=light)
 
 
-def _case(link: Any, sea: Any, options: dict[str, Any]) -> Case:
-    """Return the checked inputs of a study."""
-    if not isinstance(link, Scenario):
-        options = {"photons": DEFAULT_CHAINS, **options}
-    case = resolve(link, sea).with_options(**options)
-    if not isinstance(case.run.estimator, Forced):
-        raise Refused("run.estimator", "analog", "forced")
-    return case
-
-
 def _setting(
     case: Case, link: Any, of: str, ook: OokLink | Preset | None, bit_rate: float | None
 ) -> Setting:
     """Return link, surface and, except for the gain, the electronics."""
     if isinstance(link, Scenario) and link.detector is not None and ook == "physical":
         ook = link.detector
-    if of == "gain":
-        return Setting(case.link, case.surface, None)
-    if ook is None:
-        if of != "range":
-            raise Refused("ook", None, f"a transmission, for {of}")
+    if ook is None and of not in ("gain", "range"):
+        raise Refused("ook", None, f"a transmission, for {of}")
+    if ook is None or of == "gain":
         return Setting(case.link, case.surface, None)
     electronics = OokLink.of_link(case.link, ook, bit_rate)
     return Setting(electronics.channel(case.link), case.surface, electronics)
@@ -258,61 +247,53 @@ class _Study:
     ) -> None:
         self.problem, self.quantity = problem, quantity
         self._shelf, self._steps = shelf, steps
+        self._seas = range(problem.realizations)
         self._threads = default_threads(problem.run.threads)
-        self._exact: dict[str, Floats] = {}
 
     def gains(self, *settings: Setting) -> Floats:
         """Return the gains of settings over all seas, shape (settings * seas, shifts)."""
-        seas = range(self.problem.realizations)
-        jobs = [(setting, i) for setting in settings for i in seas]
-        found = ordered_map(lambda job: self.problem.gains(*job), jobs, self._threads)
-        return np.array(list(found))
+        jobs = product(settings, self._seas)
+        return self._over(lambda job: self.problem.gains(*job), jobs)
+
+    def _over(self, numbers: Callable[[Any], Floats], jobs: Iterable[Any]) -> Floats:
+        """Return the numbers of each job, stacked."""
+        return np.array(list(ordered_map(numbers, jobs, self._threads)))
 
     @property
     def base(self) -> Floats:
         """Gains of the base, shape (seas, shifts)."""
-        return self._kept("base", lambda: self.gains(self.problem.setting))
-
-    def _kept(self, name: str, make: Callable[[], Floats]) -> Floats:
-        """Return numbers of this study, made once."""
-        if name not in self._exact:
-            numbers = self._shelf.get(name)
-            if numbers is None:
-                numbers = make()
-                self._shelf.put(name, numbers)
-            self._exact[name] = numbers
-        return self._exact[name]
+        return self._shelf.kept("base", lambda: self.gains(self.problem.setting))
 
     def _moments(self) -> Floats:
         """Return dh / d ln a and dh / d ln b, shape (2, seas, shifts)."""
-        link, seas = self.problem.setting.link, range(self.problem.realizations)
+        link = self.problem.setting.link
 
         def one(i: int) -> Floats:
             found = moments(link, self.problem.light(link, i))
             return np.array([found["water.a"], found["water.b"]])
 
-        return np.stack(list(ordered_map(one, seas, self._threads)), axis=1)
+        return self._over(one, self._seas).swapaxes(0, 1)
 
     def _edge(self, name: str) -> Floats:
         """Return dh / d ln fov, shape (seas, shifts)."""
-        link, seas = self.problem.setting.link, range(self.problem.realizations)
+        link = self.problem.setting.link
         fov = link.receivers[0].fov_deg
         wide = link.replace(name, min(fov + _WIDER_DEG, 180.0))
 
         def one(i: int) -> Floats:
             return edge_of_view(self.problem.light(wide, i), 0.5 * fov)
 
-        return np.stack(list(ordered_map(one, seas, self._threads)))
+        return self._over(one, self._seas)
 
     def derivatives(self, p: Parameter, progress: Callable[[int], None] | None) -> _Rates:
         """Return the derivatives by a parameter."""
         link = self.problem.setting.link
         first = "receiver.0" if isinstance(link.receiver, tuple) else "receiver"
         if p.name in ("water.a", "water.b") and has_moments(link):
-            gains = self._kept("moments", self._moments)[int(p.name == "water.b")]
+            gains = self._shelf.kept("moments", self._moments)[int(p.name == "water.b")]
             found = self._exactly(p, gains, "moment")
         elif p.name == f"{first}.fov_deg" and link.physics.fov == "angle":
-            gains = self._kept(p.name, lambda: self._edge(p.name))
+            gains = self._shelf.kept(p.name, lambda: self._edge(p.name))
             found = self._exactly(p, gains, "angle")
         else:
             found = self._differences(p)
@@ -324,21 +305,21 @@ class _Study:
         """Return the derivatives of the quantity from those of the gains (seas, shifts)."""
         base, setting = self.base, self.problem.setting
         sides = [p.at(setting, p.shifted(side * _DIRECT / p.step)).ook for side in (-1.0, 1.0)]
-        response = Response(base - _DIRECT * change, base + _DIRECT * change, _DIRECT)
-        return _Rates(p, self._rates(response, sides), math.nan, method, False, "")
+        gains = base - _DIRECT * change, base + _DIRECT * change
+        return _Rates(p, self._rates(gains, sides, _DIRECT), math.nan, method, False, "")
 
-    def _rates(self, response: Response, ooks: list[OokLink | None]) -> Floats:
-        """Return the derivative of the logarithm: of all, without each shift, without each sea."""
-        low, high = (
-            np.array([self.quantity.log(gains, ook) for gains in without_each(side)])
-            for side, ook in zip((response.below, response.above), ooks, strict=True)
-        )
-        return (high - low) / (2.0 * response.step)
+    def _rates(self, gains: Iterable[Floats], ooks: list[OokLink | None], step: float) -> Floats:
+        """Return the derivative of the logarithm: of all, without each shift, without each sea.
+
+        `gains` are those (seas, shifts) at a step to either side of the base.
+        """
+        low, high = map(self.quantity.logs, gains, ooks)
+        return (high - low) / (2.0 * step)
 
     def _differences(self, p: Parameter) -> _Rates:
         """Return central differences over a step, compared with those over a longer one."""
-        setting, seas = self.problem.setting, self.problem.realizations
-        factors = [1.0, second_step(p, self._steps.get(p.name, p.step))]
+        setting = self.problem.setting
+        factors = [1.0, self._longer(p)]
         sides = []
         for factor in factors:
             try:
@@ -346,15 +327,24 @@ class _Study:
             except Refused:  # the longer step leaves the range
                 break
         name = f"{p.name} {p.step!r}"
-        gains = self._kept(name, lambda: self.gains(*sides)).reshape(-1, seas, SHIFTS)
+        gains = self._shelf.kept(name, lambda: self.gains(*sides)).reshape(
+            -1, len(self._seas), SHIFTS
+        )
         found = []
         for k in range(0, len(gains), 2):
-            response = Response(gains[k], gains[k + 1], factors[k // 2] * p.step)
-            found.append(self._rates(response, [side.ook for side in sides[k : k + 2]]))
+            ooks = [side.ook for side in sides[k : k + 2]]
+            found.append(self._rates(gains[k : k + 2], ooks, factors[k // 2] * p.step))
         suspicious, notes = self._compared(found)
         if p.origin:
             notes = f"relative to {p.name} - {p.origin:g}" + (f"; {notes}" if notes else "")
         return _Rates(p, found[0], self._second(p, gains), "difference", suspicious, notes)
+
+    def _longer(self, p: Parameter) -> float:
+        """Return the steps of a repeated difference: thrice, and at least thrice the usual one.
+
+        A small step sees none of the discontinuities that rare chains carry.
+        """
+        return 3.0 * max(1.0, self._steps.get(p.name, p.step) / p.step)
 
     def _compared(self, found: list[Floats]) -> tuple[bool, str]:
         """Return the disagreement of the derivatives over two steps, if any."""
@@ -372,7 +362,7 @@ class _Study:
         if not p.absolute:
             return math.nan
         setting, k = self.problem.setting, 2 if len(gains) > 2 else 0
-        steps = p.step * (1.0 if k == 0 else second_step(p, self._steps.get(p.name, p.step)))
+        steps = p.step * (self._longer(p) if k else 1.0)
         low, mid, high = (
             self.quantity.log(g, setting.ook) for g in (gains[k], self.base, gains[k + 1])
         )
@@ -384,7 +374,7 @@ class _Study:
 def _result(study: _Study, found: list[_Rates], asked: list[str], case: Case) -> Sensitivities:
     """Return the table of the derivatives."""
     quantity, setting = study.quantity, study.problem.setting
-    logs = np.array([quantity.log(gains, setting.ook) for gains in without_each(study.base)])
+    logs = quantity.logs(study.base, setting.ook)
     value, stderr = quantity.value(float(logs[0])), error_of(logs)
     rates = np.array([one.rates for one in found])
     if quantity.of == "range":
@@ -398,19 +388,19 @@ def _result(study: _Study, found: list[_Rates], asked: list[str], case: Case) ->
     else:
         stderr *= abs(quantity.slope(value))
     kept = [i for i, one in enumerate(found) if one.parameter.name in asked]
-    found, rates = [found[i] for i in kept], rates[kept]
-    rows, factors = [], []
-    for one, rate in zip(found, rates, strict=True):
-        row, factor = _row(one, float(rate[0]), error_of(rate), quantity, value)
-        rows.append(row)
-        factors.append(factor)
+    rates = rates[kept]
+    pairs = [
+        _row(found[i], float(rate[0]), error_of(rate), quantity, value)
+        for i, rate in zip(kept, rates, strict=True)
+    ]
+    rows, factors = zip(*pairs, strict=True)
     covariance = covariance_of(rates) * np.outer(factors, factors)
     key = _key(case, setting, study.problem.realizations)
     run = {**case.run.to_config(), **case.meshing.model_dump(mode="json")}
     run.pop("threads")
     origin = provenance(setting.link, key["surface"], run)
     origin |= {"of": quantity.of, "limit": quantity.limit}
-    origin |= {name: key[name] for name in ("ook", "realizations")}
+    origin |= {"ook": key["ook"], "realizations": key["realizations"]}
     return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
 
 
@@ -426,12 +416,9 @@ def _row(
 ) -> tuple[Row, float]:
     """Return the row of a parameter, and its logarithmic derivative over the rate."""
     p = one.parameter
-    relative = rate if p.absolute else rate / p.scale
-    if not p.absolute:
-        elasticity, factor = rate, 1.0
-    else:
-        factor = p.base if p.base != 0.0 else 1.0
-        elasticity = rate * p.base if p.base != 0.0 else math.nan
+    relative = rate / p.scale
+    factor = p.base if p.absolute and p.base != 0.0 else 1.0
+    elasticity = math.nan if p.absolute and p.base == 0.0 else rate * factor
     slope = value if quantity.of == "range" else quantity.slope(value)
     return Row(
         p.name,
@@ -441,7 +428,7 @@ def _row(
         abs(factor) * error,
         relative,
         slope * relative,
-        abs(slope / (1.0 if p.absolute else p.scale)) * error,
+        abs(slope / p.scale) * error,
         one.second,
         one.method,
         one.suspicious,

@@ -13,7 +13,7 @@ from meshtrace.errors import Described, Refused, require_between, require_keys, 
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
-from meshtrace.studies.sensitivity.problem import Problem, error_of, without_each
+from meshtrace.studies.sensitivity.problem import Problem, error_of
 from meshtrace.studies.sensitivity.quantities import Quantity
 from meshtrace.studies.sensitivity.result import Sensitivities
 
@@ -110,7 +110,7 @@ class _Swings:
         """Return the logarithm of the quantity: of all gains, and of the groups."""
         seas = range(self._problem.realizations)
         gains = np.array([self._problem.gains(setting, i) for i in seas]).reshape(-1, SHIFTS)
-        return np.array([self._quantity.log(g, setting.ook) for g in without_each(gains)])
+        return self._quantity.logs(gains, setting.ook)
 
     def ends(self, name: str, change: float) -> tuple[float, float]:
         """Return the two values of a parameter."""
@@ -123,14 +123,8 @@ class _Swings:
     def of(self, name: str, ends: tuple[float, float]) -> Swing:
         """Return the swing of a parameter."""
         p = self._parameters[name]
-        pairs = [self._one(p, end) for end in ends]
-        return Swing(
-            name,
-            p.unit,
-            ends,
-            (pairs[0][0], pairs[1][0]),
-            (pairs[0][1], pairs[1][1]),
-        )
+        (low, low_error), (high, high_error) = (self._one(p, end) for end in ends)
+        return Swing(name, p.unit, ends, (low, high), (low_error, high_error))
 
     def _one(self, p: Parameter, value: float) -> tuple[float, float]:
         """Return the change of the quantity at one value, and its error."""

@@ -56,8 +56,7 @@ def open_store(study: Study, store: str | Path | None) -> zarr.Group:
         held = Described(f"{str(path)!r} holds another sweep ({difference})")
         raise Refused("store", held, "the same arguments, or another path")
     group = zarr.open_group(path, mode="r+")
-    labels = {name: _labels(values) for name, values in study.parameters.items()}
-    for name, values in {**labels, "realization": np.arange(study.realizations)}.items():
+    for name, values in _coordinates(study).items():
         try:
             whole = np.array_equal(_array(group, name)[...], values)
         except Exception as error:  # codecs and file systems raise any exception
@@ -144,29 +143,23 @@ def _create(study: Study, store: Any) -> zarr.Group:
             "environment": json.dumps(environment()),
         },
     )
-    shape, dims = [], []
-    for name, values in study.parameters.items():
-        _write_coordinate(group, name, _labels(values))
-        shape.append(len(values))
-        dims.append(name)
-    n = study.realizations
-    _write_coordinate(group, "realization", np.arange(n))
-    chunks = (*(1 for _ in shape), min(BLOCK, n))
-    checked = _checked_codecs()
+    coordinates, checked = _coordinates(study), _checked_codecs()
+    for name, values in coordinates.items():
+        _write_coordinate(group, name, values)
+    dims, shape = tuple(coordinates), tuple(map(len, coordinates.values()))
+    chunks = (*(1 for _ in study.parameters), min(BLOCK, study.realizations))
     for name, dtype in (("seconds", "f8"), ("error", "string"), ("done", "i1")):
         group.create_array(
-            name, shape=(*shape, n), chunks=chunks, dtype=dtype, compressors=checked,
-            dimension_names=(*dims, "realization"),
-            attributes={"units": "s"} if name == "seconds" else {},
+            name, shape=shape, chunks=chunks, dtype=dtype, compressors=checked,
+            dimension_names=dims, attributes={"units": "s"} if name == "seconds" else {},
         )  # fmt: skip
     extra = (study.receivers,) if study.listed else ()
     for name in study.measured:
         light = {"light": study.light} if name == "ber" else {}
         group.create_array(
-            name, shape=(*shape, n, *extra), chunks=(*chunks, *extra), dtype="f8",
-            compressors=checked, fill_value=np.nan,
-            dimension_names=(*dims, "realization", *("receiver" for _ in extra)),
-            attributes={**attrs(name), **light},
+            name, shape=(*shape, *extra), chunks=(*chunks, *extra), dtype="f8",
+            compressors=checked, fill_value=np.nan, attributes={**attrs(name), **light},
+            dimension_names=(*dims, *("receiver" for _ in extra)),
         )  # fmt: skip
     return group
 
@@ -175,6 +168,12 @@ def _checked_codecs() -> list[Any]:
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
     return [ZstdCodec(), Crc32cCodec()]
+
+
+def _coordinates(study: Study) -> dict[str, NDArray[Any]]:
+    """Return the coordinates of the arrays by their dimensions."""
+    labels = {name: _labels(values) for name, values in study.parameters.items()}
+    return {**labels, "realization": np.arange(study.realizations)}
 
 
 def _labels(values: list[Any]) -> NDArray[Any]:

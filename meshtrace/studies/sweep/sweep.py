@@ -268,14 +268,10 @@ def _base(
         scenario = scenario.model_copy(update={"surface": sea, "meshing": Meshing()})
     elif sea is not None:
         scenario = Scenario.from_config({**scenario.to_config(), "sea": dict(sea)})
-    forced = isinstance(scenario.run.estimator, Forced)
-    photons = FIRST_CHAINS if forced else scenario.run.photons
-    return scenario.model_copy(update={"run": Run(**{**_kept(scenario.run), "photons": photons})})
-
-
-def _kept(run: Run) -> dict[str, Any]:
-    """Return the options of a run that a sweep keeps."""
-    return run.model_dump(exclude={*_SHARED, "threads"}, exclude_none=True)
+    run = scenario.run
+    photons = FIRST_CHAINS if isinstance(run.estimator, Forced) else run.photons
+    kept = run.model_dump(exclude={*_SHARED, "threads"}, exclude_none=True)
+    return scenario.model_copy(update={"run": Run(**kept, photons=photons)})
 
 
 def _plain(values: Sequence[Any]) -> list[Any]:
