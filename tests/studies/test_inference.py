@@ -103,6 +103,16 @@ def test_geometry_is_inferred_by_differences(truth):
     assert f.value["receiver.height"] == pytest.approx(5.0, abs=0.1)
 
 
+def test_items_of_lists_are_named_in_either_way(truth):
+    data = rows(truth, (60.0,))
+    found = [
+        mt.infer(data, START, [name], {name: (0.3, 0.5)}, photons=64)
+        for name in ("receiver.position.0", "receiver.position[0]")
+    ]
+    assert found[0].estimate == found[1].estimate
+    assert found[0].unit == found[1].unit == ("m",)
+
+
 def test_reweighting_is_a_new_run():
     """The gain at other a and b from the same chains is that of a simulation."""
     from meshtrace.studies.inference.model import Model
