@@ -168,8 +168,8 @@ def load(path: str | Path) -> Stored:
 
     Returns
     -------
-    GainResult, GainSeries, CoverageMap, Background, BackgroundSeries, ImpulseResponse, \
-    FadingStatistics, LinkPerformance, DepthSweep or ConvergenceStudy
+    Stored
+        An object of the class that wrote the file.
 
     Raises
     ------

@@ -60,20 +60,22 @@ def mesh_for(
         a source or a receiver.
     """
     if isinstance(surface, TriangleMesh):
-        mesh, config = surface, _identity(surface)
+        mesh = surface
     else:
         require_surface(surface)
         lines = mesh_lines(link, surface, meshing, reach, per_wave)
-        mesh, config = surface.mesh(meshing.time, **lines), surface.to_config()
+        mesh = surface.mesh(meshing.time, **lines)
     require_cover(link, mesh)
-    return mesh, config
+    return mesh, surface_config(surface)
 
 
-def _identity(mesh: TriangleMesh) -> dict[str, Any]:
-    digest = hashlib.sha256(
-        mesh.vertices.tobytes() + mesh.faces.tobytes() + mesh.vertex_normals.tobytes()
-    ).hexdigest()
-    return {"kind": "mesh", "sha256": digest, "facets": len(mesh.faces)}
+def surface_config(surface: MeshSource | TriangleMesh) -> dict[str, Any]:
+    """Return the configuration that identifies a surface; that of a mesh is its digest."""
+    if not isinstance(surface, TriangleMesh):
+        return dict(surface.to_config())
+    arrays = surface.vertices, surface.faces, surface.vertex_normals
+    digest = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
+    return {"kind": "mesh", "sha256": digest, "facets": len(surface.faces)}
 
 
 def mesh_lines(

@@ -11,7 +11,6 @@ import numpy as np
 
 from meshtrace.errors import Described, Refused, require_array, require_real
 from meshtrace.link import Link
-from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.stored import SHIFTS
@@ -19,6 +18,7 @@ from meshtrace.studies.inputs import CommonLines
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting
 from meshtrace.studies.sensitivity.problem import has_moments, moments
 from meshtrace.transport.frozen import FrozenForced, Light
+from meshtrace.transport.meshing import surface_config
 from meshtrace.transport.options import Meshing, Run
 from meshtrace.transport.view import only_aperture
 
@@ -118,6 +118,7 @@ class Model:
         run: Run,
     ) -> None:
         self._surface, self._unknowns = surface, unknowns
+        self._identity = repr(surface_config(surface))
         self._threads, self._run = default_threads(run.threads), run
         self._links = []
         for i, row in enumerate(keys):
@@ -177,7 +178,7 @@ class Model:
             setting = p.at(setting, p.moved(step))
             if not (self._quick and p.name in WATER):
                 same = p.at(same, p.moved(step))
-        light = _predictor(link, self._surface, self._run).light(same.link)
+        light = self._predictor(link).light(same.link)
         old, new = same.link.water, setting.link.water
         if (old.a, old.b) != (new.a, new.b):
             factor = np.exp((old.a - new.a + old.b - new.b) * light.water)
@@ -185,6 +186,15 @@ class Model:
                 factor *= (new.b / old.b) ** light.order
             light = light._replace(weight=light.weight * factor)
         return setting.link, light
+
+    def _predictor(self, link: Link) -> _Predictor:
+        """Return the chains of a link; those of the last ones are kept between fits."""
+        key = link.model_dump_json(), self._identity, self._run.photons, self._run.seed
+        if key not in _kept:
+            _kept[key] = _Predictor(link, self._surface, self._run)
+            while len(_kept) > _LARGEST:
+                _kept.popitem(last=False)
+        return _kept[key]
 
 
 class _Predictor:
@@ -207,18 +217,3 @@ class _Predictor:
 
 
 _kept: OrderedDict[tuple[Any, ...], _Predictor] = OrderedDict()
-
-
-def _predictor(link: Link, surface: Any, run: Run) -> _Predictor:
-    """Return the chains of a link; those of the last ones are kept between fits."""
-    mesh = isinstance(surface, TriangleMesh)
-    identity = id(surface) if mesh else repr(surface.to_config())
-    key = link.model_dump_json(), identity, run.photons, run.seed
-    found = _kept.get(key)
-    if found is None:
-        found = _Predictor(link, surface, run)
-        if not mesh:  # an identity may return
-            _kept[key] = found
-        while len(_kept) > _LARGEST:
-            _kept.popitem(last=False)
-    return found

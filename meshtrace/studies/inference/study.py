@@ -25,6 +25,7 @@ from meshtrace.studies.inference.result import Inference
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.surfaces import FlatSea
 from meshtrace.transport.case import resolve
+from meshtrace.transport.meshing import surface_config
 
 DEFAULT_CHAINS = 4096
 """Chains of the prediction of each measurement."""
@@ -117,8 +118,7 @@ def infer(
     unknowns = [_SCALE if name == SCALE else next(of_link) for name in names]
     fit = _Fit(data, names, unknowns, _priors(prior, names, unknowns))
     fit.model = Model(case.link, case.surface, data.keys, found, case.run)
-    surface = {} if isinstance(case.surface, TriangleMesh) else dict(case.surface.to_config())
-    origin = provenance(case.link, surface, {"photons": photons, "seed": seed})
+    origin = provenance(case.link, surface_config(case.surface), {"photons": photons, "seed": seed})
     return fit.result(origin)
 
 

@@ -33,6 +33,7 @@ from meshtrace.studies.optimisation.sample import REWEIGHED, Aircraft, Sample
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.problem import error_of
 from meshtrace.transport.case import Case
+from meshtrace.transport.meshing import surface_config
 from meshtrace.uav.airframe import Uav
 from meshtrace.uav.wind import Dryden
 
@@ -392,12 +393,5 @@ class _Search:
             history=tried,
             validation=Validation(quantities[0], quantities[1], difference, error, improved),
             notes=tuple(notes),
-            provenance=provenance(case.link, _config(case), options),
+            provenance=provenance(case.link, surface_config(case.surface), options),
         )
-
-
-def _config(case: Case) -> dict[str, Any]:
-    """Return the configuration of the surface."""
-    if isinstance(case.surface, TriangleMesh):
-        return {"kind": "mesh", "facets": len(case.surface.faces)}
-    return dict(case.surface.to_config())

@@ -36,7 +36,7 @@ from meshtrace.studies.sensitivity.problem import (
 from meshtrace.studies.sensitivity.quantities import Of, Quantity
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
 from meshtrace.transport.case import Case
-from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.meshing import surface_config
 
 DEFAULT_CHAINS = 8192
 """Chains of a study of sensitivities."""
@@ -216,7 +216,7 @@ def _key(case: Case, setting: Setting, realizations: int) -> dict[str, Any]:
     ook = None if setting.ook is None else setting.ook.model_dump(mode="json")
     return {
         "link": setting.link.model_dump(mode="json"),
-        "surface": _surface(case),
+        "surface": surface_config(case.surface),
         "run": {"photons": case.run.photons, "seed": case.run.seed},
         "meshing": case.meshing.model_dump(mode="json"),
         "realizations": realizations,
@@ -402,13 +402,6 @@ def _result(study: _Study, found: list[_Rates], asked: list[str], case: Case) ->
     origin |= {"of": quantity.of, "limit": quantity.limit}
     origin |= {"ook": key["ook"], "realizations": key["realizations"]}
     return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
-
-
-def _surface(case: Case) -> dict[str, Any]:
-    """Return the configuration that identifies the surface."""
-    if isinstance(case.surface, TriangleMesh):
-        return mesh_for(case.link, case.surface)[1]
-    return dict(case.surface.to_config())
 
 
 def _row(
