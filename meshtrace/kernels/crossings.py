@@ -145,11 +145,18 @@ def _facet_roots(roots, n, f, flat, shot, scene):
 @inlined
 def _add_root(roots, n, first, x, y, f, shot, scene):
     found, x, y, _ = newton(x, y, f, YES, 2.0 * scene.facets[f].radius, shot, scene)
-    if not found or n >= len(roots) or not inside_facet(x, y, f, scene.surface):
+    if not found or not inside_facet(x, y, f, scene.surface):
         return n
-    if is_known(roots, first, n, x, y, shot.branch, 1e-6):
+    return _add(roots, n, first, x, y, f, shot.branch, 1.0)
+
+
+@inlined
+def _add(roots, n, first, x, y, facet, branch, multiplicity):
+    """Append a crossing unless it is one of those from `first` on; return their number."""
+    if n == len(roots) or is_known(roots, first, n, x, y, branch, 1e-6):
         return n
-    roots[n].x, roots[n].y, roots[n].branch, roots[n].facet = x, y, shot.branch, f
+    r = roots[n]
+    r.x, r.y, r.branch, r.facet, r.multiplicity = x, y, branch, facet, multiplicity
     return n + 1
 
 
@@ -323,7 +330,7 @@ def _near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counter
                 found = found and inside_facet(x, y, facet, surface)
         if found:
             counters[Counter.SOLVED] += 1
-            n = _add(roots, n, x, y, facet, shot.branch, 1.0)
+            n = _add(roots, n, ZERO, x, y, facet, shot.branch, 1.0)
         # most chains that Newton gives up have no crossing: a quarter of them shows it
         audited = 1.0 if search.curvature * flat.lever > _FOCUSING else search.audit
         share = audited if found else max(audited, _AUDIT_FAILED)
@@ -338,7 +345,7 @@ def _near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counter
         last = enumerate_roots(roots, n, flat, radius, shot, scene)
     for k in range(n, last):
         r = roots[k]
-        kept = _add(roots, kept, r.x, r.y, r.facet, shot.branch, 1.0 / share)
+        kept = _add(roots, kept, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)
     counters[Counter.EXTRA_ROOTS] += kept - max(n, first)
     return kept
 
@@ -368,13 +375,3 @@ def _reaches(flat, radius, shot, scene):
     side = math.hypot(flat.x - source.x, flat.y - source.y) + radius
     rise = scene.surface.high[2] - source.z
     return dot(shot.q, shot.q) < side * side + rise * rise
-
-
-@inlined
-def _add(roots, n, x, y, facet, branch, multiplicity):
-    """Append a crossing unless it is known; return the number of crossings."""
-    if n == len(roots) or is_known(roots, ZERO, n, x, y, branch, 1e-6):
-        return n
-    r = roots[n]
-    r.x, r.y, r.branch, r.facet, r.multiplicity = x, y, branch, facet, multiplicity
-    return n + 1

@@ -62,7 +62,6 @@ _SUFFIX = ".kernel"
 _ANY_PROCESSOR = "generic", ""
 """Name and features of the processor that shipped kernels are compiled for."""
 
-_CHECKSUM = hashlib.sha256
 _KEPT_DIGESTS = 8
 """Number of cache folders kept; an edit of a kernel makes a new one."""
 
@@ -70,10 +69,8 @@ _KEPT_DIGESTS = 8
 @cache
 def sources() -> bytes:
     """Return a digest of all kernels."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.digest()
+    paths = sorted(Path(__file__).parent.glob("*.py"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).digest()
 
 
 def folder() -> Path:
@@ -134,7 +131,7 @@ class KernelCache(FunctionCache):
         except OSError:
             return None
         checksum, payload = content[:32], content[32:]
-        if checksum == _CHECKSUM(payload).digest():
+        if checksum == hashlib.sha256(payload).digest():
             # An intact file may name a class that its module no longer has.
             with contextlib.suppress(Exception):
                 saved_key, overload = pickle.loads(payload)
@@ -155,7 +152,7 @@ class KernelCache(FunctionCache):
         try:
             _make_folder(path.parent)
             with atomic(path) as temporary:
-                temporary.write_bytes(_CHECKSUM(payload).digest() + payload)
+                temporary.write_bytes(hashlib.sha256(payload).digest() + payload)
         except OSError as error:
             _warn_unsaved(path.parent, error.strerror or str(error))
 

@@ -57,13 +57,6 @@ def solid_angle(a, b, c):
 
 
 @inlined
-def _triangle(p, q):
-    """Return signed area and first moments of the triangle (origin, p, q)."""
-    area = 0.5 * cross2(p, q)
-    return area, area * (p.x + q.x) / 3.0, area * (p.y + q.y) / 3.0
-
-
-@inlined
 def _sector(p, q, r):
     """Return signed area and first moments of the sector of the disk r between two rays."""
     angle = math.atan2(cross2(p, q), dot2(p, q))
@@ -88,7 +81,8 @@ def _edge_part(a, b, r):
     if t0 >= t1:
         return _sector(a, b, r)
     p, q = Vec2(a.x + t0 * d.x, a.y + t0 * d.y), Vec2(a.x + t1 * d.x, a.y + t1 * d.y)
-    area, mx, my = _triangle(p, q)
+    area = 0.5 * cross2(p, q)
+    mx, my = area * (p.x + q.x) / 3.0, area * (p.y + q.y) / 3.0
     if t0 > 0.0:
         s, sx, sy = _sector(a, p, r)
         area, mx, my = area + s, mx + sx, my + sy
