@@ -129,7 +129,7 @@ def _near_nodes(flats, x, y, nodes, out):
 def _arrives(chains, i, light, scene, room):
     """Return whether a `Crossing` of chain i brings light, and no wave cuts off its path."""
     if light.steep or not light.weight > 0.0:
-        return light.weight > 0.0
+        return not light.weight <= 0.0  # a weight that is no number shows in the map
     n = list_paths(chains, i, light, ZERO, scene, room.rays, ZERO)
     for k in range(n):
         r = room.rays[k]
