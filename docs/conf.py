@@ -127,7 +127,8 @@ def two_levels(
         return
     full, key = context["toctree"], page
     if page.startswith("api/generated/"):
-        key = next(group for group, pages in app.env.toctree_includes.items() if page in pages)
+        groups = app.env.toctree_includes.items()  # no group has the page of a name that is gone
+        key = next((group for group, pages in groups if page in pages), page)
 
     def tree(**options: Any) -> str:
         name = f"{key} from {page.rpartition('/')[0]}"  # links are relative to the folder
