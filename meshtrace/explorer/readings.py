@@ -135,10 +135,10 @@ def with_error(value: float, error: float) -> str:
     """
     if value <= 0.0 or not math.isfinite(value):
         return f"{value:g}"
-    power = math.floor(math.log10(value))
-    value, error = value / 10.0**power, error / 10.0**power
+    exponent = math.floor(math.log10(value))
+    value, error = value / 10.0**exponent, error / 10.0**exponent
     digits = 4 if error <= 0.0 else min(max(1 - math.floor(math.log10(error)), 0), 6)
-    raised = str(power).translate(_RAISED)
+    raised = str(exponent).translate(_RAISED)
     return f"({value:.{digits}f} ± {error:.{digits}f}) × 10{raised}"
 
 

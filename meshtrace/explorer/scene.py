@@ -184,7 +184,7 @@ class LiveScene:
             self.plotter.stage = self.stage
 
     def _on_square(self, stage: Stage) -> Stage:
-        """Return a stage over the present square of the sea where it is about as large.
+        """Return the stage over the present square of the sea if both are of similar size.
 
         A move of the link then leaves the surface, most of the data of the scene, as it is.
         """

@@ -247,9 +247,8 @@ def collide(medium, p, weight, u_kind, u_theta):
         weight *= scatter / total
     if mode == Absorption.IMPLICIT:
         pick *= scatter / total
-    elif (
-        pick >= scatter
-    ):  # Algorithm 1 as published is weighted at every interaction, turned in few
+    elif pick >= scatter:
+        # Algorithm 1 as published is weighted at every interaction, turned in few
         return -1.0, 0.0 if mode == Absorption.ANALOG else weight
     if pick < b:
         return sample_s(medium.phase_water, u_theta), weight

@@ -247,7 +247,7 @@ class _Over:
         ]
 
     def _world(self, receiver: int, source: int, first: int) -> starting.World:
-        # from the lamps paths start that receivers have alike, in any order
+        # paths from the lamps are common to all receivers, in any order
         low, high = (receiver, source) if self._down else (source, receiver)
         stream = 0 if self._down else int(self._rank[receiver])
         (optics, size), target = self._sources[low], self._targets[high]

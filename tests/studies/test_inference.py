@@ -1,11 +1,13 @@
 """Inference: planted water is found, degenerate measurements are reported, priors, files."""
 
 import math
+from collections import OrderedDict
 
 import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.studies.inference import model
 from meshtrace.surfaces import FlatSea
 
 DEPTHS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0)
@@ -103,6 +105,7 @@ def test_geometry_is_inferred_by_differences(truth):
     assert f.value["receiver.height"] == pytest.approx(5.0, abs=0.1)
 
 
+@pytest.mark.thorough
 def test_items_of_lists_are_named_in_either_way(truth):
     data = rows(truth, (60.0,))
     found = [
@@ -153,3 +156,17 @@ def test_file(truth, tmp_path):
 def test_refusals(data, unknown, prior, message):
     with pytest.raises(mt.Refused, match=message):
         mt.infer(data, mt.Link(), unknown, prior, photons=64)
+
+
+@pytest.mark.thorough
+def test_fits_over_a_mesh_keep_its_digest_and_no_more_chains_than_allowed(monkeypatch):
+    mesh = FlatSea().mesh(extent=20.0, spacing=2.0)
+    rows = [{"transmitter.depth": d, "gain": g, "stderr": 0.05 * g}
+            for d, g in ((8.0, 1e-4), (12.0, 3.5e-5))]  # fmt: skip
+    kept = mt.infer(rows, mt.Link(), ["water.a"], sea=mesh, photons=256, threads=2)
+    assert len(kept.provenance["surface"]["sha256"]) == 64
+    monkeypatch.setattr(model, "_LARGEST", 0)
+    monkeypatch.setattr(model, "_kept", OrderedDict())
+    dropped = mt.infer(rows, mt.Link(), ["water.a"], sea=mesh, photons=256, threads=1)
+    assert not model._kept
+    assert dropped.value == kept.value

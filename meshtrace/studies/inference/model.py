@@ -190,11 +190,12 @@ class Model:
     def _predictor(self, link: Link) -> _Predictor:
         """Return the chains of a link; those of the last ones are kept between fits."""
         key = link.model_dump_json(), self._identity, self._run.photons, self._run.seed
-        if key not in _kept:
-            _kept[key] = _Predictor(link, self._surface, self._run)
+        found = _kept.get(key)
+        if found is None:  # another thread may drop it again at once
+            found = _kept[key] = _Predictor(link, self._surface, self._run)
             while len(_kept) > _LARGEST:
                 _kept.popitem(last=False)
-        return _kept[key]
+        return found
 
 
 class _Predictor:
