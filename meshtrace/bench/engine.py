@@ -23,6 +23,8 @@ from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.frame import frame_of
 from meshtrace.transport.meshing import FADING_SPACING, mesh_for
 
+_CHUNK = 8192  # rays
+
 Rays = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 
 
@@ -47,6 +49,12 @@ class RayRecorder(EmbreeIntersector):
         """Return the facets and record the rays."""
         self.rays.append((origins.copy(), directions.copy()))
         return super().facets(origins, directions)
+
+    def chunks(self) -> Rays:
+        """Return the rays in chunks for raw casting."""
+        whole = [np.concatenate(part) for part in zip(*self.rays, strict=True)]
+        starts = range(_CHUNK, len(whole[0]), _CHUNK)
+        return list(zip(*(np.split(part, starts) for part in whole), strict=True))
 
 
 def best_of(rounds: int, *jobs: Callable[[], Any]) -> list[float]:
@@ -101,15 +109,16 @@ def analog_rate(
     intersector, recorder = EmbreeIntersector(mesh, threads), RayRecorder(mesh, threads)
     recorded = min(photons, 2**18)
     run_analog(link, recorder, photons=recorded, seed=1)
+    rays = recorder.chunks()
     local = frame_of(link).mesh(mesh)  # the rays are in the units of the tracer
     raw = CopiedScene(local.vertices, local.faces)
     repeats = max(photons // recorded, 1)  # both sides run for about as long
     times = best_of(
         rounds,
         lambda: run_analog(link, intersector, photons=photons, seed=1, threads=threads),
-        lambda: replay(raw, recorder.rays * repeats, threads),
+        lambda: replay(raw, rays * repeats, threads),
     )
-    n_rays = sum(len(origins) for origins, _ in recorder.rays)
+    n_rays = sum(len(origins) for origins, _ in rays)
     photon_rate, ray_rate = photons / times[0], repeats * n_rays / times[1]
     return {
         "photons_per_s": photon_rate,

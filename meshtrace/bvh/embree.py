@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.kernels.jit import config
-from meshtrace.kernels.rays import RAY_WORDS, cast
+from meshtrace.kernels.rays import aligned_rays, cast
 from meshtrace.models import Floats
 
 _TRIANGLES = 0  # RTC_GEOMETRY_TYPE_TRIANGLE
@@ -30,7 +30,6 @@ _INDEX, _VERTEX = 0, 1  # RTC_BUFFER_TYPE_*
 _UINT3, _FLOAT3 = 0x5003, 0x9003  # RTC_FORMAT_*
 _ROBUST = 1 << 2  # RTC_SCENE_FLAG_ROBUST
 _ROW = 12  # bytes of three numbers
-_ALIGNMENT = 64
 _BLOCK = 64  # rays
 
 _POINTER, _UINT, _SIZE = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
@@ -140,18 +139,17 @@ class SharedScene:
         if code:
             self._release()
             raise OSError(f"error {code} of Embree")
-        self._intersect, self._scene = found.intersect, scene
+        self.function = found.intersect, scene
+        """Address of the function that casts a ray, and its first argument."""
 
     def run(
         self, origins: NDArray[np.float32], directions: NDArray[np.float32]
     ) -> NDArray[np.int32]:
         """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
         out = np.empty(len(origins), np.int32)
-        room = np.zeros(_BLOCK * RAY_WORDS + _ALIGNMENT // 4, np.float32)
-        skipped = -room.ctypes.data % _ALIGNMENT // 4
-        block = room[skipped : skipped + _BLOCK * RAY_WORDS].reshape(_BLOCK, RAY_WORDS)
+        block = aligned_rays(_BLOCK)
         rays = np.ascontiguousarray(origins), np.ascontiguousarray(directions)
-        cast(self._intersect, self._scene, block, block.view(np.int32), *rays, out)
+        cast(*self.function, block, block.view(np.int32), *rays, out)
         return out
 
 

@@ -7,17 +7,21 @@ only between neighbours at an edge.
 
 from __future__ import annotations
 
+import ctypes
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.bvh.embree import new_scene
+from meshtrace.bvh.embree import SharedScene, new_scene
 from meshtrace.errors import Described, Refused, require_kind
 from meshtrace.kernels.facets import Triangles, corners, facet_hits
 from meshtrace.kernels.jit import allocating_entry
+from meshtrace.kernels.rays import RAY_WORDS, Bvh, Word, bvh_of
 from meshtrace.kernels.vectors import cross, dot, minus, row
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
@@ -68,6 +72,27 @@ class Intersector(ABC):
     ) -> NDArray[np.int32]:
         """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
 
+    @contextmanager
+    def function(self) -> Iterator[Bvh]:
+        """Return `facets` as a C function for the kernels of one thread.
+
+        An error that `facets` raises is raised at the end.
+        """
+        errors: list[Exception] = []
+
+        def first(scene: int, address: int, _: int) -> None:
+            ray = np.ctypeslib.as_array((ctypes.c_float * RAY_WORDS).from_address(address))
+            start, way = ray[Word.ORIGIN :][:3], ray[Word.DIRECTION :][:3]
+            try:
+                ray.view(np.int32)[Word.FACET] = self.facets(start[None], way[None])[0]
+            except Exception as error:
+                errors.append(error)
+
+        kept = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(first)
+        yield bvh_of(int(ctypes.cast(kept, ctypes.c_void_p).value or 0), 0)
+        if errors:
+            raise errors[0]
+
     def intersect(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
         """Return the first hit of each ray."""
         o = np.ascontiguousarray(origins, dtype=np.float64)
@@ -117,6 +142,15 @@ class EmbreeIntersector(Intersector):
     ) -> NDArray[np.int32]:
         """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
         return self._scene.run(origins, directions)
+
+    @contextmanager
+    def function(self) -> Iterator[Bvh]:
+        """Return the function of Embree for the kernels of one thread."""
+        if type(self).facets is EmbreeIntersector.facets and isinstance(self._scene, SharedScene):
+            yield bvh_of(*self._scene.function)
+            return
+        with super().function() as python:
+            yield python
 
     def intersect(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
         """Return the first hit of each ray, rays spread over the threads.

@@ -103,7 +103,7 @@ def kernels_are_compiled(estimator: str) -> bool:
 
     slowest = {
         "forced": (chain_gain.contributions, blurred.blurred_contributions),
-        "analog": (photon.advance,),
+        "analog": (photon.follow,),
     }
     return any(jit.is_compiled(kernel) for kernel in slowest[estimator])
 

@@ -1,9 +1,8 @@
 """The analog photon: from the source through the water to the surface and beyond.
 
-A pool of slots holds the photons under way. `advance` takes them through rounds of four passes: the
-flight to a known facet or past it, new photons in free slots, the flight in the water up to the
-surface, and the facet there or, where `photon_grid` does not know it, a ray to cast. Short passes
-over many photons keep the processor busy while one of them waits for memory or a square root.
+`follow` takes photons one after another through flights in the water, crossings of the surface and
+flights in the air until they end. The facet ahead is found on the grid of the mesh where
+`photon_grid` knows it, else by a ray.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ from meshtrace.kernels.photon_grid import UNKNOWN, grid_facet
 from meshtrace.kernels.photon_state import (
     GOES_ON,
     Miss,
-    Status,
     Vertex,
     head,
     heading,
@@ -29,43 +27,38 @@ from meshtrace.kernels.photon_state import (
     record,
     steeper_than_waves,
 )
-from meshtrace.kernels.prefetch import prefetch
-from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.rays import first_facet
 from meshtrace.kernels.sky import is_backward, launch_back
-from meshtrace.kernels.sources import launched
+from meshtrace.kernels.sources import launch
 from meshtrace.kernels.tally import Fate, deposit
-from meshtrace.kernels.vectors import Vec3, along, dot, plus, row, write
+from meshtrace.kernels.vectors import Vec3, along, dot, plus, row
 
 _NUDGE = 1e-4  # [m], displacement of a missed ray that is cast again
 _RETRIES = 3
-_LAUNCH = int(Purpose.LAUNCH)
 
 
 @inlined
-def _start(q, photon, numbers, world):
-    """Put a new photon into a slot."""
+def _start(q, photon, world):
+    """Start a photon at its source."""
     if is_backward(world.back):
         p, d, in_water, u_path = launch_back(world.back, world.seed, photon)
     else:
-        p, d, in_water, u_path = launched(world.sources, world.seed, photon, numbers)
+        p, d, in_water, u_path = launch(world.sources, world.seed, photon)
     put(q, p)
     head(q, d)
     q.weight, q.water, q.air = 1.0, 0.0, 0.0
     q.free = sample_free_path(world.medium, p, u_path) if in_water else math.inf
     q.id, q.event, q.crossings, q.facet = photon, 0, 0, -1
-    q.in_water, q.status, q.retry, q.outcome = int(in_water), Status.MOVING, 0, -1
+    q.in_water, q.retry, q.outcome = int(in_water), 0, -1
     record(world.recorder, q, Vertex.SOURCE)
 
 
 @inlined
 def _end(q, fate, world):
-    """End a photon that has a fate: deposit the rest of its weight, count it, free its slot."""
-    if fate == GOES_ON:
-        return
+    """End a photon: deposit the rest of its weight and count it."""
     deposit(world.tallies, fate, q.weight)
     world.tallies.n_photons[q.outcome if q.outcome >= 0 else fate] += 1
     record(world.recorder, q, Vertex.END)
-    q.status = Status.EMPTY
 
 
 @inlined
@@ -88,8 +81,15 @@ def _needs_ray(q, world):
 
 
 @inlined
-def _cast(q, slot, n_rays, pool, world):
-    """Write the ray of a waiting photon from its entry into the slab of the surface."""
+def _facet_ahead(q, world):
+    """Return the facet that a photon meets, -1 for none.
+
+    A ray starts at the entry of the photon into the slab of the surface.
+    """
+    if len(world.grid.x.line) > 0 and q.retry == 0:
+        facet = grid_facet(world.grid, world.surface.vertices, place(q), heading(q))
+        if facet != UNKNOWN:
+            return facet
     t = 0.0
     if q.in_water == 1 and q.dz > 0.0:
         t = (world.surface.low[2] - q.z) / q.dz
@@ -98,18 +98,7 @@ def _cast(q, slot, n_rays, pool, world):
     t = max(t - 1e-3 * (1.0 + t), 0.0)
     nudge = _NUDGE * q.retry
     aside = Vec3(nudge, 0.7 * nudge, -nudge if q.in_water == 1 else nudge)
-    write(pool.origin[n_rays], plus(along(place(q), heading(q), t), aside))
-    write(pool.direction[n_rays], heading(q))
-    pool.ray_slot[n_rays] = slot
-    return n_rays + 1
-
-
-@inlined
-def _shortcut(q, world):
-    """Return the facet that a photon meets if no ray is needed to tell, else `UNKNOWN`."""
-    if len(world.grid.x.line) == 0 or q.retry > 0:
-        return UNKNOWN
-    return grid_facet(world.grid, world.surface.vertices, place(q), heading(q))
+    return first_facet(world.bvh, plus(along(place(q), heading(q), t), aside), heading(q))
 
 
 @outlined
@@ -148,7 +137,6 @@ def _settle_miss(q, seen, world):
 @inlined
 def _settle(q, world):
     """Fly to the facet ahead: crossing, collision before it, or a miss."""
-    q.status = Status.MOVING
     facet = q.facet
     t = math.inf
     if facet >= 0:
@@ -210,91 +198,19 @@ def _move(q, world):
             return fate
 
 
-@outlined
-def _settle_all(pool, world):
-    """Fly the photons that face a facet, or none."""
-    for slot in range(len(pool.photon)):
-        q = pool.photon[slot]
-        if q.status == Status.FACING:
-            _end(q, _settle(q, world), world)
-
-
-@outlined
-def _start_all(pool, next_photon, last, world):
-    """Put new photons into the free slots; return the next id."""
-    free = np.int64(0)
-    for slot in range(len(pool.photon)):
-        if pool.photon[slot].status == Status.EMPTY:
-            free += 1
-    numbers, n = pool.numbers, min(free, last - next_photon)
-    for i in range(n):  # apart from all else: vector code
-        numbers[0, i], numbers[1, i], numbers[2, i], numbers[3, i] = uniforms(
-            world.seed, next_photon + i, 0, _LAUNCH
-        )
-    started = 0
-    for slot in range(len(pool.photon)):
-        q = pool.photon[slot]
-        if q.status == Status.EMPTY and started < n:
-            i = started
-            u = (numbers[0, i], numbers[1, i], numbers[2, i], numbers[3, i])
-            _start(q, next_photon + i, u, world)
-            started += 1
-    return next_photon + started
-
-
-@outlined
-def _move_all(pool, world):
-    """Advance the photons under way until they need the surface or have ended."""
-    for slot in range(len(pool.photon)):
-        q = pool.photon[slot]
-        if q.status == Status.MOVING:
-            _end(q, _move(q, world), world)
-
-
-@inlined
-def _expect(facet, surface):
-    """Request the numbers of a facet that `_settle` reads."""
-    prefetch(surface.face_normals, facet)
-    prefetch(surface.faces, facet)
-
-
-@outlined
-def _face_all(pool, n_rays, world):
-    """Find the facets ahead or write rays; return rays and photons whose facet is known."""
-    facing = 0
-    for slot in range(len(pool.photon)):
-        q = pool.photon[slot]
-        if q.status == Status.MOVING:
-            q.facet = _shortcut(q, world)
-            if q.facet >= 0:
-                q.status = Status.FACING
-                facing += 1
-                _expect(q.facet, world.surface)
-            else:
-                q.status = Status.WAITING
-                n_rays = _cast(q, slot, n_rays, pool, world)
-    return n_rays, facing
-
-
 @entry
-def advance(pool, n_waiting, facets, next_photon, last, world):
-    """Apply the rays of a pool, advance its photons, fill free slots; return the new rays.
+def follow(first, last, world):
+    """Follow the photons first <= id < last to their ends.
 
     Array twin: the plain tracer of `tests/benchmarks`.
-    Photon ids run from `world.first` to `last`; a photon's result does not depend on its slot.
-    Rays are returned once they are those of half of the pool, or nothing else is left to do.
     """
-    for k in range(n_waiting):
-        q = pool.photon[pool.ray_slot[k]]
-        q.facet, q.status = np.int64(facets[k]), Status.FACING
-        if q.facet >= 0:
-            _expect(q.facet, world.surface)
-    n_rays = 0
-    while True:
-        _settle_all(pool, world)
-        next_photon = _start_all(pool, next_photon, last, world)
-        _move_all(pool, world)
-        n_rays, facing = _face_all(pool, n_rays, world)
-        ended = facing == 0 and (n_rays > 0 or next_photon >= last)
-        if ended or 2 * n_rays > len(pool.photon):
-            return n_rays, next_photon
+    q = world.photon[0]
+    for photon in range(first, last):
+        _start(q, photon, world)
+        fate = GOES_ON
+        while fate == GOES_ON:
+            fate = _move(q, world)
+            if fate == GOES_ON:
+                q.facet = _facet_ahead(q, world)
+                fate = _settle(q, world)
+        _end(q, fate, world)

@@ -14,6 +14,7 @@ from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.photon_grid import Grid
 from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.rays import Bvh
 from meshtrace.kernels.sky import Backward
 from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import Apertures, Fate, Tallies, deposit, score_apertures
@@ -36,21 +37,11 @@ PHOTON = np.dtype(
         ("crossings", np.int64),
         ("facet", np.int64),
         ("in_water", np.int64),
-        ("status", np.int64),  # Status
         ("retry", np.int64),
         ("outcome", np.int64),  # RECEIVED or LANDED once light left the sea, else -1
     ]
 )
 """A photon under way."""
-
-
-class Status(IntEnum):
-    """Status of a slot of the pool."""
-
-    EMPTY = 0
-    MOVING = 1
-    WAITING = 2  # for a ray
-    FACING = 3  # `facet`, or none if it is -1
 
 
 class Vertex(IntEnum):
@@ -75,16 +66,6 @@ class Miss(IntEnum):
 
 
 GOES_ON = -1  # else a function returns the fate that ends the photon
-
-
-class Pool(NamedTuple):
-    """The photons under way."""
-
-    photon: NDArray[np.void]  # (slots,) PHOTON
-    origin: NDArray[np.float32]  # (slots, 3) rays to cast
-    direction: NDArray[np.float32]
-    ray_slot: NDArray[np.int64]  # slot that each ray belongs to
-    numbers: NDArray[np.float64]  # (4, slots) uniforms of the photons to start
 
 
 class Limits(NamedTuple):
@@ -121,6 +102,8 @@ class World(NamedTuple):
     tallies: Tallies
     recorder: Recorder
     back: Backward
+    bvh: Bvh
+    photon: NDArray[np.void]  # (1,) PHOTON, the one under way
 
 
 @inlined

@@ -1,21 +1,24 @@
-"""Rays cast by the C interface of Embree, through the address of its function."""
+"""Rays cast by the C interface of Embree, or by a function with the same signature."""
 
 from __future__ import annotations
 
+import ctypes
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
-from meshtrace.kernels.jit import entry
+from meshtrace.kernels.jit import config, entry, inlined
 
 RAY_WORDS = 32
 """Words of 4 bytes for an `RTCRayHit`, of which Embree 4.4 has 24 with its padding."""
 
 _FAR = np.float32(1e37)
+_ALIGNMENT = 64
 
 
 class Word(IntEnum):
@@ -35,7 +38,7 @@ class Word(IntEnum):
 
 
 @intrinsic
-def _call(typing_context: Any, address: Any, scene: Any, ray: Any) -> Any:
+def _compiled_call(typing_context: Any, address: Any, scene: Any, ray: Any) -> Any:
     """Call `void f(RTCScene, RTCRayHit *, RTCIntersectArguments * = NULL)`."""
 
     def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -46,6 +49,14 @@ def _call(typing_context: Any, address: Any, scene: Any, ray: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(types.intp, types.intp, types.intp), emit
+
+
+def _plain_call(address: int, scene: int, ray: int) -> None:
+    """Call the same function without the JIT."""
+    ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(address)(scene, ray, None)
+
+
+_call: Any = _plain_call if config.DISABLE_JIT else _compiled_call
 
 
 @entry
@@ -71,3 +82,45 @@ def cast(intersect, scene, rays, words, origins, directions, out):
             _call(intersect, scene, start + 4 * RAY_WORDS * i)  # type: ignore[call-arg]
         for i in range(n):
             out[first + i] = words[i, Word.FACET]
+
+
+class Bvh(NamedTuple):
+    """A function that finds the first facet along a ray, with room for one ray."""
+
+    intersect: int  # address of `rtcIntersect1`, or of a function of its signature
+    scene: int  # its first argument
+    ray: NDArray[np.float32]  # (RAY_WORDS,)
+    word: NDArray[np.int32]  # the same memory
+
+
+def bvh_of(intersect: int, scene: int) -> Bvh:
+    """Return the function at an address with room for a ray of its own."""
+    ray = aligned_rays(1)[0]
+    return Bvh(intersect, scene, ray, ray.view(np.int32))
+
+
+def aligned_rays(n: int) -> NDArray[np.float32]:
+    """Return room for n rays, aligned as Embree reads them."""
+    room = np.zeros(n * RAY_WORDS + _ALIGNMENT // 4, np.float32)
+    skipped = -room.ctypes.data % _ALIGNMENT // 4
+    return room[skipped : skipped + n * RAY_WORDS].reshape(n, RAY_WORDS)
+
+
+NO_BVH = bvh_of(0, 0)
+"""No function: it must not be called."""
+
+
+@inlined
+def first_facet(bvh, p, d):
+    """Return the first facet along a ray from p, -1 for a miss.
+
+    Array twin: `cast`.
+    """
+    ray, word = bvh.ray, bvh.word
+    ray[Word.ORIGIN], ray[Word.ORIGIN + 1], ray[Word.ORIGIN + 2] = p.x, p.y, p.z
+    ray[Word.DIRECTION], ray[Word.DIRECTION + 1], ray[Word.DIRECTION + 2] = d.x, d.y, d.z
+    ray[Word.NEAR], ray[Word.TIME], ray[Word.FAR] = 0.0, 0.0, _FAR
+    word[Word.MASK], word[Word.ID], word[Word.FLAGS] = -1, 0, 0
+    word[Word.FACET], word[Word.GEOMETRY], word[Word.INSTANCE] = -1, -1, -1
+    _call(bvh.intersect, bvh.scene, ray.ctypes.data)  # type: ignore[call-arg]
+    return np.int64(word[Word.FACET])

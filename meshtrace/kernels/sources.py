@@ -91,16 +91,7 @@ def launch(sources, seed, photon):
     Array twin: the closed-form distributions, chi-square tested.
     Two uniforms make the direction; extended sources draw two more for the position.
     """
-    return launched(sources, seed, photon, uniforms(seed, photon, 0, _LAUNCH))
-
-
-@inlined
-def launched(sources, seed, photon, numbers):
-    """Return the result of `launch` from the four uniforms of a photon.
-
-    Array twin: see `launch`.
-    """
-    u0, u1, u2, u3 = numbers
+    u0, u1, u2, u3 = uniforms(seed, photon, 0, _LAUNCH)
     i = 0
     if len(sources.kind) > 1:
         while i < len(sources.kind) - 1 and u3 >= sources.cum_power[i]:

@@ -1,8 +1,7 @@
-"""The analog estimator: individual photons, traced in batches between ray casts.
+"""The analog estimator: individual photons.
 
-The gain is the mean weight of a photon in the aperture. A chunk of photons is
-followed by one thread in a pool of slots: a kernel moves the pool, Embree answers its rays,
-and so on until the chunk has ended. Chunks are independent and added in their order.
+The gain is the mean weight of a photon in the aperture. A chunk of photons is followed by one
+thread. Chunks are independent and added in their order.
 """
 
 from __future__ import annotations
@@ -19,7 +18,9 @@ from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector, Intersector
 from meshtrace.kernels import photon_state as kernel
-from meshtrace.kernels.photon import advance
+from meshtrace.kernels.photon import follow
+from meshtrace.kernels.rays import Bvh
+from meshtrace.kernels.rays import NO_BVH
 from meshtrace.kernels.sky import FORWARD, N_SCORES
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Fate, Tallies
 from meshtrace.kernels.vectors import UP, Vec3
@@ -42,8 +43,6 @@ from meshtrace.transport.case import Case
 from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 from meshtrace.transport.options import BLOCK, Analog, IrradianceMap, Record, read_records
 
-_SLOTS = 3072  # photons under way in a thread: their state stays in the cache
-_SLOTS_CAST = 8192  # where all rays are cast: each batch has a fixed cost
 _GUIDED = 100  # crossings of light that a jet guides
 _EXACT = ("ledger", "map", "map_squared", "radiance")  # fields of `Sums` and of tallies
 _SUMS = (*_EXACT, "n_photons", "misses", "n_arrivals")
@@ -215,31 +214,16 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
     room = (last - first) * len(setup.world.apertures.radius) if setup.arrivals else 0
     while True:
         tallies = _tallies(setup, last - first, room)
-        _follow(setup, first, last, tallies)
+        with setup.intersector.function() as bvh:
+            room_of_thread = {"bvh": bvh, "photon": np.zeros(1, kernel.PHOTON)}
+            follow(
+                first, last, setup.world._replace(first=first, tallies=tallies, **room_of_thread)
+            )
         if not setup.arrivals or int(tallies.n_arrivals[0]) <= room:
             tallies.arrivals["water"] *= setup.frame.unit
             tallies.arrivals["air"] *= setup.frame.unit
             return last - first, tallies
         room = int(tallies.n_arrivals[0])
-
-
-def _follow(setup: Setup, first: int, last: int, tallies: Tallies) -> None:
-    """Trace photons in a pool of slots, alternating kernel and Embree until all have ended."""
-    slots = min(_SLOTS if len(setup.world.grid.x.line) else _SLOTS_CAST, last - first)
-    pool = kernel.Pool(
-        photon=np.zeros(slots, kernel.PHOTON),
-        origin=np.zeros((slots, 3), np.float32),
-        direction=np.zeros((slots, 3), np.float32),
-        ray_slot=np.zeros(slots, np.int64),
-        numbers=np.zeros((4, slots)),
-    )
-    world = setup.world._replace(first=first, tallies=tallies)
-    facets = np.zeros(0, np.int32)
-    n_rays, next_photon = 0, first
-    while n_rays or next_photon < last:
-        n_rays, next_photon = advance(pool, n_rays, facets, next_photon, last, world)
-        if n_rays:
-            facets = setup.intersector.facets(pool.origin[:n_rays], pool.direction[:n_rays])
 
 
 def setup_of(
@@ -280,6 +264,8 @@ def setup_of(
         tallies=_no_tallies(link, frame, records.get("irradiance-map")),
         recorder=recorder or new_recorder(0, 0),
         back=FORWARD,
+        bvh=NO_BVH,
+        photon=np.zeros(1, kernel.PHOTON),
     )
     return Setup(frame, intersector, world, "arrivals" in records)
 
