@@ -214,7 +214,7 @@ def weight_of(chains, i, p, j, facet, shot, scene):
     solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (abs(m.w.z) * spread)
     light = seen * intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
     if target.is_lamp:
-        light *= _forwards(m, p, facet, tilt, scene.surface)
+        light *= forwards(m, p, facet, tilt, scene.surface)
     elif tilt.x != 0.0 or tilt.y != 0.0:
         light *= exposure(m.d, normal_at(p.x, p.y, facet, scene.surface), tilt)
     w, deep = _transmit(chains, i, m, p, shot.start, scene)
@@ -223,7 +223,7 @@ def weight_of(chains, i, p, j, facet, shot, scene):
 
 
 @inlined
-def _forwards(m, p, facet, tilt, surface):
+def forwards(m, p, facet, tilt, surface):
     """Return the light that a facet takes from the air, over that of reversed light in the water.
 
     Array twin: the analog photon from a lamp in the air.

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from meshtrace.kernels.facets import plane_distance
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import sample_free_path

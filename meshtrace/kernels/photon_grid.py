@@ -101,6 +101,22 @@ def grid_facet(grid, vertices, p, d):
     return UNKNOWN
 
 
+@inlined
+def facet_over(grid, x, y):
+    """Return the facet of a grid over (x, y), -1 outside.
+
+    Array twin: `scene.locate`.
+    """
+    i, j = cell_of(grid.x, x), cell_of(grid.y, y)
+    if i < 0 or j < 0:
+        return np.int64(-1)
+    u = (x - grid.x.line[i]) * grid.x.per_edge[i]
+    v = (y - grid.y.line[j]) * grid.y.per_edge[j]
+    if (i + j) & 1:
+        u = 1.0 - u
+    return 2 * (i * (len(grid.y.line) - 1) + j) + np.int64(u <= v)
+
+
 @entry
 def is_grid(vertices, faces, nx, ny):
     """Return whether a mesh is a height field on an nx by ny tensor grid, cut as by `triangulate`.

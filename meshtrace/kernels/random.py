@@ -39,6 +39,9 @@ class Purpose(IntEnum):
     CHAIN = 6
     APERTURE = 7
     SLOPE = 8
+    JOIN = 9
+    JOIN_SLOPE = 10
+    GUIDE = 11
 
 
 @inlined

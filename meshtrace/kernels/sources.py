@@ -99,7 +99,7 @@ def launch(sources, seed, photon):
     kind = sources.kind[i]
     p, axis = row(sources.position, i), row(sources.axis, i)
     spread, size = sources.spread[i], sources.size[i]
-    if kind < SourceKind.SUN:
+    if kind < SourceKind.SUN or kind == SourceKind.APERTURE:
         d = turn(axis, emission_s(kind, spread, u0), u1)
     elif kind == SourceKind.SUN:
         d = axis
@@ -114,9 +114,10 @@ def launch(sources, seed, photon):
 @outlined
 def _spread_out(kind, p, axis, size, seed, photon):
     u0, u1, _, _ = uniforms(seed, photon, 0, _SOURCE)
-    if kind >= SourceKind.SUN:
+    if SourceKind.SUN <= kind < SourceKind.APERTURE:
         return Vec3(p.x + size * (2.0 * u0 - 1.0), p.y + size * (2.0 * u1 - 1.0), p.z)
-    r = size * math.sqrt(u0 if kind == SourceKind.TOP_HAT_BEAM else -0.5 * math.log(u0))
+    even = kind == SourceKind.TOP_HAT_BEAM or kind == SourceKind.APERTURE
+    r = size * math.sqrt(u0 if even else -0.5 * math.log(u0))
     return along(p, turn(axis, 0.5, u1), r)
 
 

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from meshtrace.bvh import EmbreeIntersector, Intersector
 from meshtrace.kernels import photon_state as kernel
 from meshtrace.kernels.photon import follow
-from meshtrace.kernels.rays import Bvh
 from meshtrace.kernels.rays import NO_BVH
 from meshtrace.kernels.sky import FORWARD, N_SCORES
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Fate, Tallies

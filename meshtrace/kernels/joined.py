@@ -1,0 +1,214 @@
+"""The walk of joined photons: through the water, and back from the surface and the bottom.
+
+Photons are those of `meshtrace.kernels.photon` without the light that leaves the water: that is
+expected by `meshtrace.kernels.joins` at each crossing and collision. A weight window plays Russian
+roulette with photons of small weight times importance and splits those of a large one.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from meshtrace.kernels.facets import (
+    drawn_tilt,
+    exposure,
+    is_rough,
+    normal_on,
+    plane_distance,
+    tilted,
+)
+from meshtrace.kernels.interface import branches
+from meshtrace.kernels.jit import NO, YES, entry, inlined, outlined
+from meshtrace.kernels.joins import (
+    copies_of,
+    head,
+    heading,
+    importance,
+    join_collision,
+    join_crossing,
+    place,
+    redirect,
+    survives,
+)
+from meshtrace.kernels.medium import (
+    Absorption,
+    absorption_path,
+    collide,
+    sample_free_path,
+    scattering_coefficients,
+)
+from meshtrace.kernels.phase import sample_s
+from meshtrace.kernels.photon_grid import UNKNOWN, grid_facet
+from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.rays import first_facet
+from meshtrace.kernels.sources import lambert_reflection, launch
+from meshtrace.kernels.vectors import Vec2, along, dot, row
+
+_HAIR = 1e-5  # [m], distance of a ray's start from the facet that it leaves
+_LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets
+
+
+@inlined
+def _start(q, photon, world):
+    """Start a photon at its source."""
+    p, d, _, u_path = launch(world.sources, world.seed, photon)
+    q.x, q.y, q.z = p.x, p.y, p.z
+    head(q, d)
+    q.weight, q.water, q.id, q.event, q.order, q.reflections = 1.0, 0.0, photon, 0, 0, 0
+    q.density, q.copies, q.is_guided, q.aimed = 0.0, 0, 0, 0
+    q.importance = importance(p, world.joins)
+    q.free = sample_free_path(world.medium, p, u_path)
+
+
+@outlined
+def _facet_ahead(q, world):
+    """Return (facet, distance) of the surface above a photon; facet -1 if it meets none."""
+    p, d, low = place(q), heading(q), world.surface.low[2]
+    facet = UNKNOWN
+    if len(world.grid.x.line) > 0:
+        facet = grid_facet(world.grid, world.surface.vertices, p, d)
+    if facet == UNKNOWN:
+        t = max((low - p.z) / d.z, 0.0) if d.z > 0.0 else 0.0
+        facet = first_facet(world.bvh, along(p, d, max(t - 1e-3 * (1.0 + t), 0.0)), d)
+    if facet < 0 or dot(d, row(world.surface.face_normals, facet)) <= 0.0:
+        return np.int64(-1), math.inf
+    return facet, max(plane_distance(p, d, facet, world.surface), 0.0)
+
+
+@inlined
+def _fly(q, length, world):
+    """Move a photon through the water."""
+    z = q.z
+    q.x, q.y, q.z = q.x + length * q.dx, q.y + length * q.dy, q.z + length * q.dz
+    q.water += length
+    if world.medium.absorption == Absorption.CONTINUOUS:
+        q.weight *= math.exp(-absorption_path(world.medium, z, q.z, length))
+
+
+@outlined
+def _reflect(q, facet, world):
+    """Reflect a photon off a facet; return whether it lives."""
+    p, d, g = place(q), heading(q), row(world.surface.face_normals, facet)
+    n, lot = normal_on(p, facet, world.surface), -1.0
+    if g.z > _LEAST_ROUGH and is_rough(world.surface.roughness):
+        u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE)
+        tilt = drawn_tilt(world.surface.roughness, u, v)
+        if 2.0 * w >= exposure(d, n, tilt):
+            tilt = Vec2(-tilt.x, -tilt.y)
+        n = tilted(n, tilt)
+    medium = world.medium
+    rho, _, reflected = branches(d, n, g, medium.n_water, medium.n_air, world.interface)
+    q.event += 1
+    q.reflections += 1
+    q.weight *= rho * world.interface.foam_transmittance
+    q.density = 0.0
+    if not world.interface.follow_reflected or q.weight == 0.0 or not survives(q, lot, world):
+        return False
+    at = along(p, g, -_HAIR)
+    q.x, q.y, q.z = at.x, at.y, at.z
+    head(q, reflected)
+    _, u_path, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE)
+    q.free = sample_free_path(medium, at, u_path)
+    return True
+
+
+@outlined
+def _bounce(q, world):
+    """Reflect a photon off the bottom; return whether it lives."""
+    q.z = world.medium.bottom_z
+    q.weight *= world.medium.bottom_albedo
+    q.event += 1
+    if q.weight == 0.0:
+        return False
+    join_collision(q, YES, world)
+    if not survives(q, -1.0, world):
+        return False
+    u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM)
+    head(q, lambert_reflection(u_cos, u_phi))
+    if q.density > 0.0:
+        q.density = q.dz / math.pi
+    q.free = sample_free_path(world.medium, place(q), u_path)
+    return True
+
+
+@outlined
+def _scatter(q, world):
+    """Apply a collision; return whether the photon lives."""
+    q.event += 1
+    u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION)
+    s, q.weight = collide(world.medium, place(q), q.weight, u_kind, u_theta)
+    if q.weight == 0.0:
+        return False
+    if s >= 0.0:
+        join_collision(q, NO, world)
+        if not survives(q, -1.0, world):
+            return False
+        n = copies_of(q, world)
+        q.weight /= n
+        for _ in range(n - 1):
+            q.copies += 1
+            world.photon[q.copies] = q
+        redirect(q, s, u_phi, world)
+    q.free = sample_free_path(world.medium, place(q), u_path)
+    return True
+
+
+@outlined
+def _resume(q, world):
+    """Take up a copy that has waited behind its collision.
+
+    Its random numbers are those of the next event: no two of a photon's tree are the same.
+    """
+    event, copies = q.event, q.copies
+    world.photon[0] = world.photon[copies]
+    q.event, q.copies = event + 1, copies - 1
+    u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION)
+    b, bubbles = scattering_coefficients(world.medium, place(q))
+    phase = world.medium.phase_water
+    if u_kind * (b + bubbles) >= b:
+        phase = world.medium.phase_bubble
+    redirect(q, sample_s(phase, u_theta), u_phi, world)
+    q.free = sample_free_path(world.medium, place(q), u_path)
+
+
+@outlined
+def _walk(q, world):
+    """Follow a photon to its end."""
+    low, bottom = world.surface.low[2], world.medium.bottom_z
+    alive = True
+    while alive and q.event < world.events:
+        t, facet = q.free, np.int64(-1)
+        if q.z + t * q.dz > low or (q.z >= low and q.dz > -1.0):
+            facet, distance = _facet_ahead(q, world)
+            if facet >= 0 and distance < t:
+                _fly(q, distance, world)
+                join_crossing(q, facet, world)
+                alive = _reflect(q, facet, world)
+                continue
+            if facet < 0 and q.z + t * q.dz > world.surface.high[2]:
+                return  # beside the mesh
+        if q.dz < 0.0 and q.z + t * q.dz < bottom:
+            _fly(q, (bottom - q.z) / q.dz, world)
+            alive = _bounce(q, world)
+        elif math.isinf(t):
+            return
+        else:
+            _fly(q, t, world)
+            alive = _scatter(q, world)
+
+
+@entry
+def follow_joined(first, last, world):
+    """Follow the photons first <= id < last and all their copies to their ends.
+
+    Array twin: the analog photon, `meshtrace.kernels.photon.follow`.
+    """
+    q = world.photon[0]
+    for photon in range(first, last):
+        _start(q, photon, world)
+        _walk(q, world)
+        while q.copies > 0:
+            _resume(q, world)
+            _walk(q, world)

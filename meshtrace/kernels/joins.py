@@ -1,0 +1,695 @@
+"""Next-event estimation through the surface: photons in the water joined to ends in the air.
+
+With random slopes a photon is joined in two ways. At its crossing P of the surface its direction d
+is known, and the slope that refracts it to a point x of the aperture is unique: the score is
+
+    W |A| p(s*) |ds*/dx| T E,
+
+p the density of the random slopes, T the transmittance and E the exposure of the facet. At a
+collision a crossing is drawn about that of still water; the direction to it and the slope follow.
+Either way may bring any light; both together count once by the balance heuristic [1]_. Joining to
+an end in the air has no 1 / r^2 singularity. Without random slopes the crossing that refracts the
+light of a collision to x is searched for [2]_.
+
+References
+----------
+.. [1] E. Veach and L. J. Guibas, "Optimally combining sampling techniques for Monte Carlo
+   rendering", SIGGRAPH (1995), doi:10.1145/218380.218498.
+.. [2] J. Hanika, M. Droske and L. Fascione, "Manifold next event estimation", Computer Graphics
+   Forum 34 (2015), doi:10.1111/cgf.12681.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.kernels.aiming import Shot, jacobian
+from meshtrace.kernels.blurred import slope_towards
+from meshtrace.kernels.chain_gain import acceptance, forwards, transmittance
+from meshtrace.kernels.facets import (
+    Surface,
+    exposure,
+    is_rough,
+    normal_at,
+    normal_on,
+    plane_distance,
+)
+from meshtrace.kernels.interface import Interface
+from meshtrace.kernels.jit import inlined, outlined
+from meshtrace.kernels.medium import Medium, depth_between, scattering_coefficients
+from meshtrace.kernels.phase import AngleTable, phase_at
+from meshtrace.kernels.photon_grid import Grid, facet_over
+from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.rays import Bvh, first_facet
+from meshtrace.kernels.scene import (
+    FLAT_SEA,
+    Emitter,
+    Locator,
+    Scene,
+    Target,
+    height_on,
+    locate,
+)
+from meshtrace.kernels.sources import Sources
+from meshtrace.kernels.vectors import (
+    ORIGIN,
+    TWO_PI,
+    UP,
+    Vec2,
+    Vec3,
+    along,
+    dot,
+    minus,
+    norm,
+    on_circle,
+    row,
+    scaled,
+    turn,
+)
+
+PHOTON = np.dtype(
+    [
+        ("x", float),  # position [m]
+        ("y", float),
+        ("z", float),
+        ("dx", float),  # direction
+        ("dy", float),
+        ("dz", float),
+        ("weight", float),
+        ("free", float),  # way to the next collision [m]
+        ("water", float),  # path in the water [m]
+        ("id", np.int64),
+        ("event", np.int64),
+        ("order", np.int64),  # scatterings and reflections by the bottom
+        ("reflections", np.int64),  # by the surface
+        ("px", float),  # last collision that was joined
+        ("py", float),
+        ("pz", float),
+        ("density", float),  # of the direction behind it [sr-1], 0 without a connection there
+        ("importance", float),  # of the start
+        ("copies", np.int64),  # that wait
+        ("is_guided", np.int64),  # whether copies take directions to the targets
+        (
+            "aimed",
+            np.int64,
+        ),  # direction that a copy takes: 0 by the phase function, 1 ... by target
+    ]
+)
+"""A joined photon under way."""
+
+TARGET = np.dtype(
+    [
+        ("center", float, (3,)),
+        ("axis", float, (3,)),
+        ("e1", float, (3,)),
+        ("e2", float, (3,)),
+        ("area", float),
+        ("radius", float),
+        ("cos_half_fov", float),
+        ("tan_half_fov", float),
+        ("reach", float),
+        ("sin_widest", float),
+        ("is_lamp", bool),
+        ("lamp_axis", float, (3,)),
+        ("lamp_kind", np.int64),
+        ("lamp_spread", float),
+        ("lamp_norm", float),
+        ("share", float),  # factor on its scores
+        ("seen", float, (3,)),  # point of still water that it sees, and its surroundings [m]
+    ]
+)
+"""An end that photons are joined to, see `meshtrace.kernels.scene.Target`."""
+
+
+class Window(NamedTuple):
+    """Weight window: importance of a place, and the bounds of weight times importance."""
+
+    diffuse: bool  # the flux of diffuse light, else the attenuated view
+    kappa: float  # attenuation of either [m-1]
+    length: float  # transport mean free path [m]
+    beyond: float  # extrapolated boundary [m]
+    highest: float  # weight times importance, over that of the start, from which photons split
+
+
+class Joins(NamedTuple):
+    """Ends that photons are joined to."""
+
+    target: NDArray[np.void]  # (n,) TARGET
+    first: int  # crossing from which on light is scored; 2: reflected first
+    direct: bool  # score unscattered light, too
+    water: AngleTable
+    bubble: AngleTable
+    locator: Locator  # of a mesh that is no grid
+    facets: NDArray[np.void]  # FACET, of a wavy mesh without random slopes
+    spread: float  # standard deviation of the law of slopes
+    decay: float  # of the chance of a connection with the depth [m-1]
+    b: float  # mean scattering of the water [m-1]
+    lobe: float  # share of directions drawn about the ways to the targets
+    cone: float  # share of those drawn even over the cones to what they see
+    window: Window
+
+
+DIRECT, SCATTERED, REFLECTED = range(3)
+N_PARTS = 3
+"""Parts of the light at a target: without an event in the water, scattered, and reflected first."""
+
+_WIDE, _WIDE_SHARE = 3.0, 0.15  # second part of the law of crossings
+_LEAST_WIDTH = 0.02  # of that law, over the depth of the collision
+_LEAST_DEPTH = 1e-3  # [m], of a collision below the surface
+_NEAR = 3.0  # troughs below which depths are those below still water
+_HAIR = 1e-4
+
+_LOWEST = 0.3  # weight times importance, over that of the start
+_LEAST_CHANCE = 0.1
+_MOST_COPIES = 10
+_SPARE = 16  # places for copies at which none is aimed any more
+
+
+class World(NamedTuple):
+    """Everything that the joined photons of a block share."""
+
+    first: int  # id of the first photon
+    seed: np.uint64
+    sources: Sources
+    surface: Surface
+    grid: Grid
+    medium: Medium
+    interface: Interface
+    joins: Joins
+    events: int  # after which a photon is ended
+    bvh: Bvh
+    photon: NDArray[np.void]  # PHOTON: the one under way, and copies of it that wait
+    score: NDArray[np.float64]  # (photons, targets, `N_PARTS`)
+    order: NDArray[np.float64]  # (targets, scatterings) of light not reflected first
+    arrivals: NDArray[np.void]  # (capacity,) ARRIVAL
+    n_arrivals: NDArray[np.int64]  # (1,) also those without room
+
+
+@inlined
+def _vector(a):
+    return Vec3(a[0], a[1], a[2])
+
+
+@inlined
+def _scene(i, world):
+    """Return the surface with target i; nothing is read of its emitter, locator and facets."""
+    t = world.joins.target[i]
+    kind, spread = t.lamp_kind, t.lamp_spread
+    center, axis = _vector(t.center), _vector(t.axis)
+    lamp = Emitter(
+        center, _vector(t.lamp_axis), kind, spread, t.lamp_norm, 1.0, 0.0, ORIGIN, ORIGIN
+    )
+    target = Target(
+        center, axis, _vector(t.e1), _vector(t.e2), t.area, t.radius, t.cos_half_fov,
+        t.tan_half_fov, t.reach, t.sin_widest, t.is_lamp, lamp,
+    )  # fmt: skip
+    no_facets = world.joins.facets
+    surface, bins = world.surface, world.joins.locator
+    return Scene(lamp, target, surface, bins, no_facets, world.medium, world.interface, False)
+
+
+@inlined
+def _goal(target, u, v):
+    """Return a point of the aperture from two uniforms."""
+    r = target.radius * math.sqrt(u)
+    c, s = on_circle(v)
+    return Vec2(r * c, r * s)
+
+
+@inlined
+def facet_below(x, y, world):
+    """Return the facet over (x, y), -1 beside the mesh."""
+    if len(world.grid.x.line) > 0:
+        return facet_over(world.grid, x, y)
+    return locate(world.joins.locator, world.surface, x, y)
+
+
+@inlined
+def level_over(p, world):
+    """Return the height of the surface over a point near it, and of still water over others."""
+    if p.z < _NEAR * world.surface.low[2] or world.surface.low[2] == world.surface.high[2]:
+        return world.surface.level
+    facet = facet_below(p.x, p.y, world)
+    return height_on(p.x, p.y, facet, world.surface) if facet >= 0 else world.surface.level
+
+
+class Still(NamedTuple):
+    """Crossing of still water on the way to a point, and its displacement by slopes."""
+
+    x: float
+    y: float
+    ux: float  # direction of the way
+    uy: float
+    along: float  # displacement by a slope along the way [m]
+    across: float
+    depth: float
+
+
+@outlined
+def still_crossing(p, goal, level, scene):
+    """Return the `Still` crossing from p to a point of the aperture, at the height of the sea.
+
+    Array twin: `aiming.newton` on the flat sea.
+    Fermat's principle: n sin(theta_w) = sin(theta_a), by Newton in the distance; the levers are
+    the inverse second derivatives of the optical path.
+    """
+    t = scene.target
+    n = scene.medium.n_water / scene.medium.n_air
+    at = along(along(t.center, t.e1, goal.x), t.e2, goal.y)
+    h, z = max(at.z - level, _LEAST_DEPTH), max(level - p.z, _LEAST_DEPTH)
+    gx, gy = at.x - p.x, at.y - p.y
+    r = math.sqrt(gx * gx + gy * gy)
+    u = r * z / (z + n * h)
+    low, high = 0.0, r
+    for _ in range(20):
+        q = r - u
+        a, b = math.sqrt(u * u + z * z), math.sqrt(q * q + h * h)
+        g = n * u / a - q / b
+        if g > 0.0:
+            high = u
+        else:
+            low = u
+        step = g / (n * z * z / (a * a * a) + h * h / (b * b * b))
+        u -= step
+        if not low <= u <= high:
+            u = 0.5 * (low + high)
+        if abs(step) < 1e-9 * (1e-3 + r):
+            break
+    q = r - u
+    a, b = math.sqrt(u * u + z * z), math.sqrt(q * q + h * h)
+    cos_w, cos_a = z / a, h / b
+    ux, uy = (gx / r, gy / r) if r > 1e-9 else (1.0, 0.0)
+    bend = n * cos_w - cos_a
+    lever = bend / (n * cos_w * cos_w / a + cos_a * cos_a / b)
+    return Still(p.x + u * ux, p.y + u * uy, ux, uy, lever, bend / (n / a + 1.0 / b), z)
+
+
+@inlined
+def _widths(still, joins):
+    """Return the standard deviations of the law of crossings along and across the way [m]."""
+    least = _LEAST_WIDTH * still.depth
+    return joins.spread * still.along + least, joins.spread * still.across + least
+
+
+@inlined
+def _crossing_density(x, y, still, joins):
+    """Return the density of the crossings drawn about that of still water [m-2]."""
+    sa, sc = _widths(still, joins)
+    dx, dy = x - still.x, y - still.y
+    p = (dx * still.ux + dy * still.uy) / sa
+    q = (dy * still.ux - dx * still.uy) / sc
+    e, wide = p * p + q * q, _WIDE * _WIDE
+    law = (1.0 - _WIDE_SHARE) * math.exp(-0.5 * e) + _WIDE_SHARE / wide * math.exp(-0.5 * e / wide)
+    return law / (TWO_PI * sa * sc)
+
+
+@inlined
+def _chance(depth, joins):
+    """Return the chance of a connection of a collision: deep ones bring exp(-c depth)."""
+    return min(1.0, 1.5 * math.exp(-joins.decay * depth))
+
+
+@inlined
+def mixed_phase(cos_theta, p, world):
+    """Return the phase function of water and bubbles at a point [sr-1]."""
+    theta = math.acos(min(max(cos_theta, -1.0), 1.0))
+    b, bubbles = scattering_coefficients(world.medium, p)
+    density = phase_at(world.joins.water, theta)
+    if bubbles > 0.0:
+        density = (b * density + bubbles * phase_at(world.joins.bubble, theta)) / (b + bubbles)
+    return density
+
+
+@inlined
+def _is_clear(p, d, length, facet, world):
+    """Return whether no wave cuts a straight path off.
+
+    `facet` is the one where it starts or ends.
+    """
+    slope = world.surface.max_slope
+    if d.z > slope * math.sqrt(d.x * d.x + d.y * d.y):
+        return True
+    hair = _HAIR * (1.0 + length)
+    found = first_facet(world.bvh, along(p, d, hair), d)
+    if found < 0 or found == facet:
+        return True
+    return plane_distance(p, d, found, world.surface) > length - 2.0 * hair
+
+
+@outlined
+def _through(p, n, g, d, goal, facet, scene, world):
+    """Return (light, flight): light of a unit photon along d through P, by its random slope.
+
+    The flight is that through the air [m].
+    """
+    s = slope_towards(p, n, d, d, 0.0, goal, scene)
+    if s.density <= 0.0 or dot(d, g) <= 0.0:
+        return 0.0, 0.0
+    share = acceptance(s.aim, p, scene.target, world.interface.fov)
+    if share <= 0.0:
+        return 0.0, 0.0
+    share *= scene.target.area * s.density * transmittance(s.aim, world.interface)
+    if scene.target.is_lamp:
+        share *= forwards(s.aim, p, facet, s.tilt, world.surface)
+    else:
+        share *= exposure(d, n, s.tilt)
+    if share > 0.0 and world.interface.follow_second_hit:
+        if not _is_clear(p, s.aim.r, s.aim.flight, facet, world):
+            return 0.0, 0.0
+    return share, s.aim.flight
+
+
+@inlined
+def _score(q, i, light, water, air, world):
+    """Score light of a photon on target i."""
+    light *= world.joins.target[i].share
+    part = SCATTERED if q.order > 0 else DIRECT
+    if q.reflections > 0:
+        part = REFLECTED
+    else:
+        world.order[i, min(q.order, world.order.shape[1] - 1)] += light
+    world.score[q.id - world.first, i, part] += light
+    n = world.n_arrivals[0]
+    world.n_arrivals[0] = n + 1
+    if n < len(world.arrivals):
+        a = world.arrivals[n]
+        a.photon, a.receiver, a.weight, a.water, a.air = q.id, i, light, water, air
+
+
+@inlined
+def place(q):
+    """Return the position of a photon."""
+    return Vec3(q.x, q.y, q.z)
+
+
+@inlined
+def heading(q):
+    """Return the direction of a photon."""
+    return Vec3(q.dx, q.dy, q.dz)
+
+
+@inlined
+def head(q, d):
+    """Turn a photon to d."""
+    q.dx, q.dy, q.dz = d.x, d.y, d.z
+
+
+@outlined
+def join_crossing(q, facet, world):
+    """Join a photon that meets a facet from below to every target.
+
+    Array twin: the analog photon, whose slope is drawn.
+    """
+    joins = world.joins
+    if not is_rough(world.surface.roughness) or q.reflections + 1 < joins.first:
+        return
+    if q.order == 0 and q.reflections == 0 and not joins.direct:
+        return
+    p, d = place(q), heading(q)
+    g = row(world.surface.face_normals, facet)
+    n = normal_on(p, facet, world.surface)
+    u, v, _, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE)
+    for i in range(len(joins.target)):
+        scene = _scene(i, world)
+        goal = _goal(scene.target, u, v)
+        light, flight = _through(p, n, g, d, goal, facet, scene, world)
+        if light <= 0.0:
+            continue
+        if q.density > 0.0:
+            start = Vec3(q.px, q.py, q.pz)
+            way = minus(p, start)
+            length = norm(way)
+            level = level_over(start, world)
+            still = still_crossing(start, goal, level, scene)
+            other = _chance(still.depth, joins) * _crossing_density(p.x, p.y, still, joins)
+            other *= length * length * g.z / dot(d, g)
+            own = q.density * math.exp(-joins.b * length)
+            light *= own / (own + other)
+        _score(q, i, q.weight * light, q.water, flight, world)
+
+
+@outlined
+def join_collision(q, at_bottom, world):
+    """Join a photon that is scattered, or reflected by the bottom, to every target.
+
+    Array twin: `join_crossing` of the photon that goes on.
+    """
+    joins = world.joins
+    q.order += 1
+    q.is_guided = 1 if q.copies + _SPARE < len(world.photon) else 0
+    q.px, q.py, q.pz, q.density = q.x, q.y, q.z, 0.0
+    if q.reflections + 1 < joins.first:
+        return
+    start = place(q)
+    level = level_over(start, world)
+    chance = _chance(max(level - start.z, _LEAST_DEPTH), joins)
+    q.density = 1.0  # until the direction is known
+    u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN)
+    if lot >= chance:
+        return
+    s, t, wide, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE)
+    r = math.sqrt(-2.0 * math.log(s))
+    if wide < _WIDE_SHARE:
+        r *= _WIDE
+    c, s = on_circle(t)
+    rough = is_rough(world.surface.roughness)
+    for i in range(len(joins.target)):
+        scene = _scene(i, world)
+        goal = _goal(scene.target, u, v)
+        still = still_crossing(start, goal, level, scene)
+        if rough:
+            sa, sc = _widths(still, joins)
+            a, b = r * c * sa, r * s * sc
+            x, y = still.x + a * still.ux - b * still.uy, still.y + a * still.uy + b * still.ux
+            p = Vec2(x, y)
+            light, length, flight = _by_slope(p, q, goal, still, chance, at_bottom, scene, world)
+        else:
+            light, length, flight = _by_flat(q, goal, still, chance, at_bottom, scene, world)
+        if light > 0.0:
+            _score(q, i, q.weight * light, q.water + length, flight, world)
+
+
+@inlined
+def _scattered(w, d, start, at_bottom, world):
+    """Return the density of directions [sr-1] behind an event."""
+    if at_bottom:
+        return max(w.z, 0.0) / math.pi
+    return mixed_phase(dot(w, d), start, world)
+
+
+@outlined
+def _by_slope(at, q, goal, still, chance, at_bottom, scene, world):
+    """Return (light, way in the water, flight) of a crossing over (x, y), see `join_collision`."""
+    joins, start, d = world.joins, place(q), heading(q)
+    x, y = at.x, at.y
+    facet = facet_below(x, y, world)
+    if facet < 0:
+        return 0.0, 0.0, 0.0
+    p = Vec3(x, y, height_on(x, y, facet, world.surface))
+    g = row(world.surface.face_normals, facet)
+    way = minus(p, start)
+    length = norm(way)
+    w = scaled(1.0 / length, way)
+    facing = dot(w, g)
+    if facing <= 0.0:
+        return 0.0, 0.0, 0.0
+    n = normal_at(x, y, facet, world.surface)
+    light, flight = _through(p, n, g, w, goal, facet, scene, world)
+    if light <= 0.0 or not _is_clear(start, w, length, facet, world):
+        return 0.0, 0.0, 0.0
+    turned = _scattered(w, d, start, at_bottom, world)
+    drawn = turned
+    if not at_bottom:
+        drawn = _drawn_density(w, turned, guide_of(q, world), start, world)
+    own = chance * _crossing_density(x, y, still, joins) * length * length * g.z / facing
+    other = drawn * math.exp(-joins.b * length)
+    light *= turned * math.exp(-depth_between(world.medium, start, p, length)) / (own + other)
+    return light, length, flight
+
+
+@outlined
+def _by_flat(q, goal, still, chance, at_bottom, scene, world):
+    """Return (light, way in the water, flight) through still water, see `join_collision`."""
+    start, d = place(q), heading(q)
+    shot = Shot(start, ORIGIN, UP, goal, 1.0, Vec2(0.0, 0.0))
+    j = jacobian(still.x, still.y, FLAT_SEA, shot, scene)
+    m, spread = j.aim, abs(j.a * j.d - j.b * j.c)
+    if not j.ok or spread == 0.0 or m.w.z <= 0.0:
+        return 0.0, 0.0, 0.0
+    p = Vec3(still.x, still.y, world.surface.level)
+    light = acceptance(m, p, scene.target, world.interface.fov)
+    if light <= 0.0:
+        return 0.0, 0.0, 0.0
+    solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (m.w.z * spread)
+    light *= scene.target.area * solid_angle * transmittance(m, world.interface) / chance
+    light *= _scattered(m.w, d, start, at_bottom, world)
+    light *= math.exp(-depth_between(world.medium, start, p, m.length))
+    return light, m.length, m.flight
+
+
+class Guide(NamedTuple):
+    """Numbers of directions that are drawn behind a collision beside that of the photon."""
+
+    level: float  # of the surface above it [m]
+    lobe: float  # by the phase function about the ways to the targets
+    cone: float  # even over the cones to what they see
+
+
+@inlined
+def guide_of(q, world):
+    """Return the `Guide` of a collision.
+
+    Array twin: none.
+    """
+    joins, start = world.joins, place(q)
+    level = level_over(start, world)
+    lobe = cone = 0.0
+    if q.is_guided == 1:
+        if joins.lobe > 0.0:
+            lobe = joins.lobe * _chance(max(level - start.z, _LEAST_DEPTH), joins)
+        cone = joins.cone
+        for i in range(len(joins.target)):
+            seen = joins.target[i].seen
+            x, y = seen[0] - start.x, seen[1] - start.y
+            if x * x + y * y + start.z * start.z < seen[2] * seen[2]:
+                cone = 0.0
+    return Guide(level, lobe, cone)
+
+
+@inlined
+def _cone_to(i, p, world):
+    """Return (axis, sin^2(theta / 2) of the edge) of the cone from p to what target i sees."""
+    t = world.joins.target[i]
+    way = Vec3(t.seen[0] - p.x, t.seen[1] - p.y, -p.z)
+    distance = norm(way)
+    sine = min(t.seen[2] / distance, 1.0)
+    edge = 0.5 * sine * sine / (1.0 + math.sqrt(1.0 - sine * sine))
+    return scaled(1.0 / distance, way), edge
+
+
+@outlined
+def _drawn_density(d, own, guide, start, world):
+    """Return the density of all directions drawn behind a collision [sr-1].
+
+    `own` is the phase function, by which the photon itself goes on.
+    """
+    n = len(world.joins.target)
+    total = own
+    for i in range(n):
+        if guide.lobe > 0.0:
+            way = _way_to(i, start, guide.level, world)
+            total += guide.lobe / n * mixed_phase(dot(d, way), start, world)
+        if guide.cone > 0.0:
+            axis, edge = _cone_to(i, start, world)
+            if 0.5 * (1.0 - dot(d, axis)) <= edge:
+                total += guide.cone / (n * 4.0 * math.pi * edge)
+    return total
+
+
+@outlined
+def redirect(q, s, u_phi, world):
+    """Turn a scattered photon by an angle, or to the direction for which a copy has waited.
+
+    Array twin: photons without `Joins.lobe` and `Joins.cone`.
+    Copies take directions about the ways to the targets, else the connections of photons that
+    head almost for a target are too heavy for their number, and directions even over the cones to
+    what the targets see. Photon and copies count by the densities of all that is drawn.
+    """
+    start, before, aimed = place(q), heading(q), q.aimed
+    guide, n = guide_of(q, world), len(world.joins.target)
+    q.aimed = 0
+    lot, u, _, _ = uniforms(world.seed, q.id, q.event, Purpose.GUIDE)
+    if aimed == 0:
+        if lot < guide.lobe + guide.cone and q.copies + 1 < len(world.photon):
+            i = min(int(lot / guide.lobe * n), n - 1) if lot < guide.lobe else n
+            if i == n:
+                i += min(int((lot - guide.lobe) / guide.cone * n), n - 1)
+            q.copies += 1
+            q.aimed = 1 + i
+            world.photon[q.copies] = q
+            q.aimed = 0
+        d = turn(before, s, u_phi)
+    elif aimed <= n:
+        d = turn(_way_to(aimed - 1, start, guide.level, world), s, u_phi)
+    else:
+        axis, edge = _cone_to(aimed - 1 - n, start, world)
+        d = turn(axis, u * edge, u_phi)
+    own = mixed_phase(dot(d, before), start, world)
+    q.density = own
+    if guide.lobe + guide.cone > 0.0:
+        q.density = _drawn_density(d, own, guide, start, world)
+        q.weight *= own / q.density
+    head(q, d)
+
+
+@outlined
+def _way_to(i, p, level, world):
+    """Return the direction from p to the centre of target i through still water."""
+    still = still_crossing(p, Vec2(0.0, 0.0), level, _scene(i, world))
+    way = Vec3(still.x - p.x, still.y - p.y, still.depth)
+    return scaled(1.0 / norm(way), way)
+
+
+@outlined
+def importance(p, joins):
+    """Return the importance of a place, for the weight window.
+
+    Array twin: none, a weight window is unbiased for any importance.
+    In turbid water the diffusion flux of a point one transport length below the surface, and its
+    image above [1]_, else the attenuated view of what the targets see.
+
+    References
+    ----------
+    .. [1] T. J. Farrell, M. S. Patterson and B. Wilson, Medical Physics 19 (1992) 879,
+       doi:10.1118/1.596777, eq. 11.
+    """
+    window = joins.window
+    depth, total = max(-p.z, 0.0), 1e-12
+    for i in range(len(joins.target)):
+        seen = joins.target[i].seen
+        dx, dy = p.x - seen[0], p.y - seen[1]
+        square = dx * dx + dy * dy
+        if window.diffuse:
+            square += 0.04 * window.length * window.length
+            low, high = depth - window.length, depth + window.length + 2.0 * window.beyond
+            r1, r2 = math.sqrt(square + low * low), math.sqrt(square + high * high)
+            total += math.exp(-window.kappa * r1) / r1 - math.exp(-window.kappa * r2) / r2
+        else:
+            square += depth * depth
+            wide = seen[2] * seen[2]
+            total += math.exp(-window.kappa * math.sqrt(square)) / (1.0 + square / wide)
+    return total
+
+
+@inlined
+def survives(q, lot, world):
+    """Play Russian roulette with a photon of low weight times importance; return whether it lives.
+
+    Array twin: none.
+    """
+    ratio = q.weight * importance(place(q), world.joins) / q.importance
+    if ratio >= _LOWEST:
+        return True
+    chance = max(ratio / (2.0 * _LOWEST), _LEAST_CHANCE)
+    if lot < 0.0:
+        lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE)
+    if lot >= chance:
+        return False
+    q.weight /= chance
+    return True
+
+
+@inlined
+def copies_of(q, world):
+    """Return the number of photons that one of high weight times importance is split into.
+
+    Array twin: none.
+    """
+    ratio = q.weight * importance(place(q), world.joins) / q.importance
+    if ratio <= world.joins.window.highest:
+        return 1
+    return max(min(int(ratio), _MOST_COPIES, len(world.photon) - _SPARE // 2 - q.copies), 1)

@@ -1,0 +1,345 @@
+"""Joined photons: followed forwards from the source, and joined to every receiver.
+
+Photons are those of the analog estimator; what they bring to a receiver is not counted where they
+hit it, but expected at every collision and crossing (`meshtrace.kernels.joins`). Light that the
+surface reflects first is that of the photons that go on after a reflection. For light that goes
+down photons run backwards, from a receiver in the water to the lamps.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.bvh import EmbreeIntersector
+from meshtrace.errors import Refused
+from meshtrace.kernels.facets import Surface
+from meshtrace.kernels.joined import follow_joined
+from meshtrace.kernels.joins import N_PARTS, PHOTON, TARGET, Joins, Window, World
+from meshtrace.kernels.photon_grid import Grid
+from meshtrace.kernels.rays import NO_BVH
+from meshtrace.kernels.scene import FACET, Emitter, Target
+from meshtrace.kernels.sources import Sources
+from meshtrace.kernels.tally import ARRIVAL
+from meshtrace.link import Link
+from meshtrace.link.sources import AirLamp
+from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.parallel import ordered_map
+from meshtrace.stored import SHIFTS
+from meshtrace.transport.arrays import (
+    angle_table,
+    empty_locator,
+    grid_arrays,
+    interface_arrays,
+    locator,
+    source_arrays,
+    surface_arrays,
+    with_raster,
+)
+from meshtrace.transport.forced_link import (
+    emitter_of,
+    expected_water,
+    lamp_target,
+    require_followable,
+    require_height_field,
+    target_of,
+)
+from meshtrace.transport.frame import Frame, frame_of
+from meshtrace.transport.options import BLOCK
+
+_ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
+_COPIES = 256  # of one photon that wait at a time
+_TURBID = 1.0  # b (1 - g) depth beyond which light is diffuse
+_SPREAD = 1.3  # width of the law of crossings, over that of the slopes
+_DECAY = 0.8  # of the chance of a connection, over c
+_LOBE = 0.3  # share of directions drawn about the targets, without random slopes
+_CONE = 0.3  # of those drawn over what the targets see
+_HIGHEST = 2.0  # weight times importance, from which photons are split in turbid water
+_CLEAR_HIGHEST = 4.0
+_BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
+_EVENTS = 100_000  # of a photon and its copies
+_SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
+
+
+@dataclass(frozen=True)
+class JoinedParts:
+    """Gain over one surface from joined photons.
+
+    Attributes
+    ----------
+    photons : int
+        Photons followed; for light that goes down, of each receiver.
+    groups : ndarray, shape (3, receivers, SHIFTS)
+        Unscattered, scattered and first reflected gain of each group of photons; the mean over
+        the groups is the gain.
+    orders : ndarray, shape (receivers, orders)
+        Gain without light reflected first by the number of scatterings, from 0 on; the last holds
+        all beyond.
+    scored : ndarray of int, shape (receivers,)
+        Photons that brought light.
+    square : ndarray, shape (receivers,)
+        Mean square score of a photon.
+    arrivals : list of ndarray, shape (arrivals, 4), or None
+        By receiver: weight, path in water, path in air [m] and group.
+    """
+
+    photons: int
+    groups: Floats
+    orders: Floats
+    scored: NDArray[np.int64]
+    square: Floats
+    arrivals: list[Floats] | None = None
+
+    @property
+    def parts(self) -> Floats:
+        """Unscattered, scattered and first reflected gain, shape (3, receivers)."""
+        return self.groups.mean(axis=2)
+
+    @property
+    def stderr(self) -> Floats:
+        """Standard errors of the parts, shape (3, receivers)."""
+        return self.groups.std(axis=2, ddof=1) / math.sqrt(SHIFTS)
+
+
+class JoinedPhotons:
+    """Joined photons of a link, for any surface.
+
+    Parameters
+    ----------
+    link : Link
+        The link; sources on the other side of the surface than the receivers.
+    photons : int
+        Photons, >= 32; for light that goes down, of each receiver.
+    seed : int
+        Key of the random numbers, 0 <= seed < 2^64.
+    normals : {"vertex", "facet"}
+        Normals interpolated from the corners, or those of the facets.
+    threads : int
+        Threads; results do not depend on them.
+    first : int
+        1, or 2 for light alone that the surface reflects first.
+    direct : bool
+        Score unscattered light, too; only with random slopes.
+
+    Raises
+    ------
+    Refused
+        If the link has a feature that joined photons do not follow.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        photons: int,
+        seed: int,
+        normals: str = "vertex",
+        threads: int = 1,
+        first: int = 1,
+        direct: bool = False,
+    ) -> None:
+        require_followable(link)
+        for name, kept in _SWITCHES.items():
+            if getattr(link.physics, name) != kept:
+                raise Refused(f"physics.{name}", getattr(link.physics, name), f'"{kept}"')
+        self.link, self.photons, self.seed = link, photons, seed
+        self._normals, self._threads = normals, threads
+        self._first, self._direct = first, direct
+
+    def evaluate(
+        self,
+        mesh: TriangleMesh,
+        intersector: EmbreeIntersector | None = None,
+        arrivals: bool = False,
+    ) -> JoinedParts:
+        """Return the gain over a mesh in parts.
+
+        Parameters
+        ----------
+        mesh : TriangleMesh
+            The surface.
+        intersector : EmbreeIntersector, optional
+            Embree scene of the mesh, if there is one.
+        arrivals : bool
+            Keep every contribution to the gain with its path lengths.
+
+        Raises
+        ------
+        Refused
+            If the mesh overhangs.
+        """
+        require_height_field(mesh)
+        frame = frame_of(self.link)
+        local = frame.mesh(mesh)
+        given = intersector if local is mesh else None
+        intersector = given or EmbreeIntersector(local, 1)
+        link = self.link
+        if link.direction == "up":
+            targets = [target_of(r, frame) for r in link.receivers]
+            world = self._world(frame, intersector, None, targets, np.ones(len(targets)))
+            return self._parts([self._follow(world, intersector, arrivals)], frame, arrivals)
+        power = np.array([t.power_mw for t in link.transmitters])
+        lamps = [lamp_target(t, link, frame) for t in link.transmitters if isinstance(t, AirLamp)]
+        runs = []
+        for end in link.receivers:
+            emitter = emitter_of(end, frame)
+            share = emitter.power * power / power.sum()
+            world = self._world(frame, intersector, emitter, lamps, share)
+            runs.append(self._follow(world, intersector, arrivals))
+        return self._parts(runs, frame, arrivals)
+
+    def _world(
+        self,
+        frame: Frame,
+        intersector: EmbreeIntersector,
+        start: Emitter | None,
+        targets: list[Target],
+        share: Floats,
+    ) -> World:
+        """Return the inputs of photons from the sources, or backwards from one receiver."""
+        link = self.link
+        surface = surface_arrays(intersector.mesh, self._normals, link.physics.unresolved)
+        crest = frame.unit * float(surface.high[2])
+        medium = with_raster(frame.medium(expected_water(link, crest)), intersector)
+        sources = frame.sources(source_arrays(link, crest)) if start is None else _reversed(start)
+        grid = grid_arrays(intersector.mesh)
+        joins = self._joins(surface, grid, targets, share, frame)
+        none = np.zeros(0, ARRIVAL), np.zeros(1, np.int64)
+        return World(
+            0, np.uint64(self.seed), sources, surface, grid, medium, interface_arrays(link), joins,
+            _EVENTS, NO_BVH, np.zeros(1 + _COPIES, PHOTON),
+            np.zeros((0, len(targets), N_PARTS)), np.zeros((len(targets), _ORDERS)), *none,
+        )  # fmt: skip
+
+    def _joins(
+        self, surface: Surface, grid: Grid, targets: list[Target], share: Floats, frame: Frame
+    ) -> Joins:
+        """Return the targets, and what guides the photons to them."""
+        link = self.link
+        water = angle_table(link.water.phase)
+        bubble = angle_table(link.bubbles.phase_function()) if link.bubbles else water
+        n = surface.vertex_normals
+        mesh_slopes = float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
+        rough = 0.5 * (surface.roughness.along**2 + surface.roughness.across**2)
+        depth = max(-item.center[2] for _, item in link.items()) / frame.unit
+        nodes = np.linspace(0.0, depth, 257) * frame.unit
+        a, b = (float(np.mean(x)) * frame.unit for x in link.water.profile(nodes))
+        turned = b * (1.0 - link.water.phase.mean_cosine)
+        bins = empty_locator() if len(grid.x.line) else locator(surface, targets)
+        window = Window(False, a + turned, 0.0, 0.0, _CLEAR_HIGHEST)
+        if turned * depth > _TURBID:
+            diffusion, length = 1.0 / (3.0 * (a + turned)), 1.0 / (a + turned)
+            window = Window(True, math.sqrt(a / diffusion), length, _BOUNDARY * diffusion, _HIGHEST)
+        rows = np.zeros(len(targets), TARGET)
+        for row, target, part in zip(rows, targets, share, strict=True):
+            _fill(row, target, part, 1.0 / (a + b))
+        spread = _SPREAD * math.sqrt(rough + mesh_slopes)
+        decay = _DECAY * (a + b)
+        shares = 0.0 if rough > 0.0 else _LOBE, 0.0 if window.diffuse else _CONE
+        ends = rows, self._first, self._direct, water, bubble, bins, np.zeros(0, FACET)
+        return Joins(*ends, spread, decay, b, *shares, window)
+
+    def _follow(self, world: World, intersector: EmbreeIntersector, arrivals: bool) -> _Run:
+        """Return the sums over the photons of one run."""
+        n = len(world.joins.target)
+        spans = [(i, min(i + BLOCK, self.photons)) for i in range(0, self.photons, BLOCK)]
+        run = _Run(np.zeros((SHIFTS, n, N_PARTS)), *np.zeros((2, n)), np.zeros((n, _ORDERS)), [])
+
+        def follow(span: tuple[int, int]) -> World:
+            first, last = span
+            room = (last - first) * n if arrivals else 0
+            while True:
+                with intersector.function() as bvh:
+                    block = world._replace(
+                        first=first,
+                        bvh=bvh,
+                        photon=np.zeros_like(world.photon),
+                        score=np.zeros((last - first, n, N_PARTS)),
+                        order=np.zeros_like(world.order),
+                        arrivals=np.zeros(room, ARRIVAL),
+                        n_arrivals=np.zeros(1, np.int64),
+                    )
+                    follow_joined(first, last, block)
+                if not arrivals or block.n_arrivals[0] <= room:
+                    return block
+                room = int(block.n_arrivals[0])
+
+        for block in ordered_map(follow, spans, self._threads):
+            for g in range(SHIFTS):  # blocks are whole numbers of groups
+                run.groups[g] += block.score[g::SHIFTS].sum(axis=0)
+            total = block.score.sum(axis=2)
+            run.scored[:] += np.count_nonzero(total, axis=0)
+            run.square[:] += np.einsum("ij,ij->j", total, total)
+            run.orders[:] += block.order
+            run.arrivals.append(block.arrivals[: block.n_arrivals[0]])
+        return run
+
+    def _parts(self, runs: list[_Run], frame: Frame, arrivals: bool) -> JoinedParts:
+        """Return the gains by receiver: targets of one run, or runs over all lamps."""
+        down = self.link.direction == "down"
+        axis = 2 if down else 0  # targets of each run, or the one run
+        n, per_group = self.photons, np.bincount(np.arange(self.photons) % SHIFTS, minlength=SHIFTS)
+        groups = np.stack([r.groups for r in runs]).sum(axis=axis)
+        groups = np.moveaxis(groups, (0, 1, 2), (1, 2, 0) if down else (2, 1, 0))
+        scored, square, orders = (
+            np.stack([getattr(r, name) for r in runs]).sum(axis=1 if down else 0)
+            for name in ("scored", "square", "orders")
+        )
+        rows = None
+        if arrivals:
+            found = [np.concatenate(r.arrivals) for r in runs]
+            if not down:
+                found = [found[0][found[0]["receiver"] == i] for i in range(groups.shape[1])]
+            rows = [
+                np.column_stack(
+                    [a["weight"] / n, frame.unit * a["water"], frame.unit * a["air"],
+                     a["photon"] % SHIFTS]
+                )
+                for a in found
+            ]  # fmt: skip
+        return JoinedParts(
+            n, groups / per_group, orders / n, scored.astype(np.int64), square / n, rows
+        )
+
+
+class _Run(NamedTuple):
+    """Sums over the photons of one run."""
+
+    groups: Floats  # (SHIFTS, targets, parts)
+    scored: Floats  # (targets,)
+    square: Floats  # (targets,)
+    orders: Floats  # (targets, orders)
+    arrivals: list[NDArray[np.void]]
+
+
+def _reversed(emitter: Emitter) -> Sources:
+    """Return an aperture in the water as the source of photons that run backwards."""
+    return Sources(
+        kind=np.array([emitter.kind], np.int64),
+        position=np.array([emitter.position]),
+        axis=np.array([emitter.axis]),
+        spread=np.array([emitter.spread]),
+        size=np.array([emitter.radius]),
+        in_water=np.array([True]),
+        cum_power=np.array([1.0]),
+    )
+
+
+def _fill(row: np.void, target: Target, share: float, deep: float) -> None:
+    """Write a target as a record; `deep` is the mean free path."""
+    for name in ("center", "axis", "e1", "e2", "area", "radius", "cos_half_fov", "tan_half_fov",
+                 "reach", "sin_widest", "is_lamp"):  # fmt: skip
+        row[name] = getattr(target, name)
+    lamp = target.lamp
+    row["lamp_axis"], row["lamp_kind"] = lamp.axis, lamp.kind
+    row["lamp_spread"], row["lamp_norm"], row["share"] = lamp.spread, lamp.norm, share
+    axis = np.array(lamp.axis) if target.is_lamp else -np.array(target.axis)
+    fall = target.center.z / max(-axis[2], 0.1)
+    row["seen"][:2] = np.array(target.center)[:2] + fall * axis[:2]
+    half = math.acos(target.cos_half_fov)
+    wide = min(fall * math.tan(min(half, 1.4)), target.reach) + target.radius
+    row["seen"][2] = wide + 0.3 * deep
