@@ -27,16 +27,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.aiming import Shot, jacobian
+from meshtrace.kernels.aiming import Shot, jacobian, land
 from meshtrace.kernels.blurred import slope_towards
 from meshtrace.kernels.chain_gain import acceptance, forwards, transmittance
 from meshtrace.kernels.facets import (
     Surface,
+    drawn_tilt,
     exposure,
     is_rough,
     normal_at,
     normal_on,
     plane_distance,
+    tilted,
 )
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.jit import inlined, outlined
@@ -119,6 +121,7 @@ TARGET = np.dtype(
         ("lamp_spread", float),
         ("lamp_norm", float),
         ("share", float),  # factor on its scores
+        ("sloped", float),  # share of the points that drawn slopes land on, instead of even ones
         ("seen", float, (3,)),  # point of still water that it sees, and its surroundings [m]
     ]
 )
@@ -340,27 +343,49 @@ def _is_clear(p, d, length, facet, world):
     return plane_distance(p, d, found, world.surface) > length - 2.0 * hair
 
 
+class Light(NamedTuple):
+    """Light of a unit photon through a crossing to a point of the aperture."""
+
+    density: float  # of landing points [m-2]
+    share: float  # transmittance, exposure and acceptance
+    flight: float  # through the air [m]
+
+
 @outlined
 def _through(p, n, g, d, goal, facet, scene, world):
-    """Return (light, flight): light of a unit photon along d through P, by its random slope.
-
-    The flight is that through the air [m].
-    """
+    """Return the `Light` along d through P by its random slope."""
+    dark = Light(0.0, 0.0, 0.0)
     s = slope_towards(p, n, d, d, 0.0, goal, scene)
     if s.density <= 0.0 or dot(d, g) <= 0.0:
-        return 0.0, 0.0
+        return dark
     share = acceptance(s.aim, p, scene.target, world.interface.fov)
     if share <= 0.0:
-        return 0.0, 0.0
-    share *= scene.target.area * s.density * transmittance(s.aim, world.interface)
+        return dark
+    share *= transmittance(s.aim, world.interface)
     if scene.target.is_lamp:
         share *= forwards(s.aim, p, facet, s.tilt, world.surface)
     else:
         share *= exposure(d, n, s.tilt)
     if share > 0.0 and world.interface.follow_second_hit:
         if not _is_clear(p, s.aim.r, s.aim.flight, facet, world):
-            return 0.0, 0.0
-    return share, s.aim.flight
+            return dark
+    return Light(s.density, share, s.aim.flight)
+
+
+@outlined
+def _landing(p, n, d, u, v, scene, world):
+    """Return (found, goal): where a drawn slope lands the light on the aperture."""
+    tilt = drawn_tilt(world.surface.roughness, u, v)
+    m = land(p, tilted(n, tilt), Shot(minus(p, d), ORIGIN, UP, Vec2(0.0, 0.0), 1.0, tilt), scene)
+    r = scene.target.radius
+    return m.ok and m.at.x * m.at.x + m.at.y * m.at.y < r * r, m.at
+
+
+@inlined
+def _point_density(i, light, world):
+    """Return the density of the points of target i that are drawn at a crossing [m-2]."""
+    t = world.joins.target[i]
+    return (1.0 - t.sloped) / t.area + t.sloped * light.density
 
 
 @inlined
@@ -412,24 +437,28 @@ def join_crossing(q, facet, world):
     p, d = place(q), heading(q)
     g = row(world.surface.face_normals, facet)
     n = normal_on(p, facet, world.surface)
-    u, v, _, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE)
+    u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE)
     for i in range(len(joins.target)):
         scene = _scene(i, world)
-        goal = _goal(scene.target, u, v)
-        light, flight = _through(p, n, g, d, goal, facet, scene, world)
-        if light <= 0.0:
+        found, goal = True, _goal(scene.target, u, v)
+        if lot < joins.target[i].sloped:
+            found, goal = _landing(p, n, d, u, v, scene, world)
+        if not found:
             continue
+        light = _through(p, n, g, d, goal, facet, scene, world)
+        if light.share <= 0.0:
+            continue
+        own, other = _point_density(i, light, world), 0.0
         if q.density > 0.0:
             start = Vec3(q.px, q.py, q.pz)
             way = minus(p, start)
             length = norm(way)
-            level = level_over(start, world)
-            still = still_crossing(start, goal, level, scene)
+            still = still_crossing(start, goal, level_over(start, world), scene)
             other = _chance(still.depth, joins) * _crossing_density(p.x, p.y, still, joins)
-            other *= length * length * g.z / dot(d, g)
-            own = q.density * math.exp(-joins.b * length)
-            light *= own / (own + other)
-        _score(q, i, q.weight * light, q.water, flight, world)
+            other *= length * length * g.z / (dot(d, g) * scene.target.area)
+            other /= q.density * math.exp(-joins.b * length)
+        score = q.weight * light.density * light.share / (own + other)
+        _score(q, i, score, q.water, light.flight, world)
 
 
 @outlined
@@ -466,7 +495,7 @@ def join_collision(q, at_bottom, world):
             a, b = r * c * sa, r * s * sc
             x, y = still.x + a * still.ux - b * still.uy, still.y + a * still.uy + b * still.ux
             p = Vec2(x, y)
-            light, length, flight = _by_slope(p, q, goal, still, chance, at_bottom, scene, world)
+            light, length, flight = _by_slope(p, q, i, goal, still, chance, at_bottom, scene, world)
         else:
             light, length, flight = _by_flat(q, goal, still, chance, at_bottom, scene, world)
         if light > 0.0:
@@ -482,7 +511,7 @@ def _scattered(w, d, start, at_bottom, world):
 
 
 @outlined
-def _by_slope(at, q, goal, still, chance, at_bottom, scene, world):
+def _by_slope(at, q, i, goal, still, chance, at_bottom, scene, world):
     """Return (light, way in the water, flight) of a crossing over (x, y), see `join_collision`."""
     joins, start, d = world.joins, place(q), heading(q)
     x, y = at.x, at.y
@@ -498,17 +527,18 @@ def _by_slope(at, q, goal, still, chance, at_bottom, scene, world):
     if facing <= 0.0:
         return 0.0, 0.0, 0.0
     n = normal_at(x, y, facet, world.surface)
-    light, flight = _through(p, n, g, w, goal, facet, scene, world)
-    if light <= 0.0 or not _is_clear(start, w, length, facet, world):
+    light = _through(p, n, g, w, goal, facet, scene, world)
+    if light.share <= 0.0 or not _is_clear(start, w, length, facet, world):
         return 0.0, 0.0, 0.0
     turned = _scattered(w, d, start, at_bottom, world)
     drawn = turned
     if not at_bottom:
         drawn = _drawn_density(w, turned, guide_of(q, world), start, world)
-    own = chance * _crossing_density(x, y, still, joins) * length * length * g.z / facing
-    other = drawn * math.exp(-joins.b * length)
-    light *= turned * math.exp(-depth_between(world.medium, start, p, length)) / (own + other)
-    return light, length, flight
+    own = chance * _crossing_density(x, y, still, joins) * length * length * g.z
+    own /= facing * scene.target.area
+    other = drawn * math.exp(-joins.b * length) * _point_density(i, light, world)
+    turned *= math.exp(-depth_between(world.medium, start, p, length))
+    return turned * light.density * light.share / (own + other), length, light.flight
 
 
 @outlined

@@ -53,6 +53,7 @@ from meshtrace.transport.frame import Frame, frame_of
 from meshtrace.transport.options import BLOCK
 
 _ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
+_LEAST_SLOPED = 0.1  # share of an aperture's points by slopes that is worth its time
 _COPIES = 256  # of one photon that wait at a time
 _TURBID = 1.0  # b (1 - g) depth beyond which light is diffuse
 _SPREAD = 1.3  # width of the law of crossings, over that of the slopes
@@ -235,8 +236,13 @@ class JoinedPhotons:
             diffusion, length = 1.0 / (3.0 * (a + turned)), 1.0 / (a + turned)
             window = Window(True, math.sqrt(a / diffusion), length, _BOUNDARY * diffusion, _HIGHEST)
         rows = np.zeros(len(targets), TARGET)
+        blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across
+        blur *= (link.water.n / link.n_air - 1.0) ** 2
         for row, target, part in zip(rows, targets, share, strict=True):
             _fill(row, target, part, 1.0 / (a + b))
+            if not target.is_lamp and rough > 0.0:
+                sloped = target.area / (target.area + blur * target.center.z**2)
+                row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0
         spread = _SPREAD * math.sqrt(rough + mesh_slopes)
         decay = _DECAY * (a + b)
         shares = 0.0 if rough > 0.0 else _LOBE, 0.0 if window.diffuse else _CONE
