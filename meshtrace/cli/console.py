@@ -42,6 +42,7 @@ def scenario_of(
     link: Path | None,
     settings: list[str] | None,
     wind: str | float | None = None,
+    trust: bool = False,
     **options: str | float | None,
 ) -> Scenario:
     """Return the scenario of a link file, with changes by "key=value", wind and [run] options."""
@@ -52,8 +53,8 @@ def scenario_of(
         given.append(f"wind_speed={wind}")
     changes = dict(parse_setting(setting) for setting in [*(settings or []), *given])
     if link is None:
-        return Scenario.from_toml("", changes=changes)
-    return Scenario.load(link, changes)
+        return Scenario.from_toml("", changes=changes, trust=trust)
+    return Scenario.load(link, changes, trust=trust)
 
 
 @contextmanager

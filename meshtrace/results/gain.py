@@ -190,7 +190,7 @@ class GainResult(WithArrays, Stored):
         if wall_time is not None:
             count += f" in {wall_time:.2f} s, {self.photons / wall_time:,.0f} per second"
         samples = self._samples if len(self._samples) < 18 else "samples"
-        lines = [*self._gain_lines(), *_heading(self.provenance), _line(samples, count)]
+        lines = [*self._gain_lines(), *self._origin_lines(), _line(samples, count)]
         if self.fates:
             cast, lost = self.misses
             if verbose or lost:
@@ -254,6 +254,19 @@ class GainResult(WithArrays, Stored):
         }
         return xr.Dataset(variables, coords, about)
 
+    def _origin_lines(self) -> list[str]:
+        """Return estimator, sea and wind of a run."""
+        provenance = self.provenance
+        if "surface" not in provenance:
+            return []
+        link, surface = provenance.get("link", {}), provenance["surface"]
+        parts = (surface, surface.get("spectrum"), link.get("bubbles"), link.get("whitecaps"))
+        winds = [part["wind_speed"] for part in parts if part and "wind_speed" in part]
+        wind = f", wind {winds[0]:g} m/s" if winds else ", wind 0 m/s"
+        band = f", waves up to {surface['omega_max']:.3g} rad/s" if "omega_max" in surface else ""
+        text = f"{provenance['run']['estimator']} estimator, {surface['kind']} sea{wind}{band}"
+        return [_line("run", text)]
+
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> GainResult:
         single = float(data["gain"][0]) if data.attrs["scalar"] else np.empty(0)
@@ -296,19 +309,6 @@ def bound_where_dark(gain: Values, photons: int) -> Values | None:
     gains = np.atleast_1d(gain)
     dark = ~(gains > 0.0)
     return like(gain, np.where(dark, min(3.0 / photons, 1.0), np.nan)) if dark.any() else None
-
-
-def _heading(provenance: dict[str, Any]) -> list[str]:
-    """Return estimator, sea and wind of a run."""
-    if "surface" not in provenance:
-        return []
-    link, surface = provenance.get("link", {}), provenance["surface"]
-    parts = (surface, surface.get("spectrum"), link.get("bubbles"), link.get("whitecaps"))
-    winds = [part["wind_speed"] for part in parts if part and "wind_speed" in part]
-    wind = f", wind {winds[0]:g} m/s" if winds else ", wind 0 m/s"
-    band = f", waves up to {surface['omega_max']:.3g} rad/s" if "omega_max" in surface else ""
-    text = f"{provenance['run']['estimator']} estimator, {surface['kind']} sea{wind}{band}"
-    return [_line("run", text)]
 
 
 def _line(name: str, text: str) -> str:

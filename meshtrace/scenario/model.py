@@ -14,7 +14,7 @@ from meshtrace.errors import Described, Refused, require_keys, require_kind
 from meshtrace.fading.resolving import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
-from meshtrace.models import Model
+from meshtrace.models import Model, trusting
 from meshtrace.results.gain import GainResult
 from meshtrace.scenario import parts, seas
 from meshtrace.scenario.daylight import daylight_config, read_daylight
@@ -83,7 +83,9 @@ class Scenario(Model, frozen=True):
         return surface
 
     @classmethod
-    def load(cls, path: str | Path, changes: Mapping[str, Any] | None = None) -> Self:
+    def load(
+        cls, path: str | Path, changes: Mapping[str, Any] | None = None, *, trust: bool = False
+    ) -> Self:
         """Read a link file.
 
         Parameters
@@ -92,14 +94,18 @@ class Scenario(Model, frozen=True):
             TOML file; paths of mesh files are relative to its folder.
         changes : mapping of str to value, optional
             Values that replace those of the file, by dotted key such as "transmitter.depth".
+        trust : bool
+            Run the modules that the file names by import paths "module:Class".
 
         Raises
         ------
         Refused
-            If the file cannot be read or a value is not allowed.
+            If the file cannot be read, a value is not allowed, or a module that is not imported
+            yet is named without `trust`.
         """
-        text = read_text(path)
-        return cls.from_toml(text, source=str(path), folder=Path(path).parent, changes=changes)
+        text, folder = read_text(path), Path(path).parent
+        given: Table = {"folder": folder, "changes": changes, "trust": trust}
+        return cls.from_toml(text, source=str(path), **given)
 
     @classmethod
     def from_toml(
@@ -109,6 +115,7 @@ class Scenario(Model, frozen=True):
         source: str | None = None,
         folder: str | Path = ".",
         changes: Mapping[str, Any] | None = None,
+        trust: bool = False,
     ) -> Self:
         """Read the text of a link file.
 
@@ -122,18 +129,20 @@ class Scenario(Model, frozen=True):
             Folder of mesh files.
         changes : mapping of str to value, optional
             See `load`.
+        trust : bool
+            See `load`.
 
         Raises
         ------
         Refused
-            If the text is not TOML or a value is not allowed.
+            If the text is not TOML or a value is not allowed, see `load`.
         """
         require_kind(changes, Mapping | None, "changes")
         try:
             config = parse_toml(text)
             for key, value in (changes or {}).items():
                 set_value(config, key, value)
-            return cls.from_config(config, folder=folder)
+            return cls.from_config(config, folder=folder, trust=trust)
         except RecursionError as error:
             nested = Described("nested too deeply")
             raise Refused("", nested, "tables of a link file", source=source or "") from error
@@ -141,13 +150,17 @@ class Scenario(Model, frozen=True):
             raise error.of(source or "") from error.__cause__
 
     @classmethod
-    def from_config(cls, config: Mapping[str, Any], *, folder: str | Path = ".") -> Self:
+    def from_config(
+        cls, config: Mapping[str, Any], *, folder: str | Path = ".", trust: bool = False
+    ) -> Self:
         """Build the scenario that plain data describes, in the keys of a link file.
+
+        `folder` and `trust` are those of `from_toml`.
 
         Raises
         ------
         Refused
-            If a key is unknown or a value is not allowed.
+            If a key is unknown or a value is not allowed, see `load`.
 
         Notes
         -----
@@ -159,6 +172,11 @@ class Scenario(Model, frozen=True):
         `fading = true` in [run] stands for `omega_max = "fading"` in [sea], and that for the
         spectrum, spreading and slope variance of Elfouhaily unless the table names others.
         """
+        with trusting(trust):
+            return cls._of(config, folder)
+
+    @classmethod
+    def _of(cls, config: Mapping[str, Any], folder: str | Path) -> Self:
         require_keys(config, KEYS)
         config = located(config, folder)
         wind_speed = parts.read_wind_speed(config)
@@ -195,7 +213,8 @@ class Scenario(Model, frozen=True):
         Raises
         ------
         Refused
-            If the surface was a mesh that came from no file, or a model of the user's own.
+            If a value is not allowed, the surface was a mesh that came from no file, or a part is
+            of a class of the user's own whose module is not imported: results import nothing.
 
         Notes
         -----
@@ -203,10 +222,10 @@ class Scenario(Model, frozen=True):
         """
         if not isinstance(provenance, Mapping) or not {"run", "link"} <= provenance.keys():
             raise Refused("provenance", provenance, "a table with run, link and surface")
-        options: Table = provenance["run"]
-        link = Link.model_validate(provenance["link"])
+        options = as_table(provenance["run"], "run")
+        link = Link.model_validate(as_table(provenance["link"], "link"))
         surface = seas.surface_from_provenance(provenance)
-        estimator = Estimator.member(options["estimator"])
+        estimator = Estimator.member(options.get("estimator", "forced"), "run.estimator")
         mine = {*Run.model_fields, *estimator.model_fields} - {"threads"}
         return cls(
             wind_speed=seas.wind_of(link, surface),

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from meshtrace.errors import Described, Refused, did_you_mean, reason_of, require_keys
+from meshtrace.errors import MISSING, Described, Refused, did_you_mean, reason_of, require_keys
 from meshtrace.link import Footprint, Link
 from meshtrace.mesh import FADING, MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Family, Model
@@ -121,6 +121,8 @@ def _measured(table: Table, wind_speed: float) -> Any:
     """Return the sea of a measured spectrum in a file, with the options of its reader."""
     from meshtrace.surfaces import from_wavespectra
 
+    if not isinstance(table["file"], str):
+        raise Refused("sea.file", table["file"], "a path")
     own = {key: value for key, value in table.items() if key not in ("spectrum", "file")}
     known = list(inspect.signature(from_wavespectra).parameters)[1:]
     require_keys(own, [*known, "file", *_SEA_KEYS], "sea")
@@ -166,7 +168,7 @@ def _named(word: Any) -> type[Family]:
         except Refused as error:
             refused = error
     if isinstance(word, str) and ":" in word:
-        raise Refused("sea.spectrum", word, refused.allowed)
+        raise Refused("sea.spectrum", word, refused.allowed, refused.hint)
     seas = (kind for kind in Surface.registered if kind != "spectral")
     words = list(dict.fromkeys([*seas, *_SEA_ALIASES, *Spectrum.registered]))
     raise Refused("sea.spectrum", word, ", ".join(words), did_you_mean(word, words))
@@ -234,14 +236,15 @@ def surface_from_provenance(provenance: Mapping[str, Any]) -> MeshSource | MeshF
     """Return the surface of a result."""
     from meshtrace.surfaces import sea_from_config
 
-    config = provenance["surface"]
     if "mesh_file" in provenance:
         return MeshFile(file=provenance["mesh_file"])
+    config = as_table(provenance.get("surface", MISSING), "surface")
+    if config.get("kind") == "mesh":
+        raise Refused("surface", "mesh", "a sea of meshtrace.surfaces or a mesh from a file")
     try:
         return sea_from_config(config)
     except Refused as error:
-        allowed = "a sea of meshtrace.surfaces or a mesh from a file"
-        raise Refused("surface", config.get("kind"), allowed) from error
+        raise error.inside("surface") from error
 
 
 def wind_of(link: Link, surface: Any) -> float:

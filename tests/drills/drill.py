@@ -63,7 +63,7 @@ def work(kind, first, last):
         answers.write(json.dumps(parts) + "\n")
 
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
-    if kind in ("links", "arguments", "commands", "meshes"):
+    if kind in ("links", "arguments", "commands", "meshes", "origins"):
         for base in hostile.LINKS:
             warm(base)
     answer(outcome="ready")

@@ -148,7 +148,7 @@ class LinkPerformance(Stored):
         if len(self.depths) > 1:
             lines += ["", self._range_heading, *self._range_lines()]
         light = [f"background light: {self.light}", *self._filters()]
-        end = [*light, *self._overloads(), *self._band(), self.status]
+        end = [*light, *self._overloads(), *self._origin_lines(), self.status]
         return "\n".join([*lines, "", *end])
 
     def _filters(self) -> list[str]:
@@ -182,7 +182,7 @@ class LinkPerformance(Stored):
         high = most if math.isnan(found.high) else f"{found.high:.1f}"
         return f"{found.value:.1f} m  ({low}..{high})"
 
-    def _band(self) -> list[str]:
+    def _origin_lines(self) -> list[str]:
         """Return the fading of the band of waves and of all waves, in closed form."""
         found = self.provenance.get("closed_form")
         if not found:
@@ -238,6 +238,8 @@ class LinkPerformance(Stored):
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> LinkPerformance:
         depths, rates = (tuple(data[n].values.tolist()) for n in ("depth", "bit_rate"))
+        if len(provenance["ook"]) != len(rates):
+            raise ValueError("other numbers of bit rates and transmissions")
         figures = []
         for i, j in np.ndindex(len(depths), len(rates)):
             at = {name: v.item() for name, v in data.isel(depth=i, bit_rate=j).items()}
@@ -251,7 +253,7 @@ class LinkPerformance(Stored):
             figures.append(point)
         return cls(
             depths=depths,
-            ooks=tuple(OokLink.model_validate(one) for one in provenance["ook"]),
+            ooks=tuple(OokLink.model_validate(ook) for ook in provenance["ook"]),
             figures=tuple(figures),
             fades=(),
             limit=float(data.attrs["ber_limit"]),
