@@ -139,9 +139,9 @@ class Stored(abc.ABC):
             allowed = f"{cls.kind} of format_version 1 to {FORMAT_VERSION}"
             raise Refused(name, Described(found), allowed)
         try:
-            found = cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
-            found._origin_lines()
-            return found
+            result = cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
+            result._origin_lines()
+            return result
         except (LookupError, ValueError, TypeError, AttributeError) as error:
             reason = f"{type(error).__name__}: {one_line(error)}"
             raise Refused(

@@ -95,7 +95,7 @@ class Family(Model, frozen=True):
         allowed += f" ({cls._closed})" if cls._closed else f" or module:{cls.__name__}"
         if found is None and isinstance(kind, str) and not cls._closed:
             if source := _untrusted(kind):
-                hint = f"would run {source}: link files may with --trust (trust=True), results never;"
+                hint = f"would run {source}: a link file may, with --trust or trust=True;"
                 raise Refused(key, kind, allowed, hint)
             try:
                 found = _found(kind)
