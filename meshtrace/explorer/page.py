@@ -6,7 +6,7 @@ import asyncio
 import base64
 import functools
 import io
-import sys
+import logging
 import uuid
 from pathlib import Path
 from typing import Any
@@ -148,7 +148,7 @@ class Page:
         text = str(error)
         if not isinstance(error, Refused):
             text = f"internal error: {type(error).__name__}: {one_line(error)}"
-            print(f"error: {text}", file=sys.stderr, flush=True)
+            logging.getLogger(__name__).error(text)
         with self.server.state as page:
             page.refused = text
 

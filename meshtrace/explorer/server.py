@@ -114,8 +114,9 @@ async def serve(explorer: Explorer, open_browser: bool) -> None:
     loop.set_exception_handler(_report)
     with suppress(NotImplementedError, RuntimeError, ValueError):  # Windows, or another thread
         loop.add_signal_handler(signal.SIGTERM, terminated.set)
-    for name in (None, "aiohttp.server", "asyncio", "trame_server"):
-        logging.getLogger(name).addFilter(_shorten)
+    messages = logging.StreamHandler()
+    messages.setFormatter(_OneLine())
+    logging.basicConfig(handlers=[messages])
     logging.getLogger("wslink").setLevel(logging.CRITICAL + 1)  # the page shows its errors
     await explorer.start()
     print(f"explorer at {explorer.url} (Ctrl-C ends it)", flush=True)
@@ -128,13 +129,13 @@ async def serve(explorer: Explorer, open_browser: bool) -> None:
     print("explorer ended: terminated", file=sys.stderr, flush=True)
 
 
-def _shorten(record: logging.LogRecord) -> bool:
-    """Make one line of a message and the exception behind it."""
-    error = record.exc_info[1] if record.exc_info else None
-    reason = f": {type(error).__name__}: {error}" if error else ""
-    record.msg, record.args = one_line(f"error: {record.getMessage()}{reason}"), ()
-    record.exc_info = record.exc_text = None
-    return True
+class _OneLine(logging.Formatter):
+    """One line of a message and the exception behind it."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        error = record.exc_info[1] if record.exc_info else None
+        reason = f": {type(error).__name__}: {error}" if error else ""
+        return one_line(f"{record.levelname.lower()}: {record.getMessage()}{reason}")
 
 
 def _report(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
