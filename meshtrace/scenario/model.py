@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import field_validator
+from pydantic import ValidationInfo, field_validator
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
@@ -45,7 +45,8 @@ class Scenario(Model, frozen=True):
     run : Run
         Options of the run.
     detector : OokLink, optional
-        Electronics and modulation; power, wavelength, aperture and field of view are the link's.
+        Electronics and modulation; power, wavelength, aperture, field of view and the index in
+        front of it become those of the link, unless it has several receivers.
     uav : Uav, optional
         Airframe that carries the receiver.
     daylight : Daylight, optional
@@ -81,6 +82,12 @@ class Scenario(Model, frozen=True):
             kind = Described(type(surface).__name__)
             raise Refused("surface", kind, "a sea (MeshSource) or a MeshFile")
         return surface
+
+    @field_validator("detector")
+    @classmethod
+    def _detector_of_link(cls, detector: OokLink | None, info: ValidationInfo) -> OokLink | None:
+        link = info.data.get("link")
+        return detector if detector is None or link is None else parts.detector_of(detector, link)
 
     @classmethod
     def load(
@@ -190,7 +197,7 @@ class Scenario(Model, frozen=True):
         normals = {"normals": run.pop("normals")} if "normals" in run else {}
         run = {**parts.default_estimator(link), **run}
         checked = validated(Meshing, normals, "run")
-        return cls(
+        scenario = cls(
             wind_speed=wind_speed,
             link=link,
             surface=surface,
@@ -200,6 +207,9 @@ class Scenario(Model, frozen=True):
             uav=parts.read_uav(config["uav"]) if "uav" in config else None,
             daylight=read_daylight(config["daylight"], link) if "daylight" in config else None,
         )
+        if scenario.detector is not None:
+            parts.require_of_link(config["detector"], scenario.detector)
+        return scenario
 
     @classmethod
     def from_provenance(cls, provenance: Mapping[str, Any]) -> Self:
@@ -252,12 +262,12 @@ class Scenario(Model, frozen=True):
             "whitecaps": parts.whitecaps_config(link, self.wind_speed),
             "n_air": link.n_air,
             "sea": {**seas.surface_config(self.surface, self.wind_speed), **sampling},
-            "water": link.water.model_dump(mode="json", exclude_none=True),
+            "water": parts.water_config(link.water),
             "bubbles": parts.bubbles_config(link, self.wind_speed),
             "transmitter": plain(link.transmitter),
             "receiver": plain(link.receiver),
             **({"planes": plain(link.planes)} if link.planes else {}),
-            **({"detector": plain(self.detector)} if self.detector else {}),
+            **({"detector": parts.detector_config(self.detector, link)} if self.detector else {}),
             **({"uav": plain(self.uav)} if self.uav else {}),
             **({"daylight": daylight_config(self.daylight)} if self.daylight else {}),
             "run": {key: value for key, value in run.items() if value is not None},
