@@ -109,7 +109,7 @@ def test_link_files_load(page, tmp_path, monkeypatch):
     for text in blocks(page, "toml"):
         config = tomllib.loads(text)
         study = config.pop("sweep", {"parameters": {}})
-        assert isinstance(Scenario.from_config(config, folder=tmp_path), Scenario)
+        assert isinstance(Scenario.from_config(config, folder=tmp_path, trust=True), Scenario)
         assert set(study) <= {"realizations", "rtol", "photons", "seed", "store", "parameters"}
 
 
