@@ -92,7 +92,7 @@ def rows(model: type[Model]) -> list[str]:
     notes = model.notes()
     found = ["| key | default | meaning |", "|---|---|---|"]
     for name, field in model.model_fields.items():
-        if name not in ("kind", "source"):
+        if name not in ("kind", "source", "recipe"):
             default = field.get_default(call_default_factory=True)
             note = notes.get(name, "").replace("|", "\\|")
             found.append(f"| `{name}` | {shown(default)} | {note} |")
