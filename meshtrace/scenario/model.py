@@ -156,18 +156,21 @@ class Scenario(Model, frozen=True):
         bubbles; whitecaps "paper_0255"; equally spaced bands of the sea. The estimator is "forced"
         unless given, or "analog" for a link or a surface that forced detection cannot follow.
 
-        `fading = true` in [run] stands for `omega_max = "fading"` in [sea], and that for the
-        spectrum, spreading and slope variance of Elfouhaily unless the table names others.
+        A band of the sea that is left open is that of mean gains or, in studies of fading, that
+        of `omega_max = "fading"`. `fading = false` in [run] stands for the former in all studies,
+        `fading = true` for the latter; and `omega_max = "fading"` for the spectrum, spreading and
+        slope variance of Elfouhaily unless the table names others.
         """
         require_keys(config, KEYS)
         config = located(config, folder)
         wind_speed = parts.read_wind_speed(config)
         sea = as_table(config.get("sea", {}), "sea")
         run = as_table(config.get("run", {}), "run")
-        seas.read_fading(run, sea)
+        mean_gains = seas.read_fading(run, sea)
         meshing: Table = {key: sea.pop(key) for key in ("time", "extent", "spacing") if key in sea}
         printed = config.get("physics") == "paper"
         surface = seas.read_surface(sea, wind_speed, meshing, Path(folder), printed)
+        surface = seas.of_mean_gains(surface) if mean_gains else surface
         link = parts.read_link(config, wind_speed)
         normals = {"normals": run.pop("normals")} if "normals" in run else {}
         run = {**parts.default_estimator(link), **run}
@@ -272,8 +275,17 @@ class Scenario(Model, frozen=True):
             "run": (run, run.estimator, self.meshing),
         }
 
-    def case(self, surface: MeshSource | TriangleMesh | None = None) -> Case:
+    def case(
+        self, surface: MeshSource | TriangleMesh | None = None, fading: bool = False
+    ) -> Case:
         """Return link, surface and options of the run, over another surface if one is given.
+
+        Parameters
+        ----------
+        surface : MeshSource or TriangleMesh, optional
+            Another surface.
+        fading : bool
+            Whether the answer is about fading, see `fading.resolve_band`.
 
         Raises
         ------
@@ -283,13 +295,13 @@ class Scenario(Model, frozen=True):
         """
         origin, footprint = {}, self.link.footprint()
         if surface is not None:
-            surface = resolve_band(self.link, surface)
+            surface = resolve_band(self.link, surface, fading)
         elif isinstance(self.surface, MeshFile):
             needed = footprint.fine_extent + max(map(abs, footprint.center))
             surface = self.surface.load(self.meshing.extent or needed)
             origin = {"mesh_file": self.surface.file}
         else:
-            surface = sea = resolve_band(self.link, self.surface)
+            surface = sea = resolve_band(self.link, self.surface, fading)
             seas.require_modest(sea, footprint, self.meshing)
         return Case(self.link, surface, self.run, self.meshing, origin)
 
