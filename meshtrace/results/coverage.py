@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from meshtrace.models import Floats
+from meshtrace.results.provenance import water_of
 from meshtrace.results.variables import StoredArrays, Variable
 
 
@@ -63,4 +64,6 @@ class CoverageMap(StoredArrays):
         ]
         if self.gain_bound is not None:
             rows.append(f"  bound where dark     {np.nanmax(self.gain_bound):.1e}")
+        if "link" in self.provenance:
+            rows.append(f"  water                {water_of(self.provenance)}")
         return "\n".join(rows)

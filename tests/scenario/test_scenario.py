@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.errors import Refused
 from meshtrace.optics.phase import MixturePhase, Petzold
 from meshtrace.optics.water import Water
 from meshtrace.scenario import MeshFile, Scenario, ScenarioError, parse_setting
@@ -139,6 +140,27 @@ def test_water_types_are_taken_at_the_wavelength_of_the_transmitter():
     text = '[water]\ntype = "jerlov-IB"\nb = 0.2\n[transmitter]\nwavelength_nm = 500.0'
     water = read(text).link.water
     assert water == Water.from_type("jerlov-IB", 500.0, b=0.2)
+
+
+def test_a_water_type_is_refused_where_it_was_not_measured():
+    blue = '[water]\ntype = "coastal"\n{}\n[transmitter]\nwavelength_nm = 450.0'
+    with pytest.raises(Refused, match=r"^transmitter.wavelength_nm: 450.0, allowed: 476.5 to 551"):
+        read(blue.format(""))
+    given = read(blue.format("a = 0.179\nb = 0.219")).link.water
+    assert given == Water(a=0.179, b=0.219, phase=Petzold(water="coastal"))
+
+
+@pytest.mark.filterwarnings("ignore::meshtrace.transport.outcome.FewSamplesWarning")
+def test_gains_bits_and_maps_state_the_water_and_its_source():
+    scenario = read("wind_speed = 0.0\n[water]\ntype = 'jerlov-IB'")
+    line = "a 0.0227, b 0.0644 m-1 at 470 nm: jerlov-IB (Solonenko and Mobley 2015)"
+    found = (
+        mt.simulate(scenario, photons=32),
+        mt.link_performance(scenario, photons=32),
+        mt.coverage_map(scenario, extent=1.0, step=1.0, photons=32),
+    )
+    for result in found:
+        assert any(text.endswith(line) for text in result.summary().splitlines())
 
 
 def test_a_water_type_gives_its_phase_function_to_layers():

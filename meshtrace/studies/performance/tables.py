@@ -17,6 +17,7 @@ from meshtrace.errors import Refused, require_between, require_word
 from meshtrace.fading import Estimate
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
+from meshtrace.results.provenance import water_of
 from meshtrace.stored import Stored
 from meshtrace.studies.performance.operating_point import OperatingPoint
 from meshtrace.studies.performance.samples import FadingSamples
@@ -147,7 +148,8 @@ class LinkPerformance(Stored):
         lines += [_figures_line(figures) for figures in self.figures]
         if len(self.depths) > 1:
             lines += ["", self._range_heading, *self._range_lines()]
-        light = [f"background light: {self.light}", *self._filters()]
+        light = [f"water: {water_of(self.provenance)}"]
+        light += [f"background light: {self.light}", *self._filters()]
         end = [*light, *self._overloads(), *self._band(), self.status]
         return "\n".join([*lines, "", *end])
 
@@ -368,7 +370,8 @@ class DepthSweep(Stored):
         light = [f"background light, {speed:g} m/s: {p.light}" for speed, p in pairs]
         if len({p.light for p in self.performances}) == 1:
             light = [f"background light: {first.light}"]
-        return "\n".join([*lines, "", *light, first.status])
+        water = f"water: {water_of(first.provenance)}"
+        return "\n".join([*lines, "", water, *light, first.status])
 
     def _content(self) -> xr.Dataset:
         import xarray as xr
