@@ -18,7 +18,15 @@ from meshtrace.models import Model
 from meshtrace.results.gain import GainResult
 from meshtrace.scenario import parts, seas
 from meshtrace.scenario.daylight import daylight_config, read_daylight
-from meshtrace.scenario.files import KEYS, located, parse_toml, read_text, set_value, with_notes
+from meshtrace.scenario.files import (
+    KEYS,
+    located,
+    parse_toml,
+    read_text,
+    set_value,
+    with_notes,
+    with_unset_keys,
+)
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.scenario.tables import Table, as_table, plain, validated
 from meshtrace.transport.case import Case
@@ -253,12 +261,19 @@ class Scenario(Model, frozen=True):
         Parameters
         ----------
         notes : bool
-            Describe the keys in comments.
+            Describe the keys in comments, with those that the scenario does not set.
         """
         import tomli_w
 
-        text = tomli_w.dumps(self.to_config())
-        return with_notes(text, self._parts()) if notes else text
+        config = self.to_config()
+        text = tomli_w.dumps(config)
+        if not notes:
+            return text
+        absent: Table = {"detector": parts.read_detector({}), "uav": parts.read_uav({})}
+        absent = {name: part for name, part in absent.items() if name not in config}
+        more = tomli_w.dumps({name: plain(part) for name, part in absent.items()})
+        own = {**self._parts(), **{name: (part,) for name, part in absent.items()}}
+        return with_unset_keys(with_notes(text, own), with_notes(more, own))
 
     def _parts(self) -> dict[str, tuple[Any, ...]]:
         """Return the models behind each table of a link file."""
@@ -275,9 +290,7 @@ class Scenario(Model, frozen=True):
             "run": (run, run.estimator, self.meshing),
         }
 
-    def case(
-        self, surface: MeshSource | TriangleMesh | None = None, fading: bool = False
-    ) -> Case:
+    def case(self, surface: MeshSource | TriangleMesh | None = None, fading: bool = False) -> Case:
         """Return link, surface and options of the run, over another surface if one is given.
 
         Parameters

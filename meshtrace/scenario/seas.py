@@ -197,7 +197,8 @@ def _with_spectrum(
         path: tuple[str, ...] = ("sea", "spectrum")
         keys, own = _SEA_KEYS, {"kind": "jonswap", **word}
     else:
-        fields = Spectrum.member(word).model_fields
+        fields = list(Spectrum.member(word).model_fields)
+        fields += ["file"] if word == "tabulated" else []
         path, keys = ("sea",), (*_SEA_KEYS, *fields)
         own = {"kind": word, **{key: table.pop(key) for key in fields if key in table}}
     own, calm = _driven(own, wind_speed)

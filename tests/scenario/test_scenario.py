@@ -136,6 +136,20 @@ def test_time_extent_and_spacing_belong_to_the_mesh():
     assert len(scenario.mesh().vertices) == 13**2
 
 
+def test_a_tabulated_spectrum_is_read_from_a_file_beside_the_link_file(tmp_path):
+    (tmp_path / "waves.csv").write_text("omega,S\n1.0,0.0\n2.0,0.1\n3.0,0.0\n")
+    (tmp_path / "link.toml").write_text('[sea]\nspectrum = "tabulated"\nfile = "waves.csv"')
+    spectrum = Scenario.load(tmp_path / "link.toml").surface.spectrum
+    assert (spectrum.omega, spectrum.density) == ((1.0, 2.0, 3.0), (0.0, 0.1, 0.0))
+    for text, message in (
+        ("", "sea.omega: missing, allowed: frequencies [rad s-1] beside density, or file"),
+        ("file = ['waves.csv']", "sea.file: ['waves.csv'], allowed: the path of a text file"),
+    ):
+        with pytest.raises(Refused) as refused:
+            read(f'[sea]\nspectrum = "tabulated"\n{text}')
+        assert str(refused.value) == message
+
+
 def test_water_types_are_taken_at_the_wavelength_of_the_transmitter():
     text = '[water]\ntype = "jerlov-IB"\nb = 0.2\n[transmitter]\nwavelength_nm = 500.0'
     water = read(text).link.water
