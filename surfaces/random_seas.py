@@ -43,7 +43,6 @@ from .spreading import AnySpreading, ElfouhailySpreading, IttcSpreading, directi
 from .statistics import real_slope_variance, unresolved_slope_variance
 from .waves import WaveComponents, flat_components
 
-
 _KEPT = (
     "wind_direction_deg", "current", "d_theta", "seed", "choppy", "order", "order_omega_max"
 )  # fmt: skip

@@ -62,8 +62,8 @@ class Water(Model, frozen=True):
     Notes
     -----
     The defaults are the paper's: a and b of Petzold's clear water, which he measured at 514 nm (the
-    paper's LED has 470 nm: `described` says so), with the phase function of his average particle. b includes
-    scattering by the water itself; see `MixturePhase` for the sum of the two.
+    paper's LED has 470 nm, as `described` says), with the phase function of his average particle.
+    b includes scattering by the water itself; see `MixturePhase` for the sum of the two.
 
     Examples
     --------

@@ -41,7 +41,7 @@ def ber_depth(
     depths = np.arange(20.0, 75.0, step).tolist()
     options: Any = {"bit_rate": RATES, "realizations": realizations, "photons": photons}
     options |= {"depths": depths, **setting.run}
-    sweeps = {name: _over_winds(ook=name, **options) for name in PRESETS}
+    sweeps = {name: over_winds(ook=name, **options) for name in PRESETS}
     picture, axes = panels(len(PRESETS), len(RATES), width=4.2, height=3.4, sharey=True)
     names = [wind_name(u) for u in WINDS]
     for i, (name, sweep) in enumerate(sweeps.items()):
@@ -63,7 +63,7 @@ def ber_depth(
     return FigureOutput(picture, whole, numbers, {"status": status})
 
 
-def _over_winds(**options: Any) -> mt.DepthSweep:
+def over_winds(**options: Any) -> mt.DepthSweep:
     """Return the error rates in each wind over a sea with the band of the paper."""
     found = [
         mt.link_performance(

@@ -44,9 +44,7 @@ class Case(NamedTuple):
 class HasCase(Protocol):
     """A description that holds link, surface and options, such as a Scenario."""
 
-    def case(
-        self, surface: MeshSource | TriangleMesh | None = None, fading: bool = False
-    ) -> Case:
+    def case(self, surface: MeshSource | TriangleMesh | None = None, fading: bool = False) -> Case:
         """Return the inputs of the run, with another surface if one is given; see `resolve`."""
         ...
 

@@ -167,7 +167,6 @@ def test_nested_tables_have_a_section():
         assert f"\n## {table}\n" in text, table
     water = text[text.index("## [water]") : text.index("## [water.phase]")]
     assert "| `type` |" in water
-    assert "measured_sea.md" in (DOCS / "guides" / "index.md").read_text("utf-8")
 
 
 def test_every_public_name_has_a_page():

@@ -95,7 +95,7 @@ def test_the_switch_of_a_link_file_serves_all_studies():
     assert Scenario.from_toml(narrow.to_toml()) == narrow
     wide = Scenario.from_toml("[receiver]\nradius = 0.5\n[run]\nfading = true")
     assert sea_of(mt.simulate(wide, **FEW)) == resolved().to_config()
-    with pytest.raises(Refused, match="sea.omega_max: 'fading', allowed: a number"):
+    with pytest.raises(Refused, match=r"sea\.omega_max: 'fading', allowed: a number"):
         Scenario.from_toml('[run]\nfading = false\n[sea]\nomega_max = "fading"')
 
 
