@@ -154,8 +154,8 @@ def resolve_band(link: Any, sea: Any, fading: bool = False) -> Any:
         Any surface; one without `omega_max="fading"` is returned unchanged.
     fading : bool
         Whether an answer is about fading: a random sea whose band was left open (`for_fading`),
-        or the windiest part of a sum, then is one with `omega_max="fading"`, if the closed form
-        knows a band for it.
+        or the windiest part of a sum, then is one with `omega_max="fading"`, to 10 % of the index
+        where no band has it to 3 %.
 
     Raises
     ------
@@ -180,23 +180,27 @@ def resolve_band(link: Any, sea: Any, fading: bool = False) -> Any:
     """
     require_surface(sea)
     if getattr(sea, "omega_max", None) == FADING:
-        return _resolved(link, sea.for_fading)
-    try:
-        if fading and hasattr(sea, "parts"):
-            windiest = sea.windiest
-            parts = [resolve_band(link, p, p is windiest) for p in sea.parts]
-            return sea.model_copy(update={"parts": parts}) if parts != list(sea.parts) else sea
-        opened = getattr(sea, "for_fading", sea) if fading else sea
-        return sea if opened is sea else _resolved(link, opened)
-    except Refused as error:
-        warnings.warn(f"the fading of short waves is left out: {error}", stacklevel=2)
+        return _resolved(link, getattr(sea, "for_fading", sea))
+    if not fading:
         return sea
+    if hasattr(sea, "windiest"):
+        whole = sea.windiest
+        parts = [resolve_band(link, part, True) if part is whole else part for part in sea.parts]
+        return sea if parts == list(sea.parts) else sea.model_copy(update={"parts": parts})
+    for within in (WITHIN, SHORT):
+        try:
+            opened = getattr(sea, "for_fading", sea)
+            return sea if opened is sea else _resolved(link, opened, within)
+        except Refused as error:
+            reason = str(error)
+    warnings.warn(f"the fading of short waves is left out: {reason}", stacklevel=2)
+    return sea
 
 
-def _resolved(link: Any, sea: Any) -> Any:
+def _resolved(link: Any, sea: Any, within: float = WITHIN) -> Any:
     """Return a sea with the number for `omega_max="fading"`."""
     try:
-        return sea.model_copy(update={"omega_max": _cached_band(_on_axis(link), sea)})
+        return sea.model_copy(update={"omega_max": _cached_band(_on_axis(link), sea, within)})
     except Refused as error:
         if error.field == "omega_max":
             raise
@@ -207,6 +211,8 @@ def _resolved(link: Any, sea: Any) -> Any:
 
 def _on_axis(link: Any) -> Any:
     """Return the first source and the first receiver of a link, face to face with a full view."""
+    if not (link.transmitters and link.receivers):
+        raise Refused("receiver", link.receiver, "one receiver")
     straight = {"position": (0.0, 0.0), "tilt_deg": 0.0, "zenith_deg": 0.0, "fov_deg": 180.0}
     ends = {"transmitter": link.transmitters[0], "receiver": link.receivers[0]}
     return link.replace(
@@ -220,13 +226,14 @@ def _on_axis(link: Any) -> Any:
 _bands: dict[tuple[Any, ...], float] = {}
 
 
-def _cached_band(link: Any, sea: Any) -> float:
+def _cached_band(link: Any, sea: Any, within: float = WITHIN) -> float:
     """Return `fading_band`, searched once for the same geometry and sea."""
     lever, receiver = paraxial_lever(link), link.receivers[0]
     config = {key: value for key, value in sea.to_config().items() if key != "seed"}
-    key = (lever, receiver.fov_deg, abs(receiver.center[2]), json.dumps(config, sort_keys=True))
+    place = receiver.fov_deg, abs(receiver.center[2])
+    key = (lever, *place, within, json.dumps(config, sort_keys=True))
     if key not in _bands:
-        _bands[key] = fading_band(link, sea)
+        _bands[key] = fading_band(link, sea, within)
     return _bands[key]
 
 

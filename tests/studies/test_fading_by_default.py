@@ -148,8 +148,26 @@ def test_links_off_their_axis_have_the_band_of_the_axis():
         assert resolve_band(link, JonswapSea(), fading=True) == resolved()
 
 
+def test_a_lamp_close_to_the_surface_has_a_coarser_band():
+    """At 1 m no band up to 128 rad/s has the index to 3 %; one below has it to 10 %."""
+    link = mt.Link().at_depth(1.0)
+    found = resolve_band(link, JonswapSea(), fading=True)
+    sea = resolved_sea(5.0, 30e3)
+    short = scintillation_of_spectrum(link, sea, found.omega_max)
+    assert short == pytest.approx(0.9 * scintillation_of_spectrum(link, sea), rel=0.01)
+    with pytest.raises(Refused, match="omega_max"):
+        resolve_band(link, sea)
+
+
+def test_sources_and_places_without_a_closed_form_keep_their_sea():
+    daylit = mt.Link(transmitter=mt.Sun(), receiver=mt.WaterAperture())
+    for link in (daylit, mt.Link(receiver=())):
+        with pytest.warns(UserWarning, match="the fading of short waves is left out"):
+            assert resolve_band(link, JonswapSea(), fading=True) == JonswapSea()
+
+
 @pytest.mark.parametrize(
-    "sea", [JonswapSea(wind_speed=0.5), JonswapSea(wind_speed=20.0, fetch=1e3)]
+    "sea", [JonswapSea(wind_speed=0.1), JonswapSea(wind_speed=20.0, fetch=1e3)]
 )
 def test_a_sea_without_a_band_for_fading_stays_with_a_warning(sea):
     with pytest.warns(UserWarning, match="the fading of short waves is left out"):
