@@ -155,7 +155,8 @@ def resolve_band(link: Any, sea: Any, fading: bool = False) -> Any:
     fading : bool
         Whether an answer is about fading: a random sea whose band was left open (`for_fading`),
         or the windiest part of a sum, then is one with `omega_max="fading"`, to 10 % of the index
-        where no band has it to 3 %.
+        where no band has it to 3 %. Not without random slopes (`Physics.unresolved`), where the
+        index of a band overshoots that of all waves.
 
     Raises
     ------
@@ -181,7 +182,7 @@ def resolve_band(link: Any, sea: Any, fading: bool = False) -> Any:
     require_surface(sea)
     if getattr(sea, "omega_max", None) == FADING:
         return _resolved(link, getattr(sea, "for_fading", sea))
-    if not fading:
+    if not fading or link.physics.unresolved == "none":
         return sea
     if hasattr(sea, "windiest"):
         whole = sea.windiest

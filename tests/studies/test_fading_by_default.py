@@ -159,6 +159,12 @@ def test_a_lamp_close_to_the_surface_has_a_coarser_band():
         resolve_band(link, sea)
 
 
+def test_links_without_random_slopes_keep_their_sea():
+    """A band alone overshoots: 1.6 up to 16 rad/s, where all waves have 0.32."""
+    bare = mt.Link(physics=mt.Physics(unresolved="none"))
+    assert resolve_band(bare, JonswapSea(), fading=True) == JonswapSea()
+
+
 def test_sources_and_places_without_a_closed_form_keep_their_sea():
     daylit = mt.Link(transmitter=mt.Sun(), receiver=mt.WaterAperture())
     for link in (daylit, mt.Link(receiver=())):
