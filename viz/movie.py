@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Described, Refused, require_finite
+from meshtrace.fading.resolving import resolve_band
 from meshtrace.files import atomic
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
@@ -69,7 +70,8 @@ def save_movie(
     link : Link
         The link.
     sea : MeshSource
-        The sea.
+        The sea; one whose band is left open is that of `time_series`, with all waves that make
+        the light of the link fade.
     times : array_like, shape (n,)
         Times of the frames [s], n >= 2.
     path : path
@@ -104,6 +106,7 @@ def save_movie(
     if frame_rate is None:
         frame_rate = natural_rate(times)
     options = writer_options(path, frame_rate, quality)
+    sea = resolve_band(link, sea, fading=True)
     gain = gain or time_series(link, sea, times, photons=photons, seed=seed)
     if not np.array_equal(gain.coordinate, times):
         raise Refused("gain", Described("at other times"), "a series at the times of the frames")

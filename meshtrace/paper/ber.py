@@ -10,7 +10,15 @@ import xarray as xr
 import meshtrace as mt
 from meshtrace.comms.devices import SiPM
 from meshtrace.paper.canvas import WIND_COLORS, panels, wind_name
-from meshtrace.paper.links import FORMS, WINDS, Form, decibel, difference, mean_gain
+from meshtrace.paper.links import (
+    FORMS,
+    WINDS,
+    Form,
+    decibel,
+    difference,
+    mean_gain,
+    scenario,
+)
 from meshtrace.paper.registry import PRINTED, Entry, FigureOutput, Number, Setting, row
 from meshtrace.viz import plot_ber
 
@@ -31,9 +39,9 @@ def ber_depth(
 ) -> FigureOutput:
     """Draw the average bit error rate over depth for bit rates and winds."""
     depths = np.arange(20.0, 75.0, step).tolist()
-    options: Any = {"bit_rate": RATES, "wind_speeds": WINDS, "realizations": realizations}
-    options |= {"photons": photons, **setting.run}
-    sweeps = {name: mt.depth_sweep(mt.Link(), depths, ook=name, **options) for name in PRESETS}
+    options: Any = {"bit_rate": RATES, "realizations": realizations, "photons": photons}
+    options |= {"depths": depths, **setting.run}
+    sweeps = {name: over_winds(ook=name, **options) for name in PRESETS}
     picture, axes = panels(len(PRESETS), len(RATES), width=4.2, height=3.4, sharey=True)
     names = [wind_name(u) for u in WINDS]
     for i, (name, sweep) in enumerate(sweeps.items()):
@@ -53,6 +61,20 @@ def ber_depth(
     status = sweeps["paper-ranges"].performances[0].status
     numbers = _numbers(ranges) + signal_to_noise(setting, realizations, photons, analog)
     return FigureOutput(picture, whole, numbers, {"status": status})
+
+
+def over_winds(**options: Any) -> mt.DepthSweep:
+    """Return the error rates in each wind over a sea with the band of the paper."""
+    found = [
+        mt.link_performance(
+            mt.Link().in_wind(wind),
+            scenario(wind, "physical").surface,
+            wind_speed=wind,
+            **options,
+        )
+        for wind in WINDS
+    ]
+    return mt.DepthSweep(WINDS, tuple(found))
 
 
 def signal_to_noise(setting: Setting, realizations: int, photons: int, analog: int) -> list[Entry]:

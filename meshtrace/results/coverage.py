@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from meshtrace.models import Floats
+from meshtrace.results.provenance import water_of
 from meshtrace.results.variables import StoredArrays, Variable
 
 
@@ -63,4 +64,10 @@ class CoverageMap(StoredArrays):
         ]
         if self.gain_bound is not None:
             rows.append(f"  bound where dark     {np.nanmax(self.gain_bound):.1e}")
-        return "\n".join(rows)
+        return "\n".join([*rows, *self._origin_lines()])
+
+    def _origin_lines(self) -> list[str]:
+        """Return the water of the link."""
+        if "link" not in self.provenance:
+            return []
+        return [f"  water                {water_of(self.provenance)}"]

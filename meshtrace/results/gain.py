@@ -15,6 +15,7 @@ from meshtrace.errors import Described, Refused
 from meshtrace.fields import attrs
 from meshtrace.kernels.tally import Fate
 from meshtrace.models import Floats
+from meshtrace.results.provenance import water_of
 from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, Tally, merged_mean
 from meshtrace.results.variables import Variable, WithArrays
 from meshtrace.stored import Stored
@@ -265,7 +266,8 @@ class GainResult(WithArrays, Stored):
         wind = f", wind {winds[0]:g} m/s" if winds else ", wind 0 m/s"
         band = f", waves up to {surface['omega_max']:.3g} rad/s" if "omega_max" in surface else ""
         text = f"{provenance['run']['estimator']} estimator, {surface['kind']} sea{wind}{band}"
-        return [_line("run", text)]
+        water = [_line("water", water_of(provenance))] if link else []
+        return [*water, _line("run", text)]
 
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> GainResult:

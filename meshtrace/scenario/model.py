@@ -18,7 +18,15 @@ from meshtrace.models import Model, trusting
 from meshtrace.results.gain import GainResult
 from meshtrace.scenario import parts, seas
 from meshtrace.scenario.daylight import daylight_config, read_daylight
-from meshtrace.scenario.files import KEYS, located, parse_toml, read_text, set_value, with_notes
+from meshtrace.scenario.files import (
+    KEYS,
+    located,
+    parse_toml,
+    read_text,
+    set_value,
+    with_notes,
+    with_unset_keys,
+)
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.scenario.tables import Table, as_table, plain, validated
 from meshtrace.transport.case import Case
@@ -176,8 +184,10 @@ class Scenario(Model, frozen=True):
         bubbles; whitecaps "paper_0255"; equally spaced bands of the sea. The estimator is "forced"
         unless given, or "analog" for a link or a surface that forced detection cannot follow.
 
-        `fading = true` in [run] stands for `omega_max = "fading"` in [sea], and that for the
-        spectrum, spreading and slope variance of Elfouhaily unless the table names others.
+        A band of the sea that is left open is that of mean gains or, in studies of fading, that
+        of `omega_max = "fading"`. `fading = false` in [run] stands for the former in all studies,
+        `fading = true` for the latter; and `omega_max = "fading"` for the spectrum, spreading and
+        slope variance of Elfouhaily unless the table names others.
         """
         with trusting(trust):
             return cls._of(config, folder)
@@ -189,10 +199,11 @@ class Scenario(Model, frozen=True):
         wind_speed = parts.read_wind_speed(config)
         sea = as_table(config.get("sea", {}), "sea")
         run = as_table(config.get("run", {}), "run")
-        seas.read_fading(run, sea)
+        mean_gains = seas.read_fading(run, sea)
         meshing: Table = {key: sea.pop(key) for key in ("time", "extent", "spacing") if key in sea}
         printed = config.get("physics") == "paper"
         surface = seas.read_surface(sea, wind_speed, meshing, Path(folder), printed)
+        surface = seas.of_mean_gains(surface) if mean_gains else surface
         link = parts.read_link(config, wind_speed)
         normals = {"normals": run.pop("normals")} if "normals" in run else {}
         run = {**parts.default_estimator(link), **run}
@@ -279,12 +290,19 @@ class Scenario(Model, frozen=True):
         Parameters
         ----------
         notes : bool
-            Describe the keys in comments.
+            Describe the keys in comments, with those that the scenario does not set.
         """
         import tomli_w
 
-        text = tomli_w.dumps(self.to_config())
-        return with_notes(text, self._parts()) if notes else text
+        config = self.to_config()
+        text = tomli_w.dumps(config)
+        if not notes:
+            return text
+        absent: Table = {"detector": parts.read_detector({}), "uav": parts.read_uav({})}
+        absent = {name: part for name, part in absent.items() if name not in config}
+        more = tomli_w.dumps({name: plain(part) for name, part in absent.items()})
+        own = {**self._parts(), **{name: (part,) for name, part in absent.items()}}
+        return with_unset_keys(with_notes(text, own), with_notes(more, own))
 
     def _parts(self) -> dict[str, tuple[Any, ...]]:
         """Return the models behind each table of a link file."""
@@ -301,8 +319,15 @@ class Scenario(Model, frozen=True):
             "run": (run, run.estimator, self.meshing),
         }
 
-    def case(self, surface: MeshSource | TriangleMesh | None = None) -> Case:
+    def case(self, surface: MeshSource | TriangleMesh | None = None, fading: bool = False) -> Case:
         """Return link, surface and options of the run, over another surface if one is given.
+
+        Parameters
+        ----------
+        surface : MeshSource or TriangleMesh, optional
+            Another surface.
+        fading : bool
+            Whether the answer is about fading, see `fading.resolve_band`.
 
         Raises
         ------
@@ -312,13 +337,13 @@ class Scenario(Model, frozen=True):
         """
         origin, footprint = {}, self.link.footprint()
         if surface is not None:
-            surface = resolve_band(self.link, surface)
+            surface = resolve_band(self.link, surface, fading)
         elif isinstance(self.surface, MeshFile):
             needed = footprint.fine_extent + max(map(abs, footprint.center))
             surface = self.surface.load(self.meshing.extent or needed)
             origin = {"mesh_file": self.surface.file}
         else:
-            surface = sea = resolve_band(self.link, self.surface)
+            surface = sea = resolve_band(self.link, self.surface, fading)
             seas.require_modest(sea, footprint, self.meshing)
         return Case(self.link, surface, self.run, self.meshing, origin)
 

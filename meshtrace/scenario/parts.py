@@ -60,7 +60,8 @@ def _water(value: Any, wavelength_nm: float, printed: bool) -> Water:
     table = as_table(value, "water")
     if "type" in table:
         try:
-            typed = Water.from_type(table.pop("type"), wavelength_nm)
+            given = {key: table[key] for key in ("a", "b", "layers") if key in table}
+            typed = Water.from_type(table.pop("type"), wavelength_nm, **given)
         except Refused as error:
             where = "transmitter" if error.field == "wavelength_nm" else "water"
             raise error.inside(where) from None

@@ -70,15 +70,27 @@ class MeshFile(Model, frozen=True):
             raise Refused("sea.mesh", problem, allowed) from error
 
 
-def read_fading(run: Table, sea: Table) -> None:
-    """Move `fading` of [run] to `omega_max` of [sea]."""
-    fading = run.pop("fading", False)
-    if not isinstance(fading, bool):
+def read_fading(run: Table, sea: Table) -> bool:
+    """Return whether the sea is one of mean gains; move a true `fading` of [run] to [sea]."""
+    fading = run.pop("fading", None)
+    if not isinstance(fading, bool | None):
         raise Refused("run.fading", fading, "true or false")
+    if fading is False and sea.get("omega_max") == FADING:
+        raise Refused("sea.omega_max", FADING, "a number with run.fading = false")
     if fading and ("mesh" in sea or "meshes" in sea):
         raise Refused("run.fading", fading, "a sea model")
     if fading and sea.setdefault("omega_max", FADING) != FADING:
         raise Refused("sea.omega_max", sea["omega_max"], f'"{FADING}" with run.fading = true')
+    return fading is False
+
+
+def of_mean_gains(sea: Any) -> Any:
+    """Return a sea whose open band is the one of mean gains for every study."""
+    if hasattr(sea, "parts"):
+        return sea.model_copy(update={"parts": [of_mean_gains(part) for part in sea.parts]})
+    if getattr(sea, "for_fading", sea) is sea:
+        return sea
+    return sea.model_copy(update={"omega_max": sea.band_limits.omega_max})
 
 
 def read_surface(
@@ -187,7 +199,8 @@ def _with_spectrum(
         path: tuple[str, ...] = ("sea", "spectrum")
         keys, own = _SEA_KEYS, {"kind": "jonswap", **word}
     else:
-        fields = Spectrum.member(word).model_fields
+        fields = list(Spectrum.member(word).model_fields)
+        fields += ["file"] if word == "tabulated" else []
         path, keys = ("sea",), (*_SEA_KEYS, *fields)
         own = {"kind": word, **{key: table.pop(key) for key in fields if key in table}}
     own, calm = _driven(own, wind_speed)

@@ -165,7 +165,8 @@ def duplex(
         Links of one receiver each: a source in the water and a receiver in the air, and a lamp in
         the air and a receiver in the water.
     sea : MeshSource
-        The sea: moving, or with random phases.
+        The sea: moving, or with random phases. A sea whose band is left open has all waves that
+        make the light of either link fade (`fading.resolve_band`).
     times : array_like, shape (n,), optional
         Times [s] of a moving sea.
     realizations : int, optional
@@ -211,7 +212,9 @@ def duplex(
         if link.direction != name or len(link.receivers) != 1:
             found = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
             raise Refused(name, found, f"a link with one receiver and direction {name}")
-        pair.append(resolve_chains(link, sea, **options))
+        pair.append(resolve_chains(link, sea, fading=True, **options))
+    finest = max((inputs.surface for inputs in pair), key=lambda s: getattr(s, "omega_max", 0) or 0)
+    pair = [inputs._replace(surface=finest) for inputs in pair]
     if (times is None) == (realizations is None):
         raise Refused("times", times, "times, or a number of realizations")
     along: Literal["time", "realization"] = "realization" if times is None else "time"

@@ -1,5 +1,8 @@
 """Commands that write and compare link files, and draw results."""
 
+import re
+import tomllib
+
 import pytest
 from command_line import meshtrace, refusal
 
@@ -14,6 +17,25 @@ def test_new_prints_a_file_that_loads_back(tmp_path):
     assert (scenario.wind_speed, scenario.link.receiver.height) == (8.0, 7.0)
     assert scenario == mt.Scenario.from_toml("wind_speed = 8\n[receiver]\nheight = 7")
     assert "depth = 10.0  # Depth below still water [m]" in printed.stdout
+
+
+def test_new_shows_keys_and_tables_that_are_not_set(tmp_path):
+    printed = meshtrace("new").stdout
+    for line in ('# type = "jerlov-IB"', '# spectrum = "measured"', "# fading = true"):
+        assert f"\n{line}" in printed
+    unset = printed[printed.index("# [detector]") :]
+    tables = re.findall(r"^# \[(.+)\]$", unset, re.MULTILINE)
+    assert {"detector.optics", "uav", "daylight", "sweep", "sweep.parameters"} <= set(tables)
+    config = tomllib.loads(re.sub(r"^# ?", "", unset, flags=re.MULTILINE))
+    assert set(config.pop("sweep")) >= {"realizations", "rtol", "parameters"}
+    for name in ("detector", "uav"):
+        assert mt.Scenario.from_config({name: config[name]}) == mt.Scenario.from_config({name: {}})
+    known = {"sun_zenith_deg", "sun_azimuth_deg", "aerosol", "ozone", "day_of_year"}
+    clear = {key: config["daylight"][key] for key in known}
+    assert mt.Scenario.from_config({"daylight": clear}) == mt.Scenario.from_toml("[daylight]")
+    again = mt.Scenario.from_toml("[detector]\n[uav]").to_toml(notes=True)
+    assert "\n[detector.optics]\n" in again
+    assert "# [uav]" not in again
 
 
 def test_compare(tmp_path):

@@ -31,6 +31,8 @@ EFFECTS = {
     "bit_rate": (5.0, lambda s: s.detector.bit_rate == 5e6),
 }
 PAPER = Scenario.from_toml("")
+GREEN = Scenario.from_toml("[transmitter]\nwavelength_nm = 514.0")
+"""A link at the wavelength of all types of water."""
 
 
 def test_every_control_has_an_effect_to_test():
@@ -49,8 +51,8 @@ def test_a_control_moves_its_value_and_no_other(name):
 
 @pytest.mark.parametrize("water", CHOICES["water"])
 def test_the_water_is_that_of_the_type(water):
-    state = State(PAPER).moved({"water": water})
-    expected = PAPER.link.water if water == GIVEN else mt.Water.from_type(water, 470.0)
+    state = State(GREEN).moved({"water": water})
+    expected = PAPER.link.water if water == GIVEN else mt.Water.from_type(water, 514.0)
     assert state.scenario.link.water == expected
     assert state.settings["water"] == water
 
@@ -119,13 +121,13 @@ moves = st.fixed_dictionaries(
 
 @given(moves)
 def test_the_link_file_of_a_state_is_the_state(values):
-    scenario = State(PAPER).moved(values).scenario
+    scenario = State(GREEN).moved(values).scenario
     assert Scenario.from_toml(as_toml(scenario)) == scenario
 
 
 @given(moves)
 def test_the_program_of_a_state_makes_the_same_link_and_sea(values):
-    scenario = State(PAPER).moved(values).scenario
+    scenario = State(GREEN).moved(values).scenario
     lines = as_python(scenario)
     made = {}
     exec(lines[: lines.index("result = ")], made)

@@ -8,7 +8,9 @@ import pytest
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.surfaces import JonswapSea
+from meshtrace.fading import resolve_band
+from meshtrace.surfaces import JonswapSea, resolved_sea
+from meshtrace.viz import movie
 from meshtrace.viz.movie import SIZE
 
 LINK, SEA = mt.Link(), JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)
@@ -62,3 +64,23 @@ def test_wrong_movies_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"frame_rate: 0\.0"):
         viz.save_movie(LINK, SEA, TIMES, tmp_path / "a.gif", gain=GAIN, frame_rate=0.0)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_movie_shows_the_sea_of_its_series(tmp_path, monkeypatch):
+    """An open band has all waves that make light fade, in the picture as in the series."""
+    seen = []
+
+    def stop(link, sea, **_options):
+        seen.append(sea)
+        raise StopAsyncIteration
+
+    def series(link, sea, times, **options):
+        seen.append(sea)
+        return mt.time_series(link, sea, times, **options)
+
+    monkeypatch.setattr(movie, "scene", stop)
+    monkeypatch.setattr(movie, "time_series", series)
+    wide = mt.Link(receiver=mt.Receiver(radius=0.5))
+    with pytest.raises(StopAsyncIteration):
+        viz.save_movie(wide, JonswapSea(), [0.0, 0.1], tmp_path / "a.gif", photons=64)
+    assert seen == [resolve_band(wide, resolved_sea(5.0, fetch=30e3))] * 2

@@ -33,7 +33,7 @@ from meshtrace.studies.sensitivity.problem import (
     has_moments,
     moments,
 )
-from meshtrace.studies.sensitivity.quantities import Of, Quantity
+from meshtrace.studies.sensitivity.quantities import FADES, Of, Quantity
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
 from meshtrace.transport.case import Case
 from meshtrace.transport.meshing import surface_config
@@ -73,7 +73,9 @@ def sensitivities(
         The link; of several receivers the first counts. A scenario also gives the sea and, unless
         `ook` is another one, the electronics.
     sea : MeshSource or TriangleMesh, optional
-        The surface, by default as for `simulate`.
+        The surface, by default as for `simulate`. For the error rate, the outage and the range
+        over several seas one whose band is left open has all waves that make the light fade
+        (`fading.resolve_band`); gain and margin are means and need none of them.
     wrt : sequence of str, optional
         Parameters by their keys in a link file, such as "water.a" and "receiver.position.0"; by
         default all continuous keys of the link, and of the sea if its band does not follow
@@ -148,7 +150,8 @@ def sensitivities(
     given = {name: value for name, value in given.items() if value is not None}
     if not isinstance(link, Scenario):
         given = {"photons": DEFAULT_CHAINS, **given}
-    case = forced_case(link, sea, given)
+    fading = realizations > 1 and of in FADES and (of != "range" or ook is not None)
+    case = forced_case(link, sea, given, fading=fading)
     require_between(limit, 0.0, 0.5, "limit")
     quantity = Quantity(of, limit)
     setting = _setting(case, link, of, ook, bit_rate)
