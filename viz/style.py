@@ -90,8 +90,11 @@ def axes(ax: Axes | None) -> Axes:
         return ax
     import matplotlib.pyplot as plt
 
+    # not in the context: in a notebook the first figure turns the interactive mode on, without
+    # which later ones are not shown, and the context would turn it off again
+    figure = plt.figure(figsize=RC["figure.figsize"], layout="constrained")
     with mpl.rc_context(RC):
-        return plt.subplots()[1]
+        return figure.subplots()
 
 
 def finished(ax: Axes, *, legend: bool = True, no_grid: str = "", **settings: Any) -> Axes:
