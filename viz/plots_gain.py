@@ -45,14 +45,16 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
         return plot_fates(result, ax=ax)
     ax = axes(ax)
     ballistic = np.atleast_1d(0.0 if result.gain_ballistic is None else result.gain_ballistic)
+    most, last = float(max(ballistic.max(), result.gain_order.max())), 0
     width = 0.8 / len(ballistic)
     for i, (direct, orders) in enumerate(zip(ballistic, result.gain_order, strict=True)):
         gains = np.array([direct, *orders])
         place = np.arange(len(gains)) + (i - 0.5 * (len(ballistic) - 1)) * width
         ax.bar(place[gains > 0.0], gains[gains > 0.0], width, label=f"receiver {i}")
+        last = max(last, *np.flatnonzero(gains > _SHOWN * most), 0)
     ax.xaxis.get_major_locator().set_params(integer=True)
     ax.set(yscale="log", xlabel="number of scatterings", ylabel=axis_label("gain"))
-    most = float(max(ballistic.max(), result.gain_order.max()))
+    ax.set_xlim(-0.6, last + 0.6)
     if most > 0.0:
         ax.set_ylim(_SHOWN * most, 2.0 * most)
     return finished(ax, legend=len(ballistic) > 1, no_grid="x")
@@ -94,7 +96,7 @@ def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
 
 @checked
 def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot the gain over time, or over realizations, with a band of two standard errors.
+    """Plot the gain over time, or of each realization, with two standard errors.
 
     Parameters
     ----------
@@ -110,10 +112,22 @@ def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None)
     """
     data = _dataset(series, "gain", "gain_stderr")[["gain", "gain_stderr"]]
     along, *others = data["gain"].dims
+    if along == "realization":  # seeds
+        data = data.assign_coords(realization=np.arange(data.sizes[along]))
     for receiver in others[:1]:
         names = [f"receiver {i}" for i in range(data.sizes[receiver])]
         data = data.transpose(receiver, along).assign_coords({receiver: names})
-    return plot_curves(data, "gain", ax=ax)
+    return plot_curves(data, "gain", style="o" if along == "realization" else "-", ax=ax)
+
+
+def plot_series(series: GainSeries, *, ax: Axes | None = None) -> Axes:
+    """Plot a series over time, and the density of the gains of an ensemble of one receiver."""
+    if series.along == "time" or series.gain.ndim > 1:
+        return plot_gain_series(series, ax=ax)
+    try:
+        return plot_gain_pdf(series, ax=ax)
+    except Refused:  # too few seas for a law, or dark ones
+        return plot_gain_series(series, ax=ax)
 
 
 @checked

@@ -149,8 +149,15 @@ def axis_label(name: str) -> str:
 
 
 def label_of(name: str) -> str:
-    """Return the label of a registered variable, or the name itself."""
-    return axis_label(name) if name in FIELDS else name
+    """Return the label of a registered variable or of a dotted key of a link file.
+
+    Keys whose last part is not registered keep their name, with the unit of its suffix.
+    """
+    last = name.rpartition(".")[2]
+    if last in FIELDS:
+        return axis_label(last)
+    unit = next((unit for end, unit in (("_deg", "°"), ("_nm", "nm")) if last.endswith(end)), "")
+    return f"{name} [{unit}]" if unit else name
 
 
 def plain_label(name: str) -> str:
