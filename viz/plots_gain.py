@@ -13,7 +13,7 @@ from meshtrace import fading
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.models import Floats
-from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.coverage import CoverageMap, as_high, place_of_highest
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
 from meshtrace.results.series import GainSeries
 from meshtrace.uav import Route
@@ -313,12 +313,13 @@ def plot_coverage(
 ) -> Axes:
     """Plot a coverage map with equal axes, contours, and the place of the highest gain.
 
-    Contours and highest gain are those of the map smoothed by a cell.
+    Contours are those of the map smoothed by a cell. The place is marked where errors resolve it,
+    see `results.coverage.place_of_highest`.
 
     Parameters
     ----------
     coverage : CoverageMap or xarray.Dataset
-        The map, with x, y and gain.
+        The map, with x, y and gain, and `gain_stderr` for the place of the highest gain.
     decibel : bool
         Show 10 log10 of the gain.
     ax : matplotlib Axes, optional
@@ -332,6 +333,10 @@ def plot_coverage(
     x, y, gain = (data[name].to_numpy() for name in ("x", "y", "gain"))
     if gain.shape != (*x.shape, *y.shape) or not gain.size:
         raise Refused("gain", Described(f"shape {gain.shape}"), "values over x and y")
+    stderr = (
+        data["gain_stderr"].to_numpy() if "gain_stderr" in data else np.full(gain.shape, np.inf)
+    )
+    place, level = place_of_highest(gain, stderr), as_high(gain, stderr).sum()
     ax, label = axes(ax), axis_label("gain")
     smooth = gaussian_filter(gain, 1.0, mode="nearest")
     if decibel:
@@ -341,15 +346,18 @@ def plot_coverage(
     draw_map(ax, x, y, gain, label)
     if min(gain.shape) > 2 and smooth.max() > smooth.min():
         _contours(ax, x, y, smooth)
+    if place is not None:
+        at = x[place[0]], y[place[1]]
+        ax.plot(*at, "*", color=LED_COLOR, mec=INK, ms=11, clip_on=False)
+        note(ax, f"star: highest gain, at x = {at[0]:.3g} m, y = {at[1]:.3g} m")
+    elif np.isfinite(stderr).all() and smooth.max() > 0.0:
+        note(ax, f"highest gain: {level} cells within errors")
     return ax
 
 
 def _contours(ax: Axes, x: Floats, y: Floats, gain: Floats) -> None:
-    """Draw contours at 3, 6, 10 and 20 dB below the highest gain, and its place."""
+    """Draw contours at 3, 6, 10 and 20 dB below the highest gain."""
     below = np.array([-20.0, -10.0, -6.0, -3.0])
     level = 10.0 * np.log10(np.maximum(gain / gain.max(), 1e-12))
     lines = ax.contour(x, y, level.T, below, colors="white", linewidths=1.0, linestyles="-")
     ax.clabel(lines, fmt=lambda v: f"{v:g} dB", fontsize=8)
-    i, j = np.unravel_index(np.argmax(gain), gain.shape)
-    ax.plot(x[i], y[j], "*", color=LED_COLOR, mec=INK, ms=11)
-    note(ax, f"star: highest gain, at x = {x[i]:.3g} m, y = {y[j]:.3g} m")

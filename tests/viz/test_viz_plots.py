@@ -1,5 +1,6 @@
 """Plots show the numbers they are given, under names and units."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import NonCallableMock
@@ -162,14 +163,19 @@ def test_coverage_is_not_transposed(convert):
     assert shown[1, 2] == pytest.approx(10.0 * np.log10(5.0))
 
 
-def test_the_best_place_of_a_map_is_marked():
+def test_the_best_place_of_a_map_is_marked_where_it_is_resolved():
     x, y = np.linspace(-2.0, 2.0, 21), np.linspace(-1.0, 1.0, 11)
     gain = 1e-5 * np.exp(-((x[:, None] - 0.8) ** 2) - (y + 0.4) ** 2)
-    gain[2, 9] = 1.2e-5  # one bright cell, as of a single photon, is no place to hover
-    ax = viz.plot_coverage(mt.CoverageMap(x, y, gain, 0.1 * gain), decibel=True)
+    ax = viz.plot_coverage(mt.CoverageMap(x, y, gain, 1e-3 * gain), decibel=True)
     np.testing.assert_allclose(line(ax), ([0.8], [-0.4]), atol=1e-12)
     assert ax.texts[-1].get_text() == "star: highest gain, at x = 0.8 m, y = -0.4 m"
     assert {"-3 dB", "-6 dB"} <= {text.get_text() for text in ax.texts}
+    gain[2, 9] = 1.2e-5  # one bright cell, as of a single photon, is no place to hover
+    ax = viz.plot_coverage(mt.CoverageMap(x, y, gain, 0.2 * gain), decibel=True)
+    assert not ax.get_lines()
+    assert re.fullmatch(r"highest gain: \d\d cells within errors", ax.texts[-1].get_text())
+    ax = viz.plot_coverage(xr.Dataset({"gain": (("x", "y"), gain)}, {"x": x, "y": y}))
+    assert not any("highest" in text.get_text() for text in ax.texts)  # errors are not known
 
 
 def test_sweeps():
