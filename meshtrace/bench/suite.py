@@ -116,7 +116,8 @@ _ROWS = (
     ("merit", "figure of merit", "{ratio:.3g} +- {ratio_stderr:.1g}, 1 / (variance x time) of "
      "forced over analog, chains made included; {ratio_kept:.3g} with chains that are kept"),
     ("merit", "  forced", "{forced_rtol:.2e} relative in {forced_seconds:.3f} CPU s ({chains} "
-     "chains; made in {setup_seconds:.3f} CPU s); scatter over stated error {scatter_over_error:.2f}"),
+     "chains; made in {setup_seconds:.3f} CPU s); scatter over stated error "
+     "{scatter_over_error:.2f}"),
     ("merit", "  analog", "{analog_rtol:.2e} relative in {analog_seconds:.3f} CPU s ({photons} "
      "photons)"),
     ("new_sea", "new sea to {rtol:.2%}", "{seconds:.3f} CPU s with mesh ({mesh_seconds:.3f}) "
