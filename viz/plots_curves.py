@@ -171,7 +171,7 @@ def plot_sweep(
     ax = plot_curves(positive(shown, quantity) if log else shown, quantity, style="o-", ax=ax)
     if words is not None:
         ax.set_xticks(np.arange(len(words)), words)
-    if parameters:
+    if any("." in name or name in FIELDS for name in parameters):  # others have names as values
         ax.legend(title="\n".join(map(label_of, parameters)))
     if quantity == "ber":
         error_rates(ax, shown, 1e-3)
@@ -224,13 +224,17 @@ def plot_ber(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 def error_rates(ax: Axes, data: xr.Dataset, limit: float) -> Axes:
     """Set the axis of plotted error rates `ber`, with a line at a limit.
 
-    Rates below the axis, where whole curves may be, are triangles at its end.
+    Rates below the axis, where whole curves may be, are triangles at its end; a line without
+    markers of which a part is shown has none.
     """
-    x, (least, _) = _abscissa(data, "ber")[0], BER_SHOWN
+    x, (least, _), marked = _abscissa(data, "ber")[0], BER_SHOWN, False
     for line, (_, values, _, _) in zip(list(ax.get_lines()), _curves(data, "ber"), strict=False):
-        low = x[np.asarray(values < least)]
+        below = np.asarray(values < least)
+        if line.get_marker() == "None" and not below.all():
+            continue
+        low, marked = x[below], marked or below.any()
         ax.plot(low, np.full(len(low), least), "v", color=line.get_color(), ms=5, clip_on=False)
-    if bool((data["ber"] < least).any()):
+    if marked:
         ax.plot([], [], "v", color=INK, ms=5, label="below 1e-9")
         legend = ax.get_legend()
         ax.legend(title=legend.get_title().get_text() if legend else None)

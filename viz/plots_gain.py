@@ -157,10 +157,11 @@ def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     x, y = route.at(series.time, 1.0).position.T
     ax.plot(*np.transpose(route.positions), color=INK, lw=0.8, zorder=1)
     points = ax.scatter(x, y, c=series.gains[:, 0], s=24, zorder=2)
-    ax.figure.colorbar(points, ax=ax, label=axis_label("gain"))
+    side = "bottom" if np.ptp(x) > 1.5 * np.ptp(y) else "right"
+    ax.figure.colorbar(points, ax=ax, label=axis_label("gain"), location=side)
     link = Link.model_validate(origin["link"])
     places = np.transpose([source.position for source in link.transmitters])
-    ax.plot(*places, "*", color=LED_COLOR, mec=INK, ms=12, label="source")
+    ax.plot(*places, "*", color=LED_COLOR, mec=INK, ms=12, zorder=1.5, label="source")
     return finished(ax, aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
 
 

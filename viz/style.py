@@ -11,6 +11,7 @@ from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.font_manager import findfont
+from matplotlib.ticker import MaxNLocator
 
 from meshtrace.errors import require_word
 from meshtrace.fields import FIELDS
@@ -120,6 +121,8 @@ def draw_map(ax: Axes, x: Any, y: Any, values: Any, label: str, **options: Any) 
     image = ax.pcolormesh(x, y, values.T, shading="nearest", rasterized=True, **options)
     ax.figure.colorbar(image, ax=ax, label=label)
     ax.set(aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     ax.grid(visible=False)
 
 

@@ -322,6 +322,8 @@ def test_ber_over_power_and_depth():
     assert ax.get_xlabel().endswith("[dBm]")
     ax = viz.plot_ber(one("ber", "depth", [5.0, 10.0, 15.0], [1e-20, 1e-5, 0.0]))
     np.testing.assert_array_equal(line(ax)[1], (1e-20, 1e-5, np.nan))
+    assert ax.get_legend() is None  # a part of the line is shown
+    ax = viz.plot_ber(one("ber", "depth", [5.0, 15.0], [1e-20, 0.0]))
     np.testing.assert_array_equal(line(ax, 1), ([5.0, 15.0], [1e-9, 1e-9]))
     assert legend(ax) == ["below 1e-9"]
     limits = {"ber_low": ("depth", [0.0, 3e-3]), "ber_high": ("depth", [1e-4, 4e-2])}
