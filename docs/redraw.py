@@ -80,13 +80,12 @@ class Job:
     def draw(self) -> list[Path]:
         """Run the script and return its files."""
         env = {**os.environ, "MPLBACKEND": "agg"}
-        if self.folder != KEPT:
-            if self.folder == PAPER:
-                (PAPER / f"{self.name}.json").unlink(missing_ok=True)  # finished ones are kept
-            subprocess.run(self.command, check=True, env=env, cwd=ROOT)
-            return self.outputs(())
+        if self.folder == PAPER:
+            (PAPER / f"{self.name}.json").unlink(missing_ok=True)  # finished ones are kept
         with tempfile.TemporaryDirectory(dir=DOCS) as work:
             subprocess.run(self.command, check=True, env=env, cwd=work)
+            if self.folder != KEPT:
+                return self.outputs(())
             return [path.replace(KEPT / path.name) for path in sorted(Path(work).iterdir())]
 
 
