@@ -86,7 +86,8 @@ def coverage_map(
     Notes
     -----
     Forced detection uses the same chains in all cells, so that their errors are correlated. Each
-    cell takes the number of chains that it needs, up to 2^20; the number of chains times cells,
+    cell takes the number of chains that it needs, up to 2^20, and cells that may have the highest
+    gain up to 64 times as many, until its place is resolved; the number of chains times cells,
     of crossings on still water that were interpolated between nodes and searched, and of
     searches of all facets are in `provenance["chains"]`. Light that the surface first reflects
     into the water is left out, see `Forced`.

@@ -178,7 +178,7 @@ def warn_of_returned(link: Link, gain: Floats) -> None:
     """Warn where forced detection leaves out more than 0.1 % of a gain."""
     returned = returned_gain(link)
     for r in np.flatnonzero((returned > _RETURNED * gain) & (gain > 0.0)):
-        percent = float(f"{100.0 * returned[r] / gain[r]:.1g}")
+        percent = float(f"{100.0 * returned[r] / (gain[r] + returned[r]):.1g}")
         warnings.warn(
             f"receiver {r}: about {percent:g} % of the light leaves the "
             "water after a reflection at the surface, which forced detection omits: add it by "

@@ -194,7 +194,7 @@ class LinkPerformance(Stored):
             water,
             f"{self.depths[0]:g} m: scintillation index of unscattered light "
             f"{found['index_of_band']:.3g} up to {found['omega_max']:.3g} rad/s, "
-            f"{found['index_of_all']:.3g} with all waves (closed form)"
+            f"{found['index_of_all']:.3g} with all waves (closed form)",
         ]
 
     def _overloads(self) -> list[str]:

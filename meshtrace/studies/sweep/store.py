@@ -274,6 +274,23 @@ def note(group: zarr.Group, task: Task, text: str) -> None:
     _array(group, "error")[task.region] = np.array([text] * (task.last - task.first), dtype=object)
 
 
+def read_store(path: Path) -> xr.Dataset:
+    """Return the results of a store, nan where points are not finished.
+
+    Raises
+    ------
+    Refused
+        If it is no store of a sweep, or damaged.
+    """
+    import zarr
+
+    _verified(path)
+    try:
+        return dataset(zarr.open_group(path, mode="r"))
+    except Exception as error:  # codecs and file systems raise any exception
+        raise _damaged(path, error_text(error)) from error
+
+
 def dataset(group: zarr.Group) -> xr.Dataset:
     """Return the arrays of a sweep as a Dataset in memory."""
     import xarray as xr
