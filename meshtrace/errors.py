@@ -312,7 +312,7 @@ def show(value: Any) -> str:
 
 def _shortened(text: str) -> str:
     """Return a text without its middle, if it is longer than the paths and lists in use."""
-    return text if len(text) <= 400 else f"{text[:200]}...{text[-200:]}"
+    return text if len(text) <= 800 else f"{text[:400]}...{text[-400:]}"
 
 
 def one_line(value: object) -> str:

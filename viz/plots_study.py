@@ -22,7 +22,7 @@ from meshtrace.studies.sensitivity.swings import swings
 
 from .checks import checked
 from .plots_curves import BER_SHOWN, plot_curves, positive
-from .style import INK, PALETTE, axes, axis_label, finished, note
+from .style import INK, PALETTE, axes, axis_label, finished, label_of, note, verbatim
 
 _STEPS = {
     "spacing": "mesh spacing [m]",
@@ -53,9 +53,9 @@ def plot_comparison(result: Comparison, *, ax: Axes | None = None) -> Axes:
         result.ratio_db, place, xerr=2.0 * result.ratio_db_stderr, fmt="none", ecolor="k", capsize=3
     )
     ax.axvline(0.0, color="k", lw=0.8)
-    ax.set_yticks(place, result.names)
+    ax.set_yticks(place, [verbatim(name) for name in result.names])
     ax.invert_yaxis()
-    label = f"gain over {result.names[0]} [dB]"
+    label = f"gain over {verbatim(result.names[0])} [dB]"
     return finished(ax, legend=False, no_grid="y", xlabel=label)
 
 
@@ -183,7 +183,7 @@ def plot_performance(
         ax.set_ylim(*BER_SHOWN)
     if f"{quantity}_low" in shown:
         seas = np.size(performance.fades[0].samples)
-        light = name_of_light(performance.light)
+        light = verbatim(name_of_light(performance.light))
         band = f"n = {seas} seas, band: {100.0 * performance.confidence:g} %"
         note(ax, f"{band}, background light: {light}")
     place = {"xy": (0.0, -0.17), "xycoords": "axes fraction"}
@@ -199,7 +199,7 @@ def plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:
     names = [f"{speed:g} m/s" for speed in result.wind_speeds]
     ax = plot_curves(data.assign_coords(wind_speed=names), "ber", style="o-", ax=ax)
     first = result.performances[0]
-    rate, light = first.bit_rates[0] / 1e6, name_of_light(first.light)
+    rate, light = first.bit_rates[0] / 1e6, verbatim(name_of_light(first.light))
     return finished(ax, yscale="log", title=f"{rate:g} Mbit/s, background light: {light}")
 
 
@@ -264,7 +264,7 @@ def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
     ax.plot(o.history[:, 0], o.history[:, -1], "o", ms=4, label="candidates")
     ax.plot(o.values[0], o.cost, "*", ms=12, color="C1", label="best")
     ax.axvspan(*o.flatness[0], color="C1", alpha=0.15, label="within one standard error")
-    return finished(ax, xlabel=o.variables[0], ylabel=f"cost of the {o.objective}")
+    return finished(ax, xlabel=label_of(o.variables[0]), ylabel=f"cost of the {o.objective}")
 
 
 @checked

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.font_manager import findfont
 
-from meshtrace.errors import require_word
+from meshtrace.errors import one_line, require_word
 from meshtrace.fields import FIELDS
 
 from .checks import checked
@@ -147,7 +147,18 @@ def axis_label(name: str) -> str:
 
 def label_of(name: str) -> str:
     """Return the label of a registered variable, or the name itself."""
-    return axis_label(name) if name in FIELDS else name
+    return axis_label(name) if name in FIELDS else verbatim(name)
+
+
+def verbatim(text: object) -> str:
+    r"""Return the text of a user as one line that matplotlib draws as it stands, without TeX.
+
+    Examples
+    --------
+    >>> verbatim("$x^{2$")
+    '\\$x^{2\\$'
+    """
+    return one_line(text).replace("$", r"\$")
 
 
 def plain_label(name: str) -> str:

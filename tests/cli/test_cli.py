@@ -109,7 +109,7 @@ def test_compiling_is_reported(monkeypatch):
     done = run("--photons", 300)
     assert done.stderr == f"{cli.console.COMPILING}\n"
     assert run("--photons", 300, "--json").stderr == ""
-    assert "sea.spacing" in refusal("run", "--set", "sea.spacing=1e-4")
+    assert "larger spacing" in refusal("run", "--set", "sea.spacing=1e-4")
 
 
 @pytest.mark.parametrize("estimator", Estimator.registered)
