@@ -36,10 +36,10 @@ def test_a_work_of_hours_is_announced_once_by_its_rate(work):
 
 
 def test_results_of_minutes_are_announced_after_the_first(work):
+    points = paced(work(300.0, 300.0), 10, "10 points")
+    next(points)
     with pytest.warns(LongWork, match="10 points: about 50.0 min"):
-        next_after_first = paced(work(300.0, 300.0), 10, "10 points")
-        next(next_after_first)
-        next(next_after_first)
+        next(points)
 
 
 def test_results_count_by_their_sizes(work):

@@ -361,6 +361,7 @@ def test_deep_links_in_clear_water(depth, height):
     """Still water was once refused for the facets of a fine mesh."""
     radius = 0.01 * height
     text = f"""
+    wind_speed = 0
     [water]
     a = 1e-4
     b = 0.0
