@@ -18,7 +18,7 @@ from meshtrace.fields import FIELDS
 from meshtrace.models import Floats
 
 from .checks import checked
-from .style import INK, axes, finished, label_of, note
+from .style import INK, axes, finished, label_of, note, verbatim
 
 BER_SHOWN = (1e-9, 1.0)
 """Limits of the axis of error rates."""
@@ -263,7 +263,8 @@ def _curves(data: xr.Dataset, quantity: str) -> Iterator[tuple[Any, ...]]:
         return
     by = values.dims[0]
     for i, name in enumerate(data[by].to_numpy()):
-        yield (str(name), *(None if a is None else a.isel({by: i}) for a in (values, low, high)))
+        lines = (None if a is None else a.isel({by: i}) for a in (values, low, high))
+        yield verbatim(name), *lines
 
 
 def _abscissa(data: xr.Dataset, quantity: str) -> tuple[Floats, str]:

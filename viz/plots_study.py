@@ -22,7 +22,7 @@ from meshtrace.studies.sensitivity.swings import swings
 
 from .checks import checked
 from .plots_curves import error_rates, plot_curves, positive
-from .style import INK, PALETTE, axes, axis_label, finished, label_of, note
+from .style import INK, PALETTE, axes, axis_label, finished, label_of, note, verbatim
 
 _STEPS = {
     "spacing": "mesh spacing [m]",
@@ -62,9 +62,9 @@ def plot_comparison(result: Comparison, *, ax: Axes | None = None) -> Axes:
         result.ratio_db, place, xerr=2.0 * result.ratio_db_stderr, fmt="none", ecolor="k", capsize=3
     )
     ax.axvline(0.0, color="k", lw=0.8)
-    ax.set_yticks(place, result.names)
+    ax.set_yticks(place, [verbatim(name) for name in result.names])
     ax.invert_yaxis()
-    label = f"gain over {result.names[0]} [dB]"
+    label = f"gain over {verbatim(result.names[0])} [dB]"
     return finished(ax, legend=False, no_grid="y", xlabel=label)
 
 
@@ -188,8 +188,8 @@ def plot_performance(
     if len(performance.depths) == 1:
         ax.set_title(f"depth {performance.depths[0]:g} m", loc="left")
     if f"{quantity}_low" in shown:
-        seas = performance.provenance["realizations"]
-        light = name_of_light(performance.light)
+        seas = np.size(performance.fades[0].samples)
+        light = verbatim(name_of_light(performance.light))
         band = f"n = {seas} seas, band: {100.0 * performance.confidence:g} %"
         note(ax, f"{band}, background light: {light}")
     place = {"xy": (0.0, -0.17), "xycoords": "axes fraction"}
@@ -203,7 +203,7 @@ def plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:
     At one depth it is drawn over wind, one curve for each bit rate.
     """
     data, first = result.to_dataset(), result.performances[0]
-    title = f"background light: {name_of_light(first.light)}"
+    title = f"background light: {verbatim(name_of_light(first.light))}"
     if len(first.depths) == 1:
         data = _by_rate(data.isel(depth=0, drop=True).transpose("bit_rate", "wind_speed"))
         title = f"depth {first.depths[0]:g} m, {title}"

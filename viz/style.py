@@ -13,7 +13,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.font_manager import findfont
 from matplotlib.ticker import MaxNLocator
 
-from meshtrace.errors import require_word
+from meshtrace.errors import one_line, require_word
 from meshtrace.fields import FIELDS
 
 from .checks import checked
@@ -160,7 +160,18 @@ def label_of(name: str) -> str:
     if last in FIELDS:
         return axis_label(last)
     unit = next((unit for end, unit in (("_deg", "°"), ("_nm", "nm")) if last.endswith(end)), "")
-    return f"{name} [{unit}]" if unit else name
+    return f"{verbatim(name)} [{unit}]" if unit else verbatim(name)
+
+
+def verbatim(text: object) -> str:
+    r"""Return the text of a user as one line that matplotlib draws as it stands, without TeX.
+
+    Examples
+    --------
+    >>> verbatim("$x^{2$")
+    '\\$x^{2\\$'
+    """
+    return one_line(text).replace("$", r"\$")
 
 
 def plain_label(name: str) -> str:

@@ -9,7 +9,7 @@ import typer
 from typer import Argument, Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import COMPILING, extra, kernels_are_compiled, warnings_as_lines
+from meshtrace.cli.console import COMPILING, extra, kernels_are_compiled
 from meshtrace.cli.options import Output, Trust
 from meshtrace.cli.outputs import check_output
 
@@ -68,7 +68,7 @@ def _swept(study: Path, store: Path | None, options: dict[str, Any]) -> tuple[xr
     if not kernels_are_compiled("forced"):
         typer.echo(COMPILING, err=True)
     try:
-        with extra("sweep", "batch"), warnings_as_lines():
+        with extra("sweep", "batch"):
             return sweep_file(study, store=place, **options), place
     except KeyboardInterrupt:
         typer.echo(f"finished points are in {place}; the same command resumes", err=True)

@@ -276,14 +276,14 @@ def blurred_contributions(chains, flat, spread, scene, out):
     counts = ZERO, ZERO, ZERO
     for i in range(len(chains.last)):
         if flat[i, 0].branch == 0.0:
-            out.counters[Counter.NO_FLAT] += 1
+            out.counters[Counter.NO_FLAT.value] += 1
         for k in range(len(flat[i])):
             if flat[i, k].branch == 0.0:
                 break
             light = sloped_crossing(chains, i, flat[i], k, spread, scene)
             if light.weight <= 0.0:
                 continue
-            out.counters[Counter.SOLVED] += 1
+            out.counters[Counter.SOLVED.value] += 1
             counts = keep(chains, i, light.weight, light, counts, scene, out)
     return counts
 

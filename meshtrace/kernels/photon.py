@@ -38,7 +38,6 @@ from meshtrace.kernels.vectors import Vec3, along, dot, plus, row, write
 
 _NUDGE = 1e-4  # [m], displacement of a missed ray that is cast again
 _RETRIES = 3
-_LAUNCH = int(Purpose.LAUNCH)
 
 
 @inlined
@@ -124,7 +123,7 @@ def _settle_miss(q, seen, world):
     t = math.inf
     low, high = world.surface.low[2], world.surface.high[2]
     if not seen and q.in_water == 0 and q.dz > 0.0:
-        return Fate.LANDED, 0.0
+        return Fate.LANDED.value, 0.0
     if q.in_water == 0:
         if q.dz < 0.0:
             t = (low - q.z) / q.dz
@@ -136,13 +135,13 @@ def _settle_miss(q, seen, world):
     elif q.dz > 0.0:
         t = (high - q.z) / q.dz
     if not seen and not (t < math.inf and _inside(q, t, world.surface)):
-        return Fate.LEFT_DOMAIN, 0.0
+        return Fate.LEFT_DOMAIN.value, 0.0
     if q.retry < _RETRIES:
-        world.tallies.misses[Miss.CAST_AGAIN] += 1
+        world.tallies.misses[Miss.CAST_AGAIN.value] += 1
         q.retry += 1
         return GOES_ON, 0.0
-    world.tallies.misses[Miss.GIVEN_UP] += 1
-    return Fate.LEAKED, 0.0
+    world.tallies.misses[Miss.GIVEN_UP.value] += 1
+    return Fate.LEAKED.value, 0.0
 
 
 @inlined
@@ -158,7 +157,7 @@ def _settle(q, world):
             t = max(plane_distance(place(q), heading(q), facet, world.surface), 0.0)
     if math.isinf(t):
         fate, length = _settle_miss(q, facet >= 0, world)
-        if fate == Fate.LANDED:
+        if fate == Fate.LANDED.value:
             to_sky(q, heading(q), q.weight, world)
             q.weight = 0.0
         if fate != GOES_ON or length == 0.0:
@@ -186,7 +185,7 @@ def _enter_slab(q, world):
         t = (world.surface.low[2] - q.z) / q.dz
         if not _inside(q, t, world.surface):
             fly_water(q, t, world)
-            return Fate.LEFT_DOMAIN
+            return Fate.LEFT_DOMAIN.value
     return GOES_ON
 
 
@@ -202,7 +201,7 @@ def _move(q, world):
             low = lowest(world)
             if q.z > low and q.dz < 0.0:
                 fly_water(q, (low - q.z) / q.dz, world)
-            return Fate.ABSORBED if world.medium.a > 0.0 else Fate.DEEP
+            return Fate.ABSORBED.value if world.medium.a > 0.0 else Fate.DEEP.value
         else:
             fly_water(q, q.free, world)
             fate = scatter(q, world)
@@ -229,7 +228,7 @@ def _start_all(pool, next_photon, last, world):
     numbers, n = pool.numbers, min(free, last - next_photon)
     for i in range(n):  # apart from all else: vector code
         numbers[0, i], numbers[1, i], numbers[2, i], numbers[3, i] = uniforms(
-            world.seed, next_photon + i, 0, _LAUNCH
+            world.seed, next_photon + i, 0, Purpose.LAUNCH.value
         )
     started = 0
     for slot in range(len(pool.photon)):

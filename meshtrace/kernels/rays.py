@@ -64,10 +64,12 @@ def cast(intersect, scene, rays, words, origins, directions, out):
             for k in range(3):
                 ray[Word.ORIGIN + k] = origins[first + i, k]
                 ray[Word.DIRECTION + k] = directions[first + i, k]
-            ray[Word.NEAR], ray[Word.TIME], ray[Word.FAR] = 0.0, 0.0, _FAR
-            word[Word.MASK], word[Word.ID], word[Word.FLAGS] = -1, 0, 0
-            word[Word.FACET], word[Word.GEOMETRY], word[Word.INSTANCE] = -1, -1, -1
+            ray[Word.NEAR.value] = ray[Word.TIME.value] = 0.0
+            ray[Word.FAR.value] = _FAR
+            word[Word.MASK.value] = -1
+            word[Word.ID.value] = word[Word.FLAGS.value] = 0
+            word[Word.FACET.value] = word[Word.GEOMETRY.value] = word[Word.INSTANCE.value] = -1
         for i in range(n):
             _call(intersect, scene, start + 4 * RAY_WORDS * i)  # type: ignore[call-arg]
         for i in range(n):
-            out[first + i] = words[i, Word.FACET]
+            out[first + i] = words[i, Word.FACET.value]

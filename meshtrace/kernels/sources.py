@@ -28,10 +28,6 @@ class SourceKind(IntEnum):
     """Lambertian inside a cone: the light of an aperture, reversed."""
 
 
-_LAUNCH = int(Purpose.LAUNCH)
-_SOURCE = int(Purpose.SOURCE)
-
-
 class Sources(NamedTuple):
     """Sources as arrays, one row each, see `meshtrace.link`."""
 
@@ -91,7 +87,7 @@ def launch(sources, seed, photon):
     Array twin: the closed-form distributions, chi-square tested.
     Two uniforms make the direction; extended sources draw two more for the position.
     """
-    return launched(sources, seed, photon, uniforms(seed, photon, 0, _LAUNCH))
+    return launched(sources, seed, photon, uniforms(seed, photon, 0, Purpose.LAUNCH.value))
 
 
 @inlined
@@ -122,7 +118,7 @@ def launched(sources, seed, photon, numbers):
 
 @outlined
 def _spread_out(kind, p, axis, size, seed, photon):
-    u0, u1, _, _ = uniforms(seed, photon, 0, _SOURCE)
+    u0, u1, _, _ = uniforms(seed, photon, 0, Purpose.SOURCE.value)
     if kind >= SourceKind.SUN:
         return Vec3(p.x + size * (2.0 * u0 - 1.0), p.y + size * (2.0 * u1 - 1.0), p.z)
     r = size * math.sqrt(u0 if kind == SourceKind.TOP_HAT_BEAM else -0.5 * math.log(u0))

@@ -332,19 +332,18 @@ class Scenario(Model, frozen=True):
         Raises
         ------
         Refused
-            If a mesh file cannot be read or does not cover the link, or the mesh would fill the
-            memory.
+            If a mesh file cannot be read or does not cover the link.
         """
-        origin, footprint = {}, self.link.footprint()
+        origin = {}
         if surface is not None:
             surface = resolve_band(self.link, surface, fading)
         elif isinstance(self.surface, MeshFile):
+            footprint = self.link.footprint()
             needed = footprint.fine_extent + max(map(abs, footprint.center))
             surface = self.surface.load(self.meshing.extent or needed)
             origin = {"mesh_file": self.surface.file}
         else:
-            surface = sea = resolve_band(self.link, self.surface, fading)
-            seas.require_modest(sea, footprint, self.meshing)
+            surface = resolve_band(self.link, self.surface, fading)
         return Case(self.link, surface, self.run, self.meshing, origin)
 
     def mesh(self) -> TriangleMesh:

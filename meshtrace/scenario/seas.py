@@ -12,17 +12,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from meshtrace.errors import MISSING, Described, Refused, did_you_mean, reason_of, require_keys
-from meshtrace.link import Footprint, Link
+from meshtrace.link import Link
 from meshtrace.mesh import FADING, MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Family, Model
 from meshtrace.scenario.tables import Table, as_table, validated, without_shared_wind
-from meshtrace.transport.options import Meshing
-
-MOST_VERTICES = 10_000_000
-"""Vertices of a mesh, at some 0.5 kB each, beyond which a run is refused."""
-
-MOST_FACTORS = 50_000_000
-"""Waves times grid lines, at some 50 B each, beyond which a run is refused."""
 
 _SEA_ALIASES = {"sinusoidal": "sinusoid", "tilted-plane": "plane"}
 _SHORT_WAVES = "elfouhaily"  # spectrum, spreading and slopes of a sea that makes light fade
@@ -294,28 +287,3 @@ def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
 def may_overhang(surface: MeshSource | MeshFile) -> bool:
     """Return whether the meshes of a surface may overhang."""
     return not (isinstance(surface, SurfaceModel) and getattr(surface, "single_valued", True))
-
-
-def require_modest(surface: MeshSource, footprint: Footprint, meshing: Meshing) -> None:
-    """Refuse meshes and wave sums that would fill the memory."""
-    from meshtrace.surfaces import Surface
-    from meshtrace.surfaces.gridding import grid_axis
-
-    if not isinstance(surface, Surface):
-        return
-    spacing = meshing.spacing or footprint.spacing
-    try:
-        if meshing.extent is None:
-            coarse = max(footprint.coarse_spacing, spacing)
-            lines = len(grid_axis(0.0, footprint.extent, spacing, footprint.fine_extent, coarse))
-        else:
-            lines = len(grid_axis(0.0, meshing.extent, spacing))
-    except Refused as error:
-        raise error.inside("sea") from None
-    if lines**2 > MOST_VERTICES:
-        size = Described(f"{spacing:g} m makes {lines**2} vertices")
-        raise Refused("sea.spacing", size, f"at most {MOST_VERTICES} vertices")
-    waves = len(surface.components.amplitude) if hasattr(surface, "components") else 0
-    if waves * lines > MOST_FACTORS:
-        size = Described(f"{waves} waves on {lines} grid lines")
-        raise Refused("sea.d_omega", size, f"a product of at most {MOST_FACTORS}")

@@ -21,7 +21,7 @@ from meshtrace.errors import (
 )
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import ordered_map, paced
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import Stored
 from meshtrace.studies.inputs import Inputs, resolve_chains, with_all_ends
@@ -268,7 +268,8 @@ def _pairs(
         common = mesh(surface)
         return forced[0].evaluate(common), forced[1].evaluate(common)
 
-    for found in ordered_map(evaluated, surfaces, pair[0].threads):
+    found_over = ordered_map(evaluated, surfaces, pair[0].threads)
+    for found in paced(found_over, len(surfaces), f"{len(surfaces):,} seas"):
         if progress is not None:
             progress(1)
         yield found

@@ -16,7 +16,7 @@ from meshtrace.fading.resolving import band_fading
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map, trim_memory
+from meshtrace.parallel import ordered_map, paced, trim_memory
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.inputs import Inputs, resolve_chains
@@ -310,7 +310,7 @@ def gain_series(
     """Return the series of the parts over each surface."""
     n, n_rx = len(coordinate), len(link.receivers)
     columns, shifts = np.empty((3, n, n_rx)), np.zeros((n_rx, SHIFTS))
-    for i, part in enumerate(parts):
+    for i, part in enumerate(paced(parts, n, f"{n:,} seas")):
         columns[:, i] = part.gain, part.stderr, part.ballistic
         shifts += part.shifts
         if i % _TRIM_EVERY == 0:

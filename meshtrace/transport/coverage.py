@@ -31,7 +31,7 @@ from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link, Receiver
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import ordered_map, paced
 from meshtrace.results.coverage import as_high, place_of_highest
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.aimed import ROOTS, AimedChains
@@ -262,10 +262,9 @@ class ForcedMap:
         sums = Sums(np.zeros((SHIFTS, len(cells))), np.zeros(len(cells)), np.zeros(len(cells)))
         if self._direct is not None:
             sums.gain[:] = self._direct.ravel()[cells]
-        scattered = ordered_map(
-            lambda job: job(), self._jobs(level, places, stream), self._options[2]
-        )
-        for part in scattered:
+        jobs = list(self._jobs(level, places, stream))
+        scattered = ordered_map(lambda job: job(), jobs, self._options[2])
+        for part in paced(scattered, len(jobs), f"{len(cells):,} cells"):
             sums.gain[part.first : part.first + len(part.gain)] += part.gain
             if part.order > 0:
                 sums.scattered[:] += part.gain.sum(axis=0) / SHIFTS

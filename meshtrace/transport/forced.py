@@ -29,7 +29,7 @@ from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import ordered_map, paced
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.adjoint import AdjointPaths
 from meshtrace.transport.aimed import AimedChains, Search
@@ -277,7 +277,7 @@ class ForcedDetection:
         jobs += [partial(aimed.score, *job) for job in sums.jobs]
         scores = ordered_map(lambda job: job(), jobs, self._options[1], ahead=len(jobs))
         sampled = sums.add_direct(islice(scores, len(sums.pairs)))
-        sums.add_chains(scores)
+        sums.add_chains(paced(scores, len(sums.jobs), f"{sums.chains:,} chains over one surface"))
         adjoint = self._adjoint
         paths = None if adjoint is None else adjoint.evaluate(mesh, intersector)
         counts = Counts(sums.chains, *(int(c) for c in aimed.counters))

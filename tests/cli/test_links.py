@@ -88,3 +88,14 @@ def test_common_options(command):
 
 def test_completion():
     assert "--install-completion" in meshtrace("--help").stdout
+
+
+def test_names_of_files_are_drawn_as_they_stand(tmp_path):
+    """A name with an odd number of dollars once ended in a traceback, after the work."""
+    files = [tmp_path / name for name in ("$x^{2$.toml", "$a$.toml")]
+    for file in files:
+        file.write_text("[sea]\nspectrum = 'flat'\n")
+    picture = tmp_path / "a.png"
+    done = meshtrace("compare", *files, "--photons", 64, "--plot", picture)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert picture.read_bytes()[:4] == b"\x89PNG"

@@ -215,3 +215,13 @@ def test_lock_is_freed_after_an_error(tmp_path):
         _ = 1 / 0
     with locked(store):
         pass
+
+
+def test_a_system_without_such_locks_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    monkeypatch.setattr("platform.system", lambda: "Windows")
+    with (
+        pytest.raises(Refused, match=r"depths\.zarr' on Windows, allowed: none, or Linux, macOS"),
+        locked(tmp_path / "depths.zarr"),
+    ):
+        pass
