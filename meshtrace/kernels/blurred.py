@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from meshtrace.kernels.aiming import STEP, Aim, Jacobian, Shot, emission_through, quotients
 from meshtrace.kernels.chain_gain import (
     Crossing,
-    acceptance,
     is_steep,
     keep,
     transmittance,
@@ -31,6 +30,7 @@ from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.scene import height_on, locate
 from meshtrace.kernels.sources import SourceKind, intensity
 from meshtrace.kernels.unscattered import (
+    VIEW_SHARE,
     beam_width,
     node,
     nodes_of,
@@ -38,6 +38,8 @@ from meshtrace.kernels.unscattered import (
     push_quarters,
     solid_angle,
     straight_depth,
+    view_margin,
+    view_radius,
 )
 from meshtrace.kernels.vectors import (
     UP,
@@ -65,6 +67,8 @@ MOST_PARTS = 48
 
 _FEW = 16  # parts along an edge: facets of more are cut where light may cross
 _FINER = 4.0  # parts of those: no neighbours of the same cut cancel the errors at their edges
+_FINEST = 1.0 / 64.0  # of the longest edge, at the edge of the field of view
+_NEAR = 2.0  # sizes of a part within which the edge of the field of view may cross it
 _NODES = np.int64(2**24)  # finest cut of an edge
 
 
@@ -260,14 +264,47 @@ def _parts_along(f, i, j, side, scene):
     """
     emitter, facet = scene.emitter, scene.facets[f]
     share = abs(side) / _NODES
+    p = node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
+    h = spatial_radius(facet) * share
     beam = PART_BEAM
-    if emitter.kind == SourceKind.TOP_HAT_BEAM:
-        p = node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
-        if _is_rim(p, spatial_radius(facet) * share, emitter):
-            beam = RIM_BEAM
+    if emitter.kind == SourceKind.TOP_HAT_BEAM and _is_rim(p, h, emitter):
+        beam = RIM_BEAM
     edge = beam * beam_width(emitter) * -emitter.position.z
+    margin, flight = _margin(p, Vec2(0.0, 0.0), scene)
+    if margin >= -_NEAR * (h + scene.target.radius):  # everywhere in view, see `_FINER`
+        view = view_radius(flight, scene.target, scene.interface.fov)
+        edge = min(edge, max(VIEW_SHARE * view, _FINEST * edge))
     change = _change(f, *nodes_of(f, _NODES, i, j, side, scene.surface), scene)
     return max(change / PART_SLOPE, 2.0 * facet.radius * share / edge, 1.0)
+
+
+@inlined
+def _margin(p, goal, scene):
+    """Return `view_margin` and distance of light from P to a point of the aperture."""
+    target = scene.target
+    way = minus(along(along(target.center, target.e1, goal.x), target.e2, goal.y), p)
+    flight = norm(way)
+    r = scaled(1.0 / flight, way)
+    return view_margin(p, r, flight, target, scene.interface.fov), flight
+
+
+@outlined
+def _share_in_view(p, q, r, goal, scene):
+    """Return the share of a triangle from which a point of the aperture sees light.
+
+    Array twin: fine meshes in the tests.
+    The edge of the field of view is taken for a straight line.
+    """
+    a, b, c = _margin(p, goal, scene)[0], _margin(q, goal, scene)[0], _margin(r, goal, scene)[0]
+    seen = ZERO + (a >= 0.0) + (b >= 0.0) + (c >= 0.0)
+    if seen == 0 or seen == 3:
+        return seen / 3.0
+    if (a >= 0.0) == (c >= 0.0):
+        a, b, c = b, c, a
+    elif (a >= 0.0) == (b >= 0.0):
+        a, b, c = c, a, b
+    corner = a * a / ((a - b) * (a - c))
+    return corner if seen == 1 else 1.0 - corner
 
 
 @inlined
@@ -347,13 +384,16 @@ def _part_gain(f, n, i, j, side, disk, scene):
     middle, normal, w, light = part.middle, part.normal, part.w, part.light
     total, steep = 0.0, True
     radius, source = scene.target.radius, scene.emitter.position
-    if light == 0.0:
+    margin, _ = _margin(middle, Vec2(0.0, 0.0), scene)
+    p, q, r = nodes_of(f, n, i, j, side, scene.surface)
+    near = _NEAR * (max(norm(minus(p, middle)), norm(minus(q, r))) + radius)
+    if light == 0.0 or margin < -near:
         return 0.0, True
     for k in range(len(disk.points)):
         goal = Vec2(radius * disk.points[k, 0], radius * disk.points[k, 1])
         s = slope_towards(middle, normal, w, w, part.length, goal, scene)
         if s.density > 0.0:
-            share = acceptance(s.aim, middle, scene.target, scene.interface.fov)
+            share = 1.0 if margin > near else _share_in_view(p, q, r, goal, scene)
             share *= exposure(w, normal, s.tilt) * transmittance(s.aim, scene.interface)
             if scene.mirrored and share > 0.0:
                 share *= math.exp(-straight_depth(middle, s.aim, source, scene))
