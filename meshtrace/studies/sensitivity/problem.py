@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import math
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import pairwise
@@ -30,6 +32,7 @@ _CREST_MARGIN = 1.5  # over the highest crest of the first seas: later ones may 
 _WIDEST_DEG = 4.0  # half-width of a window in angle at the edge of the field of view
 _WINDOWS = 6  # of half the width each
 _CLEAR = 1.5  # standard errors of its bias beyond which a window is too wide
+_DIGEST = hashlib.sha256().digest_size
 _EDGE_STEP = 0.01  # relative, of the field of view, for unscattered light
 
 
@@ -175,16 +178,25 @@ class Shelf:
         return self._numbers[name]
 
     def _filed(self, folder: Path, name: str, make: Callable[[], Floats]) -> Floats:
-        """Return the numbers in the file of a parameter, made unless it is a readable one."""
-        digest = hashlib.sha256((self._key + name).encode()).hexdigest()
-        path = folder / f"{digest[:24]}.npy"
-        with suppress(OSError, ValueError, EOFError), path.open("rb") as file:
-            found: Floats = np.load(file, allow_pickle=False)
-            return found
-        numbers = make()
-        with atomic(path) as temporary, temporary.open("wb") as file:
-            np.save(file, numbers, allow_pickle=False)
-        return numbers
+        """Return the numbers in the file of a parameter, made unless it is an undamaged one.
+
+        The SHA-256 digest of key, name and numbers stands at the end of a file.
+        """
+        key = (self._key + name).encode()
+        path = folder / f"{hashlib.sha256(key).hexdigest()[:24]}.npy"
+        with suppress(FileNotFoundError):
+            content = path.read_bytes()
+            numbers, digest = content[:-_DIGEST], content[-_DIGEST:]
+            if digest == hashlib.sha256(key + numbers).digest():
+                found: Floats = np.load(io.BytesIO(numbers), allow_pickle=False)
+                return found
+            warnings.warn(f"{path}: damaged, {name} is computed again", stacklevel=2)
+        made, buffer = make(), io.BytesIO()
+        np.save(buffer, made, allow_pickle=False)
+        numbers = buffer.getvalue()
+        with atomic(path) as temporary:
+            temporary.write_bytes(numbers + hashlib.sha256(key + numbers).digest())
+        return made
 
 
 def without_each(gains: Floats) -> Iterator[Floats]:
