@@ -97,7 +97,8 @@ def signal_to_noise(setting: Setting, realizations: int, photons: int, analog: i
     47 m, 1 Mbit/s: 10 log10(P_Tx G / P_n). Published: P_n = NEP sqrt(R_b / 2) with a detection
     efficiency of 0.4, and over still water the unscattered light alone without refraction,
     G = (m + 1) / 2 (r / l)^2 exp(-c d) (Ijeh et al. 2021, eq. 3). Correct: the power behind
-    optics of limited etendue over that of unit ratio, `SiPM.p_min`, traced in both seas.
+    optics of limited etendue over that of unit ratio, `SiPM.p_min`. The difference is that of
+    ratios of one definition, of light traced in both seas.
     """
     effort: Any = {"realizations": realizations, "photons": photons, "analog": analog}
     effort["transmitter"] = {"depth": _SNR_DEPTH}
@@ -105,16 +106,17 @@ def signal_to_noise(setting: Setting, realizations: int, photons: int, analog: i
     def traced(wind: float, form: Form) -> Number:
         return mean_gain(wind, form, setting, **effort)[0].number
 
-    still = [traced(0.0, "physical"), Number(straight_gain(_SNR_DEPTH))]
+    still = [traced(0.0, form) for form in FORMS]
+    closed = [still[0], Number(straight_gain(_SNR_DEPTH))]
     rough = [traced(_SNR_WIND, form) for form in FORMS]
 
     def ratios(gains: list[Number]) -> list[Number]:
         powers = [(g, _power_ratio(form)) for g, form in zip(gains, FORMS, strict=True)]
         return [decibel(Number(g.value * power, g.stderr * power)) for g, power in powers]
 
-    found = ratios(still), ratios(rough)
-    margins = map(difference, *found)
-    return [row("snr-still", found[0]), row("snr-wind", found[1]), row("margin", margins)]
+    margins = map(difference, ratios(still), ratios(rough))
+    shown = row("snr-still", ratios(closed)), row("snr-wind", ratios(rough))
+    return [*shown, row("margin", margins)]
 
 
 def straight_gain(depth: float) -> float:

@@ -165,11 +165,17 @@ class GainResult(WithArrays, Stored):
 
     def _headline(self) -> str:
         parts = [
-            f"dark to below {bound:.2g}" if bound > 0.0 else f"gain {gain:.4e} +- {stderr:.1e}"
+            self._dark(bound) if bound > 0.0 else f"gain {gain:.4e} +- {stderr:.1e}"
             for gain, stderr, bound in self._rows
         ]
         shown = parts[:4] + [f"{len(parts) - 4} more"] * (len(parts) > 4)
         return ", ".join([*shown, f"{self.photons:,} {self._samples}"])
+
+    def _dark(self, bound: float) -> str:
+        """Return the bound of a gain without light; that of chains is no measurement of theirs."""
+        if self.fates:
+            return f"dark to below {bound:.2g}"
+        return f"not found with {self.photons:,} {self._samples}, below {bound:.2g}"
 
     @property
     def _samples(self) -> str:
@@ -214,8 +220,8 @@ class GainResult(WithArrays, Stored):
         for i, (gain, stderr, bound) in enumerate(self._rows):
             name = "channel gain" if np.ndim(self.gain) == 0 else f"channel gain [{i}]"
             if not gain > 0.0:
-                below = f" to below {bound:.2g} at 95 % confidence" if bound > 0.0 else ""
-                lines.append(_line(name, f"dark{below}: no light received"))
+                dark = f"{self._dark(bound)} at 95 % confidence" if bound > 0.0 else "dark"
+                lines.append(_line(name, f"{dark}: no light received"))
                 continue
             percent, decibel = 100.0 * stderr / gain, 10.0 / math.log(10.0) * stderr / gain
             lines.append(_line(name, f"{gain:.4e}  ({10.0 * math.log10(gain):.3f} dB optical)"))

@@ -289,10 +289,19 @@ class ForcedDetection:
             points = self._lamp_points(s)
             found = np.array([self._from_point(aimed, s, r, p).sum() for p in points])
             return found.reshape(SHIFTS, -1).mean(axis=1)
-        gains = aimed.direct_gains(s, r)
+        gains = self._lit_facets(aimed, s, r)
         if gains is not None:
             return gains.sum(keepdims=True)
-        return aimed.score(s, r, self._unscattered[s]).reshape(SHIFTS, -1).mean(axis=1)
+        found = aimed.score(s, r, self._unscattered[s]).reshape(SHIFTS, -1).mean(axis=1)
+        return found if found.any() else found[:1]
+
+    def _lit_facets(self, aimed: AimedChains, s: int, r: int) -> Floats | None:
+        """Return the unscattered gain through each facet; None where chains have to tell.
+
+        Where no facet finds light, chains are asked before it is called dark.
+        """
+        gains = aimed.direct_gains(s, r)
+        return gains if gains is not None and gains.any() else None
 
     def _from_point(self, aimed: AimedChains, s: int, r: int, point: Floats) -> Floats:
         """Return the unscattered gain through each facet from a point of an extended source."""
@@ -365,7 +374,7 @@ class ForcedDetection:
                 for i, lamp in enumerate(points):
                     gains = power * self._from_point(aimed, e, t, lamp) / len(points)
                     rows.append(direct_light(aimed, e, t, gains, lamp, i * SHIFTS // len(points)))
-            elif (found := aimed.direct_gains(e, t)) is not None:
+            elif (found := self._lit_facets(aimed, e, t)) is not None:
                 rows.append(direct_light(aimed, e, t, power * found))
             else:
                 sets = [self._unscattered[e], *sets]
