@@ -116,7 +116,10 @@ def draw(fades, lights):
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    figure, axes = plt.subplots(1, len(FIELDS), figsize=(10.0, 3.6), sharey=True)
+    from meshtrace import viz
+
+    viz.use_style()
+    figure, axes = plt.subplots(1, len(FIELDS), figsize=(11.0, 3.6), sharey=True)
     for axis, fov in zip(axes, FIELDS, strict=True):
         for i, (name, background) in enumerate(lights[fov].items()):
             found = np.array([ranges(fades[fov], background, fov, 1e6, w) for w in FILTERS])
@@ -126,11 +129,9 @@ def draw(fades, lights):
             axis.fill_between(FILTERS, found[:, 1], found[:, 2], color=f"C{i}", alpha=0.2, lw=0)
         axis.set_title(f"field of view {fov:g}°", fontsize=10)
         axis.set_xlabel("filter width [nm]")
-        axis.grid(alpha=0.3)
     axes[0].set_ylabel("range at 1 Mbit/s, BER 1e-3 [m]")
     axes[0].set_ylim(0.0, None)
-    axes[-1].legend(fontsize=8, loc="lower left")
-    figure.tight_layout()
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
     figure.savefig(HERE / "_static" / "daylight_ranges.png", dpi=110)
 
 

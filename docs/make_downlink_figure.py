@@ -50,7 +50,7 @@ def main(folder: Path) -> None:
         index = [scintillation_of_spectrum(link, SEA, OMEGA_MAX) for link in links]
         print(name, np.round(index, 4).tolist())
         right.plot(HEIGHTS, index, "o-", ms=3, label=name)
-    right.set(xscale="log", xlabel="height [m]", ylabel="scintillation index", ylim=(0.0, None))
+    right.set(xscale="log", xlabel="height [m]", ylabel="scintillation index")
     right.set_xticks([2, 5, 10, 20, 50, 100], ["2", "5", "10", "20", "50", "100"])
     right.set_title("closed form, unscattered light")
     right.legend()

@@ -13,6 +13,7 @@ from meshtrace.models import Family, Model
 from meshtrace.optics.bubble_base import BubblePopulation
 from meshtrace.optics.phase_base import PhaseFunction
 from meshtrace.scenario import Scenario
+from meshtrace.scenario.files import unset_keys
 from meshtrace.surfaces import Spectrum, Spreading, Surface
 
 PAGE = Path(__file__).with_name("link_file.md")
@@ -25,6 +26,8 @@ On the command line `--set table.key=value` replaces a value, in Python
 `Scenario.load(path, {"table.key": value})`. Paths are relative to the folder of the file. Several
 transmitters, receivers or parts of a sea are written as `[[transmitter]]`, `[[receiver]]` and
 `[[sea.part]]`.
+
+A study file of `meshtrace sweep` also has the tables `[sweep]` and `[sweep.parameters]`.
 
 This page is written from the models by `docs/make_link_file.py`.
 """
@@ -60,11 +63,8 @@ SECTIONS: list[tuple[str, str, list[type[Model]] | type[Family]]] = [
     ("[uav]", "Fields that replace those of a `preset`.", [mt.Uav]),
     (
         "[daylight]",
-        '`model` is "clear" (default), "overcast", "uniform", "moon", "night" or "none"; the '
-        "wavelength is that of the transmitter. Without `direct` and `diffuse` these follow from "
-        "the model: a clear sky also has `aerosol`, `ozone`, `water_vapour`, `pressure`, "
-        "`day_of_year`, `width_nm`, and `time`, `latitude`, `longitude` in place of the sun; an "
-        "overcast one `transmittance`; the moon `phase_deg`.",
+        "The wavelength is that of the transmitter. Without `direct` and `diffuse` these follow "
+        "from the model, for which the keys of the first table are.",
         [mt.Daylight],
     ),
     (
@@ -72,6 +72,8 @@ SECTIONS: list[tuple[str, str, list[type[Model]] | type[Family]]] = [
         "Options of the run; those of the estimator are keys of the same table.",
         [type(mt.Scenario.from_toml("").run), mt.Forced, mt.Analog],
     ),
+    ("[sweep]", "In a study file of `meshtrace sweep`, see [](guides/sweep.md).", []),
+    ("[sweep.parameters]", "", []),
 ]
 
 
@@ -92,20 +94,44 @@ def rows(model: type[Model]) -> list[str]:
     notes = model.notes()
     found = ["| key | default | meaning |", "|---|---|---|"]
     for name, field in model.model_fields.items():
-        if name not in ("kind", "source"):
+        if name not in ("kind", "source", "recipe"):
             default = field.get_default(call_default_factory=True)
             note = notes.get(name, "").replace("|", "\\|")
             found.append(f"| `{name}` | {shown(default)} | {note} |")
     return found
 
 
+def rows_of_unset(title: str) -> list[str]:
+    """Return the keys of a table that no model has, with an example, as rows of a table."""
+    found = []
+    for line in unset_keys().get(title.strip("[]"), []):
+        key, _, rest = line.partition(" = ")
+        example, _, note = rest.partition("  # ")
+        key = key.strip('"')
+        found.append(f"| `{key}` | `{example}` | {note} |")
+    return ["| key | example | meaning |", "|---|---|---|", *found, ""] if found else []
+
+
+def inner(model: type[Model]) -> list[tuple[str, type[Model]]]:
+    """Return the tables inside a model."""
+    fields = {n: f.get_default(call_default_factory=True) for n, f in model.model_fields.items()}
+    return [
+        (name, type(part))
+        for name, part in fields.items()
+        if isinstance(part, Model) and not isinstance(part, Family)
+    ]
+
+
 def section(title: str, text: str, models: list[type[Model]] | type[Family]) -> list[str]:
     """Return a section with a table for each model."""
-    lines = [f"## {title}", ""] + ([text, ""] if text else [])
+    lines = [f"## {title}", ""] + ([text, ""] if text else []) + rows_of_unset(title)
     if isinstance(models, list):
         for model in models:
             lines += [f"`{model.__name__}`:", ""] if len(models) > 1 else []
             lines += [*rows(model), ""]
+        for model in models:
+            for name, part in inner(model):
+                lines += section(f"[{title.strip('[]')}.{name}]", "", [part])
         return lines
     for kind, model in models.registered.items():
         summary = (model.__doc__ or "").strip().splitlines()[0]

@@ -14,6 +14,7 @@ import numpy as np
 
 import meshtrace as mt
 from meshtrace.comms.budget import required_gain
+from meshtrace.paper.ber import over_winds
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea
 from meshtrace.uav.tilt import h_alpha
@@ -30,8 +31,8 @@ def ranges() -> Iterator[str]:
     yield "| sea | Mbit/s | printed | `physical` | `paper-ranges` |"
     yield "|---|---|---|---|---|"
     sweeps = [
-        mt.depth_sweep(
-            mt.Link(), DEPTHS, bit_rate=RATES, realizations=REALIZATIONS, ook=name
+        over_winds(
+            depths=DEPTHS, bit_rate=RATES, realizations=REALIZATIONS, ook=name
         ).range_at_ber()
         for name in ("physical", "paper-ranges")
     ]

@@ -73,7 +73,7 @@ class Refused(ValueError):
         parts = (_shortened(source), _shortened(field), show(value))
         head = ": ".join(part for part in parts if part)
         # keys of a file may hold line ends and control characters
-        text = one_line(f"{head}, {f'{hint} ' if hint else ''}allowed: {_shortened(allowed)}")
+        text = one_line(f"{head}, {f'{hint} ' if hint else ''}allowed: {_shortened(allowed, 640)}")
         shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
         super().__init__("".join(shown))
 
@@ -310,9 +310,9 @@ def show(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _shortened(text: str) -> str:
+def _shortened(text: str, most: int = 400) -> str:
     """Return a text without its middle, if it is longer than the paths and lists in use."""
-    return text if len(text) <= 400 else f"{text[:200]}...{text[-200:]}"
+    return text if len(text) <= most else f"{text[: most // 2]}...{text[-most // 2 :]}"
 
 
 def one_line(value: object) -> str:

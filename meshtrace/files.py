@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import secrets
+import socket
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
 
@@ -16,8 +18,9 @@ def atomic(path: str | Path) -> Iterator[Path]:
 
     The temporary file lies in the folder of the target and has its suffix, so that writers which
     choose a format by the name work as usual. It is synchronized to the disk before it is renamed:
-    a reader finds the old file or the new one, whole. Permissions of an existing file are kept,
-    and a symbolic link still points to its target, which is replaced.
+    a reader finds the old file or the new one, whole. That of a killed process is removed by the
+    next process that writes to the folder from the same host. Permissions of an existing file are
+    kept, and a symbolic link still points to its target, which is replaced.
 
     Parameters
     ----------
@@ -39,7 +42,8 @@ def atomic(path: str | Path) -> Iterator[Path]:
     'all or nothing'
     """
     target = Path(os.path.realpath(path))
-    temporary = target.with_name(f".{secrets.token_hex(6)}{target.suffix}")
+    _remove_left(target.parent)
+    temporary = target.with_name(f"{_prefix()}{os.getpid()}-{secrets.token_hex(6)}{target.suffix}")
     try:
         # created here, with the permissions that a new file gets; a writer may replace it
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
@@ -54,6 +58,35 @@ def atomic(path: str | Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def _prefix() -> str:
+    """Return the start of the names of temporary files of this host."""
+    return f".meshtrace-{socket.gethostname()}-"
+
+
+@cache
+def _remove_left(folder: Path) -> None:
+    """Remove the temporary files of processes of this host that have ended."""
+    with suppress(OSError):
+        for left in folder.iterdir():
+            own, _, rest = left.name.partition(_prefix())
+            owner = rest.partition("-")[0]
+            if not own and owner.isdecimal() and not _runs(int(owner)):
+                left.unlink(missing_ok=True)
+
+
+def _runs(process: int) -> bool:
+    """Return whether a process of this host runs."""
+    if os.name == "nt":  # no signal 0 there
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
 
 
 def _synchronize(path: Path) -> None:

@@ -62,6 +62,16 @@ class SurfaceModel(MeshSource, Protocol):
 
 
 @runtime_checkable
+class Plane(SurfaceModel, Protocol):
+    """A plane: facets of any size lie in it."""
+
+    @property
+    def gradient(self) -> tuple[float, float]:
+        """Slopes dz/dx and dz/dy."""
+        ...
+
+
+@runtime_checkable
 class RandomSea(SurfaceModel, Protocol):
     """A sea whose phases come from a seed."""
 

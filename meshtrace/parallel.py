@@ -1,15 +1,16 @@
-"""Ordered maps over threads with a bounded number of pending results, and free memory."""
+"""Ordered maps over threads with a bounded number of pending results, their pace, free memory."""
 
 from __future__ import annotations
 
 import ctypes
 import os
 import sys
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from time import thread_time
+from time import monotonic, thread_time
 from typing import TypeVar
 
 from meshtrace.errors import require_whole
@@ -73,6 +74,73 @@ def ordered_map(
         finally:
             for future in pending:
                 future.cancel()
+
+
+LONG = 120.0
+"""Expected time of a work that is announced [s]."""
+
+_MEASURED = 1.0  # [s] after the first result, which may have waited for compilation
+
+
+class LongWork(UserWarning):
+    """Expected time of a work that takes minutes or more."""
+
+
+def announce(seconds: float, work: str, least: float = LONG) -> None:
+    """Warn of a work that is expected to take more than `least` seconds."""
+    if seconds > least:
+        warnings.warn(f"{work}: about {duration(seconds)}", LongWork, stacklevel=2)
+
+
+def paced(
+    results: Iterable[Result],
+    total: float,
+    work: str,
+    size: Callable[[Result], float] = lambda _: 1.0,
+) -> Iterator[Result]:
+    """Yield results, and announce the time of all of them from the rate of the first ones.
+
+    Parameters
+    ----------
+    results : iterable
+        Results as they are computed.
+    total : float
+        Sum of the sizes of all results.
+    work : str
+        Name of the work, such as "10,000 frames".
+    size : callable
+        Size of a result, 1 by default.
+    """
+    start, done = monotonic(), 0.0
+    first: tuple[float, float] | None = None
+    measured = False
+    for result in results:
+        yield result
+        if measured:
+            continue
+        now, done = monotonic() - start, done + size(result)
+        first = first or (now, done)
+        time, part = now - first[0], done - first[1]
+        if time < _MEASURED and now > LONG:  # compilation is a small part of it
+            time, part = now, done
+        if time >= _MEASURED:
+            measured = True
+            announce(time / part * total, work)
+
+
+def duration(seconds: float) -> str:
+    """Return a time in the largest unit that it fills.
+
+    Examples
+    --------
+    >>> duration(75.0), duration(7200.0), duration(1e9)
+    ('1.2 min', '2.0 h', '31.7 years')
+    """
+    units = (("years", 31557600.0), ("d", 86400.0), ("h", 3600.0), ("min", 60.0))
+    for unit, length in units:
+        if seconds >= length:
+            return f"{seconds / length:.1f} {unit}"
+    return f"{seconds:.0f} s"
 
 
 _recorded: list[list[float]] | None = None

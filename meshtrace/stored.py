@@ -91,6 +91,10 @@ class Stored(abc.ABC):
     def _restored(cls, data: xr.Dataset, provenance: Any) -> Self:
         """Return the result of a dataset of this kind."""
 
+    def _origin_lines(self) -> list[str]:
+        """Return the texts that come from the provenance; a file is refused without them."""
+        return []
+
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self._headline()}>"
 
@@ -135,8 +139,10 @@ class Stored(abc.ABC):
             allowed = f"{cls.kind} of format_version 1 to {FORMAT_VERSION}"
             raise Refused(name, Described(found), allowed)
         try:
-            return cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
-        except (KeyError, ValueError, TypeError, IndexError) as error:
+            result = cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
+            result._origin_lines()
+            return result
+        except (LookupError, ValueError, TypeError, AttributeError) as error:
             reason = f"{type(error).__name__}: {one_line(error)}"
             raise Refused(
                 name, Described(reason), f"a complete result of kind {cls.kind}"

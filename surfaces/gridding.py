@@ -127,9 +127,10 @@ def graded_axis(
     fine_steps = _step_count(fine_extent, spacing)
     inner = fine_extent * (np.arange(fine_steps + 1) / fine_steps)
     rest = extent - fine_extent
-    # No step is shorter than the spacing before shrinking, which bounds their number.
-    exponents = np.arange(1, _step_count(rest, spacing) + 1)
     ceiling = math.log(coarse_spacing / spacing) / math.log(growth)
+    # beyond the ceiling every step is a coarse one, which bounds their number
+    most = _step_count(rest, spacing, ceiling + 1.0 + rest / coarse_spacing)
+    exponents = np.arange(1, most + 1)
     outer = spacing * growth ** np.minimum(exponents, ceiling)
     reach = np.cumsum(outer)
     needed = int(np.searchsorted(reach, rest * (1.0 - 1e-12))) + 1
@@ -169,10 +170,11 @@ def _check(center: float, extent: float, spacing: float) -> None:
     Range("spacing", 0.0, unit="m").check(spacing)
 
 
-def _step_count(length: float, spacing: float) -> int:
+def _step_count(length: float, spacing: float, enough: float = math.inf) -> int:
+    """Return the number of steps over a length, or `enough` if that is fewer."""
     # The tolerance keeps 2 * 20 / 0.1 at 400 steps whatever the last bit of the quotient.
-    steps = max(1, math.ceil(length / spacing * (1.0 - 1e-12)))
-    if steps >= MAX_LINES:
+    steps = min(length / spacing * (1.0 - 1e-12), enough)
+    if not steps < MAX_LINES - 1:
         allowed = f"at most {MAX_LINES} grid lines over {length:g} m"
         raise Refused("spacing", spacing, allowed)
-    return steps
+    return max(1, math.ceil(steps))

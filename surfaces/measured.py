@@ -158,6 +158,8 @@ def _read(
     elif isinstance(source, str | PathLike):
         is_text = str(source).lower().endswith((".csv", ".txt"))
         dataset = _text_table(source) if is_text else read_dataset(source)
+    elif not hasattr(source, "variables"):
+        raise Refused("source", source, "a path or an xarray.Dataset")
     else:
         dataset = source
     missing = [name for name in ("efth", "freq", "dir") if name not in dataset.variables]

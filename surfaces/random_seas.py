@@ -43,6 +43,10 @@ from .spreading import AnySpreading, ElfouhailySpreading, IttcSpreading, directi
 from .statistics import real_slope_variance, unresolved_slope_variance
 from .waves import WaveComponents, flat_components
 
+_KEPT = (
+    "wind_direction_deg", "current", "d_theta", "seed", "choppy", "order", "order_omega_max"
+)  # fmt: skip
+
 
 def _band_limit(value: Any) -> float | str | None:
     if value is None or value == FADING:
@@ -215,7 +219,7 @@ class _BandedSea(RandomSea, frozen=True):
         """The sea, or that of Elfouhaily's spectrum if its own has an omega^-5 tail.
 
         Such a tail, fitted up to some 3 omega_p, is no model of short waves: its slope variance
-        grows without limit.
+        grows without limit. Wind, fetch, depth, current, seed and nonlinearity are kept.
         """
         if not isinstance(self.spectrum, Jonswap | PiersonMoskowitz | Tma):
             return self
@@ -224,8 +228,39 @@ class _BandedSea(RandomSea, frozen=True):
             spectrum=Elfouhaily(wind_speed=self.spectrum.wind_speed, fetch=fetch),
             spreading=ElfouhailySpreading(),
             mss="elfouhaily",
-            wind_direction_deg=self.wind_direction_deg,
+            depth=self._water_depth(),
+            **{name: getattr(self, name) for name in _KEPT},
         )
+
+    @property
+    def for_fading(self) -> _BandedSea:
+        """The sea with `omega_max="fading"` if its band was left open, or else the sea itself.
+
+        A band is open without limits, spacing and kind of its own, and with waves beyond it
+        (`mss`). A spectrum with an omega^-5 tail gives way to `short_waves` if it is that of a
+        wind and a fetch; with a height, a peak or a spreading of its own it stays. Elfouhaily's
+        takes its own slopes and, for the default spreading, its own directions.
+        """
+        chosen = self.omega_min, self.d_omega, self.spacing_law
+        if self.omega_max not in (None, FADING) or chosen != (None, None, None):
+            return self
+        if self.band != "natural" or self.mss == "band":
+            return self
+        standard = self.spreading == IttcSpreading()
+        if isinstance(self.spectrum, Elfouhaily) and self.omega_max is None:
+            # no band follows the slopes of another law
+            spreading = ElfouhailySpreading() if standard else self.spreading
+            changes = {"omega_max": FADING, "spreading": spreading, "mss": "elfouhaily"}
+            return self.model_copy(update=changes)
+        if not isinstance(self.spectrum, Jonswap | PiersonMoskowitz):
+            return self.model_copy(update={"omega_max": FADING})
+        of_wind = {"wind_speed": self.spectrum.wind_speed}
+        if isinstance(self.spectrum, Jonswap):
+            of_wind["fetch"] = self.spectrum.fetch
+        law = type(self.spectrum)
+        if law is Tma or not standard or self.spectrum != law(**of_wind):
+            return self
+        return self.short_waves.model_copy(update={"omega_max": FADING})
 
     def slopes_beyond(self, omega_max: float) -> Variances:
         """Return the slope variances along and across the wind beyond a frequency [rad/s]."""

@@ -70,17 +70,18 @@ class SumSea(RandomSea, frozen=True):
     ]
 
     @property
-    def _windiest(self) -> RandomSea:
+    def windiest(self) -> RandomSea:
+        """The part with the largest slope variance of the real sea."""
         return max(self.parts, key=lambda part: sum(part.slope_variance or (0.0, 0.0)))
 
     @property
     def slope_variance(self) -> Variances | None:
         """Slope variances along and across the wind of the part with the largest ones."""
-        return self._windiest.slope_variance
+        return self.windiest.slope_variance
 
     @property
     def _slopes_along_deg(self) -> float:
-        return self._windiest._slopes_along_deg
+        return self.windiest._slopes_along_deg
 
     def _water_depth(self) -> float | None:
         depths = [part._water_depth() for part in self.parts]

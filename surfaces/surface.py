@@ -9,13 +9,19 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import require_pair
+from meshtrace.errors import Described, Refused, require_pair
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.models import Family
 
 from .gridding import GridLines, grid_axis
 from .parameters import TIME, Finite, Floats, grid_lines, points
 from .triangulate import height_field, mesh_of_sheet
+
+MOST_VERTICES = 10_000_000
+"""Vertices of a mesh beyond which it is refused."""
+
+VERTEX_BYTES = 500
+"""Memory that a mesh and its creation take for a vertex."""
 
 
 class Surface(Family, ABC, frozen=True):
@@ -141,7 +147,12 @@ class Surface(Family, ABC, frozen=True):
         Raises
         ------
         Refused
-            If an argument is out of range.
+            If an argument is out of range, or there are more than 10 million vertices.
+
+        Warns
+        -----
+        LongWork
+            If a sum of waves will take more than 20 s, with the time and the memory.
 
         Examples
         --------
@@ -157,8 +168,18 @@ class Surface(Family, ABC, frozen=True):
     ) -> TriangleMesh:
         """Return the mesh of `mesh`."""
         x_axis, y_axis = (grid_axis(middle, *lines) for middle in center)
+        self._require_modest(x_axis, y_axis, time)
         unresolved = self.unresolved_slopes(lines.spacing)
         return mesh_of_sheet(*self.sheet(x_axis, y_axis, time), unresolved)
+
+    def _require_modest(self, x_axis: Floats, y_axis: Floats, time: float) -> None:
+        """Refuse a mesh that would fill the memory, before its creation."""
+        vertices = len(x_axis) * len(y_axis)
+        if vertices > MOST_VERTICES:
+            memory = VERTEX_BYTES * vertices / 1e9
+            size = Described(f"{vertices:.3g} vertices, some {memory:.2g} GB")
+            allowed = f"at most {MOST_VERTICES:,}; larger spacing or smaller extent"
+            raise Refused("mesh", size, allowed)
 
     def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
         """Return the slope variances not resolved by a mesh of this spacing [m].

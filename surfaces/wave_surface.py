@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from functools import cached_property
+from time import perf_counter
 from typing import Annotated, Literal
 
 import numpy as np
@@ -13,20 +14,30 @@ from pydantic import Field, PrivateAttr
 
 from meshtrace.errors import Described, Refused
 from meshtrace.mesh import TriangleMesh
+from meshtrace.parallel import announce
 
 from .choppy import ChoppyWaves, Sheet, with_straight_rim
 from .dispersion import angular_frequency
 from .gridding import GridLines, grid_axis
 from .parameters import TIME, Depth, Finite, Floats, Positive, grid_lines, points
-from .surface import Surface
+from .surface import VERTEX_BYTES, Surface
 from .triangulate import mesh_of_sheet
 from .waves import (
     FactorCache,
+    GridFactors,
     WaveComponents,
     sum_elevation,
     sum_second_derivatives,
     sum_slopes,
 )
+
+MOST_FACTORS = 50_000_000
+"""Waves times grid lines beyond which a mesh is refused."""
+
+_FACTOR_BYTES = 50
+_QUICK = 3e9  # waves times vertices of a mesh of a few seconds
+_PILOT_ROWS = 8
+_LONG = 20.0  # [s]
 
 
 class WaveSurface(Surface, frozen=True):
@@ -135,6 +146,31 @@ class WaveSurface(Surface, frozen=True):
         sheet = self._sheet.on_grid(factors, x_axis, y_axis, TIME.check(time))
         return np.stack([sheet.x, sheet.y, sheet.z], axis=-1), sheet.normals
 
+    def _require_modest(self, x_axis: Floats, y_axis: Floats, time: float) -> None:
+        """Refuse a mesh that would fill the memory; announce one that takes long.
+
+        The time is that of some rows, in which a choppy sea that folds is refused.
+        """
+        super()._require_modest(x_axis, y_axis, time)
+        waves, nx, ny = self.components, len(x_axis), len(y_axis)
+        n = len(waves.amplitude)
+        if n * max(nx, ny) > MOST_FACTORS:
+            size = Described(f"{n:,} waves on {max(nx, ny):,} grid lines")
+            raise Refused("mesh", size, f"a product of at most {MOST_FACTORS:,}")
+        if n * nx * ny < _QUICK:
+            return
+        rows = x_axis[:: math.ceil(nx / _PILOT_ROWS)]
+        factors = GridFactors(waves.kx, waves.ky, rows, y_axis)
+        began = perf_counter()
+        if self.choppy:
+            self._sheet.on_grid(factors, rows, y_axis, TIME.check(time))
+        else:
+            factors.evaluate(waves.amplitude.astype(complex))
+        seconds = (perf_counter() - began) * nx / len(rows)
+        memory = VERTEX_BYTES * nx * ny + _FACTOR_BYTES * n * max(nx, ny)
+        size = f"{nx:,} by {ny:,} vertices from {n:,} waves, some {memory / 1e9:.2g} GB"
+        announce(seconds, f"mesh of {size}", _LONG)
+
     def _triangulated(
         self, time: float, center: tuple[float, float], lines: GridLines
     ) -> TriangleMesh:
@@ -146,6 +182,7 @@ class WaveSurface(Surface, frozen=True):
         spacing = lines.spacing
         reach = math.ceil(self._sheet.reach / spacing) * spacing
         axes = [grid_axis(c, *lines.widened(reach)) for c in center]
+        self._require_modest(*axes, time)
         points, normals = self.sheet(*axes, time)
         _require_upward(points, spacing)
         return mesh_of_sheet(with_straight_rim(points), normals, self.unresolved_slopes(spacing))

@@ -27,7 +27,7 @@ FLAGS = (
 
 
 @contextmanager
-def chromium(width, height):
+def chromium(width, height, *flags):
     """Yield a browser with a window of a size; without one the test is left out, or fails in CI."""
     if not (CHROMIUM and DRIVER and find_spec("selenium")):
         # where all is checked, a page that nobody has opened is a failure
@@ -37,7 +37,7 @@ def chromium(width, height):
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    for flag in (*FLAGS, f"--window-size={width},{height}"):
+    for flag in (*FLAGS, f"--window-size={width},{height}", *flags):
         options.add_argument(flag)
     with webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER)) as driver:
         yield driver

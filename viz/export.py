@@ -6,12 +6,18 @@ from collections.abc import Callable
 from functools import singledispatch
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyvista as pv
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
+from vtkmodules.vtkIOXML import (
+    vtkXMLImageDataWriter,
+    vtkXMLPolyDataWriter,
+    vtkXMLUnstructuredGridWriter,
+)
 
 from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic
@@ -105,6 +111,11 @@ def _height(source: CoverageMap) -> float:
     return 0.0
 
 
+_XML: dict[type[pv.DataSet], Any] = {
+    pv.PolyData: vtkXMLPolyDataWriter,
+    pv.UnstructuredGrid: vtkXMLUnstructuredGridWriter,
+    pv.ImageData: vtkXMLImageDataWriter,
+}
 _SUFFIXES = {pv.PolyData: (".vtp", ".vtu", ".ply", ".stl"), pv.ImageData: (".vti",)}
 
 
@@ -138,8 +149,20 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
     if path.suffix == ".vtu":
         data = data.cast_to_unstructured_grid()
     with atomic(path) as temporary:
-        data.save(temporary)
+        if path.suffix in (".vtp", ".vtu", ".vti"):
+            temporary.write_bytes(_xml(data))
+        else:
+            data.save(temporary)
     return path
+
+
+def _xml(data: pv.DataSet) -> bytes:
+    """Return a dataset in a format of VTK's XML: VTK does not tell of a disk that is full."""
+    writer = _XML[type(data)]()
+    writer.SetInputData(data)
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    return bytes(writer.GetOutputString().encode())
 
 
 @checked

@@ -16,9 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Described, Refused, require_finite
+from meshtrace.fading.resolving import resolve_band
 from meshtrace.files import atomic
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
+from meshtrace.parallel import paced
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.light_pattern import light_pattern
@@ -69,7 +71,8 @@ def save_movie(
     link : Link
         The link.
     sea : MeshSource
-        The sea.
+        The sea; one whose band is left open is that of `time_series`, with all waves that make
+        the light of the link fade.
     times : array_like, shape (n,)
         Times of the frames [s], n >= 2.
     path : path
@@ -104,6 +107,7 @@ def save_movie(
     if frame_rate is None:
         frame_rate = natural_rate(times)
     options = writer_options(path, frame_rate, quality)
+    sea = resolve_band(link, sea, fading=True)
     gain = gain or time_series(link, sea, times, photons=photons, seed=seed)
     if not np.array_equal(gain.coordinate, times):
         raise Refused("gain", Described("at other times"), "a series at the times of the frames")
@@ -124,7 +128,7 @@ def save_movie(
             if plotter is not None:
                 plotter.close()
 
-    return _write_movie(path, frames(), options, progress)
+    return _write_movie(path, frames(), len(times), options, progress)
 
 
 @checked
@@ -193,7 +197,7 @@ def save_light(
             frame = frame or _LightFrame(link, sea, pattern, time)
             yield frame.draw(pattern, time)
 
-    return _write_movie(path, frames(), options, progress)
+    return _write_movie(path, frames(), len(at), options, progress)
 
 
 def natural_rate(times: NDArray[np.float64]) -> float:
@@ -223,14 +227,15 @@ def writer_options(
 def _write_movie(
     path: Path,
     frames: Iterable[NDArray[np.uint8]],
+    total: int,
     options: dict[str, Any],
     progress: Callable[[int], None] | None,
 ) -> Path:
-    """Write frames (height, width, 3) as a movie."""
+    """Write a number of frames (height, width, 3) as a movie."""
     from imageio import v2 as imageio
 
     with atomic(path) as temporary, imageio.get_writer(temporary, **options) as writer:
-        for frame in frames:
+        for frame in paced(frames, total, f"{total:,} frames"):
             writer.append_data(frame)  # type: ignore[attr-defined]
             if progress is not None:
                 progress(1)

@@ -44,7 +44,7 @@ def plot(result: Stored | xr.Dataset, *, ax: Axes | None = None) -> Axes:
     'number of scatterings'
     """
     if isinstance(result, xr.Dataset):
-        return plot_sweep(result, ax=ax)
+        return plot_sweep(result, quantity="ber" if "ber" in result else "gain", ax=ax)
     kind = getattr(result, "kind", None)
     if kind not in _PLOTS:
         raise Refused("result", Described(type(result).__name__), f"a {', '.join(_PLOTS)}")
@@ -53,7 +53,7 @@ def plot(result: Stored | xr.Dataset, *, ax: Axes | None = None) -> Axes:
 
 _PLOTS: dict[str, Callable[..., Any]] = {
     "gain": plots_gain.plot_gain,
-    "series": plots_gain.plot_gain_series,
+    "series": plots_gain.plot_series,
     "coverage": plots_gain.plot_coverage,
     "impulse-response": plots_signal.plot_impulse_response,
     "fading": plots_gain.plot_autocorrelation,

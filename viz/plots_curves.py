@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Hashable, Iterator
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from meshtrace.errors import Described, Refused, require_array
 from meshtrace.fields import FIELDS
 from meshtrace.models import Floats
 
 from .checks import checked
-from .style import INK, axes, finished, label_of, note
+from .style import INK, axes, finished, label_of, note, verbatim
 
 BER_SHOWN = (1e-9, 1.0)
 """Limits of the axis of error rates."""
+
+_NAMED = 12
+"""Most curves that are named; of more, every second, third ... is."""
 
 
 @checked
@@ -31,7 +38,7 @@ def plot_curves(
     data : xarray.Dataset
         With `quantity` of one or two dimensions; the coordinate of the first of two names the
         curves. Limits `quantity` + "_low" and "_high", or two standard errors "_stderr" where
-        there are any, are drawn as bands.
+        there are any, are drawn as bands, those of markers without a line as bars.
     quantity : str
         Name of the variable; registered names (`meshtrace.fields`) set the labels of the axes.
     style : str
@@ -59,16 +66,29 @@ def plot_curves(
     x, label = _abscissa(data, quantity)
     curves = list(_curves(data, quantity))
     ax = axes(ax)
-    for name, values, low, high in curves:
+    every = math.ceil(len(curves) / _NAMED)
+    if every > 1:
+        ax.set_prop_cycle(color=colormaps["viridis"](np.linspace(0.0, 0.95, len(curves))))
+    for i, (name, values, low, high) in enumerate(curves):
         try:
-            (line,) = ax.plot(x, values, style, markersize=4, label=name)
+            (line,) = ax.plot(x, values, style, markersize=4, label=None if i % every else name)
         except ValueError as error:
             raise Refused("style", style, "a line and a marker as in o--") from error
         if low is not None and high is not None:
-            ax.fill_between(x, low, high, color=line.get_color(), alpha=0.25, lw=0)
+            _draw_limits(ax, line, values, low, high)
     if f"{quantity}_low" not in data and f"{quantity}_stderr" in data:
-        note(ax, "band: ± 2 standard errors")
+        note(ax, f"{'band' if '-' in style else 'bars'}: ± 2 standard errors")
     return finished(ax, xlabel=label, ylabel=label_of(quantity))
+
+
+def _draw_limits(ax: Axes, line: Line2D, values: Any, low: Any, high: Any) -> None:
+    """Draw the limits of a line as a band, those of markers without a line as bars."""
+    x, color = line.get_xdata(), line.get_color()
+    if len(values) > 1 and line.get_linestyle() != "None":
+        ax.fill_between(x, low, high, color=color, alpha=0.25, lw=0)
+    else:
+        around = np.maximum([values - low, high - values], 0.0)
+        ax.errorbar(x, values, around, fmt="none", ecolor=color, capsize=3, lw=1.0)
 
 
 @checked
@@ -122,13 +142,14 @@ def plot_spreading(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 def plot_sweep(
     data: xr.Dataset, *, quantity: str = "gain", log: bool = True, ax: Axes | None = None
 ) -> Axes:
-    """Plot a quantity over one or two parameters, with bands; see `plot_curves`.
+    """Plot a quantity of a sweep over a parameter, one curve for each point of the others.
 
     Parameters
     ----------
     data : xarray.Dataset
         Of `sweep`, or any with `quantity` over parameters. Gains over several realizations are
-        drawn as means with standard errors from their scatter.
+        drawn as means with standard errors from their scatter. The abscissa is the last parameter
+        of several numbers, or the last one.
     quantity : str
         Name of the variable.
     log : bool
@@ -136,43 +157,89 @@ def plot_sweep(
     ax : matplotlib Axes, optional
         Axes to draw on.
 
-    Raises
-    ------
-    Refused
-        If there are more than two parameters of several values.
+    Returns
+    -------
+    Axes
     """
-    ax = plot_curves(_over_parameters(data, quantity), quantity, style="o-", ax=ax)
-    return finished(ax, yscale="log" if log else "linear")
+    if quantity not in data or not data[quantity].ndim or data[quantity].dtype.kind not in "biuf":
+        return plot_curves(data, quantity, ax=ax)  # refuses it
+    shown, parameters = _over_parameters(data, quantity)
+    along = str(shown[quantity].dims[-1])
+    words = shown[along].to_numpy() if shown[along].dtype.kind not in "iuf" else None
+    if words is not None:
+        shown = shown.assign_coords({along: np.arange(len(words))})
+    ax = plot_curves(positive(shown, quantity) if log else shown, quantity, style="o-", ax=ax)
+    if words is not None:
+        ax.set_xticks(np.arange(len(words)), words)
+    if any("." in name or name in FIELDS for name in parameters):  # others have names as values
+        ax.legend(title="\n".join(map(label_of, parameters)))
+    if quantity == "ber":
+        error_rates(ax, shown, 1e-3)
+    if quantity in data and "light" in data[quantity].attrs:
+        ax.set_title(f"background light: {data[quantity].light}", fontsize=9, pad=16)
+    return finished(ax, legend=False, yscale="log" if log else "linear")
 
 
-def _over_parameters(data: xr.Dataset, quantity: str) -> xr.Dataset:
-    """Return a variable averaged over realizations, over its one or two parameters."""
-    if quantity not in data or data[quantity].dtype.kind not in "biuf":
-        return data
-    names = [name for name in data.data_vars if str(name).startswith(quantity)]
-    found = data[names]
+def _over_parameters(data: xr.Dataset, quantity: str) -> tuple[xr.Dataset, list[str]]:
+    """Return a variable over one parameter, curve by curve, and the parameters of the curves.
+
+    It is averaged over realizations.
+    """
+    found = data[[name for name in data.data_vars if str(name).startswith(quantity)]]
     n = found.sizes.get("realization", 0)
     if n > 1:
         scatter = found[quantity].std("realization", ddof=1) / np.sqrt(n)
         found = found[[quantity]].mean("realization").assign({f"{quantity}_stderr": scatter})
-    found = found.squeeze(drop=True)
-    dims = found[quantity].dims
-    if len(dims) > 2:
-        allowed = "one or two parameters of several values; select others by .sel"
-        raise Refused("data", Described(f"{len(dims)} of them"), allowed)
-    along = [name for name in dims if found[name].dtype.kind in "iuf"]
-    return found.transpose(..., along[-1]) if along else found
+    elif n == 1 and found[quantity].ndim > 1:
+        found = found.squeeze("realization", drop=True)
+    dims = [str(name) for name in found[quantity].dims]
+
+    def use(name: str) -> tuple[bool, bool]:
+        return found.sizes[name] > 1, found[name].dtype.kind in "iuf"
+
+    along = max(reversed(dims), key=use)
+    others = [name for name in dims if name != along and found.sizes[name] > 1]
+    found = found.squeeze([n for n in dims if n not in (along, *others)], drop=True)
+    if not others:
+        return found, []
+    names = [
+        ", ".join(f"{v:g}" if isinstance(v, float) else str(v) for v in point)
+        for point in itertools.product(*(found[name].to_numpy().tolist() for name in others))
+    ]
+    curves = found.transpose(*others, along).stack(curve=others, create_index=False)
+    return curves.transpose("curve", along).assign_coords(curve=names), others
 
 
 @checked
 def plot_ber(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot bit error rates `ber`, logarithmic, over any dimension; see `plot_curves`.
 
-    A `received_power` [W] is shown in dBm; the dashed line is 1e-3.
+    A `received_power` [W] is shown in dBm; the dashed line is 1e-3, triangles are lower rates than
+    the axis has.
     """
     ax = plot_curves(positive(data, "ber"), "ber", ax=ax)
-    ax.axhline(1e-3, color=INK, lw=0.8, ls="--")
-    return finished(ax, yscale="log", ylim=BER_SHOWN)
+    return error_rates(ax, data, 1e-3)
+
+
+def error_rates(ax: Axes, data: xr.Dataset, limit: float) -> Axes:
+    """Set the axis of plotted error rates `ber`, with a line at a limit.
+
+    Rates below the axis, where whole curves may be, are triangles at its end; a line without
+    markers of which a part is shown has none.
+    """
+    x, (least, _), marked = _abscissa(data, "ber")[0], BER_SHOWN, False
+    for line, (_, values, _, _) in zip(list(ax.get_lines()), _curves(data, "ber"), strict=False):
+        below = np.asarray(values < least)
+        if line.get_marker() == "None" and not below.all():
+            continue
+        low, marked = x[below], marked or below.any()
+        ax.plot(low, np.full(len(low), least), "v", color=line.get_color(), ms=5, clip_on=False)
+    if marked:
+        ax.plot([], [], "v", color=INK, ms=5, label="below 1e-9")
+        legend = ax.get_legend()
+        ax.legend(title=legend.get_title().get_text() if legend else None)
+    ax.axhline(limit, color=INK, lw=0.8, ls="--")
+    return finished(ax, legend=False, yscale="log", ylim=BER_SHOWN)
 
 
 def positive(data: xr.Dataset, quantity: str) -> xr.Dataset:
@@ -196,7 +263,8 @@ def _curves(data: xr.Dataset, quantity: str) -> Iterator[tuple[Any, ...]]:
         return
     by = values.dims[0]
     for i, name in enumerate(data[by].to_numpy()):
-        yield (str(name), *(None if a is None else a.isel({by: i}) for a in (values, low, high)))
+        lines = (None if a is None else a.isel({by: i}) for a in (values, low, high))
+        yield verbatim(name), *lines
 
 
 def _abscissa(data: xr.Dataset, quantity: str) -> tuple[Floats, str]:
@@ -208,6 +276,8 @@ def _abscissa(data: xr.Dataset, quantity: str) -> tuple[Floats, str]:
         return np.degrees(x), f"{field.long_name} ${field.symbol}$ [°]"
     if field is not None and along == "received_power":
         return 10.0 * np.log10(x / 1e-3), f"{field.long_name} [dBm]"
+    if along == "bit_rate":
+        return x / 1e6, "bit rate [Mbit/s]"
     return x, label_of(along)
 
 

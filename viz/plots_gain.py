@@ -13,7 +13,7 @@ from meshtrace import fading
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.models import Floats
-from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.coverage import CoverageMap, as_high, place_of_highest
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
 from meshtrace.results.series import GainSeries
 from meshtrace.uav import Route
@@ -45,14 +45,16 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
         return plot_fates(result, ax=ax)
     ax = axes(ax)
     ballistic = np.atleast_1d(0.0 if result.gain_ballistic is None else result.gain_ballistic)
+    most, last = float(max(ballistic.max(), result.gain_order.max())), 0
     width = 0.8 / len(ballistic)
     for i, (direct, orders) in enumerate(zip(ballistic, result.gain_order, strict=True)):
         gains = np.array([direct, *orders])
         place = np.arange(len(gains)) + (i - 0.5 * (len(ballistic) - 1)) * width
         ax.bar(place[gains > 0.0], gains[gains > 0.0], width, label=f"receiver {i}")
+        last = max(last, *np.flatnonzero(gains > _SHOWN * most), 0)
     ax.xaxis.get_major_locator().set_params(integer=True)
     ax.set(yscale="log", xlabel="number of scatterings", ylabel=axis_label("gain"))
-    most = float(max(ballistic.max(), result.gain_order.max()))
+    ax.set_xlim(-0.6, last + 0.6)
     if most > 0.0:
         ax.set_ylim(_SHOWN * most, 2.0 * most)
     return finished(ax, legend=len(ballistic) > 1, no_grid="x")
@@ -94,7 +96,7 @@ def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
 
 @checked
 def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot the gain over time, or over realizations, with a band of two standard errors.
+    """Plot the gain over time, or of each realization, with two standard errors.
 
     Parameters
     ----------
@@ -110,10 +112,22 @@ def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None)
     """
     data = _dataset(series, "gain", "gain_stderr")[["gain", "gain_stderr"]]
     along, *others = data["gain"].dims
+    if along == "realization":  # seeds
+        data = data.assign_coords(realization=np.arange(data.sizes[along]))
     for receiver in others[:1]:
         names = [f"receiver {i}" for i in range(data.sizes[receiver])]
         data = data.transpose(receiver, along).assign_coords({receiver: names})
-    return plot_curves(data, "gain", ax=ax)
+    return plot_curves(data, "gain", style="o" if along == "realization" else "-", ax=ax)
+
+
+def plot_series(series: GainSeries, *, ax: Axes | None = None) -> Axes:
+    """Plot a series over time, and the density of the gains of an ensemble of one receiver."""
+    if series.along == "time" or series.gain.ndim > 1:
+        return plot_gain_series(series, ax=ax)
+    try:
+        return plot_gain_pdf(series, ax=ax)
+    except Refused:  # too few seas for a law, or dark ones
+        return plot_gain_series(series, ax=ax)
 
 
 @checked
@@ -143,10 +157,11 @@ def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     x, y = route.at(series.time, 1.0).position.T
     ax.plot(*np.transpose(route.positions), color=INK, lw=0.8, zorder=1)
     points = ax.scatter(x, y, c=series.gains[:, 0], s=24, zorder=2)
-    ax.figure.colorbar(points, ax=ax, label=axis_label("gain"))
+    side = "bottom" if np.ptp(x) > 1.5 * np.ptp(y) else "right"
+    ax.figure.colorbar(points, ax=ax, label=axis_label("gain"), location=side)
     link = Link.model_validate(origin["link"])
     places = np.transpose([source.position for source in link.transmitters])
-    ax.plot(*places, "*", color=LED_COLOR, mec=INK, ms=12, label="source")
+    ax.plot(*places, "*", color=LED_COLOR, mec=INK, ms=12, zorder=1.5, label="source")
     return finished(ax, aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
 
 
@@ -299,12 +314,13 @@ def plot_coverage(
 ) -> Axes:
     """Plot a coverage map with equal axes, contours, and the place of the highest gain.
 
-    Contours and highest gain are those of the map smoothed by a cell.
+    Contours are those of the map smoothed by a cell. The place is marked where errors resolve it,
+    see `results.coverage.place_of_highest`.
 
     Parameters
     ----------
     coverage : CoverageMap or xarray.Dataset
-        The map, with x, y and gain.
+        The map, with x, y and gain, and `gain_stderr` for the place of the highest gain.
     decibel : bool
         Show 10 log10 of the gain.
     ax : matplotlib Axes, optional
@@ -318,6 +334,10 @@ def plot_coverage(
     x, y, gain = (data[name].to_numpy() for name in ("x", "y", "gain"))
     if gain.shape != (*x.shape, *y.shape) or not gain.size:
         raise Refused("gain", Described(f"shape {gain.shape}"), "values over x and y")
+    stderr = (
+        data["gain_stderr"].to_numpy() if "gain_stderr" in data else np.full(gain.shape, np.inf)
+    )
+    place, level = place_of_highest(gain, stderr), as_high(gain, stderr).sum()
     ax, label = axes(ax), axis_label("gain")
     smooth = gaussian_filter(gain, 1.0, mode="nearest")
     if decibel:
@@ -327,15 +347,18 @@ def plot_coverage(
     draw_map(ax, x, y, gain, label)
     if min(gain.shape) > 2 and smooth.max() > smooth.min():
         _contours(ax, x, y, smooth)
+    if place is not None:
+        at = x[place[0]], y[place[1]]
+        ax.plot(*at, "*", color=LED_COLOR, mec=INK, ms=11, clip_on=False)
+        note(ax, f"star: highest gain, at x = {at[0]:.3g} m, y = {at[1]:.3g} m")
+    elif np.isfinite(stderr).all() and smooth.max() > 0.0:
+        note(ax, f"highest gain: {level} cells within errors")
     return ax
 
 
 def _contours(ax: Axes, x: Floats, y: Floats, gain: Floats) -> None:
-    """Draw contours at 3, 6, 10 and 20 dB below the highest gain, and its place."""
+    """Draw contours at 3, 6, 10 and 20 dB below the highest gain."""
     below = np.array([-20.0, -10.0, -6.0, -3.0])
     level = 10.0 * np.log10(np.maximum(gain / gain.max(), 1e-12))
     lines = ax.contour(x, y, level.T, below, colors="white", linewidths=1.0, linestyles="-")
     ax.clabel(lines, fmt=lambda v: f"{v:g} dB", fontsize=8)
-    i, j = np.unravel_index(np.argmax(gain), gain.shape)
-    ax.plot(x[i], y[j], "*", color=LED_COLOR, mec=INK, ms=11)
-    note(ax, f"star: highest gain, at x = {x[i]:.3g} m, y = {y[j]:.3g} m")

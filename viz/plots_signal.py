@@ -17,7 +17,7 @@ from meshtrace.results.background import Background, BackgroundSeries
 from meshtrace.results.impulse import ImpulseResponse
 
 from .checks import checked
-from .style import INK, PALETTE, axes, axis_label, finished, note
+from .style import INK, PALETTE, axes, axis_label, finished, note, verbatim
 
 LARGEST_ERROR = 0.4
 """Relative standard error of an impulse response, beyond which a bin is not drawn."""
@@ -102,7 +102,7 @@ def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = 
     radiance = [result.parts[name] for name in names]
     errors = [2.0 * result.parts_stderr[name] for name in names]
     ax.bar(names, radiance, yerr=errors, color=PALETTE["sky"], ecolor=INK, capsize=3)
-    return finished(ax, legend=False, no_grid="x", ylabel=label, title=result.light)
+    return finished(ax, legend=False, no_grid="x", ylabel=label, title=verbatim(result.light))
 
 
 @checked

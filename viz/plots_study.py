@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
 from meshtrace.comms.background import name_of_light
-from meshtrace.errors import Refused
 from meshtrace.studies.comparison import Comparison
 from meshtrace.studies.convergence.fading import FadingConvergence
 from meshtrace.studies.convergence.study import ConvergenceStudy
@@ -21,14 +21,23 @@ from meshtrace.studies.sensitivity.result import Sensitivities
 from meshtrace.studies.sensitivity.swings import swings
 
 from .checks import checked
-from .plots_curves import BER_SHOWN, plot_curves, positive
-from .style import INK, PALETTE, axes, axis_label, finished, note
+from .plots_curves import error_rates, plot_curves, positive
+from .style import INK, PALETTE, axes, axis_label, finished, label_of, note, verbatim
 
 _STEPS = {
     "spacing": "mesh spacing [m]",
     "time_step": "time step [s]",
-    "omega_max": "band limit [rad s$^{-1}$]",
+    "omega_max": axis_label("omega_max"),
 }
+
+_COSTS = {
+    "gain": "minus logarithm of the mean gain",
+    "outage": "quantile of ln(needed gain / gain)",
+    "range": "minus range [m]",
+    "margin": "minus logarithm of the margin",
+    "custom": "cost",
+}
+"""What each objective of an optimisation minimises."""
 
 
 @checked
@@ -53,9 +62,9 @@ def plot_comparison(result: Comparison, *, ax: Axes | None = None) -> Axes:
         result.ratio_db, place, xerr=2.0 * result.ratio_db_stderr, fmt="none", ecolor="k", capsize=3
     )
     ax.axvline(0.0, color="k", lw=0.8)
-    ax.set_yticks(place, result.names)
+    ax.set_yticks(place, [verbatim(name) for name in result.names])
     ax.invert_yaxis()
-    label = f"gain over {result.names[0]} [dB]"
+    label = f"gain over {verbatim(result.names[0])} [dB]"
     return finished(ax, legend=False, no_grid="y", xlabel=label)
 
 
@@ -110,7 +119,7 @@ def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes
         law = percent * np.abs(fit.coefficient * study.step**fit.order.value)
         ax.plot(study.values, law, color=color, lw=1.0)
         if np.isfinite(study.scatter[k]).any():
-            one = percent * study.scatter[k]
+            one = np.where(study.scatter[k] > 0.0, percent * study.scatter[k], np.nan)
             ax.plot(study.values, one, "^--", color=color, lw=0.8, label=f"{kind} normals, scatter")
     ax.axhline(100.0 * study.tolerance, color="0.5", lw=0.8, ls=":", label="tolerance")
     ax.set(xscale="log", yscale="log", xlabel=_STEPS[study.parameter])
@@ -143,7 +152,9 @@ def plot_fading_convergence(study: FadingConvergence, *, ax: Axes | None = None)
         errors = 2.0 * study.measured_stderr
         ax.errorbar(study.omega_max, study.measured, errors, fmt="o", capsize=3, label="measured")
     ax.axhline(study.all_waves, color=INK, lw=0.8, ls=":", label="all waves")
-    ax.set(xscale="log", yscale="log", xlabel=r"highest frequency of the waves [rad s$^{-1}$]")
+    ax.set(xscale="log", yscale="log", xlabel=axis_label("omega_max"))
+    ax.set_xticks(study.omega_max, [f"{value:g}" for value in study.omega_max])
+    ax.minorticks_off()
     return finished(ax, ylabel=axis_label("scintillation_index"))
 
 
@@ -152,6 +163,8 @@ def plot_performance(
     performance: LinkPerformance, *, quantity: str = "ber", ax: Axes | None = None
 ) -> Axes:
     """Plot a quantity of a link over depth with its confidence band, one curve for each bit rate.
+
+    A link of one depth is drawn over the bit rates.
 
     Parameters
     ----------
@@ -166,41 +179,48 @@ def plot_performance(
     Returns
     -------
     Axes
-
-    Raises
-    ------
-    Refused
-        If it was computed at one depth only.
     """
-    if len(performance.depths) < 2:
-        raise Refused("performance.depths", performance.depths, "two depths or more")
-    data = performance.to_dataset().transpose("bit_rate", "depth")
-    rates = [f"{rate / 1e6:g} Mbit/s" for rate in performance.bit_rates]
-    shown = positive(data.assign_coords(bit_rate=rates), quantity)
-    ax = plot_curves(shown, quantity, style="o-", ax=ax)
+    data = _by_rate(performance.to_dataset().transpose("bit_rate", "depth"))
+    shown = positive(data, quantity)
+    ax = finished(plot_curves(shown, quantity, style="o-", ax=ax), legend=False, yscale="log")
     if quantity == "ber":
-        ax.axhline(performance.limit, color=INK, lw=0.8, ls="--")
-        ax.set_ylim(*BER_SHOWN)
+        error_rates(ax, data, performance.limit)
+    if len(performance.depths) == 1:
+        ax.set_title(f"depth {performance.depths[0]:g} m", loc="left")
     if f"{quantity}_low" in shown:
         seas = np.size(performance.fades[0].samples)
-        light = name_of_light(performance.light)
+        light = verbatim(name_of_light(performance.light))
         band = f"n = {seas} seas, band: {100.0 * performance.confidence:g} %"
         note(ax, f"{band}, background light: {light}")
     place = {"xy": (0.0, -0.17), "xycoords": "axes fraction"}
     ax.annotate(performance.status, **place, fontsize=7.5, va="top", wrap=True)
-    pad = 0.03 * np.ptp(performance.depths)
-    ends = min(performance.depths) - pad, max(performance.depths) + pad
-    return finished(ax, yscale="log", xlim=ends)
+    return ax
 
 
 def plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:
-    """Plot the bit error rate of the first bit rate over depth, one curve for each wind."""
-    data = result.to_dataset().isel(bit_rate=0, drop=True).transpose("wind_speed", "depth")
-    names = [f"{speed:g} m/s" for speed in result.wind_speeds]
-    ax = plot_curves(data.assign_coords(wind_speed=names), "ber", style="o-", ax=ax)
-    first = result.performances[0]
-    rate, light = first.bit_rates[0] / 1e6, name_of_light(first.light)
-    return finished(ax, yscale="log", title=f"{rate:g} Mbit/s, background light: {light}")
+    """Plot the bit error rate over depth, one curve for each wind, of the first bit rate.
+
+    At one depth it is drawn over wind, one curve for each bit rate.
+    """
+    data, first = result.to_dataset(), result.performances[0]
+    title = f"background light: {verbatim(name_of_light(first.light))}"
+    if len(first.depths) == 1:
+        data = _by_rate(data.isel(depth=0, drop=True).transpose("bit_rate", "wind_speed"))
+        title = f"depth {first.depths[0]:g} m, {title}"
+    else:
+        data = data.isel(bit_rate=0, drop=True).transpose("wind_speed", "depth")
+        data = data.assign_coords(wind_speed=[f"{u:g} m/s" for u in result.wind_speeds])
+        title = f"{first.bit_rates[0] / 1e6:g} Mbit/s, {title}"
+    ax = plot_curves(positive(data, "ber"), "ber", style="o-", ax=ax)
+    ax.set_title(title)
+    return error_rates(ax, data, first.limit)
+
+
+def _by_rate(data: xr.Dataset) -> xr.Dataset:
+    """Return a dataset with curves named by bit rate, or over the bit rate at a single depth."""
+    if data.sizes.get("depth") == 1:
+        return data.isel(depth=0, drop=True)
+    return data.assign_coords(bit_rate=[f"{r / 1e6:g} Mbit/s" for r in data["bit_rate"].values])
 
 
 @checked
@@ -264,7 +284,7 @@ def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
     ax.plot(o.history[:, 0], o.history[:, -1], "o", ms=4, label="candidates")
     ax.plot(o.values[0], o.cost, "*", ms=12, color="C1", label="best")
     ax.axvspan(*o.flatness[0], color="C1", alpha=0.15, label="within one standard error")
-    return finished(ax, xlabel=o.variables[0], ylabel=f"cost of the {o.objective}")
+    return finished(ax, xlabel=label_of(o.variables[0]), ylabel=_COSTS[o.objective])
 
 
 @checked

@@ -11,8 +11,9 @@ from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.font_manager import findfont
+from matplotlib.ticker import MaxNLocator
 
-from meshtrace.errors import require_word
+from meshtrace.errors import one_line, require_word
 from meshtrace.fields import FIELDS
 
 from .checks import checked
@@ -90,8 +91,11 @@ def axes(ax: Axes | None) -> Axes:
         return ax
     import matplotlib.pyplot as plt
 
+    # not in the context: in a notebook the first figure turns the interactive mode on, without
+    # which later ones are not shown, and the context would turn it off again
+    figure = plt.figure(figsize=RC["figure.figsize"], layout="constrained")
     with mpl.rc_context(RC):
-        return plt.subplots()[1]
+        return figure.subplots()
 
 
 def finished(ax: Axes, *, legend: bool = True, no_grid: str = "", **settings: Any) -> Axes:
@@ -117,6 +121,8 @@ def draw_map(ax: Axes, x: Any, y: Any, values: Any, label: str, **options: Any) 
     image = ax.pcolormesh(x, y, values.T, shading="nearest", rasterized=True, **options)
     ax.figure.colorbar(image, ax=ax, label=label)
     ax.set(aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     ax.grid(visible=False)
 
 
@@ -146,8 +152,26 @@ def axis_label(name: str) -> str:
 
 
 def label_of(name: str) -> str:
-    """Return the label of a registered variable, or the name itself."""
-    return axis_label(name) if name in FIELDS else name
+    """Return the label of a registered variable or of a dotted key of a link file.
+
+    Keys whose last part is not registered keep their name, with the unit of its suffix.
+    """
+    last = name.rpartition(".")[2]
+    if last in FIELDS:
+        return axis_label(last)
+    unit = next((unit for end, unit in (("_deg", "°"), ("_nm", "nm")) if last.endswith(end)), "")
+    return f"{verbatim(name)} [{unit}]" if unit else verbatim(name)
+
+
+def verbatim(text: object) -> str:
+    r"""Return the text of a user as one line that matplotlib draws as it stands, without TeX.
+
+    Examples
+    --------
+    >>> verbatim("$x^{2$")
+    '\\$x^{2\\$'
+    """
+    return one_line(text).replace("$", r"\$")
 
 
 def plain_label(name: str) -> str:

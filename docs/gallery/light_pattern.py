@@ -27,7 +27,7 @@ sharp = mt.Link(physics={"unresolved": "none"})  # light is bent by the waves of
 sea = resolved_sea(5.0, fetch=30e3, seed=3).model_copy(update={"omega_max": 24.0})
 maps = [mt.light_pattern(link, sea, EXTENT, 0.01) for link in (sharp, mt.Link())]
 
-figure = Figure(figsize=(8.8, 4.1), dpi=110)
+figure = Figure(figsize=(8.8, 4.3), dpi=110, layout="compressed")
 titles = ("waves down to 11 cm", "with the slopes of shorter waves")
 for ax, pattern, title in zip(figure.subplots(1, 2, sharey=True), maps, titles, strict=True):
     relative = pattern.gain / pattern.gain.mean()

@@ -17,8 +17,8 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
 
-FRAMES = 300
+FRAMES = 200
 
 link, sea = mt.Link(), JonswapSea(wind_speed=5.0, omega_max=9.0, seed=7)
-times = np.arange(FRAMES) / 30.0  # natural speed
-viz.save_movie(link, sea, times, "movie.mp4", received=30, quality=2.8)
+times = np.arange(FRAMES) / 20.0  # natural speed
+viz.save_movie(link, sea, times, "movie.mp4", received=30, quality=4.2)

@@ -1,7 +1,7 @@
 """Speed of the engine, as ratios within one run.
 
-Engine and reference are timed in interleaved rounds, and the best round of each counts: other load
-on the machine affects both.
+Times are CPU seconds of one thread, which other load on the machine hardly changes, but for the
+scaling with threads and workers. Engine and reference take turns; the best round of each counts.
 """
 
 from meshtrace.bench.answers import background_light, coverage_cost, first_run, realization

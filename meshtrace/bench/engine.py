@@ -1,11 +1,14 @@
-"""Photons and rays per second, figure of merit, and cost of a new sea."""
+"""Photons and rays per second, figure of merit, and cost of a new sea, in CPU time of one thread.
+
+Wall time depends on the load of the machine, and on two sides of a ratio not alike.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from functools import partial
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -15,7 +18,6 @@ from meshtrace.bvh import EmbreeIntersector
 from meshtrace.bvh.embree import CopiedScene, Scene
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
-from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.results.tallies import standard_error
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection
@@ -57,21 +59,23 @@ class RayRecorder(EmbreeIntersector):
         return list(zip(*(np.split(part, starts) for part in whole), strict=True))
 
 
-def best_of(rounds: int, *jobs: Callable[[], Any]) -> list[float]:
-    """Return the shortest time of each job [s], over interleaved rounds."""
+def best_of(
+    rounds: int, *jobs: Callable[[], Any], clock: Callable[[], float] = process_time
+) -> list[float]:
+    """Return the shortest time of each job [s] by a clock, CPU time, over interleaved rounds."""
     best = [math.inf] * len(jobs)
     for _ in range(rounds):
         for i, job in enumerate(jobs):
-            start = perf_counter()
+            start = clock()
             job()
-            best[i] = min(best[i], perf_counter() - start)
+            best[i] = min(best[i], clock() - start)
     return best
 
 
-def replay(scene: Scene, rays: Rays, threads: int) -> None:
-    """Cast recorded chunks of rays on all threads."""
-    for _ in ordered_map(lambda chunk: scene.run(*chunk), rays, threads):
-        pass
+def replay(scene: Scene, rays: Rays) -> None:
+    """Cast recorded chunks of rays."""
+    for chunk in rays:
+        scene.run(*chunk)
 
 
 def analog_rate(
@@ -79,12 +83,11 @@ def analog_rate(
     mesh: TriangleMesh,
     photons: int = 1_500_000,
     rounds: int = 3,
-    threads: int | None = None,
 ) -> dict[str, Any]:
-    """Return photons per second against raw Embree rays per second on the same mesh.
+    """Return photons per CPU second against raw Embree rays per second on the same mesh.
 
     Raw rays are the rays of the engine without its shortcut on grids, replayed through embreex in
-    the same chunks on all threads.
+    the same chunks; both on one thread.
 
     Parameters
     ----------
@@ -96,17 +99,14 @@ def analog_rate(
         Photons of each round.
     rounds : int
         Rounds, of which the best counts.
-    threads : int, optional
-        Threads on both sides, all by default.
 
     Returns
     -------
     dict
-        `photons_per_s`, `rays_per_s`, `ratio` (photons per raw ray), `rays_per_photon`,
-        `threads`, `facets`, `seconds`.
+        `photons_per_s`, `rays_per_s`, `ratio` (photons per raw ray), `rays_per_photon`, `facets`,
+        `seconds`, all of CPU time.
     """
-    threads = default_threads(threads)
-    intersector, recorder = EmbreeIntersector(mesh, threads), RayRecorder(mesh, threads)
+    intersector, recorder = EmbreeIntersector(mesh, 1), RayRecorder(mesh, 1)
     recorded = min(photons, 2**18)
     run_analog(link, recorder, photons=recorded, seed=1)
     rays = recorder.chunks()
@@ -115,8 +115,8 @@ def analog_rate(
     repeats = max(photons // recorded, 1)  # both sides run for about as long
     times = best_of(
         rounds,
-        lambda: run_analog(link, intersector, photons=photons, seed=1, threads=threads),
-        lambda: replay(raw, rays * repeats, threads),
+        lambda: run_analog(link, intersector, photons=photons, seed=1, threads=1),
+        lambda: replay(raw, rays * repeats),
     )
     n_rays = sum(len(origins) for origins, _ in rays)
     photon_rate, ray_rate = photons / times[0], repeats * n_rays / times[1]
@@ -125,7 +125,6 @@ def analog_rate(
         "rays_per_s": ray_rate,
         "ratio": photon_rate / ray_rate,
         "rays_per_photon": n_rays / recorded,
-        "threads": threads,
         "facets": len(mesh.faces),
         "seconds": times,
     }
@@ -138,13 +137,13 @@ def figure_of_merit(
     photons: int = 4_000_000,
     rounds: int = 3,
     seeds: int = 16,
-    threads: int | None = None,
 ) -> dict[str, Any]:
     """Return the figure of merit 1 / (variance x time) of forced over analog transport.
 
-    Variances are relative to the gain. That of the forced estimator is the scatter over
-    `seeds` independent sets of chains; its time is that of making and aiming them (both estimators
-    are warm, the mesh is made). That of the analog one is known from its sums of squares.
+    Times are CPU seconds of one thread. Variances are relative to the gain. That of the forced
+    estimator is the scatter over `seeds` independent sets of chains; its time is that of making and
+    aiming them (both estimators are warm, the mesh is made). That of the analog one is known from
+    its sums of squares.
 
     Returns
     -------
@@ -154,18 +153,17 @@ def figure_of_merit(
         `analog_variance`, `analog_seconds`; `scatter_over_error` of the forced gains, scatter
         over the root mean square of their standard errors; gains and standard errors.
     """
-    threads = default_threads(threads)
-    intersector = EmbreeIntersector(mesh, threads)
+    intersector = EmbreeIntersector(mesh, 1)
     crest = float(mesh.bounds[1, 2])
     gains, stated, setup = [], [], []
     for seed in range(seeds):
-        start = perf_counter()
-        forced = ForcedDetection(link, chains, seed, threads=threads, crest=crest)
-        setup.append(perf_counter() - start)
+        start = process_time()
+        forced = ForcedDetection(link, chains, seed, threads=1, crest=crest)
+        setup.append(process_time() - start)
         parts = forced.evaluate(mesh)
         gains.append(float(parts.gain[0]))
         stated.append(float(parts.stderr[0]))
-    analog = partial(run_analog, link, intersector, photons=photons, threads=threads)
+    analog = partial(run_analog, link, intersector, photons=photons, threads=1)
     times = best_of(rounds, lambda: forced.evaluate(mesh), lambda: analog(seed=1))
     sums = analog(seed=2)
     gain = float(sums.score[0]) / photons
@@ -198,10 +196,8 @@ def figure_of_merit(
     }
 
 
-def new_sea(
-    link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5, threads: int | None = None
-) -> dict[str, Any]:
-    """Return the time of one gain at a relative tolerance over a new sea.
+def new_sea(link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5) -> dict[str, Any]:
+    """Return the CPU time of one thread for one gain at a relative tolerance over a new sea.
 
     Triangulation, chains, aiming and, where paths must be checked, the BVH are included.
 
@@ -220,24 +216,23 @@ def new_sea(
         `seconds` (median), `kept_seconds` with chains that are made already, `mesh_seconds`,
         `bvh_seconds`, `rtol` reached (largest), `chains`.
     """
-    threads = default_threads(threads)
     reach, chains = crossing_reach(link), 64
     rows = []
     for seed in range(rounds + 1):  # the first warms up
-        start = perf_counter()
+        start = process_time()
         mesh, _ = mesh_for(link, sea.with_seed(1000 + seed), reach=reach)
-        crest, meshed = float(mesh.bounds[1, 2]), perf_counter()
+        crest, meshed = float(mesh.bounds[1, 2]), process_time()
         while True:
-            forced = ForcedDetection(link, chains, seed, threads=threads, crest=crest)
-            made = perf_counter()
+            forced = ForcedDetection(link, chains, seed, threads=1, crest=crest)
+            made = process_time()
             parts = forced.evaluate(mesh)
             reached = float(parts.stderr[0]) / float(parts.gain[0])
             if reached <= rtol:
                 break
             chains *= 2
-        done = perf_counter()
-        EmbreeIntersector(mesh, threads)
-        built = perf_counter()
+        done = process_time()
+        EmbreeIntersector(mesh, 1)
+        built = process_time()
         kept = done - made + meshed - start
         rows.append((done - start, kept, built - start, meshed - start, built - done, reached))
     total, kept, with_bvh, mesh_time, bvh_time, _ = np.median(rows[1:], axis=0).tolist()
@@ -259,9 +254,8 @@ def resolved_sea(
     rtol: float = 0.01,
     rounds: int = 3,
     realizations: int = 16,
-    threads: int | None = None,
 ) -> dict[str, Any]:
-    """Return the cost of a sea that is resolved down to the waves that light can feel.
+    """Return the CPU time of one thread for a sea that is resolved down to the waves light feels.
 
     Parameters
     ----------
@@ -282,20 +276,19 @@ def resolved_sea(
         `gain` of `new_sea`, which has seconds and facets; `seconds_per_realization` of an ensemble
         with as many chains, its `facets`, and `direct_seconds` of the unscattered light alone.
     """
-    threads = default_threads(threads)
-    gain = new_sea(link, sea, rtol, rounds, threads)
+    gain = new_sea(link, sea, rtol, rounds)
     reach, chains = crossing_reach(link), gain["chains"]
     mesh, _ = mesh_for(link, sea, reach=reach, per_wave=FADING_SPACING)
     forced = ForcedDetection(link, chains, 1, threads=1, crest=1.5 * float(mesh.bounds[1, 2]))
     aimed = forced.over(mesh)
     (direct,) = best_of(3, lambda: aimed.direct_gains(0, 0))
-    start = perf_counter()
+    start = process_time()
     meshes = (
         mesh_for(link, sea.with_seed(2000 + i), reach=reach, per_wave=FADING_SPACING)[0]
         for i in range(realizations)
     )
-    found = list(ordered_map(forced.evaluate, meshes, threads))
-    each = (perf_counter() - start) / len(found)
+    found = [forced.evaluate(each) for each in meshes]
+    each = (process_time() - start) / len(found)
     return {
         "gain": gain,
         "seconds_per_realization": each,

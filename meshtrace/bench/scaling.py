@@ -6,7 +6,7 @@ import heapq
 from collections.abc import Callable
 from functools import partial
 from itertools import count
-from time import thread_time
+from time import perf_counter, thread_time
 from typing import Any
 
 from meshtrace.bench.engine import best_of
@@ -41,6 +41,8 @@ def thread_scaling(
 ) -> dict[str, Any]:
     """Return rates of both estimators on one thread, two, four, ... relative to one.
 
+    They are those of wall time, and fall with other load on the machine; see `speedup_by_jobs`.
+
     Parameters
     ----------
     link : Link
@@ -72,7 +74,8 @@ def thread_scaling(
     def make_and_evaluate(n: int) -> None:
         ForcedDetection(link, chains, next(seeds), threads=n, crest=crest).evaluate(near)
 
-    times = best_of(rounds, *analog, *(partial(make_and_evaluate, n) for n in threads))
+    jobs: list[Callable[[], Any]] = [*analog, *(partial(make_and_evaluate, n) for n in threads)]
+    times = best_of(rounds, *jobs, clock=perf_counter)
     analog_times, forced_times = times[: len(threads)], times[len(threads) :]
     return {
         "threads": threads,
@@ -139,7 +142,7 @@ def worker_scaling(
 ) -> dict[str, Any]:
     """Return the rates of a sweep with one, two, four, ... processes.
 
-    The time includes the start of the processes.
+    The time is wall time, and includes the start of the processes.
 
     Parameters
     ----------
@@ -175,7 +178,7 @@ def worker_scaling(
 
     workers = counts_up_to(default_threads(most))
     run(workers[-1], 1)  # compiles
-    times = best_of(rounds, *(partial(run, n) for n in workers))
+    times = best_of(rounds, *(partial(run, n) for n in workers), clock=perf_counter)
     return {
         "workers": workers,
         "realizations": realizations,

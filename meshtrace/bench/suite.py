@@ -38,7 +38,8 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
     Returns
     -------
     dict
-        Plain data: `environment`, `cores`; `analog` and `analog_tilted` of `analog_rate`, without
+        Plain data: `environment`, `cores`; `load`, the mean number of processes that wanted a core
+        in the minute before; `analog` and `analog_tilted` of `analog_rate`, without
         and with tilts for unresolved slopes; `merit` of `figure_of_merit`; `new_sea`;
         `resolved_sea`; `realization`, `background`, `coverage` and, if `cold`, `first_run` of
         `meshtrace.bench.answers`; `downlink`, `new_sea` of the mirrored link to 1 %; each of
@@ -63,6 +64,7 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
     return {
         "environment": environment(),
         "cores": os.cpu_count(),
+        "load": _load(),
         "analog": analog_rate(bare, mesh, photons),
         "analog_tilted": analog_rate(link, mesh, photons),
         "merit": figure_of_merit(link, near, chains, photons),
@@ -107,24 +109,26 @@ def _resolved(sea: Any) -> SpectralSea:
 
 
 _ROWS = (
-    ("analog", "analog photons", "{photons_per_s:.3g} per s, {threads} threads"),
-    ("analog", "raw Embree rays", "{rays_per_s:.3g} per s, same rays and mesh ({facets} facets)"),
+    ("analog", "analog photons", "{photons_per_s:.3g} per CPU s"),
+    ("analog", "raw Embree rays", "{rays_per_s:.3g} per CPU s, same rays and mesh "
+     "({facets} facets)"),
     ("analog", "photons per ray", "{ratio:.3f}; {tilted:.3f} with tilts for unresolved slopes"),
     ("merit", "figure of merit", "{ratio:.3g} +- {ratio_stderr:.1g}, 1 / (variance x time) of "
      "forced over analog, chains made included; {ratio_kept:.3g} with chains that are kept"),
-    ("merit", "  forced", "{forced_rtol:.2e} relative in {forced_seconds:.3f} s ({chains} chains; "
-     "made in {setup_seconds:.3f} s); scatter over stated error {scatter_over_error:.2f}"),
-    ("merit", "  analog", "{analog_rtol:.2e} relative in {analog_seconds:.3f} s ({photons} "
+    ("merit", "  forced", "{forced_rtol:.2e} relative in {forced_seconds:.3f} CPU s ({chains} "
+     "chains; made in {setup_seconds:.3f} CPU s); scatter over stated error "
+     "{scatter_over_error:.2f}"),
+    ("merit", "  analog", "{analog_rtol:.2e} relative in {analog_seconds:.3f} CPU s ({photons} "
      "photons)"),
-    ("new_sea", "new sea to {rtol:.2%}", "{seconds:.3f} s with mesh ({mesh_seconds:.3f} s) and "
-     "chains, {kept_seconds:.3f} s with chains that are kept; BVH {bvh_seconds:.3f} s"),
-    ("resolved_sea", "resolved sea to {gain[rtol]:.2%}", "{gain[seconds]:.3f} s ({gain[facets]} "
-     "facets); {seconds_per_realization:.3f} s each in an ensemble ({facets} facets), unscattered "
-     "light {direct_seconds:.4f} s"),
+    ("new_sea", "new sea to {rtol:.2%}", "{seconds:.3f} CPU s with mesh ({mesh_seconds:.3f}) "
+     "and chains, {kept_seconds:.3f} with chains that are kept; BVH {bvh_seconds:.3f}"),
+    ("resolved_sea", "resolved sea to {gain[rtol]:.2%}", "{gain[seconds]:.3f} CPU s "
+     "({gain[facets]} facets); {seconds_per_realization:.3f} each in an ensemble ({facets} "
+     "facets), unscattered light {direct_seconds:.4f}"),
     ("realization", "realization to {rtol:.2%}", "{cpu_seconds:.4f} CPU s each of {realizations} "
      "({chains} chains)"),
-    ("downlink", "downlink to {rtol:.2%}", "{seconds:.3f} s with mesh ({mesh_seconds:.3f} s) and "
-     "chains"),
+    ("downlink", "downlink to {rtol:.2%}", "{seconds:.3f} CPU s with mesh ({mesh_seconds:.3f}) "
+     "and chains"),
     ("background", "background to {rtol:.2%}", "{cpu_seconds:.3f} CPU s ({rays} rays, sun at 30 "
      "degrees)"),
     ("coverage", "coverage to {rtol:.2%}", "{cpu_seconds:.1f} CPU s for {cells} cells"),
@@ -145,6 +149,7 @@ def report(result: dict[str, Any]) -> str:
         for name, heading, text in _ROWS
         if measured[name] is not None
     }
+    rows = {"load": _load_text(result), **rows}
     rows["peak memory"] = f"{result['peak_memory_mib']:.0f} MiB"
     rows |= _scaling(result["thread_scaling"], result["worker_scaling"])
     return text_table(rows.items())
@@ -173,6 +178,20 @@ def _times(counts: list[int], speedups: list[float]) -> str:
     """Return the speedups as text, as in "2: 1.95x"; that of one only if there are no others."""
     rows = list(zip(counts, speedups, strict=True))
     return ", ".join(f"{n}: {speed:.2f}x" for n, speed in rows if n > 1 or len(rows) == 1)
+
+
+def _load() -> float | None:
+    """Return the mean number of processes that wanted a core in the last minute, if known."""
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+
+
+def _load_text(result: dict[str, Any]) -> str:
+    """Return the load before the measurement, and what of it the numbers depend on."""
+    load = "not known" if result["load"] is None else f"{result['load']:.1f}"
+    return (
+        f"{load} on {result['cores']} cores before; CPU seconds of one thread, but wall time of "
+        "the first run, threads and workers"
+    )
 
 
 def _peak_memory() -> float:

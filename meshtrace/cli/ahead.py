@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
+from meshtrace.models import import_modules, modules_of
 from meshtrace.parallel import default_threads
 from meshtrace.scenario import Scenario
 from meshtrace.transport.aimed import compile_evaluation
@@ -26,8 +27,9 @@ def compiling_ahead(scenario: Scenario) -> Iterator[None]:
     if scenario.run.estimator.kind == "forced" and default_threads() > 1:
         silent = subprocess.DEVNULL
         with suppress(OSError):
+            text = scenario.to_toml()
             process = subprocess.Popen(
-                [sys.executable, "-m", "meshtrace.cli.ahead", scenario.to_toml()],
+                [sys.executable, "-m", "meshtrace.cli.ahead", text, *modules_of(text)],
                 stdin=silent,
                 stdout=silent,
                 stderr=silent,
@@ -41,11 +43,12 @@ def compiling_ahead(scenario: Scenario) -> Iterator[None]:
             process.wait()
 
 
-def main(toml: str) -> None:
-    """Compile for a link file."""
+def main(toml: str, *modules: str) -> None:
+    """Compile for a link file, whose parts may be classes of some modules."""
+    import_modules(modules)
     scenario = Scenario.from_toml(toml)
     compile_evaluation(scenario.case().link, scenario.mesh(), scenario.meshing.normals)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

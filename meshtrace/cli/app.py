@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from meshtrace.cli.console import warnings_as_lines
 from meshtrace.errors import Refused
 
 INTERRUPTED = 130
@@ -21,7 +22,8 @@ class _Commands(TyperGroup):
     def main(self, *args: Any, **extra: Any) -> Any:
         standalone = extra.get("standalone_mode", True)
         try:
-            code = super().main(*args, **{**extra, "standalone_mode": False}) or 0
+            with warnings_as_lines():
+                code = super().main(*args, **{**extra, "standalone_mode": False}) or 0
             if sys.stdout is not None:
                 sys.stdout.flush()
         except typer.Abort:
@@ -37,6 +39,13 @@ class _Commands(TyperGroup):
         if standalone:
             sys.exit(code)
         return code
+
+    def format_commands(self, context: Any, formatter: Any) -> None:
+        """Write the first sentence of each command, in several lines if it is long."""
+        commands = {name: self.get_command(context, name) for name in self.list_commands(context)}
+        rows = [(name, one.get_short_help_str(limit=1000)) for name, one in commands.items() if one]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
 
 
 app = typer.Typer(

@@ -10,6 +10,7 @@ from typer import Argument, Option
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import scenario_of
+from meshtrace.cli.options import Trust
 from meshtrace.cli.outputs import check_output
 from meshtrace.files import atomic
 
@@ -23,13 +24,15 @@ def bench(
     as_json: bool = Option(False, "--json", help="Print the measurements as JSON."),
     quick: bool = Option(False, "--quick", help="Use a quarter of the photons."),
     cold: bool = Option(False, "--cold", help="Also measure a first run, which compiles."),
+    trust: Trust = False,
 ) -> None:
     """Measure the speed of the engine, as ratios within one run."""
     from meshtrace.bench import bench as measure
     from meshtrace.bench import report
 
     check_output(output, link)
-    scenario = scenario_of(link, ["wind_speed=13", "bubbles=none"] if link is None else [])
+    changes = ["wind_speed=13", "bubbles=none"] if link is None else []
+    scenario = scenario_of(link, changes, trust=trust)
     result = measure(scenario, quick=quick, cold=cold)
     text = json.dumps(result, indent=1)
     typer.echo(text if as_json else report(result))

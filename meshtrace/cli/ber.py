@@ -20,6 +20,7 @@ from meshtrace.cli.options import (
     Seed,
     Settings,
     Threads,
+    Trust,
     grouped,
 )
 from meshtrace.cli.outputs import check_output, save
@@ -90,6 +91,7 @@ def ber(
     seed: Seed = None,
     threads: Threads = None,
     settings: Settings = None,
+    trust: Trust = False,
 ) -> None:
     """Print bit error rate, outage, margin, capacity and range of a link."""
     from meshtrace.mesh import RandomSea
@@ -102,7 +104,7 @@ def ber(
         given = {"detector.preset": study.preset, "uav.preset": uav, "wind_speed": speed}
         given |= light.changes()
         changes = [f"{key}={value}" for key, value in given.items() if value is not None]
-        scenarios.append(scenario_of(link, [*(settings or []), *changes], **run))
+        scenarios.append(scenario_of(link, [*(settings or []), *changes], trust=trust, **run))
     check_output(output, link)
     realizations = study.realizations
     if realizations is None:

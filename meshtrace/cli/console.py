@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, one_line
 
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
@@ -42,6 +42,7 @@ def scenario_of(
     link: Path | None,
     settings: list[str] | None,
     wind: str | float | None = None,
+    trust: bool = False,
     **options: str | float | None,
 ) -> Scenario:
     """Return the scenario of a link file, with changes by "key=value", wind and [run] options."""
@@ -52,8 +53,8 @@ def scenario_of(
         given.append(f"wind_speed={wind}")
     changes = dict(parse_setting(setting) for setting in [*(settings or []), *given])
     if link is None:
-        return Scenario.from_toml("", changes=changes)
-    return Scenario.load(link, changes)
+        return Scenario.from_toml("", changes=changes, trust=trust)
+    return Scenario.load(link, changes, trust=trust)
 
 
 @contextmanager
@@ -71,10 +72,7 @@ def progress(
     text, share = rich.TextColumn("{task.description}"), rich.TaskProgressColumn()
     columns = (text, rich.BarColumn(), share, rich.TimeRemainingColumn())
     shown = console.is_terminal and not quiet
-    with (
-        warnings_as_lines(),
-        rich.Progress(*columns, console=console, transient=True, disable=not shown) as bar,
-    ):
+    with rich.Progress(*columns, console=console, transient=True, disable=not shown) as bar:
         task = bar.add_task("building the sea", total=None)
 
         def say(status: str) -> None:
@@ -110,12 +108,21 @@ def kernels_are_compiled(estimator: str) -> bool:
 
 @contextmanager
 def warnings_as_lines() -> Iterator[None]:
-    """Print warnings as lines of stderr when done."""
-    with warnings.catch_warnings(record=True) as caught:
+    """Print each warning at once, as a line of stderr; those for programmers are left out."""
+    told: set[str] = set()
+
+    def tell(message: Warning | str, *_: Any) -> None:
+        line = one_line(message)
+        if line not in told:
+            told.add(line)
+            typer.echo(f"warning: {line}", err=True)
+
+    with warnings.catch_warnings():
         warnings.simplefilter("always")
+        for kind in (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning):
+            warnings.simplefilter("ignore", kind)
+        warnings.showwarning = tell  # type: ignore[assignment]
         yield
-    for warning in caught:
-        typer.echo(f"warning: {' '.join(str(warning.message).split())}", err=True)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from typer import Option
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import scenario_of
-from meshtrace.cli.options import LinkFile, Settings, Wind
+from meshtrace.cli.options import LinkFile, Settings, Trust, Wind
 
 
 @app.command()
@@ -19,10 +19,11 @@ def explore(
     browser: bool = Option(True, "--browser/--no-browser", help="Open the page in a browser."),
     wind: Wind = None,
     settings: Settings = None,
+    trust: Trust = False,
 ) -> None:
     """Explore a link in the browser: move its parts and see gain, rays, fading and coverage."""
     from meshtrace.explorer.launch import explore as start
 
-    scenario = scenario_of(link, settings, wind)
+    scenario = scenario_of(link, settings, wind, trust)
     title = "the link of the paper" if link is None else link.name
     start(scenario, host=host, port=port, open_browser=browser, title=title)

@@ -9,7 +9,7 @@ import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import extra, warnings_as_lines
+from meshtrace.cli.console import extra
 from meshtrace.errors import Refused
 
 
@@ -46,7 +46,7 @@ def figures(
         raise Refused("--output", str(output), "a folder")
     setting = Setting(seed=seed, threads=threads, profiles=tuple(profiles or ()))
     try:
-        with extra("viz", "viz"), warnings_as_lines():
+        with extra("viz", "viz"):
             made = make_figures(output, only, quick=quick, setting=setting, on_figure=_report)
     except OSError as error:
         raise Refused("--output", error, "a folder to write to") from error

@@ -28,6 +28,9 @@ Wind = Annotated[str | None, Option("--wind", metavar="U", help="Wind speed at 1
 Plot = Annotated[Path | None, Option("--plot", metavar="A.PNG", help="Draw the result.")]
 Seed = Annotated[str | None, Option(metavar="N", help="Seed of the random numbers.")]
 Threads = Annotated[str | None, Option(metavar="N", help="Number of threads; default: all cores.")]
+Trust = Annotated[
+    bool, Option("--trust", help="Run the modules that the link file names, as in module:Class.")
+]
 Settings = Annotated[
     list[str] | None,
     Option(
@@ -67,8 +70,9 @@ class Case:
     threads: Threads = None
     wind: Wind = None
     settings: Settings = None
+    trust: Trust = False
 
     def scenario(self, link: Path | None, **run: str | None) -> Scenario:
         """Return the scenario of a link file with these options and others of [run]."""
         own = {"seed": self.seed, "threads": self.threads}
-        return scenario_of(link, self.settings, self.wind, **run, **own)
+        return scenario_of(link, self.settings, self.wind, self.trust, **run, **own)

@@ -12,7 +12,7 @@ from typer import Option
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import COMPILING, finite, kernels_are_compiled, progress, scenario_of
-from meshtrace.cli.options import AsJson, LinkFile, Output, Seed, Settings, Threads, Wind
+from meshtrace.cli.options import AsJson, LinkFile, Output, Seed, Settings, Threads, Trust, Wind
 from meshtrace.cli.outputs import check_output, save
 
 if TYPE_CHECKING:
@@ -34,12 +34,13 @@ def run(
     threads: Threads = None,
     wind: Wind = None,
     settings: Settings = None,
+    trust: Trust = False,
     verbose: bool = Option(False, "--verbose", "-v", help="Print samples and chains, too."),
 ) -> None:
     """Simulate one link and print its channel gain."""
     # words as yet, for the link file's own checks
     options = {"photons": photons, "rtol": rtol, "seed": seed, "estimator": estimator}
-    scenario = scenario_of(link, settings, wind, **options, threads=threads)
+    scenario = scenario_of(link, settings, wind, trust, **options, threads=threads)
     check_output(output, link)
     result, wall_time = _simulate(scenario, quiet=as_json)
     data = _plain(result, wall_time) if as_json else None

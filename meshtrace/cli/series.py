@@ -24,7 +24,7 @@ def series(
     *,
     link: LinkFile = None,
     times: str = Option(
-        "0:30:0.5", metavar="START:STOP:STEP", help="Times [s], or a list such as 0,1,2."
+        "0:10:0.05", metavar="START:STOP:STEP", help="Times [s], or a list such as 0,1,2."
     ),
     output: Output = None,
     photons: Chains = SERIES_CHAINS,

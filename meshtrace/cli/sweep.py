@@ -9,8 +9,8 @@ import typer
 from typer import Argument, Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import COMPILING, extra, kernels_are_compiled, warnings_as_lines
-from meshtrace.cli.options import Output
+from meshtrace.cli.console import COMPILING, extra, kernels_are_compiled
+from meshtrace.cli.options import Output, Trust
 from meshtrace.cli.outputs import check_output
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def sweep(
         60.0, metavar="S", min=0.0, help="Time limit for a scheduler and a worker to respond [s]."
     ),
     output: Output = None,
+    trust: Trust = False,
 ) -> None:
     """Compute the gain at every combination of some parameters.
 
@@ -42,7 +43,7 @@ def sweep(
     code is 1 if points failed; their errors are in the store.
     """
     check_output(output, study)
-    options = {"scheduler": scheduler, "workers": workers, "timeout": timeout}
+    options = {"scheduler": scheduler, "workers": workers, "timeout": timeout, "trust": trust}
     data, place = _swept(study, store, options)
     typer.echo("\n".join(_rows(data)))
     if output is not None:
@@ -67,7 +68,7 @@ def _swept(study: Path, store: Path | None, options: dict[str, Any]) -> tuple[xr
     if not kernels_are_compiled("forced"):
         typer.echo(COMPILING, err=True)
     try:
-        with extra("sweep", "batch"), warnings_as_lines():
+        with extra("sweep", "batch"):
             return sweep_file(study, store=place, **options), place
     except KeyboardInterrupt:
         typer.echo(f"finished points are in {place}; the same command resumes", err=True)

@@ -12,8 +12,8 @@ from typer import Argument, Option
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import extra, progress, scenario_of
-from meshtrace.cli.options import Settings, Wind, grouped
-from meshtrace.errors import Described, Refused
+from meshtrace.cli.options import Settings, Trust, Wind, grouped
+from meshtrace.errors import MISSING, Described, Refused, require_finite
 
 if TYPE_CHECKING:
     from meshtrace.daylight.light import Daylight
@@ -117,6 +117,7 @@ def view(
     seed: int = Option(1, metavar="N", min=0, help="Seed of the paths."),
     wind: Wind = None,
     settings: Settings = None,
+    trust: Trust = False,
 ) -> None:
     """Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files."""
     positive = {
@@ -132,7 +133,7 @@ def view(
     with extra("viz", "viz"):
         from meshtrace.viz import SceneStyle
         from meshtrace.viz import view as show
-    subject = _subject(file, settings, wind)
+    subject = _subject(file, settings, wind, trust)
     subject = subject._replace(
         time=subject.time if time is None else time, coverage=light.map_photons or subject.coverage
     )
@@ -154,17 +155,20 @@ def view(
         typer.echo(f"written to {path}")
 
 
-def _subject(file: Path | None, settings: list[str] | None, wind: str | None) -> Subject:
+def _subject(
+    file: Path | None, settings: list[str] | None, wind: str | None, trust: bool
+) -> Subject:
     """Return the contents of a file."""
     from meshtrace.scenario import MeshFile
 
     suffix = ".toml" if file is None else file.suffix.lower()
     if suffix == ".toml":
-        return _of_scenario(scenario_of(file, settings, wind))
+        return _of_scenario(scenario_of(file, settings, wind, trust))
     assert file is not None
-    for option, values in (("--set", settings), ("--wind", [wind] if wind else None)):
-        if values:
-            raise Refused(option, values[0], "with a link file")
+    given = {"--set": settings and settings[0], "--wind": wind, "--trust": trust}
+    for option, value in given.items():
+        if value:
+            raise Refused(option, value, "with a link file")
     if not file.is_file():
         raise Refused(str(file), Described("no such file"), "a link file, result or mesh")
     if suffix == ".nc":
@@ -192,13 +196,17 @@ def _of_result(file: Path) -> Subject:
 
     result = load(file)
     origin: Any = result.provenance
-    if isinstance(origin, list):  # of several winds: the first
+    if isinstance(origin, list) and origin:  # of several winds: the first
         origin = origin[0]
-    if "link" not in origin:
+    if not isinstance(origin, dict) or "link" not in origin:
         raise Refused(str(file), result.kind, "a result of a link over a sea")
-    subject = _of_scenario(Scenario.from_provenance(origin))
-    if isinstance(result, CoverageMap):
-        return subject._replace(coverage=result, time=float(origin["times"][0]))
+    try:
+        subject = _of_scenario(Scenario.from_provenance(origin))
+        if isinstance(result, CoverageMap):
+            times = require_finite(origin.get("times", MISSING), "times", "times [s]")
+            return subject._replace(coverage=result, time=float(times.flat[0]))
+    except Refused as error:
+        raise error.of(str(file)) from None
     if isinstance(result, GainSeries) and result.along == "time":
         return subject._replace(gain=result, time=float(result.time[0]))
     return subject

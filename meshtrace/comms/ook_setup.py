@@ -112,7 +112,7 @@ class OokSetup(Model, frozen=True):
         view = {"radius": aperture.radius, "fov_deg": aperture.fov_deg, "medium_index": index}
         changes = {
             "bit_rate": base.bit_rate if bit_rate is None else bit_rate,
-            "led": base.led.replace(power=power, wavelength=1e-9 * first.wavelength_nm),
+            "led": base.led.replace(power=power, wavelength=first.wavelength_nm / 1e9),
             "optics": base.optics.replace(**view),
         }
         return cls.model_validate({**dict(base), **changes})

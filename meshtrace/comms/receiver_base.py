@@ -16,8 +16,9 @@ class ReceiverModel(Family, default="W"):
     """Base of all receiver models.
 
     A subclass needs the method `decide`. It is then allowed as ``OokLink(model=Mine(...))``, and
-    in plain data by its import path "module:Mine", or by the name that a field such as
-    ``kind: Literal["mine"] = "mine"`` gives it. Its methods get the `OokLink` whose model it is.
+    in plain data by its import path "module:Mine" (link files need trust for it), or by the name
+    that a field such as ``kind: Literal["mine"] = "mine"`` gives it. Its methods get the
+    `OokLink` whose model it is.
 
     docs/guides/own_receiver_model.md is an example.
     """

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import math
+from collections.abc import Callable
 from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
@@ -62,6 +64,9 @@ class Daylight(Model, frozen=True):
         Effective reflectance of whitecaps [1], 0 ... 1.
     light : str
         Name of the light in results.
+    recipe : mapping of str to number
+        Options, other than the defaults, of the model that gave the irradiances, such as
+        `aerosol` of `clear_sky`; link files keep them. No result depends on it.
 
     Raises
     ------
@@ -88,6 +93,7 @@ class Daylight(Model, frozen=True):
     water: WaterLight = "quasi-single"
     foam_reflectance: float = Field(0.22, ge=0.0, le=1.0, allow_inf_nan=False)
     light: str = "daylight"
+    recipe: dict[str, int | float] = Field(default_factory=dict)
 
     @field_validator("sun_zenith_deg")
     @classmethod
@@ -157,7 +163,7 @@ class Daylight(Model, frozen=True):
         Refused
             If a value is out of range, or pvlib (extra `daylight`) is not installed.
         """
-        _require_absent(fields, "direct", "diffuse")
+        _require_absent(fields, "direct", "diffuse", "recipe")
         place = {"sun_zenith_deg": sun_zenith_deg, "sun_azimuth_deg": sun_azimuth_deg}
         band = {"wavelength_nm": wavelength_nm, "pattern": pattern}
         checked = cls(direct=1.0, diffuse=1.0, **place, **band, **fields)
@@ -177,8 +183,10 @@ class Daylight(Model, frozen=True):
             raise Refused("width_nm", width_nm, allowed, f"from {least:g} nm,")
         values["day_of_year"] = day_of_year
         found = clear_irradiance(checked.sun_zenith_deg, checked.wavelength_nm, **values)
-        light = fields.pop("light", "clear sky")
-        return cls(**found._asdict(), **place, **band, **fields, light=light)
+        fields = {"light": "clear sky", **fields}
+        return cls(
+            **found._asdict(), **place, **band, **fields, recipe=_recipe(cls.clear_sky, values)
+        )
 
     @classmethod
     def at(
@@ -235,14 +243,15 @@ class Daylight(Model, frozen=True):
         0.25 at N = 8, as coded in several models of the weather. It is a mean over the solar
         spectrum and over types of cloud; that it holds at one wavelength is an assumption.
         """
-        _require_absent(fields, "direct", "diffuse")
+        _require_absent(fields, "direct", "diffuse", "recipe")
         allowed = "0 < transmittance <= 1"
         if not 0.0 < require_real(transmittance, "transmittance", allowed) <= 1.0:
             raise Refused("transmittance", transmittance, allowed)
         band = {"sun_zenith_deg": sun_zenith_deg, "wavelength_nm": wavelength_nm}
         checked = cls(direct=1.0, diffuse=1.0, **band)
         clear = checked.replace(**default_irradiance(sun_zenith_deg, wavelength_nm)._asdict())
-        fields = {"pattern": "cie-1", "light": "overcast sky", **fields}
+        recipe = _recipe(cls.overcast, {"transmittance": transmittance})
+        fields = {"pattern": "cie-1", "light": "overcast sky", "recipe": recipe, **fields}
         return cls(direct=0.0, diffuse=transmittance * clear.irradiance, **band, **fields)
 
     @classmethod
@@ -271,13 +280,17 @@ class Daylight(Model, frozen=True):
         is that of the sun. The moon is redder: by the reflectances of Kieffer and Stone (2005),
         Astron. J. 129, 2887, it has 15 % less light at 470 nm at full moon, 18 % at 90 degrees.
         """
-        _require_absent(fields, "direct", "diffuse", "sun_zenith_deg", "sun_azimuth_deg")
+        _require_absent(fields, "direct", "diffuse", "recipe", "sun_zenith_deg", "sun_azimuth_deg")
         band = {"sun_azimuth_deg": azimuth_deg, "wavelength_nm": wavelength_nm}
         band = {"sun_zenith_deg": zenith_deg, **band}
         cls(direct=1.0, diffuse=1.0, **band)
         sun = default_irradiance(zenith_deg, wavelength_nm)
         share = MOON_OVER_SUN * moon_phase_factor(phase_deg)
-        fields = {"light": "moonlight", **fields}
+        fields = {
+            "light": "moonlight",
+            "recipe": _recipe(cls.moon, {"phase_deg": phase_deg}),
+            **fields,
+        }
         return cls(direct=share * sun.direct, diffuse=share * sun.diffuse, **band, **fields)
 
     @classmethod
@@ -291,7 +304,7 @@ class Daylight(Model, frozen=True):
         115), 22.6 and 21.6 at Paranal at its maximum (Patat 2003, Astron. Astrophys. 400, 1183),
         2.4e-9 and 2.8e-9 at 470 nm. The same value is taken at every wavelength.
         """
-        _require_absent(fields, "direct", "diffuse")
+        _require_absent(fields, "direct", "diffuse", "recipe")
         fields = {"pattern": "uniform", "light": "moonless night", **fields}
         return cls(direct=0.0, diffuse=math.pi * NIGHT_RADIANCE, **fields)
 
@@ -301,6 +314,12 @@ def _require_absent(fields: dict[str, Any], *names: str) -> None:
     for name in names:
         if name in fields:
             raise Refused(name, fields[name], "none: it follows from the other arguments")
+
+
+def _recipe(model: Callable[..., Daylight], options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of a model that differ from its defaults."""
+    known = inspect.signature(model).parameters
+    return {name: value for name, value in options.items() if value != known[name].default}
 
 
 def moon_phase_factor(phase_deg: float) -> float:

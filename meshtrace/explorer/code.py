@@ -11,11 +11,15 @@ import tomli_w
 import meshtrace
 from meshtrace import surfaces
 from meshtrace.comms.ook import OokLink
+from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Refused
-from meshtrace.models import Model
+from meshtrace.models import Model, modules_of
 from meshtrace.scenario import MeshFile, Scenario
+from meshtrace.scenario.daylight import daylight_recipe
+from meshtrace.scenario.parts import detector_config
 
 _WIDTH = 96
+_MAKERS = {"clear": "clear_sky"}  # of `Daylight`, where the name is not that of the model
 _PHOTONS = 10_000
 
 
@@ -67,14 +71,16 @@ def as_python(scenario: Scenario) -> str:
             sea = f"sea = {_expression(scenario.surface, 0)}"
     except Refused:
         text = scenario.to_toml().replace("\\", "\\\\")
+        lines[1:1] = [f"import {module}" for module in modules_of(text)]
         lines += [f'scenario = mt.Scenario.from_toml("""\n{text}""")']
         return "\n".join([*lines, "print(scenario.simulate().summary())", ""])
     lines += [link, sea, f"result = mt.simulate(link, sea, {run})", "print(result.summary())"]
     if scenario.detector is not None or scenario.daylight is not None:
-        detector = scenario.detector or OokLink()
+        given = scenario.detector or OokLink()
+        detector = OokLink.model_validate(detector_config(given, scenario.link))
         lines += [f"bits = mt.OokLink.of_link(link, {_expression(detector, 0)})"]
         if scenario.daylight is not None:
-            day = _expression(scenario.daylight, 0)
+            day = _daylight(scenario.daylight)
             light = f"mt.background(link, sea, {day})"
             lines += [f"bits = mt.comms.background.with_background(bits, {light})"]
         under = "in the dark" if scenario.daylight is None else f"under {scenario.daylight.light}"
@@ -83,6 +89,21 @@ def as_python(scenario: Scenario) -> str:
             f'print(f"BER at {detector.bit_rate:g} bit/s {under}: {{ber:.3g}}")',
         ]
     return "\n".join([*lines, ""])
+
+
+def _daylight(day: Daylight) -> str:
+    """Return the Python expression of a light, by its model where that gives the irradiances."""
+    try:
+        recipe = daylight_recipe(day)
+    except Refused:
+        return _expression(day, 0)
+    maker = recipe.pop("model")
+    if maker == "moon":
+        recipe = {key.removeprefix("sun_"): value for key, value in recipe.items()}
+    if day.wavelength_nm != Daylight.model_fields["wavelength_nm"].default:
+        recipe["wavelength_nm"] = day.wavelength_nm
+    given = ", ".join(f"{key}={value!r}" for key, value in recipe.items())
+    return f"mt.Daylight.{_MAKERS.get(maker, maker)}({given})"
 
 
 def _expression(value: Any, indent: int) -> str:

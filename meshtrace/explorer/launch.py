@@ -48,7 +48,8 @@ def explore(
 
     Notes
     -----
-    Every browser, and every visit of the first page, has a state of its own.
+    Every browser, and every visit of the first page, has a state of its own. The address that is
+    printed holds a token; without it, from another host or another origin, no page is opened.
     """
     try:
         from meshtrace.explorer.server import Explorer, serve

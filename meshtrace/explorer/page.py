@@ -6,9 +6,8 @@ import asyncio
 import base64
 import functools
 import io
-import secrets
+import logging
 import uuid
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,12 @@ from aiohttp import web
 from matplotlib.colors import to_hex
 from trame.app.core import AVAILABLE_SERVERS, get_server
 from trame_vtk.modules.vtk import HELPERS_PER_SERVER
+from yarl import URL
 
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, one_line
 from meshtrace.explorer import code, layout, readings, stages
 from meshtrace.explorer.controls import BY_NAME, CHOICES
+from meshtrace.explorer.door import guard, new_token, policy
 from meshtrace.explorer.scene import LiveScene
 from meshtrace.explorer.session import STAGES, Session
 from meshtrace.explorer.state import State
@@ -31,6 +32,7 @@ from meshtrace.transport.paths import PhotonPaths
 _ASSETS = Path(__file__).with_name("assets")
 _SCENE_PERIOD = 0.05  # shortest time between two scenes while a control moves [s]
 _FRAME_PERIOD = 0.1  # of the running sea [s]
+_REST = 0.5  # time without a move after which controls rest [s]
 _IDLE = 600  # time without a browser after which a session ends [s]
 
 
@@ -59,19 +61,22 @@ class Page:
         self.scene = LiveScene(self.session.state)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._scene_due: asyncio.TimerHandle | None = None
+        self._resync: asyncio.TimerHandle | None = None
         self._scene_time = 0.0
         self._running: asyncio.Task[None] | None = None
+        self._token = new_token()
+        self._browsers = 0
         self._fill(title)
         self.view = layout.build(self.server, self.scene.plotter.render_window, self, scenario.link)
         self.server.state.change(*BY_NAME, *CHOICES)(self._moved)
         self.server.state.change("playing")(self._play_or_pause)
-        self.server.controller.on_client_exited.add(self._pause)
+        self.server.controller.on_exception.add(self._tell)
 
     async def start(self, host: str) -> asyncio.Task[Any]:
         """Start to serve on a free port; return the task that ends with the session."""
         self._loop = asyncio.get_running_loop()
-        self.server.cli.set_defaults(authKey=secrets.token_urlsafe(16))
-        self.server.controller.on_server_bind.add(functools.partial(self._add_session_route, host))
+        self.server.cli.set_defaults(authKey=self._token)
+        self.server.controller.on_server_bind.add(functools.partial(self._bind, host))
         options: Any = {"port": 0, "host": host, "timeout": _IDLE, "exec_mode": "coroutine"}
         quiet: Any = {"show_connection_info": False, "open_browser": False, "thread": True}
         task = asyncio.create_task(self.server.start(**options, **quiet, disable_logging=True))
@@ -85,35 +90,67 @@ class Page:
         """Port of the page."""
         return int(self.server.port)
 
+    def url(self, visited: URL) -> URL:
+        """Return the address of the page, on the host of the visited one."""
+        return visited.with_port(self.port).with_path("/index.html").with_query(token=self._token)
+
     def _end(self, _: Any) -> None:
         """Release the session, its running sea and its scene."""
         self.session.close()
         if self._running is not None:
             self._running.cancel()
-        if self._scene_due is not None:
-            self._scene_due.cancel()
+        for due in (self._scene_due, self._resync):
+            if due is not None:
+                due.cancel()
         self._loop = None
         self.scene.close()
         AVAILABLE_SERVERS.pop(self.server.name, None)
         HELPERS_PER_SERVER.pop(self.server.name, None)
 
-    def _pause(self, **_: Any) -> None:
-        """Stop the sea when its browser has left."""
-        self.server.state.playing = False
+    def _bind(self, host: str, web_server: Any) -> None:
+        """Add the door and the answers that need it: the page, and the way to its connection."""
 
-    def _add_session_route(self, host: str, web_server: Any) -> None:
-        """Answer the first request of the page: address and secret of its connection.
-
-        Pages of other sites can neither read the answer nor, without it, connect.
-        """
+        async def index(request: web.Request) -> web.Response:
+            html = Path(self.server.server_options.content, "index.html").read_text("utf-8")
+            place = f'<html data-session-manager-url="paraview/?token={self._token}"'
+            headers = {"Content-Security-Policy": policy(request, html)}
+            text = html.replace("<html", place, 1)
+            return web.Response(text=text, content_type="text/html", headers=headers)
 
         async def session(request: web.Request) -> web.Response:
-            if request.url.host not in (host, "localhost") and ip_address(host).is_loopback:
-                raise web.HTTPForbidden
-            secret = self.server.server_options.authKey
-            return web.json_response({"sessionURL": f"ws://{request.host}/ws", "secret": secret})
+            address = f"ws://{request.host}/ws?token={self._token}"
+            return web.json_response({"sessionURL": address, "secret": self._token})
 
+        @web.middleware
+        async def count(request: web.Request, handler: Any) -> web.StreamResponse:
+            if request.path != "/ws":
+                return await handler(request)
+            self._browsers += 1
+            try:
+                return await handler(request)
+            finally:
+                self._browsers -= 1
+                self._pause_unseen()
+
+        web_server.app.router.add_get("/index.html", index)
         web_server.app.router.add_post("/paraview/", session)
+        guard(web_server.app, host, self._token, {"/", "/index.html", "/paraview/", "/ws"})
+        web_server.app.middlewares.append(count)
+
+    def _pause_unseen(self) -> None:
+        """Stop the sea when the last browser of the session has left."""
+        if not self._browsers and self._loop is not None:
+            with self.server.state as page:
+                page.playing = False
+
+    def _tell(self, error: BaseException) -> None:
+        """Show an error as a line in the page; an internal one on the console, too."""
+        text = str(error)
+        if not isinstance(error, Refused):
+            text = f"internal error: {type(error).__name__}: {one_line(error)}"
+            logging.getLogger(__name__).error(text)
+        with self.server.state as page:
+            page.refused = text
 
     def show_text(self, kind: str) -> None:
         """Show the link as TOML or as Python, to be copied."""
@@ -144,18 +181,46 @@ class Page:
         self._refresh_views()
 
     def _moved(self, **_: Any) -> None:
-        """Send the controls that differ from the state."""
+        """Send the controls that differ from the state; those of refused values return to it."""
         page, now = self.server.state, self.session.state.settings
         shown = {key: _number(page[key]) if key in BY_NAME else page[key] for key in now}
-        try:
-            moves = {key: value for key, value in shown.items() if value != now[key]}
-            self.session.move(moves, answer=False)  # the scene is first: it is ready sooner
-        except Refused as error:
-            page.refused = str(error)
+        moves = {key: value for key, value in shown.items() if value != now[key]}
+        if not moves:
             return
-        page.refused = ""
+        refusals = self._refusals(moves)
+        page.refused = "; ".join(map(str, refusals))
+        if refusals:
+            page.update(self.session.state.settings)
+        if refusals or self._resync is not None:
+            self._resync_soon()
         self._refresh()
         self._scene_soon()
+
+    def _refusals(self, moves: dict[str, Any]) -> list[Refused]:
+        """Move all controls together, or else each that can; return the refusals of the others."""
+        refusals = []
+        try:
+            self.session.move(moves, answer=False)  # the scene is first: it is ready sooner
+        except Refused as error:
+            if len(moves) == 1:
+                return [error]
+            for name, value in moves.items():
+                refusals += self._refusals({name: value})
+        return refusals
+
+    def _resync_soon(self) -> None:
+        """Send all controls once they rest.
+
+        A value that a field sends while that of a refusal is on its way would be overwritten.
+        """
+        if self._resync is not None:
+            self._resync.cancel()
+        if self._loop is not None:
+            self._resync = self._loop.call_later(_REST, self._send_controls)
+
+    def _send_controls(self) -> None:
+        self._resync = None
+        self.server.force_state_push(*self.session.state.settings)
 
     def _scene_soon(self) -> None:
         """Update the scene once for all moves of a short time."""
@@ -176,6 +241,8 @@ class Page:
             self._scene_time = self._loop.time() if self._loop else 0.0
         except Refused:  # the answer reports it
             pass
+        except Exception as error:
+            self._tell(error)
         finally:
             self.session.answer_now()
 
@@ -198,12 +265,15 @@ class Page:
             self._loop.call_soon_threadsafe(self._show_answer, name)
 
     def _show_answer(self, name: str) -> None:
-        with self.server.state:
-            self._refresh()
-            if name in ("rays", "map") and self.session.fresh(name) and not self._running:
-                self._show_light()
-            if not name:
-                self.view.update()
+        try:
+            with self.server.state:
+                self._refresh()
+                if name in ("rays", "map") and self.session.fresh(name) and not self._running:
+                    self._show_light()
+                if not name:
+                    self.view.update()
+        except Exception as error:
+            self._tell(error)
 
     def _refresh(self) -> None:
         """Set the readings, the charts and the marks of stale answers."""
@@ -250,6 +320,8 @@ class Page:
                     page.reading = readings.gain_reading(session, running=True)
                     self.view.push_changes()
                 await asyncio.sleep(max(_FRAME_PERIOD - (loop.time() - begun), 0.005))
+        except Exception as error:
+            self._tell(error)
         finally:
             self._running = None
         self.seek(session.state.time)

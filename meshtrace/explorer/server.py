@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
+import signal
 import sys
 import webbrowser
+from contextlib import suppress
 from typing import Any
 
 from aiohttp import web
+from yarl import URL
 
-from meshtrace.errors import Described, Refused, require_whole
+from meshtrace.errors import Described, Refused, one_line, require_whole
+from meshtrace.explorer.door import guard, new_token
 from meshtrace.explorer.page import Page
 from meshtrace.scenario import Scenario
 
@@ -19,7 +24,7 @@ MOST_SESSIONS = 16
 
 
 class Explorer:
-    """Web server that opens a page of its own for every visit.
+    """Web server that opens a page of its own for every visit with its token.
 
     Parameters
     ----------
@@ -37,6 +42,7 @@ class Explorer:
         self._scenario, self._title, self._host = scenario, title, host
         require_whole(port, 0, 65_535, "port")
         self._wanted_port = port
+        self._token = new_token()
         self._runner: web.AppRunner | None = None
         self._tasks: dict[Page, asyncio.Task[Any]] = {}
         self._opening = asyncio.Lock()
@@ -49,8 +55,9 @@ class Explorer:
 
     @property
     def url(self) -> str:
-        """Address that opens a session."""
-        return f"http://{self._host}:{self.port}/"
+        """Address that opens a session, with the token that it needs."""
+        address = URL.build(scheme="http", host=self._host, port=self.port, path="/")
+        return str(address.with_query(token=self._token))
 
     async def start(self) -> None:
         """Start to listen.
@@ -64,7 +71,8 @@ class Explorer:
         os.environ.setdefault("TRAME_ARGS", "")
         os.environ.setdefault("WSLINK_WS_COMPRESS", "0")
         app = web.Application()
-        app.router.add_get("/", self._open)
+        app.router.add_get("/", self._open, allow_head=False)
+        guard(app, self._host, self._token, {"/"})
         self._runner = web.AppRunner(app)
         await self._runner.setup()
         try:
@@ -96,21 +104,38 @@ class Explorer:
                 raise web.HTTPServiceUnavailable(text=f"{MOST_SESSIONS} sessions are open")
             page = Page(self._scenario, self._title)
             self._tasks[page] = await page.start(self._host)
-        raise web.HTTPFound(f"http://{request.url.host}:{page.port}/index.html")
+        raise web.HTTPFound(page.url(request.url))
 
 
 async def serve(explorer: Explorer, open_browser: bool) -> None:
-    """Serve until cancelled."""
+    """Serve until cancelled or terminated."""
     sys.setswitchinterval(5e-4)
-    asyncio.get_running_loop().set_exception_handler(_report)
+    loop, terminated = asyncio.get_running_loop(), asyncio.Event()
+    loop.set_exception_handler(_report)
+    with suppress(NotImplementedError, RuntimeError, ValueError):  # Windows, or another thread
+        loop.add_signal_handler(signal.SIGTERM, terminated.set)
+    messages = logging.StreamHandler()
+    messages.setFormatter(_OneLine())
+    logging.basicConfig(handlers=[messages])
+    logging.getLogger("wslink").setLevel(logging.CRITICAL + 1)  # the page shows its errors
     await explorer.start()
     print(f"explorer at {explorer.url} (Ctrl-C ends it)", flush=True)
     if open_browser:
         webbrowser.open(explorer.url)
     try:
-        await asyncio.Event().wait()
+        await terminated.wait()
     finally:
         await explorer.stop()
+    print("explorer ended: terminated", file=sys.stderr, flush=True)
+
+
+class _OneLine(logging.Formatter):
+    """One line of a message and the exception behind it."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        error = record.exc_info[1] if record.exc_info else None
+        reason = f": {type(error).__name__}: {error}" if error else ""
+        return one_line(f"{record.levelname.lower()}: {record.getMessage()}{reason}")
 
 
 def _report(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:

@@ -244,7 +244,7 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
     Refused
         If the surface is no sea model, or only analog photons follow the link.
     """
-    inputs = resolve_chains(state.channel, photons=FADING_CHAINS)
+    inputs = resolve_chains(state.channel, fading=True, photons=FADING_CHAINS)
     if not isinstance(inputs.surface, SurfaceModel):
         raise Refused("surface", Described(type(inputs.surface).__name__), "a sea that moves")
     times = np.arange(FADING_FRAMES) / FADING_RATE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,8 +72,9 @@ def band_fading(link: Any, sea: Any) -> BandFading | None:
     """
     if not hasattr(sea, "slope_spectrum"):
         return None
-    omega_max, whole = sea.band_limits.omega_max, sea.short_waves
+    omega_max = sea.band_limits.omega_max
     try:
+        whole = sea.short_waves
         found = BandFading(
             omega_max,
             scintillation_of_spectrum(link, sea, omega_max, heights=True),
@@ -140,33 +142,66 @@ def fading_band(link: Any, sea: Any, within: float = WITHIN) -> float:
     return float(f"{high:.4g}")
 
 
-def resolve_band(link: Any, sea: Any) -> Any:
+def resolve_band(link: Any, sea: Any, fading: bool = False) -> Any:
     """Return a sea with `omega_max="fading"` replaced by the number for a link.
 
     Parameters
     ----------
     link : Link
-        The link.
+        The link. A link off its axis has the band of its first source and its first receiver on
+        one axis.
     sea : Surface
         Any surface; one without `omega_max="fading"` is returned unchanged.
+    fading : bool
+        Whether an answer is about fading: a random sea whose band was left open (`for_fading`),
+        or the windiest part of a sum, then is one with `omega_max="fading"`, to 10 % of the index
+        where no band has it to 3 %. Not without random slopes (`Physics.unresolved`), where the
+        index of a band overshoots that of all waves.
 
     Raises
     ------
     Refused
-        If it is no surface, or as `fading_band`.
+        If it is no surface, or the sea has `omega_max="fading"` and no band will do, see
+        `fading_band`.
+
+    Warns
+    -----
+    UserWarning
+        If an open band stays because no band will do.
 
     Examples
     --------
     >>> import meshtrace as mt
-    >>> from meshtrace.surfaces import resolved_sea
-    >>> 16.0 < resolve_band(mt.Link(), resolved_sea(5.0)).omega_max < 32.0
+    >>> from meshtrace.surfaces import JonswapSea, resolved_sea
+    >>> resolved = resolve_band(mt.Link(), resolved_sea(5.0, fetch=30e3))
+    >>> 16.0 < resolved.omega_max < 32.0
+    True
+    >>> resolve_band(mt.Link(), JonswapSea(wind_speed=5.0), fading=True) == resolved
     True
     """
     require_surface(sea)
-    if getattr(sea, "omega_max", None) != FADING:
+    if getattr(sea, "omega_max", None) == FADING:
+        return _resolved(link, getattr(sea, "for_fading", sea))
+    if not fading or link.physics.unresolved == "none":
         return sea
+    if hasattr(sea, "windiest"):
+        whole = sea.windiest
+        parts = [resolve_band(link, part, True) if part is whole else part for part in sea.parts]
+        return sea if parts == list(sea.parts) else sea.model_copy(update={"parts": parts})
+    for within in (WITHIN, SHORT):
+        try:
+            opened = getattr(sea, "for_fading", sea)
+            return sea if opened is sea else _resolved(link, opened, within)
+        except Refused as error:
+            reason = str(error)
+    warnings.warn(f"the fading of short waves is left out: {reason}", stacklevel=2)
+    return sea
+
+
+def _resolved(link: Any, sea: Any, within: float = WITHIN) -> Any:
+    """Return a sea with the number for `omega_max="fading"`."""
     try:
-        return sea.model_copy(update={"omega_max": _cached_band(link, sea)})
+        return sea.model_copy(update={"omega_max": _cached_band(_on_axis(link), sea, within)})
     except Refused as error:
         if error.field == "omega_max":
             raise
@@ -175,16 +210,31 @@ def resolve_band(link: Any, sea: Any) -> Any:
         raise Refused("omega_max", found, allowed) from None
 
 
+def _on_axis(link: Any) -> Any:
+    """Return the first source and the first receiver of a link, face to face with a full view."""
+    if not (link.transmitters and link.receivers):
+        raise Refused("receiver", link.receiver, "one receiver")
+    straight = {"position": (0.0, 0.0), "tilt_deg": 0.0, "zenith_deg": 0.0, "fov_deg": 180.0}
+    ends = {"transmitter": link.transmitters[0], "receiver": link.receivers[0]}
+    return link.replace(
+        **{
+            name: end.replace(**{k: v for k, v in straight.items() if k in type(end).model_fields})
+            for name, end in ends.items()
+        }
+    )
+
+
 _bands: dict[tuple[Any, ...], float] = {}
 
 
-def _cached_band(link: Any, sea: Any) -> float:
+def _cached_band(link: Any, sea: Any, within: float = WITHIN) -> float:
     """Return `fading_band`, searched once for the same geometry and sea."""
     lever, receiver = paraxial_lever(link), link.receivers[0]
     config = {key: value for key, value in sea.to_config().items() if key != "seed"}
-    key = (lever, receiver.fov_deg, abs(receiver.center[2]), json.dumps(config, sort_keys=True))
+    place = receiver.fov_deg, abs(receiver.center[2])
+    key = (lever, *place, within, json.dumps(config, sort_keys=True))
     if key not in _bands:
-        _bands[key] = fading_band(link, sea)
+        _bands[key] = fading_band(link, sea, within)
     return _bands[key]
 
 

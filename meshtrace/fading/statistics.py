@@ -40,6 +40,7 @@ from meshtrace.fading.scintillation import scintillation_index
 from meshtrace.fading.summary import FadingStatistics
 
 # Below these numbers the intervals of a series are rough, and a fit is not tested.
+_FEWEST_STEPS = 3  # of a coherence time
 _FEWEST_EFFECTIVE = 20.0
 _FEWEST_TESTED = 20
 
@@ -166,7 +167,9 @@ def _series_part(
     return {
         "lag": lag,
         "autocorrelation": autocorrelation(g, stderr) if fades else np.full_like(lag, math.nan),
-        "coherence_time": coherence_time(time, g, stderr, **boot) if fades else nothing,
+        "coherence_time": coherence_time(time, g, stderr, **boot)
+        if fades and g.size >= _FEWEST_STEPS
+        else nothing,
         "level_crossing_rate": tuple(level_crossing_rate(time, g, h, **below) for h in levels),
         "mean_fade_duration": tuple(mean_fade_duration(time, g, h, **below) for h in levels),
     }
@@ -232,6 +235,8 @@ def _series_notes(
             f"the effective sample size is {n_effective:.2g}: the scintillation index is biased "
             f"low by about {100.0 / n_effective:.0f} %, and the intervals are approximate"
         )
+    if math.isnan(series["coherence_time"].value):
+        notes.append(f"the coherence time needs gains that vary, at {_FEWEST_STEPS} times or more")
     if series["coherence_time"].value < series["lag"][1]:
         notes.append("the coherence time is below one time step: use shorter steps")
     steps = float(np.mean(np.diff(g) ** 2))

@@ -115,7 +115,7 @@ class FadingStatistics(Stored):
         ]
         if self.coherence_time is not None:
             lines += [
-                f"  coherence time       {_text(self.coherence_time)} s",
+                f"  coherence time       {_seconds(self.coherence_time)}",
                 f"  independent samples  {self.n_effective:.3g} (blocks of {self.block})",
             ]
         lines += self._threshold_lines() + self._fit_lines()
@@ -130,8 +130,7 @@ class FadingStatistics(Stored):
             if self.level_crossing_rate:
                 lines.append(f"{'':<23}crossings {_text(self.level_crossing_rate[i])} per s")
                 fade = self.mean_fade_duration[i]
-                shown = "-" if math.isnan(fade.value) else f"{_text(fade)} s"
-                lines.append(f"{'':<23}mean fade {shown}")
+                lines.append(f"{'':<23}mean fade {_seconds(fade)}")
         return lines
 
     def _fit_lines(self) -> list[str]:
@@ -243,6 +242,11 @@ class FadingStatistics(Stored):
 
 def _text(estimate: Estimate) -> str:
     return f"{estimate.value:.4g} [{estimate.low:.4g}, {estimate.high:.4g}]"
+
+
+def _seconds(estimate: Estimate) -> str:
+    """Return a time as text, "-" for one that the gains do not have."""
+    return "-" if math.isnan(estimate.value) else f"{_text(estimate)} s"
 
 
 def _limit_attrs(name: str, suffix: str) -> dict[str, str]:

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from meshtrace.kernels.aiming import STEP, Aim, Jacobian, Shot, emission_through, quotients
 from meshtrace.kernels.chain_gain import (
     Crossing,
-    acceptance,
     is_steep,
     keep,
     transmittance,
@@ -26,16 +25,21 @@ from meshtrace.kernels.chain_gain import (
 from meshtrace.kernels.crossings import Counter, shot_of
 from meshtrace.kernels.facets import corners, exposure, normal_at, slope_tilt
 from meshtrace.kernels.interface import reflectance
-from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
+from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.scene import height_on, locate
-from meshtrace.kernels.sources import intensity
+from meshtrace.kernels.sources import SourceKind, intensity
 from meshtrace.kernels.unscattered import (
+    VIEW_SHARE,
     beam_width,
+    node,
     nodes_of,
     part_of_row,
+    push_quarters,
     solid_angle,
     straight_depth,
+    view_margin,
+    view_radius,
 )
 from meshtrace.kernels.vectors import (
     UP,
@@ -56,8 +60,16 @@ from meshtrace.kernels.vectors import (
 MOST_SLOPE = 7.0  # standard deviations beyond which a slope does not occur
 PART_SLOPE = 0.7  # standard deviations by which the slope may change over a part of a facet
 PART_BEAM = 0.2  # longest edge of a part over the width of the beam
+RIM_BEAM = 0.02  # the same where a beam with a sharp rim ends
+DARK = 41.5  # -ln of the intensity, over that on the axis, that counts as none
 MOST_PARTS = 48
-"""Parts along an edge of a facet; facets with more are too large for the blur."""
+"""Parts along an edge of a facet of a map; facets with more are too large for the blur."""
+
+_FEW = 16  # parts along an edge: facets of more are cut where light may cross
+_FINER = 4.0  # parts of those: no neighbours of the same cut cancel the errors at their edges
+_FINEST = 1.0 / 64.0  # of the longest edge, at the edge of the field of view
+_NEAR = 2.0  # sizes of a part within which the edge of the field of view may cross it
+_NODES = np.int64(2**24)  # finest cut of an edge
 
 
 class Slope(NamedTuple):
@@ -131,76 +143,205 @@ class Disk(NamedTuple):
 
     points: NDArray[np.float64]  # (n, 2) of the unit disk
     shares: NDArray[np.float64]  # (n,) of its area
-    blur: float  # radius over the smallest standard deviation of the landing points
 
 
 @entry
-def blurred_gain(scene, disk, needed, gain, doubtful):
+def blurred_gain(scene, disk, stack, gain, doubtful):
     """Write the unscattered gain of each facet, with a flag for possible shadowing by waves.
 
-    `needed` is working space, three numbers a vertex.
-
-    Returns False if a lit facet is too large for the blur: the gains are then incomplete.
+    `stack` is room for (STACK, 3) integers.
 
     Array twin: chains without scatterings.
     gain = int dOmega I exp(-tau) int_A dx p(s* - s) |det ds*/dx| E T over the facet, E its
     exposure. A facet is cut into parts over which the slope s* - s changes by a fraction of its
-    standard deviation.
+    standard deviation, and light by a fraction of its own.
     """
-    edge = PART_BEAM * beam_width(scene.emitter) * -scene.emitter.position.z
-    surface = scene.surface
-    if surface.interpolate:  # a vertex has six facets
-        for i in range(len(surface.vertices)):
-            s = _needed(row(surface.vertices, i), row(surface.vertex_normals, i), scene)
-            needed[i, 0], needed[i, 1] = s.x, s.y
-    for f in range(len(surface.faces)):
-        if surface.interpolate:
-            u, v, w = corners(needed, f, surface.faces)
-            near, change = _range_of(u, v, w)
-        else:
-            near, change = slope_range(f, scene)
-        reach = MOST_SLOPE + change + disk.blur
-        if near > reach * reach:
-            continue
-        n = math.ceil(max(change / PART_SLOPE, 2.0 * scene.facets[f].radius / edge, 1.0))
-        if n > MOST_PARTS:
-            return False
-        steep = True
-        for i in range(n):
-            for k in range(2 * (n - i) - 1):
-                g, s = _part_gain(f, n, *part_of_row(i, k), disk, scene)
-                gain[f] += g
-                steep = steep and s
-        doubtful[f] = gain[f] > 0.0 and not steep
-    return True
+    dark = dark_angle(scene.emitter)
+    for f in range(len(scene.surface.faces)):
+        if is_lit(f, ONE, ZERO, ZERO, ONE, dark, scene):
+            gain[f], steep = _facet_light(f, dark, disk, stack, scene)
+            doubtful[f] = gain[f] > 0.0 and not steep
+
+
+@inlined
+def dark_angle(emitter):
+    """Return the angle to the axis of a source beyond which it sends no light [rad].
+
+    Array twin: `intensity`.
+    """
+    if emitter.kind == SourceKind.LED:
+        return math.acos(math.exp(-DARK / max(emitter.spread, 1e-3)))
+    if emitter.kind == SourceKind.GAUSSIAN_BEAM:
+        return emitter.spread * math.sqrt(0.5 * DARK)
+    return math.pi if emitter.kind == SourceKind.ISOTROPIC else emitter.spread
+
+
+@inlined
+def spatial_radius(facet):
+    """Return the largest distance of a facet's points from its centroid [m].
+
+    Array twin: numpy.linalg.norm over corners.
+    """
+    return facet.radius * math.sqrt(1.0 + facet.slope_x**2 + facet.slope_y**2)
+
+
+@inlined
+def is_dark(p, h, dark, emitter):
+    """Return whether no light of a source passes within a distance h of P.
+
+    Array twin: `intensity`. `dark` is the `dark_angle`.
+    """
+    length = norm(minus(p, emitter.position))
+    return h < length and _off_axis(p, emitter) > dark + math.asin(h / length)
 
 
 @outlined
-def slope_range(f, scene):
-    """Return the squared size and the variation of the slope from a facet to the aperture.
+def is_lit(f, nodes, i, j, side, dark, scene):
+    """Return whether random slopes may send light through a part (i, j, side) of a facet.
 
-    In standard deviations: at the mean of the corners, and between corners.
+    Array twin: `_part_gain` of its parts.
+    The bounds hold for any size: within a distance h of its centre directions turn by at
+    most h / (D - h), D the distance of the source or of the aperture, so that the normal
+    N = n_w d - n_a r which refracts to the aperture changes by at most `turn`.
     """
-    surface = scene.surface
-    a, b, c = corners(surface.vertices, f, surface.faces)
-    k = m = n = row(surface.face_normals, f)
-    if surface.interpolate:
-        k, m, n = corners(surface.vertex_normals, f, surface.faces)
-    return _range_of(_needed(a, k, scene), _needed(b, m, scene), _needed(c, n, scene))
+    target, facet = scene.target, scene.facets[f]
+    p = node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
+    h = spatial_radius(facet) * abs(side) / nodes
+    way = minus(p, scene.emitter.position)
+    length = norm(way)
+    big, _, flight = _normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
+    wide = h + target.radius
+    if is_dark(p, h, dark, scene.emitter):
+        return False
+    if h >= length or wide >= flight:
+        return True
+    medium, rough = scene.medium, scene.surface.roughness
+    turn = medium.n_water * h / (length - h) + medium.n_air * wide / (flight - wide)
+    n = normal_at(p.x, p.y, f, scene.surface)
+    u = whitened(rough, Vec2(n.x / n.z * big.z - big.x, n.y / n.z * big.z - big.y))
+    bend = 2.0 * h * facet.curvature
+    steep = math.hypot(n.x, n.y) / n.z + bend
+    slack = (turn * math.sqrt(1.0 + steep * steep) + bend * (abs(big.z) + turn)) / min(
+        rough.along, rough.across
+    )
+    return math.hypot(u.x, u.y) <= MOST_SLOPE * max(big.z + turn, 0.0) + slack
+
+
+@outlined
+def _facet_light(f, dark, disk, stack, scene):
+    """Return (gain, steep) of a facet; parts that need many parts of their own are quartered."""
+    total, steep = 0.0, True
+    stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, _NODES
+    top = 1
+    while top > 0:
+        top -= 1
+        i, j, side = stack[top, 0], stack[top, 1], stack[top, 2]
+        n = _parts_along(f, i, j, side, scene)
+        if abs(side) < _NODES:
+            n *= _FINER
+            if not is_lit(f, _NODES, i, j, side, dark, scene):
+                continue
+        if n > _FEW and abs(side) > 1:
+            top = push_quarters(stack, top, i, j, side)
+            continue
+        m = math.ceil(min(n, float(_FEW)))
+        for k in range(m):
+            for q in range(2 * (m - k) - 1):
+                x, y, z = part_of_row(k, q)
+                # part (x, y, z) of m along the edges of the part (i, j, side)
+                x, y, z = m * i + x * side, m * j + y * side, z * side
+                g, s = _part_gain(f, m * _NODES, x, y, z, disk, scene)
+                total += g
+                steep = steep and s
+    return total, steep
+
+
+@outlined
+def _parts_along(f, i, j, side, scene):
+    """Return the number of parts, along an edge, into which a part of a facet has to be cut.
+
+    Infinite if no slope refracts light to the aperture at one of its corners.
+    """
+    emitter, facet = scene.emitter, scene.facets[f]
+    share = abs(side) / _NODES
+    p = node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
+    h = spatial_radius(facet) * share
+    beam = PART_BEAM
+    if emitter.kind == SourceKind.TOP_HAT_BEAM and _is_rim(p, h, emitter):
+        beam = RIM_BEAM
+    edge = beam * beam_width(emitter) * -emitter.position.z
+    margin, flight = _margin(p, Vec2(0.0, 0.0), scene)
+    if margin >= -_NEAR * (h + scene.target.radius):  # everywhere in view, see `_FINER`
+        view = view_radius(flight, scene.target, scene.interface.fov)
+        edge = min(edge, max(VIEW_SHARE * view, _FINEST * edge))
+    change = _change(f, *nodes_of(f, _NODES, i, j, side, scene.surface), scene)
+    return max(change / PART_SLOPE, 2.0 * facet.radius * share / edge, 1.0)
 
 
 @inlined
-def _range_of(u, v, w):
-    """Return the `slope_range` of a facet from the slopes needed at its corners."""
-    x, y = (u.x + v.x + w.x) / 3.0, (u.y + v.y + w.y) / 3.0
-    p, q, r = minus2(u, v), minus2(v, w), minus2(w, u)
-    change = max(dot2(p, p), dot2(q, q), dot2(r, r))
-    return x * x + y * y, math.sqrt(change) if change < math.inf else 0.0
+def _margin(p, goal, scene):
+    """Return `view_margin` and distance of light from P to a point of the aperture."""
+    target = scene.target
+    way = minus(along(along(target.center, target.e1, goal.x), target.e2, goal.y), p)
+    flight = norm(way)
+    r = scaled(1.0 / flight, way)
+    return view_margin(p, r, flight, target, scene.interface.fov), flight
+
+
+@outlined
+def _share_in_view(p, q, r, goal, scene):
+    """Return the share of a triangle from which a point of the aperture sees light.
+
+    Array twin: fine meshes in the tests.
+    The edge of the field of view is taken for a straight line.
+    """
+    a, b, c = _margin(p, goal, scene)[0], _margin(q, goal, scene)[0], _margin(r, goal, scene)[0]
+    seen = ZERO + (a >= 0.0) + (b >= 0.0) + (c >= 0.0)
+    if seen == 0 or seen == 3:
+        return seen / 3.0
+    if (a >= 0.0) == (c >= 0.0):
+        a, b, c = b, c, a
+    elif (a >= 0.0) == (b >= 0.0):
+        a, b, c = c, a, b
+    corner = a * a / ((a - b) * (a - c))
+    return corner if seen == 1 else 1.0 - corner
 
 
 @inlined
-def _needed(p, n, scene):
-    """Return the random slope at P that refracts light to the centre of the aperture."""
+def _is_rim(p, h, emitter):
+    """Return whether the rim of a beam may pass within a distance h of P."""
+    seen = math.asin(min(h / norm(minus(p, emitter.position)), 1.0))
+    return abs(_off_axis(p, emitter) - emitter.spread) <= seen
+
+
+@inlined
+def _off_axis(p, emitter):
+    way = minus(p, emitter.position)
+    return math.acos(min(max(dot(way, emitter.axis) / norm(way), -1.0), 1.0))
+
+
+@outlined
+def slope_change(f, scene):
+    """Return the variation of the slope to the aperture between the corners of a facet.
+
+    Array twin: see `slope_towards`.
+    In standard deviations; infinite if no slope refracts light to the aperture at a corner.
+    """
+    return _change(f, *corners(scene.surface.vertices, f, scene.surface.faces), scene)
+
+
+@inlined
+def _change(f, p, q, r, scene):
+    u, v, w = _needed(p, f, scene), _needed(q, f, scene), _needed(r, f, scene)
+    a, b, c = minus2(u, v), minus2(v, w), minus2(w, u)
+    square = max(dot2(a, a), dot2(b, b), dot2(c, c))
+    return math.sqrt(square) if square < math.inf else math.inf
+
+
+@inlined
+def _needed(p, f, scene):
+    """Return the random slope at P on a facet that refracts light to the centre of the aperture."""
+    n = normal_at(p.x, p.y, f, scene.surface)
     way = minus(p, scene.emitter.position)
     big, _, _ = _normal_to(p, scaled(1.0 / norm(way), way), Vec2(0.0, 0.0), scene)
     if big.z <= 0.0:
@@ -243,13 +384,16 @@ def _part_gain(f, n, i, j, side, disk, scene):
     middle, normal, w, light = part.middle, part.normal, part.w, part.light
     total, steep = 0.0, True
     radius, source = scene.target.radius, scene.emitter.position
-    if light == 0.0:
+    margin, _ = _margin(middle, Vec2(0.0, 0.0), scene)
+    p, q, r = nodes_of(f, n, i, j, side, scene.surface)
+    near = _NEAR * (max(norm(minus(p, middle)), norm(minus(q, r))) + radius)
+    if light == 0.0 or margin < -near:
         return 0.0, True
     for k in range(len(disk.points)):
         goal = Vec2(radius * disk.points[k, 0], radius * disk.points[k, 1])
         s = slope_towards(middle, normal, w, w, part.length, goal, scene)
         if s.density > 0.0:
-            share = acceptance(s.aim, middle, scene.target, scene.interface.fov)
+            share = 1.0 if margin > near else _share_in_view(p, q, r, goal, scene)
             share *= exposure(w, normal, s.tilt) * transmittance(s.aim, scene.interface)
             if scene.mirrored and share > 0.0:
                 share *= math.exp(-straight_depth(middle, s.aim, source, scene))
@@ -276,14 +420,14 @@ def blurred_contributions(chains, flat, spread, scene, out):
     counts = ZERO, ZERO, ZERO
     for i in range(len(chains.last)):
         if flat[i, 0].branch == 0.0:
-            out.counters[Counter.NO_FLAT] += 1
+            out.counters[Counter.NO_FLAT.value] += 1
         for k in range(len(flat[i])):
             if flat[i, k].branch == 0.0:
                 break
             light = sloped_crossing(chains, i, flat[i], k, spread, scene)
             if light.weight <= 0.0:
                 continue
-            out.counters[Counter.SOLVED] += 1
+            out.counters[Counter.SOLVED.value] += 1
             counts = keep(chains, i, light.weight, light, counts, scene, out)
     return counts
 

@@ -13,9 +13,12 @@ from meshtrace.kernels.blurred import (
     MOST_SLOPE,
     PART_BEAM,
     PART_SLOPE,
+    dark_angle,
+    is_dark,
     lit_part,
-    slope_range,
+    slope_change,
     slope_towards,
+    spatial_radius,
 )
 from meshtrace.kernels.chain_gain import acceptance, is_steep, transmittance
 from meshtrace.kernels.crossings import straight_shot
@@ -261,21 +264,27 @@ def blurred_map(scene, cells, stretch, most, rules, gain):
     shot = straight_shot(0.0, 0.0, scene)
     edge = PART_BEAM * beam_width(scene.emitter) * -scene.emitter.position.z
     source, center = scene.emitter.position, scene.target.center
+    dark = dark_angle(scene.emitter)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         reach = scene.target.reach + facet.radius
         if _far_from(facet.x - center.x, facet.y - center.y, reach, cells):
             continue
         p = Vec3(facet.x, facet.y, facet.z)
+        if is_dark(p, spatial_radius(facet), dark, scene.emitter):
+            continue
         m = aim_at(p.x, p.y, f, shot, scene)
         x, y = (m.at.x, m.at.y) if m.ok else (0.0, 0.0)
         box = _lit_cells(p, minus(p, source), m, f, 2.0 * facet.radius * stretch, cells, scene)
         if box.west > box.east or box.south > box.north:
             continue
-        _, change = slope_range(f, moved(scene, x, y))
-        n = math.ceil(max(change / PART_SLOPE, 2.0 * facet.radius / edge, 1.0))
-        if n > most:
+        change = slope_change(f, moved(scene, x, y))
+        if math.isinf(change) and not m.ok:
+            change = 0.0  # light is reflected there
+        parts = max(change / PART_SLOPE, 2.0 * facet.radius / edge, 1.0)
+        if parts > most:
             return False
+        n = math.ceil(parts)
         for i in range(n):
             for k in range(2 * (n - i) - 1):
                 _blurred_part(f, n, *part_of_row(i, k), box, cells, rules, scene, gain)

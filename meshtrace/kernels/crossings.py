@@ -295,7 +295,7 @@ def find_crossings(chains, i, flat, audit, search, scene, out):
     for k in range(len(flat)):
         if flat[k].branch == 0.0:
             if k == 0:
-                out.counters[Counter.NO_FLAT] += 1
+                out.counters[Counter.NO_FLAT.value] += 1
             break
         shot = shot_of(chains, i, scene, flat[k].branch, scene.surface.roughness)
         first, last = ZERO - 1, ZERO
@@ -329,7 +329,7 @@ def _near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counter
                 found, x, y, facet = newton(x0, y0, start, NO, step * radius, shot, scene)
                 found = found and inside_facet(x, y, facet, surface)
         if found:
-            counters[Counter.SOLVED] += 1
+            counters[Counter.SOLVED.value] += 1
             n = _add(roots, n, ZERO, x, y, facet, shot.branch, 1.0)
         # most chains that Newton gives up have no crossing: a quarter of them shows it
         audited = 1.0 if search.curvature * flat.lever > _FOCUSING else search.audit
@@ -338,15 +338,15 @@ def _near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counter
             return n
     kept = n
     if is_listed:
-        counters[Counter.LISTED] += 1
+        counters[Counter.LISTED.value] += 1
         last = listed_roots(roots, n, flat, listed, shot, scene)
     else:
-        counters[Counter.ENUMERATED] += 1
+        counters[Counter.ENUMERATED.value] += 1
         last = enumerate_roots(roots, n, flat, radius, shot, scene)
     for k in range(n, last):
         r = roots[k]
         kept = _add(roots, kept, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)
-    counters[Counter.EXTRA_ROOTS] += kept - max(n, first)
+    counters[Counter.EXTRA_ROOTS.value] += kept - max(n, first)
     return kept
 
 

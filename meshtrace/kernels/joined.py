@@ -93,7 +93,7 @@ def _reflect(q, facet, world):
     p, d, g = place(q), heading(q), row(world.surface.face_normals, facet)
     n, lot = normal_on(p, facet, world.surface), -1.0
     if g.z > _LEAST_ROUGH and is_rough(world.surface.roughness):
-        u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE)
+        u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE.value)
         tilt = drawn_tilt(world.surface.roughness, u, v)
         if 2.0 * w >= exposure(d, n, tilt):
             tilt = Vec2(-tilt.x, -tilt.y)
@@ -109,7 +109,7 @@ def _reflect(q, facet, world):
     at = along(p, g, -_HAIR)
     q.x, q.y, q.z = at.x, at.y, at.z
     head(q, reflected)
-    _, u_path, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE)
+    _, u_path, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
     q.free = sample_free_path(medium, at, u_path)
     return True
 
@@ -125,7 +125,7 @@ def _bounce(q, world):
     join_collision(q, YES, world)
     if not survives(q, -1.0, world):
         return False
-    u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM)
+    u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM.value)
     head(q, lambert_reflection(u_cos, u_phi))
     if q.density > 0.0:
         q.density = q.dz / math.pi
@@ -137,7 +137,7 @@ def _bounce(q, world):
 def _scatter(q, world):
     """Apply a collision; return whether the photon lives."""
     q.event += 1
-    u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION)
+    u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION.value)
     s, q.weight = collide(world.medium, place(q), q.weight, u_kind, u_theta)
     if q.weight == 0.0:
         return False
@@ -164,7 +164,7 @@ def _resume(q, world):
     event, copies = q.event, q.copies
     world.photon[0] = world.photon[copies]
     q.event, q.copies = event + 1, copies - 1
-    u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION)
+    u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION.value)
     b, bubbles = scattering_coefficients(world.medium, place(q))
     phase = world.medium.phase_water
     if u_kind * (b + bubbles) >= b:

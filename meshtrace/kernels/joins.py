@@ -437,7 +437,7 @@ def join_crossing(q, facet, world):
     p, d = place(q), heading(q)
     g = row(world.surface.face_normals, facet)
     n = normal_on(p, facet, world.surface)
-    u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE)
+    u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
     for i in range(len(joins.target)):
         scene = _scene(i, world)
         found, goal = True, _goal(scene.target, u, v)
@@ -477,10 +477,10 @@ def join_collision(q, at_bottom, world):
     level = level_over(start, world)
     chance = _chance(max(level - start.z, _LEAST_DEPTH), joins)
     q.density = 1.0  # until the direction is known
-    u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN)
+    u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN.value)
     if lot >= chance:
         return
-    s, t, wide, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE)
+    s, t, wide, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
     r = math.sqrt(-2.0 * math.log(s))
     if wide < _WIDE_SHARE:
         r *= _WIDE
@@ -632,7 +632,7 @@ def redirect(q, s, u_phi, world):
     start, before, aimed = place(q), heading(q), q.aimed
     guide, n = guide_of(q, world), len(world.joins.target)
     q.aimed = 0
-    lot, u, _, _ = uniforms(world.seed, q.id, q.event, Purpose.GUIDE)
+    lot, u, _, _ = uniforms(world.seed, q.id, q.event, Purpose.GUIDE.value)
     if aimed == 0:
         if lot < guide.lobe + guide.cone and q.copies + 1 < len(world.photon):
             i = min(int(lot / guide.lobe * n), n - 1) if lot < guide.lobe else n
@@ -706,7 +706,7 @@ def survives(q, lot, world):
         return True
     chance = max(ratio / (2.0 * _LOWEST), _LEAST_CHANCE)
     if lot < 0.0:
-        lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE)
+        lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE.value)
     if lot >= chance:
         return False
     q.weight /= chance

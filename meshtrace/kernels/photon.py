@@ -111,7 +111,7 @@ def _settle_miss(q, seen, world):
     t = math.inf
     low, high = world.surface.low[2], world.surface.high[2]
     if not seen and q.in_water == 0 and q.dz > 0.0:
-        return Fate.LANDED, 0.0
+        return Fate.LANDED.value, 0.0
     if q.in_water == 0:
         if q.dz < 0.0:
             t = (low - q.z) / q.dz
@@ -123,13 +123,13 @@ def _settle_miss(q, seen, world):
     elif q.dz > 0.0:
         t = (high - q.z) / q.dz
     if not seen and not (t < math.inf and _inside(q, t, world.surface)):
-        return Fate.LEFT_DOMAIN, 0.0
+        return Fate.LEFT_DOMAIN.value, 0.0
     if q.retry < _RETRIES:
-        world.tallies.misses[Miss.CAST_AGAIN] += 1
+        world.tallies.misses[Miss.CAST_AGAIN.value] += 1
         q.retry += 1
         return GOES_ON, 0.0
-    world.tallies.misses[Miss.GIVEN_UP] += 1
-    return Fate.LEAKED, 0.0
+    world.tallies.misses[Miss.GIVEN_UP.value] += 1
+    return Fate.LEAKED.value, 0.0
 
 
 @inlined
@@ -144,7 +144,7 @@ def _settle(q, world):
             t = max(plane_distance(place(q), heading(q), facet, world.surface), 0.0)
     if math.isinf(t):
         fate, length = _settle_miss(q, facet >= 0, world)
-        if fate == Fate.LANDED:
+        if fate == Fate.LANDED.value:
             to_sky(q, heading(q), q.weight, world)
             q.weight = 0.0
         if fate != GOES_ON or length == 0.0:
@@ -172,7 +172,7 @@ def _enter_slab(q, world):
         t = (world.surface.low[2] - q.z) / q.dz
         if not _inside(q, t, world.surface):
             fly_water(q, t, world)
-            return Fate.LEFT_DOMAIN
+            return Fate.LEFT_DOMAIN.value
     return GOES_ON
 
 
@@ -188,7 +188,7 @@ def _move(q, world):
             low = lowest(world)
             if q.z > low and q.dz < 0.0:
                 fly_water(q, (low - q.z) / q.dz, world)
-            return Fate.ABSORBED if world.medium.a > 0.0 else Fate.DEEP
+            return Fate.ABSORBED.value if world.medium.a > 0.0 else Fate.DEEP.value
         else:
             fly_water(q, q.free, world)
             fate = scatter(q, world)

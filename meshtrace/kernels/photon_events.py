@@ -53,11 +53,11 @@ def to_sky(q, d, weight, world):
     scored = q.crossings >= world.limits.first_scored
     received = scored and score_on_apertures(q, False, flight, world)
     score_map(world.tallies, flight, world.medium)
-    deposit(world.tallies, Fate.RECEIVED if received else Fate.LANDED, weight)
+    deposit(world.tallies, Fate.RECEIVED.value if received else Fate.LANDED.value, weight)
     if received:
-        q.outcome = Fate.RECEIVED
+        q.outcome = Fate.RECEIVED.value
     elif q.outcome < 0:
-        q.outcome = Fate.LANDED
+        q.outcome = Fate.LANDED.value
     if q.id < len(world.recorder.length):
         _record_flight(q, flight, received, world)
 
@@ -79,7 +79,7 @@ def _roughened(q, n, world):
     A tilt t and its opposite are equally common; the light picks one of the two by their
     exposures, which add up to 2.
     """
-    u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE)
+    u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE.value)
     tilt = drawn_tilt(world.surface.roughness, u, v)
     if 2.0 * w >= exposure(heading(q), n, tilt):
         tilt = Vec2(-tilt.x, -tilt.y)
@@ -97,10 +97,10 @@ def cross(q, world):
     q.crossings += 1
     foam = world.interface.foam_transmittance
     if foam < 1.0:
-        deposit(world.tallies, Fate.WHITECAP, q.weight * (1.0 - foam))
+        deposit(world.tallies, Fate.WHITECAP.value, q.weight * (1.0 - foam))
         q.weight *= foam
         if foam == 0.0:
-            return Fate.WHITECAP
+            return Fate.WHITECAP.value
     record(world.recorder, q, Vertex.SURFACE_OUT if in_water else Vertex.SURFACE_IN)
     rho, g, transmitted, reflected, lot = _split(q, in_water, world)
     if in_water:
@@ -112,11 +112,11 @@ def cross(q, world):
 
     free = _free_of_surface(q.z, air, world)
     if world.interface.fresnel != FresnelMode.WEIGHT or not free:
-        u, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE)
+        u, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
         if u * (w_air + w_water) < w_air:
             if world.interface.fresnel == FresnelMode.PAPER_BOTH:
                 # E4: roulette and weight, twice the loss
-                set_weight(q, w_air, Fate.REFLECTED, world)
+                set_weight(q, w_air, Fate.REFLECTED.value, world)
             w_air, w_water = q.weight, 0.0
         else:
             w_air, w_water = 0.0, q.weight
@@ -129,14 +129,14 @@ def cross(q, world):
             return _leave(q, air, g, world)
         to_sky(q, air, w_air, world)
     if w_water == 0.0:
-        return Fate.LANDED
+        return Fate.LANDED.value
     if in_water and not world.interface.follow_reflected:
-        return Fate.REFLECTED
+        return Fate.REFLECTED.value
     fate = roulette(q, lot, world)
     if fate != GOES_ON:
         return fate
     record(world.recorder, q, Vertex.BRANCH)
-    _, u_path, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE)
+    _, u_path, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
     q.free = sample_free_path(world.medium, place(q), u_path)
     return _leave(q, water, scaled(-1.0, g), world)
 
@@ -166,7 +166,7 @@ def _leave(q, d, g, world):
     if q.in_water == 0:
         q.free = math.inf
     if q.crossings >= world.limits.surface_events or q.event >= world.limits.events:
-        return Fate.EVENT_LIMIT
+        return Fate.EVENT_LIMIT.value
     return GOES_ON
 
 
@@ -182,7 +182,7 @@ def fly_water(q, length, world):
     put(q, p)
     q.water += length
     if a_path > 0.0:
-        set_weight(q, q.weight * math.exp(-a_path), Fate.ABSORBED, world)
+        set_weight(q, q.weight * math.exp(-a_path), Fate.ABSORBED.value, world)
 
 
 @inlined
@@ -212,7 +212,7 @@ def _continue(q, u_path, world):
     """Draw the next free path after a collision; end a photon by its limits."""
     q.free = sample_free_path(world.medium, place(q), u_path)
     if q.event >= world.limits.events:
-        return Fate.EVENT_LIMIT
+        return Fate.EVENT_LIMIT.value
     return roulette(q, -1.0, world)
 
 
@@ -223,12 +223,12 @@ def scatter(q, world):
     if world.back.irradiance > 0.0:
         light = sunlight(world.back, world.medium, place(q), heading(q), q.weight)
         world.tallies.score[q.id - world.first, SUN_SCORE] += light
-    u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION)
+    u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION.value)
     s, weight = collide(world.medium, place(q), q.weight, u_kind, u_theta)
     if weight != q.weight:
-        set_weight(q, weight, Fate.ABSORBED, world)
+        set_weight(q, weight, Fate.ABSORBED.value, world)
         if weight == 0.0:
-            return Fate.ABSORBED
+            return Fate.ABSORBED.value
     if s >= 0.0:
         head(q, turn(heading(q), s, u_phi))
         record(world.recorder, q, Vertex.SCATTER)
@@ -242,10 +242,10 @@ def bounce(q, world):
     q.z = world.medium.bottom_z
     kept = q.weight * world.medium.bottom_albedo
     if kept == 0.0:
-        return Fate.BOTTOM
-    set_weight(q, kept, Fate.BOTTOM, world)
+        return Fate.BOTTOM.value
+    set_weight(q, kept, Fate.BOTTOM.value, world)
     q.event += 1
-    u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM)
+    u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM.value)
     head(q, lambert_reflection(u_cos, u_phi))
     record(world.recorder, q, Vertex.BOTTOM)
     return _continue(q, u_path, world)

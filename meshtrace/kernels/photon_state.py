@@ -171,10 +171,10 @@ def roulette(q, lot, world):
         return GOES_ON
     p = world.limits.survival if world.limits.survival > 0.0 else q.weight / world.limits.weight
     if lot < 0.0:
-        lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE)
+        lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE.value)
     if lot >= p:
-        return Fate.ROULETTE
-    set_weight(q, q.weight / p, Fate.ROULETTE, world)
+        return Fate.ROULETTE.value
+    set_weight(q, q.weight / p, Fate.ROULETTE.value, world)
     return GOES_ON
 
 

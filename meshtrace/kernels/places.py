@@ -136,7 +136,7 @@ def _arrives(chains, i, light, scene, room):
         origin = Vec3(r.origin[0], r.origin[1], r.origin[2])
         way = Vec3(r.direction[0], r.direction[1], r.direction[2])
         if not is_free(origin, way, r.length, scene.surface, scene.locator):
-            room.counters[Counter.BLOCKED] += 1
+            room.counters[Counter.BLOCKED.value] += 1
             return False
     return True
 

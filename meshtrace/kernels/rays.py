@@ -13,6 +13,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from meshtrace.kernels.jit import config, entry, inlined
+from meshtrace.kernels.vectors import write
 
 RAY_WORDS = 32
 """Words of 4 bytes for an `RTCRayHit`, of which Embree 4.4 has 24 with its padding."""
@@ -59,6 +60,16 @@ def _plain_call(address: int, scene: int, ray: int) -> None:
 _call: Any = _plain_call if config.DISABLE_JIT else _compiled_call
 
 
+@inlined
+def _prepare(ray, word):
+    """Write all that Embree reads of a ray but its origin and direction."""
+    ray[Word.NEAR.value] = ray[Word.TIME.value] = 0.0
+    ray[Word.FAR.value] = _FAR
+    word[Word.MASK.value] = -1
+    word[Word.ID.value] = word[Word.FLAGS.value] = 0
+    word[Word.FACET.value] = word[Word.GEOMETRY.value] = word[Word.INSTANCE.value] = -1
+
+
 @entry
 def cast(intersect, scene, rays, words, origins, directions, out):
     """Write the first facet of each ray, -1 for a miss.
@@ -75,13 +86,11 @@ def cast(intersect, scene, rays, words, origins, directions, out):
             for k in range(3):
                 ray[Word.ORIGIN + k] = origins[first + i, k]
                 ray[Word.DIRECTION + k] = directions[first + i, k]
-            ray[Word.NEAR], ray[Word.TIME], ray[Word.FAR] = 0.0, 0.0, _FAR
-            word[Word.MASK], word[Word.ID], word[Word.FLAGS] = -1, 0, 0
-            word[Word.FACET], word[Word.GEOMETRY], word[Word.INSTANCE] = -1, -1, -1
+            _prepare(ray, word)
         for i in range(n):
             _call(intersect, scene, start + 4 * RAY_WORDS * i)  # type: ignore[call-arg]
         for i in range(n):
-            out[first + i] = words[i, Word.FACET]
+            out[first + i] = words[i, Word.FACET.value]
 
 
 class Bvh(NamedTuple):
@@ -117,10 +126,8 @@ def first_facet(bvh, p, d):
     Array twin: `cast`.
     """
     ray, word = bvh.ray, bvh.word
-    ray[Word.ORIGIN], ray[Word.ORIGIN + 1], ray[Word.ORIGIN + 2] = p.x, p.y, p.z
-    ray[Word.DIRECTION], ray[Word.DIRECTION + 1], ray[Word.DIRECTION + 2] = d.x, d.y, d.z
-    ray[Word.NEAR], ray[Word.TIME], ray[Word.FAR] = 0.0, 0.0, _FAR
-    word[Word.MASK], word[Word.ID], word[Word.FLAGS] = -1, 0, 0
-    word[Word.FACET], word[Word.GEOMETRY], word[Word.INSTANCE] = -1, -1, -1
+    write(ray[Word.ORIGIN.value :], p)
+    write(ray[Word.DIRECTION.value :], d)
+    _prepare(ray, word)
     _call(bvh.intersect, bvh.scene, ray.ctypes.data)  # type: ignore[call-arg]
-    return np.int64(word[Word.FACET])
+    return np.int64(word[Word.FACET.value])

@@ -77,7 +77,7 @@ def launch_back(back, seed, photon):
 
     Array twin: the rows of `Backward`.
     """
-    _, _, u, _ = uniforms(seed, photon, 0, Purpose.LAUNCH)
+    _, _, u, _ = uniforms(seed, photon, 0, Purpose.LAUNCH.value)
     return row(back.origin, photon), row(back.direction, photon), back.in_water, u
 
 

@@ -28,10 +28,6 @@ class SourceKind(IntEnum):
     """Lambertian inside a cone: the light of an aperture, reversed."""
 
 
-_LAUNCH = int(Purpose.LAUNCH)
-_SOURCE = int(Purpose.SOURCE)
-
-
 class Sources(NamedTuple):
     """Sources as arrays, one row each, see `meshtrace.link`."""
 
@@ -91,7 +87,7 @@ def launch(sources, seed, photon):
     Array twin: the closed-form distributions, chi-square tested.
     Two uniforms make the direction; extended sources draw two more for the position.
     """
-    u0, u1, u2, u3 = uniforms(seed, photon, 0, _LAUNCH)
+    u0, u1, u2, u3 = uniforms(seed, photon, 0, Purpose.LAUNCH.value)
     i = 0
     if len(sources.kind) > 1:
         while i < len(sources.kind) - 1 and u3 >= sources.cum_power[i]:
@@ -113,7 +109,7 @@ def launch(sources, seed, photon):
 
 @outlined
 def _spread_out(kind, p, axis, size, seed, photon):
-    u0, u1, _, _ = uniforms(seed, photon, 0, _SOURCE)
+    u0, u1, _, _ = uniforms(seed, photon, 0, Purpose.SOURCE.value)
     if SourceKind.SUN <= kind < SourceKind.APERTURE:
         return Vec3(p.x + size * (2.0 * u0 - 1.0), p.y + size * (2.0 * u1 - 1.0), p.z)
     even = kind == SourceKind.TOP_HAT_BEAM or kind == SourceKind.APERTURE

@@ -209,8 +209,8 @@ def score_planes(tallies, column, index, flight, medium):
         before = flight.length * (z0 - h) / (z0 - z1)
         w = flight.weight * _transmission(medium, z0, h, before)
         scores = tallies.score[index, column + N_PLANE_SCORES * k :]
-        scores[Plane.E_D if d.z < 0.0 else Plane.E_U] += w
-        scores[Plane.E_OD if d.z < 0.0 else Plane.E_OU] += w / abs(d.z)
+        scores[(Plane.E_D if d.z < 0.0 else Plane.E_U).value] += w
+        scores[(Plane.E_OD if d.z < 0.0 else Plane.E_OU).value] += w / abs(d.z)
         groups, _, n_cos, n_phi = tallies.radiance.shape
         if n_cos > 0:
             group = index % groups  # independent photons, from which the standard error comes

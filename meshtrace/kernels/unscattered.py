@@ -6,10 +6,11 @@ import math
 from typing import NamedTuple
 
 from meshtrace.kernels.aiming import aim_at
-from meshtrace.kernels.chain_gain import acceptance, is_steep, transmittance
+from meshtrace.kernels.chain_gain import is_steep, transmittance
 from meshtrace.kernels.crossings import corner_shines, straight_shot
 from meshtrace.kernels.facets import corners, normal_at
-from meshtrace.kernels.jit import ONE, entry, inlined, outlined
+from meshtrace.kernels.interface import FieldOfView
+from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.scene import height_on
 from meshtrace.kernels.sources import SourceKind, intensity
@@ -31,9 +32,20 @@ EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over
 
 _ROUNDING = 1e-13  # of the disk's radius squared
 BEAM_SHARE = 0.03  # longest edge of a part over the width of the beam: its light is near linear
+VIEW_SHARE = 0.06  # the same over the radius of the field of view, at its edge
+_FINEST = 1.0 / 64.0  # of the longest edge
 _FEW = 16  # parts along an edge: facets of more are cut where the light crosses
 STACK = 128
 """Parts of a large facet that wait to be cut."""
+
+
+class Corner(NamedTuple):
+    """Corner of a part of a facet, and its image."""
+
+    ok: bool
+    p: Vec3  # [m]
+    at: Vec2  # landing point in the plane of the aperture [m]
+    inside: float  # see `view_margin`
 
 
 class Image(NamedTuple):
@@ -115,10 +127,32 @@ def _light(x, y, f, shot, scene):
     if not m.ok:
         return 0.0, True
     p = Vec3(x, y, height_on(x, y, f, scene.surface))
-    light = acceptance(m, p, scene.target, scene.interface.fov)
-    if light > 0.0:
-        light = carried(light, p, m, scene)
-    return light, is_steep(m, scene)
+    return carried(1.0, p, m, scene), is_steep(m, scene)
+
+
+@inlined
+def view_margin(p, r, flight, target, fov):
+    """Return how far a crossing at P lies inside the field of view [m]; negative outside.
+
+    Array twin: its sign is that of `meshtrace.kernels.tally.crosses_aperture`.
+    r is the direction in the air.
+    """
+    if fov == FieldOfView.ANGLE:
+        angle = math.acos(min(max(dot(r, target.axis), -1.0), 1.0))
+        return flight * (math.acos(target.cos_half_fov) - angle)
+    reach = target.radius + (target.center.z - p.z) * target.tan_half_fov
+    return reach - math.hypot(p.x - target.center.x, p.y - target.center.y)
+
+
+@inlined
+def view_radius(height, target, fov):
+    """Return the radius of the field of view at a distance along its axis [m].
+
+    Array twin: none, a scale.
+    """
+    if fov == FieldOfView.ANGLE:
+        return height * math.sqrt(max(1.0 - target.cos_half_fov**2, 0.0))
+    return target.radius + height * target.tan_half_fov
 
 
 @inlined
@@ -155,6 +189,9 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
     depth = -scene.emitter.position.z
     edge = min(max(EDGE * depth, 0.005), 0.1)
     fine = min(edge, BEAM_SHARE * beam_width(scene.emitter) * depth)
+    height = scene.target.center.z - scene.surface.high[2]
+    view = VIEW_SHARE * view_radius(height, scene.target, scene.interface.fov)
+    fine = min(fine, max(view, _FINEST * edge))
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         large = 2.0 * facet.radius > _FEW * edge
@@ -306,13 +343,55 @@ def nodes_of(f, n, i, j, side, surface):
 
 @outlined
 def _triangle_gain(f, n, i, j, side, shot, scene):
-    """Return (gain, steep) of the part with the corners `nodes_of`."""
+    """Return (gain, steep) of the part with the corners `nodes_of`, inside the field of view.
+
+    A part is cut at the edge of the field of view, a straight line between its corners.
+    """
     p, q, r = nodes_of(f, n, i, j, side, scene.surface)
-    a = aim_at(p.x, p.y, f, shot, scene)
-    b = aim_at(q.x, q.y, f, shot, scene)
-    c = aim_at(r.x, r.y, f, shot, scene)
+    a, b = _corner(p, f, shot, scene), _corner(q, f, shot, scene)
+    c = _corner(r, f, shot, scene)
     if not (a.ok and b.ok and c.ok):
         return 0.0, True
+    first, second, third = a.inside >= 0.0, b.inside >= 0.0, c.inside >= 0.0
+    seen = ZERO + first + second + third
+    if seen == 3:
+        return _image_light(a, b, c, f, shot, scene)
+    if seen == 0:
+        return 0.0, True
+    if first == third:
+        a, b, c = b, c, a
+    elif first == second:
+        a, b, c = c, a, b
+    ab, ac = _at_edge(a, b), _at_edge(a, c)
+    if seen == 1:
+        return _image_light(a, ab, ac, f, shot, scene)
+    one, steep = _image_light(ab, b, c, f, shot, scene)
+    other, flat = _image_light(ab, c, ac, f, shot, scene)
+    return one + other, steep and flat
+
+
+@inlined
+def _corner(p, f, shot, scene):
+    """Return a corner with its image."""
+    m = aim_at(p.x, p.y, f, shot, scene)
+    inside = 0.0
+    if m.ok:
+        inside = view_margin(p, m.r, m.flight, scene.target, scene.interface.fov)
+    return Corner(m.ok, p, m.at, inside)
+
+
+@inlined
+def _at_edge(a, b):
+    """Return the corner at the edge of the field of view between two others."""
+    t = a.inside / (a.inside - b.inside)
+    off = minus2(b.at, a.at)
+    at = Vec2(a.at.x + t * off.x, a.at.y + t * off.y)
+    return Corner(True, along(a.p, minus(b.p, a.p), t), at, 0.0)
+
+
+@outlined
+def _image_light(a, b, c, f, shot, scene):
+    """Return (gain, steep) of the light of a triangle on facet f that lands on the aperture."""
     ab, ac = minus2(b.at, a.at), minus2(c.at, a.at)
     det = cross2(ab, ac)
     radius = scene.target.radius
@@ -327,8 +406,8 @@ def _triangle_gain(f, n, i, j, side, shot, scene):
     if share == 0.0:
         return 0.0, True
     # light that is linear in the image has its mean over the overlap at the centroid
-    middle3 = along(along(p, minus(q, p), u), minus(r, p), v)
+    middle3 = along(along(a.p, minus(b.p, a.p), u), minus(c.p, a.p), v)
     light, steep = _light(middle3.x, middle3.y, f, shot, scene)
     source = scene.emitter.position
-    omega = solid_angle(minus(p, source), minus(q, source), minus(r, source))
+    omega = solid_angle(minus(a.p, source), minus(b.p, source), minus(c.p, source))
     return omega * share * light, steep

@@ -2,7 +2,8 @@
 
 A direct subclass of `Family` is the base of a family, and every concrete class below it joins by
 being defined. Plain data name a class by its `kind`, by its import path "module:Class", or by an
-entry point of the group "meshtrace.parts".
+entry point of the group "meshtrace.parts". Import paths of modules that are not imported yet are
+followed inside `trusting` alone: plain data may come from a stranger's file.
 """
 
 from __future__ import annotations
@@ -11,7 +12,10 @@ import importlib
 import inspect
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from importlib.machinery import PathFinder
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
@@ -20,6 +24,8 @@ from meshtrace.models.model import Model
 
 GROUP = "meshtrace.parts"
 """Group of entry points whose names are kinds and whose objects are classes."""
+
+_TRUSTED: ContextVar[bool] = ContextVar("trusted", default=False)
 
 
 class Family(Model, frozen=True):
@@ -81,14 +87,18 @@ class Family(Model, frozen=True):
         Raises
         ------
         Refused
-            If there is none, or it is not of this family.
+            If there is none, it is not of this family, or its module is not imported yet and
+            import paths are not trusted.
         """
         found: Any = cls.registered.get(kind) if isinstance(kind, str) else None
         allowed = ", ".join(cls.registered)
         allowed += f" ({cls._closed})" if cls._closed else f" or module:{cls.__name__}"
         if found is None and isinstance(kind, str) and not cls._closed:
+            if source := _untrusted(kind):
+                hint = f"would run {source}: a link file may, with --trust or trust=True;"
+                raise Refused(key, kind, allowed, hint)
             try:
-                found = _imported(kind)
+                found = _found(kind)
             except Exception as error:  # any failure of a module's import
                 raise Refused(key, kind, f"{allowed} ({error})") from error
         if inspect.isclass(found) and issubclass(found, cls):
@@ -123,16 +133,60 @@ def _is_ours(cls: type) -> bool:
     return cls.__module__.startswith("meshtrace.")
 
 
-def _imported(kind: str) -> Any:
-    """Return the object of an entry point or of an import path "module:Class", None if none."""
+@contextmanager
+def trusting(trust: bool = True) -> Iterator[None]:
+    """Let import paths "module:Class" in plain data run the modules that they name.
+
+    Without `trust` the block is as trusted as what surrounds it.
+    """
+    token = _TRUSTED.set(trust or _TRUSTED.get())
+    try:
+        yield
+    finally:
+        _TRUSTED.reset(token)
+
+
+def modules_of(text: str) -> list[str]:
+    """Return the modules of the user's classes that a text names by kind.
+
+    Another process that reads the text imports them first, by `import_modules`.
+    """
+    members = (m for family in Family.__subclasses__() for m in family.registered.items())
+    named = {c.__module__ for kind, c in members if not _is_ours(c) and kind in text}
+    return sorted(named - {"__main__"})
+
+
+def import_modules(names: Iterable[str]) -> None:
+    """Import modules, also from the working directory, so that their classes join families."""
+    for name in names:
+        _module(name)
+
+
+def _module_of(kind: str) -> str:
+    """Return the module of an import path "module:Class", "" for other kinds."""
     module, colon, name = kind.partition(":")
-    if not colon:
+    words = (*module.split("."), *name.split("."))
+    return module if colon and all(word.isidentifier() for word in words) else ""
+
+
+def _untrusted(kind: str) -> str:
+    """Return the file that a kind would run without trust, found without running any, or ""."""
+    module = _module_of(kind)
+    if not module or module in sys.modules or _TRUSTED.get():
+        return ""
+    package = module.partition(".")[0]
+    spec = PathFinder.find_spec(package, [*sys.path, os.getcwd()])
+    return (spec and spec.origin) or f"the module {package}"
+
+
+def _found(kind: str) -> Any:
+    """Return the object of an entry point or of an import path "module:Class", None if none."""
+    module = _module_of(kind)
+    if not module:
         return next((e.load() for e in entry_points(group=GROUP) if e.name == kind), None)
-    if not all(word.isidentifier() for word in (*module.split("."), *name.split("."))):
-        return None
     found = sys.modules.get(module) or _module(module)
-    for word in name.split("."):
-        found = getattr(found, word, None)
+    for word in kind.partition(":")[2].split("."):
+        found = getattr(found, "__dict__", {}).get(word)  # runs nothing
     return found
 
 

@@ -17,6 +17,13 @@ from meshtrace.optics.phase import AnyPhase, FournierForand, Petzold, Rayleigh
 
 _JERLOV = ("I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
 _PETZOLD = {"clear": (0.114, 0.037), "coastal": (0.179, 0.219), "harbour": (0.366, 1.824)}
+_PETZOLD_NM = 514.0  # centre of the response of Petzold's instruments
+_PETZOLD_WIDTH_NM = 75.0  # its full width at half maximum
+_SOURCES = {
+    "petzold": f"measured at {_PETZOLD_NM:g} nm, Petzold 1972",
+    "pure": "Pope and Fry 1997, Morel 1974",
+    "jerlov": "Solonenko and Mobley 2015",
+}
 
 WATER_TYPES = (
     "pure-sea",
@@ -55,8 +62,8 @@ class Water(Model, frozen=True):
     Notes
     -----
     The defaults are the paper's: a and b of Petzold's clear water, which he measured at 514 nm (the
-    paper's LED has 470 nm), with the phase function of his average particle. b includes
-    scattering by the water itself; see `MixturePhase` for the sum of the two.
+    paper's LED has 470 nm, as `described` says), with the phase function of his average particle.
+    b includes scattering by the water itself; see `MixturePhase` for the sum of the two.
 
     Examples
     --------
@@ -135,6 +142,37 @@ class Water(Model, frozen=True):
         nodes, a, b = np.array(self.layers or [(0.0, self.a, self.b)]).T
         return np.interp(depth, nodes, a), np.interp(depth, nodes, b)
 
+    def described(self, wavelength_nm: float) -> str:
+        """Return a and b with their wavelength and their source as a line of text.
+
+        Parameters
+        ----------
+        wavelength_nm : float
+            Wavelength in vacuum at which the water is used [nm].
+
+        Returns
+        -------
+        str
+            The source is the type of water whose tables hold the same a and b, or "as given".
+
+        Examples
+        --------
+        >>> Water().described(470.0)
+        'a 0.114, b 0.037 m-1 at 470 nm: petzold-clear (measured at 514 nm, Petzold 1972)'
+        >>> Water(a=0.1, b=0.2).described(450.0)
+        'a 0.1, b 0.2 m-1 at 450 nm: as given'
+        """
+        surface = ", at the surface of layers" if self.layers else ""
+        values = f"a {self.a:.4g}, b {self.b:.4g} m-1 at {wavelength_nm:g} nm{surface}"
+        for name in WATER_TYPES:
+            try:
+                a, b = _tabulated(name, np.asarray(wavelength_nm, np.float64))
+            except Refused:
+                continue
+            if (self.a, self.b) == (float(a), float(b)):
+                return f"{values}: {name} ({_SOURCES[name.partition('-')[0]]})"
+        return f"{values}: as given"
+
     @classmethod
     def from_type(cls, type: str, wavelength_nm: float = 470.0, **parameters: Any) -> Self:
         """Return the water of a type in the tables of `coefficients`.
@@ -146,7 +184,8 @@ class Water(Model, frozen=True):
         wavelength_nm : float
             Wavelength in vacuum [nm].
         **parameters
-            Other parameters of `Water`; they take precedence.
+            Other parameters of `Water`; they take precedence. With a and b, or layers, the type
+            gives the phase function alone, at any wavelength.
 
         Returns
         -------
@@ -164,14 +203,16 @@ class Water(Model, frozen=True):
         >>> Water.from_type("jerlov-IB", wavelength_nm=475).b
         0.0635
         """
-        a, b = coefficients(type, wavelength_nm)
         family, _, name = _water_type(type).partition("-")
+        if not {"a", "b"} <= parameters.keys() and parameters.get("layers") is None:
+            a, b = coefficients(type, wavelength_nm)
+            parameters = {"a": float(a), "b": float(b), **parameters}
         phase: Any = FournierForand()
         if family == "petzold":
             phase = Petzold.model_validate({"water": name})
         elif family == "pure":
             phase = Rayleigh.sea_water()
-        return cls(**{"a": float(a), "b": float(b), "phase": phase, **parameters})
+        return cls(**{"phase": phase, **parameters})
 
 
 def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Floats, Floats]:
@@ -200,13 +241,17 @@ def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Floats, Floats]:
     from Jerlov's diffuse attenuation through a bio-optical model; their small-particle scattering
     uses 1.513 m2/g where Haltrin (1999) has 1.151302. The published table repeats rows for 3C (675
     and 700 nm) and 5C (600 to 700 nm): these types end at 650 and 575 nm here.
-    petzold-*: one wavelength, 514 nm; returned at every wavelength, as the paper does at 470 nm.
+    petzold-*: one wavelength, 514 nm; refused beyond the response of the instruments, 75 nm wide at
+    half maximum: 476.5 to 551.5 nm. No rule carries the values further: published models of the
+    spectra need chlorophyll, dissolved matter and minerals, which were not measured.
     pure-sea: 380 to 727.5 nm; absorption of pure water, scattering of sea water.
 
     References
     ----------
     Solonenko and Mobley 2015, Appl. Opt. 54:5392, doi:10.1364/AO.54.005392;
-    Petzold 1972, SIO Ref. 72-78; Pope and Fry 1997, Appl. Opt. 36:8710, doi:10.1364/AO.36.008710.
+    Petzold 1972, SIO Ref. 72-78; Mobley, Ocean Optics Web Book, "Petzold's measurements" (response
+    and width of the instruments); Pope and Fry 1997, Appl. Opt. 36:8710,
+    doi:10.1364/AO.36.008710.
 
     Examples
     --------
@@ -214,8 +259,23 @@ def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Floats, Floats]:
     >>> float(a), float(b)
     (0.366, 1.824)
     """
-    family, _, name = _water_type(type).partition("-")
+    name = _water_type(type)
     wavelength = np.asarray(wavelength_nm, dtype=np.float64)
+    family, _, water = name.partition("-")
+    if family == "petzold":
+        a, b = _PETZOLD[water]
+        good = np.abs(wavelength - _PETZOLD_NM) <= 0.5 * _PETZOLD_WIDTH_NM
+        allowed = (
+            f"476.5 to 551.5 nm for {name}, measured at {_PETZOLD_NM:g} nm; for these values at "
+            f"another wavelength give a = {a:g} and b = {b:g}; jerlov-* have 300 to 700 nm"
+        )
+        require_all(wavelength, good, "wavelength_nm", allowed)
+    return _tabulated(name, wavelength)
+
+
+def _tabulated(type: str, wavelength: Floats) -> tuple[Floats, Floats]:
+    """Return a and b of a known type, those of Petzold's waters at any wavelength."""
+    family, _, name = type.partition("-")
     if family == "petzold":
         a, b = _PETZOLD[name]
         return np.full_like(wavelength, a), np.full_like(wavelength, b)

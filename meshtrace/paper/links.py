@@ -40,6 +40,13 @@ class Mean(NamedTuple):
         spread = self.samples.std(ddof=1) / np.sqrt(n) if n > 1 else 0.0
         return Number(float(self.samples.mean()), float(np.hypot(spread, self.chain_error)))
 
+    @property
+    def fluctuation(self) -> Number:
+        """Standard deviation over the seas relative to the mean; the error is that of a normal."""
+        n = len(self.samples)
+        value = float(self.samples.std(ddof=1) / self.samples.mean())
+        return Number(value, value / float(np.sqrt(2.0 * (n - 1))))
+
     def over(self, other: Mean) -> Number:
         """Return the quotient of two means over the same seas, whose spreads cancel."""
         quotient = ratio(self.number, other.number)

@@ -111,6 +111,11 @@ def gain_height(setting: Setting, **effort: int) -> FigureOutput:
         for height in (5.0, 10.0)
         for u in ROUGH
     ]
+    numbers += [
+        row("fluctuation", [m.fluctuation for m in sweep.means(u, height)], u=u, height=height)
+        for height in (2.0, 10.0)
+        for u in ROUGH
+    ]
     return sweep.output(numbers, [(5.0, "gain-5"), (5.0, "gain-13")])
 
 

@@ -64,6 +64,9 @@ class Background(StoredArrays):
         """Name of the light."""
         return str(self.provenance["daylight"]["light"])
 
+    def _origin_lines(self) -> list[str]:
+        return [self.light]
+
     @property
     def power_per_nm(self) -> float:
         """Power into the aperture within the field of view [W nm-1]."""

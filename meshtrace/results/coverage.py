@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from statistics import NormalDist
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.models import Floats
+from meshtrace.results.provenance import water_of
 from meshtrace.results.variables import StoredArrays, Variable
 
 
@@ -44,23 +47,55 @@ class CoverageMap(StoredArrays):
 
     def summary(self) -> str:
         """Return size, extremes and errors of the map as text for a terminal."""
-        place = (
+        header = (
             f"gain at {self.gain.size} places, x {self.x[0]:g} to {self.x[-1]:g} m, "
             f"y {self.y[0]:g} to {self.y[-1]:g} m"
         )
         lit = self.gain > 0.0
         if not lit.any():
-            return f"{place}\n  no light received"
-        peak = np.unravel_index(int(self.gain.argmax()), self.gain.shape)
+            return f"{header}\n  no light received"
+        highest = self.gain == self.gain.max()
+        found = place_of_highest(self.gain, self.gain_stderr)
+        place = f"place not resolved: {as_high(self.gain, self.gain_stderr).sum()} within errors"
+        if found is not None:
+            place = f"at ({self.x[found[0]]:g}, {self.y[found[1]]:g}) m"
         error = np.median(self.gain_stderr[lit] / self.gain[lit])
         rows = [
-            place,
-            f"  highest              {self.gain[peak]:.4e} +- {self.gain_stderr[peak]:.1e} at "
-            f"({self.x[peak[0]]:g}, {self.y[peak[1]]:g}) m",
+            header,
+            f"  highest              {self.gain.max():.4e} +- "
+            f"{self.gain_stderr[highest].max():.1e} {place}",
             f"  mean                 {self.gain.mean():.4e}",
             f"  dark places          {int((~lit).sum())}",
             f"  median error         {100.0 * error:.2g} %",
         ]
         if self.gain_bound is not None:
             rows.append(f"  bound where dark     {np.nanmax(self.gain_bound):.1e}")
-        return "\n".join(rows)
+        return "\n".join([*rows, *self._origin_lines()])
+
+    def _origin_lines(self) -> list[str]:
+        """Return the water of the link."""
+        if "link" not in self.provenance:
+            return []
+        return [f"  water                {water_of(self.provenance)}"]
+
+
+def as_high(gain: Floats, stderr: Floats) -> NDArray[np.bool_]:
+    """Return the cells of a map (nx, ny) that may be as high as the highest one.
+
+    The error of a difference is that of independent errors, at 95 % confidence for all cells
+    together: of many cells with noise the highest is a chance. Common chains make it smaller.
+    """
+    z = -NormalDist().inv_cdf(0.05 / gain.size)
+    best = np.unravel_index(int(gain.argmax()), gain.shape)
+    near: NDArray[np.bool_] = gain + z * np.hypot(stderr, stderr[best]) >= gain[best]
+    return near
+
+
+def place_of_highest(gain: Floats, stderr: Floats) -> tuple[int, int] | None:
+    """Return the indices of the highest gain of a map (nx, ny), None if errors hide its place.
+
+    It is resolved if all cells that are `as_high` are next to it.
+    """
+    best = np.array(np.unravel_index(int(gain.argmax()), gain.shape))
+    away = np.abs(np.argwhere(as_high(gain, stderr)) - best)
+    return (int(best[0]), int(best[1])) if (away <= 1).all() else None

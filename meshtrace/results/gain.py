@@ -15,6 +15,7 @@ from meshtrace.errors import Described, Refused
 from meshtrace.fields import attrs
 from meshtrace.kernels.tally import Fate
 from meshtrace.models import Floats
+from meshtrace.results.provenance import water_of
 from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, Tally, merged_mean
 from meshtrace.results.variables import Variable, WithArrays
 from meshtrace.stored import Stored
@@ -164,11 +165,17 @@ class GainResult(WithArrays, Stored):
 
     def _headline(self) -> str:
         parts = [
-            f"dark to below {bound:.2g}" if bound > 0.0 else f"gain {gain:.4e} +- {stderr:.1e}"
+            self._dark(bound) if bound > 0.0 else f"gain {gain:.4e} +- {stderr:.1e}"
             for gain, stderr, bound in self._rows
         ]
         shown = parts[:4] + [f"{len(parts) - 4} more"] * (len(parts) > 4)
         return ", ".join([*shown, f"{self.photons:,} {self._samples}"])
+
+    def _dark(self, bound: float) -> str:
+        """Return the bound of a gain without light; that of chains is no measurement of theirs."""
+        if self.fates:
+            return f"dark to below {bound:.2g}"
+        return f"not found with {self.photons:,} {self._samples}, below {bound:.2g}"
 
     @property
     def _samples(self) -> str:
@@ -190,7 +197,7 @@ class GainResult(WithArrays, Stored):
         if wall_time is not None:
             count += f" in {wall_time:.2f} s, {self.photons / wall_time:,.0f} per second"
         samples = self._samples if len(self._samples) < 18 else "samples"
-        lines = [*self._gain_lines(), *_heading(self.provenance), _line(samples, count)]
+        lines = [*self._gain_lines(), *self._origin_lines(), _line(samples, count)]
         if self.fates:
             cast, lost = self.misses
             if verbose or lost:
@@ -213,8 +220,8 @@ class GainResult(WithArrays, Stored):
         for i, (gain, stderr, bound) in enumerate(self._rows):
             name = "channel gain" if np.ndim(self.gain) == 0 else f"channel gain [{i}]"
             if not gain > 0.0:
-                below = f" to below {bound:.2g} at 95 % confidence" if bound > 0.0 else ""
-                lines.append(_line(name, f"dark{below}: no light received"))
+                dark = f"{self._dark(bound)} at 95 % confidence" if bound > 0.0 else "dark"
+                lines.append(_line(name, f"{dark}: no light received"))
                 continue
             percent, decibel = 100.0 * stderr / gain, 10.0 / math.log(10.0) * stderr / gain
             lines.append(_line(name, f"{gain:.4e}  ({10.0 * math.log10(gain):.3f} dB optical)"))
@@ -253,6 +260,20 @@ class GainResult(WithArrays, Stored):
             "scalar": int(np.ndim(self.gain) == 0),
         }
         return xr.Dataset(variables, coords, about)
+
+    def _origin_lines(self) -> list[str]:
+        """Return estimator, sea and wind of a run."""
+        provenance = self.provenance
+        if "surface" not in provenance:
+            return []
+        link, surface = provenance.get("link", {}), provenance["surface"]
+        parts = (surface, surface.get("spectrum"), link.get("bubbles"), link.get("whitecaps"))
+        winds = [part["wind_speed"] for part in parts if part and "wind_speed" in part]
+        wind = f", wind {winds[0]:g} m/s" if winds else ", wind 0 m/s"
+        band = f", waves up to {surface['omega_max']:.3g} rad/s" if "omega_max" in surface else ""
+        text = f"{provenance['run']['estimator']} estimator, {surface['kind']} sea{wind}{band}"
+        water = [_line("water", water_of(provenance))] if link else []
+        return [*water, _line("run", text)]
 
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> GainResult:
@@ -296,19 +317,6 @@ def bound_where_dark(gain: Values, photons: int) -> Values | None:
     gains = np.atleast_1d(gain)
     dark = ~(gains > 0.0)
     return like(gain, np.where(dark, min(3.0 / photons, 1.0), np.nan)) if dark.any() else None
-
-
-def _heading(provenance: dict[str, Any]) -> list[str]:
-    """Return estimator, sea and wind of a run."""
-    if "surface" not in provenance:
-        return []
-    link, surface = provenance.get("link", {}), provenance["surface"]
-    parts = (surface, surface.get("spectrum"), link.get("bubbles"), link.get("whitecaps"))
-    winds = [part["wind_speed"] for part in parts if part and "wind_speed" in part]
-    wind = f", wind {winds[0]:g} m/s" if winds else ", wind 0 m/s"
-    band = f", waves up to {surface['omega_max']:.3g} rad/s" if "omega_max" in surface else ""
-    text = f"{provenance['run']['estimator']} estimator, {surface['kind']} sea{wind}{band}"
-    return [_line("run", text)]
 
 
 def _line(name: str, text: str) -> str:

@@ -123,9 +123,13 @@ def impulse_response(
     mine = arrivals.receiver == receiver
     if not mine.any():
         raise Refused("receiver", receiver, "a receiver where light arrived")
-    link = result.provenance["link"]
     water, air = arrivals.water_path[mine], arrivals.air_path[mine]
-    time = (link["water"]["n"] * water + link["n_air"] * air) / SPEED_OF_LIGHT
+    try:
+        link = result.provenance["link"]
+        time = (link["water"]["n"] * water + link["n_air"] * air) / SPEED_OF_LIGHT
+    except (LookupError, TypeError) as error:
+        found = Described("no indices of water and air")
+        raise Refused("result.provenance", found, "a result with its link") from error
     weight, group = arrivals.weight[mine], arrivals.group[mine]
     first = float(time.min())
     delay = time - first

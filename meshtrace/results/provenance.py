@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from meshtrace.models import Model
+from meshtrace.optics.water import Water
 
 
 @cache
@@ -33,6 +34,15 @@ def provenance(link: Model, surface: dict[str, Any], run: dict[str, Any]) -> dic
         "surface": surface,
         "run": run,
     }
+
+
+def water_of(provenance: dict[str, Any]) -> str:
+    """Return a, b, wavelength and source of the water of a result as a line of text."""
+    link = provenance["link"]
+    water = Water.model_validate({k: link["water"].get(k) for k in ("a", "b", "layers")})
+    sources = link["transmitter"]
+    source = sources[0] if isinstance(sources, list) else sources
+    return water.described(source["wavelength_nm"])
 
 
 def _git_commit(root: Path) -> str:

@@ -131,13 +131,13 @@ class GainSeries(Stored):
                 lines.append("".join(f"{value:>12.4e}" for value in np.percentile(gain, shares)))
                 lines.append("")
             lines.append(self._statistics(receiver))
-            lines += self._closed_form()
+            lines += self._origin_lines()
             if gain.any():
                 percent = 100.0 * stderr / gain.mean()
                 lines.append(f"  Monte Carlo error    {percent:.2g} % of the mean gain")
         return "\n".join(lines)
 
-    def _closed_form(self) -> list[str]:
+    def _origin_lines(self) -> list[str]:
         """Return the scintillation index of unscattered light, measured and in closed form."""
         found, light = self.provenance.get("closed_form"), self.gain_ballistic
         if not found or not light.any():

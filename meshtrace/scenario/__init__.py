@@ -9,15 +9,13 @@ from meshtrace.errors import Refused as ScenarioError
 from meshtrace.scenario.files import KEYS, parse_setting
 from meshtrace.scenario.model import Scenario
 from meshtrace.scenario.parts import DEFAULT_WIND_SPEED
-from meshtrace.scenario.seas import MOST_FACTORS, MOST_VERTICES, MeshFile
+from meshtrace.scenario.seas import MeshFile
 from meshtrace.transport.options import Meshing, Run
 
 __all__ = [
     "DEFAULT_WIND_SPEED",
     "KEYS",
     "LARGEST",
-    "MOST_FACTORS",
-    "MOST_VERTICES",
     "MeshFile",
     "Meshing",
     "Run",

@@ -12,7 +12,8 @@ from meshtrace.link import Link
 from meshtrace.scenario.tables import Table, as_table
 
 _SUN = ("sun_zenith_deg", "sun_azimuth_deg")
-_COMMON = ("model", "direct", "diffuse", "pattern", "water", "foam_reflectance", "light")
+_IRRADIANCES = ("direct", "diffuse")
+_COMMON = ("model", *_IRRADIANCES, "pattern", "water", "foam_reflectance", "light")
 _ATMOSPHERE = ("aerosol", "ozone", "water_vapour", "pressure", "day_of_year", "width_nm")
 _KEYS: dict[str, tuple[str, ...]] = {
     "clear": (*_SUN, "time", "latitude", "longitude", *_ATMOSPHERE),
@@ -77,9 +78,27 @@ def _made(model: str, table: Table) -> Daylight:
 
 
 def daylight_config(day: Daylight) -> Table:
-    """Return the table of a light, without the wavelength (that of the transmitter)."""
-    table = day.model_dump(mode="json", exclude={"wavelength_nm"})
-    return {"model": _MODELS.get(day.light, "clear"), **table}
+    """Return the table of a light, without the wavelength (that of the transmitter).
+
+    Irradiances, pattern and name that follow from the model and its options are left out.
+    """
+    table = day.model_dump(mode="json", exclude={"wavelength_nm", "recipe"})
+    model = _MODELS.get(day.light, "clear")
+    options = {k: v for k, v in {**table, **day.recipe}.items() if k not in _IRRADIANCES}
+    if not _gives(model, options, day):
+        return {"model": model, **table}
+    for key in ("pattern", "light"):
+        rest = {k: v for k, v in options.items() if k != key}
+        options = rest if _gives(model, rest, day) else options
+    return {"model": model, **options}
+
+
+def _gives(model: str, options: Table, day: Daylight) -> bool:
+    """Return whether a model with options gives a light."""
+    try:
+        return _made(model, {**options, "wavelength_nm": day.wavelength_nm}) == day
+    except Refused:
+        return False
 
 
 def changes_irradiance(key: str) -> bool:
@@ -94,22 +113,15 @@ def daylight_recipe(day: Daylight) -> Table:
     Raises
     ------
     Refused
-        If the irradiances are not those of the model with its defaults.
+        If the irradiances are not those of the model.
     """
-    table = {k: v for k, v in daylight_config(day).items() if k not in ("direct", "diffuse")}
+    table = daylight_config(day)
     model = table.pop("model")
-
-    def gives_the_light(rest: Table) -> bool:
-        try:
-            return _made(model, {**rest, "wavelength_nm": day.wavelength_nm}) == day
-        except Refused:
-            return False
-
-    if not gives_the_light(table):
-        found = Described("irradiances other than those of a model with its defaults")
+    if not table.keys().isdisjoint(_IRRADIANCES):
+        found = Described("irradiances other than those of a model")
         raise Refused("daylight", found, "a link file or its plain data, with the model")
     for key in list(table):
         rest = {k: v for k, v in table.items() if k != key}
-        if gives_the_light(rest):
+        if _gives(model, rest, day):
             table = rest
     return {"model": model, **table}

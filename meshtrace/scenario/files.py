@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -117,6 +118,45 @@ def with_notes(text: str, parts: Mapping[str, Iterable[Any]]) -> str:
         notes = [type(m).notes() for m in models if isinstance(m, Model)]
         note = next((n[key] for n in notes if key in n), "")
         lines.append(f"{line}  # {note}" if note and not line.startswith((" ", "[")) else line)
+    return "\n".join(lines) + "\n"
+
+
+def unset_keys() -> dict[str, list[str]]:
+    """Return lines "key = example  # note" of the keys that no default file holds, by table."""
+    text = (resources.files("meshtrace") / "link_keys.toml").read_text(encoding="utf-8")
+    tables: dict[str, list[str]] = {}
+    for line in text.splitlines():
+        if line.startswith("["):
+            lines = tables.setdefault(line.strip("[]"), [])
+        elif line and not line.startswith("#"):
+            lines.append(line)
+    return tables
+
+
+def with_unset_keys(text: str, more: str) -> str:
+    """Return the text of a link file with keys and tables that it does not hold as comments.
+
+    Parameters
+    ----------
+    text : str
+        Text of a link file.
+    more : str
+        Text of further tables.
+    """
+    unset = unset_keys()
+
+    def filled(part: str) -> list[str]:
+        found = []
+        for line in part.splitlines():
+            own = unset.pop(line.strip("[]"), []) if line.startswith("[") else []
+            found += [line, *(f"# {key}" for key in own)]
+        return found
+
+    lines = filled(text)
+    further = filled(more)
+    for name, keys in unset.items():
+        further += ["", f"[{name}]", *keys]
+    lines += [line if line.startswith("# ") else f"# {line}".rstrip() for line in ["", *further]]
     return "\n".join(lines) + "\n"
 
 

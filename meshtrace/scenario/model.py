@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import field_validator
+from pydantic import ValidationInfo, field_validator
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
@@ -14,11 +14,19 @@ from meshtrace.errors import Described, Refused, require_keys, require_kind
 from meshtrace.fading.resolving import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
-from meshtrace.models import Model
+from meshtrace.models import Model, trusting
 from meshtrace.results.gain import GainResult
 from meshtrace.scenario import parts, seas
 from meshtrace.scenario.daylight import daylight_config, read_daylight
-from meshtrace.scenario.files import KEYS, located, parse_toml, read_text, set_value, with_notes
+from meshtrace.scenario.files import (
+    KEYS,
+    located,
+    parse_toml,
+    read_text,
+    set_value,
+    with_notes,
+    with_unset_keys,
+)
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.scenario.tables import Table, as_table, plain, validated
 from meshtrace.transport.case import Case
@@ -45,7 +53,8 @@ class Scenario(Model, frozen=True):
     run : Run
         Options of the run.
     detector : OokLink, optional
-        Electronics and modulation; power, wavelength, aperture and field of view are the link's.
+        Electronics and modulation; power, wavelength, aperture, field of view and the index in
+        front of it become those of the link, unless it has several receivers.
     uav : Uav, optional
         Airframe that carries the receiver.
     daylight : Daylight, optional
@@ -82,8 +91,16 @@ class Scenario(Model, frozen=True):
             raise Refused("surface", kind, "a sea (MeshSource) or a MeshFile")
         return surface
 
+    @field_validator("detector")
     @classmethod
-    def load(cls, path: str | Path, changes: Mapping[str, Any] | None = None) -> Self:
+    def _detector_of_link(cls, detector: OokLink | None, info: ValidationInfo) -> OokLink | None:
+        link = info.data.get("link")
+        return detector if detector is None or link is None else parts.detector_of(detector, link)
+
+    @classmethod
+    def load(
+        cls, path: str | Path, changes: Mapping[str, Any] | None = None, *, trust: bool = False
+    ) -> Self:
         """Read a link file.
 
         Parameters
@@ -92,14 +109,18 @@ class Scenario(Model, frozen=True):
             TOML file; paths of mesh files are relative to its folder.
         changes : mapping of str to value, optional
             Values that replace those of the file, by dotted key such as "transmitter.depth".
+        trust : bool
+            Run the modules that the file names by import paths "module:Class".
 
         Raises
         ------
         Refused
-            If the file cannot be read or a value is not allowed.
+            If the file cannot be read, a value is not allowed, or a module that is not imported
+            yet is named without `trust`.
         """
-        text = read_text(path)
-        return cls.from_toml(text, source=str(path), folder=Path(path).parent, changes=changes)
+        text, folder = read_text(path), Path(path).parent
+        given: Table = {"folder": folder, "changes": changes, "trust": trust}
+        return cls.from_toml(text, source=str(path), **given)
 
     @classmethod
     def from_toml(
@@ -109,6 +130,7 @@ class Scenario(Model, frozen=True):
         source: str | None = None,
         folder: str | Path = ".",
         changes: Mapping[str, Any] | None = None,
+        trust: bool = False,
     ) -> Self:
         """Read the text of a link file.
 
@@ -122,18 +144,20 @@ class Scenario(Model, frozen=True):
             Folder of mesh files.
         changes : mapping of str to value, optional
             See `load`.
+        trust : bool
+            See `load`.
 
         Raises
         ------
         Refused
-            If the text is not TOML or a value is not allowed.
+            If the text is not TOML or a value is not allowed, see `load`.
         """
         require_kind(changes, Mapping | None, "changes")
         try:
             config = parse_toml(text)
             for key, value in (changes or {}).items():
                 set_value(config, key, value)
-            return cls.from_config(config, folder=folder)
+            return cls.from_config(config, folder=folder, trust=trust)
         except RecursionError as error:
             nested = Described("nested too deeply")
             raise Refused("", nested, "tables of a link file", source=source or "") from error
@@ -141,13 +165,17 @@ class Scenario(Model, frozen=True):
             raise error.of(source or "") from error.__cause__
 
     @classmethod
-    def from_config(cls, config: Mapping[str, Any], *, folder: str | Path = ".") -> Self:
+    def from_config(
+        cls, config: Mapping[str, Any], *, folder: str | Path = ".", trust: bool = False
+    ) -> Self:
         """Build the scenario that plain data describes, in the keys of a link file.
+
+        `folder` and `trust` are those of `from_toml`.
 
         Raises
         ------
         Refused
-            If a key is unknown or a value is not allowed.
+            If a key is unknown or a value is not allowed, see `load`.
 
         Notes
         -----
@@ -156,23 +184,31 @@ class Scenario(Model, frozen=True):
         bubbles; whitecaps "paper_0255"; equally spaced bands of the sea. The estimator is "forced"
         unless given, or "analog" for a link or a surface that forced detection cannot follow.
 
-        `fading = true` in [run] stands for `omega_max = "fading"` in [sea], and that for the
-        spectrum, spreading and slope variance of Elfouhaily unless the table names others.
+        A band of the sea that is left open is that of mean gains or, in studies of fading, that
+        of `omega_max = "fading"`. `fading = false` in [run] stands for the former in all studies,
+        `fading = true` for the latter; and `omega_max = "fading"` for the spectrum, spreading and
+        slope variance of Elfouhaily unless the table names others.
         """
+        with trusting(trust):
+            return cls._of(config, folder)
+
+    @classmethod
+    def _of(cls, config: Mapping[str, Any], folder: str | Path) -> Self:
         require_keys(config, KEYS)
         config = located(config, folder)
         wind_speed = parts.read_wind_speed(config)
         sea = as_table(config.get("sea", {}), "sea")
         run = as_table(config.get("run", {}), "run")
-        seas.read_fading(run, sea)
+        mean_gains = seas.read_fading(run, sea)
         meshing: Table = {key: sea.pop(key) for key in ("time", "extent", "spacing") if key in sea}
         printed = config.get("physics") == "paper"
         surface = seas.read_surface(sea, wind_speed, meshing, Path(folder), printed)
+        surface = seas.of_mean_gains(surface) if mean_gains else surface
         link = parts.read_link(config, wind_speed)
         normals = {"normals": run.pop("normals")} if "normals" in run else {}
         run = {**parts.default_estimator(link), **run}
         checked = validated(Meshing, normals, "run")
-        return cls(
+        scenario = cls(
             wind_speed=wind_speed,
             link=link,
             surface=surface,
@@ -182,6 +218,9 @@ class Scenario(Model, frozen=True):
             uav=parts.read_uav(config["uav"]) if "uav" in config else None,
             daylight=read_daylight(config["daylight"], link) if "daylight" in config else None,
         )
+        if scenario.detector is not None:
+            parts.require_of_link(config["detector"], scenario.detector)
+        return scenario
 
     @classmethod
     def from_provenance(cls, provenance: Mapping[str, Any]) -> Self:
@@ -195,7 +234,8 @@ class Scenario(Model, frozen=True):
         Raises
         ------
         Refused
-            If the surface was a mesh that came from no file, or a model of the user's own.
+            If a value is not allowed, the surface was a mesh that came from no file, or a part is
+            of a class of the user's own whose module is not imported: results import nothing.
 
         Notes
         -----
@@ -203,10 +243,10 @@ class Scenario(Model, frozen=True):
         """
         if not isinstance(provenance, Mapping) or not {"run", "link"} <= provenance.keys():
             raise Refused("provenance", provenance, "a table with run, link and surface")
-        options: Table = provenance["run"]
-        link = Link.model_validate(provenance["link"])
+        options = as_table(provenance["run"], "run")
+        link = Link.model_validate(as_table(provenance["link"], "link"))
         surface = seas.surface_from_provenance(provenance)
-        estimator = Estimator.member(options["estimator"])
+        estimator = Estimator.member(options.get("estimator", "forced"), "run.estimator")
         mine = {*Run.model_fields, *estimator.model_fields} - {"threads"}
         return cls(
             wind_speed=seas.wind_of(link, surface),
@@ -233,12 +273,12 @@ class Scenario(Model, frozen=True):
             "whitecaps": parts.whitecaps_config(link, self.wind_speed),
             "n_air": link.n_air,
             "sea": {**seas.surface_config(self.surface, self.wind_speed), **sampling},
-            "water": link.water.model_dump(mode="json", exclude_none=True),
+            "water": parts.water_config(link.water),
             "bubbles": parts.bubbles_config(link, self.wind_speed),
             "transmitter": plain(link.transmitter),
             "receiver": plain(link.receiver),
             **({"planes": plain(link.planes)} if link.planes else {}),
-            **({"detector": plain(self.detector)} if self.detector else {}),
+            **({"detector": parts.detector_config(self.detector, link)} if self.detector else {}),
             **({"uav": plain(self.uav)} if self.uav else {}),
             **({"daylight": daylight_config(self.daylight)} if self.daylight else {}),
             "run": {key: value for key, value in run.items() if value is not None},
@@ -250,12 +290,19 @@ class Scenario(Model, frozen=True):
         Parameters
         ----------
         notes : bool
-            Describe the keys in comments.
+            Describe the keys in comments, with those that the scenario does not set.
         """
         import tomli_w
 
-        text = tomli_w.dumps(self.to_config())
-        return with_notes(text, self._parts()) if notes else text
+        config = self.to_config()
+        text = tomli_w.dumps(config)
+        if not notes:
+            return text
+        absent: Table = {"detector": parts.read_detector({}), "uav": parts.read_uav({})}
+        absent = {name: part for name, part in absent.items() if name not in config}
+        more = tomli_w.dumps({name: plain(part) for name, part in absent.items()})
+        own = {**self._parts(), **{name: (part,) for name, part in absent.items()}}
+        return with_unset_keys(with_notes(text, own), with_notes(more, own))
 
     def _parts(self) -> dict[str, tuple[Any, ...]]:
         """Return the models behind each table of a link file."""
@@ -272,25 +319,31 @@ class Scenario(Model, frozen=True):
             "run": (run, run.estimator, self.meshing),
         }
 
-    def case(self, surface: MeshSource | TriangleMesh | None = None) -> Case:
+    def case(self, surface: MeshSource | TriangleMesh | None = None, fading: bool = False) -> Case:
         """Return link, surface and options of the run, over another surface if one is given.
+
+        Parameters
+        ----------
+        surface : MeshSource or TriangleMesh, optional
+            Another surface.
+        fading : bool
+            Whether the answer is about fading, see `fading.resolve_band`.
 
         Raises
         ------
         Refused
-            If a mesh file cannot be read or does not cover the link, or the mesh would fill the
-            memory.
+            If a mesh file cannot be read or does not cover the link.
         """
-        origin, footprint = {}, self.link.footprint()
+        origin = {}
         if surface is not None:
-            surface = resolve_band(self.link, surface)
+            surface = resolve_band(self.link, surface, fading)
         elif isinstance(self.surface, MeshFile):
+            footprint = self.link.footprint()
             needed = footprint.fine_extent + max(map(abs, footprint.center))
             surface = self.surface.load(self.meshing.extent or needed)
             origin = {"mesh_file": self.surface.file}
         else:
-            surface = sea = resolve_band(self.link, self.surface)
-            seas.require_modest(sea, footprint, self.meshing)
+            surface = resolve_band(self.link, self.surface, fading)
         return Case(self.link, surface, self.run, self.meshing, origin)
 
     def mesh(self) -> TriangleMesh:

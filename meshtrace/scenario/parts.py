@@ -6,6 +6,7 @@ written back without the keys that follow the wind, the water or the transmitter
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, get_args
 
@@ -17,7 +18,7 @@ from meshtrace.models import Model
 from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
 from meshtrace.optics.phase import FournierForand
 from meshtrace.optics.water import Water
-from meshtrace.scenario.tables import Table, as_table, validated, without_shared_wind
+from meshtrace.scenario.tables import Table, as_table, plain, validated, without_shared_wind
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.uav.airframe import UAVS, Uav
 
@@ -59,7 +60,8 @@ def _water(value: Any, wavelength_nm: float, printed: bool) -> Water:
     table = as_table(value, "water")
     if "type" in table:
         try:
-            typed = Water.from_type(table.pop("type"), wavelength_nm)
+            given = {key: table[key] for key in ("a", "b", "layers") if key in table}
+            typed = Water.from_type(table.pop("type"), wavelength_nm, **given)
         except Refused as error:
             where = "transmitter" if error.field == "wavelength_nm" else "water"
             raise error.inside(where) from None
@@ -133,6 +135,44 @@ def read_detector(value: Any) -> OokLink:
 def read_uav(value: Any) -> Uav:
     """Return the airframe of [uav]: fields that replace those of a known one."""
     return _over_preset(UAVS, value, "uav")
+
+
+_OF_LINK = {"led": ("power", "wavelength"), "optics": ("radius", "fov_deg", "medium_index")}
+"""Fields of a transmission that `OokLink.of_link` takes from the link."""
+
+
+def detector_of(detector: OokLink, link: Link) -> OokLink:
+    """Return the transmission with the power, wavelength and aperture of a link.
+
+    A link with several receivers has no transmission of its own.
+    """
+    return OokLink.of_link(link, detector) if len(link.receivers) == 1 else detector
+
+
+def require_of_link(value: Any, detector: OokLink) -> None:
+    """Refuse keys of [detector] that contradict the link."""
+    for part, names in _OF_LINK.items():
+        given = value.get(part, {}) if isinstance(value, Mapping) else {}
+        for name in names:
+            own = getattr(getattr(detector, part), name)
+            if name in given and not math.isclose(given[name], own, rel_tol=1e-9):
+                allowed = f"nothing, or {own:g}, which the link gives"
+                raise Refused(f"detector.{part}.{name}", given[name], allowed)
+
+
+def detector_config(detector: OokLink, link: Link) -> Table:
+    """Return [detector] without the keys that follow the link."""
+    table: Table = plain(detector)
+    if len(link.receivers) == 1:
+        for part, names in _OF_LINK.items():
+            table[part] = {k: v for k, v in table[part].items() if k not in names}
+    return table
+
+
+def water_config(water: Water) -> Table:
+    """Return [water] without the coefficients that follow the layers."""
+    table: Table = plain(water)
+    return {k: v for k, v in table.items() if water.layers is None or k not in ("a", "b")}
 
 
 def physics_config(physics: Physics) -> Any:

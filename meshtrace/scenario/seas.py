@@ -11,18 +11,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from meshtrace.errors import Described, Refused, did_you_mean, reason_of, require_keys
-from meshtrace.link import Footprint, Link
+from meshtrace.errors import MISSING, Described, Refused, did_you_mean, reason_of, require_keys
+from meshtrace.link import Link
 from meshtrace.mesh import FADING, MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Family, Model
 from meshtrace.scenario.tables import Table, as_table, validated, without_shared_wind
-from meshtrace.transport.options import Meshing
-
-MOST_VERTICES = 10_000_000
-"""Vertices of a mesh, at some 0.5 kB each, beyond which a run is refused."""
-
-MOST_FACTORS = 50_000_000
-"""Waves times grid lines, at some 50 B each, beyond which a run is refused."""
 
 _SEA_ALIASES = {"sinusoidal": "sinusoid", "tilted-plane": "plane"}
 _SHORT_WAVES = "elfouhaily"  # spectrum, spreading and slopes of a sea that makes light fade
@@ -70,15 +63,27 @@ class MeshFile(Model, frozen=True):
             raise Refused("sea.mesh", problem, allowed) from error
 
 
-def read_fading(run: Table, sea: Table) -> None:
-    """Move `fading` of [run] to `omega_max` of [sea]."""
-    fading = run.pop("fading", False)
-    if not isinstance(fading, bool):
+def read_fading(run: Table, sea: Table) -> bool:
+    """Return whether the sea is one of mean gains; move a true `fading` of [run] to [sea]."""
+    fading = run.pop("fading", None)
+    if not isinstance(fading, bool | None):
         raise Refused("run.fading", fading, "true or false")
+    if fading is False and sea.get("omega_max") == FADING:
+        raise Refused("sea.omega_max", FADING, "a number with run.fading = false")
     if fading and ("mesh" in sea or "meshes" in sea):
         raise Refused("run.fading", fading, "a sea model")
     if fading and sea.setdefault("omega_max", FADING) != FADING:
         raise Refused("sea.omega_max", sea["omega_max"], f'"{FADING}" with run.fading = true')
+    return fading is False
+
+
+def of_mean_gains(sea: Any) -> Any:
+    """Return a sea whose open band is the one of mean gains for every study."""
+    if hasattr(sea, "parts"):
+        return sea.model_copy(update={"parts": [of_mean_gains(part) for part in sea.parts]})
+    if getattr(sea, "for_fading", sea) is sea:
+        return sea
+    return sea.model_copy(update={"omega_max": sea.band_limits.omega_max})
 
 
 def read_surface(
@@ -121,6 +126,8 @@ def _measured(table: Table, wind_speed: float) -> Any:
     """Return the sea of a measured spectrum in a file, with the options of its reader."""
     from meshtrace.surfaces import from_wavespectra
 
+    if not isinstance(table["file"], str):
+        raise Refused("sea.file", table["file"], "a path")
     own = {key: value for key, value in table.items() if key not in ("spectrum", "file")}
     known = list(inspect.signature(from_wavespectra).parameters)[1:]
     require_keys(own, [*known, "file", *_SEA_KEYS], "sea")
@@ -166,7 +173,7 @@ def _named(word: Any) -> type[Family]:
         except Refused as error:
             refused = error
     if isinstance(word, str) and ":" in word:
-        raise Refused("sea.spectrum", word, refused.allowed)
+        raise Refused("sea.spectrum", word, refused.allowed, refused.hint)
     seas = (kind for kind in Surface.registered if kind != "spectral")
     words = list(dict.fromkeys([*seas, *_SEA_ALIASES, *Spectrum.registered]))
     raise Refused("sea.spectrum", word, ", ".join(words), did_you_mean(word, words))
@@ -185,7 +192,8 @@ def _with_spectrum(
         path: tuple[str, ...] = ("sea", "spectrum")
         keys, own = _SEA_KEYS, {"kind": "jonswap", **word}
     else:
-        fields = Spectrum.member(word).model_fields
+        fields = list(Spectrum.member(word).model_fields)
+        fields += ["file"] if word == "tabulated" else []
         path, keys = ("sea",), (*_SEA_KEYS, *fields)
         own = {"kind": word, **{key: table.pop(key) for key in fields if key in table}}
     own, calm = _driven(own, wind_speed)
@@ -234,14 +242,15 @@ def surface_from_provenance(provenance: Mapping[str, Any]) -> MeshSource | MeshF
     """Return the surface of a result."""
     from meshtrace.surfaces import sea_from_config
 
-    config = provenance["surface"]
     if "mesh_file" in provenance:
         return MeshFile(file=provenance["mesh_file"])
+    config = as_table(provenance.get("surface", MISSING), "surface")
+    if config.get("kind") == "mesh":
+        raise Refused("surface", "mesh", "a sea of meshtrace.surfaces or a mesh from a file")
     try:
         return sea_from_config(config)
     except Refused as error:
-        allowed = "a sea of meshtrace.surfaces or a mesh from a file"
-        raise Refused("surface", config.get("kind"), allowed) from error
+        raise error.inside("surface") from error
 
 
 def wind_of(link: Link, surface: Any) -> float:
@@ -278,28 +287,3 @@ def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
 def may_overhang(surface: MeshSource | MeshFile) -> bool:
     """Return whether the meshes of a surface may overhang."""
     return not (isinstance(surface, SurfaceModel) and getattr(surface, "single_valued", True))
-
-
-def require_modest(surface: MeshSource, footprint: Footprint, meshing: Meshing) -> None:
-    """Refuse meshes and wave sums that would fill the memory."""
-    from meshtrace.surfaces import Surface
-    from meshtrace.surfaces.gridding import grid_axis
-
-    if not isinstance(surface, Surface):
-        return
-    spacing = meshing.spacing or footprint.spacing
-    try:
-        if meshing.extent is None:
-            coarse = max(footprint.coarse_spacing, spacing)
-            lines = len(grid_axis(0.0, footprint.extent, spacing, footprint.fine_extent, coarse))
-        else:
-            lines = len(grid_axis(0.0, meshing.extent, spacing))
-    except Refused as error:
-        raise error.inside("sea") from None
-    if lines**2 > MOST_VERTICES:
-        size = Described(f"{spacing:g} m makes {lines**2} vertices")
-        raise Refused("sea.spacing", size, f"at most {MOST_VERTICES} vertices")
-    waves = len(surface.components.amplitude) if hasattr(surface, "components") else 0
-    if waves * lines > MOST_FACTORS:
-        size = Described(f"{waves} waves on {lines} grid lines")
-        raise Refused("sea.d_omega", size, f"a product of at most {MOST_FACTORS}")

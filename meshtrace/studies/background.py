@@ -75,12 +75,12 @@ def background_series(
 
     Notes
     -----
-    Slopes that the mesh leaves out count by their density: glint keeps its mean but is smoother
-    than in nature. A fine mesh over a wide band (`omega_max`) resolves its flicker.
+    The sea is that of `time_series`. Slopes that its mesh leaves out count by their density: glint
+    keeps its mean but is smoother than in nature.
     """
     require_whole(photons, SHIFTS, 10_000_000, "photons")
     given = {"seed": seed, "spacing": spacing, "extent": extent, "threads": threads}
-    inputs = resolve_chains(link, surface, **given)
+    inputs = resolve_chains(link, surface, fading=True, **given)
     day = light_of(inputs, day)
     if day is None:
         raise Refused("day", None, "a Daylight")

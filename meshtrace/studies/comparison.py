@@ -113,6 +113,9 @@ class Comparison(StoredArrays):
         days = [one.get("daylight") for one in self.provenance]
         return tuple(DARK if day is None else str(day["light"]) for day in days)
 
+    def _origin_lines(self) -> list[str]:
+        return list(self.lights)
+
     def _headline(self) -> str:
         rest = [
             f"{name} {db:+.2f} +- {error:.2g} dB"

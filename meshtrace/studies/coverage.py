@@ -24,7 +24,7 @@ from meshtrace.transport.coverage import ForcedMap, Grid, require_mappable
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import Analog, IrradianceMap
-from meshtrace.transport.outcome import FewSamplesWarning, largest_weight, warn_of_returned
+from meshtrace.transport.outcome import FewSamplesWarning, largest_weight, warn_of_omitted
 from meshtrace.transport.simulate import simulate
 
 _DARK = 0.01  # of the highest gain, below which a cell is not resolved to `rtol`
@@ -86,7 +86,8 @@ def coverage_map(
     Notes
     -----
     Forced detection uses the same chains in all cells, so that their errors are correlated. Each
-    cell takes the number of chains that it needs, up to 2^20; the number of chains times cells,
+    cell takes the number of chains that it needs, up to 2^20, and cells that may have the highest
+    gain up to 64 times as many, until its place is resolved; the number of chains times cells,
     of crossings on still water that were interpolated between nodes and searched, and of
     searches of all facets are in `provenance["chains"]`. Light that the surface first reflects
     into the water is left out, see `Forced`.
@@ -154,7 +155,7 @@ class _Mapped(NamedTuple):
         }
         origin = {**provenance(link, config, run), **case.origin, "times": times}
         origin["chains"] = forced.counts
-        warn_of_returned(corners, gain[[0, 0, -1, -1], [0, -1, 0, -1]])
+        warn_of_omitted(corners, gain[[0, 0, -1, -1], [0, -1, 0, -1]])
         axis = np.asarray(-grid.extent + grid.step * (np.arange(grid.n) + 0.5), np.float64)
         bound = None
         if not (gain > 0.0).all():

@@ -21,7 +21,7 @@ from meshtrace.errors import (
 )
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import ordered_map, paced
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import Stored
 from meshtrace.studies.inputs import Inputs, resolve_chains, with_all_ends
@@ -165,7 +165,8 @@ def duplex(
         Links of one receiver each: a source in the water and a receiver in the air, and a lamp in
         the air and a receiver in the water.
     sea : MeshSource
-        The sea: moving, or with random phases.
+        The sea: moving, or with random phases. A sea whose band is left open has all waves that
+        make the light of either link fade (`fading.resolve_band`).
     times : array_like, shape (n,), optional
         Times [s] of a moving sea.
     realizations : int, optional
@@ -211,7 +212,9 @@ def duplex(
         if link.direction != name or len(link.receivers) != 1:
             found = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
             raise Refused(name, found, f"a link with one receiver and direction {name}")
-        pair.append(resolve_chains(link, sea, **options))
+        pair.append(resolve_chains(link, sea, fading=True, **options))
+    finest = max((inputs.surface for inputs in pair), key=lambda s: getattr(s, "omega_max", 0) or 0)
+    pair = [inputs._replace(surface=finest) for inputs in pair]
     if (times is None) == (realizations is None):
         raise Refused("times", times, "times, or a number of realizations")
     along: Literal["time", "realization"] = "realization" if times is None else "time"
@@ -265,7 +268,8 @@ def _pairs(
         common = mesh(surface)
         return forced[0].evaluate(common), forced[1].evaluate(common)
 
-    for found in ordered_map(evaluated, surfaces, pair[0].threads):
+    found_over = ordered_map(evaluated, surfaces, pair[0].threads)
+    for found in paced(found_over, len(surfaces), f"{len(surfaces):,} seas"):
         if progress is not None:
             progress(1)
         yield found

@@ -145,7 +145,7 @@ class CommonLines:
 
 def wind_over(sea: Any, link: Link, name: str) -> Dryden:
     """Return the wind over a sea at the end in the air; `name` is that of the argument."""
-    speed = getattr(sea, "wind_speed", None)
+    speed = getattr(getattr(sea, "spectrum", sea), "wind_speed", None)
     if speed is None:
         raise Refused(name, None, "a wind, over a sea without wind speed")
     return Dryden(wind_speed=speed, height=link.air_end[1].height)
@@ -165,16 +165,23 @@ def forced_case(
     surface: MeshSource | TriangleMesh | None,
     options: dict[str, Any],
     allowed: str = "forced",
+    fading: bool = False,
 ) -> Case:
-    """Return the case of a link or a scenario with options; refuse analog photons."""
-    case = resolve(link, surface).with_options(**options)
+    """Return the case of a link or a scenario with options; refuse analog photons.
+
+    With `fading` a sea whose band was left open has all waves that make light fade.
+    """
+    case = resolve(link, surface, fading).with_options(**options)
     if not isinstance(case.run.estimator, Forced):
         raise Refused("run.estimator", "analog", allowed)
     return case
 
 
 def resolve_chains(
-    link: Link | Scenario, surface: MeshSource | None = None, **options: Any
+    link: Link | Scenario,
+    surface: MeshSource | None = None,
+    fading: bool = False,
+    **options: Any,
 ) -> Inputs:
     """Return the checked inputs of a study over many surfaces by forced detection.
 
@@ -183,7 +190,10 @@ def resolve_chains(
     link : Link or Scenario
         A link, or a scenario from which everything that is None follows.
     surface : MeshSource, optional
-        The sea; by default that of the scenario, or a JONSWAP sea of the link's wind.
+        The sea; by default that of the scenario, or that of the link's wind.
+    fading : bool
+        Whether the answer of the study is about fading: a sea whose band was left open then has
+        all waves that make the light of the link fade (`fading.resolve_band`).
     **options
         Fields of `Run` and `Meshing`.
 
@@ -198,7 +208,7 @@ def resolve_chains(
         given = {"photons": DEFAULT_CHAINS, **given}
     elif surface is None and isinstance(scenario.surface, MeshFile):
         raise Refused("sea.mesh", scenario.surface.file, "a sea model")
-    case = forced_case(link, surface, given, "forced, over many seas")
+    case = forced_case(link, surface, given, "forced, over many seas", fading)
     if not isinstance(case.surface, MeshSource):
         raise Refused("surface", Described(type(case.surface).__name__), "a sea (MeshSource)")
     return Inputs(case.link, case.surface, case.run, case.meshing, scenario)

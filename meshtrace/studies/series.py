@@ -16,7 +16,7 @@ from meshtrace.fading.resolving import band_fading
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map, trim_memory
+from meshtrace.parallel import ordered_map, paced, trim_memory
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.inputs import Inputs, resolve_chains
@@ -57,7 +57,8 @@ def time_series(
         The link, or a scenario: `time_series(scenario, times)`. Options that are not given are
         those of the scenario.
     surface : MeshSource, optional
-        The sea, whose phases stay while time moves its waves, or meshes in time.
+        The sea, whose phases stay while time moves its waves, or meshes in time. A sea whose band
+        is left open has all waves that make the light of the link fade (`fading.resolve_band`).
     times : array_like, shape (n,)
         Times [s]; evenly spaced with a flight.
     flight : Flight, optional
@@ -112,7 +113,7 @@ def time_series(
     if times is None and not isinstance(surface, MeshSource):
         surface, times = None, surface
     inputs = resolve_chains(
-        link, surface, photons=photons, seed=seed, normals=normals, extent=extent,
+        link, surface, fading=True, photons=photons, seed=seed, normals=normals, extent=extent,
         spacing=spacing, threads=threads,
     )  # fmt: skip
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
@@ -173,7 +174,8 @@ def ensemble(
     n_realizations : int
         Realizations, each with its own random phases.
     surface : SurfaceModel with seed, optional
-        The sea; by default a JONSWAP sea of `wind_speed`.
+        The sea; by default that of `wind_speed`. A sea whose band is left open has all waves that
+        make the light of the link fade (`fading.resolve_band`).
     wind_speed : float, optional
         Wind of the default sea [m s-1]: that of the link's bubbles or whitecaps, or 5.
     photons : int, optional
@@ -202,8 +204,8 @@ def ensemble(
 
         surface = sea_in_wind(wind_speed)
     inputs = resolve_chains(
-        link, surface, photons=photons, seed=seed, normals=normals, time=time, extent=extent,
-        spacing=spacing, threads=threads,
+        link, surface, fading=True, photons=photons, seed=seed, normals=normals, time=time,
+        extent=extent, spacing=spacing, threads=threads,
     )  # fmt: skip
     return _beside_closed_form(inputs, over_realizations(inputs, n_realizations, progress))
 
@@ -308,7 +310,7 @@ def gain_series(
     """Return the series of the parts over each surface."""
     n, n_rx = len(coordinate), len(link.receivers)
     columns, shifts = np.empty((3, n, n_rx)), np.zeros((n_rx, SHIFTS))
-    for i, part in enumerate(parts):
+    for i, part in enumerate(paced(parts, n, f"{n:,} seas")):
         columns[:, i] = part.gain, part.stderr, part.ballistic
         shifts += part.shifts
         if i % _TRIM_EVERY == 0:

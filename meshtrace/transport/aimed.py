@@ -248,7 +248,7 @@ class AimedChains:
         """Return the unscattered gain through each facet, without noise.
 
         From the centre of the source, or from the point `at`. None where it has to be sampled:
-        random slopes are too narrow to be integrated over, for the facets or for the aperture.
+        random slopes are too narrow to be integrated over, for the mesh or for the aperture.
         """
         if not self.rough:
             return self.facet_gains(source, receiver, at)
@@ -265,10 +265,8 @@ class AimedChains:
         gain = np.zeros(len(self._mesh.faces))
         doubtful = np.zeros(len(gain), bool)
         nodes = self.nodes.setdefault((source, receiver), _disk_nodes(blur))
-        disk = blurred.Disk(*_disk_rule(*nodes), blur)
-        needed = np.empty((len(scene.surface.vertices), 3))
-        if not blurred.blurred_gain(scene, disk, needed, gain, doubtful):
-            return None
+        stack = np.empty((image.STACK, 3), np.int64)
+        blurred.blurred_gain(scene, blurred.Disk(*_disk_rule(*nodes)), stack, gain, doubtful)
         return self._seen(gain, np.flatnonzero(doubtful), source, receiver)
 
     def facet_gains(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats:

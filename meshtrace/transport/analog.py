@@ -26,7 +26,7 @@ from meshtrace.kernels.vectors import UP, Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import ordered_map, paced
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.arrays import (
     NO_GRID,
@@ -181,8 +181,9 @@ def run_analog(
     sums = _zero(setup)
     first, end = options.first_photon, options.first_photon + photons
     starts = range(first, end, options.batch_size)
-    chunks = [(start, min(start + options.batch_size, end)) for start in starts]
-    for n, tallies in ordered_map(partial(chunk_tallies, setup), chunks, threads):
+    chunks = ((start, min(start + options.batch_size, end)) for start in starts)
+    traced = ordered_map(partial(chunk_tallies, setup), chunks, threads)
+    for n, tallies in paced(traced, photons, f"{photons:,} photons", lambda part: part[0]):
         sums.add(n, tallies)
         if progress is not None:
             progress(n)

@@ -44,12 +44,16 @@ class Case(NamedTuple):
 class HasCase(Protocol):
     """A description that holds link, surface and options, such as a Scenario."""
 
-    def case(self, surface: MeshSource | TriangleMesh | None = None) -> Case:
-        """Return the inputs of the run, with another surface if one is given."""
+    def case(self, surface: MeshSource | TriangleMesh | None = None, fading: bool = False) -> Case:
+        """Return the inputs of the run, with another surface if one is given; see `resolve`."""
         ...
 
 
-def resolve(link: Link | HasCase, surface: MeshSource | TriangleMesh | None = None) -> Case:
+def resolve(
+    link: Link | HasCase,
+    surface: MeshSource | TriangleMesh | None = None,
+    fading: bool = False,
+) -> Case:
     """Return the case of a link and a surface, or of a scenario.
 
     Parameters
@@ -59,15 +63,18 @@ def resolve(link: Link | HasCase, surface: MeshSource | TriangleMesh | None = No
     surface : MeshSource or TriangleMesh, optional
         By default that of the scenario; over a link the JONSWAP sea of the wind of its bubbles
         and whitecaps, or of 5 m/s.
+    fading : bool
+        Whether the answer of the study is about fading: a sea whose band was left open then has
+        all waves that make the light of the link fade (`fading.resolve_band`).
 
     Raises
     ------
     Refused
-        If one of them is something else, or a sea with `omega_max="fading"` has no closed form
-        over the link (`fading.resolve_band`).
+        If one of them is something else, or no band has the fading of a sea with
+        `omega_max="fading"`.
     """
     if isinstance(link, HasCase):
-        return link.case(surface)
+        return link.case(surface, fading)
     if not isinstance(link, Link):
         raise Refused("link", Described(type(link).__name__), "a Link or a Scenario")
     if surface is None:
@@ -75,4 +82,4 @@ def resolve(link: Link | HasCase, surface: MeshSource | TriangleMesh | None = No
 
         wind_speed = DEFAULT_WIND_SPEED if link.wind_speed is None else link.wind_speed
         surface = sea_in_wind(wind_speed)
-    return Case(link, resolve_band(link, surface))
+    return Case(link, resolve_band(link, surface, fading))

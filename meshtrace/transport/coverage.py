@@ -31,7 +31,8 @@ from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link, Receiver
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import ordered_map, paced
+from meshtrace.results.coverage import as_high, place_of_highest
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.aimed import ROOTS, AimedChains
 from meshtrace.transport.arrays import locator
@@ -46,6 +47,7 @@ _STREAM, _PILOT_STREAM = 32, 16  # of the points of the lowest level, and of the
 _NODE_STEP = 0.07  # distance of the nodes over the height of the map above the source
 _MOST_NODES = 33  # along an axis
 _FEWEST = 100.0  # effective samples, see `lack_of_samples` of the single receivers
+_SETTLING = 6  # levels above the highest one, for the place of the highest gain
 _SMALL = 0.01  # share of the gain below which its scattered part does not matter
 _DARK_LEVEL = 6  # at which a cell without light is given up
 _PILOT_CELLS = 16  # cells of the pilot along an axis
@@ -205,7 +207,8 @@ class ForcedMap:
         """Return gain and standard error (n, n), with chains up to a relative error of each cell.
 
         A pilot of a few cells assigns each cell its number of chains; cells above the
-        tolerance are evaluated again with other chains, more of them.
+        tolerance are evaluated again with other chains, more of them. So are those that may be the
+        highest, for its place.
         """
         n = self._grid.n
         gain, stderr = np.zeros(n * n), np.zeros(n * n)
@@ -226,7 +229,19 @@ class ForcedMap:
                 level[some] = np.minimum(now + more, _LAST)
                 if progress is not None:
                     progress(int(done.sum()))
-        return gain.reshape(n, n), stderr.reshape(n, n)
+        whole = gain.reshape(n, n), stderr.reshape(n, n)
+        self._settle(*whole, int(level.max()))
+        return whole
+
+    def _settle(self, gain: Floats, stderr: Floats, level: int) -> None:
+        """Draw more chains in the cells as high as the highest, until its place is resolved."""
+        for now in range(level + 2, min(level + _SETTLING, _LAST) + 1, 2):
+            if gain.max() == 0.0 or place_of_highest(gain, stderr) is not None:
+                return
+            cells = np.flatnonzero(as_high(gain, stderr))
+            for first in range(0, len(cells), _AT_ONCE):
+                some = cells[first : first + _AT_ONCE]
+                gain.ravel()[some], stderr.ravel()[some] = mean_and_error(self._evaluate(now, some))
 
     def _first_levels(self, rtol: float) -> NDArray[np.int64]:
         """Return the level of each cell by a pilot of the lowest level at a lattice of cells."""
@@ -247,10 +262,9 @@ class ForcedMap:
         sums = Sums(np.zeros((SHIFTS, len(cells))), np.zeros(len(cells)), np.zeros(len(cells)))
         if self._direct is not None:
             sums.gain[:] = self._direct.ravel()[cells]
-        scattered = ordered_map(
-            lambda job: job(), self._jobs(level, places, stream), self._options[2]
-        )
-        for part in scattered:
+        jobs = list(self._jobs(level, places, stream))
+        scattered = ordered_map(lambda job: job(), jobs, self._options[2])
+        for part in paced(scattered, len(jobs), f"{len(cells):,} cells"):
             sums.gain[part.first : part.first + len(part.gain)] += part.gain
             if part.order > 0:
                 sums.scattered[:] += part.gain.sum(axis=0) / SHIFTS

@@ -29,7 +29,7 @@ from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import ordered_map, paced
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.adjoint import AdjointPaths
 from meshtrace.transport.aimed import AimedChains, Search
@@ -277,7 +277,7 @@ class ForcedDetection:
         jobs += [partial(aimed.score, *job) for job in sums.jobs]
         scores = ordered_map(lambda job: job(), jobs, self._options[1], ahead=len(jobs))
         sampled = sums.add_direct(islice(scores, len(sums.pairs)))
-        sums.add_chains(scores)
+        sums.add_chains(paced(scores, len(sums.jobs), f"{sums.chains:,} chains over one surface"))
         adjoint = self._adjoint
         paths = None if adjoint is None else adjoint.evaluate(mesh, intersector)
         counts = Counts(sums.chains, *(int(c) for c in aimed.counters))
@@ -289,10 +289,19 @@ class ForcedDetection:
             points = self._lamp_points(s)
             found = np.array([self._from_point(aimed, s, r, p).sum() for p in points])
             return found.reshape(SHIFTS, -1).mean(axis=1)
-        gains = aimed.direct_gains(s, r)
+        gains = self._lit_facets(aimed, s, r)
         if gains is not None:
             return gains.sum(keepdims=True)
-        return aimed.score(s, r, self._unscattered[s]).reshape(SHIFTS, -1).mean(axis=1)
+        found = aimed.score(s, r, self._unscattered[s]).reshape(SHIFTS, -1).mean(axis=1)
+        return found if found.any() else found[:1]
+
+    def _lit_facets(self, aimed: AimedChains, s: int, r: int) -> Floats | None:
+        """Return the unscattered gain through each facet; None where chains have to tell.
+
+        Where no facet finds light, chains are asked before it is called dark.
+        """
+        gains = aimed.direct_gains(s, r)
+        return gains if gains is not None and gains.any() else None
 
     def _from_point(self, aimed: AimedChains, s: int, r: int, point: Floats) -> Floats:
         """Return the unscattered gain through each facet from a point of an extended source."""
@@ -365,7 +374,7 @@ class ForcedDetection:
                 for i, lamp in enumerate(points):
                     gains = power * self._from_point(aimed, e, t, lamp) / len(points)
                     rows.append(direct_light(aimed, e, t, gains, lamp, i * SHIFTS // len(points)))
-            elif (found := aimed.direct_gains(e, t)) is not None:
+            elif (found := self._lit_facets(aimed, e, t)) is not None:
                 rows.append(direct_light(aimed, e, t, power * found))
             else:
                 sets = [self._unscattered[e], *sets]

@@ -122,6 +122,19 @@ class FrozenForced:
                     row += power * aimed.score(e, t, chains).reshape(SHIFTS, -1).mean(axis=1)
         return found
 
+    def unscattered(self, link: Link, mesh: TriangleMesh) -> Floats:
+        """Return the unscattered gain of each receiver of a neighbouring link, without noise.
+
+        0 where it is sampled with the chains.
+        """
+        arrays, aimed, _ = self._aimed(link, mesh)
+        found = np.zeros(len(link.receivers))
+        for e, t in np.ndindex(len(arrays.emitters), len(arrays.targets)):
+            direct = aimed.direct_gains(e, t)
+            if direct is not None:
+                found[arrays.receiver(e, t)] += arrays.share(e, t) * direct.sum()
+        return found
+
     def light(self, link: Link, mesh: TriangleMesh) -> list[Light]:
         """Return the light that arrives at each receiver of a neighbouring link."""
         arrays, aimed, sets = self._aimed(link, mesh)

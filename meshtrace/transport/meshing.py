@@ -11,7 +11,7 @@ import numpy as np
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.link.link import Footprint
-from meshtrace.mesh import MeshSource, TriangleMesh, WaveSum, require_surface
+from meshtrace.mesh import MeshSource, Plane, TriangleMesh, WaveSum, require_surface
 from meshtrace.transport.options import Meshing
 
 GAIN_SPACING = 0.45
@@ -24,6 +24,7 @@ With random slopes beyond the waves it is 0.5 % of a gain.
 """
 
 _MOST_FACETS = 8e6
+_PLANE_CELLS = 128  # over the half-width of a plane, fine or coarse, that needs no fine mesh
 _ASIDE = 5.0  # [m], beyond which the forced estimator has fine facets at the crossings alone
 _MOST_LIT = 2e6
 _MOST_CELLS = 1e9  # along a side: counted, not made
@@ -109,6 +110,10 @@ def mesh_lines(
         f = f._replace(extent=wide, coarse_spacing=4.0 * f.spacing)
         if isinstance(surface, WaveSum) and meshing.spacing is None and meshing.extent is None:
             f = _resolving(link, surface, f, per_wave)
+    if isinstance(surface, Plane):
+        spacing = max(f.spacing, f.fine_extent / _PLANE_CELLS)
+        coarse = max(f.coarse_spacing, f.extent / _PLANE_CELLS, spacing)
+        f = f._replace(spacing=spacing, coarse_spacing=coarse)
     spacing = meshing.spacing or f.spacing
     _require_size(f, meshing)
     if meshing.extent is not None:

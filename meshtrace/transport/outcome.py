@@ -38,6 +38,7 @@ _FEW_SHARE = {"chains": 0.1, "adjoint paths": 0.15}
 """Share of the samples below which they are few: a run of few photons is known to be uncertain.
 
 Scores of adjoint paths have the heavier tails."""
+_BOUND_PHOTONS = 2**18  # analog, where chains bring no light: a bound above gains tells nothing
 _SMALL = 0.01  # share of the gain below which its scattered part does not matter
 
 
@@ -80,7 +81,8 @@ def analog_result(
 def bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Any:
     """Return upper bounds of gains without received light, nan elsewhere; None if all have light.
 
-    The bound is that of as many analog photons, as aimed samples without contributions give none.
+    The bound is that of analog photons, at least `_BOUND_PHOTONS`, as aimed samples without
+    contributions give none.
     No photon scores more than w = exp(-a d), d the height of the lowest trough above the end in
     the water.
     With mean m and standard error s of the scores of n photons, the bound is m + 2 s + 3 w / n:
@@ -91,7 +93,7 @@ def bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Any:
     most = largest_weight(case.link, float(mesh.bounds[0, 2]))
     bound = np.full(len(gain), sys.float_info.min)
     if most > sys.float_info.min:
-        n = case.run.photons
+        n = max(case.run.photons, _BOUND_PHOTONS)
         sums = photons_over(case, mesh, Analog(roulette=1e-3 * most), n)
         error = standard_error(sums.score, sums.score_squared, n)
         bound = np.maximum(sums.score / n + 2.0 * error + 3.0 * most / n, bound)
@@ -174,17 +176,28 @@ def _that_matter(
     return [(r, row) for r, row in enumerate(rows) if share[r] > _SMALL * gain[r]]
 
 
-def warn_of_returned(link: Link, gain: Floats) -> None:
-    """Warn where forced detection leaves out more than 0.1 % of a gain."""
+def warn_of_returned(link: Link, result: GainResult, photons: int) -> None:
+    """Warn where a result leaves out more than 0.1 % of a gain: reflected light not found.
+
+    `photons` were traced for it.
+    """
+    found = 0.0 if result.gain_reflected is None else np.atleast_1d(result.gain_reflected)
+    advice = "add it by reflected_photons"
+    if photons:
+        advice = f"none of {photons:,} reflected_photons arrived, give more"
+    warn_of_omitted(link, np.where(found > 0.0, 0.0, result.gains), advice)
+
+
+def warn_of_omitted(link: Link, gain: Floats, advice: str = "add it by reflected_photons") -> None:
+    """Warn where forced detection leaves out more than 0.1 % of a gain > 0."""
     returned = returned_gain(link)
     for r in np.flatnonzero((returned > _RETURNED * gain) & (gain > 0.0)):
-        percent = float(f"{100.0 * returned[r] / gain[r]:.1g}")
+        percent = float(f"{100.0 * returned[r] / (gain[r] + returned[r]):.1g}")
         warnings.warn(
             f"receiver {r}: about {percent:g} % of the light leaves the "
-            "water after a reflection at the surface, which forced detection omits: add it by "
-            "reflected_photons",
+            f"water after a reflection at the surface, which forced detection omits: {advice}",
             DomainWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
 
 
@@ -250,6 +263,21 @@ def warn_of_lost(result: GainResult) -> None:
         warnings.warn(
             f"{result.misses[1]} photons missed the surface inside the mesh twice: the mesh may "
             "have holes",
+            DomainWarning,
+            stacklevel=4,
+        )
+
+
+def warn_of_dark_map(result: GainResult, records: Mapping[str, Record]) -> None:
+    """Warn of a map that no photon reached, most often as its axis is opposite to the light."""
+    grid = records.get("irradiance-map")
+    if not isinstance(grid, options.IrradianceMap) or result.map is None:
+        return
+    if not result.map.irradiance.any():
+        warnings.warn(
+            f"the map at {grid.height:g} m received none of {result.photons:,} photons: its axis "
+            f"{grid.axis} is the direction in which light arrives, within {grid.fov_deg / 2.0:g} "
+            "deg; light that goes down needs (0, 0, -1)",
             DomainWarning,
             stacklevel=4,
         )

@@ -36,8 +36,10 @@ from meshtrace.transport.outcome import (
     analog_result,
     bound_of_dark,
     lack_of_samples,
+    largest_weight,
     per_receiver,
     warn_of_cut,
+    warn_of_dark_map,
     warn_of_few,
     warn_of_lost,
     warn_of_returned,
@@ -149,9 +151,9 @@ def _simulated(
     warn_of_few(result)
     if analog:
         warn_of_lost(result)
+        warn_of_dark_map(result, records)
         return result
-    if not _reflected_photons(case):
-        warn_of_returned(case.link, result.gains)
+    warn_of_returned(case.link, result, _reflected_photons(case))
     warn_of_cut(case, mesh)
     return result
 
@@ -266,6 +268,8 @@ def _reflected(case: Case, mesh: TriangleMesh, photons: int) -> tuple[Floats, Fl
 
     That light comes from everywhere below: its irradiance is even over metres, so an aperture
     of 1 m (never wider than half of the patch in the field of view) has the same mean.
+    Where no photon arrives, the standard error is half of the upper bound 3 w / n at 95 %
+    confidence (rule of three), w the largest weight of a photon.
     """
     link = case.link
     wide, area = [], []
@@ -278,9 +282,10 @@ def _reflected(case: Case, mesh: TriangleMesh, photons: int) -> tuple[Floats, Fl
     options = Analog(roulette=1e-3 * math.exp(-link.water.a * deepest))
     widened = case._replace(link=link.replace(receiver=tuple(wide)))
     sums = photons_over(widened, mesh, options, photons, first_scored=2)
-    n = sums.photons
-    scale = np.array(area)
-    return scale * sums.score / n, scale * standard_error(sums.score, sums.score_squared, n)
+    n, scale = sums.photons, np.array(area)
+    error = standard_error(sums.score, sums.score_squared, n)
+    none = 1.5 * largest_weight(link, float(mesh.bounds[0, 2])) / n
+    return scale * sums.score / n, scale * np.where(sums.score > 0.0, error, none)
 
 
 def trace_paths(

@@ -1,6 +1,7 @@
 """Measurements of speed: contents and refusals; no bound on any time."""
 
 import json
+import time
 
 import pytest
 from typer.testing import CliRunner
@@ -11,7 +12,9 @@ from meshtrace.bench import (
     analog_rate,
     background_light,
     bench,
+    best_of,
     coverage_cost,
+    engine,
     figure_of_merit,
     new_sea,
     realization,
@@ -68,6 +71,20 @@ def test_rays_of_a_small_tank_are_recorded():
     assert found["rays_per_photon"] > 0.5
 
 
+def test_time_on_other_processes_does_not_count():
+    """A job that sleeps stands for one that waits for its turn on a busy machine."""
+    assert best_of(1, lambda: time.sleep(0.2))[0] < 0.1
+    assert best_of(1, lambda: time.sleep(0.2), clock=time.perf_counter)[0] >= 0.2
+
+
+def test_ratios_are_those_of_cpu_time(meshes, monkeypatch):
+    """Rays that wait for 0.3 s beside milliseconds of work leave the ratio as it is."""
+    quiet = analog_rate(LINK, meshes[0], photons=20_000, rounds=2)["ratio"]
+    cast = engine.replay
+    monkeypatch.setattr(engine, "replay", lambda *work: (time.sleep(0.3), cast(*work)))
+    assert analog_rate(LINK, meshes[0], photons=20_000, rounds=2)["ratio"] < 2.0 * quiet
+
+
 def test_jobs_go_to_the_first_free_thread():
     assert makespan([3.0, 1.0, 1.0, 1.0], 2) == 3.0
     assert makespan([1.0, 1.0, 1.0, 3.0], 2) == 4.0
@@ -114,6 +131,8 @@ def measured(meshes, threads):
     """Return what `bench` returns, of a few photons."""
     return {
         "environment": {},
+        "cores": 2,
+        "load": 3.25,
         "analog": analog_rate(LINK, meshes[0], photons=20_000, rounds=1),
         "analog_tilted": analog_rate(LINK, meshes[0], photons=20_000, rounds=1),
         "merit": figure_of_merit(LINK, meshes[1], 256, 50_000, rounds=1, seeds=3),
@@ -147,7 +166,9 @@ def test_report_names_every_measurement(measured, threads):
     assert f"scatter over stated error {merit['scatter_over_error']:.2f}" in text
     assert f"3: {threads['analog_speedup'][2]:.2f}x" in text
     assert "7.0 s (12.3 CPU s) with compilation, 1.1 s (1.3 CPU s) afterwards" in text
-    assert f"{measured['new_sea']['kept_seconds']:.3f} s with chains that are kept" in text
+    assert f"{measured['new_sea']['kept_seconds']:.3f} with chains that are kept" in text
+    assert text.startswith("load  ")
+    assert "3.2 on 2 cores before; CPU seconds of one thread" in text
     for name in ("realization", "background", "coverage"):
         assert f"{name} to {measured[name]['rtol']:.2%}" in text
         assert measured[name]["cpu_seconds"] > 0.0
@@ -166,7 +187,8 @@ def test_bench_measures_all_of_it(monkeypatch, measured):
         monkeypatch.setattr(f"meshtrace.bench.suite.{name}", lambda link, sea, **options: short)
     found = bench(Scenario.from_config({"bubbles": "none"}), quick=True, cold=True)
     assert found["first_run"] == first
-    assert set(found) == {*measured, "cores"}
+    assert set(found) == set(measured)
+    assert found["load"] >= 0.0
     assert found["worker_scaling"] == 32
     assert found["analog"]["ratio"] > 0.0
     assert 0.0 < found["merit"]["ratio"] < found["merit"]["ratio_kept"]

@@ -1,6 +1,7 @@
 """The command line: output, files and failures."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -109,7 +110,7 @@ def test_compiling_is_reported(monkeypatch):
     done = run("--photons", 300)
     assert done.stderr == f"{cli.console.COMPILING}\n"
     assert run("--photons", 300, "--json").stderr == ""
-    assert "sea.spacing" in refusal("run", "--set", "sea.spacing=1e-4")
+    assert "larger spacing" in refusal("run", "--set", "sea.spacing=1e-4")
 
 
 @pytest.mark.parametrize("estimator", Estimator.registered)
@@ -200,3 +201,38 @@ def test_interrupting_ends_with_one_line(monkeypatch):
     finally:
         signal.signal(signal.SIGINT, before)
     assert (result.exit_code, result.stdout, result.stderr) == (130, "", "interrupted\n")
+
+
+def test_warnings_while_a_file_is_read_are_lines_too(tmp_path):
+    """They once showed a line of the source."""
+    rows = ["frequency,0,90,180,270", "0.1,0.01,0.005,0.001,0.002", "0.2,0.003,0.002,0.001,0.001"]
+    (tmp_path / "waves.csv").write_text("\n".join(rows))
+    file = tmp_path / "link.toml"
+    file.write_text('[sea]\nspectrum = "measured"\nfile = "waves.csv"\n')
+    done = run(file, "--photons", 64)
+    lines = done.stderr.splitlines()
+    assert lines
+    assert all(line.startswith("warning: ") for line in lines)
+    assert "source: the spectrum ends at 0.2 Hz" in done.stderr
+
+
+def test_a_work_of_hours_is_told_at_its_begin():
+    """A thousand billion photons once began without a word."""
+    command = [sys.executable, "-m", "meshtrace", "run", "--estimator", "analog",
+               "--photons", str(10**12), "--set", "sea.spectrum=flat"]  # fmt: skip
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        line = next(line for line in process.stderr if line.startswith("warning: "))
+        process.kill()
+    assert re.fullmatch(r"warning: 1,000,000,000,000 photons: about [\d.]+ (h|d)\n", line)
+
+
+def test_help_names_every_command_by_a_whole_sentence():
+    shown = meshtrace("--help").stdout
+    assert "..." not in shown.partition("Commands:")[2]
+
+
+def test_a_series_of_two_steps_has_no_coherence_time():
+    shown = meshtrace("series", "--times", "0,1", "--photons", 64, "--wind", 0).stdout
+    assert "nan" not in shown
+    assert re.search(r"coherence time +-\n", shown)
+    assert "needs gains that vary, at 3 times or more" in shown

@@ -1,5 +1,8 @@
 """Commands that write and compare link files, and draw results."""
 
+import re
+import tomllib
+
 import pytest
 from command_line import meshtrace, refusal
 
@@ -14,6 +17,25 @@ def test_new_prints_a_file_that_loads_back(tmp_path):
     assert (scenario.wind_speed, scenario.link.receiver.height) == (8.0, 7.0)
     assert scenario == mt.Scenario.from_toml("wind_speed = 8\n[receiver]\nheight = 7")
     assert "depth = 10.0  # Depth below still water [m]" in printed.stdout
+
+
+def test_new_shows_keys_and_tables_that_are_not_set(tmp_path):
+    printed = meshtrace("new").stdout
+    for line in ('# type = "jerlov-IB"', '# spectrum = "measured"', "# fading = true"):
+        assert f"\n{line}" in printed
+    unset = printed[printed.index("# [detector]") :]
+    tables = re.findall(r"^# \[(.+)\]$", unset, re.MULTILINE)
+    assert {"detector.optics", "uav", "daylight", "sweep", "sweep.parameters"} <= set(tables)
+    config = tomllib.loads(re.sub(r"^# ?", "", unset, flags=re.MULTILINE))
+    assert set(config.pop("sweep")) >= {"realizations", "rtol", "parameters"}
+    for name in ("detector", "uav"):
+        assert mt.Scenario.from_config({name: config[name]}) == mt.Scenario.from_config({name: {}})
+    known = {"sun_zenith_deg", "sun_azimuth_deg", "aerosol", "ozone", "day_of_year"}
+    clear = {key: config["daylight"][key] for key in known}
+    assert mt.Scenario.from_config({"daylight": clear}) == mt.Scenario.from_toml("[daylight]")
+    again = mt.Scenario.from_toml("[detector]\n[uav]").to_toml(notes=True)
+    assert "\n[detector.optics]\n" in again
+    assert "# [uav]" not in again
 
 
 def test_compare(tmp_path):
@@ -66,3 +88,14 @@ def test_common_options(command):
 
 def test_completion():
     assert "--install-completion" in meshtrace("--help").stdout
+
+
+def test_names_of_files_are_drawn_as_they_stand(tmp_path):
+    """A name with an odd number of dollars once ended in a traceback, after the work."""
+    files = [tmp_path / name for name in ("$x^{2$.toml", "$a$.toml")]
+    for file in files:
+        file.write_text("[sea]\nspectrum = 'flat'\n")
+    picture = tmp_path / "a.png"
+    done = meshtrace("compare", *files, "--photons", 64, "--plot", picture)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert picture.read_bytes()[:4] == b"\x89PNG"

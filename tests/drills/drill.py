@@ -54,7 +54,7 @@ def work(kind, first, last):
     """Put in some inputs of a kind, and print a line before and after each."""
     import hostile
 
-    import meshtrace.scenario.seas as seas
+    from meshtrace.surfaces import surface, wave_surface
 
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -63,12 +63,12 @@ def work(kind, first, last):
         answers.write(json.dumps(parts) + "\n")
 
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
-    if kind in ("links", "arguments", "commands", "meshes"):
+    if kind in ("links", "arguments", "commands", "meshes", "origins"):
         for base in hostile.LINKS:
             warm(base)
     answer(outcome="ready")
     # larger meshes are allowed, and take minutes
-    seas.MOST_VERTICES, seas.MOST_FACTORS = 40_000, 2_000_000
+    surface.MOST_VERTICES, wave_surface.MOST_FACTORS = 40_000, 2_000_000
     with tempfile.TemporaryDirectory(prefix="drill-") as root:
         for i in range(first, last):
             folder = Path(root) / "input"

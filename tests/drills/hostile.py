@@ -1,4 +1,4 @@
-"""Hostile inputs of nine kinds, drawn by a fixed seed.
+"""Hostile inputs of ten kinds, drawn by a fixed seed.
 
 Each kind is a function of a random generator and a folder of its own; it returns a description,
 which reproduces the input, and a function without arguments that puts the input in. That function
@@ -422,6 +422,48 @@ def results(random, folder):
     return f"{kind.__name__}: {how}", call
 
 
+@cache
+def _datasets():
+    """Return results of several kinds as datasets."""
+    import warnings
+
+    import meshtrace as mt
+    from meshtrace.scenario import Scenario
+
+    warnings.simplefilter("ignore")  # few samples
+    link, day = Scenario.from_toml(LINKS[0]), mt.Daylight(direct=1.4, diffuse=0.3)
+    series = mt.ensemble(link, 3, photons=64, threads=1)
+    made = [
+        mt.simulate(link, photons=64, threads=1),
+        series,
+        series.fading(),
+        mt.coverage_map(link, extent=1.0, step=0.5, photons=64, threads=1),
+        mt.compare({"a": link, "b": link}, realizations=2, photons=64),
+        mt.link_performance(link, bit_rate=5e6, realizations=2, photons=64),
+        mt.background(link, day=day, photons=64),
+    ]
+    return [result.to_dataset() for result in made]
+
+
+def origins(random, folder):
+    """Results whose provenance has values of other types or amounts, read and viewed."""
+    from meshtrace.stored import load, write_dataset
+
+    data = random.choice(_datasets()).copy()
+    provenance = json.loads(data.attrs["provenance"])
+    how = _replace(random, provenance, VALUES)
+    data.attrs["provenance"] = json.dumps(provenance)
+    write_dataset(data, folder / "result.nc")
+
+    def call():
+        invoke(["view", "result.nc", "--html", "a.html", "--paths", "0", "--spacing", "2"], folder)
+        found = load(folder / "result.nc")
+        found.summary()
+        found._repr_html_()
+
+    return f"{data.attrs['kind']}: {how}", call
+
+
 SWEEP = {"parameters": {"transmitter.depth": [5.0, 10.0], "wind_speed": [5.0, 9.0]}}
 
 
@@ -537,6 +579,7 @@ def environment(random, folder):
 KINDS = {
     function.__name__: function
     for function in (
-        links, arguments, commands, meshes, spectra, results, stores, studies, environment
+        links, arguments, commands, meshes, spectra, results, origins, stores, studies,
+        environment,
     )
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Ten thousand hostile inputs of nine kinds: each is a number or one line of refusal.
+"""Ten thousand hostile inputs of ten kinds: each is a number or one line of refusal.
 
 No traceback, no signal, no hang, no nan, and no damaged file that gives another number.
 `python tests/drills/drill.py KIND N N+1` repeats input N of a kind.
@@ -10,9 +10,9 @@ from drill import drill
 pytestmark = [pytest.mark.drill, pytest.mark.process]
 
 SMALL = {"links": 40, "arguments": 60, "commands": 25, "meshes": 30, "spectra": 30,
-         "results": 30, "stores": 15, "studies": 30, "environment": 3}  # fmt: skip
+         "results": 30, "origins": 30, "stores": 15, "studies": 30, "environment": 3}  # fmt: skip
 LARGE = {"links": 1500, "arguments": 3400, "commands": 1000, "meshes": 1200, "spectra": 1000,
-         "results": 1100, "stores": 240, "studies": 520, "environment": 40}  # fmt: skip
+         "results": 1100, "origins": 900, "stores": 240, "studies": 520, "environment": 40}  # fmt: skip
 
 
 def check(kind, first, last):

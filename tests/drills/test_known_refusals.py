@@ -88,6 +88,8 @@ METHODS = [
     ("omega_max", lambda: SEA_OF_WAVES.slope_spectrum(np.array(["a", "b"]))),
     ("coarse_spacing", lambda: SEA.mesh(fine_extent=1.0, coarse_spacing=1j)),
     ("source", lambda: surfaces.from_trimesh(("", [[0, 1, 2]]))),
+    ("source", lambda: surfaces.from_wavespectra(["w.csv"])),
+    ("sea.file", lambda: mt.Scenario.from_toml('[sea]\nspectrum = "measured"\nfile = ["w.csv"]')),
     ("kind", lambda: surfaces.sea_from_config(np.datetime64("2020-01-01"))),
     ("wind_speed", lambda: surfaces.sea_in_wind("")),
     ("wind_speed", lambda: surfaces.sea_in_wind(np.array([0.0, 5.0]))),

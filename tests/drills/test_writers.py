@@ -165,6 +165,20 @@ def test_full_disk(name, tmp_path):
     assert only(tmp_path, {name}) == []
 
 
+@pytest.mark.skipif(os.name != "posix", reason="limits of a POSIX shell")
+@pytest.mark.thorough
+def test_full_disk_of_an_export(tmp_path):
+    """VTK writes what fits and says nothing."""
+    words = command("view --paths 0 --spacing 0.5 --export {}", tmp_path / "scene")
+    limited = f"ulimit -f 8; exec {shlex.join(words)}"
+    done = subprocess.run(["sh", "-c", limited], capture_output=True, text=True, timeout=500)
+    assert done.returncode > 0
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert len(errors) == 1
+    assert "surface.vtp" in errors[0]
+    assert only(tmp_path / "scene", set()) == []
+
+
 SWEEP = "[sweep]\nphotons = 64\nrtol = 0.5\n[sweep.parameters]\nwind_speed = [3.0, 5.0]\n"
 
 

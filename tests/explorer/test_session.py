@@ -97,6 +97,7 @@ def test_the_series_is_that_of_the_library(session):
     expected = mt.time_series(PAPER, times, photons=stages.FADING_CHAINS)
     np.testing.assert_array_equal(found.time, times)
     np.testing.assert_array_equal(found.gain, expected.gain)
+    assert expected.provenance["surface"]["omega_max"] == 19.74  # all waves, not 4.1 rad/s
     assert found.index_of_all == stages._index_of_all(PAPER.link, PAPER.surface)
     assert found.index.value == pytest.approx(
         expected.gain.var(ddof=1) / expected.gain.mean() ** 2, rel=1e-9

@@ -40,7 +40,7 @@ def mapped(tallies, origins, directions, weight, medium):
 @njit
 def deposits(tallies, weights):
     for w in weights:
-        kernel.deposit(tallies, kernel.Fate.LANDED, w)
+        kernel.deposit(tallies, kernel.Fate.LANDED.value, w)
 
 
 @njit

@@ -57,7 +57,7 @@ def test_layers_may_be_an_array():
         Water(),
         Water(phase=HenyeyGreenstein(g=0.8), bottom_depth=12.0, bottom_albedo=0.3),
         Water(layers=[(0.0, 0.1, 0.2), (10.0, 0.1, 0.4)]),
-        Water.from_type("petzold-harbour"),
+        Water.from_type("petzold-harbour", 514.0),
     ],
 )
 def test_round_trip(water):
@@ -101,11 +101,10 @@ def test_types_have_any_spelling(name):
 
 @pytest.mark.parametrize("name", WATER_TYPES)
 def test_every_type_makes_a_water(name):
-    water = Water.from_type(name, wavelength_nm=470.0)
+    water = Water.from_type(name, wavelength_nm=514.0)
     assert water.a > 0.0
     assert water.b > 0.0
-    assert Water.from_type(name) == water
-    assert Water.from_type(name, n=1.34, a=0.5).model_dump(include={"n", "a"}) == {
+    assert Water.from_type(name, 514.0, n=1.34, a=0.5).model_dump(include={"n", "a"}) == {
         "n": 1.34,
         "a": 0.5,
     }
@@ -113,7 +112,7 @@ def test_every_type_makes_a_water(name):
 
 def test_phase_functions_of_the_types():
     assert Water.from_type("jerlov-II").phase == FournierForand()
-    assert Water.from_type("petzold-clear").phase == Petzold(water="clear")
+    assert Water.from_type("petzold-clear", 514.0).phase == Petzold(water="clear")
     assert Water.from_type("pure-sea").phase == Rayleigh(gamma=0.835)
     assert Water.from_type("pure-sea", phase=Rayleigh()).phase == Rayleigh()
 
@@ -124,8 +123,46 @@ def test_petzold_waters():
         ("coastal", 0.179, 0.219),
         ("harbour", 0.366, 1.824),
     ):
-        water = Water.from_type(f"petzold-{name}")
-        assert (water.a, water.b) == (a, b)
+        for wavelength in (476.5, 514.0, 551.5):
+            water = Water.from_type(f"petzold-{name}", wavelength)
+            assert (water.a, water.b) == (a, b)
+
+
+@pytest.mark.parametrize("wavelength", [450.0, 470.0, 476.4, 551.6, 650.0])
+def test_petzold_waters_are_refused_far_from_their_wavelength(wavelength):
+    """The instruments had 75 nm at half maximum about 514 nm (Ocean Optics Web Book)."""
+    with pytest.raises(Refused) as refused:
+        Water.from_type("coastal", wavelength)
+    assert str(refused.value) == (
+        f"wavelength_nm: {wavelength}, allowed: 476.5 to 551.5 nm for petzold-coastal, measured at "
+        "514 nm; for these values at another wavelength give a = 0.179 and b = 0.219; jerlov-* "
+        "have 300 to 700 nm"
+    )
+    with pytest.raises(Refused):
+        coefficients("petzold-coastal", [514.0, wavelength])
+    given = Water.from_type("coastal", wavelength, a=0.2, b=0.3)
+    assert given == Water(a=0.2, b=0.3, phase=Petzold(water="coastal"))
+    layers = [(0.0, 0.1, 0.2), (5.0, 0.1, 0.4)]
+    assert Water.from_type("coastal", wavelength, layers=layers).layers == tuple(layers)
+
+
+@pytest.mark.parametrize(
+    ("water", "wavelength", "text"),
+    [
+        (Water(), 470.0, "a 0.114, b 0.037 m-1 at 470 nm: petzold-clear (measured at 514 nm, "
+         "Petzold 1972)"),
+        (Water.from_type("ib", 475.0), 475.0, "a 0.0225, b 0.0635 m-1 at 475 nm: jerlov-IB "
+         "(Solonenko and Mobley 2015)"),
+        (Water.from_type("ib", 475.0), 500.0, "a 0.0225, b 0.0635 m-1 at 500 nm: as given"),
+        (Water.from_type("pure-sea", 470.0), 470.0, "a 0.0106, b 0.003777 m-1 at 470 nm: pure-sea "
+         "(Pope and Fry 1997, Morel 1974)"),
+        (Water(a=0.1, b=0.2), 250.0, "a 0.1, b 0.2 m-1 at 250 nm: as given"),
+        (Water(layers=[(0.0, 0.1, 0.2), (5.0, 0.1, 0.4)]), 470.0, "a 0.1, b 0.2 m-1 at 470 nm, at "
+         "the surface of layers: as given"),
+    ],
+)  # fmt: skip
+def test_a_water_states_its_source(water, wavelength, text):
+    assert water.described(wavelength) == text
 
 
 def test_jerlov_nodes_and_interpolation():

@@ -30,6 +30,7 @@ PRINTING = re.compile(
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]\d+)?")
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMANDS = get_command(cli.app).commands
+BUOY = "f,0,90,180,270\n0.1,1,2,1,0\n0.2,2,4,2,1\n0.3,1,1,1,1\n"
 
 
 def blocks(page, language):
@@ -101,6 +102,8 @@ def own_classes(page):
 def test_link_files_load(page, tmp_path, monkeypatch):
     (tmp_path / "ring_wave.ply").touch()
     (tmp_path / "run").mkdir()
+    (tmp_path / "buoy.csv").write_text(BUOY, encoding="utf-8")
+    (tmp_path / "spectrum.csv").write_text("f [Hz],S\n0.1,0\n0.2,1\n0.3,0\n", encoding="utf-8")
     for i in range(2):
         (tmp_path / "run" / f"sea_{i}.vtp").touch()
     (tmp_path / "my_waves.py").write_text(own_classes(page), encoding="utf-8")
@@ -109,7 +112,7 @@ def test_link_files_load(page, tmp_path, monkeypatch):
     for text in blocks(page, "toml"):
         config = tomllib.loads(text)
         study = config.pop("sweep", {"parameters": {}})
-        assert isinstance(Scenario.from_config(config, folder=tmp_path), Scenario)
+        assert isinstance(Scenario.from_config(config, folder=tmp_path, trust=True), Scenario)
         assert set(study) <= {"realizations", "rtol", "photons", "seed", "store", "parameters"}
 
 
@@ -156,6 +159,14 @@ def test_every_key_of_a_link_file_has_a_meaning():
     rows = [line for line in text.splitlines() if line.startswith("| `")]
     assert len(rows) > 200
     assert not [row for row in rows if not row.split("|")[-2].strip()]
+
+
+def test_nested_tables_have_a_section():
+    text = (DOCS / "link_file.md").read_text("utf-8")
+    for table in ("[detector.optics]", "[uav]", "[daylight]", "[sweep]", "[sweep.parameters]"):
+        assert f"\n## {table}\n" in text, table
+    water = text[text.index("## [water]") : text.index("## [water.phase]")]
+    assert "| `type` |" in water
 
 
 def test_every_public_name_has_a_page():

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, SerializeAsAny
 
 import meshtrace as mt
 from meshtrace.errors import Refused
-from meshtrace.models import GROUP, Family, Model, family
+from meshtrace.models import GROUP, Family, Model, family, modules_of, trusting
 
 
 class Lens(Family, default="ball"):
@@ -49,7 +49,7 @@ def test_plain_data_name_a_kind(value):
         ({"model": "bal"}, r"^lens\.model: 'bal'"),
         ({"radius": "x"}, r"^lens\.radius: 'x', allowed: a number"),
         ("json:dumps", r"^lens\.kind: 'json:dumps'"),
-        ("no_such_module:Lens", r"^lens\.kind: .*No module named"),
+        ("no_such_module:Lens", r"^lens\.kind: .*would run the module no_such_module: a link file"),
         (3, r"^lens: 3, allowed: a table, or one of ball"),
         ({"kind": ["ball"]}, r"^lens\.kind: \['ball'\]"),
     ],
@@ -59,19 +59,30 @@ def test_unknown_kinds_are_refused(value, line):
         Tube(lens=value)
 
 
-def test_a_module_in_the_working_directory_is_found(tmp_path, monkeypatch):
-    (tmp_path / "mine_only_here.py").write_text(
-        f"from {__name__} import Lens\nclass Rod(Lens):\n    length: float = 2.0\n"
-    )
+def test_a_module_in_the_working_directory_is_found_with_trust_alone(tmp_path, monkeypatch):
+    file = tmp_path / "mine_only_here.py"
+    file.write_text(f"from {__name__} import Lens\nclass Rod(Lens):\n    length: float = 2.0\n")
     monkeypatch.chdir(tmp_path)
     path = list(sys.path)
     try:
-        rod = Tube(lens={"kind": "mine_only_here:Rod", "length": 3.0}).lens
+        with pytest.raises(Refused, match=rf"would run {file}: a link file may, with --trust"):
+            Tube(lens={"kind": "mine_only_here:Rod", "length": 3.0})
+        assert "mine_only_here" not in sys.modules
+        with trusting():
+            rod = Tube(lens={"kind": "mine_only_here:Rod", "length": 3.0}).lens
+        assert Tube(lens={"kind": "mine_only_here:Rod", "length": 3.0}).lens == rod
+        assert modules_of("kind = 'mine_only_here:Rod'") == ["mine_only_here"]
+        assert modules_of("kind = 'petzold'") == []
         assert (rod.kind, rod.length) == ("mine_only_here:Rod", 3.0)
     finally:
         Lens.registered.pop("mine_only_here:Rod", None)
         sys.modules.pop("mine_only_here", None)
     assert sys.path == path
+
+
+def test_a_failure_of_an_import_is_told():
+    with trusting(), pytest.raises(Refused, match=r"^lens\.kind: .*No module named"):
+        Tube(lens="no_such_module:Lens")
 
 
 def test_an_entry_point_names_a_kind(monkeypatch):

@@ -140,3 +140,23 @@ def test_the_input_is_refused_under_any_name(tmp_path, make):
     make(tmp_path / "link.toml", tmp_path / "other")
     with pytest.raises(Refused, match="other than the input"):
         require_writable(tmp_path / "other", inputs=[tmp_path / "link.toml"])
+
+
+def test_the_next_process_removes_what_a_killed_one_left(tmp_path):
+    target = tmp_path / "a.bin"
+    write = [sys.executable, "-c", SLOW_WRITER, str(target)]
+    process = subprocess.Popen(write, stdout=subprocess.PIPE)
+    process.stdout.readline()
+    while not any(tmp_path.iterdir()):
+        time.sleep(0.01)
+    live = next(tmp_path.iterdir())
+    foreign = tmp_path / ".meshtrace-elsewhere-1-0.bin"
+    foreign.touch()
+    code = "import sys; from meshtrace.files import atomic; atomic(sys.argv[1]).__enter__()"
+    subprocess.run([sys.executable, "-c", code, str(tmp_path / "b")], check=True)
+    assert live.exists()  # its writer still runs
+    process.kill()
+    process.wait()
+    process.stdout.close()
+    subprocess.run(write, stdout=subprocess.PIPE, check=True)
+    assert sorted(tmp_path.iterdir()) == [foreign, target]

@@ -1,5 +1,7 @@
 """[daylight] of link files, and error rates that name their light."""
 
+import tomllib
+
 import pytest
 
 import meshtrace as mt
@@ -32,15 +34,83 @@ def test_tables_and_their_light(text, made):
     assert mt.Scenario.from_toml(read.to_toml()) == read
 
 
-def test_clear_skies_need_pvlib_once_only():
+def test_clear_skies_are_read_and_written():
     pytest.importorskip("pvlib")
     read = scenario('[daylight]\nsun_zenith_deg = 40.0\naerosol = 0.2\npattern = "cie-13"')
     assert read.daylight == mt.Daylight.clear_sky(40.0, pattern="cie-13", aerosol=0.2)
-    assert "direct" in read.to_toml()  # read back without a spectral model
     assert mt.Scenario.from_toml(read.to_toml()) == read
     moment = 'time = "2026-06-21T10:00Z"\nlatitude = 43.1\nlongitude = 5.9'
     read = scenario(f"[daylight]\n{moment}")
     assert read.daylight == mt.Daylight.at("2026-06-21T10:00Z", 43.1, 5.9)
+
+
+LIGHTS = {
+    "clear": ("", lambda sun: mt.Daylight.clear_sky(sun)),
+    "hazy": ("aerosol = 0.4\nday_of_year = 172", lambda sun: mt.Daylight.clear_sky(
+        sun, aerosol=0.4, day_of_year=172)),
+    "overcast": ('model = "overcast"\ntransmittance = 0.4', lambda sun: mt.Daylight.overcast(
+        sun, transmittance=0.4)),
+    "moon": ('model = "moon"\nphase_deg = 40.0', lambda sun: mt.Daylight.moon(40.0, sun)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LIGHTS)
+def test_an_edited_copy_has_the_light_of_its_sun(name):
+    """`direct` and `diffuse` once stood beside the sun, and changed with nothing."""
+    pytest.importorskip("pvlib")
+    table, light = LIGHTS[name]
+    copy = scenario(f"[daylight]\nsun_zenith_deg = 30.0\n{table}").to_toml()
+    assert "direct" not in copy
+    assert "diffuse" not in copy
+    assert mt.Scenario.from_toml(copy).daylight == light(30.0)
+    edited = copy.replace("sun_zenith_deg = 30.0", "sun_zenith_deg = 70.0")
+    assert mt.Scenario.from_toml(edited).daylight == light(70.0)
+    other = copy.replace("wavelength_nm = 470.0", "wavelength_nm = 520.0")
+    assert mt.Scenario.from_toml(other).daylight.irradiance != light(30.0).irradiance
+
+
+def test_an_edited_copy_has_the_sky_of_its_model():
+    """The pattern and the name of the clear sky once stood beside the model."""
+    copy = scenario("daylight = 'clear'").to_toml().replace('"clear"', '"overcast"')
+    assert mt.Scenario.from_toml(copy).daylight == mt.Daylight.overcast()
+
+
+def test_an_edited_copy_of_a_place_and_time_has_the_light_of_its_sun():
+    pytest.importorskip("pvlib")
+    moment = 'time = "2026-06-21T10:00Z"\nlatitude = 43.1\nlongitude = 5.9'
+    read = scenario(f"[daylight]\n{moment}")
+    table = tomllib.loads(read.to_toml())
+    assert table["daylight"]["day_of_year"] == 172
+    assert mt.Scenario.from_toml(read.to_toml()) == read
+    table["daylight"]["sun_zenith_deg"] = 60.0
+    expected = mt.Daylight.clear_sky(60.0, read.daylight.sun_azimuth_deg, day_of_year=172)
+    assert mt.Scenario.from_config(table).daylight == expected
+
+
+def test_irradiances_of_no_model_stand_in_a_copy():
+    for day in (mt.Daylight(direct=1.0, diffuse=0.2), mt.Daylight.clear_sky().replace(direct=1.0)):
+        lit = scenario("").replace(daylight=day)
+        assert "direct = 1.0" in lit.to_toml()
+        assert mt.Scenario.from_toml(lit.to_toml()).daylight.irradiance == day.irradiance
+
+
+def test_a_copy_holds_no_other_keys_that_follow():
+    """Of the link in [detector], and of the layers in [water]."""
+    text = "[transmitter]\npower_mw = 40.0\n[detector]\n[water]\nlayers = [[0.0, 0.1, 0.2]]\n"
+    read = scenario(text)
+    table = tomllib.loads(read.to_toml())
+    assert not {"power", "wavelength"} & table["detector"]["led"].keys()
+    assert not {"radius", "fov_deg", "medium_index"} & table["detector"]["optics"].keys()
+    assert not {"a", "b"} & table["water"].keys()
+    assert mt.Scenario.from_config(table) == read
+    assert read.detector == mt.OokLink.of_link(read.link)
+    table["transmitter"]["power_mw"] = 60.0
+    table["water"]["layers"] = [[0.0, 0.3, 0.2]]
+    edited = mt.Scenario.from_config(table)
+    assert edited.detector.led.power == 0.06
+    assert edited.link.water.a == 0.3
+    with pytest.raises(Refused, match=r"detector\.led\.power: 0\.2, allowed: nothing, or 0\.06"):
+        mt.Scenario.from_config({**table, "detector": {"led": {"power": 0.2}}})
 
 
 def test_none_is_the_dark():
@@ -142,7 +212,7 @@ def test_daylight_of_another_wavelength_is_refused():
 def test_the_background_flickers_over_time():
     from meshtrace.surfaces import JonswapSea
 
-    link, sea = mt.Link(receiver=mt.Receiver(fov_deg=20.0)), JonswapSea()
+    link, sea = mt.Link(receiver=mt.Receiver(fov_deg=20.0)), JonswapSea(omega_max=4.0)
     series = mt.background_series(link, sea, DAY, [0.0, 0.5, 1.0], photons=512)
     one = mt.background(link, sea, DAY, photons=512, time=0.5)
     assert series.radiance[1] == pytest.approx(one.radiance)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.errors import Refused
 from meshtrace.optics.phase import MixturePhase, Petzold
 from meshtrace.optics.water import Water
 from meshtrace.scenario import MeshFile, Scenario, ScenarioError, parse_setting
@@ -135,10 +136,45 @@ def test_time_extent_and_spacing_belong_to_the_mesh():
     assert len(scenario.mesh().vertices) == 13**2
 
 
+def test_a_tabulated_spectrum_is_read_from_a_file_beside_the_link_file(tmp_path):
+    (tmp_path / "waves.csv").write_text("omega,S\n1.0,0.0\n2.0,0.1\n3.0,0.0\n")
+    (tmp_path / "link.toml").write_text('[sea]\nspectrum = "tabulated"\nfile = "waves.csv"')
+    spectrum = Scenario.load(tmp_path / "link.toml").surface.spectrum
+    assert (spectrum.omega, spectrum.density) == ((1.0, 2.0, 3.0), (0.0, 0.1, 0.0))
+    for text, message in (
+        ("", "sea.omega: missing, allowed: frequencies [rad s-1] beside density, or file"),
+        ("file = ['waves.csv']", "sea.file: ['waves.csv'], allowed: the path of a text file"),
+    ):
+        with pytest.raises(Refused) as refused:
+            read(f'[sea]\nspectrum = "tabulated"\n{text}')
+        assert str(refused.value) == message
+
+
 def test_water_types_are_taken_at_the_wavelength_of_the_transmitter():
     text = '[water]\ntype = "jerlov-IB"\nb = 0.2\n[transmitter]\nwavelength_nm = 500.0'
     water = read(text).link.water
     assert water == Water.from_type("jerlov-IB", 500.0, b=0.2)
+
+
+def test_a_water_type_is_refused_where_it_was_not_measured():
+    blue = '[water]\ntype = "coastal"\n{}\n[transmitter]\nwavelength_nm = 450.0'
+    with pytest.raises(Refused, match=r"^transmitter.wavelength_nm: 450.0, allowed: 476.5 to 551"):
+        read(blue.format(""))
+    given = read(blue.format("a = 0.179\nb = 0.219")).link.water
+    assert given == Water(a=0.179, b=0.219, phase=Petzold(water="coastal"))
+
+
+@pytest.mark.filterwarnings("ignore::meshtrace.transport.outcome.FewSamplesWarning")
+def test_gains_bits_and_maps_state_the_water_and_its_source():
+    scenario = read("wind_speed = 0.0\n[water]\ntype = 'jerlov-IB'")
+    line = "a 0.0227, b 0.0644 m-1 at 470 nm: jerlov-IB (Solonenko and Mobley 2015)"
+    found = (
+        mt.simulate(scenario, photons=32),
+        mt.link_performance(scenario, photons=32),
+        mt.coverage_map(scenario, extent=1.0, step=1.0, photons=32),
+    )
+    for result in found:
+        assert any(text.endswith(line) for text in result.summary().splitlines())
 
 
 def test_a_water_type_gives_its_phase_function_to_layers():
@@ -415,10 +451,10 @@ def test_the_mark_of_some_editors_is_no_text(tmp_path):
 @pytest.mark.parametrize(
     ("text", "path"),
     [
-        ("[sea]\nspacing = 0.001", "sea.spacing"),
-        ("[sea]\nextent = 1e6", "sea.spacing"),
-        ("[sea]\nspectrum = 'flat'\nextent = 1000\nspacing = 0.5", "sea.spacing"),
-        ("[sea]\nomega_max = 60.0\nd_omega = 0.001", "sea.d_omega"),
+        ("[sea]\nspacing = 0.001", "mesh"),
+        ("[sea]\nextent = 1e6", "mesh"),
+        ("[sea]\nspectrum = 'flat'\nextent = 1000\nspacing = 0.5", "mesh"),
+        ("[sea]\nomega_max = 60.0\nd_omega = 0.001", "mesh"),
         (
             "[transmitter]\ndepth = 0.2\n[sea]\nspectrum = 'flat'\nheight = -0.3",
             "transmitter.depth",

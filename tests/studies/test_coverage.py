@@ -8,13 +8,14 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.coverage import CoverageMap, place_of_highest
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport import coverage as room
 from meshtrace.transport.coverage import ForcedMap, Grid, levels_lacking, mean_and_error, square_of
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import Analog, Forced
+from meshtrace.transport.outcome import warn_of_returned
 
 STEP, EXTENT = 0.1, 0.25
 SMOOTH = mt.Physics(unresolved="none")
@@ -208,3 +209,32 @@ def test_cells_of_few_samples_take_more_chains():
     assert levels_lacking(sums, 0.01).tolist() == [3, 0]
     weak = sums._replace(scattered=np.array([1e-3, 1e-3]))
     assert levels_lacking(weak, 0.01).tolist() == [0, 0]
+
+
+def test_noise_has_no_place():
+    """Equal cells with noise of 5 %: the highest of 400 is 3 standard errors above the mean."""
+    noise = np.random.default_rng(3).standard_normal((20, 20))
+    gain, axis = 1e-5 * (1.0 + 0.05 * noise), np.arange(20.0)
+    found = CoverageMap(axis, axis, gain, np.full_like(gain, 5e-7))
+    assert "place not resolved: " in found.summary()
+    gain[4, 7] *= 2.0
+    assert found.summary().count(" at (4, 7) m") == 1
+
+
+@pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
+@pytest.mark.thorough
+def test_the_place_of_the_highest_gain_takes_more_chains():
+    """Still water above a lamp at (0.5, -0.3): without more chains noise of 2 % hides the place."""
+    link = mt.Link(transmitter=mt.Led(position=(0.5, -0.3)))
+    found = mt.coverage_map(link, FlatSea(), 1.4, 0.2, rtol=0.02, seed=1, threads=1)
+    place = place_of_highest(found.gain, found.gain_stderr)
+    assert place is not None
+    assert np.hypot(found.x[place[0]] - 0.5, found.y[place[1]] + 0.3) < 0.3
+    assert (found.gain_stderr[place] < 0.005 * found.gain[place]).all()
+
+
+def test_the_share_of_returned_light_is_at_most_all(monkeypatch):
+    monkeypatch.setattr("meshtrace.transport.outcome.returned_gain", lambda link: np.array([1e-9]))
+    for gain, percent in ((1e-129, "100"), (1e-9, "50"), (1e-7, "1")):
+        with pytest.warns(mt.DomainWarning, match=f"about {percent} % of the light leaves"):
+            warn_of_returned(mt.Link(), np.array([gain]))

@@ -96,6 +96,40 @@ def test_counts_and_columns_are_read_alike(truth):
     assert by_rows.value["scale"] == pytest.approx(1e9, rel=0.1)
 
 
+def test_counts_of_zero_follow_the_law_of_poisson(truth):
+    """One unknown factor of Poisson counts: the exact estimate is sum n / sum gain."""
+    counts = {5.0: 7, 10.0: 2, 20.0: 0, 40.0: 0}
+    rows_ = [{"transmitter.depth": d, "counts": n} for d, n in counts.items()]
+    link = mt.Link()
+    f = mt.infer(rows_, link, ["scale"], photons=1024)
+    exact = sum(counts.values()) / sum(truth[d, 60.0] for d in counts)
+    assert f.value["scale"] == pytest.approx(exact, rel=0.01)
+    assert f.stderr["scale"] / f.value["scale"] == pytest.approx(1.0 / 3.0, rel=0.02)
+    with pytest.raises(mt.Refused, match=r"measurements.counts: all 0"):
+        mt.infer([{"counts": 0}], link, ["scale"], photons=64)
+    with pytest.raises(mt.Refused, match=r"measurements\[0\].counts: -1"):
+        mt.infer([{"counts": -1}], link, ["scale"], photons=64)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_intervals_cover():
+    """60 sets of their own chains and noise: intervals of few chains are as wide as they say."""
+    keys = [(d, fov) for d in (5.0, 10.0, 20.0, 30.0) for fov in (60.0, 6.0)]
+    gains = {}
+    for d, fov in keys:
+        link = mt.Link().replace("transmitter.depth", d).replace("receiver.fov_deg", fov)
+        gains[d, fov] = mt.simulate(link, FlatSea(), photons=65_536, seed=77).gain
+    rng, z = np.random.default_rng(18), []
+    for seed in range(60):
+        f = mt.infer(
+            rows(gains, (60.0, 6.0), rng), START, ["water.a", "scale"], photons=256, seed=seed
+        )
+        z += [(f.value[n] - v) / f.stderr[n] for n, v in (("water.a", 0.114), ("scale", 1.0))]
+    assert np.sqrt(np.mean(np.square(z))) < 1.3
+    assert np.mean(np.abs(z) < 1.96) > 0.87
+
+
 @pytest.mark.thorough
 def test_geometry_is_inferred_by_differences(truth):
     gains = {d: g for (d, fov), g in truth.items() if fov == 60.0 and d <= 15.0}

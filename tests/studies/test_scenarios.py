@@ -72,4 +72,4 @@ def test_analog_scenario_is_refused():
 def test_link_alone_has_the_sea_of_its_wind():
     windy = mt.Link().in_wind(11.0)
     found = mt.ensemble(windy, 1, photons=64)
-    assert found.provenance["surface"]["wind_speed"] == 11.0
+    assert found.provenance["surface"]["spectrum"]["wind_speed"] == 11.0

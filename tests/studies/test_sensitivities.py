@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
 from meshtrace.kernels.random import realization_seed
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.sensitivity import study as study_module
-from meshtrace.studies.sensitivity.problem import error_of, without_each
+from meshtrace.studies.sensitivity.parameters import Setting, parameters
+from meshtrace.studies.sensitivity.problem import Shelf, error_of, without_each
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport.frozen import FrozenForced
 
@@ -176,6 +178,77 @@ def test_field_of_view_from_angles_of_arrival():
             assert abs(mine.mean() - gain) < 4.0 * math.hypot(error, mine.std() / math.sqrt(31))
 
 
+def test_unscattered_light_well_inside_the_view_does_not_depend_on_it():
+    link = mt.Link(water=mt.Water(b=0.0), receiver=mt.Receiver(fov_deg=2.0))
+    row = elasticities(link, keys=("fov",), photons=1024).table[0]
+    assert row.method == "angle"
+    assert (row.elasticity, row.stderr) == (0.0, 0.0)
+
+
+VIEWS = [(2.0, None), (2.0, 5.0), (10.0, 5.0)]
+
+
+@pytest.mark.parametrize(("fov", "wind_speed"), VIEWS)
+@pytest.mark.thorough
+def test_narrow_views_against_differences(fov, wind_speed):
+    """Runs of their own on either side of the edge; over waves light is blurred across it."""
+    sea = FlatSea() if wind_speed is None else JonswapSea(wind_speed=wind_speed, seed=7)
+    link = mt.Link(receiver=mt.Receiver(fov_deg=fov))
+    row = elasticities(link, sea, keys=("fov",), seed=3).table[0]
+    expected, error = difference(link, sea, "receiver.fov_deg", 0.1, 40_000)
+    assert not row.suspicious
+    assert row.stderr < 0.1 * row.elasticity
+    assert z_test(row.elasticity, math.hypot(row.stderr, error), expected) > sidak(ALPHA, 3)
+
+
+def difference(link, sea, name, step, photons):
+    """Return the central difference of ln gain over runs of their own, and its error."""
+    setting = Setting(link, sea, None)
+    (p,) = parameters(setting, [name], step, "vertex")
+    logs, errors = [], []
+    for seed, side in ((11, -1.0), (12, 1.0)):
+        at = p.at(setting, p.shifted(side))
+        found = mt.simulate(at.link, at.sea, photons=photons, seed=seed)
+        logs.append(math.log(found.gain))
+        errors.append(found.gain_stderr / found.gain)
+    return (logs[1] - logs[0]) / (2.0 * p.step), math.hypot(*errors) / (2.0 * p.step)
+
+
+UP = oblique(0.05).replace("receiver.radius", 0.1)
+DOWN = mt.Link(
+    water=mt.Water(b=0.05),
+    transmitter=mt.AirLed(height=5.0, tilt_deg=4.0),
+    receiver=mt.WaterReceiver(depth=8.0, radius=0.1, position=(0.5, 0.0), tilt_deg=5.0),
+)
+NARROW = {"up": (UP, 6.0), "down": (DOWN, 20.0)}
+WAVES = JonswapSea(wind_speed=5.0, omega_min=1.0, omega_max=3.0, d_omega=0.1, seed=7)
+
+
+@pytest.mark.parametrize("sea", [FlatSea(), WAVES], ids=["flat", "wavy"])
+@pytest.mark.parametrize("view", ["wide", "narrow"])
+@pytest.mark.parametrize("way", ["up", "down"])
+@pytest.mark.filterwarnings("ignore::meshtrace.errors.DomainWarning")
+@pytest.mark.slow
+def test_every_key_against_differences(way, view, sea):
+    link, fov = NARROW[way]
+    if view == "narrow":
+        link = link.replace("receiver.fov_deg", fov)
+    found = mt.sensitivities(link, sea, photons=16_384, seed=3)
+    assert len(found.table) >= 14
+    for row in found.table:
+        absolute = math.isnan(row.elasticity) or ".position" in row.name or "tilt" in row.name
+        absolute = absolute or "zenith" in row.name or "azimuth" in row.name
+        step = 0.1
+        if absolute:
+            step = 1.0 if row.unit == "deg" else 0.3
+        mine, factor = (row.relative, 1.0) if absolute else (row.elasticity, 1.0)
+        stderr = row.stderr / (abs(row.base) if absolute and row.base else 1.0)
+        expected, error = difference(link, sea, row.name, step, 40_000)
+        # the long step bends by its square, and the meshes of the runs differ
+        bend = (0.03 * abs(expected) + 0.01) * (0.05 if absolute else 1.0) * factor
+        assert abs(mine - expected) < 4.0 * math.hypot(stderr, error) + bend, row
+
+
 def test_wind_needs_an_explicit_band():
     with pytest.raises(mt.Refused, match=r"sea.wind_speed: other waves.*omega_min"):
         mt.sensitivities(mt.Link(), JonswapSea(wind_speed=5.0), wrt=["sea.wind_speed"], photons=64)
@@ -298,11 +371,38 @@ def test_same_digits_for_any_threads_and_after_a_stop(tmp_path, monkeypatch):
     kept = len(list(tmp_path.iterdir()))
     assert kept > 0
     next(tmp_path.iterdir()).write_bytes(b"torn")
-    again = elasticities(mt.Link(), sea, keys=keys, photons=256, resume=tmp_path)
+    with pytest.warns(UserWarning, match=r"damaged, .* is computed again"):
+        again = elasticities(mt.Link(), sea, keys=keys, photons=256, resume=tmp_path)
     assert repr(again.table) == repr(first.table)
     # a finished run computes nothing
     monkeypatch.setattr(study_module.Problem, "gains", lambda *_: pytest.fail("computed again"))
     elasticities(mt.Link(), sea, keys=keys, photons=256, resume=tmp_path)
+
+
+def test_finished_parameters_are_bound_to_bits_and_key(tmp_path):
+    """Any flipped bit, and the file of another parameter, is noticed and computed again."""
+    numbers = np.random.default_rng(1).normal(size=(1, SHIFTS))
+    shelf = Shelf(tmp_path, {"seed": 1})
+    shelf.kept("water.a", lambda: numbers)
+    shelf.kept("water.b", lambda: 2.0 * numbers)
+    first, second = sorted(tmp_path.iterdir())
+    sound = first.read_bytes()
+    rng = np.random.default_rng(26)
+    damaged = [second.read_bytes()]
+    for bit in rng.choice(8 * len(sound), 64, replace=False):
+        content = bytearray(sound)
+        content[bit // 8] ^= 1 << (bit % 8)
+        damaged.append(bytes(content))
+
+    def both():
+        again = Shelf(tmp_path, {"seed": 1})
+        return again.kept("water.a", lambda: numbers), again.kept("water.b", lambda: 2.0 * numbers)
+
+    for content in damaged:
+        first.write_bytes(content)
+        with pytest.warns(UserWarning, match="computed again"):
+            found = both()
+        np.testing.assert_array_equal(found, [numbers, 2.0 * numbers])
 
 
 KILLED = """

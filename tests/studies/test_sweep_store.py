@@ -109,6 +109,21 @@ def test_damage_never_gives_another_gain(sound, tmp_path, damage):
     assert counts["refused"] > 0
 
 
+@pytest.mark.parametrize("name", ["gain", "gain_stderr", "seconds", "done", "checksum", "error"])
+def test_chunks_of_other_places_are_noticed(sound, tmp_path, name):
+    """A chunk replaced by an intact one of the same array, or of the same place of another sweep."""
+    path, expected = sound
+    chunks = [f for f in files_of(path) if f.parts[0] == name and f.name != "zarr.json"]
+    assert len(chunks) == 4
+    for i, chunk in enumerate(chunks):
+        copy = tmp_path / f"{i}.zarr"
+        shutil.copytree(path, copy)
+        other = chunks[(i + 1) % 4]
+        shutil.copy(path / other, copy / chunk)
+        same = (path / other).read_bytes() == (path / chunk).read_bytes()
+        assert outcome(copy, expected) == ("unharmed" if same else "computed again")
+
+
 @pytest.mark.slow
 def test_hundreds_of_damaged_files_never_give_another_gain(sound, tmp_path):
     path, _ = sound
@@ -214,4 +229,14 @@ def test_lock_is_freed_after_an_error(tmp_path):
     with pytest.raises(ZeroDivisionError), locked(store):
         _ = 1 / 0
     with locked(store):
+        pass
+
+
+def test_a_system_without_such_locks_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    monkeypatch.setattr("platform.system", lambda: "Windows")
+    with (
+        pytest.raises(Refused, match=r"depths\.zarr' on Windows, allowed: none, or Linux, macOS"),
+        locked(tmp_path / "depths.zarr"),
+    ):
         pass

@@ -70,6 +70,12 @@ def test_a_fresh_process_reads_own_models_from_a_result(sea, tmp_path):
         "from meshtrace.scenario import Scenario\n"
         "result = GainResult.load(sys.argv[1])\n"
         "assert 'own_waves' not in sys.modules\n"
+        "try:\n"
+        "    Scenario.from_provenance(result.provenance)\n"
+        "except ValueError as error:\n"
+        "    assert 'own_waves.py' in str(error), error\n"
+        "assert 'own_waves' not in sys.modules\n"
+        "import own_waves\n"
         "print(Scenario.from_provenance(result.provenance).surface == eval(sys.argv[2]))\n"
     )
     expression = f"__import__('pickle').loads({pickle.dumps(sea)!r})"

@@ -354,3 +354,27 @@ def test_printed_snell_is_too_bright():
     receiver = mt.Receiver(radius=0.25)
     r = analog(mt.Link(receiver=receiver, physics=mt.Physics(snell="paper")), 2_000_000, seed=24)
     assert z_test(r.gain, r.gain_stderr, 2.170e-3, 1e-6) > ALPHA
+
+
+@pytest.mark.parametrize(("depth", "height"), [(1000.0, 5.0), (1000.0, 1000.0), (1e4, 1e4)])
+def test_deep_links_in_clear_water(depth, height):
+    """Still water was once refused for the facets of a fine mesh."""
+    radius = 0.01 * height
+    text = f"""
+    wind_speed = 0
+    [water]
+    a = 1e-4
+    b = 0.0
+    [transmitter]
+    depth = {depth}
+    [receiver]
+    height = {height}
+    radius = {radius}
+    [sea]
+    spectrum = "flat"
+    """
+    expected = axis_gain(depth, height, radius, c=1e-4)
+    found = mt.Scenario.from_toml(text + "[run]\nphotons = 64").simulate()
+    assert found.gain == pytest.approx(expected, rel=1e-3)
+    few = mt.Scenario.from_toml(text + "[run]\nestimator = 'analog'\nphotons = 4096").simulate()
+    assert few.gain_stderr < 1.0

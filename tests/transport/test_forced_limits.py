@@ -131,3 +131,18 @@ def test_a_wide_view_over_a_large_flat_sea():
     # 0.02 m of the facets of either mesh are taken for planes of one image
     assert gain == pytest.approx(near_gain, rel=2e-3)
     assert gain == pytest.approx(8.750e-8, rel=1e-3)
+
+
+def test_a_map_that_looks_away_from_the_light_says_so():
+    """The axis is the direction in which light arrives: upwards by default, not from a lamp."""
+    link = mt.Link(
+        water=mt.Water(b=0.0), transmitter=mt.AirLed(), receiver=mt.WaterReceiver(depth=4.0)
+    )
+    grid = {"height": -4.0, "extent": 2.0, "step": 0.5}
+    away = mt.IrradianceMap(**grid)
+    with pytest.warns(mt.DomainWarning, match=r"received none of 1,000 photons: its axis \(0"):
+        dark = mt.simulate(link, FlatSea(), "analog", photons=1000, seed=1, record=[away])
+    assert not dark.map.irradiance.any()
+    towards = mt.IrradianceMap(**grid, axis=(0.0, 0.0, -1.0))
+    lit = mt.simulate(link, FlatSea(), "analog", photons=1000, seed=1, record=[towards])
+    assert lit.map.irradiance.any()

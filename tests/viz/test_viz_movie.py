@@ -1,6 +1,9 @@
 """Movies have the requested frames, and the sea moves in them."""
 
+import re
 import subprocess
+from itertools import pairwise
+from pathlib import Path
 
 import imageio_ffmpeg
 import numpy as np
@@ -8,7 +11,9 @@ import pytest
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.surfaces import JonswapSea
+from meshtrace.fading import resolve_band
+from meshtrace.surfaces import JonswapSea, resolved_sea
+from meshtrace.viz import movie
 from meshtrace.viz.movie import SIZE
 
 LINK, SEA = mt.Link(), JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)
@@ -62,3 +67,43 @@ def test_wrong_movies_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"frame_rate: 0\.0"):
         viz.save_movie(LINK, SEA, TIMES, tmp_path / "a.gif", gain=GAIN, frame_rate=0.0)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_movie_shows_the_sea_of_its_series(tmp_path, monkeypatch):
+    """An open band has all waves that make light fade, in the picture as in the series."""
+    seen = []
+
+    def stop(link, sea, **_options):
+        seen.append(sea)
+        raise StopAsyncIteration
+
+    def series(link, sea, times, **options):
+        seen.append(sea)
+        return mt.time_series(link, sea, times, **options)
+
+    monkeypatch.setattr(movie, "scene", stop)
+    monkeypatch.setattr(movie, "time_series", series)
+    wide = mt.Link(receiver=mt.Receiver(radius=0.5))
+    with pytest.raises(StopAsyncIteration):
+        viz.save_movie(wide, JonswapSea(), [0.0, 0.1], tmp_path / "a.gif", photons=64)
+    assert seen == [resolve_band(wide, resolved_sea(5.0, fetch=30e3))] * 2
+
+
+@pytest.mark.thorough
+def test_digits_of_the_gallery_are_those_of_their_time(tmp_path):
+    """A coarse encoder leaves the digits of the frame before in the title: by 250 of 255 at 2.8."""
+    script = Path(__file__).parents[2] / "docs" / "gallery" / "movie.py"
+    quality = float(re.search(r"quality=([\d.]+)", script.read_text("utf-8")).group(1))
+    times = np.arange(30) / 20.0
+    gain = 1e-4 * (1.0 + 0.3 * np.sin(3.0 * times))
+    frame = movie._GainFrame(mt.GainSeries("time", times, gain, 0.01 * gain, gain, 1e-7))
+    width, height = frame.scene_size
+    scene = np.full((height, width, 3), 180, np.uint8)
+    drawn = [frame.draw(scene, float(t)) for t in times]
+    path = tmp_path / "a.mp4"
+    movie._write_movie(path, drawn, movie.writer_options(path, 20.0, quality), None)
+    title = np.s_[60:85, 960:1200]
+    changes = [np.abs(b[title].astype(int) - a[title]).max() for a, b in pairwise(drawn)]
+    assert min(changes) > 150
+    for shown, made in zip(frames_of(path), drawn, strict=True):
+        assert np.abs(shown[title] - made[title]).max() < 150

@@ -1,5 +1,6 @@
 """Plots show the numbers they are given, under names and units."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import NonCallableMock
@@ -162,14 +163,19 @@ def test_coverage_is_not_transposed(convert):
     assert shown[1, 2] == pytest.approx(10.0 * np.log10(5.0))
 
 
-def test_the_best_place_of_a_map_is_marked():
+def test_the_best_place_of_a_map_is_marked_where_it_is_resolved():
     x, y = np.linspace(-2.0, 2.0, 21), np.linspace(-1.0, 1.0, 11)
     gain = 1e-5 * np.exp(-((x[:, None] - 0.8) ** 2) - (y + 0.4) ** 2)
-    gain[2, 9] = 1.2e-5  # one bright cell, as of a single photon, is no place to hover
-    ax = viz.plot_coverage(mt.CoverageMap(x, y, gain, 0.1 * gain), decibel=True)
+    ax = viz.plot_coverage(mt.CoverageMap(x, y, gain, 1e-3 * gain), decibel=True)
     np.testing.assert_allclose(line(ax), ([0.8], [-0.4]), atol=1e-12)
     assert ax.texts[-1].get_text() == "star: highest gain, at x = 0.8 m, y = -0.4 m"
     assert {"-3 dB", "-6 dB"} <= {text.get_text() for text in ax.texts}
+    gain[2, 9] = 1.2e-5  # one bright cell, as of a single photon, is no place to hover
+    ax = viz.plot_coverage(mt.CoverageMap(x, y, gain, 0.2 * gain), decibel=True)
+    assert not ax.get_lines()
+    assert re.fullmatch(r"highest gain: \d\d cells within errors", ax.texts[-1].get_text())
+    ax = viz.plot_coverage(xr.Dataset({"gain": (("x", "y"), gain)}, {"x": x, "y": y}))
+    assert not any("highest" in text.get_text() for text in ax.texts)  # errors are not known
 
 
 def test_sweeps():
@@ -194,13 +200,32 @@ def test_sweeps_with_realizations_and_one_more_parameter():
     ax = viz.plot(data)
     np.testing.assert_array_equal(line(ax, 0), ([0.1, 0.2], [2.0, 5.0]))
     np.testing.assert_array_equal(line(ax, 1), ([0.1, 0.2], [2.0, 6.0]))
-    assert legend(ax) == ["5.0", "10.0"]
+    assert legend(ax) == ["5", "10"]
+    assert ax.get_legend().get_title().get_text() == viz.axis_label("depth")
+    assert ax.get_xlabel() == viz.axis_label("b")
     band = ax.collections[0].get_paths()[0].vertices[:, 1]  # two standard errors of 1 and 3
     assert (band.min(), band.max()) == (0.0, 5.0)
     ax = viz.plot_sweep(data.isel(realization=[0], **{"water.b": [0]}))
     np.testing.assert_array_equal(line(ax), ([5.0, 10.0], [1.0, 2.0]))
-    with pytest.raises(Refused, match="one or two parameters"):
-        viz.plot_sweep(data.expand_dims({"receiver.height": [1.0, 2.0]}))
+    ax = viz.plot_sweep(data.expand_dims({"receiver.height": [1.0, 2.0]}))
+    assert legend(ax) == ["1, 5", "1, 10", "2, 5", "2, 10"]
+    labels = [viz.axis_label("height"), viz.axis_label("depth")]
+    assert ax.get_legend().get_title().get_text() == "\n".join(labels)
+    ax = viz.plot_sweep(data.isel({name: [0] for name in dims}))  # a single point
+    assert line(ax) == ([0.1], [1.0])
+
+
+def test_sweeps_over_words_and_over_many_values():
+    gain = np.arange(1.0, 41.0).reshape(2, 20)
+    data = xr.Dataset({"gain": (("sea.spectrum", "water.a"), gain)})
+    data = data.assign_coords({"sea.spectrum": ["flat", "jonswap"], "water.a": np.arange(20.0)})
+    ax = viz.plot_sweep(data.isel({"water.a": [3]}))
+    assert [text.get_text() for text in ax.get_xticklabels()] == ["flat", "jonswap"]
+    ax = viz.plot_sweep(data.transpose("water.a", ...).rename({"sea.spectrum": "receiver.fov_deg"})
+                        .assign_coords({"receiver.fov_deg": [10.0, 20.0]}))  # fmt: skip
+    assert len(ax.get_lines()) == 20
+    assert legend(ax) == [f"{i}" for i in range(0, 20, 2)]
+    assert viz.plot_sweep(data.rename({"water.a": "own.b_deg"})).get_xlabel() == "own.b_deg [°]"
 
 
 def test_every_kind_of_result_has_a_plot():
@@ -297,6 +322,10 @@ def test_ber_over_power_and_depth():
     assert ax.get_xlabel().endswith("[dBm]")
     ax = viz.plot_ber(one("ber", "depth", [5.0, 10.0, 15.0], [1e-20, 1e-5, 0.0]))
     np.testing.assert_array_equal(line(ax)[1], (1e-20, 1e-5, np.nan))
+    assert ax.get_legend() is None  # a part of the line is shown
+    ax = viz.plot_ber(one("ber", "depth", [5.0, 15.0], [1e-20, 0.0]))
+    np.testing.assert_array_equal(line(ax, 1), ([5.0, 15.0], [1e-9, 1e-9]))
+    assert legend(ax) == ["below 1e-9"]
     limits = {"ber_low": ("depth", [0.0, 3e-3]), "ber_high": ("depth", [1e-4, 4e-2])}
     ax = viz.plot_ber(one("ber", "depth", [5.0, 10.0], [1e-5, 1e-2]).assign(limits))
     band = ax.collections[0].get_paths()[0].vertices[:, 1]
@@ -310,16 +339,17 @@ def test_performance_over_depth():
         mt.Link(), sea, depths=[24.0, 30.0], bit_rate=[5e6, 1e7], realizations=8, photons=64
     )
     ax = viz.plot_performance(performance)
-    assert legend(ax) == ["5 Mbit/s", "10 Mbit/s"]
+    assert legend(ax) == ["5 Mbit/s", "10 Mbit/s", "below 1e-9"]
     value, low, high = performance.estimates("ber")[:, 1].T
     np.testing.assert_array_equal(line(ax, 1), ([24.0, 30.0], value))
     band = ax.collections[1].get_paths()[0].vertices[:, 1]
     assert (band.min(), band.max()) == (low.min(), high.max())
     assert performance.status in [text.get_text() for text in ax.texts]
     assert any(text.get_text().endswith("background light: dark") for text in ax.texts)
-    shallow = replace(performance, depths=(24.0,))
-    with pytest.raises(ValueError, match=r"performance\.depths: "):
-        viz.plot_performance(shallow)
+    shallow = replace(performance, depths=(24.0,), figures=performance.figures[:2])
+    ax = viz.plot_performance(shallow)
+    np.testing.assert_array_equal(line(ax), ([5.0, 10.0], shallow.estimates("ber")[0, :, 0]))
+    assert ax.get_xlabel() == "bit rate [Mbit/s]"
 
 
 def test_plots_draw_on_given_axes_and_leave_defaults_alone():

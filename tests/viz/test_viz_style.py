@@ -80,3 +80,16 @@ def test_missing_extra_is_reported_in_one_line(monkeypatch, missing):
 def test_every_public_name_resolves():
     for name in viz.__all__:
         assert callable(getattr(viz, name)), name
+
+
+def test_names_of_a_user_are_drawn_without_tex():
+    import xarray as xr
+
+    names = ["$x^{2$", "$a$", r"\alpha$", "two\nlines"]
+    data = xr.Dataset(
+        {"gain": (("case", "depth"), np.ones((4, 2)))}, {"case": names, "depth": [1, 2]}
+    )
+    ax = viz.plot_curves(data, "gain")
+    ax.figure.canvas.draw()
+    shown = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert shown == [r"\$x^{2\$", r"\$a\$", r"\alpha\$", "two lines"]

@@ -79,7 +79,7 @@ def test_an_overcast_sky_seen_from_above():
 def test_clear_water_is_blue_and_harbour_water_is_not():
     red, green, blue = SeaLight(water=mt.Water.from_type("jerlov-I")).upwelling
     assert blue > 2.0 * green > 4.0 * red
-    murky = SeaLight(water=mt.Water.from_type("petzold-harbour")).upwelling
+    murky = SeaLight(water=mt.Water.from_type("petzold-harbour", 514.0)).upwelling
     assert murky[1] > murky[2]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import require_whole
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import ordered_map, paced
 from meshtrace.results.gain import Fate
 from meshtrace.studies.convergence.checks import Costs, Normals, Progress, Unresolved
 from meshtrace.studies.convergence.exact import Reference, over_waves
@@ -112,8 +112,9 @@ class CommonChains:
             mesh = make()
             return self.measure(mesh, clock.perf_counter() - began, photons)
 
-        rows = []
-        for row in ordered_map(measure, cases, threads):
+        rows, jobs = [], list(cases)
+        measured = ordered_map(measure, jobs, threads)
+        for row in paced(measured, len(jobs), f"{len(jobs):,} meshes"):
             rows.append(row)
             if progress is not None:
                 progress(1)

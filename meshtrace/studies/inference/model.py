@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused, require_array, require_real
 from meshtrace.link import Link
@@ -34,8 +35,13 @@ class Measurements(NamedTuple):
     """Gains, or counts, with errors, and the values of the link that belong to each."""
 
     value: Floats  # (n,)
-    stderr: Floats  # (n,)
+    stderr: Floats  # (n,) nan of counts, which follow the law of Poisson
     keys: list[dict[str, Any]]  # (n,) values by dotted key
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Whether each measurement is a count."""
+        return np.isnan(self.stderr)
 
 
 def read_measurements(given: Any) -> Measurements:
@@ -44,7 +50,7 @@ def read_measurements(given: Any) -> Measurements:
     Raises
     ------
     Refused
-        If a value or an error is missing or not above 0.
+        If a value or an error is missing or not above 0, or no count is.
     """
     rows: list[Mapping[str, Any]]
     if isinstance(given, Mapping) or hasattr(given, "columns"):
@@ -67,12 +73,21 @@ def read_measurements(given: Any) -> Measurements:
         raise Refused("measurements", Described("empty"), "at least one")
     values, errors, keys = [], [], []
     for i, row in enumerate(rows):
-        rest = dict(row)
-        counts = rest.pop("counts", None)
-        values.append(_positive(rest.pop("gain", counts), f"measurements[{i}].gain"))
-        law = None if counts is None else math.sqrt(values[-1])
-        errors.append(_positive(rest.pop("stderr", law), f"measurements[{i}].stderr"))
+        rest, path = dict(row), f"measurements[{i}]"
+        if "counts" in rest and "stderr" not in rest and "gain" not in rest:
+            counts = rest.pop("counts")
+            number = require_real(counts, f"{path}.counts", "a number >= 0")
+            if not 0.0 <= number < math.inf:
+                raise Refused(f"{path}.counts", counts, "a number >= 0")
+            values.append(number)
+            errors.append(math.nan)
+        else:
+            name = "gain" if "gain" in rest or "counts" not in rest else "counts"
+            values.append(_positive(rest.pop(name, None), f"{path}.{name}"))
+            errors.append(_positive(rest.pop("stderr", None), f"{path}.stderr"))
         keys.append(rest)
+    if not any(values):
+        raise Refused("measurements.counts", Described("all 0"), "a count > 0 in one of them")
     return Measurements(np.array(values), np.array(errors), keys)
 
 

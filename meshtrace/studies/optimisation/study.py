@@ -32,6 +32,7 @@ from meshtrace.studies.optimisation.result import Optimum, Validation
 from meshtrace.studies.optimisation.sample import REWEIGHED, Aircraft, Sample
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.problem import error_of
+from meshtrace.studies.sensitivity.quantities import FADES
 from meshtrace.transport.case import Case
 from meshtrace.transport.meshing import surface_config
 from meshtrace.uav.airframe import Uav
@@ -77,7 +78,9 @@ def optimize(
     link : Link or Scenario
         The start, with one receiver and, if that is in the water, one lamp.
     sea : MeshSource or TriangleMesh, optional
-        The surface, by default as for `simulate`.
+        The surface, by default as for `simulate`. For the outage and the range over several seas
+        one whose band is left open has all waves that make the light of the start fade
+        (`fading.resolve_band`); gain and margin are means and need none of them.
     over : mapping of str to (low, high)
         Variables by their keys in a link file, with bounds.
     objective : {"outage", "gain", "range", "margin"} or callable
@@ -144,7 +147,7 @@ def optimize(
     """
     given = {"photons": photons, "seed": seed, **options}
     given |= {} if threads is None else {"threads": threads}
-    case = forced_case(link, sea, given)
+    case = forced_case(link, sea, given, fading=realizations > 1 and objective in FADES)
     require_whole(realizations, 1, 100_000, "realizations")
     require_between(quantile, 0.0, 1.0, "quantile")
     require_between(limit, 0.0, 0.5, "limit")
@@ -187,14 +190,12 @@ def _variables(
     """Return the variables and their bounds (n, 2)."""
     if not isinstance(over, Mapping) or not over:
         raise Refused("over", over, "a table of names and bounds (low, high)")
-    setting = Setting(case.link, case.surface, None)
+    setting = Setting(case.link, None, None)  # the keys of the link alone
     bounds = []
     for name, ends in over.items():
         pair = require_pair(ends, f"over.{name}", "(low, high), low < high")
         if not pair[0] < pair[1]:
             raise Refused(f"over.{name}", ends, "(low, high), low < high")
-        if str(name).split(".")[0] in ("sea", "wind_speed", "detector"):
-            raise Refused("over", name, "keys of the link")
         bounds.append(pair)
     found = parameters(setting, list(over), None, case.meshing.normals, "over")
     for p, pair in zip(found, bounds, strict=True):

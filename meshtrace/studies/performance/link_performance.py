@@ -71,8 +71,9 @@ def link_performance(
         The link, with one receiver. Bubbles and whitecaps are its own, see
         `Link.in_wind`. A scenario also gives the sea, the receiver and the aircraft.
     surface : SurfaceModel, optional
-        The sea; by default the JONSWAP sea of the link's wind. A sea without random phases is
-        taken once.
+        The sea; by default that of the link's wind. A sea whose band is left open has all waves
+        that make the light fade at the first depth (`fading.resolve_band`); a sea without random
+        phases is taken once.
     bit_rate : float or sequence of float, optional
         R_b [bit s-1], by default that of `ook`.
     ook : OokLink or {"physical", "paper", "paper-ranges"}, optional
@@ -150,8 +151,9 @@ def link_performance(
     if surface is None and speed is not None:
         surface = sea_in_wind(speed)
     inputs = resolve_chains(
-        link, surface, photons=over.photons, seed=over.seed, spacing=over.spacing, threads=threads
-    )
+        _shallowest(link, depths), surface, fading=True, photons=over.photons, seed=over.seed,
+        spacing=over.spacing, threads=threads,
+    )  # fmt: skip
     link, scenario = inputs.link, inputs.scenario
     if scenario is not None:
         ook = scenario.detector if ook is None else ook
@@ -238,6 +240,15 @@ def _links(link: Link, depths: Sequence[float] | None) -> dict[float, Link]:
     if not all(a < b for a, b in pairwise(values)):
         raise Refused("depths", depths, allowed)
     return {d: link.at_depth(d) for d in values}
+
+
+def _shallowest(link: Link | Scenario, depths: Sequence[float] | None) -> Link | Scenario:
+    """Return the link, or the scenario, at the first depth: it needs the shortest waves."""
+    if depths is None or not isinstance(link, Link | Scenario):
+        return link
+    if isinstance(link, Scenario):
+        return link.model_copy(update={"link": _shallowest(link.link, depths)})
+    return next(iter(_links(link, depths).values()))
 
 
 def depth_sweep(

@@ -17,6 +17,7 @@ from meshtrace.errors import Refused, require_between, require_word
 from meshtrace.fading import Estimate
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
+from meshtrace.results.provenance import water_of
 from meshtrace.stored import Stored
 from meshtrace.studies.performance.operating_point import OperatingPoint
 from meshtrace.studies.performance.samples import FadingSamples
@@ -148,7 +149,8 @@ class LinkPerformance(Stored):
         if len(self.depths) > 1:
             lines += ["", self._range_heading, *self._range_lines()]
         light = [f"background light: {self.light}", *self._filters()]
-        end = [*light, *self._overloads(), *self._band(), self.status]
+        end = [*self._origin_lines()[:1], *light, *self._overloads()]
+        end += [*self._origin_lines()[1:], self.status]
         return "\n".join([*lines, "", *end])
 
     def _filters(self) -> list[str]:
@@ -182,15 +184,17 @@ class LinkPerformance(Stored):
         high = most if math.isnan(found.high) else f"{found.high:.1f}"
         return f"{found.value:.1f} m  ({low}..{high})"
 
-    def _band(self) -> list[str]:
-        """Return the fading of the band of waves and of all waves, in closed form."""
+    def _origin_lines(self) -> list[str]:
+        """Return the water, and the fading of the band of waves and of all waves in closed form."""
+        water = f"water: {water_of(self.provenance)}"
         found = self.provenance.get("closed_form")
         if not found:
-            return []
+            return [water]
         return [
+            water,
             f"{self.depths[0]:g} m: scintillation index of unscattered light "
             f"{found['index_of_band']:.3g} up to {found['omega_max']:.3g} rad/s, "
-            f"{found['index_of_all']:.3g} with all waves (closed form)"
+            f"{found['index_of_all']:.3g} with all waves (closed form)",
         ]
 
     def _overloads(self) -> list[str]:
@@ -238,6 +242,8 @@ class LinkPerformance(Stored):
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> LinkPerformance:
         depths, rates = (tuple(data[n].values.tolist()) for n in ("depth", "bit_rate"))
+        if len(provenance["ook"]) != len(rates):
+            raise ValueError("other numbers of bit rates and transmissions")
         figures = []
         for i, j in np.ndindex(len(depths), len(rates)):
             at = {name: v.item() for name, v in data.isel(depth=i, bit_rate=j).items()}
@@ -251,7 +257,7 @@ class LinkPerformance(Stored):
             figures.append(point)
         return cls(
             depths=depths,
-            ooks=tuple(OokLink.model_validate(one) for one in provenance["ook"]),
+            ooks=tuple(OokLink.model_validate(ook) for ook in provenance["ook"]),
             figures=tuple(figures),
             fades=(),
             limit=float(data.attrs["ber_limit"]),
@@ -368,7 +374,8 @@ class DepthSweep(Stored):
         light = [f"background light, {speed:g} m/s: {p.light}" for speed, p in pairs]
         if len({p.light for p in self.performances}) == 1:
             light = [f"background light: {first.light}"]
-        return "\n".join([*lines, "", *light, first.status])
+        water = f"water: {water_of(first.provenance)}"
+        return "\n".join([*lines, "", water, *light, first.status])
 
     def _content(self) -> xr.Dataset:
         import xarray as xr

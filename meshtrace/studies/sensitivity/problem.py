@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import math
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +29,11 @@ from meshtrace.transport.options import Meshing, Run
 
 _KEPT = 4  # meshes of the base sea that stay in memory
 _CREST_MARGIN = 1.5  # over the highest crest of the first seas: later ones may be higher
-_KERNEL_DEG = 4.0  # half-width of the window in angle at the edge of the field of view
+_WIDEST_DEG = 4.0  # half-width of a window in angle at the edge of the field of view
+_WINDOWS = 6  # of half the width each
+_CLEAR = 1.5  # standard errors of its bias beyond which a window is too wide
+_DIGEST = hashlib.sha256().digest_size
+_EDGE_STEP = 0.01  # relative, of the field of view, for unscattered light
 
 
 class Problem:
@@ -81,6 +88,30 @@ class Problem:
         """Return the light that a neighbouring link receives over realization i."""
         return self._frozen.light(link, self.base_mesh(i))[0]
 
+    def by_view(self, name: str, i: int) -> tuple[Floats, Floats]:
+        """Return dh / d ln fov over realization i by shift, and its bias, likewise.
+
+        Parameters
+        ----------
+        name : str
+            Key of the field of view.
+        i : int
+            Number of the sea.
+
+        Notes
+        -----
+        Unscattered light is integrated up to the edge, so that its difference over 1 % of the
+        field of view has no noise; scattered light is that within a window about the edge.
+        """
+        link = self.setting.link
+        fov = link.receivers[0].fov_deg
+        views = [min(fov * math.exp(side * _EDGE_STEP), 180.0) for side in (-1.0, 1.0)]
+        mesh = self.base_mesh(i)
+        low, high = (self._frozen.unscattered(link.replace(name, v), mesh)[0] for v in views)
+        wide = link.replace(name, min(fov + 2.0 * _WIDEST_DEG, 180.0))
+        change, bias = edge_of_view(self.light(wide, i), 0.5 * fov)
+        return change + (high - low) / math.log(views[1] / views[0]), bias
+
 
 def has_moments(link: Link) -> bool:
     """Return whether a and b enter the weights alone, as powers of b and exp(-(a + b) L)."""
@@ -98,15 +129,27 @@ def moments(link: Link, light: Light) -> dict[str, Floats]:
     return {"water.a": -link.water.a * way, "water.b": scatterings - link.water.b * way}
 
 
-def edge_of_view(light: Light, half_deg: float) -> Floats:
-    """Return dh / d ln fov by shift from the angles of arrival, half_deg the half-angle.
+def edge_of_view(light: Light, half_deg: float) -> tuple[Floats, Floats]:
+    """Return dh / d ln fov of scattered light by shift, half_deg the half-angle, and its bias.
 
-    The light per angle at the edge is that within a window (Epanechnikov).
+    The light per angle at the edge is that within a window (Epanechnikov), whose bias grows as
+    the square of the width: 4/3 of the difference from the window of half the width. The widest
+    window is taken whose bias is not clear from noise.
     """
-    width = min(_KERNEL_DEG, 0.5 * half_deg)
-    off = (np.degrees(light.angle) - half_deg) / width
-    window = np.where(np.abs(off) < 1.0, 0.75 * (1.0 - off**2), 0.0) / width
-    return half_deg * light.by_shift(window)
+    angle = np.degrees(light.angle)
+    light = light._replace(weight=np.where(light.shift >= 0, light.weight, 0.0))
+    found = []
+    for k in range(_WINDOWS):
+        width = min(_WIDEST_DEG, 0.5 * half_deg) / 2.0**k
+        off = (angle - half_deg) / width
+        window = np.where(np.abs(off) < 1.0, 0.75 * (1.0 - off**2), 0.0) / width
+        found.append(half_deg * light.by_shift(window))
+    for wide, narrow in pairwise(found):
+        bias = 4.0 / 3.0 * (wide - narrow)
+        noise = bias.std(ddof=1) / math.sqrt(SHIFTS)
+        if abs(bias.mean()) <= _CLEAR * noise:
+            break
+    return wide, np.full(SHIFTS, bias.mean())
 
 
 class Shelf:
@@ -135,16 +178,25 @@ class Shelf:
         return self._numbers[name]
 
     def _filed(self, folder: Path, name: str, make: Callable[[], Floats]) -> Floats:
-        """Return the numbers in the file of a parameter, made unless it is a readable one."""
-        digest = hashlib.sha256((self._key + name).encode()).hexdigest()
-        path = folder / f"{digest[:24]}.npy"
-        with suppress(OSError, ValueError, EOFError), path.open("rb") as file:
-            found: Floats = np.load(file, allow_pickle=False)
-            return found
-        numbers = make()
-        with atomic(path) as temporary, temporary.open("wb") as file:
-            np.save(file, numbers, allow_pickle=False)
-        return numbers
+        """Return the numbers in the file of a parameter, made unless it is an undamaged one.
+
+        The SHA-256 digest of key, name and numbers stands at the end of a file.
+        """
+        key = (self._key + name).encode()
+        path = folder / f"{hashlib.sha256(key).hexdigest()[:24]}.npy"
+        with suppress(FileNotFoundError):
+            content = path.read_bytes()
+            numbers, digest = content[:-_DIGEST], content[-_DIGEST:]
+            if digest == hashlib.sha256(key + numbers).digest():
+                found: Floats = np.load(io.BytesIO(numbers), allow_pickle=False)
+                return found
+            warnings.warn(f"{path}: damaged, {name} is computed again", stacklevel=2)
+        made, buffer = make(), io.BytesIO()
+        np.save(buffer, made, allow_pickle=False)
+        numbers = buffer.getvalue()
+        with atomic(path) as temporary:
+            temporary.write_bytes(numbers + hashlib.sha256(key + numbers).digest())
+        return made
 
 
 def without_each(gains: Floats) -> Iterator[Floats]:

@@ -19,6 +19,9 @@ from meshtrace.studies.sensitivity.problem import without_each
 
 Of = Literal["gain", "ber", "outage", "range", "margin"]
 
+FADES = ("ber", "outage", "range")
+"""Quantities that depend on the distribution of the gain over seas."""
+
 _POINTS = 200  # of the table of error rates
 _LEAST_OUTAGES = 30
 _LEAST_SEAS = 8

@@ -28,12 +28,11 @@ from meshtrace.studies.sensitivity.problem import (
     Problem,
     Shelf,
     covariance_of,
-    edge_of_view,
     error_of,
     has_moments,
     moments,
 )
-from meshtrace.studies.sensitivity.quantities import Of, Quantity
+from meshtrace.studies.sensitivity.quantities import FADES, Of, Quantity
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
 from meshtrace.transport.case import Case
 from meshtrace.transport.meshing import surface_config
@@ -44,7 +43,6 @@ DEFAULT_CHAINS = 8192
 _DIRECT = 1e-3  # step at which exact derivatives of the gain act on other quantities
 _DOUBT = 3.0  # standard errors by which two steps may differ
 _BEND = 2e-3  # of the elasticity, by which they may differ as the square of the step
-_WIDER_DEG = 8.0  # full angle by which the view is widened to see light beyond its edge
 
 
 def sensitivities(
@@ -73,7 +71,9 @@ def sensitivities(
         The link; of several receivers the first counts. A scenario also gives the sea and, unless
         `ook` is another one, the electronics.
     sea : MeshSource or TriangleMesh, optional
-        The surface, by default as for `simulate`.
+        The surface, by default as for `simulate`. For the error rate, the outage and the range
+        over several seas one whose band is left open has all waves that make the light fade
+        (`fading.resolve_band`); gain and margin are means and need none of them.
     wrt : sequence of str, optional
         Parameters by their keys in a link file, such as "water.a" and "receiver.position.0"; by
         default all continuous keys of the link, and of the sea if its band does not follow
@@ -123,8 +123,9 @@ def sensitivities(
 
         E_a = -a <L>,    E_b = <K> - b <L>;
 
-    by the field of view it is the light that arrives at its edge; otherwise a central difference
-    over links that share chains, mesh and every choice of the estimator:
+    by the field of view it is the light that arrives at its edge: of unscattered light exactly, of
+    scattered light that within a window, whose bias belongs to the error; otherwise a central
+    difference over links that share chains, mesh and every choice of the estimator:
 
         E_p = [ln q(p e^s) - ln q(p e^-s)] / (2 s).
 
@@ -148,7 +149,8 @@ def sensitivities(
     given = {name: value for name, value in given.items() if value is not None}
     if not isinstance(link, Scenario):
         given = {"photons": DEFAULT_CHAINS, **given}
-    case = forced_case(link, sea, given)
+    fading = realizations > 1 and of in FADES and (of != "range" or ook is not None)
+    case = forced_case(link, sea, given, fading=fading)
     require_between(limit, 0.0, 0.5, "limit")
     quantity = Quantity(of, limit)
     setting = _setting(case, link, of, ook, bit_rate)
@@ -228,7 +230,8 @@ def _key(case: Case, setting: Setting, realizations: int) -> dict[str, Any]:
 class _Rates(NamedTuple):
     """Logarithmic derivatives of a quantity by one parameter.
 
-    `rates` holds that of all gains, those without each shift, and those without each sea.
+    `rates` holds that of all gains, those without each shift, and those without each sea; `bias`
+    belongs to the error.
     """
 
     parameter: Parameter
@@ -237,6 +240,7 @@ class _Rates(NamedTuple):
     method: str
     suspicious: bool
     notes: str
+    bias: float = 0.0
 
 
 class _Study:
@@ -275,15 +279,10 @@ class _Study:
         return self._over(one, self._seas).swapaxes(0, 1)
 
     def _edge(self, name: str) -> Floats:
-        """Return dh / d ln fov, shape (seas, shifts)."""
-        link = self.problem.setting.link
-        fov = link.receivers[0].fov_deg
-        wide = link.replace(name, min(fov + _WIDER_DEG, 180.0))
-
-        def one(i: int) -> Floats:
-            return edge_of_view(self.problem.light(wide, i), 0.5 * fov)
-
-        return self._over(one, self._seas)
+        """Return dh / d ln fov and its bias, shape (2, seas, shifts)."""
+        return self._over(lambda i: np.array(self.problem.by_view(name, i)), self._seas).swapaxes(
+            0, 1
+        )
 
     def derivatives(self, p: Parameter, progress: Callable[[int], None] | None) -> _Rates:
         """Return the derivatives by a parameter."""
@@ -293,8 +292,10 @@ class _Study:
             gains = self._shelf.kept("moments", self._moments)[int(p.name == "water.b")]
             found = self._exactly(p, gains, "moment")
         elif p.name == f"{first}.fov_deg" and link.physics.fov == "angle":
-            gains = self._shelf.kept(p.name, lambda: self._edge(p.name))
+            gains, bias = self._shelf.kept(p.name, lambda: self._edge(p.name))
             found = self._exactly(p, gains, "angle")
+            off = self._exactly(p, gains + bias, "angle").rates[0] - found.rates[0]
+            found = found._replace(bias=abs(float(off)))
         else:
             found = self._differences(p)
         if progress is not None:
@@ -376,7 +377,7 @@ def _result(study: _Study, found: list[_Rates], asked: list[str], case: Case) ->
     quantity, setting = study.quantity, study.problem.setting
     logs = quantity.logs(study.base, setting.ook)
     value, stderr = quantity.value(float(logs[0])), error_of(logs)
-    rates = np.array([one.rates for one in found])
+    rates, biases = np.array([one.rates for one in found]), np.array([one.bias for one in found])
     if quantity.of == "range":
         # at a fixed need: dR / R = -(d ln q / d ln p) / (d ln q / d ln d)
         depth = _depth_key(setting.link)
@@ -384,17 +385,19 @@ def _result(study: _Study, found: list[_Rates], asked: list[str], case: Case) ->
         value = setting.link.depth
         stderr = abs(value * error_of(logs / deeper[0]))
         rates = np.where([[one.parameter.name == depth] for one in found], rates, -rates / deeper)
+        biases = np.where([one.parameter.name == depth for one in found], 0.0, biases / deeper[0])
         found = [one._replace(second=-one.second / deeper[0]) for one in found]
     else:
         stderr *= abs(quantity.slope(value))
     kept = [i for i, one in enumerate(found) if one.parameter.name in asked]
-    rates = rates[kept]
+    covariance = covariance_of(rates[kept]) + np.diag(biases[kept] ** 2)
+    errors = np.sqrt(np.diag(covariance))
     pairs = [
-        _row(found[i], float(rate[0]), error_of(rate), quantity, value)
-        for i, rate in zip(kept, rates, strict=True)
+        _row(found[i], float(rates[i, 0]), float(error), quantity, value)
+        for i, error in zip(kept, errors, strict=True)
     ]
     rows, factors = zip(*pairs, strict=True)
-    covariance = covariance_of(rates) * np.outer(factors, factors)
+    covariance *= np.outer(factors, factors)
     key = _key(case, setting, study.problem.realizations)
     run = {**case.run.to_config(), **case.meshing.model_dump(mode="json")}
     run.pop("threads")

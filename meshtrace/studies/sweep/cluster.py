@@ -16,6 +16,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from meshtrace.errors import Described, Refused
+from meshtrace.parallel import paced
 from meshtrace.studies.sweep.points import Outcome, Study, Task, error_text
 from meshtrace.studies.sweep.store import note, write
 
@@ -58,7 +59,9 @@ def compute(
                 _portable_task(), tasks, study=asdict(study), expected=_environment()(), pure=False
             )
             of = dict(zip((future.key for future in futures), tasks, strict=True))
-            for n, (future, found) in enumerate(_finished(client, futures, timeout)):
+            finished = _finished(client, futures, timeout)
+            points = paced(finished, len(tasks), f"{len(tasks):,} points")
+            for n, (future, found) in enumerate(points):
                 task = of[future.key]
                 if isinstance(found, CancelledError):
                     raise _lost(client, n, len(tasks)) from found

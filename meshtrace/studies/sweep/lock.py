@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
+import platform
 import socket
 import time
 from collections.abc import Iterator
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from meshtrace.errors import Described, Refused
+from meshtrace.parallel import duration
 
 
 @contextmanager
@@ -25,7 +26,8 @@ def locked(store: str | Path | None) -> Iterator[None]:
     Raises
     ------
     Refused
-        If another process holds the lock; the message names it and the age of the lock.
+        If another process holds the lock; the message names it and the age of the lock. On
+        Windows, which has no such locks.
     """
     if store is None:
         yield
@@ -48,6 +50,12 @@ def locked(store: str | Path | None) -> Iterator[None]:
 
 def _held(path: Path) -> int:
     """Return the locked file of an open lock."""
+    try:
+        import fcntl
+    except ImportError as error:
+        system = Described(f"{str(path.with_suffix(''))!r} on {platform.system()}")
+        allowed = "none, or Linux, macOS or the Windows Subsystem for Linux"
+        raise Refused("store", system, allowed) from error
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
@@ -92,12 +100,5 @@ def _lives_elsewhere(owner: dict[str, Any]) -> bool:
 def _in_use(path: Path, owner: dict[str, Any]) -> Refused:
     who = f"{owner.get('host', 'unknown')}:{owner.get('pid', '?')}"
     age = max(time.time() - float(owner.get("since", time.time())), 0.0)
-    used = Described(f"{str(path.with_suffix(''))!r} is in use by {who} for {_duration(age)}")
+    used = Described(f"{str(path.with_suffix(''))!r} is in use by {who} for {duration(age)}")
     return Refused("store", used, f"another path, or none of that process and no {path.name}")
-
-
-def _duration(seconds: float) -> str:
-    for unit, size in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
-        if seconds >= size:
-            return f"{seconds / size:.1f} {unit}"
-    return f"{seconds:.0f} s"

@@ -18,6 +18,7 @@ from meshtrace.comms.background import DARK
 from meshtrace.errors import Described, Refused, one_line, require_whole
 from meshtrace.kernels.jit import sources
 from meshtrace.kernels.random import realization_seed
+from meshtrace.models import import_modules
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import RAYS, checked_daylight, error_rate, transmission_of
 from meshtrace.transport.backward import background
@@ -63,6 +64,7 @@ class Study:
     rtol: float | None
     photons: int | None
     seed: int
+    modules: tuple[str, ...] = ()  # of the user's classes, which another process imports first
 
     def check(self) -> None:
         """Refuse options out of range and parameters without any allowed value."""
@@ -106,6 +108,7 @@ class Study:
 
     def compute(self, task: Task) -> Outcome:
         """Run the realizations of a task; a failed one has an error text and no numbers."""
+        import_modules(self.modules)
         n = task.last - task.first
         outcome = Outcome(
             np.full((len(self.measured), n, self.receivers), np.nan), np.zeros(n), [""] * n

@@ -1,7 +1,8 @@
 """The Zarr store of a sweep: one chunk of every array for each task, its flag written last.
 
-Every chunk carries a CRC-32C checksum, and the group holds the SHA-256 digests of all metadata:
-damaged chunks are computed again, damaged metadata are refused.
+Every chunk carries a CRC-32C checksum, every realization one of its numbers and its place in the
+sweep, and the group holds the SHA-256 digests of all metadata: damaged or exchanged chunks are
+computed again, damaged metadata are refused.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 WAITING, DONE, FAILED = range(3)  # flags of the realizations
 
-_BY_TASK = ("done", "error", "seconds", *MEASURED, *LIT)
+_BY_TASK = ("done", "checksum", "error", "seconds", *MEASURED, *LIT)
 
 
 def open_store(study: Study, store: str | Path | None) -> zarr.Group:
@@ -148,7 +149,7 @@ def _create(study: Study, store: Any) -> zarr.Group:
         _write_coordinate(group, name, values)
     dims, shape = tuple(coordinates), tuple(map(len, coordinates.values()))
     chunks = (*(1 for _ in study.parameters), min(BLOCK, study.realizations))
-    for name, dtype in (("seconds", "f8"), ("error", "string"), ("done", "i1")):
+    for name, dtype in (("seconds", "f8"), ("error", "string"), ("done", "i1"), ("checksum", "u8")):
         group.create_array(
             name, shape=shape, chunks=chunks, dtype=dtype, compressors=checked,
             dimension_names=dims, attributes={"units": "s"} if name == "seconds" else {},
@@ -219,9 +220,34 @@ def waiting_tasks(study: Study, group: zarr.Group) -> list[Task]:
         if lost:
             warnings.warn(f"{lost[0]}: missing, its points are computed again", stacklevel=2)
         without_gain = np.isnan(gain[task.region].T) & (done == DONE)
-        if lost or (done == WAITING).any() or without_gain.any():
+        again = bool(lost) or bool((done == WAITING).any()) or bool(without_gain.any())
+        if not again and _is_exchanged(group, task):
+            again = True
+            place = f"{root or 'store'}: numbers of another place at {task.point}"
+            warnings.warn(f"{place}, its points are computed again", stacklevel=2)
+        if again:
             waiting.append(task)
     return waiting
+
+
+def _is_exchanged(group: zarr.Group, task: Task) -> bool:
+    """Return whether a finished task has numbers that were not written for it."""
+    found, flags = (_array(group, name)[task.region] for name in ("checksum", "done"))
+    return not np.array_equal(found, _checksums(group, task, flags))
+
+
+def _checksums(group: zarr.Group, task: Task, flags: NDArray[np.int8]) -> NDArray[np.uint64]:
+    """Return the checksums of the realizations of a task: of sweep, place, flag and numbers."""
+    names = [name for name in _names(group) if name not in ("checksum", "done")]
+    columns = [flags, *(_array(group, name)[task.region] for name in names)]
+    start = hashlib.sha256(repr((group.attrs["identity"], names, task.point)).encode())
+    sums = []
+    for i in range(task.last - task.first):
+        row = start.copy()
+        numbers = [column[i : i + 1].tolist() for column in columns]
+        row.update(repr([task.first + i, *numbers]).encode())
+        sums.append(int.from_bytes(row.digest()[:8], "little"))
+    return np.array(sums, np.uint64)
 
 
 def _discard_damaged(array: Any, folder: Path, tasks: list[Task]) -> None:
@@ -257,7 +283,7 @@ def write(group: zarr.Group, task: Task, outcome: Outcome) -> None:
     """Fill the chunk of a task in every array, its flags last."""
     import zarr
 
-    flags = [FAILED if text else DONE for text in outcome.error]
+    flags = np.array([FAILED if text else DONE for text in outcome.error], np.int8)
     # chunks of fill values, too: one that is missing later has been lost
     with zarr.config.set({"array.write_empty_chunks": True}):
         for name, rows in zip(MEASURED + LIT, outcome.measured, strict=False):
@@ -266,12 +292,30 @@ def write(group: zarr.Group, task: Task, outcome: Outcome) -> None:
             array[task.region] = rows if whole else rows[:, 0]
         _array(group, "seconds")[task.region] = outcome.seconds
         _array(group, "error")[task.region] = np.array(outcome.error, dtype=object)
-        _array(group, "done")[task.region] = np.array(flags, np.int8)
+        _array(group, "checksum")[task.region] = _checksums(group, task, flags)
+        _array(group, "done")[task.region] = flags
 
 
 def note(group: zarr.Group, task: Task, text: str) -> None:
     """Record that a task was lost; it stays to be done."""
     _array(group, "error")[task.region] = np.array([text] * (task.last - task.first), dtype=object)
+
+
+def read_store(path: Path) -> xr.Dataset:
+    """Return the results of a store, nan where points are not finished.
+
+    Raises
+    ------
+    Refused
+        If it is no store of a sweep, or damaged.
+    """
+    import zarr
+
+    _verified(path)
+    try:
+        return dataset(zarr.open_group(path, mode="r"))
+    except Exception as error:  # codecs and file systems raise any exception
+        raise _damaged(path, error_text(error)) from error
 
 
 def dataset(group: zarr.Group) -> xr.Dataset:
@@ -283,4 +327,4 @@ def dataset(group: zarr.Group) -> xr.Dataset:
     for name in [name for name in data.variables if data[name].dtype.kind == "T"]:
         data[name] = data[name].dims, np.array(data[name].values.tolist(), str), data[name].attrs
     data.attrs = {k: v for k, v in data.attrs.items() if not k.startswith("digest")}
-    return data.drop_vars("done")
+    return data.drop_vars(["done", "checksum"])

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from meshtrace.errors import MISSING, Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
+from meshtrace.models import modules_of, trusting
 from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
 from meshtrace.scenario.daylight import changes_irradiance, daylight_recipe
 from meshtrace.scenario.files import parse_toml, read_text
@@ -136,9 +138,10 @@ def _study(
     if base.daylight is not None and any(map(changes_irradiance, plain)):
         found = daylight_recipe(base.daylight) if light is None else light
         config["daylight"] = as_table(found, "daylight", "model")
-    study = Study(tomli_w.dumps(config), plain, realizations, rtol, photons, seed)
+    text = tomli_w.dumps(config)
+    study = Study(text, plain, realizations, rtol, photons, seed)
     study.check()
-    return study
+    return replace(study, modules=tuple(modules_of(f"{text}{plain}")))
 
 
 def _swept(
@@ -164,6 +167,7 @@ def sweep_file(
     path: str | Path,
     *,
     store: str | Path | None = None,
+    trust: bool = False,
     **options: Any,
 ) -> xr.Dataset:
     """Run the sweep of a study file: a link file with a table [sweep].
@@ -176,6 +180,8 @@ def sweep_file(
         by their dotted keys.
     store
         As in `sweep`; a store in the file lies beside it.
+    trust : bool
+        Run the modules that the file names by import paths, see `Scenario.load`.
     **options
         scheduler, workers, timeout, progress, as in `sweep`.
 
@@ -214,9 +220,11 @@ def sweep_file(
     given |= {key: value for key, value in table.items() if key not in ("parameters", "store")}
     if store is None and "store" in table:
         store = _stored(path, table)
-    base = _base(Scenario.from_config(config, folder=path.parent), None)
     parameters = dict(_dotted(table.get("parameters", {})))
-    return _swept(_study(base, config.get("daylight"), parameters, **given), store, **options)
+    with trusting(trust):
+        base = _base(Scenario.from_config(config, folder=path.parent), None)
+        study = _study(base, config.get("daylight"), parameters, **given)
+    return _swept(study, store, **options)
 
 
 def store_of(path: str | Path) -> Path:

@@ -1,0 +1,97 @@
+"""Files that name modules: none is run without trust, none by a result at all."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = pytest.mark.process
+
+MODULE = """
+import pathlib
+pathlib.Path("ran").touch()
+import numpy as np
+import meshtrace as mt
+class Own(mt.PhaseFunction):
+    def density(self, theta):
+        return np.exp(-theta)
+"""
+LINK = '[water.phase]\nkind = "phases:Own"\n[sea]\nspectrum = "flat"\n[run]\nphotons = 64\n'
+COMMANDS = {
+    "run": ["run", "link.toml"],
+    "new": ["new", "link.toml"],
+    "view": ["view", "link.toml", "--export", "folder"],
+    "explore": ["explore", "link.toml", "--no-browser"],
+    "series": ["series", "link.toml", "--times", "0,1"],
+    "ber": ["ber", "link.toml", "-n", "2"],
+    "coverage": ["coverage", "link.toml"],
+    "compare": ["compare", "link.toml", "other.toml"],
+    "bench": ["bench", "link.toml", "--quick"],
+    "set": ["run", "--set", "water.phase.kind=phases:Own"],
+    "sweep": ["sweep", "study.toml"],
+    "swept": ["sweep", "swept.toml"],
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "phases.py").write_text(MODULE)
+    (tmp_path / "link.toml").write_text(LINK)
+    (tmp_path / "other.toml").write_text(LINK)
+    sweep = "[sweep]\nrtol = 0.5\n[sweep.parameters]\n"
+    (tmp_path / "study.toml").write_text(f"{LINK}{sweep}wind_speed = [0.0]\n")
+    kinds = '"water.phase" = ["petzold", { kind = "phases:Own" }]\n'
+    flat = LINK[LINK.index("[sea]") :]
+    (tmp_path / "swept.toml").write_text(f"{flat}{sweep}{kinds}")
+    return tmp_path
+
+
+def meshtrace(folder, *words):
+    command = [sys.executable, "-m", "meshtrace", *words]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[] if n == "run" else pytest.mark.thorough) for n in COMMANDS]
+)
+def test_no_command_runs_a_module_that_a_file_names(name, folder):
+    """Each once ran `phases.py` beside the link file."""
+    if name in ("sweep", "swept"):
+        pytest.importorskip("distributed")
+        pytest.importorskip("zarr")
+    done = meshtrace(folder, *COMMANDS[name])
+    assert not (folder / "ran").exists()
+    if name == "swept":  # a point with a value that is not allowed fails alone
+        assert done.returncode == 1
+    else:
+        assert done.returncode == 2
+        (line,) = done.stderr.splitlines()
+        assert f"would run {folder}/phases.py: a link file may, with --trust" in line
+
+
+@pytest.mark.thorough
+def test_trusted_files_run_their_modules_and_results_never(folder):
+    """Also in the processes that a sweep starts."""
+    done = meshtrace(folder, "run", "link.toml", "--trust", "-o", "result.nc")
+    assert done.returncode == 0, done.stderr
+    (folder / "ran").unlink()
+    assert json.loads(meshtrace(folder, "run", "link.toml", "--trust", "--json").stdout)["gain"]
+    (folder / "ran").unlink()
+    for words in (["view", "result.nc", "--export", "a"], ["plot", "result.nc"]):
+        done = meshtrace(folder, *words)
+        assert "Traceback" not in done.stderr
+        assert (done.returncode == 2) == (words[0] == "view")
+        assert words[0] == "plot" or done.stderr.startswith("error: result.nc: water.phase.kind")
+    done = meshtrace(folder, "view", "result.nc", "--trust")
+    assert done.stderr == "error: --trust: true, allowed: with a link file\n"
+    assert not (folder / "ran").exists()
+
+
+@pytest.mark.slow
+def test_trusted_sweeps_import_in_their_workers(folder):
+    pytest.importorskip("distributed")
+    pytest.importorskip("zarr")
+    for study in ("study.toml", "swept.toml"):
+        done = meshtrace(folder, "sweep", study, "--trust", "--workers", "1")
+        assert done.returncode == 0, done.stderr

@@ -1,0 +1,88 @@
+"""Kept pictures are those of today's drawing code: `python docs/redraw.py` redraws the others."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.fixture(scope="module")
+def room():
+    sys.path.insert(0, str(DOCS))
+    import redraw
+
+    yield redraw
+    sys.path.remove(str(DOCS))
+    sys.modules.pop("redraw")
+
+
+def test_no_picture_is_stale(room):
+    manifest = room.read()
+    found = {job.name: room.stale(job, manifest) for job in room.jobs()}
+    assert not {name: why for name, why in found.items() if why}, "run python docs/redraw.py"
+
+
+def test_every_kept_picture_is_drawn_by_a_job(room):
+    listed = {name for entry in room.read().values() for name in entry["files"]}
+    listed |= {p.relative_to(room.ROOT).as_posix() for job in room.jobs() for p in job.outputs(())}
+    kept = (p for p in DOCS.rglob("*") if p.suffix in (".png", ".mp4", ".gif", ".svg"))
+    built = DOCS / "_build", DOCS / "examples"
+    kept = {
+        p.relative_to(room.ROOT).as_posix()
+        for p in kept
+        if not any(folder in p.parents for folder in built)
+    }
+    assert kept == {name for name in listed if not name.endswith(".nc")}
+
+
+def test_code_and_data_count_and_words_do_not(room, tmp_path):
+    script = tmp_path / "a.py"
+
+    def inputs(text):
+        script.write_text(text)
+        return room.Job("a", (), tmp_path, (script,)).inputs()
+
+    plain = inputs("x = 1\n")
+    assert inputs('"""A picture."""\n\n# first\nx = 1\n') == plain
+    assert inputs("x = 2\n") != plain
+    assert inputs('x = 1\nax.set(xlabel=axis_label("gain"))\n') != plain
+
+
+@pytest.mark.parametrize(
+    ("name", "used", "unused"),
+    [
+        ("spectra", "plots_curves", "movie"),
+        ("coverage", "plots_gain", "plots_study"),
+        ("movie", "scenes", "plots_study"),
+        ("make_tornado_figure", "plots_study", "scenes"),
+        ("make_explorer_pictures", "page", "plots_study"),
+        ("gain-depth", "canvas", "movie"),
+        ("surfaces", "scenes", "movie"),
+    ],
+)
+def test_a_picture_depends_on_the_modules_that_draw_it(room, name, used, unused):
+    job = next(job for job in room.jobs() if job.name == name)
+    modules = {path.stem for path in room.closure(job.sources)}
+    assert used in modules
+    assert "style" in modules
+    assert unused not in modules
+
+
+def test_a_picture_that_was_edited_or_lost_is_stale(room, tmp_path, monkeypatch):
+    monkeypatch.setattr(room, "ROOT", tmp_path)
+    script, picture = tmp_path / "a.py", tmp_path / "a.png"
+    script.write_text("x = 1\n")
+    picture.write_bytes(b"drawn")
+    (tmp_path / "meshtrace" / "optics" / "data").mkdir(parents=True)
+    job = room.Job("a", (), tmp_path, (script,))
+    assert room.stale(job, {}) == "not drawn by redraw.py"
+    manifest = {"a": {"inputs": job.inputs(), "files": {"a.png": room.digest(picture)}}}
+    assert room.stale(job, manifest) == ""
+    picture.write_bytes(b"edited")
+    assert room.stale(job, manifest) == "not as drawn: a.png"
+    picture.unlink()
+    assert room.stale(job, manifest) == "not as drawn: a.png"
+    script.write_text("x = 2\n")
+    assert room.stale(job, manifest) == "older than the code or data that draws it"
