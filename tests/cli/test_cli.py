@@ -236,3 +236,8 @@ def test_a_series_of_two_steps_has_no_coherence_time():
     assert "nan" not in shown
     assert re.search(r"coherence time +-\n", shown)
     assert "needs gains that vary, at 3 times or more" in shown
+
+
+def test_convergence_of_a_dark_link_is_refused():
+    dark = ["--spacings", "4,3,2,1", "--photons", 32, "--placements", 1, "--set", "water.a=180"]
+    assert "no light received" in refusal("converge", *dark)

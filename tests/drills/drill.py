@@ -54,6 +54,7 @@ def work(kind, first, last):
     """Put in some inputs of a kind, and print a line before and after each."""
     import hostile
 
+    from meshtrace import parallel
     from meshtrace.surfaces import surface, wave_surface
 
     answers = os.fdopen(os.dup(1), "w", buffering=1)
@@ -67,7 +68,8 @@ def work(kind, first, last):
         for base in hostile.LINKS:
             warm(base)
     answer(outcome="ready")
-    # larger meshes are allowed, and take minutes
+    # larger meshes and works are allowed, and take minutes
+    parallel.announce = wave_surface.announce = refuse_long
     surface.MOST_VERTICES, wave_surface.MOST_FACTORS = 40_000, 2_000_000
     with tempfile.TemporaryDirectory(prefix="drill-") as root:
         for i in range(first, last):
@@ -79,6 +81,14 @@ def work(kind, first, last):
             answer(number=i, outcome=outcome(call))
             faulthandler.cancel_dump_traceback_later()
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def refuse_long(seconds, work, least=HANG):
+    """Refuse a work at the place where its expected time is announced."""
+    from meshtrace.errors import Refused
+
+    if seconds > 0.2 * min(least, HANG):
+        raise Refused("time", seconds, f"less work than {work}")
 
 
 def warm(base):

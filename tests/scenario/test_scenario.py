@@ -454,7 +454,7 @@ def test_the_mark_of_some_editors_is_no_text(tmp_path):
         ("[sea]\nspacing = 0.001", "mesh"),
         ("[sea]\nextent = 1e6", "mesh"),
         ("[sea]\nspectrum = 'flat'\nextent = 1000\nspacing = 0.5", "mesh"),
-        ("[sea]\nomega_max = 60.0\nd_omega = 0.001", "mesh"),
+        ("[sea]\nomega_max = 60.0\nd_omega = 0.001", "sea.d_omega"),
         (
             "[transmitter]\ndepth = 0.2\n[sea]\nspectrum = 'flat'\nheight = -0.3",
             "transmitter.depth",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.errors import require_whole
+from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map, paced
 from meshtrace.results.gain import Fate
@@ -105,6 +105,11 @@ class CommonChains:
         """Return the gains over the meshes of a study: as many repeats of each step, in order.
 
         `photons` are those of the share of total reflection, 0 for none.
+
+        Raises
+        ------
+        Refused
+            If no light is received at a step: its gain has no relative error.
         """
 
         def measure(make: Callable[[], TriangleMesh]) -> Measured:
@@ -121,6 +126,8 @@ class CommonChains:
         by_case = (np.stack(column) for column in zip(*rows, strict=True))
         by_repeat = (c.reshape(steps, -1, *c.shape[1:]) for c in by_case)
         found = Measured(*(np.moveaxis(column, 2, 0) for column in by_repeat))
+        if not found.samples.mean(axis=(2, 3)).all():
+            raise Refused("gain", Described("no light received"), "light at every step")
         return Stacked(
             found.samples,
             found.ballistic,
