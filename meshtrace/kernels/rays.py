@@ -88,7 +88,7 @@ def cast(intersect, scene, rays, words, origins, directions, out):
                 ray[Word.DIRECTION + k] = directions[first + i, k]
             _prepare(ray, word)
         for i in range(n):
-            _call(intersect, scene, start + 4 * RAY_WORDS * i)  # type: ignore[call-arg]
+            _call(intersect, scene, start + 4 * RAY_WORDS * i)
         for i in range(n):
             out[first + i] = words[i, Word.FACET.value]
 
@@ -129,5 +129,5 @@ def first_facet(bvh, p, d):
     write(ray[Word.ORIGIN.value :], p)
     write(ray[Word.DIRECTION.value :], d)
     _prepare(ray, word)
-    _call(bvh.intersect, bvh.scene, ray.ctypes.data)  # type: ignore[call-arg]
+    _call(bvh.intersect, bvh.scene, ray.ctypes.data)
     return np.int64(word[Word.FACET.value])

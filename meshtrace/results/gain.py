@@ -100,8 +100,8 @@ class GainResult(WithArrays, Stored):
     gain_ballistic, gain_scattered : same as gain, or None
         Unscattered and scattered parts, where the estimator separates them.
     gain_reflected, gain_reflected_stderr : same as gain, or None
-        Part of the gain that the surface first reflected back into the water, where it was
-        estimated separately (`reflected_photons`).
+        Part of the gain that the surface first reflected back into the water, where the forced
+        estimator follows it.
     gain_order : ndarray, shape (receivers, orders), or None
         Forced only: gain by the number of scatterings, from 1.
     provenance : dict
@@ -112,6 +112,8 @@ class GainResult(WithArrays, Stored):
         Forced only: numbers of chains by outcome (`CHAIN_MEANING`).
     scattered : list of ScatteredSamples
         Forced only: estimator and samples of the scattered gain of each receiver.
+    reflected : list of ScatteredSamples
+        The same of `gain_reflected`.
     arrivals : Arrivals, optional
         Arrivals with their path lengths.
     planes : Planes, optional
@@ -130,6 +132,7 @@ class GainResult(WithArrays, Stored):
     misses: tuple[int, int] = (0, 0)
     chains: dict[str, int] = field(default_factory=dict)
     scattered: list[ScatteredSamples] = field(default_factory=list)
+    reflected: list[ScatteredSamples] = field(default_factory=list)
     gain_bound: Annotated[Values | None, _EACH] = None
     gain_reflected: Annotated[Values | None, _EACH] = None
     gain_reflected_stderr: Annotated[Values | None, _EACH] = None
@@ -230,7 +233,11 @@ class GainResult(WithArrays, Stored):
             if self.gain_ballistic is not None:
                 direct = np.atleast_1d(self.gain_ballistic)[i]
                 scattered = 100.0 * (1.0 - direct / gain)
-                lines.append(_line("", f"{direct:.4e} unscattered; scattered {scattered:.1f} %"))
+                text = f"{direct:.4e} unscattered; scattered {scattered:.1f} %"
+                if self.gain_reflected is not None:
+                    returned = 100.0 * np.atleast_1d(self.gain_reflected)[i] / gain
+                    text += f", of which reflected first {returned:.2g} %"
+                lines.append(_line("", text))
             if self.scattered:
                 by = self.scattered[i]
                 text = f"{by.samples:,} {by.estimator}, {by.scored:,} of them with a contribution"
@@ -257,6 +264,7 @@ class GainResult(WithArrays, Stored):
             "misses": list(self.misses),
             "chains": json.dumps(self.chains),
             "scattered": json.dumps(self.scattered),
+            "reflected": json.dumps(self.reflected),
             "scalar": int(np.ndim(self.gain) == 0),
         }
         return xr.Dataset(variables, coords, about)
@@ -287,7 +295,10 @@ class GainResult(WithArrays, Stored):
             fates = dict(zip(names, tallies, strict=True))
         cast, lost = (int(number) for number in data.attrs["misses"])
         photons = int(data.attrs["photons"])
-        scattered = json.loads(data.attrs.get("scattered", "[]"))
+        samples = {
+            name: [ScatteredSamples(*row) for row in json.loads(data.attrs.get(name, "[]"))]
+            for name in ("scattered", "reflected")
+        }
         bound = bound_where_dark(values["gain"], photons) if fates else None
         if bound is not None:  # files of format 1 have none
             values["gain_bound"] = bound
@@ -298,7 +309,8 @@ class GainResult(WithArrays, Stored):
             provenance=provenance,
             misses=(cast, lost),
             chains=json.loads(data.attrs["chains"]),
-            scattered=[ScatteredSamples(*row) for row in scattered],
+            scattered=samples["scattered"],
+            reflected=samples["reflected"],
             **{name: tally.read(data) for name, tally in _TALLIES.items()},  # type: ignore[arg-type]
         )
 

@@ -215,10 +215,8 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
     while True:
         tallies = _tallies(setup, last - first, room)
         with setup.intersector.function() as bvh:
-            room_of_thread = {"bvh": bvh, "photon": np.zeros(1, kernel.PHOTON)}
-            follow(
-                first, last, setup.world._replace(first=first, tallies=tallies, **room_of_thread)
-            )
+            world = setup.world._replace(first=first, tallies=tallies, bvh=bvh)
+            follow(first, last, world._replace(photon=np.zeros(1, kernel.PHOTON)))
         if not setup.arrivals or int(tallies.n_arrivals[0]) <= room:
             tallies.arrivals["water"] *= setup.frame.unit
             tallies.arrivals["air"] *= setup.frame.unit

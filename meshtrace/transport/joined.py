@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.errors import Refused
-from meshtrace.kernels.facets import Surface
+from meshtrace.errors import Described, Refused
+from meshtrace.kernels.facets import Roughness, Surface
 from meshtrace.kernels.joined import follow_joined
 from meshtrace.kernels.joins import N_PARTS, PHOTON, TARGET, Joins, Window, World
 from meshtrace.kernels.photon_grid import Grid
@@ -30,6 +30,7 @@ from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
+from meshtrace.results.gain import ScatteredSamples
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.arrays import (
     angle_table,
@@ -63,6 +64,7 @@ _CONE = 0.3  # of those drawn over what the targets see
 _HIGHEST = 2.0  # weight times importance, from which photons are split in turbid water
 _CLEAR_HIGHEST = 4.0
 _BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
+_TILT = 0.01  # standard deviation of slopes over smooth waves, for light reflected first
 _EVENTS = 100_000  # of a photon and its copies
 _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
 
@@ -81,9 +83,9 @@ class JoinedParts:
     orders : ndarray, shape (receivers, orders)
         Gain without light reflected first by the number of scatterings, from 0 on; the last holds
         all beyond.
-    scored : ndarray of int, shape (receivers,)
-        Photons that brought light.
-    square : ndarray, shape (receivers,)
+    scored : ndarray of int, shape (3, receivers)
+        Photons that brought light of each part.
+    square : ndarray, shape (3, receivers)
         Mean square score of a photon.
     arrivals : list of ndarray, shape (arrivals, 4), or None
         By receiver: weight, path in water, path in air [m] and group.
@@ -100,6 +102,13 @@ class JoinedParts:
     def parts(self) -> Floats:
         """Unscattered, scattered and first reflected gain, shape (3, receivers)."""
         return self.groups.mean(axis=2)
+
+    def samples(self, part: int) -> list[ScatteredSamples]:
+        """Return the samples of a part of each receiver."""
+        mean, square = self.parts[part], self.square[part]
+        effective = self.photons * mean**2 / np.maximum(square, 1e-300)
+        rows = zip(self.scored[part], effective, strict=True)
+        return [ScatteredSamples("joined photons", self.photons, int(k), float(e)) for k, e in rows]
 
     @property
     def stderr(self) -> Floats:
@@ -131,6 +140,11 @@ class JoinedPhotons:
     ------
     Refused
         If the link has a feature that joined photons do not follow.
+
+    Notes
+    -----
+    Over waves without random slopes light reflected first is estimated with slopes of 0.01 added:
+    it comes from everywhere below, and they change it by about 1e-4.
     """
 
     def __init__(
@@ -204,6 +218,11 @@ class JoinedPhotons:
         """Return the inputs of photons from the sources, or backwards from one receiver."""
         link = self.link
         surface = surface_arrays(intersector.mesh, self._normals, link.physics.unresolved)
+        if not is_flat(surface) and max(surface.roughness[:2]) == 0.0:
+            if self._first == 1:
+                smooth = Described("waves without random slopes")
+                raise Refused("surface", smooth, "random slopes, or a flat sea")
+            surface = surface._replace(roughness=Roughness(_TILT, _TILT, 1.0, 0.0))
         crest = frame.unit * float(surface.high[2])
         medium = with_raster(frame.medium(expected_water(link, crest)), intersector)
         sources = frame.sources(source_arrays(link, crest)) if start is None else _reversed(start)
@@ -253,7 +272,8 @@ class JoinedPhotons:
         """Return the sums over the photons of one run."""
         n = len(world.joins.target)
         spans = [(i, min(i + BLOCK, self.photons)) for i in range(0, self.photons, BLOCK)]
-        run = _Run(np.zeros((SHIFTS, n, N_PARTS)), *np.zeros((2, n)), np.zeros((n, _ORDERS)), [])
+        counts = np.zeros((n, N_PARTS)), np.zeros((n, N_PARTS))
+        run = _Run(np.zeros((SHIFTS, n, N_PARTS)), *counts, np.zeros((n, _ORDERS)), [])
 
         def follow(span: tuple[int, int]) -> World:
             first, last = span
@@ -277,9 +297,8 @@ class JoinedPhotons:
         for block in ordered_map(follow, spans, self._threads):
             for g in range(SHIFTS):  # blocks are whole numbers of groups
                 run.groups[g] += block.score[g::SHIFTS].sum(axis=0)
-            total = block.score.sum(axis=2)
-            run.scored[:] += np.count_nonzero(total, axis=0)
-            run.square[:] += np.einsum("ij,ij->j", total, total)
+            run.scored[:] += np.count_nonzero(block.score, axis=0)
+            run.square[:] += np.einsum("ijk,ijk->jk", block.score, block.score)
             run.orders[:] += block.order
             run.arrivals.append(block.arrivals[: block.n_arrivals[0]])
         return run
@@ -307,19 +326,23 @@ class JoinedPhotons:
                 )
                 for a in found
             ]  # fmt: skip
-        return JoinedParts(
-            n, groups / per_group, orders / n, scored.astype(np.int64), square / n, rows
-        )
+        counts = scored.T.astype(np.int64), square.T / n
+        return JoinedParts(n, groups / per_group, orders / n, *counts, rows)
 
 
 class _Run(NamedTuple):
     """Sums over the photons of one run."""
 
     groups: Floats  # (SHIFTS, targets, parts)
-    scored: Floats  # (targets,)
-    square: Floats  # (targets,)
+    scored: Floats  # (targets, parts)
+    square: Floats  # (targets, parts)
     orders: Floats  # (targets, orders)
     arrivals: list[NDArray[np.void]]
+
+
+def is_flat(surface: Surface) -> bool:
+    """Return whether a surface is level still water."""
+    return bool(surface.low[2] == surface.high[2] and surface.max_slope == 0.0)
 
 
 def _reversed(emitter: Emitter) -> Sources:

@@ -55,20 +55,13 @@ class Estimator(
 class Forced(Estimator, frozen=True):
     """Forced detection: scattering chains aimed at the receivers.
 
-    It is some 10^5 times more efficient than individual photons, and omits only light that the
-    surface first reflects into the water: below 1e-4 of the gain in clear sea water, 0.5 to 1 %
-    where clear water scatters backwards and the view is wide, and 10 % in turbid water. It warns
-    beyond 0.1 %, by `meshtrace.transport.returned`.
-
-    Parameters
-    ----------
-    reflected_photons : int
-        Analog photons for the light that reaches the receiver after a reflection at the surface
-        into the water, 0 to 2^53; it is added to the gain.
+    It is some 10^5 times more efficient than individual photons. Light that the surface first
+    reflects into the water is added by photons joined to the receivers where it matters; studies
+    over many seas omit it: below 1e-4 of the gain in clear sea water, 0.5 to 1 % where clear water
+    scatters backwards and the view is wide, and 10 % in turbid water.
     """
 
     kind: Literal["forced"] = "forced"
-    reflected_photons: _Count = 0
 
     default_photons: ClassVar[int] = 10_000
     least_photons: ClassVar[int] = SHIFTS
@@ -169,7 +162,6 @@ class Shortcuts(TypedDict, total=False):
     extent: float | None
     spacing: float | None
     normals: Literal["vertex", "facet"]
-    reflected_photons: int
     batch_size: int
     first_photon: int
     max_surface_events: int

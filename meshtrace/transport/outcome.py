@@ -29,15 +29,14 @@ from meshtrace.transport.analog import Sums, photons_over
 from meshtrace.transport.case import Case
 from meshtrace.transport.forced import ForcedDetection, cut_share
 from meshtrace.transport.options import Analog, Record
-from meshtrace.transport.returned import returned_gain
+from meshtrace.transport.returned import LITTLE, returned_gain
 
 LEFT_DOMAIN_WARNING = 1e-4
-_RETURNED = 1e-3
 _FEW = 100.0  # effective samples below which an error is uncertain itself
-_FEW_SHARE = {"chains": 0.1, "adjoint paths": 0.15}
+_FEW_SHARE = {"chains": 0.1, "adjoint paths": 0.15, "joined photons": 0.15}
 """Share of the samples below which they are few: a run of few photons is known to be uncertain.
 
-Scores of adjoint paths have the heavier tails."""
+Scores of adjoint paths and of joined photons have the heavier tails."""
 _BOUND_PHOTONS = 2**18  # analog, where chains bring no light: a bound above gains tells nothing
 _SMALL = 0.01  # share of the gain below which its scattered part does not matter
 
@@ -127,6 +126,9 @@ def lack_of_samples(result: GainResult) -> float:
 def warn_of_few(result: GainResult) -> None:
     """Warn of gains with a small effective sample size."""
     _warn_of_few(_scattered(result))
+    if result.reflected and result.gain_reflected is not None:
+        share = np.atleast_1d(result.gain_reflected)
+        _warn_of_few(_that_matter(result.reflected, share, result.gains))
 
 
 def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
@@ -176,26 +178,14 @@ def _that_matter(
     return [(r, row) for r, row in enumerate(rows) if share[r] > _SMALL * gain[r]]
 
 
-def warn_of_returned(link: Link, result: GainResult, photons: int) -> None:
-    """Warn where a result leaves out more than 0.1 % of a gain: reflected light not found.
-
-    `photons` were traced for it.
-    """
-    found = 0.0 if result.gain_reflected is None else np.atleast_1d(result.gain_reflected)
-    advice = "add it by reflected_photons"
-    if photons:
-        advice = f"none of {photons:,} reflected_photons arrived, give more"
-    warn_of_omitted(link, np.where(found > 0.0, 0.0, result.gains), advice)
-
-
-def warn_of_omitted(link: Link, gain: Floats, advice: str = "add it by reflected_photons") -> None:
+def warn_of_omitted(link: Link, gain: Floats) -> None:
     """Warn where forced detection leaves out more than 0.1 % of a gain > 0."""
     returned = returned_gain(link)
-    for r in np.flatnonzero((returned > _RETURNED * gain) & (gain > 0.0)):
+    for r in np.flatnonzero((returned > LITTLE * gain) & (gain > 0.0)):
         percent = float(f"{100.0 * returned[r] / (gain[r] + returned[r]):.1g}")
         warnings.warn(
-            f"receiver {r}: about {percent:g} % of the light leaves the "
-            f"water after a reflection at the surface, which forced detection omits: {advice}",
+            f"receiver {r}: about {percent:g} % of the light leaves the water after a reflection "
+            'at the surface, which is omitted here: estimator="analog" follows it',
             DomainWarning,
             stacklevel=5,
         )

@@ -16,6 +16,8 @@ from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.transport.forced_link import across, emitter_of
 
 _RINGS, _AZIMUTHS = 48, 12
+LITTLE = 1e-3
+"""Share of a gain below which light that is reflected first is left out."""
 
 
 def returned_gain(link: Link) -> Floats:
@@ -167,3 +169,8 @@ def _intensity(lamp: AirLamp, cosine: Floats) -> Floats:
     if emitter.kind == SourceKind.GAUSSIAN_BEAM:
         return np.asarray(emitter.norm * np.exp(-2.0 * (angle / emitter.spread) ** 2))
     return np.where(angle <= emitter.spread, emitter.norm, 0.0)
+
+
+def is_little(returned: Floats, gain: Floats) -> bool:
+    """Return whether light that is reflected first is below 0.1 % of every gain > 0."""
+    return not ((returned > LITTLE * gain) & (gain > 0.0)).any()

@@ -9,22 +9,22 @@ from typing import Any, Literal, Unpack
 import numpy as np
 
 from meshtrace.errors import Described, Refused, require_whole
+from meshtrace.kernels.joins import REFLECTED
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
-from meshtrace.models import Floats
 from meshtrace.parallel import default_threads
 from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
-from meshtrace.results.tallies import Arrivals, standard_error
+from meshtrace.results.tallies import Arrivals
 from meshtrace.transport.analog import options_over, photons_over
 from meshtrace.transport.case import Case, HasCase, resolve
 from meshtrace.transport.forced import ForcedDetection
 from meshtrace.transport.forced_link import crossing_reach, require_height_field
+from meshtrace.transport.joined import JoinedParts, JoinedPhotons
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import (
     Analog,
     Estimator,
-    Forced,
     Meshing,
     Record,
     Run,
@@ -36,17 +36,17 @@ from meshtrace.transport.outcome import (
     analog_result,
     bound_of_dark,
     lack_of_samples,
-    largest_weight,
     per_receiver,
     warn_of_cut,
     warn_of_dark_map,
     warn_of_few,
     warn_of_lost,
-    warn_of_returned,
+    warn_of_omitted,
 )
+from meshtrace.transport.parts import Parts
 from meshtrace.transport.paths import PhotonPaths, received_paths, record_paths
+from meshtrace.transport.returned import is_little, returned_gain
 
-_BOTTOM = 16  # analog photons over chains, for light that surface and bottom reflect
 _MOST_VERTICES = 2 * 10**7  # of all paths: 640 MB
 _Evaluate = Callable[[Run], GainResult]
 
@@ -153,7 +153,8 @@ def _simulated(
         warn_of_lost(result)
         warn_of_dark_map(result, records)
         return result
-    warn_of_returned(case.link, result, _reflected_photons(case))
+    if result.gain_reflected is None and case.link.physics.reflected == "trace":
+        warn_of_omitted(case.link, result.gains)
     warn_of_cut(case, mesh)
     return result
 
@@ -224,16 +225,20 @@ def _forced(
     options = case.meshing.normals, case.threads, float(mesh.bounds[1, 2])
     forced = ForcedDetection(link, run.photons, run.seed, *options)
     parts = forced.evaluate(mesh)
-    reflected = _reflected_photons(case)
     gain, stderr = parts.gain, parts.stderr
+    reflected = _reflected(case, mesh, parts, "arrivals" in records)
     extra: dict[str, Any] = {}
-    if reflected:
-        added, added_stderr = _reflected(case, mesh, reflected)
-        gain, stderr = gain + added, np.hypot(stderr, added_stderr)
+    if reflected is not None:
+        added, error = reflected.parts[REFLECTED], reflected.stderr[REFLECTED]
+        gain, stderr = gain + added, np.hypot(stderr, error)
         extra["gain_reflected"] = per_receiver(link, added)
-        extra["gain_reflected_stderr"] = per_receiver(link, added_stderr)
+        extra["gain_reflected_stderr"] = per_receiver(link, error)
+        extra["reflected"] = reflected.samples(REFLECTED)
     if "arrivals" in records:
-        rows = [np.insert(rows, 0, r, axis=1) for r, rows in enumerate(forced.arrivals(mesh))]
+        rows = forced.arrivals(mesh)
+        if reflected is not None and reflected.arrivals is not None:
+            rows = [np.concatenate(pair) for pair in zip(rows, reflected.arrivals, strict=True)]
+        rows = [np.insert(found, 0, r, axis=1) for r, found in enumerate(rows)]
         extra["arrivals"] = Arrivals.of_rows(np.concatenate(rows))
     return GainResult(
         gain=per_receiver(link, gain),
@@ -251,41 +256,25 @@ def _forced(
     )
 
 
-def _reflected_photons(case: Case) -> int:
-    """Return the analog photons for light first reflected into the water.
+def _reflected(case: Case, mesh: TriangleMesh, parts: Parts, arrivals: bool) -> JoinedParts | None:
+    """Return the light that the surface first reflects into the water, None where it is little.
 
-    A bottom sends it back: there they are traced by default.
+    It is little where chains serve every receiver, no bottom sends it back, and the closed
+    estimate is below 0.1 % of each gain.
     """
     link, run = case.link, case.run
-    assert isinstance(run.estimator, Forced)
-    water, traced = link.water, link.physics.reflected == "trace"
-    bright = water.bottom_depth is not None and water.bottom_albedo > 0.0
-    return run.estimator.reflected_photons or (_BOTTOM * run.photons if bright and traced else 0)
-
-
-def _reflected(case: Case, mesh: TriangleMesh, photons: int) -> tuple[Floats, Floats]:
-    """Return the gain of light first reflected into the water, by analog photons, wide aperture.
-
-    That light comes from everywhere below: its irradiance is even over metres, so an aperture
-    of 1 m (never wider than half of the patch in the field of view) has the same mean.
-    Where no photon arrives, the standard error is half of the upper bound 3 w / n at 95 %
-    confidence (rule of three), w the largest weight of a photon.
-    """
-    link = case.link
-    wide, area = [], []
-    for r in link.receivers:
-        half = math.radians(min(r.fov_deg, 120.0)) / 2.0
-        radius = max(r.radius, min(1.0, 0.5 * abs(r.center[2]) * math.tan(half)))
-        wide.append(r.replace(radius=radius))
-        area.append((r.radius / radius) ** 2)
-    deepest = max(-item.center[2] for _, item in link.items())
-    options = Analog(roulette=1e-3 * math.exp(-link.water.a * deepest))
-    widened = case._replace(link=link.replace(receiver=tuple(wide)))
-    sums = photons_over(widened, mesh, options, photons, first_scored=2)
-    n, scale = sums.photons, np.array(area)
-    error = standard_error(sums.score, sums.score_squared, n)
-    none = 1.5 * largest_weight(link, float(mesh.bounds[0, 2])) / n
-    return scale * sums.score / n, scale * np.where(sums.score > 0.0, error, none)
+    if link.physics.reflected != "trace":
+        return None
+    served = all(method == "chains" for method in parts.method)
+    if served and link.water.bottom_depth is None and is_little(returned_gain(link), parts.gain):
+        return None
+    try:
+        photons = JoinedPhotons(
+            link, run.photons, run.seed, case.meshing.normals, case.threads, first=2
+        )
+    except Refused:  # forms as published
+        return None
+    return photons.evaluate(mesh, arrivals=arrivals)
 
 
 def trace_paths(

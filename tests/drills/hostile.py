@@ -89,7 +89,7 @@ def short(scenario):
     from meshtrace.optics.bubbles import HallNovarini
     from meshtrace.scenario import Run
 
-    few: dict = {"photons": 32, "reflected_photons": 0}
+    few: dict = {"photons": 32}
     if scenario.run.estimator.kind == "analog":
         few = {"photons": 64, "max_events": 1000}
     run = Run(**{**scenario.run.to_config(), "rtol": None, "threads": 1, **few})

@@ -132,7 +132,7 @@ def test_the_default_link_file_shows_every_key():
     text = (ROOT / "examples" / "default_link.toml").read_text()
     config = Scenario.from_toml("").to_config()
     del config["sea"]["alpha_coefficient"]
-    rare = {"first_photon", "max_events", "max_surface_events", "reflected_photons"}
+    rare = {"first_photon", "max_events", "max_surface_events"}
     rare |= {"r_min", "r_max", "capillary", "jitter"}
     for section, table in config.items():
         for key in table if isinstance(table, dict) else {section: table}:

@@ -246,7 +246,7 @@ def test_a_written_file_still_follows_its_wind_speed():
     [
         "wind_speed = 8.0\n[sea]\nseed = 3\ntime = 1.5\nspacing = 0.5",
         'physics = "paper"\n[sea]\nspectrum = "flat"\nextent = 40.0',
-        "[[receiver]]\n[[receiver]]\nheight = 2.0\n[run]\nreflected_photons = 500",
+        "[[receiver]]\n[[receiver]]\nheight = 2.0",
         "[run]\nestimator = 'analog'\nnormals = 'facet'\nroulette = 0.001\nmax_events = 50",
     ],
 )

@@ -15,7 +15,7 @@ from meshtrace.transport.coverage import ForcedMap, Grid, levels_lacking, mean_a
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import Analog, Forced
-from meshtrace.transport.outcome import warn_of_returned
+from meshtrace.transport.outcome import warn_of_omitted
 
 STEP, EXTENT = 0.1, 0.25
 SMOOTH = mt.Physics(unresolved="none")
@@ -237,4 +237,4 @@ def test_the_share_of_returned_light_is_at_most_all(monkeypatch):
     monkeypatch.setattr("meshtrace.transport.outcome.returned_gain", lambda link: np.array([1e-9]))
     for gain, percent in ((1e-129, "100"), (1e-9, "50"), (1e-7, "1")):
         with pytest.warns(mt.DomainWarning, match=f"about {percent} % of the light leaves"):
-            warn_of_returned(mt.Link(), np.array([gain]))
+            warn_of_omitted(mt.Link(), np.array([gain]))

@@ -114,13 +114,13 @@ def test_other_objects_are_refused(wrong):
 def test_a_run_of_the_version_before_gives_a_scenario():
     before = {
         "estimator": "forced", "photons": 300, "rtol": None, "seed": 4, "normals": "facet",
-        "time": 1.5, "extent": None, "spacing": 0.5, "threads": 2, "reflected_photons": 10,
+        "time": 1.5, "extent": None, "spacing": 0.5, "threads": 2,
         "batch_size": 131072, "first_photon": 0, "max_surface_events": 10,
         "max_events": 100000, "roulette": None, "grid": None, "keep_arrivals": False,
     }  # fmt: skip
     origin = {"link": mt.Link().model_dump(mode="json"), "surface": FlatSea().to_config()}
     scenario = mt.Scenario.from_provenance({**origin, "run": before})
-    assert scenario.run == Run(estimator=mt.Forced(reflected_photons=10), photons=300, seed=4)
+    assert scenario.run == Run(photons=300, seed=4)
     assert scenario.meshing == mt.Meshing(time=1.5, spacing=0.5, normals="facet")
 
 
