@@ -127,8 +127,9 @@ def section(title: str, text: str, models: list[type[Model]] | type[Family]) -> 
     lines = [f"## {title}", ""] + ([text, ""] if text else []) + rows_of_unset(title)
     if isinstance(models, list):
         for model in models:
-            lines += [f"`{model.__name__}`:", ""] if len(models) > 1 else []
-            lines += [*rows(model), ""]
+            if set(model.model_fields) - {"kind"}:
+                lines += [f"`{model.__name__}`:", ""] if len(models) > 1 else []
+                lines += [*rows(model), ""]
         for model in models:
             for name, part in inner(model):
                 lines += section(f"[{title.strip('[]')}.{name}]", "", [part])

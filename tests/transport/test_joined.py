@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from statistical import sidak, z_test
+from mc_statistics import sidak, z_test
 
 import meshtrace as mt
 from meshtrace.errors import Refused
@@ -13,6 +13,7 @@ from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.joined import JoinedPhotons
 from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.simulate import resolve
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning"),
@@ -106,25 +107,29 @@ def test_photons_run_backwards_from_a_receiver_in_the_water(sea):
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize(("wind_speed", "truth"), [(8.0, (1.590e-6, 0.005e-6))])
-def test_a_laser_over_waves(wind_speed, truth):
-    """The gain of an independent program of forward photons over the same mesh."""
-    water = mt.Water(a=0.179, b=0.219, phase=mt.PetzoldCoastal())
-    link = mt.Link(
-        water=water,
-        bubbles=mt.HallNovarini(wind_speed=wind_speed),
-        whitecaps=mt.Whitecaps(wind_speed=wind_speed),
-        transmitter=mt.GaussianBeam(
-            depth=20.0, divergence_deg=1.0, waist=0.0, wavelength_nm=450.0
-        ),
-        receiver=mt.Receiver(height=30.0, radius=0.05, fov_deg=60.0),
+def test_a_laser_over_waves():
+    """The gain of an independent program of forward photons over the same sea: 1.590(5)e-6."""
+    scenario = mt.Scenario.from_toml(
+        """
+        wind_speed = 8.0
+        water = { type = "petzold-coastal", a = 0.179, b = 0.219 }
+        receiver = { height = 30.0, radius = 0.05, fov_deg = 60.0 }
+        sea = { seed = 1 }
+        run = { fading = true }
+        [transmitter]
+        kind = "gaussian-beam"
+        depth = 20.0
+        divergence_deg = 1.0
+        waist = 0.0
+        wavelength_nm = 450.0
+        """
     )
-    sea = mt.surfaces.resolved_sea(wind_speed, seed=1)
-    mesh = mesh_of(link, mt.resolve_band(link, sea) if hasattr(mt, "resolve_band") else sea)
-    found = JoinedPhotons(link, 50_000, 1, direct=True).evaluate(mesh)
+    case = resolve(scenario)
+    mesh = mesh_of(case.link, case.surface)
+    found = JoinedPhotons(case.link, 50_000, 1, direct=True).evaluate(mesh)
     error = math.hypot(*found.stderr[:, 0])
-    assert error < 0.03 * truth[0]
-    assert z_test(found.parts.sum(), error, *truth) > ALPHA
+    assert error < 0.03 * 1.590e-6
+    assert z_test(found.parts.sum(), error, 1.590e-6, 0.005e-6) > ALPHA
 
 
 @pytest.mark.statistical
