@@ -49,8 +49,9 @@ def test_field_of_view_from_one_run_is_that_of_its_own_run():
     options = FlatSea(), Run(photons=512), Meshing(), 6, aircraft
     quick = Sample(link.replace("receiver.fov_deg", 80.0), *options, ("receiver.fov_deg", ANGLE))
     slow = Sample(link.replace("receiver.fov_deg", 80.0), *options, ())
-    new = link.replace("receiver.fov_deg", 25.0).replace(ANGLE, 17.0)
-    assert quick.gains(new) == pytest.approx(slow.gains(new), rel=5e-3)  # facets at the edge
+    for fov in (25.0, 3.0, 1.0):  # at the narrow ones the edge of the view cuts facets in the light
+        new = link.replace("receiver.fov_deg", fov).replace(ANGLE, 17.0)
+        assert quick.gains(new) == pytest.approx(slow.gains(new), rel=2e-3)
 
 
 def test_field_of_view_of_a_lens_counts_its_etendue():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 from meshtrace.errors import Refused
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Led, Link
-from meshtrace.mesh import RandomSea
+from meshtrace.mesh import RandomSea, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.stored import SHIFTS
@@ -27,6 +28,9 @@ _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # azimuths that fill a disk evenly
 _CREST_MARGIN = 1.5  # over the highest crest of the first surface
 _CASES = 4  # candidates whose arrivals are kept for other fields of view
 
+
+_EDGE = math.radians(2.0)  # more than a facet is seen under
+_SMALL = 1e-4  # share of the light
 
 REWEIGHED = ("receiver.fov_deg", "transmitter.half_angle_deg")
 """Variables for which the arrivals stay: the view cuts them off, a lamp in the water weighs them
@@ -155,12 +159,20 @@ class Sample:
             for name in self._turned:
                 part, key = name.split(".")
                 same = same.replace(name, getattr(getattr(self._start, part), key))
-            rows = [light.by_shift(self._factor(link, light)) for light in self._lights(same)]
-            return np.array(rows)
+            lights = self._lights(same)
+            half = math.radians(0.5 * link.receivers[0].fov_deg)
+            if not any(_cuts_facets(light, half) for light in lights):
+                return np.array([light.by_shift(self._factor(link, light)) for light in lights])
+            sampled = [self._factor(link, light) * (light.shift >= 0) for light in lights]
+            rows = [light.by_shift(part) for light, part in zip(lights, sampled, strict=True)]
+            return np.array(rows) + self._over_seas(self._frozen.unscattered, link)[:, None]
+        return self._over_seas(self._frozen.gains, link)
+
+    def _over_seas(self, evaluate: Callable[[Link, TriangleMesh], Floats], link: Link) -> Floats:
+        """Return the values of a candidate at all places over all seas."""
 
         def one(i: int) -> Floats:
-            rows = [self._frozen.gains(at, self._meshes[i]) for at in self._apart(link, i)]
-            return np.concatenate(rows)
+            return np.concatenate([evaluate(at, self._meshes[i]) for at in self._apart(link, i)])
 
         found = ordered_map(one, range(self._seas), default_threads(self._run.threads))
         return np.concatenate(list(found))
@@ -187,3 +199,9 @@ class Sample:
                 kept = sea != i
                 found.append((means[kept], self.weights[kept] * self._seas / (self._seas - 1)))
         return found
+
+
+def _cuts_facets(light: Light, half: float) -> bool:
+    """Return whether the edge of a view cuts facets with unscattered light that counts."""
+    near = (light.shift < 0) & (np.abs(light.angle - half) < _EDGE)
+    return bool(light.weight[near].sum() > _SMALL * light.weight.sum())
