@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import math
+import warnings
 from typing import Any
 
 import numpy as np
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, DomainWarning, Refused
 from meshtrace.link import Link
 from meshtrace.link.link import Footprint
 from meshtrace.mesh import MeshSource, Plane, TriangleMesh, WaveSum, require_surface
@@ -27,6 +28,7 @@ _MOST_FACETS = 8e6
 _PLANE_CELLS = 128  # over the half-width of a plane, fine or coarse, that needs no fine mesh
 _ASIDE = 5.0  # [m], beyond which the forced estimator has fine facets at the crossings alone
 _MOST_LIT = 2e6
+_TOO_SHORT = 0.01  # share of the slope variance that no mesh resolves
 _MOST_CELLS = 1e9  # along a side: counted, not made
 
 
@@ -144,6 +146,15 @@ def _resolving(link: Link, surface: WaveSum, f: Footprint, per_wave: float) -> F
     variance = float(slopes.sum()) + (0.0 if beyond is None else sum(beyond.vertex))
     center, half = link.lit_patch(math.sqrt(0.5 * variance))
     if 2.0 * (2.0 * half / spacing) ** 2 > _MOST_LIT:
+        short = float(slopes[np.sqrt(k2) * f.spacing > math.pi].sum() / slopes.sum())
+        if short > _TOO_SHORT:
+            warnings.warn(
+                f"{100.0 * short:.2g} % of the slope variance is that of waves shorter than two "
+                f"spacings of the mesh, {f.spacing:g} m: the gain is in doubt; a lower omega_max "
+                "leaves short waves to random slopes",
+                DomainWarning,
+                stacklevel=4,
+            )
         return f
     extent = f.extent + math.dist(center, f.center)
     return Footprint(center, extent, spacing, half, f.coarse_spacing)

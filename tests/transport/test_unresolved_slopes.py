@@ -18,6 +18,8 @@ from meshtrace.surfaces.statistics import (
     meshed_slope_variance,
     sampled_slope_variance,
 )
+from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.meshing import mesh_lines
 
 VARIANCE = 0.04, 0.015
 CLEAR = mt.Link(
@@ -256,3 +258,10 @@ def test_narrow_beam_spreads_as_over_a_sea_of_slopes_alone(wind_speed, bands):
         assert 2.0 * student_t.sf(t, BATCHES - 1) > sidak(ALPHA, 4)
     smooth = BEAM.model_copy(update={"physics": mt.Physics(unresolved="none")})
     assert (mean_over_seas(seas[0], smooth) / closed[0]).mean() > 1.2
+
+
+def test_waves_that_no_mesh_resolves_are_told():
+    """Up to 1000 rad/s at 5 m/s the gain was 2.4 times too large without a word."""
+    link, sea = mt.Link(), JonswapSea(wind_speed=5.0, omega_max=1000.0)
+    with pytest.warns(mt.DomainWarning, match="% of the slope variance .* gain is in doubt"):
+        mesh_lines(link, sea, reach=crossing_reach(link))
