@@ -321,8 +321,8 @@ class JoinedPhotons:
                 found = [found[0][found[0]["receiver"] == i] for i in range(groups.shape[1])]
             rows = [
                 np.column_stack(
-                    [a["weight"] / n, frame.unit * a["water"], frame.unit * a["air"],
-                     a["photon"] % SHIFTS]
+                    [a["weight"] / (SHIFTS * per_group[a["photon"] % SHIFTS]),
+                     frame.unit * a["water"], frame.unit * a["air"], a["photon"] % SHIFTS]
                 )
                 for a in found
             ]  # fmt: skip

@@ -120,15 +120,13 @@ def lack_of_samples(result: GainResult) -> float:
 
     Beyond 1 the standard error of that gain is uncertain itself.
     """
-    return max((_FEW / max(row.effective, 1.0) for _, row in _scattered(result)), default=0.0)
+    found = [*_scattered(result), *_reflected(result)]
+    return max((_FEW / max(row.effective, 1.0) for _, row in found), default=0.0)
 
 
 def warn_of_few(result: GainResult) -> None:
     """Warn of gains with a small effective sample size."""
-    _warn_of_few(_scattered(result))
-    if result.reflected and result.gain_reflected is not None:
-        share = np.atleast_1d(result.gain_reflected)
-        _warn_of_few(_that_matter(result.reflected, share, result.gains))
+    _warn_of_few([*_scattered(result), *_reflected(result)])
 
 
 def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
@@ -170,6 +168,12 @@ def _scattered(result: GainResult) -> list[tuple[int, ScatteredSamples]]:
     """Return the receivers whose scattered light matters, with its samples."""
     share = np.atleast_1d(0.0 if result.gain_scattered is None else result.gain_scattered)
     return _that_matter(result.scattered, share, result.gains)
+
+
+def _reflected(result: GainResult) -> list[tuple[int, ScatteredSamples]]:
+    """Return the receivers whose light that is reflected first matters, with its samples."""
+    share = np.atleast_1d(0.0 if result.gain_reflected is None else result.gain_reflected)
+    return _that_matter(result.reflected, share, result.gains)
 
 
 def _that_matter(

@@ -16,6 +16,7 @@ from meshtrace.parallel import default_threads
 from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
 from meshtrace.results.tallies import Arrivals
+from meshtrace.stored import SHIFTS
 from meshtrace.transport.analog import options_over, photons_over
 from meshtrace.transport.case import Case, HasCase, resolve
 from meshtrace.transport.forced import ForcedDetection
@@ -225,14 +226,13 @@ def _forced(
     options = case.meshing.normals, case.threads, float(mesh.bounds[1, 2])
     forced = ForcedDetection(link, run.photons, run.seed, *options)
     parts = forced.evaluate(mesh)
-    gain, stderr = parts.gain, parts.stderr
+    shifts = parts.shifts
     reflected = _reflected(case, mesh, parts, "arrivals" in records)
     extra: dict[str, Any] = {}
     if reflected is not None:
-        added, error = reflected.parts[REFLECTED], reflected.stderr[REFLECTED]
-        gain, stderr = gain + added, np.hypot(stderr, error)
-        extra["gain_reflected"] = per_receiver(link, added)
-        extra["gain_reflected_stderr"] = per_receiver(link, error)
+        shifts = shifts + reflected.groups[REFLECTED]
+        extra["gain_reflected"] = per_receiver(link, reflected.parts[REFLECTED])
+        extra["gain_reflected_stderr"] = per_receiver(link, reflected.stderr[REFLECTED])
         extra["reflected"] = reflected.samples(REFLECTED)
     if "arrivals" in records:
         rows = forced.arrivals(mesh)
@@ -240,6 +240,7 @@ def _forced(
             rows = [np.concatenate(pair) for pair in zip(rows, reflected.arrivals, strict=True)]
         rows = [np.insert(found, 0, r, axis=1) for r, found in enumerate(rows)]
         extra["arrivals"] = Arrivals.of_rows(np.concatenate(rows))
+    gain, stderr = shifts.mean(axis=1), shifts.std(axis=1, ddof=1) / math.sqrt(SHIFTS)
     return GainResult(
         gain=per_receiver(link, gain),
         gain_stderr=per_receiver(link, stderr),

@@ -158,7 +158,7 @@ METHODS = [
     ("prior", lambda: mt.infer(ROWS, LINK, ["water.a"], 1.0)),
     ("prior.water.a", lambda: mt.infer(ROWS, LINK, ["water.a"], {"water.a": "ab"})),
     ("threads", lambda: mt.infer(ROWS, LINK, ["water.a"], threads="x")),
-    ("measurements[0].gain", lambda: mt.infer([{"counts": "x"}], LINK, ["water.a"])),
+    ("measurements[0].counts", lambda: mt.infer([{"counts": "x"}], LINK, ["water.a"])),
     ("measurements.gain", lambda: mt.infer({"gain": [[1], [1, 2]]}, LINK, ["water.a"])),
     ("constraints", lambda: mt.optimize(LINK, SEA, OVER, "gain", 1.0)),
     ("over", lambda: mt.optimize(LINK, SEA, {"foo.bar": (10.0, 60.0)})),

@@ -211,6 +211,7 @@ def test_few_samples_are_said():
         mt.simulate(link, FlatSea(), photons=320, seed=1)
 
 
+@pytest.mark.filterwarnings("ignore:.*joined photons contribute:meshtrace.FewSamplesWarning")
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 8))]
 )

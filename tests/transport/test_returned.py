@@ -9,6 +9,7 @@ import pytest
 import meshtrace as mt
 from meshtrace.errors import DomainWarning
 from meshtrace.surfaces import FlatSea, JonswapSea
+from meshtrace.transport.outcome import warn_of_omitted
 from meshtrace.transport.returned import returned_gain
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning")
@@ -78,9 +79,10 @@ def test_closed_estimate_of_deep_lamps(name):
     check(*DEEP[name])
 
 
-def test_maps_warn_of_the_share_that_they_omit():
+def test_the_warning_of_maps_names_the_share_and_the_remedy():
+    once = mt.simulate(link_of(depth=3.0, reflected="kill"), FLAT, photons=2048, seed=1)
     with pytest.warns(DomainWarning, match=r"about [78] % .*estimator=.analog. follows it"):
-        mt.coverage_map(link_of(depth=3.0), FLAT, 0.5, 0.5, photons=2048, seed=1)
+        warn_of_omitted(link_of(depth=3.0), once.gains)
 
 
 def test_nothing_returns_where_it_is_ended_or_not_scattered():

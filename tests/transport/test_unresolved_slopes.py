@@ -226,8 +226,8 @@ def mean_without_seas(sea, link=BEAM, photons=1024, seeds=range(BATCHES)):
 @pytest.mark.statistical
 def test_default_sea_has_the_closed_mean():
     """40 seas of the default link, with the chains of the closed mean."""
-    sea = JonswapSea()
-    gain = mt.ensemble(mt.Link(), 40, sea, photons=512, seed=1).gain
+    sea, means = JonswapSea(), mt.Scenario.from_toml("[run]\nfading = false")
+    gain = mt.ensemble(means, 40, photons=512, seed=1).gain
     stderr = gain.std(ddof=1) / math.sqrt(len(gain))
     closed = float(mean_without_seas(sea, mt.Link(), 512, [1])[0])
     assert stderr < 0.015 * closed
