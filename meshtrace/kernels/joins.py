@@ -95,10 +95,7 @@ PHOTON = np.dtype(
         ("importance", float),  # of the start
         ("copies", np.int64),  # that wait
         ("is_guided", np.int64),  # whether copies take directions to the targets
-        (
-            "aimed",
-            np.int64,
-        ),  # direction that a copy takes: 0 by the phase function, 1 ... by target
+        ("aimed", np.int64),  # a copy's direction: 0 by the phase function, 1 ... by target
     ]
 )
 """A joined photon under way."""
@@ -147,7 +144,7 @@ class Joins(NamedTuple):
     water: AngleTable
     bubble: AngleTable
     locator: Locator  # of a mesh that is no grid
-    facets: NDArray[np.void]  # FACET, of a wavy mesh without random slopes
+    facets: NDArray[np.void]  # (0,) FACET, for the type of `Scene`
     spread: float  # standard deviation of the law of slopes
     decay: float  # of the chance of a connection with the depth [m-1]
     b: float  # mean scattering of the water [m-1]
@@ -210,9 +207,9 @@ def _scene(i, world):
         center, axis, _vector(t.e1), _vector(t.e2), t.area, t.radius, t.cos_half_fov,
         t.tan_half_fov, t.reach, t.sin_widest, t.is_lamp, lamp,
     )  # fmt: skip
-    no_facets = world.joins.facets
-    surface, bins = world.surface, world.joins.locator
-    return Scene(lamp, target, surface, bins, no_facets, world.medium, world.interface, False)
+    joins, surface = world.joins, world.surface
+    bins, none = joins.locator, joins.facets
+    return Scene(lamp, target, surface, bins, none, world.medium, world.interface, False)
 
 
 @inlined
