@@ -188,7 +188,7 @@ def plot_performance(
     if len(performance.depths) == 1:
         ax.set_title(f"depth {performance.depths[0]:g} m", loc="left")
     if f"{quantity}_low" in shown:
-        seas = np.size(performance.fades[0].samples)
+        seas = performance.provenance["realizations"]
         light = verbatim(name_of_light(performance.light))
         band = f"n = {seas} seas, band: {100.0 * performance.confidence:g} %"
         note(ax, f"{band}, background light: {light}")

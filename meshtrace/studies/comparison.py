@@ -214,20 +214,20 @@ def compare(
     the chains, for several from the scatter over the seas.
 
     Bit error rates are those of the receiver of each scenario ("physical" without one), averaged
-    over the seas, with the mean background over up to 16 of them.
+    over the seas, with the mean background over up to 16 of them. For these a sea whose band was
+    left open has all waves that make the light of each link fade (`fading.resolve_band`).
     """
     if not isinstance(links, Mapping) or len(links) < 2:
         found = sorted(links) if isinstance(links, Mapping) else Described(type(links).__name__)
         raise Refused("links", found, "a mapping of two or more names to links")
     require_whole(realizations, 1, 10_000_000, "realizations")
+    lit = daylight is not None or any(getattr(link, "daylight", None) for link in links.values())
+    options = {"photons": photons, "seed": seed, "normals": normals, "threads": threads}
     inputs = {}
     for name, link in links.items():
         try:
-            inputs[str(name)] = _single(
-                resolve_chains(
-                    link, surface, photons=photons, seed=seed, normals=normals, threads=threads
-                )
-            )
+            found = resolve_chains(link, surface, fading=lit and realizations > 1, **options)
+            inputs[str(name)] = _single(found)
         except Refused as error:
             raise error.inside("links", str(name)) from None
     over = _joint(list(inputs.values()))

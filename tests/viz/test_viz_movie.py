@@ -101,7 +101,7 @@ def test_digits_of_the_gallery_are_those_of_their_time(tmp_path):
     scene = np.full((height, width, 3), 180, np.uint8)
     drawn = [frame.draw(scene, float(t)) for t in times]
     path = tmp_path / "a.mp4"
-    movie._write_movie(path, drawn, movie.writer_options(path, 20.0, quality), None)
+    movie._write_movie(path, drawn, len(drawn), movie.writer_options(path, 20.0, quality), None)
     title = np.s_[60:85, 960:1200]
     changes = [np.abs(b[title].astype(int) - a[title]).max() for a, b in pairwise(drawn)]
     assert min(changes) > 150

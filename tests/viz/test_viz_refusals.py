@@ -140,7 +140,7 @@ def check(name, arguments, folder):
     except Refused as error:
         text = str(error)
         assert "allowed: " in text
-        assert len(text) < 500
+        assert len(text) < 800
         return True
     except OSError as error:
         assert error.filename is not None
