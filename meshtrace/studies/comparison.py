@@ -226,8 +226,8 @@ def compare(
     inputs = {}
     for name, link in links.items():
         try:
-            found = resolve_chains(link, surface, fading=lit and realizations > 1, **options)
-            inputs[str(name)] = _single(found)
+            resolved = resolve_chains(link, surface, fading=lit and realizations > 1, **options)
+            inputs[str(name)] = _single(resolved)
         except Refused as error:
             raise error.inside("links", str(name)) from None
     over = _joint(list(inputs.values()))

@@ -263,7 +263,7 @@ def test_two_sessions_do_not_mix():
 
 @pytest.mark.thorough
 def test_warnings_are_notes_of_their_gain(session):
-    session.move({"depth": 60.0, "fov": 180.0, "tilt": 60.0})
+    session.move({"tilt": 60.0, "fov": 20.0})
     assert session.wait(240.0)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
