@@ -19,7 +19,7 @@ from typing import Any
 from aiohttp import web
 
 _POLICY = (
-    "default-src 'self'; connect-src 'self' ws://{host}; img-src 'self' data: blob:; "
+    "default-src 'self'; connect-src 'self' data: blob: ws://{host}; img-src 'self' data: blob:; "
     "font-src 'self' data:; style-src 'self' 'unsafe-inline'; "
     "script-src 'self' 'unsafe-eval' {scripts}; "  # Vue compiles the template in the browser
     "object-src 'none'; base-uri 'self'; form-action 'none'; frame-ancestors 'none'"
