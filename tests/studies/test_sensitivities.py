@@ -229,6 +229,7 @@ WAVES = JonswapSea(wind_speed=5.0, omega_min=1.0, omega_max=3.0, d_omega=0.1, se
 @pytest.mark.parametrize("way", ["up", "down"])
 @pytest.mark.filterwarnings("ignore::meshtrace.errors.DomainWarning")
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*scattering chains miss part:meshtrace.FewSamplesWarning")
 def test_every_key_against_differences(way, view, sea):
     link, fov = NARROW[way]
     if view == "narrow":
