@@ -23,12 +23,9 @@ from meshtrace.kernels.interface import branches
 from meshtrace.kernels.jit import NO, YES, entry, inlined, outlined
 from meshtrace.kernels.joins import (
     copies_of,
-    head,
-    heading,
     importance,
     join_collision,
     join_crossing,
-    place,
     redirect,
     survives,
 )
@@ -41,6 +38,7 @@ from meshtrace.kernels.medium import (
 )
 from meshtrace.kernels.phase import sample_s
 from meshtrace.kernels.photon_grid import UNKNOWN, grid_facet
+from meshtrace.kernels.photon_state import head, heading, place
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
 from meshtrace.kernels.sources import lambert_reflection, launch

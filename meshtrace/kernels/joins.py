@@ -45,6 +45,7 @@ from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import Medium, depth_between, scattering_coefficients
 from meshtrace.kernels.phase import AngleTable, phase_at
 from meshtrace.kernels.photon_grid import Grid, facet_over
+from meshtrace.kernels.photon_state import head, heading, place
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import Bvh, first_facet
 from meshtrace.kernels.scene import (
@@ -400,24 +401,6 @@ def _score(q, i, light, water, air, world):
     if n < len(world.arrivals):
         a = world.arrivals[n]
         a.photon, a.receiver, a.weight, a.water, a.air = q.id, i, light, water, air
-
-
-@inlined
-def place(q):
-    """Return the position of a photon."""
-    return Vec3(q.x, q.y, q.z)
-
-
-@inlined
-def heading(q):
-    """Return the direction of a photon."""
-    return Vec3(q.dx, q.dy, q.dz)
-
-
-@inlined
-def head(q, d):
-    """Turn a photon to d."""
-    q.dx, q.dy, q.dz = d.x, d.y, d.z
 
 
 @outlined
