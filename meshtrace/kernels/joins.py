@@ -119,6 +119,7 @@ TARGET = np.dtype(
         ("lamp_spread", float),
         ("lamp_norm", float),
         ("share", float),  # factor on its scores
+        ("first", np.int64),  # crossing from which on light is scored; 2: reflected first
         ("sloped", float),  # share of the points that drawn slopes land on, instead of even ones
         ("seen", float, (3,)),  # point of still water that it sees, and its surroundings [m]
     ]
@@ -140,7 +141,7 @@ class Joins(NamedTuple):
     """Ends that photons are joined to."""
 
     target: NDArray[np.void]  # (n,) TARGET
-    first: int  # crossing from which on light is scored; 2: reflected first
+    first: int  # least of the targets' first crossings that are scored
     direct: bool  # score unscattered light, too
     water: AngleTable
     bubble: AngleTable
@@ -419,6 +420,8 @@ def join_crossing(q, facet, world):
     n = normal_on(p, facet, world.surface)
     u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
     for i in range(len(joins.target)):
+        if q.reflections + 1 < joins.target[i].first:
+            continue
         scene = _scene(i, world)
         found, goal = True, _goal(scene.target, u, v)
         if lot < joins.target[i].sloped:
@@ -467,6 +470,8 @@ def join_collision(q, at_bottom, world):
     c, s = on_circle(t)
     rough = is_rough(world.surface.roughness)
     for i in range(len(joins.target)):
+        if q.reflections + 1 < joins.target[i].first:
+            continue
         scene = _scene(i, world)
         goal = _goal(scene.target, u, v)
         still = still_crossing(start, goal, level, scene)

@@ -9,6 +9,7 @@ down photons run backwards, from a receiver in the water to the lamps.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -110,6 +111,13 @@ class JoinedParts:
         rows = zip(self.scored[part], effective, strict=True)
         return [ScatteredSamples("joined photons", self.photons, int(k), float(e)) for k, e in rows]
 
+    def of(self, receivers: NDArray[np.intp]) -> JoinedParts:
+        """Return the parts of some receivers."""
+        rows = None if self.arrivals is None else [self.arrivals[i] for i in receivers]
+        counts = self.scored[:, receivers], self.square[:, receivers]
+        groups, orders = self.groups[:, receivers], self.orders[receivers]
+        return JoinedParts(self.photons, groups, orders, *counts, rows)
+
     @property
     def stderr(self) -> Floats:
         """Standard errors of the parts, shape (3, receivers)."""
@@ -131,8 +139,8 @@ class JoinedPhotons:
         Normals interpolated from the corners, or those of the facets.
     threads : int
         Threads; results do not depend on them.
-    first : int
-        1, or 2 for light alone that the surface reflects first.
+    first : int or sequence of int
+        1, or 2 for light alone that the surface reflects first; of all receivers or of each.
     direct : bool
         Score unscattered light, too; only with random slopes.
 
@@ -154,7 +162,7 @@ class JoinedPhotons:
         seed: int,
         normals: str = "vertex",
         threads: int = 1,
-        first: int = 1,
+        first: int | Sequence[int] = 1,
         direct: bool = False,
     ) -> None:
         require_followable(link)
@@ -163,7 +171,8 @@ class JoinedPhotons:
                 raise Refused(f"physics.{name}", getattr(link.physics, name), f'"{kept}"')
         self.link, self.photons, self.seed = link, photons, seed
         self._normals, self._threads = normals, threads
-        self._first, self._direct = first, direct
+        self._first = [int(k) for k in np.broadcast_to(first, len(link.receivers))]
+        self._direct = direct
 
     def evaluate(
         self,
@@ -194,16 +203,21 @@ class JoinedPhotons:
         intersector = given or EmbreeIntersector(local, 1)
         link = self.link
         if link.direction == "up":
-            targets = [target_of(r, frame) for r in link.receivers]
-            world = self._world(frame, intersector, None, targets, np.ones(len(targets)))
-            return self._parts([self._follow(world, intersector, arrivals)], frame, arrivals)
+            # sorted, so that results do not depend on the order of the receivers
+            order = sorted(range(len(link.receivers)), key=lambda i: repr(link.receivers[i]))
+            targets = [target_of(link.receivers[i], frame) for i in order]
+            first = [self._first[i] for i in order]
+            world = self._world(frame, intersector, None, targets, np.ones(len(targets)), first)
+            parts = self._parts([self._follow(world, intersector, arrivals)], frame, arrivals)
+            return parts.of(np.argsort(order))
         power = np.array([t.power_mw for t in link.transmitters])
         lamps = [lamp_target(t, link, frame) for t in link.transmitters if isinstance(t, AirLamp)]
         runs = []
-        for end in link.receivers:
+        for end, scored in zip(link.receivers, self._first, strict=True):
             emitter = emitter_of(end, frame)
             share = emitter.power * power / power.sum()
-            world = self._world(frame, intersector, emitter, lamps, share)
+            firsts = [scored] * len(lamps)
+            world = self._world(frame, intersector, emitter, lamps, share, firsts)
             runs.append(self._follow(world, intersector, arrivals))
         return self._parts(runs, frame, arrivals)
 
@@ -214,12 +228,13 @@ class JoinedPhotons:
         start: Emitter | None,
         targets: list[Target],
         share: Floats,
+        first: list[int],
     ) -> World:
         """Return the inputs of photons from the sources, or backwards from one receiver."""
         link = self.link
         surface = surface_arrays(intersector.mesh, self._normals, link.physics.unresolved)
         if not is_flat(surface) and max(surface.roughness[:2]) == 0.0:
-            if self._first == 1:
+            if min(first) == 1:
                 smooth = Described("waves without random slopes")
                 raise Refused("surface", smooth, "random slopes, or a flat sea")
             surface = surface._replace(roughness=Roughness(_TILT, _TILT, 1.0, 0.0))
@@ -227,7 +242,7 @@ class JoinedPhotons:
         medium = with_raster(frame.medium(expected_water(link, crest)), intersector)
         sources = frame.sources(source_arrays(link, crest)) if start is None else _reversed(start)
         grid = grid_arrays(intersector.mesh)
-        joins = self._joins(surface, grid, targets, share, frame)
+        joins = self._joins(surface, grid, targets, share, first, frame)
         none = np.zeros(0, ARRIVAL), np.zeros(1, np.int64)
         return World(
             0, np.uint64(self.seed), sources, surface, grid, medium, interface_arrays(link), joins,
@@ -236,7 +251,13 @@ class JoinedPhotons:
         )  # fmt: skip
 
     def _joins(
-        self, surface: Surface, grid: Grid, targets: list[Target], share: Floats, frame: Frame
+        self,
+        surface: Surface,
+        grid: Grid,
+        targets: list[Target],
+        share: Floats,
+        first: list[int],
+        frame: Frame,
     ) -> Joins:
         """Return the targets, and what guides the photons to them."""
         link = self.link
@@ -257,6 +278,7 @@ class JoinedPhotons:
         rows = np.zeros(len(targets), TARGET)
         blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across
         blur *= (link.water.n / link.n_air - 1.0) ** 2
+        rows["first"] = first
         for row, target, part in zip(rows, targets, share, strict=True):
             _fill(row, target, part, 1.0 / (a + b))
             if not target.is_lamp and rough > 0.0:
@@ -265,7 +287,7 @@ class JoinedPhotons:
         spread = _SPREAD * math.sqrt(rough + mesh_slopes)
         decay = _DECAY * (a + b)
         shares = 0.0 if rough > 0.0 else _LOBE, 0.0 if window.diffuse else _CONE
-        ends = rows, self._first, self._direct, water, bubble, bins, np.zeros(0, FACET)
+        ends = rows, min(first), self._direct, water, bubble, bins, np.zeros(0, FACET)
         return Joins(*ends, spread, decay, b, *shares, window)
 
     def _follow(self, world: World, intersector: EmbreeIntersector, arrivals: bool) -> _Run:
