@@ -20,7 +20,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.tallies import standard_error
 from meshtrace.transport.analog import run_analog
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.frame import frame_of
 from meshtrace.transport.meshing import FADING_SPACING, mesh_for
@@ -154,11 +154,11 @@ def figure_of_merit(
         over the root mean square of their standard errors; gains and standard errors.
     """
     intersector = EmbreeIntersector(mesh, 1)
-    crest = float(mesh.bounds[1, 2])
+    sea = TypicalSea.of([mesh])
     gains, stated, setup = [], [], []
     for seed in range(seeds):
         start = process_time()
-        forced = ForcedDetection(link, chains, seed, threads=1, crest=crest)
+        forced = ForcedDetection(link, chains, seed, threads=1, sea=sea)
         setup.append(process_time() - start)
         parts = forced.evaluate(mesh)
         gains.append(float(parts.gain[0]))
@@ -221,9 +221,9 @@ def new_sea(link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5) -> dict[s
     for seed in range(rounds + 1):  # the first warms up
         start = process_time()
         mesh, _ = mesh_for(link, sea.with_seed(1000 + seed), reach=reach)
-        crest, meshed = float(mesh.bounds[1, 2]), process_time()
+        sea, meshed = TypicalSea.of([mesh]), process_time()
         while True:
-            forced = ForcedDetection(link, chains, seed, threads=1, crest=crest)
+            forced = ForcedDetection(link, chains, seed, threads=1, sea=sea)
             made = process_time()
             parts = forced.evaluate(mesh)
             reached = float(parts.stderr[0]) / float(parts.gain[0])
@@ -279,7 +279,7 @@ def resolved_sea(
     gain = new_sea(link, sea, rtol, rounds)
     reach, chains = crossing_reach(link), gain["chains"]
     mesh, _ = mesh_for(link, sea, reach=reach, per_wave=FADING_SPACING)
-    forced = ForcedDetection(link, chains, 1, threads=1, crest=1.5 * float(mesh.bounds[1, 2]))
+    forced = ForcedDetection(link, chains, 1, threads=1, sea=TypicalSea.of([mesh], MANY_SEAS))
     aimed = forced.over(mesh)
     (direct,) = best_of(3, lambda: aimed.direct_gains(0, 0))
     start = process_time()

@@ -2,7 +2,8 @@
 
 Photons are those of `meshtrace.kernels.photon` without the light that leaves the water: that is
 expected by `meshtrace.kernels.joins` at each crossing and collision. A weight window plays Russian
-roulette with photons of small weight times importance and splits those of a large one.
+roulette with photons of small weight times importance and splits those of a large one. In clear
+water collisions are `Joins.often` times as frequent as those of light, and count by the inverse.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from meshtrace.kernels.interface import branches
 from meshtrace.kernels.jit import NO, YES, entry, inlined, outlined
 from meshtrace.kernels.joins import (
     copies_of,
+    guide_start,
     importance,
     join_collision,
     join_crossing,
@@ -35,6 +37,7 @@ from meshtrace.kernels.medium import (
     collide,
     sample_free_path,
     scattering_coefficients,
+    scattering_path,
 )
 from meshtrace.kernels.phase import sample_s
 from meshtrace.kernels.photon_grid import UNKNOWN, grid_facet
@@ -49,15 +52,22 @@ _LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets
 
 
 @inlined
+def _draw_path(q, u, world):
+    """Draw the way to the next collision."""
+    q.free = sample_free_path(world.medium, place(q), u) / world.joins.often
+
+
+@inlined
 def _start(q, photon, world):
     """Start a photon at its source."""
-    p, d, _, u_path = launch(world.sources, world.seed, photon)
+    p, d, source, u_path = launch(world.sources, world.seed, photon)
+    d, q.weight = guide_start(d, p, source, photon, world)
     q.x, q.y, q.z = p.x, p.y, p.z
     head(q, d)
-    q.weight, q.water, q.id, q.event, q.order, q.reflections = 1.0, 0.0, photon, 0, 0, 0
+    q.water, q.id, q.event, q.order, q.reflections = 0.0, photon, 0, 0, 0
     q.density, q.copies, q.is_guided, q.aimed = 0.0, 0, 0, 0
     q.importance = importance(p, world.joins)
-    q.free = sample_free_path(world.medium, p, u_path)
+    _draw_path(q, u_path, world)
 
 
 @outlined
@@ -78,11 +88,14 @@ def _facet_ahead(q, world):
 @inlined
 def _fly(q, length, world):
     """Move a photon through the water."""
-    z = q.z
+    start, often = place(q), world.joins.often
     q.x, q.y, q.z = q.x + length * q.dx, q.y + length * q.dy, q.z + length * q.dz
     q.water += length
     if world.medium.absorption == Absorption.CONTINUOUS:
-        q.weight *= math.exp(-absorption_path(world.medium, z, q.z, length))
+        tau = absorption_path(world.medium, start.z, q.z, length)
+        if often > 1.0:
+            tau -= (often - 1.0) * scattering_path(world.medium, start, place(q), length)
+        q.weight *= math.exp(-tau)
 
 
 @outlined
@@ -108,7 +121,7 @@ def _reflect(q, facet, world):
     q.x, q.y, q.z = at.x, at.y, at.z
     head(q, reflected)
     _, u_path, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
-    q.free = sample_free_path(medium, at, u_path)
+    _draw_path(q, u_path, world)
     return True
 
 
@@ -127,7 +140,7 @@ def _bounce(q, world):
     head(q, lambert_reflection(u_cos, u_phi))
     if q.density > 0.0:
         q.density = q.dz / math.pi
-    q.free = sample_free_path(world.medium, place(q), u_path)
+    _draw_path(q, u_path, world)
     return True
 
 
@@ -140,6 +153,9 @@ def _scatter(q, world):
     if q.weight == 0.0:
         return False
     if s >= 0.0:
+        q.weight /= world.joins.often
+        if q.order == 0:
+            q.importance /= world.joins.often  # no roulette for it
         join_collision(q, NO, world)
         if not survives(q, -1.0, world):
             return False
@@ -149,7 +165,7 @@ def _scatter(q, world):
             q.copies += 1
             world.photon[q.copies] = q
         redirect(q, s, u_phi, world)
-    q.free = sample_free_path(world.medium, place(q), u_path)
+    _draw_path(q, u_path, world)
     return True
 
 
@@ -168,14 +184,14 @@ def _resume(q, world):
     if u_kind * (b + bubbles) >= b:
         phase = world.medium.phase_bubble
     redirect(q, sample_s(phase, u_theta), u_phi, world)
-    q.free = sample_free_path(world.medium, place(q), u_path)
+    _draw_path(q, u_path, world)
 
 
 @outlined
 def _walk(q, world):
     """Follow a photon to its end."""
     low, bottom = world.surface.low[2], world.medium.bottom_z
-    alive = True
+    alive = q.weight > 0.0
     while alive and q.event < world.events:
         t, facet = q.free, np.int64(-1)
         if q.z + t * q.dz > low or (q.z >= low and q.dz > -1.0):

@@ -57,7 +57,7 @@ from meshtrace.kernels.scene import (
     height_on,
     locate,
 )
-from meshtrace.kernels.sources import Sources
+from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.vectors import (
     ORIGIN,
     TWO_PI,
@@ -149,7 +149,9 @@ class Joins(NamedTuple):
     facets: NDArray[np.void]  # (0,) FACET, for the type of `Scene`
     spread: float  # standard deviation of the law of slopes
     decay: float  # of the chance of a connection with the depth [m-1]
-    b: float  # mean scattering of the water [m-1]
+    b: float  # mean rate of collisions [m-1]
+    often: float  # rate of collisions, over that of light
+    start: float  # share of the photons that start over the cones to what the targets see
     lobe: float  # share of directions drawn about the ways to the targets
     cone: float  # share of those drawn even over the cones to what they see
     window: Window
@@ -586,6 +588,40 @@ def _cone_to(i, p, world):
     return scaled(1.0 / distance, way), edge
 
 
+@inlined
+def _cone_density(d, p, world):
+    """Return the density of directions even over the cones to what the targets see [sr-1]."""
+    n, total = len(world.joins.target), 0.0
+    for i in range(n):
+        axis, edge = _cone_to(i, p, world)
+        if 0.5 * (1.0 - dot(d, axis)) <= edge:
+            total += 1.0 / (n * 4.0 * math.pi * edge)
+    return total
+
+
+@outlined
+def guide_start(d, p, source, photon, world):
+    """Return (direction, weight) of a new photon, guided to what the targets see or not.
+
+    Array twin: photons without `Joins.start`.
+    Defensive mixture: a share of the photons of a wide lamp starts evenly over the cones, where
+    its own light may be too little to be drawn.
+    """
+    share, sources = world.joins.start, world.sources
+    kind, m = sources.kind[source], sources.spread[source]
+    if share == 0.0 or (kind != SourceKind.LED and kind != SourceKind.ISOTROPIC):
+        return d, 1.0
+    lot, u, v, _ = uniforms(world.seed, photon, 0, Purpose.GUIDE.value)
+    if lot < share:
+        n = len(world.joins.target)
+        axis, edge = _cone_to(min(int(lot / share * n), n - 1), p, world)
+        d = turn(axis, u * edge, v)
+    own = 0.25 / math.pi
+    if kind == SourceKind.LED:
+        own = (m + 1.0) / TWO_PI * max(dot(d, row(sources.axis, source)), 0.0) ** m
+    return d, own / ((1.0 - share) * own + share * _cone_density(d, p, world))
+
+
 @outlined
 def _drawn_density(d, own, guide, start, world):
     """Return the density of all directions drawn behind a collision [sr-1].
@@ -598,10 +634,8 @@ def _drawn_density(d, own, guide, start, world):
         if guide.lobe > 0.0:
             way = _way_to(i, start, guide.level, world)
             total += guide.lobe / n * mixed_phase(dot(d, way), start, world)
-        if guide.cone > 0.0:
-            axis, edge = _cone_to(i, start, world)
-            if 0.5 * (1.0 - dot(d, axis)) <= edge:
-                total += guide.cone / (n * 4.0 * math.pi * edge)
+    if guide.cone > 0.0:
+        total += guide.cone * _cone_density(d, start, world)
     return total
 
 

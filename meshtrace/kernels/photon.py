@@ -41,7 +41,8 @@ def _start(q, photon, world):
     if is_backward(world.back):
         p, d, in_water, u_path = launch_back(world.back, world.seed, photon)
     else:
-        p, d, in_water, u_path = launch(world.sources, world.seed, photon)
+        p, d, source, u_path = launch(world.sources, world.seed, photon)
+        in_water = world.sources.in_water[source]
     put(q, p)
     head(q, d)
     q.weight, q.water, q.air = 1.0, 0.0, 0.0

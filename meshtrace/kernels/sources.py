@@ -82,7 +82,7 @@ def emission_s(kind, spread, u):
 
 @inlined
 def launch(sources, seed, photon):
-    """Return position, direction, medium and a spare uniform of a new photon.
+    """Return position, direction, source and a spare uniform of a new photon.
 
     Array twin: the closed-form distributions, chi-square tested.
     Two uniforms make the direction; extended sources draw two more for the position.
@@ -104,7 +104,7 @@ def launch(sources, seed, photon):
         d = turn(axis, 0.5 * (1.0 - cos_theta), u1)
     if size > 0.0:
         p = _spread_out(kind, p, axis, size, seed, photon)
-    return p, d, sources.in_water[i], u2
+    return p, d, i, u2
 
 
 @outlined

@@ -54,7 +54,7 @@ class ScatteredSamples(NamedTuple):
 
     Attributes
     ----------
-    estimator : {"chains", "adjoint paths"}
+    estimator : {"chains", "joined photons"}
         Chains aimed at the aperture, or paths from it.
     samples, scored : int
         Number of samples, and of samples with a contribution.
@@ -91,7 +91,7 @@ class GainResult(WithArrays, Stored):
     gain, gain_stderr : float or ndarray, shape (receivers,)
         Fraction of the emitted power that each receiver collects, and its standard error.
     photons : int
-        Photons launched (analog), or chains or adjoint paths (forced).
+        Photons launched (analog), or chains or joined photons (forced).
     fates : dict of str to FateTally
         Photons and weight by fate; empty for the forced estimator.
     gain_bound : same as gain, or None

@@ -26,12 +26,10 @@ from meshtrace.results.series import GainSeries
 from meshtrace.stored import Stored
 from meshtrace.studies.inputs import Inputs, resolve_chains, with_all_ends
 from meshtrace.studies.series import gain_series
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import FADING_SPACING, mesh_for
 from meshtrace.transport.parts import Parts
-
-_CREST_MARGIN = 1.5  # over the highest crest of the first surface: later ones may be higher
 
 
 class JointOutage(NamedTuple):
@@ -258,9 +256,9 @@ def _pairs(
         meshing = both.meshing.replace(time=time)
         return mesh_for(both.link, sea, meshing, reach, FADING_SPACING)[0]
 
-    crest = _CREST_MARGIN * float(mesh(surfaces[0]).bounds[1, 2])
+    typical = TypicalSea.of([mesh(surfaces[0])], MANY_SEAS)
     forced = [
-        ForcedDetection(i.link, i.run.photons, i.run.seed, i.meshing.normals, crest=crest)
+        ForcedDetection(i.link, i.run.photons, i.run.seed, i.meshing.normals, sea=typical)
         for i in pair
     ]
 

@@ -20,7 +20,7 @@ from meshtrace.parallel import ordered_map, paced, trim_memory
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.inputs import Inputs, resolve_chains
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.transport.parts import Parts
 from meshtrace.uav.airframe import Flight, FlightRecord, Uav
 from meshtrace.uav.route import Route
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
 
 _STATISTICS = 50  # gains, the least for a comparison with the closed form
-_CREST_MARGIN = 1.5  # over the highest crest of the first surfaces: later ones may be higher
 _TRIM_EVERY = 16  # surfaces, after which free memory returns to the system
 
 
@@ -255,9 +254,9 @@ def common_chains(
         return forced.evaluate(surface if isinstance(surface, TriangleMesh) else mesh(surface))
 
     first = [mesh(surface) for surface in islice(surfaces, 4)]
-    crest = _CREST_MARGIN * max(float(mesh.bounds[1, 2]) for mesh in first)
+    typical = TypicalSea.of(first, MANY_SEAS)
     run, normals = inputs.run, inputs.meshing.normals
-    forced = ForcedDetection(inputs.link, run.photons, run.seed, normals, crest=crest)
+    forced = ForcedDetection(inputs.link, run.photons, run.seed, normals, sea=typical)
     jobs: Iterator[TriangleMesh | tuple[MeshSource, float]] = chain(first, surfaces)
     return ordered_map(evaluate, jobs, inputs.threads)
 
@@ -289,11 +288,11 @@ def _moved(link: Link, changes: dict[str, Any]) -> Link:
 def _frames(inputs: Inputs, times: Floats, links: list[Link]) -> Iterator[Parts]:
     """Yield the parts of the gain of a link at each time, with chains of the same numbers."""
     sea, run, normals = inputs.surface, inputs.run, inputs.meshing.normals
-    crest = _CREST_MARGIN * float(inputs.mesh(links[0], sea, float(times[0])).bounds[1, 2])
+    typical = TypicalSea.of([inputs.mesh(links[0], sea, float(times[0]))], MANY_SEAS)
 
     def frame(i: int) -> Parts:
         mesh = inputs.mesh(links[i], sea, float(times[i]))
-        forced = ForcedDetection(links[i], run.photons, run.seed, normals, crest=crest)
+        forced = ForcedDetection(links[i], run.photons, run.seed, normals, sea=typical)
         return forced.evaluate(mesh)
 
     return ordered_map(frame, range(len(times)), inputs.threads)

@@ -1,36 +1,40 @@
 """Choice of the estimator of the scattered light, receiver by receiver.
 
-Chains that are aimed at the aperture are efficient where light arrives by small angles; where it
-arrives by large angles only, or after many scatterings, paths from the receiver are. Pilots of both
-over a flat sea decide; those of the chains also allot their numbers to the orders.
+Chains that are aimed at the aperture are efficient where a lamp lights much of the surface and
+light arrives by small angles; for beams narrower than the spread by random slopes, large angles
+and many scatterings joined photons are. Pilots of both over still water decide; those of the
+chains also allot their numbers to the orders.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.kernels.joins import SCATTERED
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.chain_sets import TURBID, ChainDrawer
+from meshtrace.transport.chain_sets import TURBID, ChainDrawer, ChainSet
 from meshtrace.transport.forced_link import ForcedLink
+from meshtrace.transport.joined import JoinedParts
 
 _PILOT = 128  # chains of each order in the first pilot
 _PILOT_GROWTH, _PILOT_STEPS = 4, 3  # further pilots of an order without a hit
 _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
 
-Method = Literal["chains", "adjoint"]
+Method = Literal["chains", "joined"]
 
-PILOT_PATHS = 2048
-"""Adjoint paths of a pilot for each source and receiver."""
+PILOT_PHOTONS = 4096
+"""Joined photons of a pilot."""
 
 _EFFICIENT = 4.0  # relative variance of a chain up to which no other estimator is tried
-_COST = 3.0  # time of a chain over that of an adjoint path
+_COST = 3.0  # time of a chain over that of a joined photon
 _TURBID_COST = 2.0  # the same in turbid water, times the scatterings on the way
-_HALF = 0.5  # of the light of the paths: chains that see less are not trusted, however sure
+_HALF = 0.5  # of the light of the photons: chains that see less are not trusted, however sure
 _SURE = 10.0  # means over standard errors: that of 100 equal samples
 _DOUBT = 3.5  # standard errors by which the pilots may differ: beyond, chains miss light
 
@@ -55,9 +59,17 @@ class Pilot(NamedTuple):
 
 
 def pilot(
-    drawer: ChainDrawer, source: int, seed: tuple[int, int], receivers: int, threads: int
+    drawer: ChainDrawer,
+    source: int,
+    seed: tuple[int, int],
+    score: Callable[[ChainSet], Floats],
+    receivers: int,
+    threads: int,
 ) -> Pilot:
-    """Return the statistics of pilot chains; orders without a score get more of them."""
+    """Return the statistics of pilot chains by their scores, shape (receivers, chains).
+
+    Orders without a score get more of them.
+    """
     orders = drawer.last_order(source)
     chains = np.zeros(orders, np.int64)
     mean, spread = np.zeros((receivers, orders)), np.zeros((receivers, orders))
@@ -67,7 +79,7 @@ def pilot(
         n = _PILOT // SHIFTS
         for step in range(_PILOT_STEPS):
             chosen = drawer.draw(source, order, n, (*seed, order, 2 + step))
-            scores = drawer.flat_scores(source, chosen)
+            scores = score(chosen)
             if np.count_nonzero(scores, axis=1).min() >= 4:
                 break
             n *= _PILOT_GROWTH
@@ -120,6 +132,12 @@ class ScatteredPilot(NamedTuple):
     variance: Floats
     stderr: Floats
 
+    @classmethod
+    def of(cls, photons: JoinedParts) -> ScatteredPilot:
+        """Return the pilot of joined photons, without light that the surface reflects first."""
+        mean, square = photons.parts[SCATTERED], photons.square[SCATTERED]
+        return cls(mean, square - mean**2, photons.stderr[SCATTERED])
+
 
 def chain_pilot(pilots: list[Pilot], link: ForcedLink) -> ScatteredPilot:
     """Combine the pilots of the sources, for the optimal allotment of chains.
@@ -143,27 +161,26 @@ def is_clear(chains: ScatteredPilot) -> NDArray[np.bool_]:
 
 
 def chain_cost(expected: float) -> float:
-    """Return the time of a chain over that of an adjoint path.
+    """Return the time of a chain over that of a joined photon.
 
-    In turbid water paths are scattered many times more than light on the way: measured 0.2 and
-    0.1 at 10 and 20 scatterings on the way.
+    In turbid water photons are scattered many times more than light on the way.
     """
     return _COST if expected < TURBID else _TURBID_COST / expected
 
 
-def choose(chains: ScatteredPilot, paths: ScatteredPilot, expected: float = 0.0) -> list[Method]:
+def choose(chains: ScatteredPilot, photons: ScatteredPilot, expected: float = 0.0) -> list[Method]:
     """Choose the estimator with the smaller variance times time for each receiver.
 
-    Chains that miss much of the light have a small variance: where the paths find twice
+    Chains that miss much of the light have a small variance: where the photons find twice
     the light or more than chance allows, or few chains bring all of it, chains are not trusted.
-    With many scatterings `expected` on the way single paths near the source make the tail of the
-    paths: twice the light counts there only beyond two of their standard errors.
+    With many scatterings `expected` on the way few photons bring much of the light: twice the
+    light counts there only beyond two of their standard errors.
     """
-    missed = paths.mean - chains.mean > _DOUBT * np.hypot(paths.stderr, chains.stderr)
-    certain = 2.0 * paths.stderr if expected >= TURBID else 0.0
-    missed |= (chains.mean < _HALF * paths.mean) & (paths.mean - chains.mean > certain)
-    slower = chains.variance * chain_cost(expected) > paths.variance
+    missed = photons.mean - chains.mean > _DOUBT * np.hypot(photons.stderr, chains.stderr)
+    certain = 2.0 * photons.stderr if expected >= TURBID else 0.0
+    missed |= (chains.mean < _HALF * photons.mean) & (photons.mean - chains.mean > certain)
+    slower = chains.variance * chain_cost(expected) > photons.variance
     few = chains.mean < _SURE * chains.stderr
-    surer = paths.stderr * chains.mean < chains.stderr * paths.mean
-    adjoint = (paths.mean > 0.0) & (missed | slower | (few & surer) | (chains.mean <= 0.0))
-    return ["adjoint" if a else "chains" for a in adjoint]
+    surer = photons.stderr * chains.mean < chains.stderr * photons.mean
+    better = (photons.mean > 0.0) & (missed | slower | (few & surer) | (chains.mean <= 0.0))
+    return ["joined" if b else "chains" for b in better]

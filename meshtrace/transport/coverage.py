@@ -37,8 +37,8 @@ from meshtrace.stored import SHIFTS
 from meshtrace.transport.aimed import ROOTS, AimedChains
 from meshtrace.transport.arrays import locator
 from meshtrace.transport.chain_sets import CROSSINGS, Request, starts_of
-from meshtrace.transport.forced import ForcedDetection
-from meshtrace.transport.forced_link import ANALOG, needs_paths
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
+from meshtrace.transport.forced_link import ANALOG, needs_photons
 from meshtrace.transport.options import Forced
 
 _CHAINS = 256  # of the lowest level; the levels above double it
@@ -137,10 +137,10 @@ class ForcedMap:
         )
         self._link, self._grid = link.replace(receiver=sites), grid
         self._options = seed, normals, threads
-        self._crest = max(float(mesh.bounds[1, 2]) for mesh in meshes)
+        self._sea = TypicalSea.of(meshes)
         self._require_chains(link.replace(receiver=sites[0]))
         self._base = ForcedDetection(
-            self._link, _CHAINS, seed, normals, threads, self._crest, scattered="chains"
+            self._link, _CHAINS, seed, normals, threads, self._sea, scattered="chains"
         )
         self._arrays = self._base.arrays
         self._unit = self._arrays.frame.unit
@@ -152,7 +152,7 @@ class ForcedMap:
 
     def _require_chains(self, link: Link) -> None:
         """Refuse a link whose scattered light in the middle of the map chains do not follow."""
-        found = ForcedDetection(link, _CHAINS, *self._options, self._crest)
+        found = ForcedDetection(link, _CHAINS, *self._options, self._sea)
         if found.method != ["chains"]:
             scattered = Described("light that arrives by many or large angles")
             raise Refused("water", scattered, f"light that chains follow; {ANALOG}")
@@ -363,7 +363,7 @@ class ForcedMap:
 def require_mappable(link: Link) -> None:
     """Refuse features that chains to many places do not follow."""
     receiver = link.receivers[0]
-    beyond = needs_paths(link)
+    beyond = needs_photons(link)
     if beyond is not None:
         raise Refused(*beyond, f"a point source in bottomless water; {ANALOG}")
     if link.direction == "down" or not isinstance(receiver, Receiver):

@@ -10,14 +10,19 @@ randomly shifted Sobol points: the mean of each shift is an unbiased estimate of
 the scatter of the shifts gives the standard error.
 
 The chains do not depend on the surface: one set serves every frame of a moving sea.
+
+Where chains are the worse estimator the scattered light is that of joined photons
+(`meshtrace.transport.joined`); so is light that the surface reflects first, where it counts.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import cached_property, partial
 from itertools import islice
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -26,16 +31,14 @@ from meshtrace.errors import Described, Refused
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
-from meshtrace.link.receivers import Aperture
-from meshtrace.mesh import TriangleMesh
+from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map, paced
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.adjoint import AdjointPaths
 from meshtrace.transport.aimed import AimedChains, Search
 from meshtrace.transport.chain_sets import ChainDrawer, ChainSet, Request, flat_mesh, points_of
 from meshtrace.transport.choice import (
-    PILOT_PATHS,
+    PILOT_PHOTONS,
     Method,
     Pilot,
     ScatteredPilot,
@@ -51,9 +54,10 @@ from meshtrace.transport.forced_link import (
     across,
     crossing_reach,
     forced_link,
-    needs_paths,
+    needs_photons,
     require_height_field,
 )
+from meshtrace.transport.joined import JoinedPhotons
 from meshtrace.transport.parts import (
     Counts,
     Light,
@@ -61,40 +65,67 @@ from meshtrace.transport.parts import (
     Sums,
     chain_light,
     direct_light,
-    joined,
+    merged,
 )
+from meshtrace.transport.returned import is_little, returned_gain
 
-Scattered = Literal["auto", "chains", "adjoint"]
+Scattered = Literal["auto", "chains", "joined"]
 
+MANY_SEAS = 1.5
+"""Margin of a typical sea for those that are not known yet: they may be higher."""
+
+_STILL_CHAINS = 8  # unscattered, of each shift, over still water
 _MOST_CHAINS = 2**22  # 1 kB each, and more with their order
 _CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is summed
 _CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
 
+class TypicalSea(NamedTuple):
+    """What forced detection knows of the surfaces before it sees them.
+
+    Parameters
+    ----------
+    crest : float
+        Height up to which collisions are expected [m]: about the highest crest of the surfaces.
+        Unbiased for any value; a good one saves chains.
+    unresolved : UnresolvedSlopes, optional
+        Random slopes, with which the estimators are compared.
+    """
+
+    crest: float = 0.0
+    unresolved: UnresolvedSlopes | None = None
+
+    @classmethod
+    def of(cls, meshes: Iterable[TriangleMesh], margin: float = 1.0) -> TypicalSea:
+        """Return the typical sea of some surfaces, its crest by a margin above the highest."""
+        found = [(float(mesh.bounds[1, 2]), mesh.unresolved) for mesh in meshes]
+        return cls(margin * max(crest for crest, _ in found), found[0][1])
+
+
 class ForcedDetection:
-    """Scattering chains of a link, aimed over any surface.
+    """Gain of a link over any surface, by chains and joined photons.
 
     Parameters
     ----------
     link : Link
-        The link; sources must be points, on the other side of the surface than the receivers.
+        The link; sources on the other side of the surface than the receivers.
     photons : int
-        Chains in all, or adjoint paths of each receiver.
+        Chains in all, and joined photons.
     seed : int
         Seed of the points and their shifts.
     normals : {"vertex", "facet"}
         Normals interpolated from the corners, or those of the facets.
     threads : int
         Threads; results do not depend on them.
-    crest : float
-        Height up to which collisions are expected [m]: about the highest crest of the surfaces.
-        Unbiased for any value; a good one saves chains.
+    sea : TypicalSea
+        What is known of the surfaces.
     search : {"usual", "thorough"}
         Search of crossings, see `AimedChains`.
-    scattered : {"auto", "chains", "adjoint"}
-        Estimator of the scattered light; "auto" compares pilots over a flat sea for each receiver,
-        see `meshtrace.transport.choice`.
+    scattered : {"auto", "chains", "joined"}
+        Estimator of the scattered light; "auto" compares pilots over still water, with random
+        slopes, for each receiver, see `meshtrace.transport.choice`. With "chains" light that the
+        surface reflects first is omitted.
 
     Raises
     ------
@@ -109,7 +140,7 @@ class ForcedDetection:
         seed: int,
         normals: str = "vertex",
         threads: int = 1,
-        crest: float = 0.0,
+        sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
         search: Search = "usual",
         scattered: Scattered = "auto",
     ) -> None:
@@ -122,45 +153,55 @@ class ForcedDetection:
         self._search: Search = search
         self._wanted: Scattered = scattered
         self._key = photons, seed
-        self._crest = crest
+        self._sea = sea
         unit = self.arrays.frame.unit
-        top = max(crest, 0.0) / unit
+        top = max(sea.crest, 0.0) / unit
         lowest = min(t.center[2] for t in self.arrays.targets)
         # a chain that ends higher is not looked for; the level must stay below the receivers
         self._ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
         self.drawer = ChainDrawer(self.arrays, top, self._ceiling)
-        self._adjoint: AdjointPaths | None = None
         self.method: list[Method] = []
         self.scattered_sets = self._draw()
+        self._joined = self._joined_photons()
 
     def _draw(self) -> list[list[ChainSet]]:
         """Choose the estimator of each receiver; return the chains by source.
 
-        Pilots over a flat sea compare the estimators and allot the chains to the orders.
+        Pilots over still water compare the estimators and allot the chains to the orders.
         """
         photons, link, threads = self._key[0], self.arrays, self._options[1]
         sources, receivers = range(len(link.emitters)), len(self.link.receivers)
-        beyond, targets = needs_paths(self.link), len(link.targets)
+        self._light: Floats | None = None
+        self.method = ["joined"] * receivers
         try:
+            beyond = needs_photons(self.link)
             if beyond is not None:
                 raise Refused(*beyond, POINTS_ONLY)
-            pilots = [pilot(self.drawer, s, self._seed(s), targets, threads) for s in sources]
-        except Refused as refused:  # a feature, or too many orders, for chains
+            self._pilots = [self._pilot(s) for s in sources]
+        except Refused:  # a feature, or too many orders, for chains
             if self._wanted == "chains":
                 raise
-            self._take(["adjoint"] * receivers, refused)
+            self._photons(photons, range(receivers))  # refuses what joined photons do not follow
             return [[] for _ in sources]
-        self._take(self._compare(pilots))
-        kept = np.array([m == "chains" for m in self.method])
-        if not kept.any():
+        self._light = self._still_gain()
+        self.method = self._compare()
+        if "chains" not in self.method:
             return [[] for _ in sources]
-        # a common factor of the gain does not matter for one receiver
-        together = receivers > 1 and not link.down
-        self._pilots = pilots
-        self._light = self._flat_gain(pilots) if together else np.ones(receivers)
         requests = self.requests(photons)
         pairs = list(zip(requests, self.drawer.draw_all(requests, threads), strict=True))
         return [[chains for request, chains in pairs if request.source == s] for s in sources]
+
+    def _pilot(self, source: int, aimed: AimedChains | None = None) -> Pilot:
+        """Return the pilot of the chains from a source over still water, or over a surface."""
+        receivers = range(len(self.arrays.targets))
+
+        def score(chains: ChainSet) -> Floats:
+            if aimed is None:
+                return self.drawer.flat_scores(source, chains)
+            return np.array([aimed.score(source, r, chains) for r in receivers])
+
+        threads = self._options[1]
+        return pilot(self.drawer, source, self._seed(source), score, len(receivers), threads)
 
     def requests(self, photons: int, stream: int = 1) -> list[Request]:
         """Return the chains of each source and order, allotted by the pilots.
@@ -173,7 +214,10 @@ class ForcedDetection:
             Number of an independent set of points.
         """
         link, kept = self.arrays, np.array([m == "chains" for m in self.method])
-        sources, light = range(len(link.emitters)), self._light
+        # a common factor of the gain does not matter for one receiver
+        together = len(kept) > 1 and not link.down
+        light = self._light if together and self._light is not None else np.ones(len(kept))
+        sources = range(len(link.emitters))
         share = photons if link.down else max(photons // len(sources), SHIFTS)
         requests = []
         for s in sources:
@@ -200,47 +244,70 @@ class ForcedDetection:
         """Return the seed of the chains of an emitter: receivers have the same in any order."""
         return self._key[1], 0 if self.arrays.down else emitter
 
-    def _flat_gain(self, pilots: list[Pilot]) -> Floats:
-        """Return the gain of each receiver over a flat sea."""
-        aimed, link = self.over(self.flat()), self.arrays
-        targets = range(len(link.targets))
-        direct = [[aimed.facet_gains(e, t).sum() for t in targets] for e in range(len(pilots))]
-        scattered = np.array([p.mean.sum(axis=1) for p in pilots])
-        return link.by_receiver(scattered + np.array(direct))
+    def _still_gain(self) -> Floats:
+        """Return the gain of each receiver over still water."""
+        rows = []
+        for s, found in enumerate(self._pilots):
+            unscattered = self.drawer.draw(s, 0, _STILL_CHAINS, (*self._seed(s), 0, 3))
+            scores = self.drawer.flat_scores(s, unscattered)
+            rows.append(found.mean.sum(axis=1) + scores.mean(axis=1))
+        return self.arrays.by_receiver(np.array(rows))
 
-    def _compare(self, pilots: list[Pilot]) -> list[Method]:
+    def _compare(self) -> list[Method]:
         """Return the estimator of each receiver."""
-        receivers = len(self.link.receivers)
+        receivers = range(len(self.link.receivers))
+        scatters = any(len(p.chains) for p in self._pilots)
+        if self._wanted == "joined":
+            self._photons(self._key[0], receivers)
+            return ["joined"] * len(receivers)
+        if self._wanted == "chains" or not scatters:
+            return ["chains"] * len(receivers)
+        sea, pilots = self.flat(), self._pilots
+        if self._sea.unresolved is not None and self.link.physics.unresolved == "tilt":
+            sea = replace(sea, unresolved=self._sea.unresolved)
+            aimed = self.over(sea)
+            pilots = [self._pilot(s, aimed) for s in range(len(pilots))]
         found = chain_pilot(pilots, self.arrays)
-        scatters = any(len(p.chains) for p in pilots)
-        if self._wanted != "auto" or self._search == "thorough" or not scatters:
-            return ["adjoint" if self._wanted == "adjoint" else "chains"] * receivers
         if is_clear(found).all():
-            return ["chains"] * receivers
+            return ["chains"] * len(receivers)
         try:
-            pilot_paths = PILOT_PATHS * len(self.link.transmitters)
-            paths = self._paths(pilot_paths, tuple(self.link.receivers))
-        except Refused:  # a feature that the paths do not follow
-            return ["chains"] * receivers
-        seen = paths.evaluate(self.flat())
-        other = ScatteredPilot(seen.gain, seen.variance, seen.stderr)
-        return choose(found, other, max(law.expected for law in self.drawer.nominals))
+            photons = self._photons(PILOT_PHOTONS, receivers)
+        except Refused:  # a feature that joined photons do not follow
+            return ["chains"] * len(receivers)
+        return choose(found, ScatteredPilot.of(photons.evaluate(sea)), self.expected)
 
-    def _paths(self, photons: int, receivers: tuple[Aperture, ...]) -> AdjointPaths:
-        """Return adjoint paths to some receivers."""
-        link = self.link.model_copy(update={"receiver": receivers})
-        return AdjointPaths(link, photons, self._key[1], *self._options)
+    @property
+    def expected(self) -> float:
+        """Scatterings expected on the way to the surface, the most of all sources."""
+        return max(law.expected for law in self.drawer.nominals)
 
-    def _take(self, method: list[Method], refused: Refused | None = None) -> None:
-        """Create the adjoint paths of the receivers assigned to them."""
-        self.method = method
-        chosen = [r for r, m in zip(self.link.receivers, method, strict=True) if m == "adjoint"]
-        if chosen:
-            try:
-                photons = max(self._key[0], SHIFTS * len(self.link.transmitters))
-                self._adjoint = self._paths(photons, tuple(chosen))
-            except Refused:
-                raise refused or Refused("scattered", "adjoint", "chains for this link") from None
+    def _photons(self, photons: int, receivers: Iterable[int], first: int = 1) -> JoinedPhotons:
+        """Return joined photons to some receivers; `first` counts for those that chains serve."""
+        rows = list(receivers)
+        some = tuple(self.link.receivers[r] for r in rows)
+        link = self.link.model_copy(update={"receiver": some})
+        crossings = [1 if self.method[r] == "joined" else first for r in rows]
+        return JoinedPhotons(link, photons, self._key[1], *self._options, first=crossings)
+
+    def _joined_photons(self) -> JoinedPhotons | None:
+        """Return the photons of the light that chains do not bring, None where it is little."""
+        rows = [r for r, method in enumerate(self.method) if method == "joined"]
+        self.reflects = self._wanted != "chains" and self._reflected_counts(bool(rows))
+        try:
+            if self.reflects:
+                return self._photons(self._key[0], range(len(self.method)), first=2)
+            return self._photons(self._key[0], rows) if rows else None
+        except Refused:  # forms as published, which chains follow
+            self.reflects = False
+            return None
+
+    def _reflected_counts(self, joined: bool) -> bool:
+        """Return whether light that the surface reflects first is worth a measurement."""
+        if self.link.physics.reflected != "trace":
+            return False
+        if joined or self._light is None or self.link.water.bottom_depth is not None:
+            return True
+        return not is_little(returned_gain(self.link), self._light)
 
     def over(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> AimedChains:
         """Return the chains aimed over a mesh.
@@ -278,10 +345,9 @@ class ForcedDetection:
         scores = ordered_map(lambda job: job(), jobs, self._options[1], ahead=len(jobs))
         sampled = sums.add_direct(islice(scores, len(sums.pairs)))
         sums.add_chains(paced(scores, len(sums.jobs), f"{sums.chains:,} chains over one surface"))
-        adjoint = self._adjoint
-        paths = None if adjoint is None else adjoint.evaluate(mesh, intersector)
+        photons = None if self._joined is None else self._joined.evaluate(mesh, intersector)
         counts = Counts(sums.chains, *(int(c) for c in aimed.counters))
-        return sums.parts(counts._replace(sampled=sampled), paths)
+        return sums.parts(counts._replace(sampled=sampled), photons, self.reflects)
 
     def _direct(self, aimed: AimedChains, s: int, r: int) -> Floats:
         """Return the unscattered gain of a source and a receiver: one number, or one per shift."""
@@ -333,8 +399,9 @@ class ForcedDetection:
         top = float(mesh.bounds[1, 2])
         if top <= self._ceiling * self.arrays.frame.unit or "chains" not in self.method:
             return self
+        sea = self._sea._replace(crest=top)
         return ForcedDetection(
-            self.link, *self._key, *self._options, top, self._search, self._wanted
+            self.link, *self._key, *self._options, sea, self._search, self._wanted
         )
 
     def flat(self) -> TriangleMesh:
@@ -355,11 +422,11 @@ class ForcedDetection:
         aimed = self.over(mesh)
         found = (self._aimed_arrivals(aimed, r) for r in range(len(self.link.receivers)))
         result = [np.column_stack([x.weight, x.water, x.air, x.shift]) for x in found]
-        if self._adjoint is not None:
-            paths = self._adjoint.evaluate(mesh, arrivals=True).arrivals or []
-            on_paths = (r for r, method in enumerate(self.method) if method == "adjoint")
-            for r, rows in zip(on_paths, paths, strict=True):
-                result[r] = np.concatenate([result[r], rows])
+        if self._joined is not None:
+            rows = self._joined.evaluate(mesh, arrivals=True).arrivals or []
+            on_photons = (r for r, m in enumerate(self.method) if self.reflects or m == "joined")
+            for r, light in zip(on_photons, rows, strict=True):
+                result[r] = np.concatenate([result[r], light])
         return result
 
     def _aimed_arrivals(self, aimed: AimedChains, r: int) -> Light:
@@ -379,7 +446,7 @@ class ForcedDetection:
             else:
                 sets = [self._unscattered[e], *sets]
             rows += [chain_light(aimed, e, t, chains) for chains in sets]
-        return joined(rows)
+        return merged(rows)
 
 
 def cut_share(link: Link, mesh: TriangleMesh, seed: int, normals: str, threads: int) -> Floats:
@@ -388,7 +455,7 @@ def cut_share(link: Link, mesh: TriangleMesh, seed: int, normals: str, threads: 
     reach = crossing_reach(link) + np.array(link.origin) * [[-1.0], [1.0]]
     if (low <= -reach[0]).all() and (high >= reach[1]).all():
         return np.zeros(len(link.receivers))
-    few = ForcedDetection(link, _CUT_CHAINS, seed, normals, threads, float(mesh.bounds[1, 2]))
+    few = ForcedDetection(link, _CUT_CHAINS, seed, normals, threads, TypicalSea.of([mesh]))
     whole = few.evaluate(few.flat()).gain
     cut = whole - few.evaluate(flat_mesh(low, high)).gain
     return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)

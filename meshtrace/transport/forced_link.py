@@ -25,7 +25,7 @@ from meshtrace.transport.frame import IDENTITY, Frame, frame_of
 ANALOG = 'else estimator="analog"'
 """Advice of a refusal."""
 POINTS_ONLY = f"a point source in bottomless water, with these switches of physics; {ANALOG}"
-"""Links that chains follow, where adjoint paths are none."""
+"""Links that chains follow, for a refusal where joined photons do not."""
 _NEGLIGIBLE = 1e-7  # light at the reach over that straight above the source
 _NARROWEST = 0.1  # [deg], of a lamp: narrower spots are smaller than the parts of a facet
 _REVERSIBLE = ("snell", "direction", "fresnel", "free_path", "fov")
@@ -108,22 +108,22 @@ def forced_link(link: Link, frame: Frame | None = None) -> ForcedLink:
     )
 
 
-def needs_paths(link: Link) -> tuple[str, object] | None:
-    """Return the field and value that chains do not follow, but adjoint paths do; None if none.
+def needs_photons(link: Link) -> tuple[str, object] | None:
+    """Return the first field, and its value, that joined photons follow but chains do not.
 
     Raises
     ------
     Refused
-        If adjoint paths do not follow it either.
+        If joined photons do not follow it either: lamps in the air are points to them.
     """
     found: tuple[str, object] | None = None
     for path, item in link.items():
         if isinstance(item, Source) and item.size > 0.0:
             found = path, Described(f"a radius of {item.size:g} m")
+            if link.direction == "down":
+                raise Refused(*found, POINTS_ONLY)
     if link.water.bottom_depth is not None:
         found = "water.bottom_depth", link.water.bottom_depth
-    if found is not None and link.direction == "down":
-        raise Refused(*found, POINTS_ONLY)
     return found
 
 
@@ -215,7 +215,7 @@ def _lit_radius(depth: float, a: float) -> float:
 
 
 def require_followable(link: Link) -> None:
-    """Refuse features that neither chains nor adjoint paths follow."""
+    """Refuse features that neither chains nor joined photons follow."""
     down = any(isinstance(t, AirLamp) for t in link.transmitters)
     source, end = (AirLamp, WaterReceiver) if down else (WaterSource, Receiver)
     sides = ("air", "water") if down else ("water", "air")

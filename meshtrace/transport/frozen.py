@@ -27,10 +27,10 @@ from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.aimed import NO_LISTS, AimedChains, Search
 from meshtrace.transport.chain_sets import ChainDrawer, ChainSet
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import ForcedLink, forced_link
 from meshtrace.transport.outcome import warn_of_chains
-from meshtrace.transport.parts import Light, chain_light, direct_light, joined
+from meshtrace.transport.parts import Light, chain_light, direct_light, merged
 
 _KEPT = 4  # sets of chains for the last geometries
 _SLACK = 0.04  # displacement of landing points that a list allows, over the receiver's height
@@ -45,8 +45,8 @@ class FrozenForced:
         The base link.
     photons, seed : int
         Chains in all, and the seed of their points.
-    crest : float
-        Highest crest of the surfaces [m].
+    sea : TypicalSea
+        What is known of the surfaces.
     normals : {"vertex", "facet"}
         Normals interpolated from the corners, or those of the facets.
     search : {"thorough", "usual"}
@@ -63,8 +63,10 @@ class FrozenForced:
     Warns
     -----
     FewSamplesWarning
-        If `simulate` would use adjoint paths for a receiver, or few chains contribute over still
+        If `simulate` would use joined photons for a receiver, or few chains contribute over still
         water.
+    DomainWarning
+        If more than 0.1 % of a gain is light that the surface reflects first, which chains omit.
     """
 
     def __init__(
@@ -72,18 +74,18 @@ class FrozenForced:
         link: Link,
         photons: int,
         seed: int,
-        crest: float = 0.0,
+        sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
         normals: str = "vertex",
         search: Search = "thorough",
         meshes: Sequence[TriangleMesh] = (),
     ) -> None:
         base = ForcedDetection(
-            link, photons, seed, normals, crest=crest, search=search, scattered="chains"
+            link, photons, seed, normals, sea=sea, search=search, scattered="chains"
         )
-        warn_of_chains(base, ForcedDetection(link, SHIFTS, seed, normals, crest=crest))
+        warn_of_chains(base, ForcedDetection(link, SHIFTS, seed, normals, sea=sea))
         self._base, self._seed = base, seed
         self._options = normals, search
-        top = max(crest, 0.0) / base.arrays.frame.unit
+        top = max(sea.crest, 0.0) / base.arrays.frame.unit
         lowest = min(t.center.z for t in base.arrays.targets)
         self._levels = top, top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
         self._nominals = ChainDrawer(base.arrays, *self._levels).nominals
@@ -146,7 +148,7 @@ class FrozenForced:
                 row.append(direct_light(aimed, e, t, power * direct))
             shown = (c for c in sets[e] if c.order > 0 or direct is None)
             row += [chain_light(aimed, e, t, chains) for chains in shown]
-        return [joined(row) for row in rows]
+        return [merged(row) for row in rows]
 
     def _aimed(
         self, link: Link, mesh: TriangleMesh

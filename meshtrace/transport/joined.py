@@ -57,9 +57,11 @@ from meshtrace.transport.options import BLOCK
 _ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
 _LEAST_SLOPED = 0.1  # share of an aperture's points by slopes that is worth its time
 _COPIES = 256  # of one photon that wait at a time
+_FREQUENT = 0.7  # collisions on the way up, at least
 _TURBID = 1.0  # b (1 - g) depth beyond which light is diffuse
 _SPREAD = 1.3  # width of the law of crossings, over that of the slopes
 _DECAY = 0.8  # of the chance of a connection, over c
+_START = 0.2  # share of photons that start over the cones to what the targets see
 _LOBE = 0.3  # share of directions drawn about the targets, without random slopes
 _CONE = 0.3  # of those drawn over what the targets see
 _HIGHEST = 2.0  # weight times importance, from which photons are split in turbid water
@@ -270,6 +272,9 @@ class JoinedPhotons:
         nodes = np.linspace(0.0, depth, 257) * frame.unit
         a, b = (float(np.mean(x)) * frame.unit for x in link.water.profile(nodes))
         turned = b * (1.0 - link.water.phase.mean_cosine)
+        often = 1.0
+        if link.physics.absorption == "continuous" and link.physics.free_path != "local_c":
+            often = max(1.0, _FREQUENT / (b * depth)) if b > 0.0 else 1.0
         bins = empty_locator() if len(grid.x.line) else locator(surface, targets)
         window = Window(False, a + turned, 0.0, 0.0, _CLEAR_HIGHEST)
         if turned * depth > _TURBID:
@@ -287,8 +292,9 @@ class JoinedPhotons:
         spread = _SPREAD * math.sqrt(rough + mesh_slopes)
         decay = _DECAY * (a + b)
         shares = 0.0 if rough > 0.0 else _LOBE, 0.0 if window.diffuse else _CONE
+        started = _START if link.direction == "up" and min(first) == 1 else 0.0
         ends = rows, min(first), self._direct, water, bubble, bins, np.zeros(0, FACET)
-        return Joins(*ends, spread, decay, b, *shares, window)
+        return Joins(*ends, spread, decay, often * b, often, started, *shares, window)
 
     def _follow(self, world: World, intersector: EmbreeIntersector, arrivals: bool) -> _Run:
         """Return the sums over the photons of one run."""

@@ -33,10 +33,10 @@ from meshtrace.transport.returned import LITTLE, returned_gain
 
 LEFT_DOMAIN_WARNING = 1e-4
 _FEW = 100.0  # effective samples below which an error is uncertain itself
-_FEW_SHARE = {"chains": 0.1, "adjoint paths": 0.15, "joined photons": 0.15}
+_FEW_SHARE = {"chains": 0.1, "joined photons": 0.15}
 """Share of the samples below which they are few: a run of few photons is known to be uncertain.
 
-Scores of adjoint paths and of joined photons have the heavier tails."""
+Scores of joined photons have the heavier tails."""
 _BOUND_PHOTONS = 2**18  # analog, where chains bring no light: a bound above gains tells nothing
 _SMALL = 0.01  # share of the gain below which its scattered part does not matter
 
@@ -141,15 +141,17 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
     """
     parts = chains.evaluate(chains.flat())
     found = _that_matter(parts.samples_by_receiver(), parts.scattered.mean(axis=1), parts.gain)
-    adjoint = [r for r, method in enumerate(usual.method) if method == "adjoint"]
-    for r in adjoint:
+    worse = [r for r, method in enumerate(usual.method) if method == "joined"]
+    for r in worse:
         warnings.warn(
-            f"receiver {r}: light arrives by large angles or many scatterings; scattering chains "
-            "miss part of it, for which `simulate` uses adjoint paths",
+            f"receiver {r}: light arrives by large angles or many scatterings, or from a narrow "
+            "beam; scattering chains miss part of it, for which `simulate` uses joined photons",
             FewSamplesWarning,
             stacklevel=4,
         )
-    _warn_of_few([(r, row) for r, row in found if r not in adjoint])
+    _warn_of_few([(r, row) for r, row in found if r not in worse])
+    if chains.link.physics.reflected == "trace":
+        warn_of_omitted(chains.link, parts.gain)
 
 
 def _warn_of_few(found: list[tuple[int, ScatteredSamples]]) -> None:

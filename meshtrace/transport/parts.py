@@ -10,14 +10,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.kernels.joins import REFLECTED, SCATTERED
 from meshtrace.models import Floats
 from meshtrace.results.gain import ScatteredSamples
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.adjoint import AdjointParts
 from meshtrace.transport.aimed import AimedChains, on_disk
 from meshtrace.transport.chain_sets import ChainSet
 from meshtrace.transport.choice import Method
 from meshtrace.transport.forced_link import ForcedLink
+from meshtrace.transport.joined import JoinedParts
 
 
 class Counts(NamedTuple):
@@ -49,14 +50,16 @@ class Parts:
     orders : ndarray, shape (receivers, orders)
         Scattered gain by the number of scatterings, from 1 on.
     counts : Counts
-    method : list of {"chains", "adjoint"}
+    method : list of {"chains", "joined"}
         Estimator of the scattered gain of each receiver.
     samples : ndarray of int, shape (receivers,)
-        Chains or adjoint paths that the scattered gain rests on.
+        Chains or joined photons that the scattered gain rests on.
     scored : ndarray of int, shape (receivers,)
         Those that brought light.
     effective : ndarray, shape (receivers,)
         Effective number of samples, (sum w)^2 / sum w^2 of their contributions w.
+    photons : JoinedParts, optional
+        Joined photons to all receivers, if light that the surface reflects first was measured.
     """
 
     direct: Floats
@@ -67,10 +70,11 @@ class Parts:
     samples: NDArray[np.int64]
     scored: NDArray[np.int64]
     effective: Floats
+    photons: JoinedParts | None = None
 
     def samples_by_receiver(self) -> list[ScatteredSamples]:
         """Return the estimator and the samples of the scattered gain of each receiver."""
-        names = ["chains" if m == "chains" else "adjoint paths" for m in self.method]
+        names = ["chains" if m == "chains" else "joined photons" for m in self.method]
         rows = zip(names, self.samples, self.scored, self.effective, strict=True)
         return [ScatteredSamples(name, int(n), int(k), float(e)) for name, n, k, e in rows]
 
@@ -82,7 +86,8 @@ class Parts:
     @property
     def shifts(self) -> Floats:
         """Gain of each receiver by the shift of the points, shape (receivers, shifts)."""
-        return self.direct + self.scattered
+        known = self.direct + self.scattered
+        return known if self.photons is None else known + self.photons.groups[REFLECTED]
 
     @property
     def gain(self) -> Floats:
@@ -96,7 +101,7 @@ class Parts:
 
 
 class Sums:
-    """Sums over chains and paths, by receiver."""
+    """Sums over chains, by receiver."""
 
     def __init__(self, link: ForcedLink, method: list[Method], sets: list[list[ChainSet]]) -> None:
         self._link, self._method = link, method
@@ -136,24 +141,29 @@ class Sums:
             self._scored[r] += np.count_nonzero(score)
             self._squares[r] += share**2 * np.mean(score**2) / len(score)
 
-    def parts(self, counts: Counts, found: AdjointParts | None) -> Parts:
-        """Return the gain in parts, with the light of receivers that rest on adjoint paths."""
+    def parts(self, counts: Counts, found: JoinedParts | None, reflects: bool) -> Parts:
+        """Return the gain in parts, with the light of joined photons.
+
+        They are joined to all receivers if `reflects`, else to those that rest on them alone.
+        """
         scattered, orders = self._scattered.sum(axis=1), self._scattered.mean(axis=2)
         mean = scattered.mean(axis=1)
         effective = mean**2 / np.maximum(self._squares, 1e-300)
-        if found is not None:
-            rows = np.array([m == "adjoint" for m in self._method])
-            scattered[rows] = found.scattered
-            seen = np.flatnonzero(found.orders.any(axis=0)).max(initial=-1) + 1
+        rows = np.flatnonzero([m == "joined" for m in self._method])
+        if found is not None and len(rows):
+            some = found.of(rows) if reflects else found
+            scattered[rows] = some.groups[SCATTERED]
+            seen = np.flatnonzero(some.orders.any(axis=0)).max(initial=0)
             wide = np.zeros((len(orders), max(orders.shape[1], seen)))
             wide[:, : orders.shape[1]] = orders
-            wide[rows, :seen] = found.orders[:, :seen]
+            wide[rows, :seen] = some.orders[:, 1 : seen + 1]
             orders = wide
-            self._samples[rows], self._scored[rows] = found.photons, found.scored
-            square = found.gain**2
-            effective[rows] = found.photons * square / np.maximum(found.variance + square, 1e-300)
+            mean, square = some.parts[SCATTERED], some.square[SCATTERED]
+            self._samples[rows], self._scored[rows] = some.photons, some.scored[SCATTERED]
+            effective[rows] = some.photons * mean**2 / np.maximum(square, 1e-300)
         sampled = self._method, self._samples, self._scored, effective
-        return Parts(self._direct, scattered, orders, counts, *sampled)
+        photons = found if reflects else None
+        return Parts(self._direct, scattered, orders, counts, *sampled, photons)
 
 
 class Light(NamedTuple):
@@ -179,7 +189,7 @@ class Light(NamedTuple):
         return light[common].sum() + SHIFTS * sums
 
 
-def joined(rows: list[Light]) -> Light:
+def merged(rows: list[Light]) -> Light:
     """Return all light of some rows."""
     return Light(*map(np.concatenate, zip(*rows, strict=True)))
 

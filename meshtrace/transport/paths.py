@@ -15,7 +15,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.transport.analog import new_recorder, run_analog
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.options import BLOCK, Analog
 
 if TYPE_CHECKING:
@@ -137,10 +137,10 @@ def received_paths(
 ) -> PhotonPaths:
     """Return paths of received light, sampled in proportion to their weight.
 
-    Scattered light is that of chains, also where its gain rests on adjoint paths.
+    Scattered light is that of chains, also where its gain rests on joined photons.
     """
-    crest = float(mesh.bounds[1, 2])
-    forced = ForcedDetection(link, chains, seed, normals, crest=crest, scattered="chains")
+    sea = TypicalSea.of([mesh])
+    forced = ForcedDetection(link, chains, seed, normals, sea=sea, scattered="chains")
     rows = received_light(forced, mesh, n, np.random.default_rng([seed, 1]))
     if not rows:
         dark = Described("no light is received")

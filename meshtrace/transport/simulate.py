@@ -19,9 +19,8 @@ from meshtrace.results.tallies import Arrivals
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.analog import options_over, photons_over
 from meshtrace.transport.case import Case, HasCase, resolve
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach, require_height_field
-from meshtrace.transport.joined import JoinedParts, JoinedPhotons
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import (
     Analog,
@@ -44,9 +43,7 @@ from meshtrace.transport.outcome import (
     warn_of_lost,
     warn_of_omitted,
 )
-from meshtrace.transport.parts import Parts
 from meshtrace.transport.paths import PhotonPaths, received_paths, record_paths
-from meshtrace.transport.returned import is_little, returned_gain
 
 _MOST_VERTICES = 2 * 10**7  # of all paths: 640 MB
 _Evaluate = Callable[[Run], GainResult]
@@ -223,22 +220,17 @@ def _forced(
     case: Case, mesh: TriangleMesh, records: dict[str, Record], origin: dict[str, Any]
 ) -> GainResult:
     link, run = case.link, case.run
-    options = case.meshing.normals, case.threads, float(mesh.bounds[1, 2])
+    options = case.meshing.normals, case.threads, TypicalSea.of([mesh])
     forced = ForcedDetection(link, run.photons, run.seed, *options)
     parts = forced.evaluate(mesh)
-    shifts = parts.shifts
-    reflected = _reflected(case, mesh, parts, "arrivals" in records)
+    shifts, photons = parts.shifts, parts.photons
     extra: dict[str, Any] = {}
-    if reflected is not None:
-        shifts = shifts + reflected.groups[REFLECTED]
-        extra["gain_reflected"] = per_receiver(link, reflected.parts[REFLECTED])
-        extra["gain_reflected_stderr"] = per_receiver(link, reflected.stderr[REFLECTED])
-        extra["reflected"] = reflected.samples(REFLECTED)
+    if photons is not None:
+        extra["gain_reflected"] = per_receiver(link, photons.parts[REFLECTED])
+        extra["gain_reflected_stderr"] = per_receiver(link, photons.stderr[REFLECTED])
+        extra["reflected"] = photons.samples(REFLECTED)
     if "arrivals" in records:
-        rows = forced.arrivals(mesh)
-        if reflected is not None and reflected.arrivals is not None:
-            rows = [np.concatenate(pair) for pair in zip(rows, reflected.arrivals, strict=True)]
-        rows = [np.insert(found, 0, r, axis=1) for r, found in enumerate(rows)]
+        rows = [np.insert(found, 0, r, axis=1) for r, found in enumerate(forced.arrivals(mesh))]
         extra["arrivals"] = Arrivals.of_rows(np.concatenate(rows))
     gain, stderr = shifts.mean(axis=1), shifts.std(axis=1, ddof=1) / math.sqrt(SHIFTS)
     return GainResult(
@@ -255,27 +247,6 @@ def _forced(
         scattered=parts.samples_by_receiver(),
         **extra,
     )
-
-
-def _reflected(case: Case, mesh: TriangleMesh, parts: Parts, arrivals: bool) -> JoinedParts | None:
-    """Return the light that the surface first reflects into the water, None where it is little.
-
-    It is little where chains serve every receiver, no bottom sends it back, and the closed
-    estimate is below 0.1 % of each gain.
-    """
-    link, run = case.link, case.run
-    if link.physics.reflected != "trace":
-        return None
-    served = all(method == "chains" for method in parts.method)
-    if served and link.water.bottom_depth is None and is_little(returned_gain(link), parts.gain):
-        return None
-    try:
-        photons = JoinedPhotons(
-            link, run.photons, run.seed, case.meshing.normals, case.threads, first=2
-        )
-    except Refused:  # forms as published
-        return None
-    return photons.evaluate(mesh, arrivals=arrivals)
 
 
 def trace_paths(
@@ -300,7 +271,7 @@ def trace_paths(
     received_only : bool
         Paths of light that reaches the first receiver, sampled by the chains of forced detection
         in proportion to the light they carry, instead of the first n analog photons. Where the
-        gain rests on adjoint paths, chains miss part of the light scattered by large angles.
+        gain rests on joined photons, chains miss part of the light scattered by large angles.
     max_vertices : int
         Vertices kept of a photon, >= 2.
     **options

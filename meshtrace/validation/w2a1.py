@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from meshtrace.link import Led, Link, Physics, Receiver
 from meshtrace.mesh import SurfaceModel, WaveSum
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.validation.check import Check, exact
 
 CHAINS, QUICK_CHAINS, SERIES_CHAINS = 16_384, 4096, 2048
@@ -77,8 +77,8 @@ def gain(case: str, chains: int = CHAINS, seed: int = 1) -> Gain:
     """Return the gains of a case, such as "jonswap5/r25cm", by forced detection."""
     sea, variant = case.split("/")
     mesh = surface(sea).mesh(0.0, _HALF_WIDTH, _SPACING)
-    crest = float(mesh.bounds[1, 2])
-    parts = ForcedDetection(link(variant), chains, seed, crest=crest).evaluate(mesh)
+    typical = TypicalSea.of([mesh])
+    parts = ForcedDetection(link(variant), chains, seed, sea=typical).evaluate(mesh)
     return Gain(float(parts.ballistic[0]), float(parts.gain[0]), float(parts.stderr[0]))
 
 
@@ -90,8 +90,8 @@ def series(sea: str, chains: int = SERIES_CHAINS, seed: int = 1) -> list[Gain]:
     for time in row["t0"] + row["dt"] * np.arange(row["n"]):
         mesh = moving.mesh(float(time), _HALF_WIDTH, _SERIES_SPACING)
         if forced is None:
-            crest = 1.5 * float(mesh.bounds[1, 2])
-            forced = ForcedDetection(link("r5cm"), chains, seed, crest=crest)
+            typical = TypicalSea.of([mesh], MANY_SEAS)
+            forced = ForcedDetection(link("r5cm"), chains, seed, sea=typical)
         parts = forced.evaluate(mesh)
         found.append(Gain(*(float(v[0]) for v in (parts.ballistic, parts.gain, parts.stderr))))
     return found

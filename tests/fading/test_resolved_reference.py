@@ -12,7 +12,7 @@ from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
 from meshtrace.surfaces import FlatSea, resolved_sea
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
 
 REFERENCE = json.loads(
     (Path(__file__).parents[1] / "data" / "real_seas_reference.json").read_text()
@@ -69,7 +69,7 @@ def test_convergence_of_a_gain_with_the_mesh():
     table = REFERENCE["mesh_convergence_omega24_hard_aperture"]
     spacing = table["spacing_m"]
     link = mt.Link(physics={"unresolved": "none"})
-    forced = ForcedDetection(link, 64, 1, crest=0.6)
+    forced = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6))
     gains = []
     for seed in range(24):
         sea = sea_up_to(24.0, seed=seed)

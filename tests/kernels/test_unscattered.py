@@ -13,7 +13,7 @@ from meshtrace.kernels.jit import entry
 from meshtrace.kernels.sources import intensity
 from meshtrace.kernels.vectors import Vec2, row
 from meshtrace.surfaces import FlatSea, TiltedPlane
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import emitter_of
 
 
@@ -214,7 +214,7 @@ def test_intensity_is_even_around_the_axis(source):
 
 
 def ballistic(link, mesh, normals="vertex"):
-    forced = ForcedDetection(link, 32, 1, normals, crest=float(mesh.bounds[1, 2]))
+    forced = ForcedDetection(link, 32, 1, normals, sea=TypicalSea(float(mesh.bounds[1, 2])))
     return forced.evaluate(mesh).ballistic
 
 

@@ -64,7 +64,7 @@ def test_cells_have_the_gain_of_a_receiver_there(sea, site):
 @pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
 @pytest.mark.thorough
 def test_cells_of_scattered_light_alone():
-    """Corners beyond the field of view of unscattered light, against adjoint paths."""
+    """Corners beyond the field of view of unscattered light, against joined photons."""
     link = mt.Link()
     mesh = mesh_of(link.replace(receiver=mt.Receiver(position=(7.0, 7.0))), FlatSea())
     grid = Grid(5.1, 0.2)
@@ -75,7 +75,7 @@ def test_cells_of_scattered_light_alone():
     receivers = tuple(mt.Receiver(position=place, radius=disk) for place in places)
     one = mt.simulate(link.replace(receiver=receivers), mesh, photons=2**17, seed=4, threads=1)
     area = (mt.Receiver().radius / disk) ** 2
-    assert {row.estimator for row in one.scattered} == {"adjoint paths"}
+    assert {row.estimator for row in one.scattered} == {"joined photons"}
     assert (one.gain_ballistic == 0.0).all()
     assert (error < 0.05 * gain).all()
     for k in range(2):

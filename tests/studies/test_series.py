@@ -12,7 +12,7 @@ from meshtrace.cli import app
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, resolved_sea
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 
@@ -37,7 +37,7 @@ def test_each_time_is_the_run_over_that_mesh_with_the_same_chains(series):
     link = mt.Link()
     all_meshes = meshes(link, SEA, TIMES)
     crest = 1.5 * max(float(m.bounds[1, 2]) for m in all_meshes[:4])
-    forced = ForcedDetection(link, 1024, 5, "vertex", crest=crest)
+    forced = ForcedDetection(link, 1024, 5, "vertex", sea=TypicalSea(crest))
     for i, mesh in enumerate(all_meshes):
         parts = forced.evaluate(mesh)
         assert series.gain[i] == parts.gain[0]
@@ -171,11 +171,11 @@ def test_what_chains_do_not_share_is_the_scatter_about_many_chains():
     seas = [SEA.with_seed(k) for k in range(16)]
     all_meshes = [meshes(mt.Link(), sea, [0.0])[0] for sea in seas]
     crest = 1.5 * max(float(m.bounds[1, 2]) for m in all_meshes)
-    many = ForcedDetection(mt.Link(), 4096, 99, crest=crest)
+    many = ForcedDetection(mt.Link(), 4096, 99, sea=TypicalSea(crest))
     truth = np.array([many.evaluate(m).gain[0] for m in all_meshes])
     ratio = []
     for seed in range(12):
-        few = ForcedDetection(mt.Link(), 128, seed, crest=crest)
+        few = ForcedDetection(mt.Link(), 128, seed, sea=TypicalSea(crest))
         parts = [few.evaluate(m) for m in all_meshes]
         s = GainSeries(
             "realization",

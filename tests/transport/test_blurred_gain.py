@@ -17,7 +17,7 @@ from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces import Elfouhaily, FlatSea, JonswapSea, SpectralSea
 from meshtrace.surfaces.statistics import elfouhaily_slope_variance
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 
@@ -63,7 +63,7 @@ def searched(forced, aimed, order, chains, receiver=0):
 def test_unscattered_light_against_chains(omega_max, chains):
     spacing = SPACING[omega_max]
     mesh = sea_of(omega_max).mesh(extent=6.0, spacing=spacing, fine_extent=0.65, coarse_spacing=0.4)
-    forced = ForcedDetection(mt.Link(), 64, 1, crest=0.6, scattered="chains")
+    forced = ForcedDetection(mt.Link(), 64, 1, sea=TypicalSea(0.6), scattered="chains")
     aimed = forced.over(mesh)
     gain = aimed.direct_gains(0, 0).sum()
     mean, stderr = searched(forced, aimed, 0, chains)
@@ -91,7 +91,7 @@ LINKS = {
 def test_unscattered_light_of_other_links(name, normals):
     link = LINKS[name]
     mesh = sea_of(4.0).mesh(extent=6.0, spacing=0.1, fine_extent=3.0)
-    forced = ForcedDetection(link, 64, 1, normals, crest=0.6, scattered="chains")
+    forced = ForcedDetection(link, 64, 1, normals, sea=TypicalSea(0.6), scattered="chains")
     aimed = forced.over(mesh)
     found = aimed.direct_gains(0, 0)
     assert found is not None
@@ -109,7 +109,7 @@ def test_chains_that_try_crossings_against_searched_ones(omega_max):
     mesh = sea_of(omega_max).mesh(
         extent=8.0, spacing=SPACING[omega_max], fine_extent=1.0, coarse_spacing=0.4
     )
-    forced = ForcedDetection(link, 64, 1, crest=0.6, scattered="chains")
+    forced = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6), scattered="chains")
     aimed = forced.over(mesh)
     for order in (0, 1, 3):
         drawn = forced.drawer.draw(0, order, 1024, (9, 0, order, 1))
@@ -176,7 +176,7 @@ def closed_mean(link, heights):
         flat = FlatSea(height=heights * g).mesh(extent=6.0, spacing=0.1)
         rough = UnresolvedSlopes(variance, variance)
         mesh = mt.TriangleMesh(flat.vertices, flat.faces, flat.vertex_normals, rough)
-        total += w * ForcedDetection(link, 64, 1, crest=0.5).evaluate(mesh).ballistic[0]
+        total += w * ForcedDetection(link, 64, 1, sea=TypicalSea(0.5)).evaluate(mesh).ballistic[0]
     return total
 
 
@@ -217,7 +217,7 @@ def test_meshes_resolve_the_shortest_waves():
 
 def test_the_default_mesh_resolves_a_gain_to_one_per_cent():
     link, errors = mt.Link(), []
-    forced = ForcedDetection(link, 64, 1, crest=0.6)
+    forced = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6))
     for seed in range(8):
         sea = sea_of(16.0, seed, d_omega=0.6)
         mesh, _ = mesh_for(link, sea, reach=crossing_reach(link))

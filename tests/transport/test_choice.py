@@ -1,4 +1,4 @@
-"""Choice between chains and adjoint paths, from their pilots."""
+"""Choice between chains and joined photons, from their pilots."""
 
 import warnings
 
@@ -16,19 +16,21 @@ def pilot(mean, relative_error, samples):
 
 
 @pytest.mark.parametrize(
-    ("expected", "error_of_paths", "method"),
-    [(20.0, 0.6, "chains"), (20.0, 0.1, "adjoint"), (0.4, 0.6, "adjoint")],
-    ids=["one heavy path", "certain", "clear water"],
+    ("expected", "error_of_photons", "method"),
+    [(20.0, 0.6, "chains"), (20.0, 0.1, "joined"), (0.4, 0.6, "joined")],
+    ids=["one heavy photon", "certain", "clear water"],
 )
-def test_twice_the_light_of_turbid_paths_must_be_certain(expected, error_of_paths, method):
-    chains, paths = pilot(1.0, 0.1, 500), pilot(2.3, error_of_paths, 2048)
-    assert choose(chains, paths, expected) == [method]
+def test_twice_the_light_of_photons_in_turbid_water_must_be_certain(
+    expected, error_of_photons, method
+):
+    chains, photons = pilot(1.0, 0.1, 500), pilot(2.3, error_of_photons, 2048)
+    assert choose(chains, photons, expected) == [method]
 
 
-def test_chains_may_vary_more_where_paths_are_long():
-    chains, paths = pilot(1.0, 0.05, 4000), pilot(1.0, 0.05, 2048)
-    assert choose(chains, paths, 0.4) == ["adjoint"]
-    assert choose(chains, paths, 20.0) == ["chains"]
+def test_chains_may_vary_more_where_photons_scatter_often():
+    chains, photons = pilot(1.0, 0.05, 4000), pilot(1.0, 0.05, 2048)
+    assert choose(chains, photons, 0.4) == ["joined"]
+    assert choose(chains, photons, 20.0) == ["chains"]
     assert chain_cost(20.0) == pytest.approx(0.1)
     assert chain_cost(10.0) == pytest.approx(0.2)
 
@@ -53,5 +55,5 @@ def test_every_seed_finds_light_that_scattering_alone_brings():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             run = mt.simulate(link, FlatSea(), photons=2048, seed=seed)
-        assert run.scattered[0].estimator == "adjoint paths"
+        assert run.scattered[0].estimator == "joined photons"
         assert 1e-11 < run.gain < 1e-9

@@ -16,7 +16,7 @@ import meshtrace as mt
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces import JonswapSea
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
 
 TILTS = UnresolvedSlopes((0.0158, 0.0126), (0.0158, 0.0126))
 WATER = mt.Water(b=0.05)
@@ -152,7 +152,7 @@ def test_light_of_beams_is_integrated_over_waves():
     for waist in (0.0, 0.001):
         beam = mt.GaussianBeam(depth=20.0, divergence_deg=0.5, waist=waist)
         link = mt.Link(transmitter=beam, receiver=mt.Receiver(height=30.0))
-        forced = ForcedDetection(link, 64, 1, crest=1.0)
+        forced = ForcedDetection(link, 64, 1, sea=TypicalSea(1.0))
         gains.append(forced.evaluate(mesh).ballistic[0])
         if waist == 0.0:
             assert forced.over(mesh).direct_gains(0, 0) is not None
@@ -171,7 +171,7 @@ def test_views_narrower_than_the_facets(mss, fov, points):
     """The edge of the field of view cuts facets, of 0.1 m; the view is 0.09 to 0.7 m wide there."""
     link = mt.Link(receiver=mt.Receiver(fov_deg=fov))
     mesh = JonswapSea(wind_speed=5.0, seed=4, mss=mss).mesh(extent=6.0, spacing=0.1)
-    forced = ForcedDetection(link, 64, 1, crest=0.6, scattered="chains")
+    forced = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6), scattered="chains")
     aimed = forced.over(mesh)
     gain = aimed.direct_gains(0, 0).sum()
     aimed.blurred = False

@@ -17,7 +17,7 @@ import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.kernels.photon_state import Vertex
 from meshtrace.surfaces import FlatSea, SinusoidalSea, sea_in_wind
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 
@@ -58,9 +58,9 @@ BEAM = mt.AirBeam(height=20.0)
 )
 def test_the_mirrored_link_has_the_square_of_the_index_times_the_gain(up, sea):
     mesh, _ = mesh_for(up, sea, reach=crossing_reach(up))
-    crest = float(mesh.bounds[1, 2])
+    sea = TypicalSea.of([mesh])
     a, b = (
-        ForcedDetection(link, 4096, 1, crest=crest, scattered="chains").evaluate(mesh)
+        ForcedDetection(link, 4096, 1, sea=sea, scattered="chains").evaluate(mesh)
         for link in (up, up.mirrored())
     )
     assert_allclose(b.ballistic, SQUARE * a.ballistic, rtol=1e-4)
@@ -332,15 +332,15 @@ def test_a_lamp_close_to_the_water_reaches_a_receiver_aside():
 
 
 @pytest.mark.statistical
-def test_adjoint_paths_from_the_lamp_agree_with_chains():
+def test_joined_photons_to_the_lamp_agree_with_chains():
     link = down(mt.AirLed(half_angle_deg=40.0), position=(6.0, 0.0), fov_deg=120.0)
     mesh, _ = mesh_for(link.in_wind(8.0), sea_in_wind(8.0), reach=crossing_reach(link))
-    crest = float(mesh.bounds[1, 2])
+    sea = TypicalSea.of([mesh])
     a, b = (
-        ForcedDetection(link.in_wind(8.0), n, 1, crest=crest, scattered=how).evaluate(mesh)
-        for how, n in (("chains", 8192), ("adjoint", 16384))
+        ForcedDetection(link.in_wind(8.0), n, 1, sea=sea, scattered=how).evaluate(mesh)
+        for how, n in (("chains", 8192), ("joined", 16384))
     )
-    assert b.method == ["adjoint"]
+    assert b.method == ["joined"]
     error = math.hypot(float(a.stderr[0]), float(b.stderr[0]))
     assert error < 0.03 * a.gain[0]
     assert abs(a.gain[0] - b.gain[0]) < 4.0 * error

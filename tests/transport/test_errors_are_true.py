@@ -14,7 +14,7 @@ import meshtrace as mt
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 from meshtrace.transport.aimed import AimedChains
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 
@@ -130,7 +130,7 @@ def squares_of_scatter(name, photons):
     mesh, _ = mesh_for(link, sea, reach=crossing_reach(link))
     crest = float(mesh.bounds[1, 2])
     parts = [
-        ForcedDetection(link, photons, seed, threads=2, crest=crest).evaluate(mesh)
+        ForcedDetection(link, photons, seed, threads=2, sea=TypicalSea(crest)).evaluate(mesh)
         for seed in range(SEEDS)
     ]
     gain, error = (np.array([getattr(p, k)[0] for p in parts]) for k in ("gain", "stderr"))

@@ -14,7 +14,7 @@ from scipy import stats
 import meshtrace as mt
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
 
 NO_SCATTERING = mt.Water(b=0.0)
 
@@ -62,7 +62,7 @@ def sinusoid_gains(sea, link, spacing, places):
     receivers = tuple(link.receiver.model_copy(update={"position": p}) for p in places)
     several = link.model_copy(update={"receiver": receivers})
     mesh = sea.mesh(extent=3.0, spacing=spacing)
-    return ForcedDetection(several, 32, 1, "vertex", crest=0.2).evaluate(mesh).ballistic
+    return ForcedDetection(several, 32, 1, "vertex", sea=TypicalSea(0.2)).evaluate(mesh).ballistic
 
 
 def test_unscattered_gain_over_waves_converges_as_the_square_of_the_spacing():
@@ -206,7 +206,9 @@ def test_scatter_over_seeds_is_the_standard_error(sea):
     mesh = SEAS[sea].mesh(extent=9.0, spacing=0.2)
     rows = []
     for seed in range(40):
-        parts = ForcedDetection(link, 800, seed, crest=float(mesh.bounds[1, 2])).evaluate(mesh)
+        parts = ForcedDetection(link, 800, seed, sea=TypicalSea(float(mesh.bounds[1, 2]))).evaluate(
+            mesh
+        )
         rows.append((parts.gain[0], parts.stderr[0]))
     gain, error = np.array(rows).T
     chi2 = ((gain - gain.mean()) ** 2).sum() / (error**2).mean()

@@ -68,7 +68,7 @@ def test_arrivals_of_an_extended_lamp_add_up():
     assert found.arrivals.weight.sum() == pytest.approx(found.gain, rel=1e-9)
 
 
-def test_what_adjoint_paths_do_not_follow_is_refused():
+def test_what_joined_photons_do_not_follow_is_refused():
     link = LINKS["bottom"][0].replace(physics=mt.Physics(snell="paper"))
     with pytest.raises(Refused, match=r"water.bottom_depth: 6.*allowed: a point source.*analog"):
         mt.simulate(link, FlatSea())

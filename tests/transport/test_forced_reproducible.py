@@ -7,7 +7,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
 
 LINKS = {
     "default": mt.Link(),
@@ -105,7 +105,7 @@ def test_transmitters_in_a_list_share_the_power(banded):
 
 
 def test_one_set_of_chains_serves_every_surface_in_any_order(mesh):
-    forced = ForcedDetection(mt.Link(), 1000, 3, crest=1.5)
+    forced = ForcedDetection(mt.Link(), 1000, 3, sea=TypicalSea(1.5))
     meshes = [mesh, FlatSea().mesh(extent=9.0, spacing=0.5), mesh]
     first = [forced.evaluate(m) for m in meshes]
     again = [forced.evaluate(m) for m in meshes[::-1]][::-1]

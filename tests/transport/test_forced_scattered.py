@@ -109,7 +109,7 @@ def test_no_gain_below_the_light_that_is_scattered_once(name):
     floor = single_scattering(link)
     for seed in range(seeds):
         parts = parts_of(link, 10_000, seed)
-        assert parts.method == ["adjoint"]
+        assert parts.method == ["joined"]
         assert parts.gain[0] > floor - 3.5 * parts.stderr[0]
         assert parts.orders[0, 0] == pytest.approx(floor, rel=0.25)
         assert parts.scored[0] > 1000
@@ -169,11 +169,11 @@ def test_the_bound_of_a_dark_link_is_that_of_analog_photons():
 def test_a_result_names_the_estimator_and_the_samples(tmp_path):
     near, away = mt.Receiver(), mt.Receiver(tilt_deg=60.0)
     r = mt.simulate(mt.Link(receiver=(near, away)), FlatSea(), photons=2048, seed=1)
-    assert [row.estimator for row in r.scattered] == ["chains", "adjoint paths"]
+    assert [row.estimator for row in r.scattered] == ["chains", "joined photons"]
     assert all(0 < row.scored <= row.samples for row in r.scattered)
     assert all(0.0 < row.effective <= row.samples for row in r.scattered)
-    assert "2,048 adjoint paths, " in r.summary()
-    assert repr(r).endswith("2,048 chains or adjoint paths>")
+    assert "2,048 joined photons, " in r.summary()
+    assert repr(r).endswith("2,048 chains or joined photons>")
     r.save(tmp_path / "r.nc")
     assert mt.GainResult.load(tmp_path / "r.nc").scattered == r.scattered
 
@@ -181,7 +181,7 @@ def test_a_result_names_the_estimator_and_the_samples(tmp_path):
 @pytest.mark.filterwarnings("ignore:.*effective sample size:meshtrace.FewSamplesWarning")
 @pytest.mark.filterwarnings("ignore:.*forced detection omits:meshtrace.DomainWarning")
 @pytest.mark.parametrize("aside", [0.0, 5.0])
-def test_arrivals_of_adjoint_paths_add_up_to_the_gain(aside):
+def test_arrivals_of_joined_photons_add_up_to_the_gain(aside):
     """Two receivers, one on chains; no way is shorter than the straight one."""
     away = mt.Receiver(tilt_deg=60.0, position=(aside, 0.0))
     link = mt.Link(receiver=(mt.Receiver(), away))
@@ -220,7 +220,7 @@ def test_few_samples_of_isotropic_scattering_are_said(tilt, seed):
     """512 paths, some 30 of which carry the gain: every seed warns, and says how many."""
     water = mt.Water(phase=mt.HenyeyGreenstein(g=0.0))
     link = mt.Link(water=water, receiver=mt.Receiver(tilt_deg=tilt))
-    with pytest.warns(FewSamplesWarning, match="of 512 adjoint paths contribute"):
+    with pytest.warns(FewSamplesWarning, match="of 512 joined photons contribute"):
         result = mt.simulate(link, FlatSea(), photons=512, seed=seed)
     assert result.scattered[0].effective < 100.0
     assert "effective" in result.summary()
@@ -229,7 +229,7 @@ def test_few_samples_of_isotropic_scattering_are_said(tilt, seed):
 @pytest.mark.thorough
 def test_frozen_chains_warn_where_simulate_would():
     tilted = mt.Link(receiver=mt.Receiver(tilt_deg=40.0))
-    with pytest.warns(FewSamplesWarning, match="for which `simulate` uses adjoint paths"):
+    with pytest.warns(FewSamplesWarning, match="for which `simulate` uses joined photons"):
         FrozenForced(tilted, 1024, 1)
     turbid = mt.Link(
         water=mt.Water(a=0.05, b=0.8, phase=mt.HenyeyGreenstein(g=0.5)),
@@ -245,7 +245,7 @@ def test_frozen_chains_warn_where_simulate_would():
 )
 @pytest.mark.thorough
 def test_the_order_of_receivers_changes_nothing(sea):
-    """Bit for bit, with receivers on chains and on adjoint paths; a link far from the origin."""
+    """Bit for bit, with receivers on chains and on joined photons; a link far from the origin."""
     rows = [
         mt.Receiver(position=(500.1, 0.3)),
         mt.Receiver(position=(510.0, 0.0), fov_deg=20.0),
@@ -259,7 +259,7 @@ def test_the_order_of_receivers_changes_nothing(sea):
             transmitter=mt.Led(position=(500.0, 0.0)), receiver=tuple(rows[i] for i in order)
         )
         parts = ForcedDetection(link, 1024, 1).evaluate(mesh)
-        assert {"chains", "adjoint"} == set(parts.method)
+        assert {"chains", "joined"} == set(parts.method)
         back = np.argsort(order)
         names = ("shifts", "orders", "samples", "scored", "effective")
         found[order] = [getattr(parts, name)[back] for name in names]
@@ -271,11 +271,11 @@ def test_the_order_of_receivers_changes_nothing(sea):
 def test_few_chains_of_next_to_no_light_are_not_trusted():
     """Chains of this seed saw 1e-10 of the light, and the paths of its pilot were unsure."""
     parts = parts_of(LINKS["tilt 80"], 10_000, 6)
-    assert parts.method == ["adjoint"]
+    assert parts.method == ["joined"]
     assert parts.gain[0] > single_scattering(LINKS["tilt 80"]) - 3.5 * parts.stderr[0]
 
 
-def test_turbid_water_of_many_orders_rests_on_adjoint_paths():
+def test_turbid_water_of_many_orders_rests_on_joined_photons():
     """More than 40 scatterings once needed analog photons."""
     link = mt.Link(
         water=mt.Water(a=0.02, b=6.0, phase=mt.HenyeyGreenstein(g=0.9)),
@@ -283,7 +283,7 @@ def test_turbid_water_of_many_orders_rests_on_adjoint_paths():
         physics=mt.Physics(reflected="kill"),
     )
     parts = parts_of(link, 2048, 3)
-    assert parts.method == ["adjoint"]
+    assert parts.method == ["joined"]
     assert parts.gain[0] > 0.0
 
 

@@ -6,6 +6,7 @@ import pytest
 import meshtrace as mt
 from meshtrace.kernels.crossings import Counter
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
+from meshtrace.transport.forced import TypicalSea
 from meshtrace.transport.frozen import FrozenForced
 
 SMOOTH = mt.Link().replace("physics.unresolved", "none")
@@ -45,8 +46,8 @@ def test_listed_facets_hold_all_crossings(name):
     """Chain by chain, the same digits as by the search of every facet, folds included."""
     mesh = SEAS[name].mesh(extent=8.0, spacing=0.08)
     crest = float(mesh.bounds[1, 2])
-    every = FrozenForced(SMOOTH, 512, 1, crest)
-    lists = FrozenForced(SMOOTH, 512, 1, crest, meshes=[mesh])
+    every = FrozenForced(SMOOTH, 512, 1, TypicalSea(crest))
+    lists = FrozenForced(SMOOTH, 512, 1, TypicalSea(crest), meshes=[mesh])
     _, before = arrivals(every, SMOOTH, mesh)
     folds = 0
     for what, (key, value) in NEIGHBOURS.items():
@@ -72,11 +73,11 @@ def test_listed_facets_hold_all_crossings(name):
 def test_lists_serve_their_own_surface_alone():
     """Over another surface, and over random slopes, no list is used."""
     meshes = [STEEP.mesh(time=t, extent=8.0, spacing=0.1) for t in (0.0, 0.1)]
-    frozen = FrozenForced(SMOOTH, 64, 1, 0.1, meshes=meshes[:1])
+    frozen = FrozenForced(SMOOTH, 64, 1, TypicalSea(0.1), meshes=meshes[:1])
     for mesh, used in zip(meshes, (True, False), strict=True):
         assert bool(arrivals(frozen, SMOOTH, mesh)[1][Counter.LISTED]) is used
     mesh = SEAS["5 m/s"].mesh(extent=8.0, spacing=0.1)
-    rough = FrozenForced(mt.Link(), 64, 1, 0.5, meshes=[mesh])
+    rough = FrozenForced(mt.Link(), 64, 1, TypicalSea(0.5), meshes=[mesh])
     counts = arrivals(rough, mt.Link(), mesh)[1]
     assert counts[Counter.SOLVED] > 0
     assert counts[Counter.LISTED] == 0

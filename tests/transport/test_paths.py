@@ -128,7 +128,7 @@ def test_number_of_paths_is_checked(n):
         mt.trace_paths(LINK, MESH, n)
 
 
-def test_received_paths_where_the_gain_rests_on_adjoint_paths():
+def test_received_paths_where_the_gain_rests_on_joined_photons():
     """No chains were drawn for such a receiver: its light was refused as none."""
     link = mt.Link(receiver=mt.Receiver(tilt_deg=40.0))
     paths = mt.trace_paths(link, FlatSea(), 20, received_only=True, seed=1)

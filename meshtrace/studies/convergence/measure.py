@@ -18,7 +18,7 @@ from meshtrace.studies.convergence.checks import Costs, Normals, Progress, Unres
 from meshtrace.studies.convergence.exact import Reference, over_waves
 from meshtrace.studies.convergence.meshes import probes
 from meshtrace.transport.analog import run_analog
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
 
 if TYPE_CHECKING:
@@ -73,7 +73,10 @@ class CommonChains:
 
     def _chains(self, kind: Normals) -> ForcedDetection:
         """Return the chains over surfaces with one kind of normals."""
-        return ForcedDetection(self.link, *self._key, kind, 1, self._crest, "thorough")
+        sea = TypicalSea(self._crest)
+        return ForcedDetection(
+            self.link, *self._key, kind, sea=sea, search="thorough", scattered="chains"
+        )
 
     def measure(self, mesh: TriangleMesh, mesh_seconds: float, photons: int = 0) -> Measured:
         """Return the numbers of a mesh; `photons` are for the share of total reflection."""

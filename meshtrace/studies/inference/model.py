@@ -18,6 +18,7 @@ from meshtrace.stored import SHIFTS
 from meshtrace.studies.inputs import CommonLines
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting
 from meshtrace.studies.sensitivity.problem import has_moments, moments
+from meshtrace.transport.forced import TypicalSea
 from meshtrace.transport.frozen import FrozenForced, Light
 from meshtrace.transport.meshing import surface_config
 from meshtrace.transport.options import Meshing, Run
@@ -218,8 +219,7 @@ class _Predictor:
 
     def __init__(self, link: Link, surface: Any, run: Run) -> None:
         self._mesh = CommonLines(link, surface, Meshing()).mesh()
-        crest = float(self._mesh.bounds[1, 2])
-        self._frozen = FrozenForced(link, run.photons, run.seed, crest)
+        self._frozen = FrozenForced(link, run.photons, run.seed, TypicalSea.of([self._mesh]))
         self._lights: OrderedDict[str, Light] = OrderedDict()
 
     def light(self, link: Link) -> Light:

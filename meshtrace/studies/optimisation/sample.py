@@ -17,6 +17,7 @@ from meshtrace.models import Floats
 from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.inputs import CommonLines
+from meshtrace.transport.forced import MANY_SEAS, TypicalSea
 from meshtrace.transport.frozen import FrozenForced, Light
 from meshtrace.transport.meshing import FADING_SPACING
 from meshtrace.transport.options import Meshing, Run
@@ -25,7 +26,6 @@ from meshtrace.uav.wind import Dryden
 
 _POSITIONS = 12  # of the receiver over each of several seas
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # azimuths that fill a disk evenly
-_CREST_MARGIN = 1.5  # over the highest crest of the first surface
 _CASES = 4  # candidates whose arrivals are kept for other fields of view
 
 
@@ -95,8 +95,8 @@ class Sample:
         seed = run.seed if self._random else None
         seas = CommonLines(start, sea, meshing, seed, FADING_SPACING)
         self._meshes = [seas.mesh(i) for i in range(self._seas)]
-        crest = _CREST_MARGIN * max(float(mesh.bounds[1, 2]) for mesh in self._meshes)
-        self._frozen = FrozenForced(link, run.photons, run.seed, crest, meshing.normals)
+        typical = TypicalSea.of(self._meshes, MANY_SEAS)
+        self._frozen = FrozenForced(link, run.photons, run.seed, typical, meshing.normals)
         self._lights = lru_cache(_CASES)(self._light)
 
     def _draw(self) -> None:

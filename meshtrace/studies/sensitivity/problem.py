@@ -23,12 +23,12 @@ from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.inputs import CommonLines
 from meshtrace.studies.sensitivity.parameters import Setting
+from meshtrace.transport.forced import MANY_SEAS, TypicalSea
 from meshtrace.transport.frozen import FrozenForced, Light
 from meshtrace.transport.meshing import FADING_SPACING
 from meshtrace.transport.options import Meshing, Run
 
 _KEPT = 4  # meshes of the base sea that stay in memory
-_CREST_MARGIN = 1.5  # over the highest crest of the first seas: later ones may be higher
 _WIDEST_DEG = 4.0  # half-width of a window in angle at the edge of the field of view
 _WINDOWS = 6  # of half the width each
 _CLEAR = 1.5  # standard errors of its bias beyond which a window is too wide
@@ -68,10 +68,9 @@ class Problem:
         many = (run.seed, FADING_SPACING) if realizations > 1 else ()
         self._seas = CommonLines(setting.link, sea, meshing, *many)
         self._meshes = [self._seas.mesh(i) for i in range(min(realizations, _KEPT))]
-        crest = max(float(mesh.bounds[1, 2]) for mesh in self._meshes)
-        crest *= 1.0 if realizations == 1 else _CREST_MARGIN
+        typical = TypicalSea.of(self._meshes, 1.0 if realizations == 1 else MANY_SEAS)
         self._frozen = FrozenForced(
-            setting.link, run.photons, run.seed, crest, meshing.normals, meshes=self._meshes
+            setting.link, run.photons, run.seed, typical, meshing.normals, meshes=self._meshes
         )
 
     def base_mesh(self, i: int) -> TriangleMesh:
