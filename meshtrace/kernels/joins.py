@@ -43,7 +43,7 @@ from meshtrace.kernels.facets import (
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import Medium, depth_between, scattering_coefficients
-from meshtrace.kernels.phase import AngleTable, phase_at
+from meshtrace.kernels.phase import AngleTable, phase_at, sample_s
 from meshtrace.kernels.photon_grid import Grid, facet_over
 from meshtrace.kernels.photon_state import head, heading, place
 from meshtrace.kernels.random import Purpose, uniforms
@@ -151,7 +151,7 @@ class Joins(NamedTuple):
     decay: float  # of the chance of a connection with the depth [m-1]
     b: float  # mean rate of collisions [m-1]
     often: float  # rate of collisions, over that of light
-    start: float  # share of the photons that start over the cones to what the targets see
+    start: float  # factor on the next shares for the directions in which photons start
     lobe: float  # share of directions drawn about the ways to the targets
     cone: float  # share of those drawn even over the cones to what they see
     window: Window
@@ -603,23 +603,36 @@ def _cone_density(d, p, world):
 def guide_start(d, p, source, photon, world):
     """Return (direction, weight) of a new photon, guided to what the targets see or not.
 
-    Array twin: photons without `Joins.start`.
-    Defensive mixture: a share of the photons of a wide lamp starts evenly over the cones, where
-    its own light may be too little to be drawn.
+    Array twin: photons with `Joins.start` = 0.
+    Mixture of the lamp's own light with the phase function about the ways to the targets, by which
+    the first collision would turn it on, and with directions even over the cones, where its own
+    light may be too little to be drawn.
     """
-    share, sources = world.joins.start, world.sources
+    joins, sources = world.joins, world.sources
+    lobe, cone, n = joins.start * joins.lobe, joins.start * joins.cone, len(joins.target)
     kind, m = sources.kind[source], sources.spread[source]
-    if share == 0.0 or (kind != SourceKind.LED and kind != SourceKind.ISOTROPIC):
+    if lobe + cone == 0.0 or (kind != SourceKind.LED and kind != SourceKind.ISOTROPIC):
         return d, 1.0
+    level = level_over(p, world)
     lot, u, v, _ = uniforms(world.seed, photon, 0, Purpose.GUIDE.value)
-    if lot < share:
-        n = len(world.joins.target)
-        axis, edge = _cone_to(min(int(lot / share * n), n - 1), p, world)
+    if lot < lobe:
+        way = _way_to(min(int(lot / lobe * n), n - 1), p, level, world)
+        d = turn(way, sample_s(world.medium.phase_water, u), v)
+    elif lot < lobe + cone:
+        axis, edge = _cone_to(min(int((lot - lobe) / cone * n), n - 1), p, world)
         d = turn(axis, u * edge, v)
     own = 0.25 / math.pi
     if kind == SourceKind.LED:
         own = (m + 1.0) / TWO_PI * max(dot(d, row(sources.axis, source)), 0.0) ** m
-    return d, own / ((1.0 - share) * own + share * _cone_density(d, p, world))
+    drawn = (1.0 - lobe - cone) * own
+    if cone > 0.0:
+        drawn += cone * _cone_density(d, p, world)
+    for i in range(n):
+        if lobe > 0.0:
+            way = _way_to(i, p, level, world)
+            angle = math.acos(min(max(dot(d, way), -1.0), 1.0))
+            drawn += lobe / n * phase_at(joins.water, angle)
+    return d, own / drawn
 
 
 @outlined

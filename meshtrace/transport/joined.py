@@ -60,12 +60,12 @@ _COPIES = 256  # of one photon that wait at a time
 _FREQUENT = 0.7  # collisions on the way up, at least
 _TURBID = 1.0  # b (1 - g) depth beyond which light is diffuse
 _SPREAD = 1.3  # width of the law of crossings, over that of the slopes
-_DECAY = 0.8  # of the chance of a connection, over c
-_START = 0.2  # share of photons that start over the cones to what the targets see
-_LOBE = 0.3  # share of directions drawn about the targets, without random slopes
-_CONE = 0.3  # of those drawn over what the targets see
+_DECAY = 0.8  # of the chance of a connection, over c, with random slopes or in turbid water
+_START = 0.8  # factor on the next shares for the directions in which photons start
+_LOBE, _ROUGH_LOBE = 0.5, 0.3  # share of directions drawn about the targets
+_CONE = 0.5  # share of those drawn over what the targets see
 _HIGHEST = 2.0  # weight times importance, from which photons are split in turbid water
-_CLEAR_HIGHEST = 4.0
+_CLEAR_HIGHEST = 1.5
 _BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
 _TILT = 0.01  # standard deviation of slopes over smooth waves, for light reflected first
 _EVENTS = 100_000  # of a photon and its copies
@@ -290,8 +290,9 @@ class JoinedPhotons:
                 sloped = target.area / (target.area + blur * target.center.z**2)
                 row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0
         spread = _SPREAD * math.sqrt(rough + mesh_slopes)
-        decay = _DECAY * (a + b)
-        shares = 0.0 if rough > 0.0 else _LOBE, 0.0 if window.diffuse else _CONE
+        still = rough == 0.0
+        decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
+        shares = _LOBE if still else _ROUGH_LOBE, 0.0 if window.diffuse else _CONE
         started = _START if link.direction == "up" and min(first) == 1 else 0.0
         ends = rows, min(first), self._direct, water, bubble, bins, np.zeros(0, FACET)
         return Joins(*ends, spread, decay, often * b, often, started, *shares, window)
