@@ -91,7 +91,8 @@ class GainResult(WithArrays, Stored):
     gain, gain_stderr : float or ndarray, shape (receivers,)
         Fraction of the emitted power that each receiver collects, and its standard error.
     photons : int
-        Photons launched (analog), or chains or joined photons (forced).
+        Photons launched (analog), or chains (forced); joined photons are some times as many, see
+        `scattered` and `reflected`.
     fates : dict of str to FateTally
         Photons and weight by fate; empty for the forced estimator.
     gain_bound : same as gain, or None
@@ -172,19 +173,21 @@ class GainResult(WithArrays, Stored):
             for gain, stderr, bound in self._rows
         ]
         shown = parts[:4] + [f"{len(parts) - 4} more"] * (len(parts) > 4)
-        return ", ".join([*shown, f"{self.photons:,} {self._samples}"])
+        return ", ".join([*shown, self._samples])
 
     def _dark(self, bound: float) -> str:
         """Return the bound of a gain without light; that of chains is no measurement of theirs."""
         if self.fates:
             return f"dark to below {bound:.2g}"
-        return f"not found with {self.photons:,} {self._samples}, below {bound:.2g}"
+        return f"not found with {self._samples}, below {bound:.2g}"
 
     @property
     def _samples(self) -> str:
-        """Return the kind of the samples."""
-        kinds = dict.fromkeys(row.estimator for row in self.scattered)
-        return " or ".join(kinds) or ("photons" if self.fates else "chains")
+        """Return the number of samples of each estimator."""
+        found = {row.estimator: row.samples for row in self.scattered}
+        if "chains" in found or not found:  # those that were asked for: each order has some more
+            found = {**found, "photons" if self.fates else "chains": self.photons}
+        return " and ".join(f"{n:,} {name}" for name, n in found.items())
 
     def summary(self, wall_time: float | None = None, verbose: bool = False) -> str:
         """Return the gain and the fates of the photons as text for a terminal.
@@ -196,11 +199,10 @@ class GainResult(WithArrays, Stored):
         verbose : bool
             Include fates without photons, lost rays and the outcomes of the chains.
         """
-        count = f"{self.photons:,}"
+        count = self._samples
         if wall_time is not None:
-            count += f" in {wall_time:.2f} s, {self.photons / wall_time:,.0f} per second"
-        samples = self._samples if len(self._samples) < 18 else "samples"
-        lines = [*self._gain_lines(), *self._origin_lines(), _line(samples, count)]
+            count += f" in {wall_time:.2f} s"
+        lines = [*self._gain_lines(), *self._origin_lines(), _line("samples", count)]
         if self.fates:
             cast, lost = self.misses
             if verbose or lost:

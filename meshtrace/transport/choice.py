@@ -28,7 +28,7 @@ _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
 
 Method = Literal["chains", "joined"]
 
-PILOT_PHOTONS = 4096
+PILOT_PHOTONS = 8192
 """Joined photons of a pilot."""
 
 _EFFICIENT = 4.0  # relative variance of a chain up to which no other estimator is tried
