@@ -302,15 +302,18 @@ def find_crossings(chains, i, flat, audit, search, scene, out):
         if len(search.near.rows) > 0:
             first, last = search.near.rows[i, k, 0], search.near.rows[i, k, 1]
         listed = search.near.facet[max(first, 0) : last]
-        n = _near(
+        n = roots_near(
             n, flat[k], audit, search, first >= 0, listed, shot, scene, out.roots, out.counters
         )
     return n
 
 
 @outlined
-def _near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counters):
-    """Append the crossings that belong to one flat crossing."""
+def roots_near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counters):
+    """Append the crossings that belong to one flat crossing; return their number.
+
+    Array twin: `enumerate_roots`, which searches every facet.
+    """
     surface, target, tilt = scene.surface, scene.target, shot.tilt
     radius = radius_of(flat, search, shot, scene)
     off = math.hypot(flat.x - target.center.x, flat.y - target.center.y)
