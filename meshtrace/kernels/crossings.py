@@ -302,18 +302,15 @@ def find_crossings(chains, i, flat, audit, search, scene, out):
         if len(search.near.rows) > 0:
             first, last = search.near.rows[i, k, 0], search.near.rows[i, k, 1]
         listed = search.near.facet[max(first, 0) : last]
-        n = roots_near(
+        n = _near(
             n, flat[k], audit, search, first >= 0, listed, shot, scene, out.roots, out.counters
         )
     return n
 
 
 @outlined
-def roots_near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counters):
-    """Append the crossings that belong to one flat crossing; return their number.
-
-    Array twin: `enumerate_roots`, which searches every facet.
-    """
+def _near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counters):
+    """Append the crossings that belong to one flat crossing."""
     surface, target, tilt = scene.surface, scene.target, shot.tilt
     radius = radius_of(flat, search, shot, scene)
     off = math.hypot(flat.x - target.center.x, flat.y - target.center.y)
@@ -325,12 +322,7 @@ def roots_near(n, flat, audit, search, is_listed, listed, shot, scene, roots, co
     if surface.interpolate:
         x0 = flat.x + flat.m11 * tilt.x + flat.m12 * tilt.y
         y0 = flat.y + flat.m21 * tilt.x + flat.m22 * tilt.y
-        found, x, y, facet = False, x0, y0, locate(scene.locator, surface, x0, y0)
-        start = facet
-        for step in (0.5, 0.1):  # the second time more carefully
-            if start >= 0 and not found:
-                found, x, y, facet = newton(x0, y0, start, NO, step * radius, shot, scene)
-                found = found and inside_facet(x, y, facet, surface)
+        found, x, y, facet = root_from(x0, y0, radius, shot, scene)
         if found:
             counters[Counter.SOLVED.value] += 1
             n = _add(roots, n, ZERO, x, y, facet, shot.branch, 1.0)
@@ -351,6 +343,21 @@ def roots_near(n, flat, audit, search, is_listed, listed, shot, scene, roots, co
         kept = _add(roots, kept, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)
     counters[Counter.EXTRA_ROOTS.value] += kept - max(n, first)
     return kept
+
+
+@inlined
+def root_from(x0, y0, radius, shot, scene):
+    """Return (found, x, y, facet): the crossing that Newton finds from a point.
+
+    Array twin: `enumerate_roots`, which searches every facet.
+    """
+    found, x, y, facet = False, x0, y0, locate(scene.locator, scene.surface, x0, y0)
+    start = facet
+    for step in (0.5, 0.1):  # the second time more carefully
+        if start >= 0 and not found:
+            found, x, y, facet = newton(x0, y0, start, NO, step * radius, shot, scene)
+            found = found and inside_facet(x, y, facet, scene.surface)
+    return found, x, y, facet
 
 
 @inlined

@@ -41,7 +41,7 @@ from meshtrace.kernels.facets import (
 )
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.jit import inlined, outlined
-from meshtrace.kernels.manifold import Manifold, crossings_between
+from meshtrace.kernels.manifold import Drawn, Manifold, crossings_between
 from meshtrace.kernels.medium import Medium, depth_between, scattering_coefficients
 from meshtrace.kernels.phase import AngleTable, phase_at
 from meshtrace.kernels.photon_grid import Grid, facet_over
@@ -538,10 +538,8 @@ def _join_bent(q, i, goal, still, chance, at_bottom, scene, world, manifold):
         if light > 0.0:
             _score(q, i, q.weight * light, q.water + length, flight, world)
     else:
-        audit, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.AUDIT.value)
-        level = start.z + still.depth
-        n = crossings_between(still.x, still.y, level, shot, audit, scene, manifold)
-        for k in range(n):
+        drawn = Drawn(world.seed, q.id, q.event, *_widths(still, world.joins))
+        for k in range(crossings_between(still, shot, drawn, scene, manifold)):
             root = manifold.roots[k]
             at, facet = Vec2(root.x, root.y), np.int64(root.facet)
             light, length, flight = _bent(at, facet, q, shot, chance, at_bottom, scene, world)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Refused
 from meshtrace.kernels.aiming import FLAT
-from meshtrace.kernels.crossings import ROOT, Counter
+from meshtrace.kernels.crossings import ROOT
 from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.joined import follow_joined
 from meshtrace.kernels.joins import N_PARTS, PHOTON, TARGET, Joins, Window, World
@@ -375,7 +375,7 @@ def is_flat(surface: Surface) -> bool:
 
 def _manifold(surface: Surface, facets: NDArray[np.void], bins: Locator) -> Manifold:
     """Return the search over smooth waves."""
-    room = np.zeros(1, FLAT), np.zeros(ROOTS, ROOT), np.zeros(len(Counter), np.int64)
+    room = np.zeros(1, FLAT), np.zeros(ROOTS, ROOT)
     return Manifold(search_extent(surface, facets, bins), *room)
 
 
