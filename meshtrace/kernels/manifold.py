@@ -24,12 +24,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.aiming import flat_crossing
+from meshtrace.kernels.aiming import flat_crossing, newton
 from meshtrace.kernels.crossings import MARGIN, Search, enumerate_roots, radius_of, root_from
-from meshtrace.kernels.facets import Surface
-from meshtrace.kernels.jit import ONE, ZERO, inlined, outlined
+from meshtrace.kernels.facets import Surface, inside_facet
+from meshtrace.kernels.jit import ONE, YES, ZERO, inlined, outlined
 from meshtrace.kernels.random import Purpose, uniforms
-from meshtrace.kernels.scene import Scene
+from meshtrace.kernels.scene import Scene, bins_near, is_first_bin
 from meshtrace.kernels.vectors import on_circle
 
 
@@ -53,6 +53,7 @@ class Drawn(NamedTuple):
 
 _SAME = 3e-4  # [m], distance of two results of Newton for one crossing
 _MOST_TRIALS = 100_000
+_CLOSE = 4.0  # depths over the size of the facets up to which each is searched
 _STREAMS = 64  # purposes between those of two trials
 
 
@@ -119,7 +120,11 @@ def _trial(k, still, step, shot, drawn, scene):
 
 @outlined
 def _on_all_facets(still, shot, scene, manifold):
-    """Write the crossings on all facets near that of still water; return their number."""
+    """Write the crossings on all facets near that of still water; return their number.
+
+    Seen from close by, the light of a facet is not that of its centroid and its size: there Newton
+    runs on the plane of every facet.
+    """
     search, flat = manifold.search, manifold.flat[0]
     flat_crossing(flat, still.x, still.y, shot, _raised(shot.start.z + still.depth, scene))
     if flat.low <= 0.0:
@@ -129,7 +134,19 @@ def _on_all_facets(still, shot, scene, manifold):
         search.curvature, search.near,
     )  # fmt: skip
     radius = radius_of(flat, bounded, shot, scene)
-    return enumerate_roots(manifold.roots, ZERO, flat, radius, shot, scene)
+    if still.depth > _CLOSE * search.margin:
+        return enumerate_roots(manifold.roots, ZERO, flat, radius, shot, scene)
+    n, grid, surface = ZERO, scene.locator, scene.surface
+    i0, i1, j0, j1 = bins_near(still.x, still.y, radius, grid)
+    for i in range(i0, i1 + 1):
+        for j in range(j0, j1 + 1):
+            for k in range(grid.start[i * grid.ny + j], grid.start[i * grid.ny + j + 1]):
+                f = np.int64(grid.facet[k])
+                if n < len(manifold.roots) and is_first_bin(i, j, i0, j0, f, surface, grid):
+                    found, x, y, _ = newton(still.x, still.y, f, YES, radius, shot, scene)
+                    if found and inside_facet(x, y, f, surface):
+                        n = _append(n, x, y, f, 1.0, shot, manifold)
+    return n
 
 
 @inlined
