@@ -53,7 +53,7 @@ class Drawn(NamedTuple):
 
 _SAME = 3e-4  # [m], distance of two results of Newton for one crossing
 _MOST_TRIALS = 100_000
-_CLOSE = 4.0  # depths over the size of the facets up to which each is searched
+_CLOSE = 1.0  # depths over the size of the facets up to which each is searched
 _STREAMS = 64  # purposes between those of two trials
 
 
