@@ -406,11 +406,13 @@ def _score(q, i, light, water, air, world):
 
 
 @outlined
-def join_crossing(q, facet, world):
+def join_crossing(q, facet, world, manifold):
     """Join a photon that meets a facet from below to every target.
 
     Array twin: the analog photon, whose slope is drawn.
     """
+    if manifold is not None:  # an argument: the rest is not compiled
+        return
     joins = world.joins
     if not is_rough(world.surface.roughness) or q.reflections + 1 < joins.first:
         return
@@ -481,7 +483,9 @@ def join_collision(q, at_bottom, world):
             a, b = r * c * sa, r * s * sc
             x, y = still.x + a * still.ux - b * still.uy, still.y + a * still.uy + b * still.ux
             p = Vec2(x, y)
-            light, length, flight = _by_slope(p, q, i, goal, still, chance, at_bottom, scene, world)
+            light, length, flight = _by_slope(
+                p, q, i, goal, still, chance, at_bottom, scene, world, world.manifold
+            )
             if light > 0.0:
                 _score(q, i, q.weight * light, q.water + length, flight, world)
         else:
@@ -497,8 +501,10 @@ def _scattered(w, d, start, at_bottom, world):
 
 
 @outlined
-def _by_slope(at, q, i, goal, still, chance, at_bottom, scene, world):
+def _by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manifold):
     """Return (light, way in the water, flight) of a crossing over (x, y), see `join_collision`."""
+    if manifold is not None:
+        return 0.0, 0.0, 0.0
     joins, start, d = world.joins, place(q), heading(q)
     x, y = at.x, at.y
     facet = facet_below(x, y, world)
