@@ -322,12 +322,7 @@ def _near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counter
     if surface.interpolate:
         x0 = flat.x + flat.m11 * tilt.x + flat.m12 * tilt.y
         y0 = flat.y + flat.m21 * tilt.x + flat.m22 * tilt.y
-        found, x, y, facet = False, x0, y0, locate(scene.locator, surface, x0, y0)
-        start = facet
-        for step in (0.5, 0.1):  # the second time more carefully
-            if start >= 0 and not found:
-                found, x, y, facet = newton(x0, y0, start, NO, step * radius, shot, scene)
-                found = found and inside_facet(x, y, facet, surface)
+        found, x, y, facet = root_from(x0, y0, radius, shot, scene)
         if found:
             counters[Counter.SOLVED.value] += 1
             n = _add(roots, n, ZERO, x, y, facet, shot.branch, 1.0)
@@ -348,6 +343,21 @@ def _near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counter
         kept = _add(roots, kept, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)
     counters[Counter.EXTRA_ROOTS.value] += kept - max(n, first)
     return kept
+
+
+@inlined
+def root_from(x0, y0, radius, shot, scene):
+    """Return (found, x, y, facet): the crossing that Newton finds from a point.
+
+    Array twin: `enumerate_roots`, which searches every facet.
+    """
+    found, x, y, facet = False, x0, y0, locate(scene.locator, scene.surface, x0, y0)
+    start = facet
+    for step in (0.5, 0.1):  # the second time more carefully
+        if start >= 0 and not found:
+            found, x, y, facet = newton(x0, y0, start, NO, step * radius, shot, scene)
+            found = found and inside_facet(x, y, facet, scene.surface)
+    return found, x, y, facet
 
 
 @inlined

@@ -198,7 +198,7 @@ def _walk(q, world):
             facet, distance = _facet_ahead(q, world)
             if facet >= 0 and distance < t:
                 _fly(q, distance, world)
-                join_crossing(q, facet, world)
+                join_crossing(q, facet, world, world.manifold)
                 alive = _reflect(q, facet, world)
                 continue
             if facet < 0 and q.z + t * q.dz > world.surface.high[2]:

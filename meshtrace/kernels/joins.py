@@ -8,15 +8,14 @@ is known, and the slope that refracts it to a point x of the aperture is unique:
 p the density of the random slopes, T the transmittance and E the exposure of the facet. At a
 collision a crossing is drawn about that of still water; the direction to it and the slope follow.
 Either way may bring any light; both together count once by the balance heuristic [1]_. Joining to
-an end in the air has no 1 / r^2 singularity. Without random slopes the crossing that refracts the
-light of a collision to x is searched for [2]_.
+an end in the air has no 1 / r^2 singularity. Without random slopes a collision is joined by all
+crossings that refract its light to x: the one of still water, or those of smooth waves
+(`meshtrace.kernels.manifold`).
 
 References
 ----------
 .. [1] E. Veach and L. J. Guibas, "Optimally combining sampling techniques for Monte Carlo
    rendering", SIGGRAPH (1995), doi:10.1145/218380.218498.
-.. [2] J. Hanika, M. Droske and L. Fascione, "Manifold next event estimation", Computer Graphics
-   Forum 34 (2015), doi:10.1111/cgf.12681.
 """
 
 from __future__ import annotations
@@ -42,6 +41,7 @@ from meshtrace.kernels.facets import (
 )
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.jit import inlined, outlined
+from meshtrace.kernels.manifold import Drawn, Manifold, crossings_between
 from meshtrace.kernels.medium import Medium, depth_between, scattering_coefficients
 from meshtrace.kernels.phase import AngleTable, phase_at, sample_s
 from meshtrace.kernels.photon_grid import Grid, facet_over
@@ -146,7 +146,7 @@ class Joins(NamedTuple):
     water: AngleTable
     bubble: AngleTable
     locator: Locator  # of a mesh that is no grid
-    facets: NDArray[np.void]  # (0,) FACET, for the type of `Scene`
+    facets: NDArray[np.void]  # FACET; none but for smooth waves
     spread: float  # standard deviation of the law of slopes
     decay: float  # of the chance of a connection with the depth [m-1]
     b: float  # mean rate of collisions [m-1]
@@ -184,6 +184,7 @@ class World(NamedTuple):
     medium: Medium
     interface: Interface
     joins: Joins
+    manifold: Manifold | None  # for smooth waves
     events: int  # after which a photon is ended
     bvh: Bvh
     photon: NDArray[np.void]  # PHOTON: the one under way, and copies of it that wait
@@ -200,7 +201,7 @@ def _vector(a):
 
 @inlined
 def _scene(i, world):
-    """Return the surface with target i; nothing is read of its emitter, locator and facets."""
+    """Return the surface with target i; nothing is read of its emitter."""
     t = world.joins.target[i]
     kind, spread = t.lamp_kind, t.lamp_spread
     center, axis = _vector(t.center), _vector(t.axis)
@@ -212,8 +213,8 @@ def _scene(i, world):
         t.tan_half_fov, t.reach, t.sin_widest, t.is_lamp, lamp,
     )  # fmt: skip
     joins, surface = world.joins, world.surface
-    bins, none = joins.locator, joins.facets
-    return Scene(lamp, target, surface, bins, none, world.medium, world.interface, False)
+    bins, facets = joins.locator, joins.facets
+    return Scene(lamp, target, surface, bins, facets, world.medium, world.interface, False)
 
 
 @inlined
@@ -407,11 +408,13 @@ def _score(q, i, light, water, air, world):
 
 
 @outlined
-def join_crossing(q, facet, world):
+def join_crossing(q, facet, world, manifold):
     """Join a photon that meets a facet from below to every target.
 
     Array twin: the analog photon, whose slope is drawn.
     """
+    if manifold is not None:  # an argument: the rest is not compiled
+        return
     joins = world.joins
     if not is_rough(world.surface.roughness) or q.reflections + 1 < joins.first:
         return
@@ -482,11 +485,13 @@ def join_collision(q, at_bottom, world):
             a, b = r * c * sa, r * s * sc
             x, y = still.x + a * still.ux - b * still.uy, still.y + a * still.uy + b * still.ux
             p = Vec2(x, y)
-            light, length, flight = _by_slope(p, q, i, goal, still, chance, at_bottom, scene, world)
+            light, length, flight = _by_slope(
+                p, q, i, goal, still, chance, at_bottom, scene, world, world.manifold
+            )
+            if light > 0.0:
+                _score(q, i, q.weight * light, q.water + length, flight, world)
         else:
-            light, length, flight = _by_flat(q, goal, still, chance, at_bottom, scene, world)
-        if light > 0.0:
-            _score(q, i, q.weight * light, q.water + length, flight, world)
+            _join_bent(q, i, goal, still, chance, at_bottom, scene, world, world.manifold)
 
 
 @inlined
@@ -498,8 +503,10 @@ def _scattered(w, d, start, at_bottom, world):
 
 
 @outlined
-def _by_slope(at, q, i, goal, still, chance, at_bottom, scene, world):
+def _by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manifold):
     """Return (light, way in the water, flight) of a crossing over (x, y), see `join_collision`."""
+    if manifold is not None:
+        return 0.0, 0.0, 0.0
     joins, start, d = world.joins, place(q), heading(q)
     x, y = at.x, at.y
     facet = facet_below(x, y, world)
@@ -529,19 +536,49 @@ def _by_slope(at, q, i, goal, still, chance, at_bottom, scene, world):
 
 
 @outlined
-def _by_flat(q, goal, still, chance, at_bottom, scene, world):
-    """Return (light, way in the water, flight) through still water, see `join_collision`."""
-    start, d = place(q), heading(q)
+def _join_bent(q, i, goal, still, chance, at_bottom, scene, world, manifold):
+    """Join an event to target i by all crossings without random slopes, see `join_collision`."""
+    start = place(q)
     shot = Shot(start, ORIGIN, UP, goal, 1.0, Vec2(0.0, 0.0))
-    j = jacobian(still.x, still.y, FLAT_SEA, shot, scene)
+    if manifold is None:  # an argument: the other branch is not compiled
+        at = Vec2(still.x, still.y)
+        light, length, flight = _bent(at, FLAT_SEA, q, shot, chance, at_bottom, scene, world)
+        if light > 0.0:
+            _score(q, i, q.weight * light, q.water + length, flight, world)
+    else:
+        drawn = Drawn(world.seed, q.id, q.event, *_widths(still, world.joins))
+        for k in range(crossings_between(still, shot, drawn, scene, manifold)):
+            root = manifold.roots[k]
+            at, facet = Vec2(root.x, root.y), np.int64(root.facet)
+            light, length, flight = _bent(at, facet, q, shot, chance, at_bottom, scene, world)
+            light *= root.multiplicity
+            if light > 0.0:
+                _score(q, i, q.weight * light, q.water + length, flight, world)
+
+
+@outlined
+def _bent(at, facet, q, shot, chance, at_bottom, scene, world):
+    """Return (light, way in the water, flight) of a crossing that refracts light to the goal."""
+    start, d = place(q), heading(q)
+    j = jacobian(at.x, at.y, facet, shot, scene)
     m, spread = j.aim, abs(j.a * j.d - j.b * j.c)
-    if not j.ok or spread == 0.0 or m.w.z <= 0.0:
+    if not j.ok or spread == 0.0 or m.w.z == 0.0:
         return 0.0, 0.0, 0.0
-    p = Vec3(still.x, still.y, world.surface.level)
+    p = Vec3(at.x, at.y, height_on(at.x, at.y, facet, world.surface))
     light = acceptance(m, p, scene.target, world.interface.fov)
     if light <= 0.0:
         return 0.0, 0.0, 0.0
-    solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (m.w.z * spread)
+    if facet >= 0:
+        g = row(world.surface.face_normals, facet)
+        if dot(m.w, g) <= 0.0 or dot(m.r, g) <= 0.0:
+            return 0.0, 0.0, 0.0
+        if scene.target.is_lamp:
+            light *= forwards(m, p, facet, shot.tilt, world.surface)
+        if not _is_clear(start, m.w, m.length, facet, world):
+            return 0.0, 0.0, 0.0
+        if world.interface.follow_second_hit and not _is_clear(p, m.r, m.flight, facet, world):
+            return 0.0, 0.0, 0.0
+    solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (abs(m.w.z) * spread)
     light *= scene.target.area * solid_angle * transmittance(m, world.interface) / chance
     light *= _scattered(m.w, d, start, at_bottom, world)
     light *= math.exp(-depth_between(world.medium, start, p, m.length))

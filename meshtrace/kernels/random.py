@@ -42,6 +42,7 @@ class Purpose(IntEnum):
     JOIN = 9
     JOIN_SLOPE = 10
     GUIDE = 11
+    TRIAL = 12
 
 
 @inlined

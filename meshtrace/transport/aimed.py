@@ -19,7 +19,7 @@ from meshtrace.kernels.crossings import Search as SearchExtent
 from meshtrace.kernels.facets import Roughness, Surface
 from meshtrace.kernels.interface import Direction, Snell
 from meshtrace.kernels.medium import DepthMode
-from meshtrace.kernels.scene import FACET, Emitter, Scene, Target, facet_summary
+from meshtrace.kernels.scene import FACET, Emitter, Locator, Scene, Target, facet_summary
 from meshtrace.kernels.shadow import BESIDE, CUT, shadows
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
@@ -169,22 +169,13 @@ class AimedChains:
 
     def search_of(self, target: Target) -> SearchExtent:
         """Return the extent of the search for roots."""
-        curvature, radius = self._largest
-        all_asked = self._search_mode == "thorough" or self._normals == "facet"
-        return SearchExtent(
-            1.0 if all_asked else _AUDITED,
-            self.surface.max_slope,
-            2.0 * radius,
-            target.reach + 1.0,
-            curvature,
-            NO_LISTS,
-        )
+        extent = self._extent
+        return extent._replace(widest=target.reach + extent.widest)
 
     @cached_property
-    def _largest(self) -> tuple[float, float]:
-        """Largest curvature and radius of the facets that light can cross."""
-        near = self.locator.facet if len(self.locator.facet) else slice(None)
-        return float(self.facets["curvature"][near].max()), float(self.facets["radius"][near].max())
+    def _extent(self) -> SearchExtent:
+        extent = search_extent(self.surface, self.facets, self.locator)
+        return extent._replace(audit=1.0) if self._search_mode == "thorough" else extent
 
     def score(self, source: int, receiver: int, chains: ChainSet) -> Floats:
         """Return the score of each chain of a set, from a source to a receiver."""
@@ -312,6 +303,19 @@ class AimedChains:
         paths[:, 1] = crossings
         paths[:, 2] = on_disk(target.center, target, disk)
         return paths[found]
+
+
+def search_extent(surface: Surface, facets: NDArray[np.void], bins: Locator) -> SearchExtent:
+    """Return the extent of the search for roots, `widest` beyond the reach of a target."""
+    near = facets[bins.facet] if len(bins.facet) else facets
+    return SearchExtent(
+        audit=_AUDITED if surface.interpolate else 1.0,
+        slope=surface.max_slope,
+        margin=2.0 * float(near["radius"].max()),
+        widest=1.0,
+        curvature=float(near["curvature"].max()),
+        near=NO_LISTS,
+    )
 
 
 def _disk_nodes(blur: float) -> tuple[int, int]:

@@ -17,13 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.errors import Described, Refused
-from meshtrace.kernels.facets import Roughness, Surface
+from meshtrace.errors import Refused
+from meshtrace.kernels.aiming import FLAT
+from meshtrace.kernels.crossings import ROOT
+from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.joined import follow_joined
 from meshtrace.kernels.joins import N_PARTS, PHOTON, TARGET, Joins, Window, World
-from meshtrace.kernels.photon_grid import Grid
+from meshtrace.kernels.manifold import Manifold
 from meshtrace.kernels.rays import NO_BVH
-from meshtrace.kernels.scene import FACET, Emitter, Target
+from meshtrace.kernels.scene import FACET, Emitter, Locator, Target, facet_summary
 from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link
@@ -33,6 +35,7 @@ from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.results.gain import ScatteredSamples
 from meshtrace.stored import SHIFTS
+from meshtrace.transport.aimed import ROOTS, search_extent
 from meshtrace.transport.arrays import (
     angle_table,
     empty_locator,
@@ -67,7 +70,6 @@ _CONE = 0.5  # share of those drawn over what the targets see
 _HIGHEST = 2.0  # weight times importance, from which photons are split in turbid water
 _CLEAR_HIGHEST = 1.5
 _BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
-_TILT = 0.01  # standard deviation of slopes over smooth waves, for light reflected first
 _EVENTS = 100_000  # of a photon and its copies
 _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
 
@@ -153,8 +155,8 @@ class JoinedPhotons:
 
     Notes
     -----
-    Over waves without random slopes light reflected first is estimated with slopes of 0.01 added:
-    it comes from everywhere below, and they change it by about 1e-4.
+    Over waves without random slopes light that the surface reflects, and that then meets it again
+    without a collision between, is not scored: no crossing joins a reflection to a receiver.
     """
 
     def __init__(
@@ -235,27 +237,31 @@ class JoinedPhotons:
         """Return the inputs of photons from the sources, or backwards from one receiver."""
         link = self.link
         surface = surface_arrays(intersector.mesh, self._normals, link.physics.unresolved)
-        if not is_flat(surface) and max(surface.roughness[:2]) == 0.0:
-            if min(first) == 1:
-                smooth = Described("waves without random slopes")
-                raise Refused("surface", smooth, "random slopes, or a flat sea")
-            surface = surface._replace(roughness=Roughness(_TILT, _TILT, 1.0, 0.0))
+        is_smooth = not is_flat(surface) and max(surface.roughness[:2]) == 0.0
         crest = frame.unit * float(surface.high[2])
         medium = with_raster(frame.medium(expected_water(link, crest)), intersector)
         sources = frame.sources(source_arrays(link, crest)) if start is None else _reversed(start)
         grid = grid_arrays(intersector.mesh)
-        joins = self._joins(surface, grid, targets, share, first, frame)
+        bins, facets, manifold = empty_locator(), np.zeros(0, FACET), None
+        if is_smooth or not len(grid.x.line):
+            bins = locator(surface, targets)
+        if is_smooth:
+            facets = np.empty(len(surface.faces), FACET)
+            facet_summary(surface, facets)
+            manifold = _manifold(surface, facets, bins)
+        joins = self._joins(surface, bins, facets, targets, share, first, frame)
         none = np.zeros(0, ARRIVAL), np.zeros(1, np.int64)
         return World(
             0, np.uint64(self.seed), sources, surface, grid, medium, interface_arrays(link), joins,
-            _EVENTS, NO_BVH, np.zeros(1 + _COPIES, PHOTON),
+            manifold, _EVENTS, NO_BVH, np.zeros(1 + _COPIES, PHOTON),
             np.zeros((0, len(targets), N_PARTS)), np.zeros((len(targets), _ORDERS)), *none,
         )  # fmt: skip
 
     def _joins(
         self,
         surface: Surface,
-        grid: Grid,
+        bins: Locator,
+        facets: NDArray[np.void],
         targets: list[Target],
         share: Floats,
         first: list[int],
@@ -275,7 +281,6 @@ class JoinedPhotons:
         often = 1.0
         if link.physics.absorption == "continuous" and link.physics.free_path != "local_c":
             often = max(1.0, _FREQUENT / (b * depth)) if b > 0.0 else 1.0
-        bins = empty_locator() if len(grid.x.line) else locator(surface, targets)
         window = Window(False, a + turned, 0.0, 0.0, _CLEAR_HIGHEST)
         if turned * depth > _TURBID:
             diffusion, length = 1.0 / (3.0 * (a + turned)), 1.0 / (a + turned)
@@ -294,7 +299,7 @@ class JoinedPhotons:
         decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
         shares = _LOBE if still else _ROUGH_LOBE, 0.0 if window.diffuse else _CONE
         started = _START if link.direction == "up" and min(first) == 1 else 0.0
-        ends = rows, min(first), self._direct, water, bubble, bins, np.zeros(0, FACET)
+        ends = rows, min(first), self._direct, water, bubble, bins, facets
         return Joins(*ends, spread, decay, often * b, often, started, *shares, window)
 
     def _follow(self, world: World, intersector: EmbreeIntersector, arrivals: bool) -> _Run:
@@ -313,6 +318,7 @@ class JoinedPhotons:
                         first=first,
                         bvh=bvh,
                         photon=np.zeros_like(world.photon),
+                        manifold=_own(world.manifold),
                         score=np.zeros((last - first, n, N_PARTS)),
                         order=np.zeros_like(world.order),
                         arrivals=np.zeros(room, ARRIVAL),
@@ -372,6 +378,19 @@ class _Run(NamedTuple):
 def is_flat(surface: Surface) -> bool:
     """Return whether a surface is level still water."""
     return bool(surface.low[2] == surface.high[2] and surface.max_slope == 0.0)
+
+
+def _manifold(surface: Surface, facets: NDArray[np.void], bins: Locator) -> Manifold:
+    """Return the search over smooth waves."""
+    room = np.zeros(1, FLAT), np.zeros(ROOTS, ROOT)
+    return Manifold(search_extent(surface, facets, bins), *room)
+
+
+def _own(manifold: Manifold | None) -> Manifold | None:
+    """Return a search with room of its own, for another thread."""
+    if manifold is None:
+        return None
+    return Manifold(manifold.search, *(np.zeros_like(room) for room in manifold[1:]))
 
 
 def _reversed(emitter: Emitter) -> Sources:

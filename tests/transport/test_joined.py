@@ -189,14 +189,6 @@ def test_nothing_is_reflected_where_it_is_ended():
     assert found.parts[REFLECTED, 0] == 0.0
 
 
-def test_smooth_waves_are_refused_unless_light_is_reflected_first():
-    link, _ = UP["waves"]
-    mesh = mt.surfaces.SinusoidalSea(amplitude=0.1, wavelength=5.0).mesh(extent=30.0, spacing=0.5)
-    with pytest.raises(Refused, match="random slopes, or a flat sea"):
-        JoinedPhotons(link, 64, 1).evaluate(mesh)
-    assert JoinedPhotons(link, 4096, 1, first=2).evaluate(mesh).parts[REFLECTED, 0] > 0.0
-
-
 @pytest.mark.parametrize("form", [{"snell": "paper"}, {"second_hit": "ignore"}])
 def test_other_forms_are_refused(form):
     with pytest.raises(Refused, match="physics"):
