@@ -180,10 +180,13 @@ class ForcedDetection:
             if beyond is not None:
                 raise Refused(*beyond, POINTS_ONLY)
             self._pilots = [self._pilot(s) for s in sources]
-        except Refused:  # a feature, or too many orders, for chains
+        except Refused as refused:  # a feature, or too many orders, for chains
             if self._wanted == "chains":
                 raise
-            self._photons(SHIFTS, range(receivers))  # refuses what joined photons do not follow
+            try:
+                self._photons(SHIFTS, range(receivers))
+            except Refused:  # a form as published
+                raise refused from None
             return [[] for _ in sources]
         self._light = self._still_gain()
         self.method = self._compare()

@@ -172,8 +172,8 @@ def test_a_result_names_the_estimator_and_the_samples(tmp_path):
     assert [row.estimator for row in r.scattered] == ["chains", "joined photons"]
     assert all(0 < row.scored <= row.samples for row in r.scattered)
     assert all(0.0 < row.effective <= row.samples for row in r.scattered)
-    assert "2,048 joined photons, " in r.summary()
-    assert repr(r).endswith("2,048 chains or joined photons>")
+    assert "16,384 joined photons, " in r.summary()
+    assert repr(r).endswith("2,048 chains and 16,384 joined photons>")
     r.save(tmp_path / "r.nc")
     assert mt.GainResult.load(tmp_path / "r.nc").scattered == r.scattered
 
@@ -217,10 +217,10 @@ def test_few_samples_are_said():
 )
 @pytest.mark.parametrize("tilt", [75.0, 80.0])
 def test_few_samples_of_isotropic_scattering_are_said(tilt, seed):
-    """512 paths, some 30 of which carry the gain: every seed warns, and says how many."""
+    """4096 photons, some 70 of which carry the gain: every seed warns, and says how many."""
     water = mt.Water(phase=mt.HenyeyGreenstein(g=0.0))
     link = mt.Link(water=water, receiver=mt.Receiver(tilt_deg=tilt))
-    with pytest.warns(FewSamplesWarning, match="of 512 joined photons contribute"):
+    with pytest.warns(FewSamplesWarning, match="of 4,096 joined photons contribute"):
         result = mt.simulate(link, FlatSea(), photons=512, seed=seed)
     assert result.scattered[0].effective < 100.0
     assert "effective" in result.summary()
@@ -302,22 +302,20 @@ def test_scattered_gain_of_links_without_direct_light(name):
     assert (np.abs(gain - gain.mean()) < 3.5 * np.hypot(error, gain.std() / 8.0**0.5)).all()
 
 
-@pytest.mark.parametrize("rtol", [0.3, 0.05])
+@pytest.mark.parametrize("rtol", [0.5, 0.3])
 def test_a_tolerance_is_not_met_by_an_error_of_few_samples(rtol):
-    """512 paths state an error of 2 %, and are worth 20: over seeds it is too small."""
+    """512 photons are worth some ten: over seeds the error that they state is too small."""
     link = mt.Link(
         water=mt.Water(a=0.1, b=0.5, phase=mt.HenyeyGreenstein(g=0.0)),
         transmitter=mt.Led(depth=3.0),
-        receiver=mt.Receiver(radius=0.5),
+        receiver=mt.Receiver(radius=0.5, tilt_deg=75.0),
         physics=mt.Physics(reflected="kill"),
     )
-    with pytest.warns(
-        FewSamplesWarning, match=r"effective sample size [12][0-9]: the error may exceed"
-    ):
-        few = mt.simulate(link, FlatSea(), photons=512, seed=1)
+    with pytest.warns(FewSamplesWarning, match=r"effective sample size \d\d: the error may exceed"):
+        few = mt.simulate(link, FlatSea(), photons=64, seed=1)
     assert few.gain_stderr < rtol * few.gain
-    enough = mt.simulate(link, FlatSea(), photons=512, seed=1, rtol=rtol)
-    assert enough.photons > 512
+    enough = mt.simulate(link, FlatSea(), photons=64, seed=1, rtol=rtol)
+    assert enough.photons > 64
     assert enough.scattered[0].effective >= 100.0
     assert enough.gain_stderr < rtol * enough.gain
 
