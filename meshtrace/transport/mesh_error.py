@@ -19,7 +19,7 @@ from meshtrace.kernels.scene import Emitter, Target
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
-from meshtrace.mesh import TriangleMesh
+from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.models import Floats
 from meshtrace.results.gain import GainResult
 from meshtrace.surfaces.triangulate import grid_faces, mesh_of_sheet
@@ -32,8 +32,9 @@ _DIVISOR = 2.5
 """Change by every second line over the error: 3 for errors by h^2, 5^(1/2) for random ones by h."""
 
 _SCATTERED = 0.1  # relative error of scattered light over that of unscattered light, at least
-_FIRST, _OTHERS = ((0, 0), (1, 1)), ((0, 1), (1, 0))  # first lines of the coarse grids
-_LITTLE = 2e-3  # relative error below which two coarse grids suffice
+_STARTS = (0, 0), (1, 1), (0, 1), (1, 0)  # first lines of the coarse grids
+_BLURRED = 5e-4  # relative error below which one coarse grid suffices where light is blurred
+_LITTLE = 3e-3  # relative error below which two coarse grids suffice
 _RANDOM_SLOPES = 4.0  # standard deviations: more carry 3e-4 of the light
 _LIT_SLOPES = 4.5  # standard deviations of slopes that `Link.lit_patch` covers
 _BESIDE = 2  # lines beyond the light
@@ -91,7 +92,7 @@ def relative_mesh_error(
     -----
     .. math:: \epsilon = \frac{1}{2.5 G} \sqrt{\overline{(G_i - G)^2}}
 
-    over the gains :math:`G_i` of the two or four grids of every second line. The truth is the
+    over the gains :math:`G_i` of one, two or four grids of every second line. The truth is the
     smooth surface through the lines with the same random slopes; all meshes have those of the
     given one. For surfaces that are smooth on the scale of a facet the change is 3 errors
     (Richardson's extrapolation), for an aperture or blur smaller than a facet the errors of both
@@ -121,22 +122,28 @@ def relative_mesh_error(
 
 
 def _compare(
-    arrays: ForcedLink, sheet: _Sheet, unresolved: object, normals: str, physics: str
+    arrays: ForcedLink,
+    sheet: _Sheet,
+    unresolved: UnresolvedSlopes | None,
+    normals: str,
+    physics: str,
 ) -> tuple[Floats, Floats]:
     """Return the relative change of unscattered light over `_DIVISOR`, and the light itself."""
 
-    def light(points: Floats, directions: Floats) -> Floats:
-        mesh = mesh_of_sheet(points, directions, unresolved)  # type: ignore[arg-type]
-        return _unscattered(AimedChains(arrays, mesh, None, normals, physics))
+    def over(points: Floats, directions: Floats) -> AimedChains:
+        mesh = mesh_of_sheet(points, directions, unresolved)
+        return AimedChains(arrays, mesh, None, normals, physics)
 
-    fine = light(*sheet)
-    coarse: list[Floats] = []
-    for starts in (_FIRST, _OTHERS):
-        coarse += [light(*(rows[i::2, j::2] for rows in sheet)) for i, j in starts]
+    aimed = over(*sheet)
+    fine, coarse = _unscattered(aimed), []
+    # sums without blur may agree by chance
+    enough = (_BLURRED if aimed.blurred else -1.0), _LITTLE, -1.0, math.inf
+    for (i, j), little in zip(_STARTS, enough, strict=True):
+        coarse.append(_unscattered(over(*(rows[i::2, j::2] for rows in sheet))))
         scale = np.maximum(fine, np.mean(coarse, axis=0))
         change = np.sqrt(np.mean(np.square(np.array(coarse) - fine), axis=0)) / _DIVISOR
         relative = np.divide(change, scale, out=np.full_like(scale, np.nan), where=scale > 0.0)
-        if not (relative > _LITTLE).any():
+        if not (relative > little).any():
             break
     return relative, fine
 
