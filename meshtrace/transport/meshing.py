@@ -39,8 +39,8 @@ _MOST_FACETS = 8e6
 _PLANE_CELLS = 128  # over the half-width of a plane, fine or coarse, that needs no fine mesh
 _ASIDE = 5.0  # [m], beyond which the forced estimator has fine facets at the crossings alone
 _MOST_LIT = 2e6
-_MOST_FINER = 2e5  # facets for the sake of accuracy
-_MESH_ERROR = 3e-3  # of the unscattered light of one surface, root mean square
+_MOST_FINER = 1e5  # facets for the sake of accuracy
+_MESH_ERROR = 2.5e-3  # of the unscattered light of one surface, root mean square
 _SLOPES_UNKNOWN = 0.09  # slope variance of a surface that is no sum of waves
 _NODES = 32  # over the half-width of the light, to measure how curvature changes
 _TOO_SHORT = 0.01  # share of the slope variance that no mesh resolves
@@ -156,13 +156,16 @@ def _resolving(
     k2, slopes = _slopes_by_wave(surface)
     shortest = math.sqrt(float(k2[slopes > 0.0].max(initial=0.0)))
     spacing = f.spacing if shortest * f.spacing <= per_wave else per_wave / shortest
+    single = per_wave <= GAIN_SPACING
+    if spacing == f.spacing and not single:
+        return f
     beyond = getattr(surface, "unresolved_slopes", lambda _: None)(spacing)
     random = (0.0, 0.0) if beyond is None else beyond.vertex
     center, half = link.lit_patch(math.sqrt(0.5 * (float(slopes.sum()) + sum(random))))
-    if per_wave <= GAIN_SPACING:
+    if single:
         tilts = math.sqrt(min(random)) if link.physics.unresolved == "tilt" else 0.0
-        change = _change_of_curvature(surface, center, half, time)
-        accurate = max(_accurate(link, change, tilts), 2.0 * half * math.sqrt(2.0 / _MOST_FINER))
+        bend = _curvature(surface, center, half, time)
+        accurate = max(_accurate(link, *bend, tilts), 2.0 * half * math.sqrt(2.0 / _MOST_FINER))
         spacing = min(spacing, accurate)
     if spacing == f.spacing:
         return f
@@ -190,44 +193,49 @@ def _slopes_by_wave(surface: SurfaceModel) -> tuple[Floats, Floats]:
     return k2, 0.5 * np.square(waves.amplitude) * k2
 
 
-def _change_of_curvature(
+def _curvature(
     surface: SurfaceModel, center: tuple[float, float], half: float, time: float
-) -> float:
-    """Return the root mean square third derivative of a surface [m-2] where light crosses."""
+) -> tuple[float, float]:
+    """Return the root mean square second and third derivatives [m-1, m-2] where light crosses."""
     if isinstance(surface, WaveSum):
         k2, slopes = _slopes_by_wave(surface)
-        return math.sqrt(float(np.sum(slopes * np.square(k2))))
+        return math.sqrt(float(np.sum(slopes * k2))), math.sqrt(float(np.sum(slopes * k2**2)))
     step = half / _NODES
     x, y = (middle + np.linspace(-half, half, 2 * _NODES + 1) for middle in center)
     slopes = np.stack(surface.slopes(*np.meshgrid(x, y, indexing="ij"), time))
-    along, across = np.diff(slopes, 2, axis=1), np.diff(slopes, 2, axis=2)
-    return math.sqrt(float(np.mean(along**2) + np.mean(across**2)) * 2.0) / step**2
+    first, second = (
+        sum(float(np.mean(np.diff(slopes, n, axis=axis) ** 2)) for axis in (1, 2)) for n in (1, 2)
+    )
+    return math.sqrt(2.0 * first) / step, math.sqrt(2.0 * second) / step**2
 
 
-def _accurate(link: Link, change: float, tilts: float) -> float:
+def _accurate(link: Link, curvature: float, change: float, tilts: float) -> float:
     r"""Return the spacing that keeps the error of unscattered light below `_MESH_ERROR`.
 
     Parameters
     ----------
     link : Link
         The link.
-    change : float
-        Root mean square third derivative of the surface [m-2].
+    curvature, change : float
+        Root mean square second and third derivative of the surface [m-1, m-2].
     tilts : float
         Standard deviation of the random slopes.
 
     Notes
     -----
-    .. math:: \delta \approx 0.35 \beta \kappa' h / \sqrt{1 + (4 \rho / h)^2}
+    .. math:: \delta \approx 0.35 \beta \kappa' h / \sqrt{1 + (4 \rho / h)^2}, \quad
+        \beta = \beta_0 / \sqrt{1 + (\beta_0 \kappa)^2}
 
     A facet has one curvature, that of a place up to h / 2 away, and curvature focuses light by
-    beta kappa. The aperture as seen from the source and the random slopes average over a radius
-    rho, rho^2 = seen^2 + (beta sigma)^2. Fitted to finer meshes: 0.9 to 4 times the root mean
-    square error over sinusoids and seas of h = 0.03 to 0.1 m.
+    beta_0 kappa, beta_0 the displacement of a crossing by a unit of slope. The aperture as seen
+    from the source and the random slopes average over a radius rho,
+    rho^2 = seen^2 + (beta_0 sigma)^2. Fitted to finer meshes: 0.7 to 4 times the root mean square
+    error over sinusoids and seas of h = 0.03 to 0.1 m.
     """
     fine = math.inf
     for _, lever, seen in link.crossings():
-        q = _MESH_ERROR / max(0.35 * lever * change, 1e-300)
+        focus = lever / math.hypot(1.0, lever * curvature)
+        q = _MESH_ERROR / max(0.35 * focus * change, 1e-300)
         wide = 8.0 * math.hypot(seen, lever * tilts)
         fine = min(fine, math.sqrt(0.5 * q * (q + math.hypot(q, wide))))
     return fine
