@@ -69,7 +69,10 @@ def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
         return result, time.perf_counter() - start
 
 
-_GAINS = ("gain", "gain_stderr", "gain_db", "gain_bound", "gain_ballistic", "gain_scattered")
+_GAINS = (
+    *("gain", "gain_stderr", "gain_db", "gain_bound", "gain_ballistic", "gain_scattered"),
+    "mesh_error",
+)
 
 
 def _plain(result: GainResult, wall_time: float) -> dict[str, Any]:

@@ -66,7 +66,8 @@ MOST_PARTS = 48
 """Parts along an edge of a facet of a map; facets with more are too large for the blur."""
 
 _FEW = 16  # parts along an edge: facets of more are cut where light may cross
-_FINER = 4.0  # parts of those: no neighbours of the same cut cancel the errors at their edges
+_FINE = 1.5  # parts of facets of several: few neighbours of the same cut cancel errors at edges
+_FINER = 4.0  # parts of those of more than a few: no neighbours of the same cut do
 _FINEST = 1.0 / 64.0  # of the longest edge, at the edge of the field of view
 _NEAR = 2.0  # sizes of a part within which the edge of the field of view may cross it
 _NODES = np.int64(2**24)  # finest cut of an edge
@@ -245,6 +246,8 @@ def _facet_light(f, dark, disk, stack, scene):
             top = push_quarters(stack, top, i, j, side)
             continue
         m = math.ceil(min(n, float(_FEW)))
+        if m > 1 and abs(side) == _NODES:
+            m = math.ceil(_FINE * n)
         for k in range(m):
             for q in range(2 * (m - k) - 1):
                 x, y, z = part_of_row(k, q)

@@ -58,6 +58,14 @@ class Footprint(NamedTuple):
     coarse_spacing: float
 
 
+class LitPlace(NamedTuple):
+    """Crossing of unscattered light over a flat sea, between a source and a receiver."""
+
+    place: Floats  # (x, y) [m]
+    lever: float  # displacement of the crossing by a unit of slope [m]
+    seen: float  # radius of the aperture as seen from the source [m]
+
+
 def _one_or_more(family: type[Family]) -> BeforeValidator:
     """Return a validator that reads one part, or a list of parts as a tuple."""
 
@@ -352,25 +360,36 @@ class Link(Model, frozen=True):
 
         Notes
         -----
-        4.5 standard deviations of beta s about the crossings of a flat sea, see `footprint`, the
-        apertures as seen from the sources, and 5 cm. Slanted light is moved farther, by
+        4.5 standard deviations of beta s about the crossings of a flat sea, see `crossings`, the
+        apertures as seen from the sources, and 5 cm.
+        """
+        low, high = np.full(2, math.inf), np.full(2, -math.inf)
+        for place, lever, seen in self.crossings():
+            reach = 4.5 * lever * slope + seen + 0.05 * min(_SMALL * self.unit, 1.0)
+            low, high = np.minimum(low, place - reach), np.maximum(high, place + reach)
+        middle = 0.5 * (low + high)
+        return (float(middle[0]), float(middle[1])), float(0.5 * (high - low).max())
+
+    def crossings(self) -> list[LitPlace]:
+        """Return where unscattered light of each source crosses a flat sea to each receiver.
+
+        Notes
+        -----
+        Slanted light is moved farther by a slope than upright light (`footprint`), by
         1 + 2 tan^2 of its angle to the power 3/2.
         """
         n = self.water.n / self.n_air
-        low, high = np.full(2, math.inf), np.full(2, -math.inf)
+        found = []
         for t in self.transmitters:
             for r in self.receivers:
                 low_end, high_end = _low_and_high(t, r)
                 depth, height = getattr(low_end, "depth", 1.0), getattr(high_end, "height", 1.0)
                 share = depth / (depth + n * height)  # of the way to the upper end, in the water
-                place = _crossing(low_end, high_end, n)
                 aside = math.dist(t.position, r.position) / (depth + height)
                 lever = (n - 1.0) * height * share * (1.0 + 2.0 * aside**2) ** 1.5
                 seen = r.radius * (share if r is high_end else 1.0 - share)
-                reach = 4.5 * lever * slope + seen + 0.05 * min(_SMALL * self.unit, 1.0)
-                low, high = np.minimum(low, place - reach), np.maximum(high, place + reach)
-        middle = 0.5 * (low + high)
-        return (float(middle[0]), float(middle[1])), float(0.5 * (high - low).max())
+                found.append(LitPlace(_crossing(low_end, high_end, n), lever, seen))
+        return found
 
     def _middle(self, most: float) -> tuple[tuple[float, float], float, float]:
         """Return the middle of the fine mesh, and the half-widths of crossings and of the link.

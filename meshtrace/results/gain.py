@@ -78,6 +78,7 @@ CHAIN_MEANING = {
     "sampled": "pairs of source and receiver with sampled unscattered light",
 }
 
+_MATTERS = 0.5  # error of the mesh over the standard error: the two together are 12 % larger
 _EACH = Variable("receiver")
 _TALLIES: dict[str, type[Tally]] = {"arrivals": Arrivals, "planes": Planes, "map": IrradianceMap}
 
@@ -90,6 +91,9 @@ class GainResult(WithArrays, Stored):
     ----------
     gain, gain_stderr : float or ndarray, shape (receivers,)
         Fraction of the emitted power that each receiver collects, and its standard error.
+    mesh_error : same as gain, or None
+        Estimate of the difference to the gain over the exact surface, which the mesh interpolates;
+        not in `gain_stderr`, which is the error of the samples. None or nan where it is not known.
     photons : int
         Photons launched (analog), or chains (forced); joined photons are some times as many, see
         `scattered` and `reflected`.
@@ -137,6 +141,7 @@ class GainResult(WithArrays, Stored):
     gain_bound: Annotated[Values | None, _EACH] = None
     gain_reflected: Annotated[Values | None, _EACH] = None
     gain_reflected_stderr: Annotated[Values | None, _EACH] = None
+    mesh_error: Annotated[Values | None, _EACH] = None
     gain_order: Annotated[Floats | None, Variable("receiver order")] = None
     arrivals: Arrivals | None = None
     planes: Planes | None = None
@@ -197,12 +202,13 @@ class GainResult(WithArrays, Stored):
         wall_time : float, optional
             Duration of the run [s], shown with the number of photons.
         verbose : bool
-            Include fates without photons, lost rays and the outcomes of the chains.
+            Include fates without photons, lost rays, the outcomes of the chains, and the error of
+            the mesh where it is small.
         """
         count = self._samples
         if wall_time is not None:
             count += f" in {wall_time:.2f} s"
-        lines = [*self._gain_lines(), *self._origin_lines(), _line("samples", count)]
+        lines = [*self._gain_lines(verbose), *self._origin_lines(), _line("samples", count)]
         if self.fates:
             cast, lost = self.misses
             if verbose or lost:
@@ -219,8 +225,14 @@ class GainResult(WithArrays, Stored):
                 lines.append(f"{name:<12}{number:>15,}  {CHAIN_MEANING.get(name, name)}")
         return "\n".join(lines)
 
-    def _gain_lines(self) -> list[str]:
-        """Return gain and standard error of each receiver."""
+    @property
+    def _mesh_errors(self) -> Floats:
+        """Error by the mesh of each gain, nan where it is not known."""
+        unknown = np.full(len(self.gains), np.nan)
+        return unknown if self.mesh_error is None else np.atleast_1d(self.mesh_error)
+
+    def _gain_lines(self, verbose: bool) -> list[str]:
+        """Return gain and errors of each receiver; that of the mesh where it matters."""
         lines = []
         for i, (gain, stderr, bound) in enumerate(self._rows):
             name = "channel gain" if np.ndim(self.gain) == 0 else f"channel gain [{i}]"
@@ -232,6 +244,10 @@ class GainResult(WithArrays, Stored):
             lines.append(_line(name, f"{gain:.4e}  ({10.0 * math.log10(gain):.3f} dB optical)"))
             errors = f"{stderr:.1e}  ({percent:.2g} %, {decibel:.2g} dB)"
             lines.append(_line("standard error", errors))
+            of_mesh = self._mesh_errors[i]
+            if of_mesh > _MATTERS * stderr or (verbose and of_mesh >= 0.0):
+                text = f"{of_mesh:.1e}  ({100.0 * of_mesh / gain:.2g} %)"
+                lines.append(_line("error of the mesh", text))
             if self.gain_ballistic is not None:
                 direct = np.atleast_1d(self.gain_ballistic)[i]
                 scattered = 100.0 * (1.0 - direct / gain)
@@ -383,11 +399,14 @@ def merge(results: Sequence[GainResult]) -> GainResult:
         for name, tally in _TALLIES.items()
         if getattr(first, name) is not None
     }
+    known = all(r.mesh_error is not None for r in results)
+    error = np.average([r._mesh_errors for r in results], axis=0, weights=n) if known else None
     return replace(
         first,
         gain=gain,
         gain_stderr=like(gain, stderrs),
         gain_bound=bound_where_dark(gain, total),
+        mesh_error=like(gain, error),
         photons=total,
         fates=fates,
         provenance={**first.provenance, "run": {**first.provenance["run"], **run}},

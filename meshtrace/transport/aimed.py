@@ -33,6 +33,7 @@ Search = Literal["usual", "thorough"]
 
 ROOTS = 64  # crossings of one chain at most
 _NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's, that blurs
+_POINT = 0.5  # radius of an aperture over the blur, up to which four points stand for it
 _WIDEST = 20.0  # radius of an aperture over the blur: a wider one takes too many points
 _SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
 _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
@@ -248,9 +249,7 @@ class AimedChains:
     def _blurred_gains(self, source: int, receiver: int, at: Vec3 | None) -> Floats | None:
         """Return the unscattered gain through each facet of a mesh with random slopes."""
         scene = self._forwards(source, receiver, at)
-        target, n = scene.target, scene.medium.n_water / scene.medium.n_air
-        lever = abs(n - 1.0) * max(target.center[2] - float(scene.surface.high[2]), 1e-6)
-        blur = target.radius / (lever * min(self.surface.roughness[:2]))
+        blur = self._blur(scene)
         if blur > _WIDEST:
             return None
         gain = np.zeros(len(self._mesh.faces))
@@ -259,6 +258,20 @@ class AimedChains:
         stack = np.empty((image.STACK, 3), np.int64)
         blurred.blurred_gain(scene, blurred.Disk(*_disk_rule(*nodes)), stack, gain, doubtful)
         return self._seen(gain, np.flatnonzero(doubtful), source, receiver)
+
+    def _blur(self, scene: Scene) -> float:
+        """Return the radius of the aperture over the width of the light of one facet on it."""
+        target, n = scene.target, scene.medium.n_water / scene.medium.n_air
+        lever = abs(n - 1.0) * max(target.center[2] - float(scene.surface.high[2]), 1e-6)
+        return float(target.radius / (lever * min(self.surface.roughness[:2])))
+
+    def take_points(self, source: int, receiver: int) -> None:
+        """Take one point for an aperture over which blurred light does not change.
+
+        That suffices for the ratio of the light through two meshes.
+        """
+        if self.blurred and self._blur(self._forwards(source, receiver, None)) <= _POINT:
+            self.nodes[source, receiver] = 1, 1
 
     def facet_gains(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats:
         """Return the unscattered gain through each facet."""
@@ -323,7 +336,7 @@ def _disk_nodes(blur: float) -> tuple[int, int]:
 
     The standard deviation of the spot, anywhere on the unit disk, is 1 / blur.
     """
-    if blur <= 0.5:
+    if blur <= _POINT:
         return 1, 4
     return math.ceil(1.0 + 1.05 * blur), math.ceil(4.0 + 1.9 * blur)
 

@@ -31,7 +31,8 @@ class Meshing(Model, frozen=True):
     extent : float, optional
         Half-width of the mesh [m], > 0; by default that of `Link.footprint`.
     spacing : float, optional
-        Spacing of the mesh [m], > 0; by default 0.1 m near the light and coarser outside.
+        Spacing of the mesh [m], > 0; by default 0.1 m near the light, less where
+        waves are short or curvature changes within it, and coarser outside.
     normals : {"vertex", "facet"}
         Normals interpolated from the exact slopes at the corners, or those of the facets.
     """

@@ -32,6 +32,9 @@ from meshtrace.transport.options import Analog, Record
 from meshtrace.transport.returned import LITTLE, returned_gain
 
 LEFT_DOMAIN_WARNING = 1e-4
+MESH_ERROR_WARNING = 3e-3
+"""Share of a gain above which the error of the mesh is warned of."""
+
 _FEW = 100.0  # effective samples below which an error is uncertain itself
 _FEW_SHARE = {"chains": 0.1, "joined photons": 0.15}
 """Share of the samples below which they are few: a run of few photons is known to be uncertain.
@@ -195,6 +198,31 @@ def warn_of_omitted(link: Link, gain: Floats) -> None:
             DomainWarning,
             stacklevel=5,
         )
+
+
+def warn_of_mesh(result: GainResult, case: Case, mesh: TriangleMesh) -> None:
+    """Warn of gains whose error by the mesh exceeds the standard error and 0.3 %."""
+    if result.mesh_error is None:
+        return
+    for r, error in enumerate(np.atleast_1d(result.mesh_error)):
+        limit = max(result.stderrs[r], MESH_ERROR_WARNING * result.gains[r])
+        if error > limit:
+            cure = "a finer mesh"
+            if not isinstance(case.surface, TriangleMesh):
+                cure = f"a spacing below {math.sqrt(limit / error) * _spacing(mesh):.2g} m"
+            warnings.warn(
+                f"receiver {r}: the mesh causes an error of about "
+                f"{100.0 * error / result.gains[r]:.2g} % of the gain, more than the standard "
+                f"error: {cure} lowers it",
+                DomainWarning,
+                stacklevel=4,
+            )
+
+
+def _spacing(mesh: TriangleMesh) -> float:
+    """Return the length of the shortest edge of a mesh on the plane [m]."""
+    first, second = mesh.vertices[mesh.faces[:, 0], :2], mesh.vertices[mesh.faces[:, 1], :2]
+    return float(np.linalg.norm(second - first, axis=1).min())
 
 
 def warn_of_cut(case: Case, mesh: TriangleMesh) -> None:

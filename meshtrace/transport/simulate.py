@@ -21,6 +21,7 @@ from meshtrace.transport.analog import options_over, photons_over
 from meshtrace.transport.case import Case, HasCase, resolve
 from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach, require_height_field
+from meshtrace.transport.mesh_error import with_mesh_error
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import (
     Analog,
@@ -41,6 +42,7 @@ from meshtrace.transport.outcome import (
     warn_of_dark_map,
     warn_of_few,
     warn_of_lost,
+    warn_of_mesh,
     warn_of_omitted,
 )
 from meshtrace.transport.paths import PhotonPaths, received_paths, record_paths
@@ -106,7 +108,8 @@ def simulate(
     Warns
     -----
     DomainWarning
-        If more than 1e-4 of the weight left the mesh sideways, or light leaked through it.
+        If more than 1e-4 of the weight left the mesh sideways, light leaked through it, or the
+        error of the mesh exceeds the standard error and 0.3 % of the gain.
 
     Examples
     --------
@@ -145,7 +148,8 @@ def _simulated(
         inputs = case._replace(run=run), mesh, records, origin
         return _analog(*inputs, progress) if analog else _forced(*inputs)
 
-    result = _to_tolerance(evaluate, case.run)
+    result = with_mesh_error(_to_tolerance(evaluate, case.run), case, mesh)
+    warn_of_mesh(result, case, mesh)
     warn_of_few(result)
     if analog:
         warn_of_lost(result)
