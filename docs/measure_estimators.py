@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import re
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -254,6 +255,178 @@ def variance(entry: dict[str, Any], part: str = "scattered") -> np.ndarray:
         return entry["photons"] * np.square(scatter / gain)
 
 
+def bracket(value: float, error: float) -> str:
+    """Return a value with the standard error of its last digits, as 1.439(3)e-05."""
+    if not value or not math.isfinite(value):
+        return "0"
+    power = math.floor(math.log10(abs(value)))
+    if not error > 0.0:
+        return f"{value:.3e}"
+    if error >= abs(value):
+        return f"{value:.0e} ± {error:.0e}"
+    digits = max(power - math.floor(math.log10(error)), 0)
+    if error / 10.0 ** (power - digits) < 2.0:  # two digits of an error that begins with 1
+        digits += 1
+    return f"{value / 10**power:.{digits}f}({error / 10.0 ** (power - digits):.0f})e{power:+03d}"
+
+
+def number(value: float) -> str:
+    """Return a value with two digits."""
+    if not math.isfinite(value):
+        return "–"
+    return f"{value:.2g}" if abs(value) < 99.5 else f"{float(f'{value:.2g}'):,.0f}"
+
+
+def cell(texts: Any) -> str:
+    """Return the values of the receivers as one cell."""
+    return "; ".join(texts) or "–"
+
+
+def light(entry: dict[str, Any] | None, part: str) -> str:
+    """Return the mean of a part and its standard error by the scatter of the seeds."""
+    if not entry or part not in entry:
+        return "–"
+    figures = entry[part]
+    errors = np.array(figures.get("scatter", figures.get("stated"))) / math.sqrt(entry["seeds"])
+    return cell(bracket(*row) for row in zip(figures["mean"], errors, strict=True))
+
+
+def chi(entry: dict[str, Any] | None, part: str) -> str:
+    """Return chi-square over 64 seeds, bold outside 42..90."""
+    if not entry or "chi2" not in entry.get(part, {}):
+        return "–"
+    scaled = [64.0 / entry["seeds"] * x for x in entry[part]["chi2"]]
+    return cell(f"{x:.0f}" if 42.0 <= x <= 90.0 else f"**{x:.0f}**" for x in scaled)
+
+
+def analog_cost(found: dict[str, Any]) -> str:
+    """Return the time of analog photons to 1 % of all light, scaled to the link's own aperture.
+
+    The relative variance of photons that are hardly ever received is the inverse of the gain.
+    """
+    analog, own = found.get("analog"), best(found)
+    if not analog or "refused" in analog or own is None:
+        return "–"
+    gain, error = (np.array(analog["all"][key]) for key in ("mean", "stated"))
+    gain_here = np.array(found["unscattered"]["link"]["mean"]) + own
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return cell(map(number, analog["cpu"] * (error / gain / 0.01) ** 2 * gain / gain_here))
+
+
+def best(found: dict[str, Any]) -> np.ndarray | None:
+    """Return the gain but unscattered light by joined photons, or else by the other estimators."""
+    for name, part in (("joined", "both"), ("adjoint", "scattered"), ("chains", "scattered")):
+        if part in found.get(name, {}):
+            return np.array(found[name][part]["mean"])
+    return None
+
+
+def z_value(found: dict[str, Any], estimator: str, part: str, analog: str) -> str:
+    """Return the difference from analog photons in standard errors, over widened apertures."""
+    entry, other = found.get(estimator, {}), found.get(analog)
+    entry = entry.get("wide", entry)
+    if part not in entry or not other or "all" not in other:
+        return "–"
+    unscattered = found["unscattered"]["wide"]
+    own = np.array(entry[part]["mean"]) + np.array(unscattered["mean"])
+    error = np.array(entry[part]["scatter"]) / math.sqrt(entry["seeds"])
+    errors = error, np.array(unscattered["stderr"]), np.array(other["all"]["stated"])
+    z = (own - np.array(other["all"]["mean"])) / np.sqrt(sum(np.square(e) for e in errors))
+    return cell(f"{x:+.1f}" if abs(x) <= 3.0 else f"**{x:+.1f}**" for x in z)
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """Return a table of Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def light_table(found: dict[str, dict[str, Any]]) -> str:
+    """Return the gains by each estimator."""
+    head = ["link", "unscattered", "scattered: chains", "adjoint paths", "joined photons"]
+    rows = []
+    for name, row in found.items():
+        direct = row.get("unscattered", {}).get("link", {"mean": [], "stderr": []})
+        texts = cell(bracket(*pair) for pair in zip(direct["mean"], direct["stderr"], strict=True))
+        scattered = [light(row.get(e), "scattered") for e in ("chains", "adjoint", "joined")]
+        rows.append([name, texts, *scattered, light(row.get("joined"), "reflected")])
+    return table([*head, "reflected first"], rows)
+
+
+def analog_table(found: dict[str, dict[str, Any]]) -> str:
+    """Return the comparison with analog photons."""
+    head = ["link", "radius [m]", "analog, reflected light followed", "z joined photons"]
+    head += ["analog, reflected light ended", "z chains", "z adjoint paths", "z joined photons"]
+    rows = []
+    for name, row in found.items():
+        radius = LINKS[name].wide or LINKS[name].link.receivers[0].radius
+        once = [z_value(row, e, "scattered", "analog, killed") for e in RUNS if e in _SCATTERED]
+        whole = light(row.get("analog"), "all"), z_value(row, "joined", "both", "analog")
+        rows.append([name, f"{radius:g}", *whole, light(row.get("analog, killed"), "all"), *once])
+    return table(head, rows)
+
+
+def cost_table(found: dict[str, dict[str, Any]]) -> str:
+    """Return the times to 1 %, and chi-square of the stated errors."""
+    head = ["link", "CPU s to 1 %: chains", "adjoint paths", "joined photons", "analog photons"]
+    head += ["chi2: chains", "adjoint paths", "joined photons", "with reflected first"]
+    rows = []
+    for name, row in found.items():
+        own = [row.get(e, {}) for e in _SCATTERED]
+        times = [cell(map(number, cost(e))) if "scattered" in e else "–" for e in own]
+        squares = [chi(e, "scattered") for e in own]
+        joint = chi(row.get("joined"), "both")
+        product = row.get("simulate")
+        chosen = ["–"] * 3
+        if product and "all" in product:
+            spent = product["cpu"] + product["fixed"]
+            chosen = [", ".join(product["method"]), f"{spent:.2g}", chi(product, "all")]
+        rows.append([name, *times, analog_cost(row), *squares, joint, *chosen])
+    return table([*head, "`simulate` chose", "CPU s of a run", "its chi2"], rows)
+
+
+def sample_table(found: dict[str, dict[str, Any]]) -> str:
+    """Return the relative variance and the time of one chain and one joined photon."""
+    head = ["link", "V of a chain, pilot", "V of a chain", "us", "V of a joined photon", "us"]
+    rows = []
+    for name, row in found.items():
+        chains, joined = row.get("chains", {}), row.get("joined", {})
+        cells = [cell(map(number, chains.get("pilot", [])))]
+        for e in (chains, joined):
+            if "scattered" not in e:
+                cells += ["–", "–"]
+                continue
+            cells += [cell(map(number, variance(e))), f"{1e6 * e['cpu'] / e['photons']:.1f}"]
+        limit, better = "–", "–"
+        if "scattered" in chains and "scattered" in joined:
+            per_chain, per_photon = (e["cpu"] / e["photons"] for e in (chains, joined))
+            limits = variance(joined) * per_photon / per_chain
+            limit = cell(map(number, limits))
+            wins = variance(chains) < limits
+            better = cell("chains" if w else "joined photons" for w in wins)
+        rows.append([name, *cells, limit, better])
+    return table([*head, "V of a chain at equal cost", "cheaper"], rows)
+
+
+_SCATTERED = ("chains", "adjoint", "joined")
+TABLES = {
+    "light": light_table,
+    "analog": analog_table,
+    "cost": cost_table,
+    "samples": sample_table,
+}
+
+
+def write_page() -> None:
+    """Replace the tables of the page."""
+    found, page = load(), PAGE.read_text("utf-8")
+    for name, made in TABLES.items():
+        block = f"<!-- {name} -->\n{made(found)}\n<!-- end of {name} -->"
+        pattern = f"<!-- {name} -->.*<!-- end of {name} -->"
+        page = re.sub(pattern, lambda _, block=block: block, page, flags=re.S)
+    PAGE.write_text(page, "utf-8")
+
+
 def load() -> dict[str, dict[str, Any]]:
     """Return what has been measured, by link and estimator."""
     return json.loads(KEPT.read_text()) if KEPT.exists() else {}
@@ -296,7 +469,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="processes of one thread")
     parser.add_argument("--again", action="store_true", help="repeat what has been measured")
     options = parser.parse_args()
-    with ProcessPoolExecutor(options.jobs, get_context("spawn"), max_tasks_per_child=8) as pool:
+    with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
         jobs = {
             pool.submit(measure, *job, options.seeds, options.seconds): job
             for job in jobs_of(options)
@@ -307,6 +480,7 @@ def main() -> None:
             found.setdefault(name, {})[estimator] = done.result()
             save(found)
             print(f"{name}: {estimator}: {json.dumps(done.result())}", flush=True)
+    write_page()
 
 
 if __name__ == "__main__":
