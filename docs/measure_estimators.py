@@ -292,11 +292,15 @@ def light(entry: dict[str, Any] | None, part: str) -> str:
 
 
 def chi(entry: dict[str, Any] | None, part: str) -> str:
-    """Return chi-square over 64 seeds, bold outside 42..90."""
+    """Return chi-square, scaled to 64 seeds; bold outside 42..90, which fewer seeds widen."""
     if not entry or "chi2" not in entry.get(part, {}):
         return "–"
-    scaled = [64.0 / entry["seeds"] * x for x in entry[part]["chi2"]]
-    return cell(f"{x:.0f}" if 42.0 <= x <= 90.0 else f"**{x:.0f}**" for x in scaled)
+    fewer = 64.0 / entry["seeds"]
+    texts = []
+    for square in (fewer * x for x in entry[part]["chi2"]):
+        text = f"{square:.0f}" if square < 1e5 else "> 1e5"
+        texts.append(text if abs(square - 66.0) <= 24.0 * math.sqrt(fewer) else f"**{text}**")
+    return cell(texts)
 
 
 def analog_cost(found: dict[str, Any]) -> str:
