@@ -636,6 +636,19 @@ def _cone_density(d, p, world):
     return total
 
 
+@inlined
+def _emitted(cos_theta, kind, spread):
+    """Return the density of directions of a wide source [sr-1]."""
+    if kind == SourceKind.ISOTROPIC:
+        return 0.25 / math.pi
+    if cos_theta <= 0.0:
+        return 0.0
+    if kind == SourceKind.LED:
+        return (spread + 1.0) / TWO_PI * cos_theta**spread
+    seen = math.sin(spread) ** 2
+    return cos_theta / (math.pi * seen) if 1.0 - cos_theta * cos_theta <= seen else 0.0
+
+
 @outlined
 def guide_start(d, p, source, photon, world):
     """Return (direction, weight) of a new photon, guided to what the targets see or not.
@@ -647,8 +660,9 @@ def guide_start(d, p, source, photon, world):
     """
     joins, sources = world.joins, world.sources
     lobe, cone, n = joins.start * joins.lobe, joins.start * joins.cone, len(joins.target)
-    kind, m = sources.kind[source], sources.spread[source]
-    if lobe + cone == 0.0 or (kind != SourceKind.LED and kind != SourceKind.ISOTROPIC):
+    kind = sources.kind[source]
+    beam = kind != SourceKind.LED and kind != SourceKind.ISOTROPIC and kind != SourceKind.APERTURE
+    if lobe + cone == 0.0 or beam:
         return d, 1.0
     level = level_over(p, world)
     lot, u, v, _ = uniforms(world.seed, photon, 0, Purpose.GUIDE.value)
@@ -658,9 +672,9 @@ def guide_start(d, p, source, photon, world):
     elif lot < lobe + cone:
         axis, edge = _cone_to(min(int((lot - lobe) / cone * n), n - 1), p, world)
         d = turn(axis, u * edge, v)
-    own = 0.25 / math.pi
-    if kind == SourceKind.LED:
-        own = (m + 1.0) / TWO_PI * max(dot(d, row(sources.axis, source)), 0.0) ** m
+    own = _emitted(dot(d, row(sources.axis, source)), kind, sources.spread[source])
+    if own == 0.0:
+        return d, 0.0
     drawn = (1.0 - lobe - cone) * own
     if cone > 0.0:
         drawn += cone * _cone_density(d, p, world)

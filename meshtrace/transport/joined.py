@@ -298,7 +298,7 @@ class JoinedPhotons:
         still = rough == 0.0
         decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
         shares = _LOBE if still else _ROUGH_LOBE, 0.0 if window.diffuse else _CONE
-        started = _START if link.direction == "up" and min(first) == 1 else 0.0
+        started = _START if min(first) == 1 else 0.0
         ends = rows, min(first), self._direct, water, bubble, bins, facets
         return Joins(*ends, spread, decay, often * b, often, started, *shares, window)
 
