@@ -73,12 +73,10 @@ def test_analog_photons_agree(name):
     mesh = mesh_of(sea)
     found = JoinedPhotons(link, 40_000, 3, normals).evaluate(mesh)
     parts, error = found.parts[:, 0], found.stderr[:, 0]
-    parts[0] = mt.simulate(link, mesh, photons=64, normals=normals).gain_ballistic
+    parts[0] = mt.simulate(link, mesh, photons=4096, normals=normals).gain_ballistic
+    options = {"photons": 400_000, "seed": 2, "normals": normals, "roulette": 1e-3}
     whole, once = (
-        mt.simulate(
-            link.replace(physics=p), mesh, "analog", 400_000, 2, normals=normals, roulette=1e-3
-        )
-        for p in (NONE, KILL)
+        mt.simulate(link.replace(physics=p), mesh, "analog", **options) for p in (NONE, KILL)
     )
     p = [
         z_test(parts.sum(), math.hypot(*error), whole.gain, whole.gain_stderr),
