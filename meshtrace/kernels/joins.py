@@ -1,13 +1,14 @@
 """Next-event estimation through the surface: photons in the water joined to ends in the air.
 
-With random slopes a photon is joined in two ways. At its crossing P of the surface its direction d
-is known, and the slope that refracts it to a point x of the aperture is unique: the score is
+With random slopes a photon is joined in two ways. The crossing P ahead of it follows from its
+direction d, and the slope that refracts it to a point x of the aperture is unique: the score is
 
-    W |A| p(s*) |ds*/dx| T E,
+    W exp(-tau) |A| p(s*) |ds*/dx| T E / C,
 
-p the density of the random slopes, T the transmittance and E the exposure of the facet. At a
-collision a crossing is drawn about that of still water; the direction to it and the slope follow.
-Either way may bring any light; both together count once by the balance heuristic [1]_. Joining to
+tau the optical depth up to P, p the density of the random slopes, T the transmittance, E the
+exposure of the facet and C the chance of this connection. At a collision a crossing is drawn about
+that of still water, too; the direction to it and the slope follow. Either way may bring any light;
+both together count once by the balance heuristic [1]_. Joining to
 an end in the air has no 1 / r^2 singularity. Without random slopes the crossing that refracts the
 light of a collision to x is searched for [2]_.
 
@@ -89,10 +90,9 @@ PHOTON = np.dtype(
         ("event", np.int64),
         ("order", np.int64),  # scatterings and reflections by the bottom
         ("reflections", np.int64),  # by the surface
-        ("px", float),  # last collision that was joined
-        ("py", float),
-        ("pz", float),
-        ("density", float),  # of the direction behind it [sr-1], 0 without a connection there
+        ("level", float),  # of the surface above its last event [m]
+        ("bend", float),  # of its direction, see `bend_ahead`
+        ("density", float),  # of its direction [sr-1], 0 without a connection at its last event
         ("importance", float),  # of the start
         ("copies", np.int64),  # that wait
         ("is_guided", np.int64),  # whether copies take directions to the targets
@@ -135,6 +135,7 @@ class Window(NamedTuple):
     length: float  # transport mean free path [m]
     beyond: float  # extrapolated boundary [m]
     highest: float  # weight times importance, over that of the start, from which photons split
+    bent: float  # fall of the importance with the bend of the light at the crossing
 
 
 class Joins(NamedTuple):
@@ -168,6 +169,10 @@ _HAIR = 1e-4
 _LOWEST = 0.3  # weight times importance, over that of the start
 _LEAST_CHANCE = 0.1
 _MOST_COPIES = 10
+_AHEAD = 4.0  # connections ahead for one that analog photons would have
+_LEAST_BENT = 0.01  # of their chance, where no slope bends the light to a target
+_MOST_BEND = 100.0
+_BENT = 0.1  # of the square of such a slope over its variance
 _SPARE = 16  # places for copies at which none is aimed any more
 
 
@@ -405,20 +410,55 @@ def _score(q, i, light, water, air, world):
 
 
 @outlined
-def join_crossing(q, facet, world):
-    """Join a photon that meets a facet from below to every target.
+def bend_ahead(p, d, level, world):
+    """Return the squared slope that bends a straight path to a target, over its variance.
+
+    Array twin: `slope_towards` on still water.
+    The least of all targets, `_MOST_BEND` at most, and for a path that leads down.
+    """
+    joins, medium, bend = world.joins, world.medium, _MOST_BEND
+    if d.z <= 0.0:
+        return bend
+    way = max(level - p.z, 0.0) / d.z
+    at = Vec3(p.x + way * d.x, p.y + way * d.y, level)
+    for i in range(len(joins.target)):
+        t = joins.target[i]
+        to = minus(_vector(t.center), at)
+        flight = norm(to)
+        big = along(scaled(medium.n_water, d), to, -medium.n_air / flight)
+        if big.z > 0.0:
+            soft = medium.n_air * t.radius / flight
+            square = big.x * big.x + big.y * big.y
+            bend = min(bend, square / ((joins.spread * big.z) ** 2 + soft * soft))
+    return bend
+
+
+@inlined
+def chance_ahead(p, d, level, bend, joins):
+    """Return the chance of a connection at the crossing ahead.
+
+    Array twin: none, connections are unbiased for any chance.
+    It falls with the light that arrives there, and with the slopes that bend it to the targets.
+    """
+    if d.z <= 0.0:
+        return 1.0
+    way = max(level - p.z, 0.0) / d.z
+    bent = max(1.0 / (1.0 + (_BENT * bend) ** 2), _LEAST_BENT)
+    return min(1.0, _AHEAD * bent * math.exp(-joins.b * way))
+
+
+@outlined
+def join_crossing(q, facet, length, chance, world):
+    """Join a photon that meets a facet from below at a distance to every target.
 
     Array twin: the analog photon, whose slope is drawn.
     """
-    joins = world.joins
-    if not is_rough(world.surface.roughness) or q.reflections + 1 < joins.first:
-        return
-    if q.order == 0 and q.reflections == 0 and not joins.direct:
-        return
-    p, d = place(q), heading(q)
+    joins, start, d = world.joins, place(q), heading(q)
+    p = along(start, d, length)
     g = row(world.surface.face_normals, facet)
     n = normal_on(p, facet, world.surface)
     u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
+    weight = q.weight * math.exp(-depth_between(world.medium, start, p, length))
     for i in range(len(joins.target)):
         if q.reflections + 1 < joins.target[i].first:
             continue
@@ -431,17 +471,13 @@ def join_crossing(q, facet, world):
         light = _through(p, n, g, d, goal, facet, scene, world)
         if light.share <= 0.0:
             continue
-        own, other = _point_density(i, light, world), 0.0
+        own, other = chance * _point_density(i, light, world), 0.0
         if q.density > 0.0:
-            start = Vec3(q.px, q.py, q.pz)
-            way = minus(p, start)
-            length = norm(way)
-            still = still_crossing(start, goal, level_over(start, world), scene)
+            still = still_crossing(start, goal, q.level, scene)
             other = _chance(still.depth, joins) * _crossing_density(p.x, p.y, still, joins)
-            other *= length * length * g.z / (dot(d, g) * scene.target.area)
-            other /= q.density * math.exp(-joins.b * length)
-        score = q.weight * light.density * light.share / (own + other)
-        _score(q, i, score, q.water, light.flight, world)
+            other *= length * length * g.z / (dot(d, g) * scene.target.area * q.density)
+        score = weight * light.density * light.share / (own + other)
+        _score(q, i, score, q.water + length, light.flight, world)
 
 
 @outlined
@@ -453,11 +489,10 @@ def join_collision(q, at_bottom, world):
     joins = world.joins
     q.order += 1
     q.is_guided = 1 if q.copies + _SPARE < len(world.photon) else 0
-    q.px, q.py, q.pz, q.density = q.x, q.y, q.z, 0.0
+    start, q.density = place(q), 0.0
+    q.level = level = level_over(start, world)
     if q.reflections + 1 < joins.first:
         return
-    start = place(q)
-    level = level_over(start, world)
     chance = _chance(max(level - start.z, _LEAST_DEPTH), joins)
     q.density = 1.0  # until the direction is known
     u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN.value)
@@ -518,10 +553,11 @@ def _by_slope(at, q, i, goal, still, chance, at_bottom, scene, world):
     turned = _scattered(w, d, start, at_bottom, world)
     drawn = turned
     if not at_bottom:
-        drawn = _drawn_density(w, turned, guide_of(q, world), start, world)
+        drawn = _drawn_density(w, turned, guide_of(q, world), q.level, start, world)
     own = chance * _crossing_density(x, y, still, joins) * length * length * g.z
     own /= facing * scene.target.area
-    other = drawn * math.exp(-joins.b * length) * _point_density(i, light, world)
+    bend = bend_ahead(start, w, q.level, world)
+    other = drawn * chance_ahead(start, w, q.level, bend, joins) * _point_density(i, light, world)
     turned *= math.exp(-depth_between(world.medium, start, p, length))
     return turned * light.density * light.share / (own + other), length, light.flight
 
@@ -549,7 +585,6 @@ def _by_flat(q, goal, still, chance, at_bottom, scene, world):
 class Guide(NamedTuple):
     """Numbers of directions that are drawn behind a collision beside that of the photon."""
 
-    level: float  # of the surface above it [m]
     lobe: float  # by the phase function about the ways to the targets
     cone: float  # even over the cones to what they see
 
@@ -561,18 +596,17 @@ def guide_of(q, world):
     Array twin: none.
     """
     joins, start = world.joins, place(q)
-    level = level_over(start, world)
     lobe = cone = 0.0
     if q.is_guided == 1:
         if joins.lobe > 0.0:
-            lobe = joins.lobe * _chance(max(level - start.z, _LEAST_DEPTH), joins)
+            lobe = joins.lobe * _chance(max(q.level - start.z, _LEAST_DEPTH), joins)
         cone = joins.cone
         for i in range(len(joins.target)):
             seen = joins.target[i].seen
             x, y = seen[0] - start.x, seen[1] - start.y
             if x * x + y * y + start.z * start.z < seen[2] * seen[2]:
                 cone = 0.0
-    return Guide(level, lobe, cone)
+    return Guide(lobe, cone)
 
 
 @inlined
@@ -587,7 +621,7 @@ def _cone_to(i, p, world):
 
 
 @outlined
-def _drawn_density(d, own, guide, start, world):
+def _drawn_density(d, own, guide, level, start, world):
     """Return the density of all directions drawn behind a collision [sr-1].
 
     `own` is the phase function, by which the photon itself goes on.
@@ -596,7 +630,7 @@ def _drawn_density(d, own, guide, start, world):
     total = own
     for i in range(n):
         if guide.lobe > 0.0:
-            way = _way_to(i, start, guide.level, world)
+            way = _way_to(i, start, level, world)
             total += guide.lobe / n * mixed_phase(dot(d, way), start, world)
         if guide.cone > 0.0:
             axis, edge = _cone_to(i, start, world)
@@ -629,14 +663,14 @@ def redirect(q, s, u_phi, world):
             q.aimed = 0
         d = turn(before, s, u_phi)
     elif aimed <= n:
-        d = turn(_way_to(aimed - 1, start, guide.level, world), s, u_phi)
+        d = turn(_way_to(aimed - 1, start, q.level, world), s, u_phi)
     else:
         axis, edge = _cone_to(aimed - 1 - n, start, world)
         d = turn(axis, u * edge, u_phi)
     own = mixed_phase(dot(d, before), start, world)
     q.density = own
     if guide.lobe + guide.cone > 0.0:
-        q.density = _drawn_density(d, own, guide, start, world)
+        q.density = _drawn_density(d, own, guide, q.level, start, world)
         q.weight *= own / q.density
     head(q, d)
 
@@ -681,12 +715,23 @@ def importance(p, joins):
 
 
 @inlined
-def survives(q, lot, world):
-    """Play Russian roulette with a photon of low weight times importance; return whether it lives.
+def ratio_of(q, p, joins):
+    """Return the weight times importance of a photon at p, over that of the start.
 
     Array twin: none.
     """
-    ratio = q.weight * importance(place(q), world.joins) / q.importance
+    bent = 1.0 + joins.window.bent * q.bend
+    return q.weight * importance(p, joins) / (bent * q.importance)
+
+
+@inlined
+def survives(q, p, share, lot, world):
+    """Play Russian roulette with a photon of low weight times importance; return whether it lives.
+
+    Array twin: none.
+    `share` is that of its weight that will be left at p.
+    """
+    ratio = share * ratio_of(q, p, world.joins)
     if ratio >= _LOWEST:
         return True
     chance = max(ratio / (2.0 * _LOWEST), _LEAST_CHANCE)
@@ -704,7 +749,7 @@ def copies_of(q, world):
 
     Array twin: none.
     """
-    ratio = q.weight * importance(place(q), world.joins) / q.importance
+    ratio = ratio_of(q, place(q), world.joins)
     if ratio <= world.joins.window.highest:
         return 1
     return max(min(int(ratio), _MOST_COPIES, len(world.photon) - _SPARE // 2 - q.copies), 1)
