@@ -12,7 +12,7 @@ from meshtrace.kernels.joins import REFLECTED
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.joined import JoinedPhotons
-from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.meshing import mesh_for, mesh_lines
 from meshtrace.transport.simulate import resolve
 
 pytestmark = [
@@ -147,6 +147,22 @@ def test_a_laser_over_low_waves():
     assert found.samples(1)[0].effective > 8_000
     _, once = traced(link, mesh, 2_000_000)
     assert z_test(found.parts[:2].sum(), math.hypot(*found.stderr[:2, 0]), *once) > ALPHA
+
+
+@pytest.mark.thorough
+def test_the_mesh_of_a_beam_is_cut_to_its_patch():
+    """The same photons over the mesh of a wide source: 0.03 % of the gain in the mean of seas."""
+    link, sea = laser(8.0, 0.05)
+    lines = mesh_lines(link, sea, reach=crossing_reach(link))
+    wide = {**lines, "extent": 24.0, "fine_extent": 8.3}
+    meshes = sea.mesh(0.0, **lines), sea.mesh(0.0, **wide)
+    assert len(meshes[0].faces) < 0.3 * len(meshes[1].faces)
+    cut, whole = (
+        JoinedPhotons(link, 40_000, 1, direct=True).evaluate(mesh).groups[:2, 0].sum(axis=0)
+        for mesh in meshes
+    )
+    change = (cut - whole) / whole.mean()
+    assert abs(change.mean()) < 0.001 + 3.9 * change.std(ddof=1) / math.sqrt(len(change))
 
 
 @pytest.mark.statistical
