@@ -20,14 +20,17 @@ from meshtrace.kernels.facets import (
     plane_distance,
     tilted,
 )
-from meshtrace.kernels.interface import branches
+from meshtrace.kernels.interface import branches, reflectance
 from meshtrace.kernels.jit import NO, YES, entry, inlined, outlined
 from meshtrace.kernels.joins import (
+    bend_ahead,
+    chance_ahead,
     copies_of,
     guide_start,
     importance,
     join_collision,
     join_crossing,
+    level_over,
     redirect,
     survives,
 )
@@ -48,6 +51,7 @@ from meshtrace.kernels.sources import lambert_reflection, launch
 from meshtrace.kernels.vectors import Vec2, along, dot, row
 
 _HAIR = 1e-5  # [m], distance of a ray's start from the facet that it leaves
+_LEANING = 2.0
 _LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets
 
 
@@ -61,13 +65,16 @@ def _draw_path(q, u, world):
 def _start(q, photon, world):
     """Start a photon at its source."""
     p, d, source, u_path = launch(world.sources, world.seed, photon)
-    d, q.weight = guide_start(d, p, source, photon, world)
+    q.u, q.v, _, _ = uniforms(world.seed, photon, 0, Purpose.JOIN.value)
+    d, q.weight = guide_start(d, p, source, photon, Vec2(q.u, q.v), world)
     q.x, q.y, q.z = p.x, p.y, p.z
     head(q, d)
     q.water, q.id, q.event, q.order, q.reflections = 0.0, photon, 0, 0, 0
-    q.density, q.copies, q.is_guided, q.aimed = 0.0, 0, 0, 0
+    q.level, q.density, q.bend = level_over(p, world), 0.0, 0.0
+    q.copies, q.is_guided, q.aimed = 0, 0, 0
     q.importance = importance(p, world.joins)
     _draw_path(q, u_path, world)
+    _look_ahead(q, world, world.manifold)
 
 
 @outlined
@@ -85,6 +92,27 @@ def _facet_ahead(q, world):
     return facet, max(plane_distance(p, d, facet, world.surface), 0.0)
 
 
+@outlined
+def _look_ahead(q, world, manifold):
+    """Join the light of a photon that meets the surface without another collision, by chance."""
+    if manifold is not None:  # an argument: the rest is not compiled
+        return
+    joins = world.joins
+    if not is_rough(world.surface.roughness) or q.reflections + 1 < joins.first:
+        return
+    q.bend = bend_ahead(place(q), heading(q), q.level, world)
+    if q.order == 0 and q.reflections == 0 and not joins.direct:
+        return
+    if q.dz <= 0.0 and q.z < world.surface.low[2]:
+        return
+    chance = chance_ahead(place(q), heading(q), q.level, q.bend, joins)
+    _, _, _, lot = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
+    if lot < chance:
+        facet, distance = _facet_ahead(q, world)
+        if facet >= 0:
+            join_crossing(q, facet, distance, chance, world)
+
+
 @inlined
 def _fly(q, length, world):
     """Move a photon through the water."""
@@ -96,6 +124,35 @@ def _fly(q, length, world):
         if often > 1.0:
             tau -= (often - 1.0) * scattering_path(world.medium, start, place(q), length)
         q.weight *= math.exp(-tau)
+
+
+@inlined
+def _most_reflected(q, world):
+    """Return the reflectance of waves that lean away from the light by `_LEANING` deviations."""
+    n, lean = world.medium.n_water / world.medium.n_air, _LEANING * world.joins.spread
+    flat = math.sqrt(max(1.0 - q.dz * q.dz, 0.0))
+    c = (q.dz - lean * flat) / math.sqrt(1.0 + lean * lean)
+    square = 1.0 - n * n * (1.0 - c * c)
+    if c <= 0.0 or square <= 0.0:
+        return 1.0
+    return reflectance(c, math.sqrt(square), world.medium.n_water, world.medium.n_air)
+
+
+@outlined
+def _stays(q, world):
+    """Return whether a photon that meets the surface is followed back into the water."""
+    if not world.interface.follow_reflected:
+        return False
+    if not is_rough(world.surface.roughness):
+        return True  # `_reflect` plays, by the reflectance itself
+    # of the next event: the last one may have played, too
+    _, _, lot, _ = uniforms(world.seed, q.id, q.event + 1, Purpose.INTERFACE.value)
+    q.bend = 0.0
+    way = max(q.level - q.z, 0.0) / q.dz if q.dz > 0.0 else 0.0
+    share = _most_reflected(q, world)
+    if world.medium.absorption == Absorption.CONTINUOUS:
+        share *= math.exp(-absorption_path(world.medium, q.z, q.z + way * q.dz, way))
+    return survives(q, along(place(q), heading(q), way), share, lot, world)
 
 
 @outlined
@@ -115,14 +172,27 @@ def _reflect(q, facet, world):
     q.reflections += 1
     q.weight *= rho * world.interface.foam_transmittance
     q.density = 0.0
-    if not world.interface.follow_reflected or q.weight == 0.0 or not survives(q, lot, world):
+    if q.weight == 0.0 or not survives(q, place(q), 1.0, lot, world):
         return False
     at = along(p, g, -_HAIR)
     q.x, q.y, q.z = at.x, at.y, at.z
     head(q, reflected)
+    q.level = level_over(at, world)
     _, u_path, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
     _draw_path(q, u_path, world)
+    _look_ahead(q, world, world.manifold)
     return True
+
+
+@inlined
+def _is_worth(q, is_turned, world):
+    """Play the roulette of an event; return whether the photon lives.
+
+    Where directions count, when it is turned, else before: guided copies are light on purpose.
+    """
+    if (world.joins.window.bent > 0.0) != is_turned:
+        return True
+    return survives(q, place(q), 1.0, -1.0, world)
 
 
 @outlined
@@ -134,14 +204,15 @@ def _bounce(q, world):
     if q.weight == 0.0:
         return False
     join_collision(q, YES, world)
-    if not survives(q, -1.0, world):
+    if not _is_worth(q, NO, world):
         return False
     u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM.value)
     head(q, lambert_reflection(u_cos, u_phi))
     if q.density > 0.0:
         q.density = q.dz / math.pi
     _draw_path(q, u_path, world)
-    return True
+    _look_ahead(q, world, world.manifold)
+    return _is_worth(q, YES, world)
 
 
 @outlined
@@ -157,7 +228,7 @@ def _scatter(q, world):
         if q.order == 0:
             q.importance /= world.joins.often  # no roulette for it
         join_collision(q, NO, world)
-        if not survives(q, -1.0, world):
+        if not _is_worth(q, NO, world):
             return False
         n = copies_of(q, world)
         q.weight /= n
@@ -165,13 +236,16 @@ def _scatter(q, world):
             q.copies += 1
             world.photon[q.copies] = q
         redirect(q, s, u_phi, world)
+        _look_ahead(q, world, world.manifold)
+        if not _is_worth(q, YES, world):
+            return False
     _draw_path(q, u_path, world)
     return True
 
 
 @outlined
 def _resume(q, world):
-    """Take up a copy that has waited behind its collision.
+    """Take up a copy that has waited behind its collision; return whether it lives.
 
     Its random numbers are those of the next event: no two of a photon's tree are the same.
     """
@@ -184,24 +258,30 @@ def _resume(q, world):
     if u_kind * (b + bubbles) >= b:
         phase = world.medium.phase_bubble
     redirect(q, sample_s(phase, u_theta), u_phi, world)
+    _look_ahead(q, world, world.manifold)
     _draw_path(q, u_path, world)
+    return _is_worth(q, YES, world)
 
 
 @outlined
 def _walk(q, world):
     """Follow a photon to its end."""
-    low, bottom = world.surface.low[2], world.medium.bottom_z
+    low, high, bottom = world.surface.low[2], world.surface.high[2], world.medium.bottom_z
     alive = q.weight > 0.0
     while alive and q.event < world.events:
         t, facet = q.free, np.int64(-1)
         if q.z + t * q.dz > low or (q.z >= low and q.dz > -1.0):
+            surely = q.z + t * q.dz > high
+            if surely and not _stays(q, world):
+                return  # before the search for the facet
             facet, distance = _facet_ahead(q, world)
             if facet >= 0 and distance < t:
+                if not surely and not _stays(q, world):
+                    return
                 _fly(q, distance, world)
-                join_crossing(q, facet, world, world.manifold)
                 alive = _reflect(q, facet, world)
                 continue
-            if facet < 0 and q.z + t * q.dz > world.surface.high[2]:
+            if facet < 0 and surely:
                 return  # beside the mesh
         if q.dz < 0.0 and q.z + t * q.dz < bottom:
             _fly(q, (bottom - q.z) / q.dz, world)
@@ -224,5 +304,5 @@ def follow_joined(first, last, world):
         _start(q, photon, world)
         _walk(q, world)
         while q.copies > 0:
-            _resume(q, world)
-            _walk(q, world)
+            if _resume(q, world):
+                _walk(q, world)

@@ -1,16 +1,16 @@
 """Next-event estimation through the surface: photons in the water joined to ends in the air.
 
-With random slopes a photon is joined in two ways. At its crossing P of the surface its direction d
-is known, and the slope that refracts it to a point x of the aperture is unique: the score is
+With random slopes a photon is joined in two ways. The crossing P ahead of it follows from its
+direction d, and the slope that refracts it to a point x of the aperture is unique: the score is
 
-    W |A| p(s*) |ds*/dx| T E,
+    W exp(-tau) |A| p(s*) |ds*/dx| T E / C,
 
-p the density of the random slopes, T the transmittance and E the exposure of the facet. At a
-collision a crossing is drawn about that of still water; the direction to it and the slope follow.
-Either way may bring any light; both together count once by the balance heuristic [1]_. Joining to
-an end in the air has no 1 / r^2 singularity. Without random slopes a collision is joined by all
-crossings that refract its light to x: the one of still water, or those of smooth waves
-(`meshtrace.kernels.manifold`).
+tau the optical depth up to P, p the density of the random slopes, T the transmittance, E the
+exposure of the facet and C the chance of this connection. At a collision a crossing is drawn about
+that of still water, too; the direction to it and the slope follow. Either way may bring any light;
+both together count once by the balance heuristic [1]_. Joining to an end in the air has no 1 / r^2
+singularity. Without random slopes a collision is joined by all crossings that refract its light to
+x: the one of still water, or those of smooth waves (`meshtrace.kernels.manifold`).
 
 References
 ----------
@@ -89,11 +89,12 @@ PHOTON = np.dtype(
         ("event", np.int64),
         ("order", np.int64),  # scatterings and reflections by the bottom
         ("reflections", np.int64),  # by the surface
-        ("px", float),  # last collision that was joined
-        ("py", float),
-        ("pz", float),
-        ("density", float),  # of the direction behind it [sr-1], 0 without a connection there
+        ("level", float),  # of the surface above its last event [m]
+        ("bend", float),  # of its direction, see `bend_ahead`
+        ("density", float),  # of its direction [sr-1], 0 without a connection at its last event
         ("importance", float),  # of the start
+        ("u", float),  # numbers of the point of each aperture that its collisions are joined to
+        ("v", float),
         ("copies", np.int64),  # that wait
         ("is_guided", np.int64),  # whether copies take directions to the targets
         ("aimed", np.int64),  # a copy's direction: 0 by the phase function, 1 ... by target
@@ -135,6 +136,7 @@ class Window(NamedTuple):
     length: float  # transport mean free path [m]
     beyond: float  # extrapolated boundary [m]
     highest: float  # weight times importance, over that of the start, from which photons split
+    bent: float  # fall of the importance with the bend of the light at the crossing
 
 
 class Joins(NamedTuple):
@@ -166,10 +168,15 @@ _LEAST_WIDTH = 0.02  # of that law, over the depth of the collision
 _LEAST_DEPTH = 1e-3  # [m], of a collision below the surface
 _NEAR = 3.0  # troughs below which depths are those below still water
 _HAIR = 1e-4
+_LEAST_ANGLE = 1e-8  # [rad]
 
 _LOWEST = 0.3  # weight times importance, over that of the start
 _LEAST_CHANCE = 0.1
 _MOST_COPIES = 10
+_AHEAD = 4.0  # connections ahead for one that analog photons would have
+_LEAST_BENT = 0.01  # of their chance, where no slope bends the light to a target
+_MOST_BEND = 100.0
+_BENT = 0.1  # of the square of such a slope over its variance
 _SPARE = 16  # places for copies at which none is aimed any more
 
 
@@ -319,9 +326,20 @@ def _chance(depth, joins):
 
 
 @inlined
-def mixed_phase(cos_theta, p, world):
-    """Return the phase function of water and bubbles at a point [sr-1]."""
-    theta = math.acos(min(max(cos_theta, -1.0), 1.0))
+def _angle(d, w):
+    """Return the angle between two directions [rad], at least `_LEAST_ANGLE`.
+
+    By the chord: the cosine of small angles is rounded to 1, and the phase function of water has a
+    pole there. Ways to a point of an aperture agree within the least angle along a way.
+    """
+    chord = 0.5 * norm(minus(d, w))
+    return max(2.0 * math.asin(min(chord, 1.0)), _LEAST_ANGLE)
+
+
+@inlined
+def mixed_phase(d, w, p, world):
+    """Return the phase function of water and bubbles at a point, from d to w [sr-1]."""
+    theta = _angle(d, w)
     b, bubbles = scattering_coefficients(world.medium, p)
     density = phase_at(world.joins.water, theta)
     if bubbles > 0.0:
@@ -408,22 +426,55 @@ def _score(q, i, light, water, air, world):
 
 
 @outlined
-def join_crossing(q, facet, world, manifold):
-    """Join a photon that meets a facet from below to every target.
+def bend_ahead(p, d, level, world):
+    """Return the squared slope that bends a straight path to a target, over its variance.
+
+    Array twin: `slope_towards` on still water.
+    The least of all targets, `_MOST_BEND` at most, and for a path that leads down.
+    """
+    joins, medium, bend = world.joins, world.medium, _MOST_BEND
+    if d.z <= 0.0:
+        return bend
+    way = max(level - p.z, 0.0) / d.z
+    at = Vec3(p.x + way * d.x, p.y + way * d.y, level)
+    for i in range(len(joins.target)):
+        t = joins.target[i]
+        to = minus(_vector(t.center), at)
+        flight = norm(to)
+        big = along(scaled(medium.n_water, d), to, -medium.n_air / flight)
+        if big.z > 0.0:
+            soft = medium.n_air * t.radius / flight
+            square = big.x * big.x + big.y * big.y
+            bend = min(bend, square / ((joins.spread * big.z) ** 2 + soft * soft))
+    return bend
+
+
+@inlined
+def chance_ahead(p, d, level, bend, joins):
+    """Return the chance of a connection at the crossing ahead.
+
+    Array twin: none, connections are unbiased for any chance.
+    It falls with the light that arrives there, and with the slopes that bend it to the targets.
+    """
+    if d.z <= 0.0:
+        return 1.0
+    way = max(level - p.z, 0.0) / d.z
+    bent = max(1.0 / (1.0 + (_BENT * bend) ** 2), _LEAST_BENT)
+    return min(1.0, _AHEAD * bent * math.exp(-joins.b * way))
+
+
+@outlined
+def join_crossing(q, facet, length, chance, world):
+    """Join a photon that meets a facet from below at a distance to every target.
 
     Array twin: the analog photon, whose slope is drawn.
     """
-    if manifold is not None:  # an argument: the rest is not compiled
-        return
-    joins = world.joins
-    if not is_rough(world.surface.roughness) or q.reflections + 1 < joins.first:
-        return
-    if q.order == 0 and q.reflections == 0 and not joins.direct:
-        return
-    p, d = place(q), heading(q)
+    joins, start, d = world.joins, place(q), heading(q)
+    p = along(start, d, length)
     g = row(world.surface.face_normals, facet)
     n = normal_on(p, facet, world.surface)
     u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
+    weight = q.weight * math.exp(-depth_between(world.medium, start, p, length))
     for i in range(len(joins.target)):
         if q.reflections + 1 < joins.target[i].first:
             continue
@@ -436,17 +487,13 @@ def join_crossing(q, facet, world, manifold):
         light = _through(p, n, g, d, goal, facet, scene, world)
         if light.share <= 0.0:
             continue
-        own, other = _point_density(i, light, world), 0.0
+        own, other = chance * _point_density(i, light, world), 0.0
         if q.density > 0.0:
-            start = Vec3(q.px, q.py, q.pz)
-            way = minus(p, start)
-            length = norm(way)
-            still = still_crossing(start, goal, level_over(start, world), scene)
+            still = still_crossing(start, goal, q.level, scene)
             other = _chance(still.depth, joins) * _crossing_density(p.x, p.y, still, joins)
-            other *= length * length * g.z / (dot(d, g) * scene.target.area)
-            other /= q.density * math.exp(-joins.b * length)
-        score = q.weight * light.density * light.share / (own + other)
-        _score(q, i, score, q.water, light.flight, world)
+            other *= length * length * g.z / (dot(d, g) * scene.target.area * q.density)
+        score = weight * light.density * light.share / (own + other)
+        _score(q, i, score, q.water + length, light.flight, world)
 
 
 @outlined
@@ -458,14 +505,13 @@ def join_collision(q, at_bottom, world):
     joins = world.joins
     q.order += 1
     q.is_guided = 1 if q.copies + _SPARE < len(world.photon) else 0
-    q.px, q.py, q.pz, q.density = q.x, q.y, q.z, 0.0
+    start, q.density = place(q), 0.0
+    q.level = level = level_over(start, world)
     if q.reflections + 1 < joins.first:
         return
-    start = place(q)
-    level = level_over(start, world)
     chance = _chance(max(level - start.z, _LEAST_DEPTH), joins)
     q.density = 1.0  # until the direction is known
-    u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN.value)
+    lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN.value)
     if lot >= chance:
         return
     s, t, wide, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
@@ -478,7 +524,7 @@ def join_collision(q, at_bottom, world):
         if q.reflections + 1 < joins.target[i].first:
             continue
         scene = _scene(i, world)
-        goal = _goal(scene.target, u, v)
+        goal = _goal(scene.target, q.u, q.v)
         still = still_crossing(start, goal, level, scene)
         if rough:
             sa, sc = _widths(still, joins)
@@ -499,7 +545,7 @@ def _scattered(w, d, start, at_bottom, world):
     """Return the density of directions [sr-1] behind an event."""
     if at_bottom:
         return max(w.z, 0.0) / math.pi
-    return mixed_phase(dot(w, d), start, world)
+    return mixed_phase(d, w, start, world)
 
 
 @outlined
@@ -527,10 +573,11 @@ def _by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manifold):
     turned = _scattered(w, d, start, at_bottom, world)
     drawn = turned
     if not at_bottom:
-        drawn = _drawn_density(w, turned, guide_of(q, world), start, world)
+        drawn = _drawn_density(w, turned, guide_of(q, world), q, start, world)
     own = chance * _crossing_density(x, y, still, joins) * length * length * g.z
     own /= facing * scene.target.area
-    other = drawn * math.exp(-joins.b * length) * _point_density(i, light, world)
+    bend = bend_ahead(start, w, q.level, world)
+    other = drawn * chance_ahead(start, w, q.level, bend, joins) * _point_density(i, light, world)
     turned *= math.exp(-depth_between(world.medium, start, p, length))
     return turned * light.density * light.share / (own + other), length, light.flight
 
@@ -588,7 +635,6 @@ def _bent(at, facet, q, shot, chance, at_bottom, scene, world):
 class Guide(NamedTuple):
     """Numbers of directions that are drawn behind a collision beside that of the photon."""
 
-    level: float  # of the surface above it [m]
     lobe: float  # by the phase function about the ways to the targets
     cone: float  # even over the cones to what they see
 
@@ -600,18 +646,17 @@ def guide_of(q, world):
     Array twin: none.
     """
     joins, start = world.joins, place(q)
-    level = level_over(start, world)
     lobe = cone = 0.0
     if q.is_guided == 1:
         if joins.lobe > 0.0:
-            lobe = joins.lobe * _chance(max(level - start.z, _LEAST_DEPTH), joins)
+            lobe = joins.lobe * _chance(max(q.level - start.z, _LEAST_DEPTH), joins)
         cone = joins.cone
         for i in range(len(joins.target)):
             seen = joins.target[i].seen
             x, y = seen[0] - start.x, seen[1] - start.y
             if x * x + y * y + start.z * start.z < seen[2] * seen[2]:
                 cone = 0.0
-    return Guide(level, lobe, cone)
+    return Guide(lobe, cone)
 
 
 @inlined
@@ -650,7 +695,7 @@ def _emitted(cos_theta, kind, spread):
 
 
 @outlined
-def guide_start(d, p, source, photon, world):
+def guide_start(d, p, source, photon, uv, world):
     """Return (direction, weight) of a new photon, guided to what the targets see or not.
 
     Array twin: photons with `Joins.start` = 0.
@@ -667,7 +712,7 @@ def guide_start(d, p, source, photon, world):
     level = level_over(p, world)
     lot, u, v, _ = uniforms(world.seed, photon, 0, Purpose.GUIDE.value)
     if lot < lobe:
-        way = _way_to(min(int(lot / lobe * n), n - 1), p, level, world)
+        way = _way_to(min(int(lot / lobe * n), n - 1), p, level, uv, world)
         d = turn(way, sample_s(world.medium.phase_water, u), v)
     elif lot < lobe + cone:
         axis, edge = _cone_to(min(int((lot - lobe) / cone * n), n - 1), p, world)
@@ -680,14 +725,13 @@ def guide_start(d, p, source, photon, world):
         drawn += cone * _cone_density(d, p, world)
     for i in range(n):
         if lobe > 0.0:
-            way = _way_to(i, p, level, world)
-            angle = math.acos(min(max(dot(d, way), -1.0), 1.0))
-            drawn += lobe / n * phase_at(joins.water, angle)
+            way = _way_to(i, p, level, uv, world)
+            drawn += lobe / n * phase_at(joins.water, _angle(way, d))
     return d, own / drawn
 
 
 @outlined
-def _drawn_density(d, own, guide, start, world):
+def _drawn_density(d, own, guide, q, start, world):
     """Return the density of all directions drawn behind a collision [sr-1].
 
     `own` is the phase function, by which the photon itself goes on.
@@ -696,8 +740,8 @@ def _drawn_density(d, own, guide, start, world):
     total = own
     for i in range(n):
         if guide.lobe > 0.0:
-            way = _way_to(i, start, guide.level, world)
-            total += guide.lobe / n * mixed_phase(dot(d, way), start, world)
+            way = _way_to(i, start, q.level, Vec2(q.u, q.v), world)
+            total += guide.lobe / n * mixed_phase(way, d, start, world)
     if guide.cone > 0.0:
         total += guide.cone * _cone_density(d, start, world)
     return total
@@ -727,22 +771,23 @@ def redirect(q, s, u_phi, world):
             q.aimed = 0
         d = turn(before, s, u_phi)
     elif aimed <= n:
-        d = turn(_way_to(aimed - 1, start, guide.level, world), s, u_phi)
+        d = turn(_way_to(aimed - 1, start, q.level, Vec2(q.u, q.v), world), s, u_phi)
     else:
         axis, edge = _cone_to(aimed - 1 - n, start, world)
         d = turn(axis, u * edge, u_phi)
-    own = mixed_phase(dot(d, before), start, world)
+    own = mixed_phase(before, d, start, world)
     q.density = own
     if guide.lobe + guide.cone > 0.0:
-        q.density = _drawn_density(d, own, guide, start, world)
+        q.density = _drawn_density(d, own, guide, q, start, world)
         q.weight *= own / q.density
     head(q, d)
 
 
 @outlined
-def _way_to(i, p, level, world):
-    """Return the direction from p to the centre of target i through still water."""
-    still = still_crossing(p, Vec2(0.0, 0.0), level, _scene(i, world))
+def _way_to(i, p, level, uv, world):
+    """Return the direction from p to a point of target i through still water."""
+    scene = _scene(i, world)
+    still = still_crossing(p, _goal(scene.target, uv.x, uv.y), level, scene)
     way = Vec3(still.x - p.x, still.y - p.y, still.depth)
     return scaled(1.0 / norm(way), way)
 
@@ -779,12 +824,23 @@ def importance(p, joins):
 
 
 @inlined
-def survives(q, lot, world):
-    """Play Russian roulette with a photon of low weight times importance; return whether it lives.
+def ratio_of(q, p, joins):
+    """Return the weight times importance of a photon at p, over that of the start.
 
     Array twin: none.
     """
-    ratio = q.weight * importance(place(q), world.joins) / q.importance
+    bent = 1.0 + joins.window.bent * q.bend
+    return q.weight * importance(p, joins) / (bent * q.importance)
+
+
+@inlined
+def survives(q, p, share, lot, world):
+    """Play Russian roulette with a photon of low weight times importance; return whether it lives.
+
+    Array twin: none.
+    `share` is that of its weight that will be left at p.
+    """
+    ratio = share * ratio_of(q, p, world.joins)
     if ratio >= _LOWEST:
         return True
     chance = max(ratio / (2.0 * _LOWEST), _LEAST_CHANCE)
@@ -802,7 +858,7 @@ def copies_of(q, world):
 
     Array twin: none.
     """
-    ratio = q.weight * importance(place(q), world.joins) / q.importance
+    ratio = ratio_of(q, place(q), world.joins)
     if ratio <= world.joins.window.highest:
         return 1
     return max(min(int(ratio), _MOST_COPIES, len(world.photon) - _SPARE // 2 - q.copies), 1)

@@ -24,9 +24,10 @@ from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.joined import follow_joined
 from meshtrace.kernels.joins import N_PARTS, PHOTON, TARGET, Joins, Window, World
 from meshtrace.kernels.manifold import Manifold
+from meshtrace.kernels.phase import AngleTable
 from meshtrace.kernels.rays import NO_BVH
 from meshtrace.kernels.scene import FACET, Emitter, Locator, Target, facet_summary
-from meshtrace.kernels.sources import Sources
+from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link
 from meshtrace.link.sources import AirLamp
@@ -69,6 +70,8 @@ _LOBE, _ROUGH_LOBE = 0.5, 0.3  # share of directions drawn about the targets
 _CONE = 0.5  # share of those drawn over what the targets see
 _HIGHEST = 2.0  # weight times importance, from which photons are split in turbid water
 _CLEAR_HIGHEST = 1.5
+_AIMED_HIGHEST = 2.0
+_BENT = 0.3  # fall of the importance with the bend of light over random slopes
 _BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
 _EVENTS = 100_000  # of a photon and its copies
 _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
@@ -251,7 +254,7 @@ class JoinedPhotons:
             facets = np.empty(len(surface.faces), FACET)
             facet_summary(surface, facets)
             manifold = _manifold(surface, facets, bins)
-        joins = self._joins(surface, bins, facets, targets, share, first, frame)
+        joins = self._joins(surface, bins, facets, sources, targets, share, first, frame)
         none = np.zeros(0, ARRIVAL), np.zeros(1, np.int64)
         return World(
             0, np.uint64(self.seed), sources, surface, grid, medium, interface_arrays(link), joins,
@@ -264,6 +267,7 @@ class JoinedPhotons:
         surface: Surface,
         bins: Locator,
         facets: NDArray[np.void],
+        sources: Sources,
         targets: list[Target],
         share: Floats,
         first: list[int],
@@ -283,10 +287,17 @@ class JoinedPhotons:
         often = 1.0
         if link.physics.absorption == "continuous" and link.physics.free_path != "local_c":
             often = max(1.0, _FREQUENT / (b * depth)) if b > 0.0 else 1.0
-        window = Window(False, a + turned, 0.0, 0.0, _CLEAR_HIGHEST)
+        window = Window(False, a + turned, 0.0, 0.0, _CLEAR_HIGHEST, 0.0)
         if turned * depth > _TURBID:
             diffusion, length = 1.0 / (3.0 * (a + turned)), 1.0 / (a + turned)
-            window = Window(True, math.sqrt(a / diffusion), length, _BOUNDARY * diffusion, _HIGHEST)
+            window = Window(
+                True, math.sqrt(a / diffusion), length, _BOUNDARY * diffusion, _HIGHEST, 0.0
+            )
+        spread = _SPREAD * math.sqrt(rough + mesh_slopes)
+        if rough > 0.0 and not window.diffuse and self._is_aimed(sources, targets, spread):
+            kept = _kept(water, link.water.n / link.n_air, spread)
+            kappa = a + b * (1.0 - kept)
+            window = window._replace(kappa=kappa, highest=_AIMED_HIGHEST, bent=_BENT)
         rows = np.zeros(len(targets), TARGET)
         blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across
         blur *= (link.water.n / link.n_air - 1.0) ** 2
@@ -296,13 +307,31 @@ class JoinedPhotons:
             if not target.is_lamp and rough > 0.0:
                 sloped = target.area / (target.area + blur * target.center.z**2)
                 row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0
-        spread = _SPREAD * math.sqrt(rough + mesh_slopes)
         still = rough == 0.0
         decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
-        shares = _LOBE if still else _ROUGH_LOBE, 0.0 if window.diffuse else _CONE
+        lobe = _LOBE if still else 0.0 if window.bent > 0.0 else _ROUGH_LOBE
+        cone = 0.0 if window.diffuse else _CONE
         started = _START if min(first) == 1 else 0.0
         ends = rows, min(first), self._direct, water, bubble, bins, facets
-        return Joins(*ends, spread, decay, often * b, often, started, *shares, window)
+        return Joins(*ends, spread, decay, often * b, often, started, lobe, cone, window)
+
+    def _is_aimed(self, sources: Sources, targets: list[Target], spread: float) -> bool:
+        """Return whether random slopes bend most of the unscattered light to the targets.
+
+        Array twin of `bend_ahead` for the axes of the sources.
+        """
+        n, n_air = self.link.water.n, self.link.n_air
+        beams = (SourceKind.GAUSSIAN_BEAM, SourceKind.TOP_HAT_BEAM)
+        for kind, p, axis, wide in zip(
+            sources.kind, sources.position, sources.axis, sources.spread, strict=True
+        ):
+            if kind not in beams or n * wide > 2.0 * (n - n_air) * spread or axis[2] <= 0.0:
+                return False
+            way = np.array([t.center for t in targets]) - (p - axis * (p[2] / axis[2]))
+            big = n * axis - n_air * way / np.linalg.norm(way, axis=1)[:, None]
+            if not (np.hypot(big[:, 0], big[:, 1]) < 2.0 * spread * big[:, 2]).any():
+                return False
+        return True
 
     def _follow(self, world: World, intersector: EmbreeIntersector, arrivals: bool) -> _Run:
         """Return the sums over the photons of one run."""
@@ -393,6 +422,14 @@ def _own(manifold: Manifold | None) -> Manifold | None:
     if manifold is None:
         return None
     return Manifold(manifold.search, *(np.zeros_like(room) for room in manifold[1:]))
+
+
+def _kept(phase: AngleTable, n: float, spread: float) -> float:
+    """Return the mean share of its importance that light keeps at a collision."""
+    theta = 0.5 * (phase.edge[1:] + phase.edge[:-1])
+    light = 2.0 * math.pi * phase.beta * np.sin(theta) * np.diff(phase.edge)
+    bend = (n * theta / ((n - 1.0) * spread)) ** 2
+    return float((light / (1.0 + _BENT * bend)).sum() / light.sum())
 
 
 def _reversed(emitter: Emitter) -> Sources:

@@ -12,6 +12,7 @@ import numpy as np
 from meshtrace.errors import Described, DomainWarning, Refused
 from meshtrace.link import Link
 from meshtrace.link.link import Footprint
+from meshtrace.link.sources import WaterSource
 from meshtrace.mesh import (
     MeshSource,
     Plane,
@@ -38,6 +39,7 @@ With random slopes beyond the waves it is 0.5 % of a gain.
 _MOST_FACETS = 8e6
 _PLANE_CELLS = 128  # over the half-width of a plane, fine or coarse, that needs no fine mesh
 _ASIDE = 5.0  # [m], beyond which the forced estimator has fine facets at the crossings alone
+_CLEAR = 0.5  # transport depth up to which scattered light of a beam crosses near it
 _MOST_LIT = 2e6
 _MOST_FINER = 1e5  # facets for the sake of accuracy
 _MESH_ERROR = 2.5e-3  # of the unscattered light of one surface, root mean square
@@ -124,7 +126,10 @@ def mesh_lines(
         aside = float(np.abs(places - f.center).max())
         if aside > wide:  # light of a lamp close to the water crosses far from the receiver
             wide = 1.01 * aside
-        f = f._replace(extent=wide, coarse_spacing=4.0 * f.spacing)
+        fine = f.fine_extent
+        if _is_narrow(link, f):  # the light of beams crosses inside the fine part of other links
+            wide, fine = max(fine, 1.01 * aside), 0.5 * fine
+        f = f._replace(extent=wide, fine_extent=fine, coarse_spacing=4.0 * f.spacing)
         given = meshing.spacing is not None or meshing.extent is not None
         if isinstance(surface, SurfaceModel) and not isinstance(surface, Plane) and not given:
             f = _resolving(link, surface, f, per_wave, meshing.time)
@@ -143,6 +148,22 @@ def mesh_lines(
         "fine_extent": f.fine_extent,
         "coarse_spacing": max(f.coarse_spacing, meshing.spacing or 0.0),
     }
+
+
+def _is_narrow(link: Link, f: Footprint) -> bool:
+    """Return whether all light comes from beams in clear water that cross near the middle."""
+    for t in link.transmitters:
+        divergence = getattr(t, "divergence_deg", None)
+        if divergence is None or not isinstance(t, WaterSource) or t.axis[2] <= 0.0:
+            return False
+        way = t.depth / t.axis[2]
+        spot = np.array(t.center[:2]) + way * np.array(t.axis[:2])
+        width = t.size + 2.0 * way * math.tan(math.radians(divergence))
+        _, b = link.water.profile(np.linspace(0.0, t.depth, 65))
+        turned = float(np.mean(b)) * (1.0 - link.water.phase.mean_cosine) * way
+        if math.dist(spot, f.center) + width > 0.25 * f.fine_extent or turned > _CLEAR:
+            return False
+    return True
 
 
 def _resolving(
