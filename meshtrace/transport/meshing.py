@@ -51,7 +51,7 @@ def mesh_for(
         Time and resolution.
     reach : float, optional
         Largest distance from the axis at which light crosses to a receiver [m]: the forced
-        estimator needs no more of the surface.
+        estimator needs no more of the surface. Infinite for all of the footprint.
     per_wave : float
         Spacing over 1 / k of the shortest wave of a sum of waves where light crosses, unless the
         spacing is given: `GAIN_SPACING` or `FADING_SPACING`. Only with `reach`.
@@ -101,7 +101,7 @@ def mesh_lines(
         If the mesh would have too many facets.
     """
     f = link.footprint() if reach is None else link.footprint(_ASIDE)
-    if reach is not None:
+    if reach is not None and reach < math.inf:
         far = math.dist(f.center, link.origin)
         wide = min(reach + far + 20.0 * f.spacing, f.extent)
         wide = max(wide, f.fine_extent + 10.0 * f.spacing)
@@ -110,8 +110,9 @@ def mesh_lines(
         if aside > wide:  # light of a lamp close to the water crosses far from the receiver
             wide = 1.01 * aside
         f = f._replace(extent=wide, coarse_spacing=4.0 * f.spacing)
-        if isinstance(surface, WaveSum) and meshing.spacing is None and meshing.extent is None:
-            f = _resolving(link, surface, f, per_wave)
+    by_default = meshing.spacing is None and meshing.extent is None
+    if reach is not None and by_default and isinstance(surface, WaveSum):
+        f = _resolving(link, surface, f, per_wave)
     if isinstance(surface, Plane):
         spacing = max(f.spacing, f.fine_extent / _PLANE_CELLS)
         coarse = max(f.coarse_spacing, f.extent / _PLANE_CELLS, spacing)
