@@ -14,7 +14,7 @@ from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.coverage import CoverageMap, relative_errors
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
 from meshtrace.transport.analog import Sums, photons_over
@@ -31,7 +31,6 @@ from meshtrace.transport.outcome import (
     warn_of_lost,
 )
 
-_DARK = 0.01  # of the highest gain, below which a cell is not resolved to `rtol`
 _FIRST_PHOTONS = 2**20  # at most, before the first comparison with `rtol`
 _MOST_AT_ONCE = 16.0  # times the photons: an error of few hits is uncertain itself
 _MESHES = 4  # that are kept for further photons
@@ -192,7 +191,7 @@ class _Mapped:
             warn_of_dark_map(result, records)
         bound = None
         if rtol is not None:
-            _warn_of_lack(int((_errors(gain, stderr) > rtol).sum()), gain.size, rtol)
+            _warn_of_lack(int((relative_errors(gain, stderr) > rtol).sum()), gain.size, rtol)
             bound = self._bound(gain, stderr, sums.photons)
         assert result.map is not None
         return CoverageMap(result.map.x, result.map.y, gain, stderr, origin, bound)
@@ -247,17 +246,9 @@ class _Mapped:
         return np.where(gain > 0.0, np.nan, gain + 2.0 * stderr + 3.0 * most / photons)
 
 
-def _errors(gain: Floats, stderr: Floats) -> Floats:
-    """Return the errors of cells over their gains, or over a share of the highest gain."""
-    highest = float(gain.max())
-    if highest == 0.0:
-        return np.full(gain.shape, math.inf)
-    return np.asarray(stderr / np.maximum(gain, _DARK * highest))
-
-
 def _lacking(gain: Floats, stderr: Floats, rtol: float, photons: int) -> int:
     """Return the photons that a map lacks; a map without any light is given up."""
-    lack = (float(_errors(gain, stderr).max()) / rtol) ** 2
+    lack = (float(relative_errors(gain, stderr).max()) / rtol) ** 2
     if lack <= 1.0 or gain.max() == 0.0:
         return 0
     wanted = math.ceil(photons * min(1.1 * lack, _MOST_AT_ONCE))
