@@ -87,7 +87,7 @@ def background_light(link: Link, sea: Any, rtol: float = 0.03) -> dict[str, Any]
 
 
 def coverage_cost(
-    link: Link, sea: Any, extent: float = 5.0, step: float = 0.1, rtol: float = 0.01
+    link: Link, sea: Any, extent: float = 5.0, step: float = 0.25, rtol: float = 0.02
 ) -> dict[str, Any]:
     """Return the CPU time of a coverage map with a relative error in every cell.
 

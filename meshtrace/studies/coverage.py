@@ -178,12 +178,11 @@ class _Mapped:
         """Return the map by photons, which carry all light or what the image lacks."""
         more = photons if rtol is None else min(photons, _FIRST_PHOTONS)
         each, sums = 0, None
-        while more > 0:
+        while sums is None or more > 0:
             sums = self._follow(each, more, sums, progress)
             each += more
             gain, stderr = self._gain(sums)
             more = 0 if rtol is None else _lacking(gain, stderr, rtol, each)
-        assert sums is not None
         records, origin = {"irradiance-map": self._grid}, self._origin(each, rtol)
         result = analog_result(self._case.link, sums, origin, records)
         warn_of_lost(result)
@@ -202,7 +201,7 @@ class _Mapped:
         photons: int,
         sums: Sums | None,
         progress: Callable[[int], None] | None,
-    ) -> Sums | None:
+    ) -> Sums:
         """Follow more photons at each time, and add their tallies to those of all times."""
         for i, time in enumerate(self._times):
             first = self._options.first_photon + len(self._times) * done + i * photons
@@ -210,6 +209,7 @@ class _Mapped:
                 self._case, self._mesh(time), self._options.replace(first_photon=first), photons,
                 record=[self._grid], unscattered=self._image is None, sums=sums, progress=progress,
             )  # fmt: skip
+        assert sums is not None
         return sums
 
     def _gain(self, sums: Sums) -> tuple[Floats, Floats]:
@@ -228,7 +228,7 @@ class _Mapped:
         case = self._case
         meshing = case.meshing.replace(time=self._times[0]).model_dump()
         run = {**case.run.to_config(), "photons": photons, "rtol": rtol, **meshing}
-        run["record"] = [self._grid.model_dump()]
+        run["record"] = [self._grid.model_dump(mode="json")]
         origin = {**provenance(case.link, surface_config(case.surface), run), **case.origin}
         light = "photons" if self._image is None else "image"
         return {**origin, "times": self._times, "unscattered": light}

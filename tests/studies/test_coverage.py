@@ -69,14 +69,14 @@ def test_cells_have_the_gain_of_a_receiver_there(sea, site):
 def test_cells_of_scattered_light_alone():
     """Corners beyond the field of view of unscattered light, against adjoint paths."""
     link = mt.Link()
-    mesh = mesh_of(link.replace(receiver=mt.Receiver(position=(7.0, 7.0))), FlatSea())
-    found = mt.coverage_map(link, mesh, 5.5, 1.0, rtol=0.03, seed=3, threads=1)
+    mesh = mesh_of(link.replace(receiver=mt.Receiver(position=(8.0, 8.0))), FlatSea())
+    found = mt.coverage_map(link, mesh, 6.5, 1.0, rtol=0.03, seed=3, threads=1)
     disk = 1.0 / np.sqrt(3.0)
-    places = [(5.0, 5.0), (-5.0, -5.0)]
+    places = [(6.0, 6.0), (-6.0, -6.0)]
     receivers = tuple(mt.Receiver(position=place, radius=disk) for place in places)
-    one = mt.simulate(link.replace(receiver=receivers), mesh, photons=2**16, seed=4, threads=1)
+    one = mt.simulate(link.replace(receiver=receivers), mesh, photons=2**14, seed=4, threads=1)
     area = (mt.Receiver().radius / disk) ** 2
-    assert (one.gain_ballistic < 1e-3 * one.gain).all()
+    assert (one.gain_ballistic == 0.0).all()
     for k, cell in enumerate([(-1, -1), (0, 0)]):
         gain, error = found.gain[cell], found.gain_stderr[cell]
         p = z_test(gain, error, area * one.gain[k], area * one.gain_stderr[k])

@@ -79,7 +79,7 @@ def test_closed_estimate_of_deep_lamps(name):
     check(*DEEP[name])
 
 
-def test_the_warning_of_maps_names_the_share_and_the_remedy():
+def test_the_warning_names_the_share_and_the_remedy():
     once = mt.simulate(link_of(depth=3.0, reflected="kill"), FLAT, photons=2048, seed=1)
     with pytest.warns(DomainWarning, match=r"about [78] % .*estimator=.analog. follows it"):
         warn_of_omitted(link_of(depth=3.0), once.gains)
