@@ -26,8 +26,7 @@ from meshtrace.kernels.facets import exposure, normal_at
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
-from meshtrace.kernels.places import moved
-from meshtrace.kernels.scene import height_on
+from meshtrace.kernels.scene import Scene, Target, height_on
 from meshtrace.kernels.shadow import is_free
 from meshtrace.kernels.unscattered import (
     BEAM_SHARE,
@@ -45,6 +44,9 @@ from meshtrace.kernels.unscattered import (
 from meshtrace.kernels.vectors import Vec2, Vec3, along, cross2, minus, minus2, norm, scaled
 
 _ROUNDING = 1e-12  # share of an image
+_MOST_SLOPE = 5.0  # standard deviations: 4e-6 of the light meets larger random slopes
+_BENT = 1.25  # slopes are not quite linear in the landing point
+_AT_EDGE = 8  # points along a cell at the edge of the field of view
 
 
 class Cells(NamedTuple):
@@ -57,26 +59,28 @@ class Cells(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Range of cells, both ends included."""
+    """Range of cells, both ends included, and the points along each that resolve their light."""
 
     west: int
     east: int
     south: int
     north: int
-
-
-class Rule(NamedTuple):
-    """Quadrature over the unit square about the origin."""
-
-    points: NDArray[np.float64]  # (n, 2)
-    shares: NDArray[np.float64]  # (n,)
+    across: int
 
 
 class Rules(NamedTuple):
-    """Quadratures over a cell, the finer one for the edge of the field of view."""
+    """Gauss's rules over the unit interval about 0, with k points in row k - 1."""
 
-    inside: Rule
-    edge: Rule
+    nodes: NDArray[np.float64]  # (m, m)
+    shares: NDArray[np.float64]  # (m, m)
+
+
+@inlined
+def _moved(scene, x, y):
+    """Return a scene with the aperture displaced in its plane."""
+    t = scene.target
+    center = Vec3(t.center.x + x, t.center.y + y, t.center.z)
+    return Scene(scene.emitter, Target(center, *t[1:]), *scene[2:])
 
 
 @inlined
@@ -137,7 +141,7 @@ def _light(x, y, f, cell, shot, scene):
     if not m.ok:
         return 0.0
     p = Vec3(x, y, height_on(x, y, f, scene.surface))
-    light = acceptance(m, p, moved(scene, cell.x, cell.y).target, scene.interface.fov)
+    light = acceptance(m, p, _moved(scene, cell.x, cell.y).target, scene.interface.fov)
     if light == 0.0 or not (is_steep(m, scene) or _free(p, m, scene)):
         return 0.0
     return carried(light, p, m, scene)
@@ -254,10 +258,11 @@ def _may_shine(f, nodes, i, j, side, size, bound, coarse, cells, shot, scene):
 
 
 @entry
-def blurred_map(scene, cells, stretch, most, rules, gain):
+def blurred_map(scene, cells, stretch, most, across, rules, gain):
     """Add the unscattered light of each cell through a surface with random slopes.
 
-    Returns False if a facet has to be cut into more than `most` parts along an edge.
+    Returns False if a facet has to be cut into more than `most` parts along an edge. `across`
+    points along a cell resolve any of its light but that at the edge of the field of view.
 
     Array twin: `blurred.blurred_gain` of one aperture.
     """
@@ -275,10 +280,11 @@ def blurred_map(scene, cells, stretch, most, rules, gain):
             continue
         m = aim_at(p.x, p.y, f, shot, scene)
         x, y = (m.at.x, m.at.y) if m.ok else (0.0, 0.0)
-        box = _lit_cells(p, minus(p, source), m, f, 2.0 * facet.radius * stretch, cells, scene)
+        size = 2.0 * facet.radius * stretch
+        box = _lit_cells(p, minus(p, source), m, f, size, across, cells, scene)
         if box.west > box.east or box.south > box.north:
             continue
-        change = slope_change(f, moved(scene, x, y))
+        change = slope_change(f, _moved(scene, x, y))
         if math.isinf(change) and not m.ok:
             change = 0.0  # light is reflected there
         parts = max(change / PART_SLOPE, 2.0 * facet.radius / edge, 1.0)
@@ -292,18 +298,18 @@ def blurred_map(scene, cells, stretch, most, rules, gain):
 
 
 @outlined
-def _lit_cells(p, way, m, f, size, cells, scene):
+def _lit_cells(p, way, m, f, size, most, cells, scene):
     """Return the `Box` of the cells that random slopes may light through a facet.
 
     Array twin: none, a bound.
-    The ellipse of the largest slopes, for slopes linear in the landing point, and its half.
+    The box about the ellipse of the largest slopes, for slopes linear in the landing point.
     """
-    whole = Box(0, cells.n - 1, 0, cells.n - 1)
-    if not m.ok:
-        return whole
+    whole = Box(0, cells.n - 1, 0, cells.n - 1, most)
     length = norm(way)
     w, step = scaled(1.0 / length, way), 0.05 * m.flight
     n = normal_at(p.x, p.y, f, scene.surface)
+    if not m.ok:
+        return _reached(p, n, w, length, size, most, cells, scene) if most < MOST_SLOPE else whole
     o = slope_towards(p, n, w, w, length, m.at, scene)
     a = slope_towards(p, n, w, w, length, Vec2(m.at.x + step, m.at.y), scene)
     b = slope_towards(p, n, w, w, length, Vec2(m.at.x, m.at.y + step), scene)
@@ -314,15 +320,37 @@ def _lit_cells(p, way, m, f, size, cells, scene):
     det = g11 * g22 - g12 * g21
     if det == 0.0:
         return whole
-    reach = 1.5 * MOST_SLOPE / abs(det)
+    reach = _BENT * _MOST_SLOPE / abs(det)
     dx = reach * math.sqrt(g12 * g12 + g22 * g22) + size
     dy = reach * math.sqrt(g11 * g11 + g21 * g21) + size
+    square = g11 * g11 + g12 * g12 + g21 * g21 + g22 * g22
+    steepest = math.sqrt(0.5 * (square + math.sqrt(max(square * square - 4.0 * det * det, 0.0))))
     return Box(
         max(_cell_of(m.at.x - dx, cells.x, cells), 0),
         min(_cell_of(m.at.x + dx, cells.x, cells), cells.n - 1),
         max(_cell_of(m.at.y - dy, cells.y, cells), 0),
         min(_cell_of(m.at.y + dy, cells.y, cells), cells.n - 1),
+        min(math.ceil(cells.step * steepest), most),
     )
+
+
+@outlined
+def _reached(p, n, w, length, size, most, cells, scene):
+    """Return the `Box` of the cells whose centres some random slope lights through a facet.
+
+    Array twin: none, a bound.
+    Cells are narrower than all slopes that occur: none is lit between two centres alone.
+    """
+    pad = math.ceil(size / cells.step)
+    west, east, south, north = cells.n, -1, cells.n, -1
+    for i in range(cells.n):
+        for j in range(cells.n):
+            at = Vec2(cells.x + (i + 0.5) * cells.step, cells.y + (j + 0.5) * cells.step)
+            if slope_towards(p, n, w, w, length, at, scene).density > 0.0:
+                west, east = min(west, i - pad), max(east, i + pad)
+                south, north = min(south, j - pad), max(north, j + pad)
+    last = cells.n - 1
+    return Box(max(west, 0), min(east, last), max(south, 0), min(north, last), most)
 
 
 @outlined
@@ -341,8 +369,10 @@ def _blurred_part(f, n, i, j, side, box, cells, rules, scene, gain):
         x = cells.x + (k + 0.5) * cells.step
         for m in range(box.south, box.north + 1):
             y = cells.y + (m + 0.5) * cells.step
-            rule = rules.edge if _at_edge(part.middle, x, y, cells, scene) else rules.inside
-            gain[k, m] += light * _blur(part, x, y, cells, rule, scene)
+            across = box.across
+            if _at_edge(part.middle, x, y, cells, scene):
+                across = max(across, min(4 * across, _AT_EDGE))
+            gain[k, m] += light * _blur(part, x, y, cells, across, rules, scene)
 
 
 @inlined
@@ -358,16 +388,18 @@ def _at_edge(p, x, y, cells, scene):
 
 
 @outlined
-def _blur(part, x, y, cells, rule, scene):
+def _blur(part, x, y, cells, across, rules, scene):
     """Return the mean light of a cell through a part of a facet, over that of the part."""
-    total, target = 0.0, moved(scene, x, y).target
+    total, target = 0.0, _moved(scene, x, y).target
     middle, normal, w = part.middle, part.normal, part.w
-    for k in range(len(rule.points)):
-        goal = Vec2(x + cells.step * rule.points[k, 0], y + cells.step * rule.points[k, 1])
+    nodes, shares = rules.nodes[across - 1], rules.shares[across - 1]
+    for k in range(across * across):
+        i, j = k // across, k % across
+        goal = Vec2(x + cells.step * nodes[i], y + cells.step * nodes[j])
         s = slope_towards(middle, normal, w, w, part.length, goal, scene)
         if s.density > 0.0:
             share = acceptance(s.aim, middle, target, scene.interface.fov)
             if share > 0.0 and (is_steep(s.aim, scene) or _free(middle, s.aim, scene)):
                 share *= exposure(w, normal, s.tilt) * transmittance(s.aim, scene.interface)
-                total += rule.shares[k] * s.density * share
+                total += shares[i] * shares[j] * s.density * share
     return total

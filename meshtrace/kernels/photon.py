@@ -48,7 +48,7 @@ def _start(q, photon, world):
     q.weight, q.water, q.air = 1.0, 0.0, 0.0
     q.free = sample_free_path(world.medium, p, u_path) if in_water else math.inf
     q.id, q.event, q.crossings, q.facet = photon, 0, 0, -1
-    q.in_water, q.retry, q.outcome = int(in_water), 0, -1
+    q.in_water, q.retry, q.turned, q.outcome = int(in_water), 0, 0, -1
     record(world.recorder, q, Vertex.SOURCE)
 
 

@@ -50,9 +50,10 @@ def to_sky(q, d, weight, world):
     if is_backward(world.back) and (q.water > 0.0 or not world.back.after_water):
         light = weight * radiance(world.back.sky, d)
         world.tallies.score[q.id - world.first, SKY_SCORE] += light
-    scored = q.crossings >= world.limits.first_scored
+    scored = world.limits.unscattered or q.turned == 1 or q.crossings > 1
     received = scored and score_on_apertures(q, False, flight, world)
-    score_map(world.tallies, flight, world.medium)
+    if scored:
+        score_map(world.tallies, flight, world.medium)
     deposit(world.tallies, Fate.RECEIVED.value if received else Fate.LANDED.value, weight)
     if received:
         q.outcome = Fate.RECEIVED.value
@@ -231,6 +232,7 @@ def scatter(q, world):
             return Fate.ABSORBED.value
     if s >= 0.0:
         head(q, turn(heading(q), s, u_phi))
+        q.turned = 1
         record(world.recorder, q, Vertex.SCATTER)
     return _continue(q, u_path, world)
 
@@ -247,5 +249,6 @@ def bounce(q, world):
     q.event += 1
     u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM.value)
     head(q, lambert_reflection(u_cos, u_phi))
+    q.turned = 1
     record(world.recorder, q, Vertex.BOTTOM)
     return _continue(q, u_path, world)

@@ -38,6 +38,7 @@ PHOTON = np.dtype(
         ("facet", np.int64),
         ("in_water", np.int64),
         ("retry", np.int64),
+        ("turned", np.int64),  # 1 once it has scattered or met the bottom
         ("outcome", np.int64),  # RECEIVED or LANDED once light left the sea, else -1
     ]
 )
@@ -75,7 +76,7 @@ class Limits(NamedTuple):
     survival: float  # 0: survive with weight / limit; else with this probability
     events: int
     surface_events: int
-    first_scored: int  # crossing from which on light is scored; 2 scores light sent back once
+    unscattered: bool  # whether light that has met its first crossing alone is scored in the air
 
 
 class Recorder(NamedTuple):

@@ -13,6 +13,8 @@ from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
 from meshtrace.results.variables import StoredArrays, Variable
 
+_DARK = 0.01  # of the highest gain, below which errors are relative to it
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CoverageMap(StoredArrays):
@@ -79,11 +81,19 @@ class CoverageMap(StoredArrays):
         return [f"  water                {water_of(self.provenance)}"]
 
 
+def relative_errors(gain: Floats, stderr: Floats) -> Floats:
+    """Return the errors of cells over their gains, or over 1 % of the highest gain."""
+    highest = float(gain.max())
+    if highest == 0.0:
+        return np.full(gain.shape, np.inf)
+    return np.asarray(stderr / np.maximum(gain, _DARK * highest))
+
+
 def as_high(gain: Floats, stderr: Floats) -> NDArray[np.bool_]:
     """Return the cells of a map (nx, ny) that may be as high as the highest one.
 
     The error of a difference is that of independent errors, at 95 % confidence for all cells
-    together: of many cells with noise the highest is a chance. Common chains make it smaller.
+    together: of many cells with noise the highest is a chance.
     """
     z = -NormalDist().inv_cdf(0.05 / gain.size)
     best = np.unravel_index(int(gain.argmax()), gain.shape)

@@ -5,31 +5,35 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any, Literal, NamedTuple
+from functools import lru_cache, partial
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import SurfaceModel, TriangleMesh
-from meshtrace.parallel import default_threads
-from meshtrace.results.coverage import CoverageMap
-from meshtrace.results.gain import GainResult, merge
+from meshtrace.models import Floats
+from meshtrace.results.coverage import CoverageMap, relative_errors
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
+from meshtrace.transport.analog import Sums, photons_over
 from meshtrace.transport.case import Case, resolve
-from meshtrace.transport.coverage import ForcedMap, Grid, require_mappable
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.coverage import unscattered_map
+from meshtrace.transport.meshing import mesh_for, surface_config
 from meshtrace.transport.options import Analog, IrradianceMap
-from meshtrace.transport.outcome import FewSamplesWarning, largest_weight, warn_of_omitted
-from meshtrace.transport.simulate import simulate
+from meshtrace.transport.outcome import (
+    FewSamplesWarning,
+    analog_result,
+    irradiance_map,
+    largest_weight,
+    warn_of_dark_map,
+    warn_of_lost,
+)
 
-_DARK = 0.01  # of the highest gain, below which a cell is not resolved to `rtol`
-_BOUND_PHOTONS = 2**20  # analog, where chains bring no light
+_FIRST_PHOTONS = 2**20  # at most, before the first comparison with `rtol`
 _MOST_AT_ONCE = 16.0  # times the photons: an error of few hits is uncertain itself
+_MESHES = 4  # that are kept for further photons
 
 
 def coverage_map(
@@ -46,10 +50,11 @@ def coverage_map(
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> CoverageMap:
-    """Return the gain over the plane of the receiver.
+    r"""Return the gain over the plane of the receiver.
 
-    Without `rtol` by analog photons: every photon that leaves the sea, or goes down, passes the
-    plane somewhere, so that one run maps it all. With `rtol` by forced detection, see Notes.
+    By analog photons: every photon that leaves the sea, or goes down, passes the plane somewhere,
+    so that one run maps it all. With `rtol` they carry scattered and reflected light alone, see
+    Notes.
 
     Parameters
     ----------
@@ -66,13 +71,14 @@ def coverage_map(
     times : sequence of float
         Times [s] over which the map is averaged.
     photons : int
-        Photons for each time.
+        Photons for each time; with `rtol` the first guess, of which 2^20 count.
     rtol : float, optional
-        Standard error to reach in every cell, relative to its gain, > 0.
+        Standard error to reach in every cell, relative to its gain, > 0. Cells darker than a
+        hundredth of the highest gain reach `rtol` of that.
     seed, normals, threads
         As in `simulate`.
     progress : callable, optional
-        Called with the number of photons followed since its last call, or of finished cells.
+        Called with the number of photons followed since its last call.
 
     Returns
     -------
@@ -81,29 +87,32 @@ def coverage_map(
     Warns
     -----
     FewSamplesWarning
-        If cells have not reached `rtol` with the most samples.
+        If cells have not reached `rtol` with the most photons, 10^9 for each time.
 
     Notes
     -----
-    Forced detection uses the same chains in all cells, so that their errors are correlated. Each
-    cell takes the number of chains that it needs, up to 2^20, and cells that may have the highest
-    gain up to 64 times as many, until its place is resolved; the number of chains times cells,
-    of crossings on still water that were interpolated between nodes and searched, and of
-    searches of all facets are in `provenance["chains"]`. Light that the surface first reflects
-    into the water is left out, see `Forced`.
+    With `rtol` the gain of a cell is
 
-    Links that chains do not follow (receivers in the water or tilted, extended sources, water with
-    a bottom or of too many scatterings, surfaces that overhang) and scenarios that name the
-    analog estimator take analog photons with `rtol`, too: `photons` is the first guess, each time
-    takes at most 10^9, and cells darker than a hundredth of the highest gain reach `rtol` of that.
-    Dark cells have an upper bound, `gain_bound`.
+    .. math:: h = h_0 + \frac{1}{N} \sum_i w_i, \qquad
+        s^2 = \frac{1}{N} \left(\frac{1}{N} \sum_i w_i^2 - (h - h_0)^2\right)
+        + \left(\frac{1}{N} \frac{\sum_M w_i^2}{\sum_M w_i}\right)^2,
+
+    with h_0 the unscattered light: the sum over the images of all facets, which has no noise.
+    w_i are the scores of photons that have scattered, met the bottom or been reflected before they
+    leave the water, N their number. The last term, one typical photon of the map M, keeps the
+    error of a cell without photons from zero. `provenance["unscattered"]` is "image".
+
+    It is "photons" where these carry all the light, with s as usual: without `rtol`, in scenarios
+    that name the analog estimator, and where the image is not known (receivers in the water or
+    tilted, extended sources, light from the air, surfaces that overhang, random slopes too narrow
+    for the cells, some forms as published).
+    With `rtol` dark cells have an upper bound, `gain_bound`.
     """
     given = {"seed": seed, "normals": normals, "threads": threads}
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     case = resolve(link, surface).with_options(**options)
-    link = case.link
     kinds = (Receiver, WaterReceiver)
-    receiver = next((r for r in link.receivers if isinstance(r, kinds)), None)
+    receiver = next((r for r in case.link.receivers if isinstance(r, kinds)), None)
     if receiver is None:
         raise Refused("receiver", Described("no receiver"), "a Receiver or a WaterReceiver")
     require_whole(photons, 1, 2**53, "photons")
@@ -112,130 +121,145 @@ def coverage_map(
     at = require_finite(times, "times", "one or more times [s]").tolist()
     view = {"axis": receiver.axis, "fov_deg": receiver.fov_deg}
     grid = IrradianceMap(height=receiver.center[2], extent=extent, step=step, **view)
-    mapped = _Mapped(case, receiver, grid, at)
-    if rtol is not None and not isinstance(case.run.estimator, Analog):
-        try:
-            return mapped.forced(rtol, progress)
-        except Refused:  # a feature that chains do not follow
-            pass
-    return mapped.analog(photons, rtol, progress)
+    exact = rtol is not None and not isinstance(case.run.estimator, Analog)
+    return _Mapped(case, receiver, grid, at, exact).run(photons, rtol, progress)
 
 
-class _Mapped(NamedTuple):
-    """Link, surface and options of a map, its receiver, cells and times."""
+class _Mapped:
+    """Map of a receiver: link, surface and options, cells and times, and its unscattered light."""
 
-    case: Case
-    receiver: Receiver | WaterReceiver
-    grid: IrradianceMap
-    times: list[float]
+    def __init__(
+        self,
+        case: Case,
+        receiver: Receiver | WaterReceiver,
+        grid: IrradianceMap,
+        times: list[float],
+        exact: bool,
+    ) -> None:
+        options = case.run.estimator
+        self._options = options if isinstance(options, Analog) else Analog()
+        self._case = case._replace(run=case.run.replace(estimator=self._options))
+        self._receiver, self._grid, self._times = receiver, grid, times
+        half = 0.5 * grid.n * grid.step
+        ends = (-grid.extent, 2.0 * half - grid.extent)
+        corners = (receiver.replace(position=(x, y)) for x in ends for y in ends)
+        self._corners = case.link.replace(receiver=tuple(corners))
+        self._mesh = lru_cache(_MESHES)(partial(self._meshed, exact))
+        self._image = self._unscattered() if exact else None
 
-    def forced(self, rtol: float, progress: Callable[[int], None] | None) -> CoverageMap:
-        """Return the map by forced detection."""
-        case, receiver, grid, times = self
-        link = case.link.replace(receiver=receiver)
-        require_mappable(link)
-        cells = Grid(grid.extent, grid.step)
-        sides = (-cells.extent, 2.0 * cells.half - cells.extent)
-        corners = link.replace(
-            receiver=tuple(receiver.replace(position=(x, y)) for x in sides for y in sides)
-        )
-        reach, meshes = crossing_reach(corners), []
-        for time in times:
-            mesh, config = mesh_for(corners, case.surface, case.meshing.replace(time=time), reach)
-            meshes.append(mesh)
-        threads = default_threads(case.run.threads)
-        forced = ForcedMap(link, meshes, cells, case.run.seed, case.meshing.normals, threads)
-        gain, stderr = forced.run(rtol, progress)
-        _warn_of_lack(forced.lacking, gain.size, rtol)
-        run = {
-            **case.run.to_config(),
-            "rtol": rtol,
-            **case.meshing.model_dump(),
-            "record": [grid.model_dump()],
-        }
-        origin = {**provenance(link, config, run), **case.origin, "times": times}
-        origin["chains"] = forced.counts
-        warn_of_omitted(corners, gain[[0, 0, -1, -1], [0, -1, 0, -1]])
-        axis = np.asarray(-grid.extent + grid.step * (np.arange(grid.n) + 0.5), np.float64)
-        bound = None
-        if not (gain > 0.0).all():
-            limit = self._bound(self.analog(_BOUND_PHOTONS), _BOUND_PHOTONS)
-            bound = np.where(gain > 0.0, np.nan, limit)
-        return CoverageMap(axis, axis, gain, stderr, origin, bound)
+    def _meshed(self, exact: bool, time: float) -> TriangleMesh:
+        """Return the mesh of a time, fine below all cells if exact."""
+        inputs = self._case.surface, self._case.meshing.replace(time=time)
+        if exact:
+            try:
+                return mesh_for(self._corners, *inputs, math.inf)[0]
+            except Refused:  # a given mesh that does not reach below all cells
+                pass
+        return mesh_for(self._case.link, *inputs)[0]
 
-    def analog(
+    def _unscattered(self) -> Floats | None:
+        """Return the unscattered gain of the cells; None where photons have to carry it."""
+        link, options = self._case.link, (self._case.meshing.normals, self._case.threads)
+        link = link.replace(receiver=self._receiver)
+        total = np.zeros((self._grid.n, self._grid.n))
+        for time in self._times:
+            found = unscattered_map(link, self._mesh(time), self._grid, *options)
+            if found is None:
+                return None
+            total += found / len(self._times)
+        return total
+
+    def run(
         self,
         photons: int,
-        rtol: float | None = None,
-        progress: Callable[[int], None] | None = None,
+        rtol: float | None,
+        progress: Callable[[int], None] | None,
     ) -> CoverageMap:
-        """Return the map by analog photons."""
-        case, receiver, grid, times = self
+        """Return the map by photons, which carry all light or what the image lacks."""
+        more = photons if rtol is None else min(photons, _FIRST_PHOTONS)
+        each, sums = 0, None
+        while sums is None or more > 0:
+            sums = self._follow(each, more, sums, progress)
+            each += more
+            gain, stderr = self._gain(sums)
+            more = 0 if rtol is None else _lacking(gain, stderr, rtol, each)
+        records, origin = {"irradiance-map": self._grid}, self._origin(each, rtol)
+        result = analog_result(self._case.link, sums, origin, records)
+        warn_of_lost(result)
+        if self._image is None:
+            warn_of_dark_map(result, records)
+        bound = None
+        if rtol is not None:
+            _warn_of_lack(int((relative_errors(gain, stderr) > rtol).sum()), gain.size, rtol)
+            bound = self._bound(gain, stderr, sums.photons)
+        assert result.map is not None
+        return CoverageMap(result.map.x, result.map.y, gain, stderr, origin, bound)
 
-        def run(n: int, first: int) -> list[GainResult]:
-            """Return the maps of n photons at each time, from the photon id `first` on."""
-            return [
-                simulate(
-                    case.link, case.surface, "analog", photons=n, seed=case.run.seed,
-                    threads=case.run.threads, mesh=case.meshing.replace(time=time),
-                    first_photon=first + i * n, record=[grid], progress=progress,
-                )
-                for i, time in enumerate(times)
-            ]  # fmt: skip
+    def _follow(
+        self,
+        done: int,
+        photons: int,
+        sums: Sums | None,
+        progress: Callable[[int], None] | None,
+    ) -> Sums:
+        """Follow more photons at each time, and add their tallies to those of all times."""
+        for i, time in enumerate(self._times):
+            first = self._options.first_photon + len(self._times) * done + i * photons
+            sums = photons_over(
+                self._case, self._mesh(time), self._options.replace(first_photon=first), photons,
+                record=[self._grid], unscattered=self._image is None, sums=sums, progress=progress,
+            )  # fmt: skip
+        assert sums is not None
+        return sums
 
-        runs, area = run(photons, 0), np.pi * receiver.radius**2
-        found = _mean(runs, times, area)
-        while rtol is not None and photons < Analog.most_photons:
-            lack = (float(_errors(found).max()) / rtol) ** 2
-            if lack <= 1.0:
-                break
-            more = math.ceil(photons * min(1.1 * lack, _MOST_AT_ONCE)) - photons
-            more = min(more, Analog.most_photons - photons)
-            added = run(more, len(times) * photons)
-            runs = [merge([a, b]) for a, b in zip(runs, added, strict=True)]
-            photons += more
-            found = _mean(runs, times, area)
-        if rtol is None:
-            return found
-        _warn_of_lack(int((_errors(found) > rtol).sum()), found.gain.size, rtol)
-        if (found.gain > 0.0).all():
-            return found
-        limit = self._bound(found, photons)
-        return replace(found, gain_bound=np.where(found.gain > 0.0, np.nan, limit))
+    def _gain(self, sums: Sums) -> tuple[Floats, Floats]:
+        """Return gain and standard error of the cells."""
+        area = np.pi * self._receiver.radius**2
+        found = irradiance_map(self._grid, sums)
+        gain, stderr = area * found.irradiance, area * found.irradiance_stderr
+        if self._image is None:
+            return gain, stderr
+        total, squares = (float(x.value().sum()) for x in (sums.map, sums.map_squared))
+        typical = area / self._grid.step**2 * squares / max(total, 1e-300)
+        return self._image + gain, np.hypot(stderr, typical / sums.photons)
 
-    def _bound(self, found: CoverageMap, photons: int) -> NDArray[np.float64]:
-        """Return upper bounds of the gains of analog photons at each time, 95 % confidence.
+    def _origin(self, photons: int, rtol: float | None) -> dict[str, Any]:
+        """Return the provenance of the map."""
+        case = self._case
+        meshing = case.meshing.replace(time=self._times[0]).model_dump()
+        run = {**case.run.to_config(), "photons": photons, "rtol": rtol, **meshing}
+        run["record"] = [self._grid.model_dump(mode="json")]
+        origin = {**provenance(case.link, surface_config(case.surface), run), **case.origin}
+        light = "photons" if self._image is None else "image"
+        return {**origin, "times": self._times, "unscattered": light}
+
+    def _bound(self, gain: Floats, stderr: Floats, photons: int) -> Floats | None:
+        """Return upper bounds of dark cells, 95 % confidence, nan elsewhere; None if all are lit.
 
         No photon scores more than its largest weight w times the aperture over the cell; with
         mean m and standard error s the bound is m + 2 s + 3 w / n (rule of three).
         """
-        weight = largest_weight(self.case.link, 0.0)
-        most = weight * np.pi * self.receiver.radius**2 / self.grid.step**2
-        return found.gain + 2.0 * found.gain_stderr + 3.0 * most / (photons * len(self.times))
+        if (gain > 0.0).all():
+            return None
+        weight = largest_weight(self._case.link, 0.0)
+        most = weight * np.pi * self._receiver.radius**2 / self._grid.step**2
+        return np.where(gain > 0.0, np.nan, gain + 2.0 * stderr + 3.0 * most / photons)
 
 
-def _mean(runs: list[GainResult], times: list[float], area: float) -> CoverageMap:
-    """Return the mean over the times of gains of an aperture."""
-    maps = [r.map for r in runs if r.map is not None]
-    mean = np.mean([m.irradiance for m in maps], axis=0)
-    error = np.sqrt(np.mean([m.irradiance_stderr**2 for m in maps], axis=0))
-    stderr, origin = area * error / np.sqrt(len(maps)), {**runs[0].provenance, "times": times}
-    return CoverageMap(maps[0].x, maps[0].y, area * mean, stderr, origin)
-
-
-def _errors(found: CoverageMap) -> NDArray[np.float64]:
-    """Return the errors of cells over their gains, or over a share of the highest gain."""
-    highest = float(found.gain.max())
-    if highest == 0.0:
-        return np.full(found.gain.shape, math.inf)
-    return np.asarray(found.gain_stderr / np.maximum(found.gain, _DARK * highest))
+def _lacking(gain: Floats, stderr: Floats, rtol: float, photons: int) -> int:
+    """Return the photons that a map lacks; a map without any light is given up."""
+    lack = (float(relative_errors(gain, stderr).max()) / rtol) ** 2
+    if lack <= 1.0 or gain.max() == 0.0:
+        return 0
+    wanted = math.ceil(photons * min(1.1 * lack, _MOST_AT_ONCE))
+    return max(min(wanted, Analog.most_photons) - photons, 0)
 
 
 def _warn_of_lack(cells: int, of: int, rtol: float) -> None:
-    """Warn of cells above the tolerance after the most samples."""
+    """Warn of cells above the tolerance after the most photons."""
     if cells:
         warnings.warn(
-            f"rtol: {cells} of {of} cells have not reached {rtol:g} with the most samples",
+            f"rtol: {cells} of {of} cells have not reached {rtol:g} with the most photons",
             FewSamplesWarning,
             stacklevel=4,
         )

@@ -134,10 +134,11 @@ def run_analog(
     seed: int,
     normals: str = "vertex",
     threads: int = 1,
-    first_scored: int = 1,
+    unscattered: bool = True,
     record: Iterable[Record] = (),
     recorder: kernel.Recorder | None = None,
     progress: Callable[[int], None] | None = None,
+    sums: Sums | None = None,
 ) -> Sums:
     """Trace photons and return their tallies.
 
@@ -157,14 +158,16 @@ def run_analog(
         Normals interpolated from the corners, or those of the facets.
     threads : int
         Threads; the result does not depend on them.
-    first_scored : int
-        First crossing of the surface that is scored; 2 for light reflected once.
+    unscattered : bool
+        Whether apertures in the air and maps score light that has met its first crossing alone.
     record : sequence of Record
         Extra tallies.
     recorder : Recorder, optional
         Arrays for the paths of the first photons; must fit into the first chunk.
     progress : callable, optional
         Called with the number of photons done since its last call.
+    sums : Sums, optional
+        Tallies of other photons with the same records, to which these are added.
 
     Returns
     -------
@@ -176,9 +179,9 @@ def run_analog(
     if frame != IDENTITY:
         intersector = intersector.over(frame.mesh(intersector.mesh))
     recorder = recorder or new_recorder(0, 0)
-    inputs = link, frame, intersector, seed, normals, options, first_scored
+    inputs = link, frame, intersector, seed, normals, options, unscattered
     setup = setup_of(*inputs, records, recorder)
-    sums = _zero(setup)
+    sums = sums or _zero(setup)
     first, end = options.first_photon, options.first_photon + photons
     starts = range(first, end, options.batch_size)
     chunks = ((start, min(start + options.batch_size, end)) for start in starts)
@@ -231,7 +234,7 @@ def setup_of(
     seed: int,
     normals: str,
     options: Analog,
-    first_scored: int,
+    unscattered: bool = True,
     records: Mapping[str, Record] = MappingProxyType({}),
     recorder: kernel.Recorder | None = None,
 ) -> Setup:
@@ -248,7 +251,7 @@ def setup_of(
             depth = frame.unit * max(-z for z in sources.position[:, 2])
             roulette = 0.5 * math.exp(-min(link.water.a * depth, 600.0))
     medium = frame.medium(medium_arrays(link, frame.unit * crest))
-    limits = options.max_events, options.max_surface_events, first_scored
+    limits = options.max_events, options.max_surface_events, unscattered
     world = kernel.World(
         first=0,
         seed=np.uint64(seed),  # numba takes a Python integer for a signed one

@@ -68,7 +68,7 @@ def mesh_for(
         Time and resolution.
     reach : float, optional
         Largest distance from the axis at which light crosses to a receiver [m]: the forced
-        estimator needs no more of the surface.
+        estimator needs no more of the surface. Infinite for all of the footprint.
     per_wave : float
         Spacing over 1 / k of the shortest wave of a sum of waves where light crosses, unless the
         spacing is given: `GAIN_SPACING` or `FADING_SPACING`. Only with `reach`.
@@ -118,7 +118,7 @@ def mesh_lines(
         If the mesh would have too many facets.
     """
     f = link.footprint() if reach is None else link.footprint(_ASIDE)
-    if reach is not None:
+    if reach is not None and reach < math.inf:
         far = math.dist(f.center, link.origin)
         wide = min(reach + far + 20.0 * f.spacing, f.extent)
         wide = max(wide, f.fine_extent + 10.0 * f.spacing)
@@ -130,9 +130,10 @@ def mesh_lines(
         if _is_narrow(link, f):  # the light of beams crosses inside the fine part of other links
             wide, fine = max(fine, 1.01 * aside), 0.5 * fine
         f = f._replace(extent=wide, fine_extent=fine, coarse_spacing=4.0 * f.spacing)
-        given = meshing.spacing is not None or meshing.extent is not None
-        if isinstance(surface, SurfaceModel) and not isinstance(surface, Plane) and not given:
-            f = _resolving(link, surface, f, per_wave, meshing.time)
+    given = meshing.spacing is not None or meshing.extent is not None
+    single = reach is not None and not given and not isinstance(surface, Plane)
+    if single and isinstance(surface, SurfaceModel):
+        f = _resolving(link, surface, f, per_wave, meshing.time)
     if isinstance(surface, Plane):
         spacing = max(f.spacing, f.fine_extent / _PLANE_CELLS)
         coarse = max(f.coarse_spacing, f.extent / _PLANE_CELLS, spacing)

@@ -76,7 +76,7 @@ def analog_result(
         misses=(int(sums.misses[0]), int(sums.misses[1])),
         arrivals=_arrivals(sums) if "arrivals" in records else None,
         planes=_planes(link, sums, mean[n_rx:], stderr[n_rx:]),
-        map=_map(grid, sums) if isinstance(grid, options.IrradianceMap) else None,
+        map=irradiance_map(grid, sums) if isinstance(grid, options.IrradianceMap) else None,
     )
 
 
@@ -264,7 +264,8 @@ def _planes(link: Link, sums: Sums, mean: Floats, stderr: Floats) -> Planes | No
     return Planes(np.array(link.planes.depths), *columns, **radiance)
 
 
-def _map(grid: options.IrradianceMap, sums: Sums) -> IrradianceMap:
+def irradiance_map(grid: options.IrradianceMap, sums: Sums) -> IrradianceMap:
+    """Return the irradiance of analog photons in the cells of a map."""
     area = grid.step**2
     axis = np.asarray(-grid.extent + grid.step * (np.arange(grid.n) + 0.5), np.float64)
     total, squares = sums.map.value(), sums.map_squared.value()

@@ -154,7 +154,7 @@ def walked(
     bare = link.model_copy(update={"receiver": (), "planes": None})
     local = EmbreeIntersector(frame.mesh(mesh), threads)
     options = Analog(roulette=1e-3, max_surface_events=100)
-    setup = setup_of(bare, frame, local, seed, normals, options, 1)
+    setup = setup_of(bare, frame, local, seed, normals, options)
     sun, irradiance = refracted_sun(day, n)
     world, foam = setup.world, setup.world.interface.foam_transmittance
     bubbles = link.bubbles.phase_function() if link.bubbles else link.water.phase

@@ -74,7 +74,7 @@ def test_coverage_to_a_tolerance(tmp_path):
                      "--wind", 0)  # fmt: skip
     assert done.exit_code == 0, done.stderr
     found = results.load(file)
-    assert found.provenance["run"]["estimator"] == "forced"
+    assert found.provenance["unscattered"] == "image"
     assert (found.gain_stderr <= 0.05 * found.gain).all()
     assert "rtol: -1.0, allowed: a finite number > 0" in refusal("coverage", "--rtol", -1)
 

@@ -287,7 +287,7 @@ def test_map_round_trip_and_refusals(tmp_path):
 @pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
 def test_a_map_reaches_its_tolerance_with_photons_of_its_own():
     """Merged rounds are one run of all photons; the wanted error holds where there is light."""
-    # chains do not follow a tilted receiver over a map
+    # the image of a tilted receiver is not known: photons carry all its light
     link = mt.Link(receiver=mt.Receiver(radius=0.5, fov_deg=120.0, tilt_deg=0.1))
     options = {"extent": 2.0, "step": 1.0, "seed": 3}
     m = mt.coverage_map(link, FlatSea(), photons=20_000, rtol=0.05, **options)

@@ -79,7 +79,7 @@ def test_closed_estimate_of_deep_lamps(name):
     check(*DEEP[name])
 
 
-def test_the_warning_of_maps_names_the_share_and_the_remedy():
+def test_the_warning_names_the_share_and_the_remedy():
     once = mt.simulate(link_of(depth=3.0, reflected="kill"), FLAT, photons=2048, seed=1)
     with pytest.warns(DomainWarning, match=r"about [78] % .*estimator=.analog. follows it"):
         warn_of_omitted(link_of(depth=3.0), once.gains)
@@ -131,3 +131,10 @@ def test_a_run_to_a_tolerance_warns_once(options, found):
     for warning, text in zip(caught, found, strict=True):
         assert text in str(warning.message)
         assert warning.filename == __file__
+
+
+def test_the_share_of_returned_light_is_at_most_all(monkeypatch):
+    monkeypatch.setattr("meshtrace.transport.outcome.returned_gain", lambda link: np.array([1e-9]))
+    for gain, percent in ((1e-129, "100"), (1e-9, "50"), (1e-7, "1")):
+        with pytest.warns(mt.DomainWarning, match=f"about {percent} % of the light leaves"):
+            warn_of_omitted(mt.Link(), np.array([gain]))
