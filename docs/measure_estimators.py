@@ -16,6 +16,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,7 +28,7 @@ import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.stored import SHIFTS
 from meshtrace.transport.choice import chain_pilot, pilot
-from meshtrace.transport.forced import ForcedDetection
+from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.joined import JoinedPhotons
 
 KEPT = Path(__file__).with_name("estimators.json")
@@ -46,11 +47,11 @@ class Parts(NamedTuple):
 
 
 def _forced(scattered: str) -> Callable[..., Parts]:
-    """Return a run of chains or of adjoint paths."""
+    """Return a run of chains alone."""
 
     def run(link: mt.Link, mesh: mt.TriangleMesh, photons: int, seed: int) -> Parts:
-        crest = float(mesh.bounds[1, 2])
-        forced = ForcedDetection(link, photons, seed, crest=crest, scattered=scattered)
+        sea = TypicalSea.of([mesh])
+        forced = ForcedDetection(link, photons, seed, sea=sea, scattered=scattered)
         found = forced.evaluate(mesh).scattered
         error = found.std(axis=1, ddof=1) / math.sqrt(SHIFTS)
         return Parts({"scattered": found.mean(axis=1)}, {"scattered": error})
@@ -113,7 +114,6 @@ def _analog(reflected: str) -> Callable[..., Parts]:
 RUNS: dict[str, Callable[..., Parts]] = {
     "unscattered": _unscattered,
     "chains": _forced("chains"),
-    "adjoint": _forced("adjoint"),
     "joined": _joined,
     "analog": _analog("trace"),
     "analog, killed": _analog("kill"),
@@ -227,7 +227,10 @@ def _pilot_variance(link: mt.Link) -> list[float]:
     for seed in range(4):
         forced = ForcedDetection(link, SHIFTS, seed, scattered="chains")
         emitters, targets = len(forced.arrays.emitters), len(forced.arrays.targets)
-        pilots = [pilot(forced.drawer, s, (seed, s), targets, 1) for s in range(emitters)]
+        pilots = [
+            pilot(forced.drawer, s, (seed, s), partial(forced.drawer.flat_scores, s), targets, 1)
+            for s in range(emitters)
+        ]
         found = chain_pilot(pilots, forced.arrays)
         rows.append(found.variance / np.maximum(found.mean**2, 1e-300))
     return _short(np.median(rows, axis=0))
