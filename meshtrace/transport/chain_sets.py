@@ -143,16 +143,9 @@ class ChainDrawer:
             pass
         return sets
 
-    def draw_shifts(self, request: Request, first: int, last: int) -> ChainSet:
-        """Return the chains of the shifts first <= s < last, without crossings of a flat sea."""
-        points, shifts = points_of(request)
-        block = self.empty(request, last - first)._replace(flat=[])
-        self._fill(request.source, block, points, shifts[first:last])
-        return block
-
-    def empty(self, request: Request, shifts: int = SHIFTS) -> ChainSet:
+    def empty(self, request: Request) -> ChainSet:
         """Return room for a set of chains."""
-        n, order = shifts * request.per_shift, request.order
+        n, order = SHIFTS * request.per_shift, request.order
         chains = Chains(
             vertex=np.empty((n, order, 3)),
             kind=np.zeros((n, order), np.int8),

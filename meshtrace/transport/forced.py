@@ -171,7 +171,7 @@ class ForcedDetection:
 
         Pilots over still water compare the estimators and allot the chains to the orders.
         """
-        photons, link, threads = self._key[0], self.arrays, self._options[1]
+        link, threads = self.arrays, self._options[1]
         sources, receivers = range(len(link.emitters)), len(self.link.receivers)
         self._light: Floats | None = None
         self.method = ["joined"] * receivers
@@ -192,7 +192,7 @@ class ForcedDetection:
         self.method = self._compare()
         if "chains" not in self.method:
             return [[] for _ in sources]
-        requests = self.requests(photons)
+        requests = self._requests()
         pairs = list(zip(requests, self.drawer.draw_all(requests, threads), strict=True))
         return [[chains for request, chains in pairs if request.source == s] for s in sources]
 
@@ -208,42 +208,26 @@ class ForcedDetection:
         threads = self._options[1]
         return pilot(self.drawer, source, self._seed(source), score, len(receivers), threads)
 
-    def requests(self, photons: int, stream: int = 1) -> list[Request]:
-        """Return the chains of each source and order, allotted by the pilots.
-
-        Parameters
-        ----------
-        photons : int
-            Chains in all.
-        stream : int
-            Number of an independent set of points.
-        """
+    def _requests(self) -> list[Request]:
+        """Return the chains of each source and order, allotted by the pilots."""
         link, kept = self.arrays, np.array([m == "chains" for m in self.method])
+        photons, emitters = self._key[0], len(link.emitters)
         # a common factor of the gain does not matter for one receiver
         together = len(kept) > 1 and not link.down
         light = self._light if together and self._light is not None else np.ones(len(kept))
-        sources = range(len(link.emitters))
-        share = photons if link.down else max(photons // len(sources), SHIFTS)
+        share = photons if link.down else max(photons // emitters, SHIFTS)
         requests = []
-        for s in sources:
-            expected = self.drawer.nominals[s].expected
-            if link.down:
-                found, seen = self._pilots[s].joined(link.power), light[s : s + 1]
+        for s, found in enumerate(self._pilots):
+            if not link.down:
+                found, seen = found.of(kept), light[kept]
+            elif kept[s]:
+                found, seen = found.joined(link.power), light[s : s + 1]
             else:
-                found, seen = self._pilots[s].of(kept), light[kept]
-            if link.down and not kept[s]:
                 continue
-            counts = allotment(share, expected, found, seen)
+            counts = allotment(share, self.drawer.nominals[s].expected, found, seen)
             key = self._seed(s)
-            requests += [Request(s, k, int(n), (*key, k, stream)) for k, n in enumerate(counts, 1)]
+            requests += [Request(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
         return requests
-
-    def unscattered_requests(self, photons: int, stream: int = 1) -> list[Request]:
-        """Return the unscattered chains of each source, see `requests`."""
-        emitters = len(self.arrays.emitters)
-        per_source = photons / (1 if self.arrays.down else emitters)
-        n = max(math.ceil(_UNSCATTERED_SHARE * per_source / SHIFTS), 2)
-        return [Request(s, 0, n, (*self._seed(s), 0, stream)) for s in range(emitters)]
 
     def _seed(self, emitter: int) -> tuple[int, int]:
         """Return the seed of the chains of an emitter: receivers have the same in any order."""
@@ -338,7 +322,11 @@ class ForcedDetection:
     @cached_property
     def _unscattered(self) -> list[ChainSet]:
         """Unscattered chains by source, which differ by their random slopes only."""
-        return self.drawer.draw_all(self.unscattered_requests(self._key[0]))
+        emitters = len(self.arrays.emitters)
+        per_source = self._key[0] / (1 if self.arrays.down else emitters)
+        n = max(math.ceil(_UNSCATTERED_SHARE * per_source / SHIFTS), 2)
+        requests = [Request(s, 0, n, (*self._seed(s), 0, 1)) for s in range(emitters)]
+        return self.drawer.draw_all(requests)
 
     def evaluate(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> Parts:
         """Return the gain over a mesh, in parts."""
