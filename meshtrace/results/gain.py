@@ -93,7 +93,8 @@ class GainResult(WithArrays, Stored):
         Fraction of the emitted power that each receiver collects, and its standard error.
     mesh_error : same as gain, or None
         Estimate of the difference to the gain over the exact surface, which the mesh interpolates;
-        not in `gain_stderr`, which is the error of the samples. None or nan where it is not known.
+        not in `gain_stderr`, which is the error of the samples. None or nan where it is not known,
+        and for analog photons.
     photons : int
         Photons launched (analog), or chains (forced); joined photons are some times as many, see
         `scattered` and `reflected`.
@@ -399,14 +400,11 @@ def merge(results: Sequence[GainResult]) -> GainResult:
         for name, tally in _TALLIES.items()
         if getattr(first, name) is not None
     }
-    known = all(r.mesh_error is not None for r in results)
-    error = np.average([r._mesh_errors for r in results], axis=0, weights=n) if known else None
     return replace(
         first,
         gain=gain,
         gain_stderr=like(gain, stderrs),
         gain_bound=bound_where_dark(gain, total),
-        mesh_error=like(gain, error),
         photons=total,
         fates=fates,
         provenance={**first.provenance, "run": {**first.provenance["run"], **run}},

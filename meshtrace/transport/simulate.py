@@ -148,13 +148,14 @@ def _simulated(
         inputs = case._replace(run=run), mesh, records, origin
         return _analog(*inputs, progress) if analog else _forced(*inputs)
 
-    result = with_mesh_error(_to_tolerance(evaluate, case.run), case, mesh)
-    warn_of_mesh(result, case, mesh)
+    result = _to_tolerance(evaluate, case.run)
     warn_of_few(result)
     if analog:
         warn_of_lost(result)
         warn_of_dark_map(result, records)
         return result
+    result = with_mesh_error(result, case, mesh)
+    warn_of_mesh(result, case, mesh)
     if result.gain_reflected is None and case.link.physics.reflected == "trace":
         warn_of_omitted(case.link, result.gains)
     warn_of_cut(case, mesh)
