@@ -109,22 +109,13 @@ def forced_link(link: Link, frame: Frame | None = None) -> ForcedLink:
 
 
 def needs_photons(link: Link) -> tuple[str, object] | None:
-    """Return the first field, and its value, that joined photons follow but chains do not.
-
-    Raises
-    ------
-    Refused
-        If joined photons do not follow it either: lamps in the air are points to them.
-    """
-    found: tuple[str, object] | None = None
+    """Return the first field, and its value, that chains do not follow; None if there is none."""
     for path, item in link.items():
         if isinstance(item, Source) and item.size > 0.0:
-            found = path, Described(f"a radius of {item.size:g} m")
-            if link.direction == "down":
-                raise Refused(*found, POINTS_ONLY)
+            return path, Described(f"a radius of {item.size:g} m")
     if link.water.bottom_depth is not None:
-        found = "water.bottom_depth", link.water.bottom_depth
-    return found
+        return "water.bottom_depth", link.water.bottom_depth
+    return None
 
 
 def _forwards(link: Link, frame: Frame, medium: Medium) -> Forwards:

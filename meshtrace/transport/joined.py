@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.bvh import EmbreeIntersector
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
 from meshtrace.kernels.aiming import FLAT
 from meshtrace.kernels.crossings import ROOT
 from meshtrace.kernels.facets import Surface
@@ -48,6 +48,7 @@ from meshtrace.transport.arrays import (
     with_raster,
 )
 from meshtrace.transport.forced_link import (
+    POINTS_ONLY,
     emitter_of,
     expected_water,
     lamp_target,
@@ -178,6 +179,9 @@ class JoinedPhotons:
         for name, kept in _SWITCHES.items():
             if getattr(link.physics, name) != kept:
                 raise Refused(f"physics.{name}", getattr(link.physics, name), f'"{kept}"')
+        for path, item in link.items():
+            if isinstance(item, AirLamp) and item.size > 0.0:  # they are points to the photons
+                raise Refused(path, Described(f"a radius of {item.size:g} m"), POINTS_ONLY)
         self.link, self.photons, self.seed = link, photons, seed
         self._normals, self._threads = normals, threads
         self._first = [int(k) for k in np.broadcast_to(first, len(link.receivers))]

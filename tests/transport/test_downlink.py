@@ -421,7 +421,6 @@ def test_tilted_lamps_shine_aside():
         (down().replace(physics="paper"), FlatSea(), r"^physics: snell.*fresnel.*fov.*analog"),
         (down().replace("physics.fresnel", "paper_both"), FlatSea(), r"^physics: fresnel"),
         (down().replace("physics.free_path", "local_c"), FlatSea(), r"^physics: free_path"),
-        (down().replace("water.bottom_depth", 20.0), FlatSea(), r"^water\.bottom_depth"),
         (mt.Link(transmitter=mt.AirLed()), FlatSea(), r"^receiver: .*in the water"),
         (mt.Link(receiver=mt.WaterReceiver()), FlatSea(), r"^receiver: .*in the air"),
         (

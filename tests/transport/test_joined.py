@@ -96,6 +96,20 @@ def test_analog_photons_agree(name):
 @pytest.mark.statistical
 @pytest.mark.thorough
 @pytest.mark.parametrize("sea", [FLAT, WAVES], ids=["still", "waves"])
+def test_photons_run_backwards_from_a_receiver_above_a_bottom(sea):
+    """Scattered light, by the bottom too: all that is not unscattered."""
+    link = DOWN.replace(water=DIM, physics=KILL).replace("receiver.tilt_deg", 90.0)
+    mesh = mesh_of(link, sea)
+    found = JoinedPhotons(link, 200_000, 3).evaluate(mesh)
+    whole = mt.simulate(link, mesh, "analog", photons=2_000_000, seed=2, roulette=1e-3)
+    direct = mt.simulate(link, mesh, photons=64).gain_ballistic
+    gain, error = found.parts[1, 0] + direct, found.stderr[1, 0]
+    assert z_test(gain, error, whole.gain, whole.gain_stderr) > sidak(ALPHA, 2)
+
+
+@pytest.mark.statistical
+@pytest.mark.thorough
+@pytest.mark.parametrize("sea", [FLAT, WAVES], ids=["still", "waves"])
 def test_photons_run_backwards_from_a_receiver_in_the_water(sea):
     mesh = mesh_of(DOWN, sea)
     found = JoinedPhotons(DOWN, 60_000, 3, first=2).evaluate(mesh)
