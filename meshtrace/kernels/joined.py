@@ -239,6 +239,8 @@ def _scatter(q, world):
         _look_ahead(q, world, world.manifold)
         if not _is_worth(q, YES, world):
             return False
+    elif not survives(q, place(q), 1.0, -1.0, world):  # null collisions in the clear are many
+        return False
     _draw_path(q, u_path, world)
     return True
 

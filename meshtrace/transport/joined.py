@@ -74,7 +74,7 @@ _CLEAR_HIGHEST = 1.5
 _AIMED_HIGHEST = 2.0
 _BENT = 0.3  # fall of the importance with the bend of light over random slopes
 _BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
-_EVENTS = 100_000  # of a photon and its copies
+_EVENTS = 10_000_000  # of a photon and its copies
 _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
 
 

@@ -181,10 +181,10 @@ def test_forced_detection_agrees(wind_speed, normals, link):
             extent=15.0, spacing=0.1, fine_extent=4.0, coarse_spacing=1.0
         )
     chains = ForcedDetection(link, 8192, 2, normals).evaluate(mesh).scattered[0]
-    photons = 2**18 if normals == "vertex" else 2**13
+    photons = 2**18 if normals == "vertex" else 2**14
     found = evaluate(link, photons, 1, mesh, normals)
     stderr = chains.std(ddof=1) / math.sqrt(SHIFTS)
-    assert found.stderr[0] < 0.1 * found.gain[0]
+    assert found.stderr[0] < 0.12 * found.gain[0]
     assert z_test(found.gain[0], found.stderr[0], chains.mean(), stderr) > sidak(ALPHA, 7)
 
 

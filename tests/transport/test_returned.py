@@ -117,7 +117,7 @@ def test_rays_that_go_down_do_not_count():
 @pytest.mark.parametrize(
     ("options", "found"),
     [
-        ({"estimator": "forced", "photons": 32, "rtol": 0.02}, ["cuts off 5."]),
+        ({"estimator": "forced", "photons": 32, "rtol": 0.02}, ["cuts off 2."]),
         ({"estimator": "analog", "photons": 1000, "rtol": 0.05}, ["left the meshed surface"]),
     ],
 )

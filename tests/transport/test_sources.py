@@ -22,7 +22,8 @@ POLAR_BINS, AZIMUTH_BINS = 40, 24
 def _launched(sources, n, seed):
     out = np.empty((n, 8))
     for i in range(n):
-        p, d, out[i, 6], out[i, 7] = launch(sources, seed, i)
+        p, d, source, out[i, 7] = launch(sources, seed, i)
+        out[i, 6] = sources.in_water[source]
         write(out[i, :3], p)
         write(out[i, 3:6], d)
     return out
