@@ -19,7 +19,7 @@ from meshtrace.models import Floats
 from meshtrace.results.background import Background, BackgroundSeries
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.campaign import Campaign, Steps, campaign_of
+from meshtrace.studies.campaign import Campaign, Steps, campaign_of, over_surfaces
 from meshtrace.studies.series import in_flight
 from meshtrace.transport.backward import background, background_over
 from meshtrace.transport.case import Case
@@ -256,11 +256,14 @@ def error_rate(
 def _over(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> list[Background]:
     """Return the background over each surface."""
     origin: dict[str, Any] = {"daylight": day.model_dump(mode="json")}
-    run, normals, found = campaign.run, campaign.meshing.normals, []
-    for i in range(len(steps.labels)):
+    run, normals = campaign.run, campaign.meshing.normals
+
+    def over(i: int) -> Background:
         link = steps.links[i] if steps.links else campaign.link
         surface, time = steps.surface(i)
         mesh, _ = mesh_for(link, surface, campaign.meshing.replace(time=time))
         rest = day, photons, run.seed, normals, campaign.threads, origin
-        found.append(background_over(link, mesh, *rest))
-    return found
+        return background_over(link, mesh, *rest)
+
+    # the threads are those of the rays over one surface
+    return list(over_surfaces(over, len(steps.labels), 1))

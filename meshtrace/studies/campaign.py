@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ from meshtrace.uav.wind import Dryden
 
 if TYPE_CHECKING:
     import xarray as xr
+
+Result = TypeVar("Result")
 
 DEFAULT_CHAINS = 2048
 """Chains of a study over many surfaces, common to all of them."""
@@ -150,8 +152,13 @@ class Campaign(NamedTuple):
         reach = max(crossing_reach(link) + math.dist(link.origin, joint.origin) for link in links)
         return mesh_for(joint, surface, meshing, reach, FADING_SPACING)[0]
 
-    def parts(self, steps: Steps, probed: int = _PROBED) -> Iterator[list[Parts]]:
-        """Yield the gains in parts over each surface, one for each link.
+    def parts(
+        self,
+        steps: Steps,
+        progress: Callable[[int], None] | None = None,
+        probed: int = _PROBED,
+    ) -> Iterator[list[Parts]]:
+        """Return the gains in parts over each surface, one for each link, as they are computed.
 
         Each mesh is made in the thread that evaluates it. The chains expect crests somewhat above
         those of the first `probed` surfaces, or of the first one under a link that moves.
@@ -176,11 +183,7 @@ class Campaign(NamedTuple):
         first = {i: mesh(i) for i in range(min(1 if steps.links else probed, n))}
         typical = TypicalSea.of(first.values(), MANY_SEAS)
         common = [] if steps.links else [chains(link) for link in links]
-        found = ordered_map(evaluate, range(n), self.threads)
-        for i, parts in enumerate(paced(found, n, f"{n:,} seas")):
-            yield parts
-            if i % _TRIM_EVERY == 0:
-                trim_memory()
+        return over_surfaces(evaluate, n, self.threads, progress)
 
     def gains(
         self,
@@ -210,17 +213,35 @@ class Campaign(NamedTuple):
 
         n, receivers = len(steps.labels), len(self.link.receivers)
         gain, ballistic = np.empty((2, len(self.links), n, receivers, SHIFTS))
-        for i, parts in enumerate(self.parts(steps, probed)):
+        for i, parts in enumerate(self.parts(steps, progress, probed)):
             gain[:, i] = [one.shifts for one in parts]
             ballistic[:, i] = [one.direct for one in parts]
-            if progress is not None:
-                progress(1)
         dims = ("link", steps.along, "receiver", "shift")
         return xr.Dataset(
             {"gain": (dims, gain), "gain_ballistic": (dims, ballistic)},
             {"link": list(self.links), steps.along: steps.labels},
             {"provenance": {name: self.provenance(link) for name, link in self.links.items()}},
         )
+
+
+def over_surfaces(
+    evaluate: Callable[[int], Result],
+    n: int,
+    threads: int,
+    progress: Callable[[int], None] | None = None,
+    work: str = "seas",
+) -> Iterator[Result]:
+    """Yield `evaluate(i)` of n surfaces in order, by several threads.
+
+    A work of minutes is announced; `progress` is called with 1 after each surface.
+    """
+    found = ordered_map(evaluate, range(n), threads)
+    for i, result in enumerate(paced(found, n, f"{n:,} {work}")):
+        yield result
+        if i % _TRIM_EVERY == 0:
+            trim_memory()
+        if progress is not None:
+            progress(1)
 
 
 def mean(samples: xr.DataArray, over: str) -> xr.DataArray:
