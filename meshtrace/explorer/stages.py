@@ -31,9 +31,8 @@ from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult
+from meshtrace.studies.campaign import Steps, campaign_of
 from meshtrace.studies.coverage import coverage_map
-from meshtrace.studies.inputs import resolve_chains
-from meshtrace.studies.series import common_chains
 from meshtrace.transport.backward import background
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
@@ -244,25 +243,24 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
     Refused
         If the surface is no sea model, or only analog photons follow the link.
     """
-    inputs = resolve_chains(state.channel, fading=True, photons=FADING_CHAINS)
-    if not isinstance(inputs.surface, SurfaceModel):
-        raise Refused("surface", Described(type(inputs.surface).__name__), "a sea that moves")
+    campaign = campaign_of(state.channel, fading=True, photons=FADING_CHAINS)
+    if not isinstance(campaign.surface, SurfaceModel):
+        raise Refused("surface", Described(type(campaign.surface).__name__), "a sea that moves")
     times = np.arange(FADING_FRAMES) / FADING_RATE
     duration = FADING_FRAMES / FADING_RATE
 
-    def surfaces() -> Iterator[tuple[MeshSource, float]]:
-        for t in times:
-            check()
-            yield inputs.surface, float(t)
+    def surface(i: int) -> tuple[MeshSource, float]:
+        check()
+        return campaign.surface, float(times[i])
 
     gain = np.empty(FADING_FRAMES)
-    for i, part in enumerate(common_chains(inputs, surfaces())):
+    for i, (part,) in enumerate(campaign.parts(Steps("time", times, surface))):
         uncertain = part.stderr[0] > _MOST_ERROR * part.gain[0]
         gain[i] = np.nan if uncertain else part.gain[0]
         if (i + 1) % _SHOWN_EVERY == 0 and i + 1 < FADING_FRAMES:
             yield _series(times[: i + 1], gain[: i + 1], duration)
     found = _series(times, gain, duration)
-    index_of_all = _index_of_all(inputs.link, inputs.surface)
+    index_of_all = _index_of_all(campaign.link, campaign.surface)
     yield replace(found, index=_index_of(found.gain), index_of_all=index_of_all)
 
 

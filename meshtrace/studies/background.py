@@ -19,8 +19,8 @@ from meshtrace.models import Floats
 from meshtrace.results.background import Background, BackgroundSeries
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.inputs import Inputs, resolve_chains
-from meshtrace.studies.series import flown_links
+from meshtrace.studies.campaign import Campaign, Steps, campaign_of, over_surfaces
+from meshtrace.studies.series import in_flight
 from meshtrace.transport.backward import background, background_over
 from meshtrace.transport.case import Case
 from meshtrace.transport.meshing import mesh_for
@@ -80,21 +80,17 @@ def background_series(
     """
     require_whole(photons, SHIFTS, 10_000_000, "photons")
     given = {"seed": seed, "spacing": spacing, "extent": extent, "threads": threads}
-    inputs = resolve_chains(link, surface, fading=True, **given)
-    day = light_of(inputs, day)
+    campaign = campaign_of(link, surface, fading=True, **given)
+    day = light_of(campaign, day)
     if day is None:
         raise Refused("day", None, "a Daylight")
     at = require_finite(() if times is None else times, "times", "at least one time [s]")
     require_kind(flight, Flight | None, "flight")
-    origin = {**inputs.provenance(), "daylight": day.model_dump(mode="json")}
-    links = [inputs.link] * len(at)
+    origin = {**campaign.provenance(), "daylight": day.model_dump(mode="json")}
     if flight is not None:
-        links = flown_links(inputs, at, flight.checked())
-        origin |= inputs.of_flight(flight)
-    found = [
-        _over(inputs, link, inputs.surface, day, photons, float(t))
-        for link, t in zip(links, at, strict=True)
-    ]
+        flight = flight.checked()
+        origin |= campaign.of_flight(flight)
+    found = _over(campaign, in_flight(campaign, at, flight), day, photons)
     return BackgroundSeries(
         np.asarray(at, float),
         np.array([f.part_radiance for f in found]),
@@ -103,10 +99,10 @@ def background_series(
     )
 
 
-def light_of(inputs: Inputs, day: Daylight | None) -> Daylight | None:
+def light_of(campaign: Campaign, day: Daylight | None) -> Daylight | None:
     """Return the light of a study, by default that of its scenario."""
-    own = getattr(inputs.scenario, "daylight", None)
-    return checked_daylight(own if day is None else day, inputs.link)
+    own = getattr(campaign.scenario, "daylight", None)
+    return checked_daylight(own if day is None else day, campaign.link)
 
 
 def checked_daylight(day: Daylight | None, link: Link) -> Daylight | None:
@@ -120,15 +116,14 @@ def checked_daylight(day: Daylight | None, link: Link) -> Daylight | None:
 
 
 def background_over_seas(
-    inputs: Inputs, day: Daylight, seas: int, flight: Flight | None = None
+    campaign: Campaign, day: Daylight, seas: int, flight: Flight | None = None
 ) -> Background:
     """Return the mean background over the surfaces of an ensemble, of up to 16 of them.
 
     An aircraft tilts the receiver over each: along a coupled flight, else by independent gusts.
     The standard errors hold the spread of the surfaces, and that of the rays they have in common.
     """
-    cases = _cases(inputs, seas, flight)
-    found = [_over(inputs, link, sea, day, RAYS, time) for link, sea, time in cases]
+    found = _over(campaign, _steps(campaign, seas, flight), day, RAYS)
     if len(found) == 1:
         return found[0]
     parts = np.array([f.part_radiance for f in found])
@@ -145,33 +140,31 @@ def background_over_seas(
     )
 
 
-def _cases(
-    inputs: Inputs, seas: int, flight: Flight | None
-) -> list[tuple[Link, MeshSource, float]]:
-    """Return link, surface and time of each background in the mean of an ensemble."""
-    link, sea, time, seed = inputs.link, inputs.surface, inputs.meshing.time, inputs.run.seed
+def _steps(campaign: Campaign, seas: int, flight: Flight | None) -> Steps:
+    """Return surfaces and links of the mean background over an ensemble."""
+    link, sea, time = campaign.link, campaign.surface, campaign.meshing.time
     most = min(seas, _MOST_SEAS)
     if flight is not None and flight.coupled:
         times = flight.time_step * np.arange(seas, dtype=np.float64)
-        flown = flown_links(inputs, times, flight)
-        chosen = np.linspace(0, seas - 1, most).round().astype(int).tolist()
-        return [(flown[i], sea, float(times[i])) for i in chosen]
-    many: list[MeshSource] = [sea]
+        links = in_flight(campaign, times, flight).links or ()
+        chosen = np.linspace(0, seas - 1, most).round().astype(int)
+        return campaign.in_time(times[chosen], [links[i] for i in chosen])
     if isinstance(sea, RandomSea):
-        many = [one for one, _ in inputs.realizations(most)[1]]
-    elif flight is not None:
-        many = [sea] * most
-    links = [link] * len(many)
-    if flight is not None and link.direction == "up":
-        tilt = flight.uav.tilt(inputs.wind_of(flight).sample_wind(len(many), seed))
-        leans = zip(np.degrees(tilt.angle), np.degrees(tilt.azimuth), strict=True)
-        links = [
-            link.replace("receiver.tilt_deg", float(angle)).replace(
-                "receiver.tilt_azimuth_deg", float(azimuth)
-            )
-            for angle, azimuth in leans
-        ]
-    return [(one, surface, time) for one, surface in zip(links, many, strict=True)]
+        steps = campaign.realizations(most)
+    else:
+        steps = campaign.in_time(np.full(1 if flight is None else most, time))
+    if flight is None or link.direction == "down":
+        return steps
+    wind = campaign.wind_of(flight).sample_wind(len(steps.labels), campaign.run.seed)
+    tilt = flight.uav.tilt(wind)
+    leans = zip(np.degrees(tilt.angle), np.degrees(tilt.azimuth), strict=True)
+    links = [
+        link.replace("receiver.tilt_deg", float(angle)).replace(
+            "receiver.tilt_azimuth_deg", float(azimuth)
+        )
+        for angle, azimuth in leans
+    ]
+    return steps._replace(links=links)
 
 
 def transmission_of(link: Link, base: OokLink | None) -> OokLink:
@@ -260,12 +253,17 @@ def error_rate(
     return float(values.mean()), math.hypot(by_gain, by_light, spread)
 
 
-def _over(
-    inputs: Inputs, link: Link, sea: MeshSource, day: Daylight, photons: int, time: float
-) -> Background:
-    """Return the background over one surface at a time."""
-    meshing = inputs.meshing.replace(time=time)
-    mesh, _ = mesh_for(link, sea, meshing)
+def _over(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> list[Background]:
+    """Return the background over each surface."""
     origin: dict[str, Any] = {"daylight": day.model_dump(mode="json")}
-    rest = day, photons, inputs.run.seed, meshing.normals, inputs.threads, origin
-    return background_over(link, mesh, *rest)
+    run, normals = campaign.run, campaign.meshing.normals
+
+    def over(i: int) -> Background:
+        link = steps.links[i] if steps.links else campaign.link
+        surface, time = steps.surface(i)
+        mesh, _ = mesh_for(link, surface, campaign.meshing.replace(time=time))
+        rest = day, photons, run.seed, normals, campaign.threads, origin
+        return background_over(link, mesh, *rest)
+
+    # the threads are those of the rays over one surface
+    return list(over_surfaces(over, len(steps.labels), 1))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -24,8 +25,7 @@ from meshtrace.studies.background import (
     light_of,
     transmission_of,
 )
-from meshtrace.studies.inputs import Inputs, resolve_chains, with_all_ends
-from meshtrace.studies.series import common_chains
+from meshtrace.studies.campaign import Campaign, campaign_of, mean, stderr
 from meshtrace.tables import text_table
 
 _DECIBEL = 10.0 / math.log(10.0)
@@ -91,19 +91,20 @@ class Comparison(StoredArrays):
         With the mean gains h, the standard error of the ratio r = h_i / h_0 is that of the mean
         of :math:`h_i - r h_0`, over h_0 (delta method).
         """
-        mean = samples.mean(axis=1)
+        gains = xr.DataArray(samples, dims=("link", "sample"))
+        average = mean(gains, "sample")
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = mean / mean[0]
-            relative = _stderr(samples - ratio[:, None] * samples[0]) / mean
-            ratio_db = 10.0 * np.log10(ratio)
+            ratio = average / average[0]
+            relative = stderr(gains - ratio * gains[0], "sample") / average
+            ratio_db = 10.0 * np.log10(ratio.to_numpy())
         return cls(
             names,
-            mean,
-            _stderr(samples),
-            mean - mean[0],
-            _stderr(samples - samples[0]),
+            average.to_numpy(),
+            stderr(gains, "sample").to_numpy(),
+            (average - average[0]).to_numpy(),
+            stderr(gains - gains[0], "sample").to_numpy(),
             ratio_db,
-            _DECIBEL * relative,
+            _DECIBEL * relative.to_numpy(),
             provenance,
         )
 
@@ -158,10 +159,6 @@ class Comparison(StoredArrays):
     def _restored(cls, data: xr.Dataset, provenance: Any) -> Comparison:
         names = tuple(data["link"].values.tolist())
         return cls(names, **cls.arrays(data), provenance=provenance)
-
-
-def _stderr(samples: Floats) -> Floats:
-    return samples.std(axis=1, ddof=1) / math.sqrt(samples.shape[1])
 
 
 def compare(
@@ -223,31 +220,27 @@ def compare(
     require_whole(realizations, 1, 10_000_000, "realizations")
     lit = daylight is not None or any(getattr(link, "daylight", None) for link in links.values())
     options = {"photons": photons, "seed": seed, "normals": normals, "threads": threads}
-    inputs = {}
+    each = {}
     for name, link in links.items():
         try:
-            resolved = resolve_chains(link, surface, fading=lit and realizations > 1, **options)
-            inputs[str(name)] = _single(resolved)
+            resolved = campaign_of(link, surface, fading=lit and realizations > 1, **options)
+            each[str(name)] = _single(resolved)
         except Refused as error:
             raise error.inside("links", str(name)) from None
-    over = _joint(list(inputs.values()))
-    samples = np.array([
-        _samples(one, of.link, realizations, progress)
-        for one, of in zip(inputs.values(), over, strict=True)
-    ])  # fmt: skip
-    days = [light_of(one, daylight) for one in inputs.values()]
+    samples = _samples(each, realizations, progress)
+    days = [light_of(one, daylight) for one in each.values()]
     origin = [
         one.provenance(realizations=realizations)
         | {"daylight": day and day.model_dump(mode="json")}
-        for one, day in zip(inputs.values(), days, strict=True)
+        for one, day in zip(each.values(), days, strict=True)
     ]
-    made = Comparison.of_samples(tuple(inputs), samples, origin)
-    return _under_light(made, list(inputs.values()), days, samples, realizations)
+    made = Comparison.of_samples(tuple(each), samples, origin)
+    return _under_light(made, list(each.values()), days, samples, realizations)
 
 
 def _under_light(
     found: Comparison,
-    inputs: list[Inputs],
+    campaigns: list[Campaign],
     days: list[Daylight | None],
     samples: Floats,
     realizations: int,
@@ -256,49 +249,53 @@ def _under_light(
     if not any(days):
         return found
     rows = []
-    for one, day, gains, stderr in zip(inputs, days, samples, found.gain_stderr, strict=True):
+    errors = found.gain_stderr.tolist()
+    for one, day, gains, own in zip(campaigns, days, samples, errors, strict=True):
         base = one.scenario.detector if one.scenario is not None else None
         ook = transmission_of(one.link, base)
         light = background_over_seas(one, day, realizations) if day else None
         if light is not None:
             warn_of_background(with_background(ook, light), light)
         several = realizations > 1  # their spread holds the errors of the gains
-        at, error = (gains, 0.0) if several else (gains.mean(keepdims=True), float(stderr))
+        at, error = (gains, 0.0) if several else (gains.mean(keepdims=True), own)
         radiance = (light.radiance, light.radiance_stderr) if light else (0.0, 0.0)
         rows.append([*radiance, *error_rate(ook, at, error, light)])
     names = ("background_radiance", "background_radiance_stderr", "ber", "ber_stderr")
     return replace(found, **dict(zip(names, np.array(rows).T, strict=True)))
 
 
-def _single(inputs: Inputs) -> Inputs:
-    """Return the inputs of a link with one receiver; refuse those of any other."""
-    count = len(inputs.link.receivers)
+def _single(campaign: Campaign) -> Campaign:
+    """Return the campaign of a link with one receiver; refuse that of any other."""
+    count = len(campaign.link.receivers)
     if count != 1:
         raise Refused("receiver", Described(f"{count} receivers"), "one receiver")
-    return inputs
-
-
-def _joint(inputs: list[Inputs]) -> list[Inputs]:
-    """Return the inputs of the meshes: for equal seas with all sources and receivers."""
-    first = inputs[0]
-    same = all((i.surface, i.meshing) == (first.surface, first.meshing) for i in inputs)
-    if not same:
-        return inputs
-    links = [i.link for i in inputs]
-    clearest = min(links, key=lambda link: link.water.a)
-    return [first._replace(link=with_all_ends(clearest, links))] * len(inputs)
+    return campaign
 
 
 def _samples(
-    inputs: Inputs, lit: Link, realizations: int, progress: Callable[[int], None] | None
+    each: dict[str, Campaign], realizations: int, progress: Callable[[int], None] | None
 ) -> Floats:
-    """Return the gain by group of chains over one sea, or by sea over several."""
-    surfaces = iter([(inputs.surface, inputs.meshing.time)])
-    if realizations > 1:
-        surfaces = inputs.realizations(realizations)[1]
-    groups = []
-    for parts in common_chains(inputs, surfaces, lit):
-        groups.append(parts.shifts[0])
-        if progress is not None:
-            progress(1)
-    return groups[0] if len(groups) == 1 else np.mean(groups, axis=1)
+    """Return the gains of the links by group of chains over one sea, or by sea over several.
+
+    Links over equal seas, with equal chains, have common meshes.
+    """
+    campaigns = [one._replace(links={name: one.link}) for name, one in each.items()]
+    over = [(one.surface, one.meshing, one.run) for one in campaigns]
+    if all(one == over[0] for one in over):
+        links = {name: one.link for name, one in each.items()}
+        campaigns = [campaigns[0]._replace(links=links)]
+    rows = []
+    for one in campaigns:
+        still = one.in_time(np.array([one.meshing.time]))
+        steps = one.realizations(realizations) if realizations > 1 else still
+        tick = progress and partial(_of_each, progress, len(one.links))
+        gain = one.gains(steps, tick)["gain"].isel(receiver=0)
+        samples = mean(gain, "shift") if realizations > 1 else gain.isel(time=0)
+        rows.append(samples.to_numpy())
+    return np.concatenate(rows)
+
+
+def _of_each(progress: Callable[[int], None], links: int, n: int) -> None:
+    """Report a surface once for each link."""
+    for _ in range(links):
+        progress(n)

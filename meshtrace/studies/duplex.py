@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -20,16 +20,11 @@ from meshtrace.errors import (
     require_whole,
 )
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, TriangleMesh
-from meshtrace.parallel import ordered_map, paced
+from meshtrace.mesh import MeshSource
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import Stored
-from meshtrace.studies.inputs import Inputs, resolve_chains, with_all_ends
+from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.series import gain_series
-from meshtrace.transport.forced import MANY_SEAS, ForcedDetection, TypicalSea
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import FADING_SPACING, mesh_for
-from meshtrace.transport.parts import Parts
 
 
 class JointOutage(NamedTuple):
@@ -210,64 +205,19 @@ def duplex(
         if link.direction != name or len(link.receivers) != 1:
             found = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
             raise Refused(name, found, f"a link with one receiver and direction {name}")
-        pair.append(resolve_chains(link, sea, fading=True, **options))
-    finest = max((inputs.surface for inputs in pair), key=lambda s: getattr(s, "omega_max", 0) or 0)
-    pair = [inputs._replace(surface=finest) for inputs in pair]
+        pair.append(campaign_of(link, sea, fading=True, **options))
+    finest = max((one.surface for one in pair), key=lambda s: getattr(s, "omega_max", 0) or 0)
+    campaign = pair[0]._replace(links={"up": up, "down": down}, surface=finest)
     if (times is None) == (realizations is None):
         raise Refused("times", times, "times, or a number of realizations")
-    along: Literal["time", "realization"] = "realization" if times is None else "time"
-    both = pair[0]._replace(link=with_all_ends(up, (up, down)))
-    coordinate, surfaces = _surfaces(both, times, realizations)
-    parts = list(_pairs(pair, both, surfaces, progress))
-    series = [
-        gain_series(inputs.link, along, coordinate, iter(column), inputs.provenance(), None)
-        for inputs, column in zip(pair, zip(*parts, strict=True), strict=True)
-    ]
-    first, second = (s.gain.reshape(len(coordinate)) for s in series)
-    constant = len(coordinate) < 2 or min(np.ptp(first), np.ptp(second)) == 0.0
-    correlation = math.nan if constant else float(np.corrcoef(first, second)[0, 1])
-    origin = {"up": series[0].provenance, "down": series[1].provenance}
-    return Duplex(series[0], series[1], correlation, origin)
-
-
-def _surfaces(
-    both: Inputs, times: ArrayLike | None, realizations: int | None
-) -> tuple[np.ndarray, list[tuple[MeshSource, float]]]:
-    """Return times or seeds, and each surface and its time."""
     if times is not None:
-        at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
-        return at, [(both.surface, float(t)) for t in at]
-    require_whole(realizations, 1, 10_000_000, "realizations")
-    seeds, surfaces = both.realizations(int(realizations or 0), "sea")
-    return seeds, list(surfaces)
-
-
-def _pairs(
-    pair: list[Inputs],
-    both: Inputs,
-    surfaces: list[tuple[MeshSource, float]],
-    progress: Callable[[int], None] | None,
-) -> Iterator[tuple[Parts, Parts]]:
-    """Yield the parts of the gain of both directions over each surface."""
-    reach = max(crossing_reach(inputs.link) for inputs in pair)
-
-    def mesh(surface: tuple[MeshSource, float]) -> TriangleMesh:
-        sea, time = surface
-        meshing = both.meshing.replace(time=time)
-        return mesh_for(both.link, sea, meshing, reach, FADING_SPACING)[0]
-
-    typical = TypicalSea.of([mesh(surfaces[0])], MANY_SEAS)
-    forced = [
-        ForcedDetection(i.link, i.run.photons, i.run.seed, i.meshing.normals, sea=typical)
-        for i in pair
-    ]
-
-    def evaluated(surface: tuple[MeshSource, float]) -> tuple[Parts, Parts]:
-        common = mesh(surface)
-        return forced[0].evaluate(common), forced[1].evaluate(common)
-
-    found_over = ordered_map(evaluated, surfaces, pair[0].threads)
-    for found in paced(found_over, len(surfaces), f"{len(surfaces):,} seas"):
-        if progress is not None:
-            progress(1)
-        yield found
+        steps = campaign.in_time(require_finite(times, "times", "finite times (n,) [s], n >= 1"))
+    else:
+        require_whole(realizations, 1, 10_000_000, "realizations")
+        steps = campaign.realizations(int(realizations or 0), "sea")
+    gains = campaign.gains(steps, progress, probed=1)
+    of_up, of_down = (gain_series(campaign, gains, name) for name in campaign.links)
+    first, second = of_up.gains[:, 0], of_down.gains[:, 0]
+    constant = len(first) < 2 or min(np.ptp(first), np.ptp(second)) == 0.0
+    correlation = math.nan if constant else float(np.corrcoef(first, second)[0, 1])
+    return Duplex(of_up, of_down, correlation, gains.attrs["provenance"])

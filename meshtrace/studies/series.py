@@ -3,34 +3,30 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from itertools import chain, islice
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
 from meshtrace.fading.resolving import band_fading
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map, paced, trim_memory
 from meshtrace.results.series import GainSeries
-from meshtrace.stored import SHIFTS
-from meshtrace.studies.inputs import Inputs, resolve_chains
-from meshtrace.transport.forced import MANY_SEAS, ForcedDetection, TypicalSea
-from meshtrace.transport.parts import Parts
+from meshtrace.studies.campaign import Campaign, Steps, campaign_of, mean, stderr
 from meshtrace.uav.airframe import Flight, FlightRecord, Uav
 from meshtrace.uav.route import Route
 from meshtrace.uav.wind import Dryden
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from meshtrace.scenario import Scenario
 
 _STATISTICS = 50  # gains, the least for a comparison with the closed form
-_TRIM_EVERY = 16  # surfaces, after which free memory returns to the system
 
 
 def time_series(
@@ -111,7 +107,7 @@ def time_series(
     """
     if times is None and not isinstance(surface, MeshSource):
         surface, times = None, surface
-    inputs = resolve_chains(
+    campaign = campaign_of(
         link, surface, fading=True, photons=photons, seed=seed, normals=normals, extent=extent,
         spacing=spacing, threads=threads,
     )  # fmt: skip
@@ -119,34 +115,25 @@ def time_series(
     require_kind(flight, Flight | None, "flight")
     require_kind(route, Route | None, "route")
     flight = flight and flight.checked()
-    if inputs.scenario is not None and inputs.scenario.meshing.time != 0.0:
-        raise Refused("sea.time", inputs.scenario.meshing.time, "0 with times")
-    series = over_times(inputs, at, flight, progress, route)
-    return series if flight or route else _beside_closed_form(inputs, series)
+    if campaign.scenario is not None and campaign.scenario.meshing.time != 0.0:
+        raise Refused("sea.time", campaign.scenario.meshing.time, "0 with times")
+    series = over_times(campaign, at, flight, progress, route)
+    return series if flight or route else _beside_closed_form(campaign, series)
 
 
 def over_times(
-    inputs: Inputs,
+    campaign: Campaign,
     times: Floats,
     flight: Flight | None = None,
     progress: Callable[[int], None] | None = None,
     route: Route | None = None,
 ) -> GainSeries:
-    """Return the gains at times (n,) [s] of resolved inputs, see `time_series`."""
-    origin = inputs.provenance()
-    if flight is None and route is None:
-        parts = common_chains(inputs, ((inputs.surface, float(t)) for t in times))
-        return gain_series(inputs.link, "time", times, parts, origin, progress)
-    changes: dict[str, Any] = {}
-    if flight is not None:
-        origin |= inputs.of_flight(flight)
-        changes |= _tilts(inputs, times, flight)
+    """Return the gains at times (n,) [s] of a campaign, see `time_series`."""
+    gains = campaign.gains(in_flight(campaign, times, flight, route), progress)
+    more = campaign.of_flight(flight) if flight else {}
     if route is not None:
-        origin["route"] = route.model_dump(mode="json")
-        changes |= route.at(times, inputs.link.air_end[1].height)._asdict()
-    rows = [dict(zip(changes, row, strict=True)) for row in zip(*changes.values(), strict=True)]
-    parts = _frames(inputs, times, [_moved(inputs.link, row) for row in rows])
-    return gain_series(inputs.link, "time", times, parts, origin, progress)
+        more["route"] = route.model_dump(mode="json")
+    return gain_series(campaign, gains, **more)
 
 
 def ensemble(
@@ -202,20 +189,18 @@ def ensemble(
         from meshtrace.surfaces import sea_in_wind
 
         surface = sea_in_wind(wind_speed)
-    inputs = resolve_chains(
+    campaign = campaign_of(
         link, surface, fading=True, photons=photons, seed=seed, normals=normals, time=time,
         extent=extent, spacing=spacing, threads=threads,
     )  # fmt: skip
-    return _beside_closed_form(inputs, over_realizations(inputs, n_realizations, progress))
+    return _beside_closed_form(campaign, over_realizations(campaign, n_realizations, progress))
 
 
 def over_realizations(
-    inputs: Inputs, n_realizations: int, progress: Callable[[int], None] | None = None
+    campaign: Campaign, n_realizations: int, progress: Callable[[int], None] | None = None
 ) -> GainSeries:
-    """Return the gains over random phases of resolved inputs, see `ensemble`."""
-    seeds, surfaces = inputs.realizations(n_realizations)
-    parts = common_chains(inputs, surfaces)
-    return gain_series(inputs.link, "realization", seeds, parts, inputs.provenance(), progress)
+    """Return the gains over random phases of a campaign, see `ensemble`."""
+    return gain_series(campaign, campaign.gains(campaign.realizations(n_realizations), progress))
 
 
 def closed_form(link: Link, sea: MeshSource, n: int, level: int = 3) -> dict[str, Any]:
@@ -232,94 +217,50 @@ def closed_form(link: Link, sea: MeshSource, n: int, level: int = 3) -> dict[str
     return {"closed_form": found._asdict()}
 
 
-def _beside_closed_form(inputs: Inputs, series: GainSeries) -> GainSeries:
+def _beside_closed_form(campaign: Campaign, series: GainSeries) -> GainSeries:
     """Add the closed form of the scintillation index to a series; warn of a short band."""
-    found = closed_form(inputs.link, inputs.surface, len(series.coordinate))
+    found = closed_form(campaign.link, campaign.surface, len(series.coordinate))
     return replace(series, provenance={**series.provenance, **found})
 
 
-def common_chains(
-    inputs: Inputs, surfaces: Iterator[tuple[MeshSource, float]], lit: Link | None = None
-) -> Iterator[Parts]:
-    """Yield the parts of the gain over each surface and time, with one set of chains.
-
-    Each mesh is made in the thread that evaluates it, as far as the light of `lit` crosses, by
-    default that of the link.
-    """
-
-    def mesh(surface: tuple[MeshSource, float]) -> TriangleMesh:
-        return inputs.mesh(lit or inputs.link, *surface)
-
-    def evaluate(surface: TriangleMesh | tuple[MeshSource, float]) -> Parts:
-        return forced.evaluate(surface if isinstance(surface, TriangleMesh) else mesh(surface))
-
-    first = [mesh(surface) for surface in islice(surfaces, 4)]
-    typical = TypicalSea.of(first, MANY_SEAS)
-    run, normals = inputs.run, inputs.meshing.normals
-    forced = ForcedDetection(inputs.link, run.photons, run.seed, normals, sea=typical)
-    jobs: Iterator[TriangleMesh | tuple[MeshSource, float]] = chain(first, surfaces)
-    return ordered_map(evaluate, jobs, inputs.threads)
-
-
-def _tilts(inputs: Inputs, times: Floats, flight: Flight) -> dict[str, Floats]:
-    """Return the tilt of the end in the air at each time of a flight [deg]."""
-    name, end = inputs.link.air_end
-    if end.tilt_deg != 0.0:
-        raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the flight tilts it")
-    record = flight.uav.simulate_flight(inputs.wind_of(flight), times, inputs.run.seed)
-    tilt_deg, azimuth_deg = np.degrees(record.tilt)
-    return {"tilt_deg": tilt_deg, "tilt_azimuth_deg": azimuth_deg}
-
-
-def flown_links(inputs: Inputs, times: Floats, flight: Flight) -> list[Link]:
-    """Return the link at each time of a flight, its end in the air tilted."""
-    tilts = _tilts(inputs, times, flight)
-    rows = zip(*tilts.values(), strict=True)
-    return [_moved(inputs.link, dict(zip(tilts, row, strict=True))) for row in rows]
-
-
-def _moved(link: Link, changes: dict[str, Any]) -> Link:
-    """Return a link with other values of its end in the air."""
-    name, end = link.air_end
-    plain = {key: np.asarray(value).tolist() for key, value in changes.items()}
-    return link.model_copy(update={name: end.model_copy(update=plain)})
-
-
-def _frames(inputs: Inputs, times: Floats, links: list[Link]) -> Iterator[Parts]:
-    """Yield the parts of the gain of a link at each time, with chains of the same numbers."""
-    sea, run, normals = inputs.surface, inputs.run, inputs.meshing.normals
-    typical = TypicalSea.of([inputs.mesh(links[0], sea, float(times[0]))], MANY_SEAS)
-
-    def frame(i: int) -> Parts:
-        mesh = inputs.mesh(links[i], sea, float(times[i]))
-        forced = ForcedDetection(links[i], run.photons, run.seed, normals, sea=typical)
-        return forced.evaluate(mesh)
-
-    return ordered_map(frame, range(len(times)), inputs.threads)
+def in_flight(
+    campaign: Campaign, times: Floats, flight: Flight | None, route: Route | None = None
+) -> Steps:
+    """Return the sea at times (n,) [s], and the link at each of a flight or a route."""
+    if flight is None and route is None:
+        return campaign.in_time(times)
+    name, end = campaign.link.air_end
+    changes: dict[str, Floats] = {}
+    if flight is not None:
+        if end.tilt_deg != 0.0:
+            raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the flight tilts it")
+        record = flight.uav.simulate_flight(campaign.wind_of(flight), times, campaign.run.seed)
+        changes["tilt_deg"], changes["tilt_azimuth_deg"] = np.degrees(record.tilt)
+    if route is not None:
+        changes |= route.at(times, end.height)._asdict()
+    links = []
+    for row in zip(*changes.values(), strict=True):
+        values = {key: np.asarray(v).tolist() for key, v in zip(changes, row, strict=True)}
+        links.append(campaign.link.model_copy(update={name: end.model_copy(update=values)}))
+    return campaign.in_time(times, links)
 
 
 def gain_series(
-    link: Link,
-    along: Literal["time", "realization"],
-    coordinate: NDArray[Any],
-    parts: Iterator[Parts],
-    origin: dict[str, Any],
-    progress: Callable[[int], None] | None,
+    campaign: Campaign, gains: xr.Dataset, name: str = "link", **origin: Any
 ) -> GainSeries:
-    """Return the series of the parts over each surface."""
-    n, n_rx = len(coordinate), len(link.receivers)
-    columns, shifts = np.empty((3, n, n_rx)), np.zeros((n_rx, SHIFTS))
-    for i, part in enumerate(paced(parts, n, f"{n:,} seas")):
-        columns[:, i] = part.gain, part.stderr, part.ballistic
-        shifts += part.shifts
-        if i % _TRIM_EVERY == 0:
-            trim_memory()
-        if progress is not None:
-            progress(1)
-    mean_stderr = (shifts / max(n, 1)).std(axis=1, ddof=1) / np.sqrt(SHIFTS)
-    kept: Any = slice(None) if isinstance(link.receiver, tuple) else 0
-    gain, stderr, ballistic = columns[..., kept]
-    return GainSeries(along, coordinate, gain, stderr, ballistic, mean_stderr[kept], origin)
+    """Return the series of one link of a campaign; `origin` is further provenance."""
+    along: Any = gains["gain"].dims[1]
+    several = isinstance(campaign.links[name].receiver, tuple)
+    one = gains.sel(link=name).isel(receiver=slice(None) if several else 0)
+    return GainSeries(
+        along,
+        one[along].to_numpy(),
+        mean(one["gain"], "shift").to_numpy(),
+        stderr(one["gain"], "shift").to_numpy(),
+        mean(one["gain_ballistic"], "shift").to_numpy(),
+        stderr(mean(one["gain"], along), "shift").to_numpy()[()],
+        gains.attrs["provenance"][name] | origin,
+    )
 
 
 class CoupledSeries(NamedTuple):

@@ -12,13 +12,13 @@ import numpy as np
 from meshtrace.errors import Described, Refused, require_whole, require_word
 from meshtrace.kernels.random import realization_seed
 from meshtrace.models import Floats
+from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.convergence import checks
 from meshtrace.studies.convergence.checks import Costs, Normals, Progress, Unresolved, positive
 from meshtrace.studies.convergence.exact import Reference, wave_sum
 from meshtrace.studies.convergence.measure import CommonChains, Stacked, spread
 from meshtrace.studies.convergence.meshes import crest_of, nested_mesh, placement_shifts
 from meshtrace.studies.convergence.study import ConvergenceStudy
-from meshtrace.studies.inputs import Inputs, resolve_chains
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import Meshing
 
@@ -125,17 +125,17 @@ def convergence_study(
         raise Refused("reference", reference, "'analytic' or None")
     if unresolved == "tilt" and reference:
         raise Refused("reference", reference, "None beside random slopes")
-    inputs = resolve_chains(link, surface, photons=photons, seed=seed, time=time, threads=threads)
-    exact = wave_sum(inputs.sea) if reference else None
-    chains = _chains(inputs, normals, receiver, unresolved)
-    link, sea, at = inputs.link, inputs.sea, inputs.meshing.time
+    campaign = campaign_of(link, surface, photons=photons, seed=seed, time=time, threads=threads)
+    exact = wave_sum(campaign.sea) if reference else None
+    chains = _chains(campaign, normals, receiver, unresolved)
+    link, sea, at = campaign.link, campaign.sea, campaign.meshing.time
     pairs = product(values, placement_shifts(placements))
     cases = [partial(nested_mesh, link, sea, at, spacing, shift) for spacing, shift in pairs]
-    found = chains.over(cases, len(values), inputs.threads, progress)
+    found = chains.over(cases, len(values), campaign.threads, progress)
     truth = chains.exact(exact, at, values[-1]) if exact else None
     scatter = spread(found.samples.mean(axis=3))
     recorded = {"spacings": values, "placements": placements, "unresolved": unresolved}
-    return _study("spacing", values, inputs, chains, found, scatter, tolerance, truth, recorded)
+    return _study("spacing", values, campaign, chains, found, scatter, tolerance, truth, recorded)
 
 
 def band_limit_study(
@@ -186,28 +186,28 @@ def band_limit_study(
     values = checks.descending("omega_max", omega_max)[::-1]
     positive("tolerance", tolerance)
     require_whole(realizations, 1, 100_000, "realizations")
-    inputs = resolve_chains(
+    campaign = campaign_of(
         link, surface, photons=photons, seed=seed, time=time, spacing=spacing, threads=threads
     )
-    sea: Any = inputs.sea
+    sea: Any = campaign.sea
     if not {"omega_max", "seed"} <= set(getattr(type(sea), "model_fields", {})):
         raise Refused("surface", Described(type(sea).__name__), "a random sea with omega_max")
-    step = positive("spacing", inputs.meshing.spacing or 0.1)
+    step = positive("spacing", campaign.meshing.spacing or 0.1)
     widest = sea.model_copy(update={"omega_max": values[-1]})
-    chains = _chains(inputs, normals, receiver, unresolved, widest)
+    chains = _chains(campaign, normals, receiver, unresolved, widest)
 
     def mesh(limit: float, i: int) -> TriangleMesh:
-        changes = {"omega_max": limit, "seed": realization_seed(inputs.run.seed, i)}
+        changes = {"omega_max": limit, "seed": realization_seed(campaign.run.seed, i)}
         wide = sea.model_copy(update=changes)
-        return nested_mesh(inputs.link, wide, inputs.meshing.time, step, np.zeros(2))
+        return nested_mesh(campaign.link, wide, campaign.meshing.time, step, np.zeros(2))
 
     cases = [partial(mesh, *pair) for pair in product(values, range(realizations))]
-    found = chains.over(cases, len(values), inputs.threads, progress)
+    found = chains.over(cases, len(values), campaign.threads, progress)
     gain = found.samples.mean(axis=3)
     scatter = spread(gain - gain[:, -1:])
     recorded = {"omega_max": values, "realizations": realizations, "spacing": step,
                 "unresolved": unresolved}  # fmt: skip
-    return _study("omega_max", values, inputs, chains, found, scatter, tolerance, None, recorded)
+    return _study("omega_max", values, campaign, chains, found, scatter, tolerance, None, recorded)
 
 
 def time_step_study(
@@ -259,18 +259,18 @@ def time_step_study(
     for value, stride in zip(values, strides, strict=True):
         if n % stride:
             raise Refused("duration", duration, f"multiples of the step {value:g} s")
-    inputs = resolve_chains(
+    campaign = campaign_of(
         link, surface, photons=photons, seed=seed, time=start, spacing=spacing, threads=threads
     )
-    chains = _chains(inputs, normals, receiver)
-    begin, width = inputs.meshing.time, inputs.meshing.spacing
+    chains = _chains(campaign, normals, receiver)
+    begin, width = campaign.meshing.time, campaign.meshing.spacing
 
     def mesh(i: int) -> TriangleMesh:
         meshing = Meshing(time=begin + i * finest, spacing=width)
-        return mesh_for(chains.link, inputs.sea, meshing, chains.reach)[0]
+        return mesh_for(chains.link, campaign.sea, meshing, chains.reach)[0]
 
     cases = [partial(mesh, i) for i in range(n + 1)]
-    frames = chains.over(cases, 1, inputs.threads, progress, photons=0)
+    frames = chains.over(cases, 1, campaign.threads, progress, photons=0)
     by_shift, ballistic = frames.samples[:, 0], frames.ballistic[:, 0]  # (kinds, frames, ...)
     each, shape = by_shift.mean(axis=2), (len(chains.kinds), len(values))
     found = Stacked(
@@ -282,11 +282,11 @@ def time_step_study(
     )
     scatter = np.stack([_interpolation_error(each, s) for s in strides], axis=1)
     recorded = {"start": begin, "duration": duration, "steps": values}
-    return _study("time_step", values, inputs, chains, found, scatter, tolerance, None, recorded)
+    return _study("time_step", values, campaign, chains, found, scatter, tolerance, None, recorded)
 
 
 def _chains(
-    inputs: Inputs,
+    campaign: Campaign,
     normals: Sequence[Normals],
     receiver: int,
     unresolved: Unresolved = "none",
@@ -294,15 +294,15 @@ def _chains(
 ) -> CommonChains:
     """Return the chains of a study, for crests no higher than those of the highest sea."""
     require_word(unresolved, ("tilt", "none"), "unresolved")
-    kinds, run = checks.normal_kinds(normals), inputs.run
-    crest = crest_of(inputs.link, highest or inputs.sea, inputs.meshing.time)
-    return CommonChains(inputs.link, run.photons, run.seed, kinds, receiver, crest, unresolved)
+    kinds, run = checks.normal_kinds(normals), campaign.run
+    crest = crest_of(campaign.link, highest or campaign.sea, campaign.meshing.time)
+    return CommonChains(campaign.link, run.photons, run.seed, kinds, receiver, crest, unresolved)
 
 
 def _study(
     parameter: checks.Parameter,
     values: list[float],
-    inputs: Inputs,
+    campaign: Campaign,
     chains: CommonChains,
     found: Stacked,
     scatter: Floats,
@@ -319,7 +319,7 @@ def _study(
         scatter=scatter,
         reference=reference,
         tolerance=tolerance,
-        provenance=inputs.provenance(
+        provenance=campaign.provenance(
             **recorded, normals=list(chains.kinds), receiver=chains.receiver
         ),
     )

@@ -14,8 +14,8 @@ from meshtrace.fading.resolving import WITHIN, fading_band
 from meshtrace.fading.spectral import scintillation_of_spectrum
 from meshtrace.fields import attrs
 from meshtrace.stored import Stored
+from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.convergence.checks import Floats, Progress, descending, positive
-from meshtrace.studies.inputs import Inputs, resolve_chains
 from meshtrace.studies.series import over_realizations
 
 if TYPE_CHECKING:
@@ -156,12 +156,12 @@ def fading_study(
     values = descending("omega_max", omega_max)[::-1]
     require_whole(realizations, 0, 1_000_000, "realizations")
     tolerance = positive("tolerance", tolerance)
-    inputs = resolve_chains(
+    campaign = campaign_of(
         link, surface, photons=photons, seed=seed, spacing=spacing, threads=threads
     )
-    link = inputs.link
-    sea = getattr(inputs.sea, "short_waves", inputs.sea)
-    inputs = inputs._replace(surface=sea)
+    link = campaign.link
+    sea = getattr(campaign.sea, "short_waves", campaign.sea)
+    campaign = campaign._replace(surface=sea)
     all_waves = scintillation_of_spectrum(link, sea)
     both = [[scintillation_of_spectrum(link, sea, w, t) for w in values] for t in (True, False)]
     try:
@@ -170,7 +170,7 @@ def fading_study(
         recommended = math.nan
     measured = np.full((len(values), 2), math.nan)
     for i, limit in enumerate(values if realizations else ()):
-        measured[i] = _measured(inputs, limit, realizations, progress)
+        measured[i] = _measured(campaign, limit, realizations, progress)
     return FadingConvergence(
         omega_max=np.array(values),
         with_tilts=np.array(both[0]),
@@ -180,18 +180,18 @@ def fading_study(
         measured_stderr=measured[:, 1],
         tolerance=tolerance,
         recommended=recommended,
-        provenance=inputs.provenance(omega_max=list(values), realizations=realizations),
+        provenance=campaign.provenance(omega_max=list(values), realizations=realizations),
     )
 
 
 def _measured(
-    inputs: Inputs, omega_max: float, realizations: int, progress: Progress | None
+    campaign: Campaign, omega_max: float, realizations: int, progress: Progress | None
 ) -> tuple[float, float]:
     """Return the index of unscattered light over an ensemble, and its standard error."""
-    sea: Any = inputs.sea
-    inputs = inputs._replace(surface=sea.model_copy(update={"omega_max": omega_max}))
-    gain = over_realizations(inputs, realizations, progress).gain_ballistic
-    rng = np.random.default_rng(inputs.run.seed)
+    sea: Any = campaign.sea
+    campaign = campaign._replace(surface=sea.model_copy(update={"omega_max": omega_max}))
+    gain = over_realizations(campaign, realizations, progress).gain_ballistic
+    rng = np.random.default_rng(campaign.run.seed)
     drawn = rng.integers(0, realizations, (_BOOTSTRAPS, realizations))
     indices = [sample.var(ddof=1) / sample.mean() ** 2 for sample in (gain, *gain[drawn])]
     return indices[0], float(np.std(indices[1:]))

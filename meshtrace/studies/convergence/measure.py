@@ -12,8 +12,8 @@ import numpy as np
 from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map, paced
 from meshtrace.results.gain import Fate
+from meshtrace.studies.campaign import over_surfaces
 from meshtrace.studies.convergence.checks import Costs, Normals, Progress, Unresolved
 from meshtrace.studies.convergence.exact import Reference, over_waves
 from meshtrace.studies.convergence.meshes import probes
@@ -115,17 +115,13 @@ class CommonChains:
             If no light is received at a step: its gain has no relative error.
         """
 
-        def measure(make: Callable[[], TriangleMesh]) -> Measured:
+        def measure(i: int) -> Measured:
             began = clock.perf_counter()
-            mesh = make()
+            mesh = jobs[i]()
             return self.measure(mesh, clock.perf_counter() - began, photons)
 
-        rows, jobs = [], list(cases)
-        measured = ordered_map(measure, jobs, threads)
-        for row in paced(measured, len(jobs), f"{len(jobs):,} meshes"):
-            rows.append(row)
-            if progress is not None:
-                progress(1)
+        jobs = list(cases)
+        rows = over_surfaces(measure, len(jobs), threads, progress, "meshes")
         by_case = (np.stack(column) for column in zip(*rows, strict=True))
         by_repeat = (c.reshape(steps, -1, *c.shape[1:]) for c in by_case)
         found = Measured(*(np.moveaxis(column, 2, 0) for column in by_repeat))

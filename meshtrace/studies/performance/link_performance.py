@@ -29,7 +29,7 @@ from meshtrace.mesh import RandomSea, SurfaceModel
 from meshtrace.results.background import Background
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import background_over_seas, described, light_of
-from meshtrace.studies.inputs import resolve_chains
+from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.performance.operating_point import operating_point
 from meshtrace.studies.performance.samples import Ensemble, Realizations
 from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
@@ -150,11 +150,11 @@ def link_performance(
     speed = shortcuts.get("wind_speed")
     if surface is None and speed is not None:
         surface = sea_in_wind(speed)
-    inputs = resolve_chains(
+    campaign = campaign_of(
         _shallowest(link, depths), surface, fading=True, photons=over.photons, seed=over.seed,
         spacing=over.spacing, threads=threads,
     )  # fmt: skip
-    link, scenario = inputs.link, inputs.scenario
+    link, scenario = campaign.link, campaign.scenario
     if scenario is not None:
         ook = scenario.detector if ook is None else ook
         flight = flight or (Flight(scenario.uav) if scenario.uav else None)
@@ -165,13 +165,13 @@ def link_performance(
     rates = (None,) if bit_rate is None else require_finite(bit_rate, "bit_rate", "rates [bit s-1]")
     base = "physical" if ook is None else ook
     ooks = tuple(OokLink.of_link(link, base, rate) for rate in rates)
-    ensemble = Ensemble(inputs, over.n, flight, progress)
+    ensemble = Ensemble(campaign, over.n, flight, progress)
     links = _links(ooks[0].channel(link), depths)
     fades = {depth: ensemble.samples(at) for depth, at in links.items()}
-    day = light_of(inputs, daylight)
+    day = light_of(campaign, daylight)
     lights = _lights(ensemble, links, day)
     points = [
-        operating_point(one, depth, samples, limit, confidence, inputs.run.seed, lights[depth])
+        operating_point(one, depth, samples, limit, confidence, campaign.run.seed, lights[depth])
         for depth, samples in fades.items()
         for one in ooks
     ]
@@ -182,9 +182,9 @@ def link_performance(
         light = described(ooks[0], found)
         if link.direction == "down" and len(links) > 1:
             light += f", at {next(iter(links)):g} m"
-    seas = over.n if isinstance(inputs.surface, RandomSea) else 1
+    seas = over.n if isinstance(campaign.surface, RandomSea) else 1
     origin = {
-        **closed_form(next(iter(links.values())), inputs.surface, seas, level=2),
+        **closed_form(next(iter(links.values())), campaign.surface, seas, level=2),
         "ook": [one.model_dump(mode="json") for one in ooks],
         "daylight": day.model_dump(mode="json") if day else None,
         **ensemble.provenance(),
@@ -205,8 +205,8 @@ def _lights(
     found: dict[Any, Background] = {}
     for link in links.values():
         if link.receiver not in found:
-            inputs = ensemble.inputs._replace(link=link)
-            found[link.receiver] = background_over_seas(inputs, day, ensemble.n, ensemble.flight)
+            campaign = ensemble.campaign.of(link)
+            found[link.receiver] = background_over_seas(campaign, day, ensemble.n, ensemble.flight)
     return {depth: found[link.receiver] for depth, link in links.items()}
 
 

@@ -15,7 +15,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import RandomSea
 from meshtrace.models import Floats
 from meshtrace.results.series import GainSeries
-from meshtrace.studies.inputs import Inputs
+from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.series import over_realizations, over_times
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.tilt import h_alpha
@@ -91,7 +91,7 @@ class Realizations(NamedTuple):
 class Ensemble(NamedTuple):
     """Seas and tilts for the average of a link."""
 
-    inputs: Inputs
+    campaign: Campaign
     n: int
     flight: Flight | None
     progress: Callable[[int], None] | None
@@ -100,30 +100,30 @@ class Ensemble(NamedTuple):
         """Return the aircraft, its wind and the number of realizations."""
         flight = self.flight
         return {
-            **(self.inputs.of_flight(flight) if flight else {"uav": None, "wind": None}),
+            **(self.campaign.of_flight(flight) if flight else {"uav": None, "wind": None}),
             "coupled": flight is not None and flight.coupled,
             "realizations": self.n,
         }
 
     def samples(self, link: Link) -> FadingSamples:
         """Return gains and tilt factors of a link."""
-        inputs, flight = self.inputs._replace(link=link), self.flight
+        campaign, flight = self.campaign.of(link), self.flight
         if flight is not None and flight.coupled:
             times = flight.time_step * np.arange(self.n, dtype=np.float64)
-            series = over_times(inputs, times, flight, self.progress)
+            series = over_times(campaign, times, flight, self.progress)
             n = effective_samples(series.gain) if np.ptp(series.gain) > 0.0 else float(self.n)
             return FadingSamples(series, np.ones((self.n, 1)), n)
-        if isinstance(inputs.surface, RandomSea):
-            series = over_realizations(inputs, self.n, self.progress)
+        if isinstance(campaign.surface, RandomSea):
+            series = over_realizations(campaign, self.n, self.progress)
         else:
-            series = over_times(inputs, np.array([inputs.meshing.time]), None, self.progress)
+            series = over_times(campaign, np.array([campaign.meshing.time]), None, self.progress)
         seas = len(series.gain)
         if flight is None:
             return FadingSamples(series, np.ones((seas, 1)), float(seas))
         if link.direction == "down":
             raise Refused("coupled", False, "True for an aircraft that tilts a lamp")
         tilts = _TILTS if seas > 1 else _TILTS * self.n
-        winds = inputs.wind_of(flight).sample_wind(seas * tilts, inputs.run.seed)
+        winds = campaign.wind_of(flight).sample_wind(seas * tilts, campaign.run.seed)
         fov = math.radians(link.only_receiver.fov_deg)
         factors = h_alpha(flight.uav.tilt(winds).angle, fov).reshape(seas, tilts)
         return FadingSamples(series, factors, float(seas if seas > 1 else tilts))

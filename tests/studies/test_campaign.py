@@ -1,0 +1,80 @@
+"""One loop over links and surfaces: labels, common meshes, errors, bounds."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import meshtrace as mt
+from meshtrace.studies import campaign as module
+from meshtrace.studies.campaign import campaign_of, mean, stderr
+from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
+
+SEA = JonswapSea(wind_speed=13.0, seed=3, band="paper")
+WAVE = SinusoidalSea(amplitude=0.05, wavelength=3.0)
+FEW = {"photons": 64, "seed": 5, "extent": 4.0, "spacing": 0.2, "threads": 1}
+LINKS = {"a": mt.Link(), "b": mt.Link().replace("water.b", 0.1)}
+
+
+def test_gains_are_labelled():
+    campaign = campaign_of(mt.Link(), SEA, **FEW)._replace(links=LINKS)
+    steps = campaign.realizations(3)
+    found = campaign.gains(steps)
+    assert dict(found.sizes) == {"link": 2, "realization": 3, "receiver": 1, "shift": 32}
+    assert found.link.values.tolist() == ["a", "b"]
+    np.testing.assert_array_equal(found.realization, steps.labels)
+    alone = mt.ensemble(LINKS["a"], 3, SEA, **FEW)
+    gain = found.gain.sel(link="a").isel(receiver=0)
+    np.testing.assert_array_equal(mean(gain, "shift"), alone.gain)
+    np.testing.assert_array_equal(stderr(gain, "shift"), alone.gain_stderr)
+    assert stderr(mean(gain, "realization"), "shift") == alone.mean_stderr
+    assert found.attrs["provenance"]["a"] == alone.provenance
+    assert found.attrs["provenance"]["b"]["link"]["water"]["b"] == 0.1
+
+
+def test_links_have_one_mesh_for_each_surface(monkeypatch):
+    made = []
+    mesh_for = module.mesh_for
+    monkeypatch.setattr(module, "mesh_for", lambda *a: made.append(a) or mesh_for(*a))
+    seen = []
+    mt.compare(LINKS, SEA, realizations=6, photons=64, threads=1, progress=seen.append)
+    assert len(made) == 6
+    assert seen == [1] * 12
+    made.clear()
+    mt.duplex(mt.Link(), mt.Link().mirrored(), WAVE, np.arange(3.0), **FEW)
+    assert len(made) == 3
+    made.clear()
+    mt.compare({"a": LINKS["a"], "b": mt.in_wind(mt.Link(), 10.0)}, photons=64, threads=1)
+    assert len(made) == 2  # over seas of their own
+
+
+def test_common_mesh_covers_links_apart():
+    """Each link crosses within its own reach about its own place."""
+    far = mt.Link().replace("receiver.position", (30.0, 0.0))
+    far = far.replace("transmitter.position", (30.0, 0.0))
+    campaign = campaign_of(mt.Link(), FlatSea(), photons=64)
+    mesh = campaign.mesh([mt.Link(), far], FlatSea(), 0.0)
+    for link in (mt.Link(), far):
+        own = campaign.mesh([link], FlatSea(), 0.0)
+        x = np.array(link.origin)[0]
+        reach = module.crossing_reach(link)
+        assert mesh.bounds[0, 0] <= x - reach
+        assert mesh.bounds[1, 0] >= x + reach
+        assert own.bounds[1, 0] >= x + reach
+
+
+def test_a_link_that_moves_is_alone_over_its_surface():
+    campaign = campaign_of(mt.Link(), WAVE, **FEW)
+    times = np.array([0.0, 0.5])
+    links = [mt.Link(), mt.Link().replace("receiver.tilt_deg", 10.0)]
+    found = campaign.gains(campaign.in_time(times, links))
+    still = campaign.gains(campaign.in_time(times))
+    assert found.gain_ballistic[0, 0].mean() == still.gain_ballistic[0, 0].mean()
+    tilted = mt.simulate(links[1], WAVE, time=0.5, photons=64, extent=4.0, spacing=0.2)
+    assert found.gain_ballistic[0, 1].mean() == pytest.approx(tilted.gain_ballistic, rel=1e-12)
+
+
+def test_errors_are_those_of_independent_samples():
+    samples = np.random.default_rng(1).standard_normal((4, 32))
+    array = xr.DataArray(samples, dims=("realization", "shift"))
+    expected = samples.std(axis=1, ddof=1) / np.sqrt(32.0)
+    np.testing.assert_array_equal(stderr(array, "shift"), expected)
