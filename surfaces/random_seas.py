@@ -127,7 +127,7 @@ class _BandedSea(RandomSea, frozen=True):
     @property
     def band_limits(self) -> bands.Band:
         """Frequencies and directions in use: given values and defaults."""
-        if self.omega_max == FADING:
+        if isinstance(self.omega_max, str):
             allowed = "a frequency > 0 rad/s before a link is known; see fading.resolve_band"
             raise Refused("omega_max", FADING, allowed)
         given = self.omega_min, self.omega_max, self.d_omega, self.d_theta
