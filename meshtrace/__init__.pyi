@@ -75,7 +75,6 @@ from .studies.performance.tables import LinkPerformance as LinkPerformance
 from .studies.sensitivity import Sensitivities as Sensitivities
 from .studies.sensitivity import sensitivities as sensitivities
 from .studies.series import CoupledSeries as CoupledSeries
-from .studies.series import coupled_series as coupled_series
 from .studies.series import ensemble as ensemble
 from .studies.series import time_series as time_series
 from .studies.sweep import sweep as sweep
@@ -84,7 +83,6 @@ from .transport.options import Analog as Analog
 from .transport.options import Arrivals as Arrivals
 from .transport.options import Forced as Forced
 from .transport.options import IrradianceMap as IrradianceMap
-from .transport.options import MapGrid as MapGrid
 from .transport.options import Meshing as Meshing
 from .transport.outcome import FewSamplesWarning as FewSamplesWarning
 from .transport.paths import PhotonPaths as PhotonPaths

@@ -8,7 +8,7 @@ import sys
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from time import monotonic, thread_time
 from typing import TypeVar
@@ -63,7 +63,7 @@ def ordered_map(
         yield from map(function if _recorded is None else _timed(function, _recorded), jobs)
         return
     with ThreadPoolExecutor(threads) as pool:
-        pending: deque = deque()
+        pending: deque[Future[Result]] = deque()
         try:
             for job in jobs:
                 pending.append(pool.submit(function, job))

@@ -131,12 +131,12 @@ class Stored(abc.ABC):
         Raises
         ------
         Refused
-            If the dataset is of another kind or of a later format, or incomplete.
+            If the dataset is of another kind or format, or incomplete.
         """
         kind, version = dataset.attrs.get("kind"), dataset.attrs.get("format_version")
-        if kind != cls.kind or version not in range(1, FORMAT_VERSION + 1):
+        if kind != cls.kind or version != FORMAT_VERSION:
             found = f"a {kind} of format_version {version}" if kind else "no result"
-            allowed = f"{cls.kind} of format_version 1 to {FORMAT_VERSION}"
+            allowed = f"{cls.kind} of format_version {FORMAT_VERSION}"
             raise Refused(name, Described(found), allowed)
         try:
             result = cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
@@ -159,7 +159,7 @@ class Stored(abc.ABC):
         Raises
         ------
         Refused
-            If the file is damaged, of another kind or of a later format.
+            If the file is damaged, or of another kind or format.
         """
         return cls.from_dataset(read_dataset(path), str(path))
 

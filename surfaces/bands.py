@@ -136,7 +136,7 @@ def frequency_edges(band: Band, log: bool) -> Floats:
 
     A wider band adds bins to those of a narrower one.
     """
-    steps = np.arange(bin_count(band, log) + 1)
+    steps = np.arange(bin_count(band, log) + 1, dtype=np.float64)
     if log:
         edges = band.omega_min * 2.0 ** (steps / PER_OCTAVE)
     else:

@@ -276,11 +276,12 @@ class GridFrames(Frames):
         with self._opened() as data:
             z = data[self._height]
             z = z[i] if z.ndim == 3 else z
-            x, y = (data[name] for name in self._axes)
-            if x.ndim == y.ndim == 1 and x.dims == z.dims[1:] and y.dims == z.dims[:1]:
+            axes = [data[name] for name in self._axes]
+            first, second = (axis.dims for axis in axes)
+            if len(first) == len(second) == 1 and (*second, *first) == z.dims:
                 z = z.transpose()
             height = np.asarray(z.values, np.float64)
-            x, y = (np.asarray(axis.values, np.float64) for axis in (x, y))
+            x, y = (np.asarray(axis.values, np.float64) for axis in axes)
         if x.ndim == y.ndim == 1:
             x, y = np.meshgrid(x, y, indexing="ij")
         if not x.shape == y.shape == height.shape:

@@ -246,7 +246,7 @@ def _at_site(
     lon, lat = site
     off_lon, off_lat = dataset["lon"] - lon, dataset["lat"] - lat
     # longitudes of 0 to 360 and of -180 to 180 deg name the same meridians
-    distance = np.hypot((off_lon + 180.0) % 360.0 - 180.0, off_lat)
+    distance: Any = np.hypot((off_lon + 180.0) % 360.0 - 180.0, off_lat)
     if "time" in distance.dims:
         distance = distance.isel(time=0)
     if float(distance.min()) > 1.0:

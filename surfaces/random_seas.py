@@ -95,17 +95,9 @@ class _BandedSea(RandomSea, frozen=True):
     current: Current | None = None
     mss: Mss = "cox-munk"
 
-    @model_validator(mode="before")
-    @classmethod
-    def _read_version_0_1(cls, data: Any) -> Any:
-        """Set the band of seas from files of version 0.1, with `jitter` and without a band."""
-        if not isinstance(data, Mapping) or "jitter" not in data or "band" in data:
-            return data
-        return {**data, "band": cls.equally_spaced_band(data)}
-
     @classmethod
     def equally_spaced_band(cls, config: Mapping[str, Any]) -> str:
-        """Return the default band of version 0.1 for the parameters of a sea."""
+        """Return the equally spaced band for the parameters of a sea."""
         return "scaled"
 
     if TYPE_CHECKING:
@@ -127,7 +119,7 @@ class _BandedSea(RandomSea, frozen=True):
     @property
     def band_limits(self) -> bands.Band:
         """Frequencies and directions in use: given values and defaults."""
-        if self.omega_max == FADING:
+        if isinstance(self.omega_max, str):
             allowed = "a frequency > 0 rad/s before a link is known; see fading.resolve_band"
             raise Refused("omega_max", FADING, allowed)
         given = self.omega_min, self.omega_max, self.d_omega, self.d_theta
@@ -312,8 +304,7 @@ class JonswapSea(_BandedSea, frozen=True):
     jitter : bool
         For "paper" and "scaled": draw every wave's frequency uniformly within its bin, for
         each seed. Equally spaced frequencies make the sea repeat after 2 pi / d_omega (31 s in
-        the paper's band at 5 m/s). The natural band never repeats. Without a band, `jitter`
-        means the equally spaced band of version 0.1.
+        the paper's band at 5 m/s). The natural band never repeats.
     current : (float, float), optional
         Uniform current (U_x, U_y) [m s-1] that carries the waves: omega = sigma(k) + k.U. The
         spectrum is that of an observer who drifts with the current, so wavenumbers stay.

@@ -198,7 +198,7 @@ class Tma(Jonswap, frozen=True):
     Bouws, Guenther, Rosenthal and Vincent (1985), doi:10.1029/JC090iC01p00975.
     """
 
-    kind: Literal["tma"] = "tma"
+    kind: Literal["tma"] = "tma"  # type: ignore[assignment]
     depth: Depth
 
     def __call__(self, omega: ArrayLike) -> Floats:

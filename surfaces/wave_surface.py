@@ -155,8 +155,8 @@ class WaveSurface(Surface, frozen=True):
         waves, nx, ny = self.components, len(x_axis), len(y_axis)
         n = len(waves.amplitude)
         if n * max(nx, ny) > MOST_FACTORS:
-            size = Described(f"{n:,} waves on {max(nx, ny):,} grid lines")
-            raise Refused("mesh", size, f"a product of at most {MOST_FACTORS:,}")
+            table = Described(f"{n:,} waves on {max(nx, ny):,} grid lines")
+            raise Refused("mesh", table, f"a product of at most {MOST_FACTORS:,}")
         if n * nx * ny < _QUICK:
             return
         rows = x_axis[:: math.ceil(nx / _PILOT_ROWS)]
@@ -181,9 +181,9 @@ class WaveSurface(Surface, frozen=True):
         # whole spacings: the lines of meshes of half the spacing nest
         spacing = lines.spacing
         reach = math.ceil(self._sheet.reach / spacing) * spacing
-        axes = [grid_axis(c, *lines.widened(reach)) for c in center]
-        self._require_modest(*axes, time)
-        points, normals = self.sheet(*axes, time)
+        x_axis, y_axis = (grid_axis(c, *lines.widened(reach)) for c in center)
+        self._require_modest(x_axis, y_axis, time)
+        points, normals = self.sheet(x_axis, y_axis, time)
         _require_upward(points, spacing)
         return mesh_of_sheet(with_straight_rim(points), normals, self.unresolved_slopes(spacing))
 

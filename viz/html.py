@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 from matplotlib.colors import to_hex, to_rgb
-from trame_vtk.modules.vtk.serializers import (  # type: ignore[import-untyped]
+from trame_vtk.modules.vtk.serializers import (
     SynchronizationContext,
     extract_array_hash,
     initialize_serializers,
     reference_id,
     serialize,
 )
-from trame_vtk.tools.vtksz2html import write_html  # type: ignore[import-untyped]
+from trame_vtk.tools.vtksz2html import write_html
 
 from meshtrace.errors import Refused
 from meshtrace.files import atomic

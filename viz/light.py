@@ -78,9 +78,10 @@ def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") ->
 @checked
 def select_paths(paths: PhotonPaths, rows: np.ndarray | slice) -> PhotonPaths:
     """Return some of the paths, chosen by index, mask or slice."""
-    chosen = (paths.vertex, paths.weight, paths.what, paths.photon)
     try:
-        return PhotonPaths(*(values[rows] for values in chosen))
+        return PhotonPaths(
+            paths.vertex[rows], paths.weight[rows], paths.what[rows], paths.photon[rows]
+        )
     except (IndexError, TypeError) as error:
         raise Refused("rows", rows, f"indices, a mask or a slice of {len(paths.what)}") from error
 

@@ -111,7 +111,7 @@ def save_movie(
     gain = gain or time_series(link, sea, times, photons=photons, seed=seed)
     if not np.array_equal(gain.coordinate, times):
         raise Refused("gain", Described("at other times"), "a series at the times of the frames")
-    heights = sea.elevation(*np.meshgrid(np.linspace(-20, 20, 41), np.linspace(-20, 20, 41)))
+    heights = sea.mesh(float(times[0]), extent=20.0, spacing=1.0).vertices[:, 2]
     limit = style.color_limit or 1.2 * float(np.abs(heights).max()) or None
     frame = _GainFrame(gain)
     style = replace(style, color_limit=limit, off_screen=True, window_size=frame.scene_size)
@@ -305,7 +305,7 @@ class _LightFrame:
         self.sea, self.mean = sea, float(pattern.gain.mean())
         corner = [np.array([c[0], c[-1]]) for c in (pattern.x, pattern.y)]
         lines = [s + share * (c - s) for s, c in zip(source, corner, strict=True)]
-        self.axes = [np.linspace(*line, 400) for line in lines]
+        self.axes = [np.linspace(line[0], line[1], 400) for line in lines]
         slope = self._slope(time)
         limit = _STEEPEST * float(slope.std()) or 0.1
         self.figure = _figure(LIGHT_SIZE, 80)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyvista as pv
@@ -16,7 +16,7 @@ from meshtrace.errors import Refused
 from meshtrace.link import CardioidalSky, Link, Receiver, Sun, UniformSky
 from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
-from meshtrace.optics.bubbles import HallNovarini
+from meshtrace.optics.bubble_base import BubblePopulation
 
 from .checks import checked
 from .export import surface_sampler, to_pyvista
@@ -88,7 +88,7 @@ def add_surface(
     if color not in SURFACE_COLORS:
         raise Refused("color", color, ", ".join(SURFACE_COLORS))
     scene.shown["surface"] = mesh
-    data = to_pyvista(mesh)
+    data: Any = to_pyvista(mesh)
     if color == "water":
         _add_water(scene, data, shaded or ShadedSea(mesh, SeaLight()), opacity, edges)
         return scene
@@ -140,7 +140,7 @@ def _add_water(
 
 def _within(data: pv.PolyData, bounds: Any) -> pv.PolyData:
     """Return a surface cut at the sides of the stage: the mesh of a choppy sea is larger."""
-    for i, normal in enumerate("xy"):
+    for i, normal in enumerate([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]):
         low, high = bounds[2 * i : 2 * i + 2]
         if data.bounds[2 * i] < low:
             data = data.clip(normal, origin=(low, low, 0.0), invert=False)
@@ -151,7 +151,7 @@ def _within(data: pv.PolyData, bounds: Any) -> pv.PolyData:
 
 @checked
 def add_bubbles(
-    scene: Scene, mesh: TriangleMesh, bubbles: HallNovarini | None = None, *, near: bool = False
+    scene: Scene, mesh: TriangleMesh, bubbles: BubblePopulation | None = None, *, near: bool = False
 ) -> Scene:
     """Draw the block of water below the surface, with white bubble layer.
 
@@ -164,7 +164,7 @@ def add_bubbles(
         Scene to draw into.
     mesh : TriangleMesh
         The surface.
-    bubbles : HallNovarini, optional
+    bubbles : BubblePopulation, optional
         The bubbles; clear water by default.
     near : bool
         Draw the near sides, with lower opacity, instead of the far ones.
@@ -189,7 +189,8 @@ def add_bubbles(
     if near:
         tint[:, 3] = np.rint(NEAR_OPACITY * tint[:, 3])
     block.point_data["tint"] = tint
-    name, culled = ("near water", "back") if near else ("water", "front")
+    culled: Literal["back", "front"] = "back" if near else "front"
+    name = "near water" if near else "water"
     scene.add_mesh(block, scalars="tint", rgb=True, lighting=False, culling=culled, name=name)
     if bubbles is not None:
         scene.key[f"bubbles, {float(bubbles.b(0.0)):.2g} 1/m at the surface"] = BUBBLE_COLOR
@@ -208,7 +209,7 @@ def _outline(mesh: TriangleMesh) -> np.ndarray:
     return ring[::-1] if clockwise else ring
 
 
-def _tint(z: np.ndarray, bottom: float, bubbles: HallNovarini | None) -> np.ndarray:
+def _tint(z: np.ndarray, bottom: float, bubbles: BubblePopulation | None) -> np.ndarray:
     """Return RGBA bytes (n, 4): water that darkens with depth, veiled by bubbles."""
     deep = np.clip(z / bottom, 0.0, 1.0)[:, None]
     fog = (1.0 - np.exp(-2.0 * deep)) / (1.0 - math.exp(-2.0))  # as light decays with depth
@@ -320,7 +321,7 @@ def _add_cone(
             scene.add_mesh(shown, color=color, opacity=opacity, lighting=False)
 
 
-def fan(apex: Vector, rim: np.ndarray) -> pv.PolyData:
+def fan(apex: Vector | np.ndarray, rim: np.ndarray) -> pv.PolyData:
     """Return the triangles between an apex and the sides of a closed line (n, 3) [m]."""
     row = np.arange(len(rim) - 1)
     faces = np.column_stack([np.full_like(row, 3), np.zeros_like(row), row + 1, row + 2])

@@ -232,7 +232,7 @@ def error_rates(ax: Axes, data: xr.Dataset, limit: float) -> Axes:
         below = np.asarray(values < least)
         if line.get_marker() == "None" and not below.all():
             continue
-        low, marked = x[below], marked or below.any()
+        low, marked = x[below], marked or bool(below.any())
         ax.plot(low, np.full(len(low), least), "v", color=line.get_color(), ms=5, clip_on=False)
     if marked:
         ax.plot([], [], "v", color=INK, ms=5, label="below 1e-9")

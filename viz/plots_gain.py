@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -52,7 +53,8 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
         place = np.arange(len(gains)) + (i - 0.5 * (len(ballistic) - 1)) * width
         ax.bar(place[gains > 0.0], gains[gains > 0.0], width, label=f"receiver {i}")
         last = max(last, *np.flatnonzero(gains > _SHOWN * most), 0)
-    ax.xaxis.get_major_locator().set_params(integer=True)
+    locator: Any = ax.xaxis.get_major_locator()
+    locator.set_params(integer=True)
     ax.set(yscale="log", xlabel="number of scatterings", ylabel=axis_label("gain"))
     ax.set_xlim(-0.6, last + 0.6)
     if most > 0.0:

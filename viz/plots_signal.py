@@ -99,9 +99,9 @@ def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = 
                 ax.plot(result.time, radiance, label=name)
         return finished(ax, xlabel=axis_label("time"), ylabel=label, ylim=(0.0, None))
     names = [name for name, radiance in result.parts.items() if radiance > 0.0]
-    radiance = [result.parts[name] for name in names]
+    heights = [result.parts[name] for name in names]
     errors = [2.0 * result.parts_stderr[name] for name in names]
-    ax.bar(names, radiance, yerr=errors, color=PALETTE["sky"], ecolor=INK, capsize=3)
+    ax.bar(names, heights, yerr=errors, color=PALETTE["sky"], ecolor=INK, capsize=3)
     return finished(ax, legend=False, no_grid="x", ylabel=label, title=verbatim(result.light))
 
 
@@ -136,8 +136,8 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
     ax.legend(loc="upper left", ncols=2)
     note(ax, "band: ± 1 standard deviation")
     title = f"opening {eye.opening:.2f}, Q = {eye.q_factor:.2f}"
-    labels = {"xlabel": "time [ns], two bits", "ylabel": "signal over its swing"}
-    return finished(ax, legend=False, title=title, **labels)
+    label = "signal over its swing"
+    return finished(ax, legend=False, title=title, xlabel="time [ns], two bits", ylabel=label)
 
 
 def _band(x: Floats, low: Floats, high: Floats, color: str) -> PathPatch:

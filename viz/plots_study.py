@@ -192,8 +192,8 @@ def plot_performance(
         light = verbatim(name_of_light(performance.light))
         band = f"n = {seas} seas, band: {100.0 * performance.confidence:g} %"
         note(ax, f"{band}, background light: {light}")
-    place = {"xy": (0.0, -0.17), "xycoords": "axes fraction"}
-    ax.annotate(performance.status, **place, fontsize=7.5, va="top", wrap=True)
+    below = performance.status, (0.0, -0.17)
+    ax.annotate(*below, xycoords="axes fraction", fontsize=7.5, va="top", wrap=True)
     return ax
 
 
@@ -305,5 +305,4 @@ def plot_inference(f: Inference, *, ax: Axes | None = None) -> Axes:
     ax = axes(ax)
     ax.plot(np.arange(1, len(f.measured) + 1), f.measured / f.predicted, "o")
     ax.axhline(1.0, color=INK, lw=0.8)
-    labels = {"xlabel": "measurement", "ylabel": "measured over fitted"}
-    return finished(ax, legend=False, **labels)
+    return finished(ax, legend=False, xlabel="measurement", ylabel="measured over fitted")

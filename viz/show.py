@@ -198,6 +198,7 @@ def has_display() -> bool:
         return False
     with pv.vtk_verbosity("off"):
         plotter = pv.Plotter(off_screen=False)
-        kind = plotter.render_window.GetClassName()
+        window: Any = plotter.render_window
+        kind = window.GetClassName()
         plotter.close()
     return "EGL" not in kind and "OSOpenGL" not in kind

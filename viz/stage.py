@@ -13,7 +13,9 @@ import pyvista as pv
 
 from meshtrace.errors import Refused, require_array
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.link.receivers import Aperture
+from meshtrace.link.sources import Source
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.transport.paths import PhotonPaths
 
@@ -58,9 +60,7 @@ class Stage(NamedTuple):
         return (x - h, x + h, y - h, y + h, self.bottom, self.top)
 
 
-def stage_of(
-    link: Link | None, surface: SurfaceModel | TriangleMesh, extent: float | None
-) -> Stage:
+def stage_of(link: Link | None, surface: MeshSource | TriangleMesh, extent: float | None) -> Stage:
     """Return a box around sources, receivers and the surface between them.
 
     Without a link it is that of the mesh. `extent` [m] replaces its half-width, and makes a
@@ -73,7 +73,7 @@ def stage_of(
         half = 0.5 * max(x1 - x0, y1 - y0)
         center = (0.5 * (x0 + x1), 0.5 * (y0 + y1))
         return Stage(center, extent or half, low - 0.1 * half, high + 0.1 * half)
-    items = (*link.transmitters, *link.receivers)
+    items: tuple[Source | Aperture, ...] = (*link.transmitters, *link.receivers)
     places = np.array([item.position for item in items])
     west, east = places.min(axis=0), places.max(axis=0)
     bottom = -max((getattr(item, "depth", 0.0) for item in items), default=0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -98,7 +98,9 @@ def axes(ax: Axes | None) -> Axes:
         return figure.subplots()
 
 
-def finished(ax: Axes, *, legend: bool = True, no_grid: str = "", **settings: Any) -> Axes:
+def finished(
+    ax: Axes, *, legend: bool = True, no_grid: Literal["", "x", "y"] = "", **settings: Any
+) -> Axes:
     """Return axes with labels, scales and limits, and with a legend if there are names.
 
     `no_grid` is the axis, "x" or "y", without grid lines, as that of names and counts.

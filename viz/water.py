@@ -27,7 +27,7 @@ from meshtrace.optics.water import Water, pure_water_absorption, sea_water_scatt
 
 from .style import to_srgb
 
-Floats = NDArray[np.float32] | NDArray[np.float64]
+Floats = NDArray[Any]  # of single or double precision
 
 RGB_NM = np.array([610.0, 545.0, 465.0])
 """Wavelengths that stand for red, green and blue [nm]."""
@@ -256,8 +256,8 @@ def radiance(
     glint = np.zeros_like(rho)
     if day.direct > 0.0:
         wind = math.radians(light.wind_direction_deg)
-        deviations = (math.sqrt(max(v, LEAST_VARIANCE)) for v in rest)
-        rough = Roughness(*deviations, math.cos(wind), math.sin(wind))
+        along, across = (math.sqrt(max(v, LEAST_VARIANCE)) for v in rest)
+        rough = Roughness(along, across, math.cos(wind), math.sin(wind))
         glint = connected_glint(
             view, np.asarray(day.sun, points.dtype), normal, normal, rough, n_water
         )

@@ -181,7 +181,12 @@ class BruteForceIntersector(Intersector):
 
 
 @allocating_entry
-def _first_facets(origins, directions, vertices, faces):
+def _first_facets(
+    origins: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+) -> NDArray[np.int32]:
     """Return the nearest facet of each ray by Moller and Trumbore (1997).
 
     Array twin: `EmbreeIntersector.facets`, of which this is the reference, in double precision and

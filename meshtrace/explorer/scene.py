@@ -153,7 +153,7 @@ class LiveScene:
         The observers that trame adds to serialized objects are removed first: called during a
         garbage collection they end the process.
         """
-        window = self.plotter.render_window
+        window: Any = self.plotter.render_window
         objects = [window]
         for renderer in window.GetRenderers():
             objects += [renderer, renderer.GetActiveCamera(), *renderer.GetLights()]

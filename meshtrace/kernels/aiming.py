@@ -6,6 +6,16 @@ open segment through P, in closed form: R turns about a horizontal axis, so it k
 components along that axis, and the distance |P| from the source fixes the point of the segment.
 From P on Snell's law gives the landing point X(P). Newton steps on a facet's plane solve
 X(P) = x; two small displacements of P give dX/dP and dw/dP together, hence dX/dOmega.
+
+A history rotated to end at its detector is known as the track-rotation estimator [1]_, the path
+through a refracting mesh with interpolated normals from single scattering [2]_.
+
+References
+----------
+.. [1] TREEDE, program IAEA0833 of the NEA Data Bank.
+.. [2] B. Walter, S. Zhao, N. Holzschuch and K. Bala, "Single scattering in refractive media with
+   triangle mesh boundaries", ACM Transactions on Graphics 28 (2009),
+   doi:10.1145/1531326.1531398.
 """
 
 from __future__ import annotations

@@ -3,7 +3,15 @@
 Light that arrives at a crossing P with the direction d leaves it towards a point x of an aperture
 if the normal of the surface is parallel to n_w d - n_a r, r the direction from P to x. That slope
 s*(P, x) is unique, so the light at x is the density of the random slopes at s* - s(P), times
-|det ds*/dx|, s(P) the slope of the mesh: no search for roots, no caustics.
+|det ds*/dx|, s(P) the slope of the mesh: no search for roots, no caustics. This is refraction by
+microfacets [1]_, their normals distributed by Gaussian slopes [2]_.
+
+References
+----------
+.. [1] B. Walter, S. R. Marschner, H. Li and K. E. Torrance, "Microfacet models for refraction
+   through rough surfaces", Eurographics Symposium on Rendering (2007),
+   doi:10.2312/EGWR/EGSR07/195-206.
+.. [2] C. Cox and W. Munk, J. Opt. Soc. Am. 44, 838 (1954), doi:10.1364/JOSA.44.000838.
 """
 
 from __future__ import annotations

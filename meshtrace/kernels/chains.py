@@ -2,7 +2,13 @@
 
 A chain of order K is the photon's history in the frame of its emission direction, taken as
 e_z from the origin: vertices q_1 .. q_K, the kind of scatterer at each, and the direction v_K
-of the last, open segment.
+of the last, open segment. Lengths come from a mixture of densities, weighed by the balance
+heuristic [1]_.
+
+References
+----------
+.. [1] E. Veach and L. J. Guibas, "Optimally combining sampling techniques for Monte Carlo
+   rendering", SIGGRAPH (1995), doi:10.1145/218380.218498.
 """
 
 from __future__ import annotations

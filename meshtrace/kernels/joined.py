@@ -2,8 +2,14 @@
 
 Photons are those of `meshtrace.kernels.photon` without the light that leaves the water: that is
 expected by `meshtrace.kernels.joins` at each crossing and collision. A weight window plays Russian
-roulette with photons of small weight times importance and splits those of a large one. In clear
-water collisions are `Joins.often` times as frequent as those of light, and count by the inverse.
+roulette with photons of small weight times importance and splits those of a large one [1]_. In
+clear water collisions are `Joins.often` times as frequent as those of light, and count by the
+inverse.
+
+References
+----------
+.. [1] A. Haghighat and J. C. Wagner, "Monte Carlo variance reduction with deterministic importance
+   functions", Progress in Nuclear Energy 42, 25 (2003).
 """
 
 from __future__ import annotations

@@ -1,4 +1,13 @@
-"""The water as arrays: coefficients over depth, optical paths, choice of the scatterer."""
+"""The water as arrays: coefficients over depth, optical paths, choice of the scatterer.
+
+Free paths are sampled by delta tracking [1]_.
+
+References
+----------
+.. [1] E. R. Woodcock, T. Murphy, P. J. Hemmings and T. C. Longworth, "Techniques used in the GEM
+   code for Monte Carlo neutronics calculations in reactors and other systems of complex
+   geometry", ANL-7050 (1965).
+"""
 
 from __future__ import annotations
 

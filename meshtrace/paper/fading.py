@@ -90,8 +90,8 @@ def gain_distribution(
             ax.stairs(histogram.density, histogram.edges, color=color, label=wind_name(wind))
             ax.axvline(gain.mean(), color=color, lw=1.0, ls="--")
             variables[f"gain_{form}_{wind:g}"] = f"realization_{form}", gain, attrs("gain")
-        labels = {"xlabel": axis_label("gain"), "ylabel": axis_label("gain_pdf")}
-        finished(ax, xlim=(0.0, None), **labels)
+        x, y = axis_label("gain"), axis_label("gain_pdf")
+        finished(ax, xlim=(0.0, None), xlabel=x, ylabel=y)
 
     def common(form: Form, wind: float) -> Number:
         made = forced(wind, form, sea={"omega_max": COMMON_CUT_OFF})

@@ -134,7 +134,7 @@ def _numbers(sea: JonswapSea, axis: Any, seed: int, seas: int) -> list[Entry]:
     square, line = (_mean(values) for values in zip(*spans, strict=True))
     hs = components_hs(sea.components)
     words = {"wind": wind_name(sea.wind_speed), "u": sea.wind_speed}
-    found = {"square": square, "line": line, "hs": hs}
+    found: dict[str, Number | float] = {"square": square, "line": line, "hs": hs}
     return [row(key, (number, number), **words) for key, number in found.items()]
 
 

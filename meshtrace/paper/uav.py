@@ -47,8 +47,8 @@ def tilt(setting: Setting, samples: int) -> FigureOutput:
             pdf = law.pdf(grid)
             ax.plot(np.degrees(grid), pdf * per_degree, dashes, color=color, label=label)
             variables[f"pdf_{name}_{key}"] = (f"angle_{key}", pdf, {"units": "rad-1"})
-        labels = {"xlabel": r"tilt $\alpha$ [°]", "ylabel": r"probability density [1/°]"}
-        finished(ax, title=f"{wind_name(wind)}, {FORM_NAMES[form]}", **labels)
+        x, y = r"tilt $\alpha$ [°]", r"probability density [1/°]"
+        finished(ax, title=f"{wind_name(wind)}, {FORM_NAMES[form]}", xlabel=x, ylabel=y)
         variables[f"angle_{key}"] = (f"angle_{key}", grid, {"units": "rad"})
         variables[f"pdf_sampled_{key}"] = (f"bin_{key}", density, {"units": "rad-1"})
         variables[f"edges_{key}"] = (f"edge_{key}", edges, {"units": "rad"})
@@ -83,8 +83,8 @@ def h_alpha(setting: Setting) -> FigureOutput:
             ax.plot(h, law.h_pdf(h, fov), label=name)
             variables[f"pdf_{form}_{wind:g}"] = (key, law.h_pdf(h, fov), {"units": "1"})
         variables[key] = (key, h, {"units": "1"})
-        labels = {"xlabel": r"factor $h_\alpha$", "ylabel": r"probability density $f(h_\alpha)$"}
-        finished(ax, title=wind_name(wind), **labels)
+        x, y = r"factor $h_\alpha$", r"probability density $f(h_\alpha)$"
+        finished(ax, title=wind_name(wind), xlabel=x, ylabel=y)
         words = {"wind": wind_name(wind)}
         published = float(laws[1].tilt_coefficient ** (laws[1].shape - 1.0))
         numbers.append(row("mean", [float(law.h_moment(1, fov)) for law in laws], **words))

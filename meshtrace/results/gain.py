@@ -313,17 +313,13 @@ class GainResult(WithArrays, Stored):
             tallies = (FateTally(*row) for row in zip(*columns, strict=True))
             fates = dict(zip(names, tallies, strict=True))
         cast, lost = (int(number) for number in data.attrs["misses"])
-        photons = int(data.attrs["photons"])
         samples = {
             name: [ScatteredSamples(*row) for row in json.loads(data.attrs.get(name, "[]"))]
             for name in ("scattered", "reflected")
         }
-        bound = bound_where_dark(values["gain"], photons) if fates else None
-        if bound is not None:  # files of format 1 have none
-            values["gain_bound"] = bound
         return cls(
             **{n: v if n == "gain_order" else like(single, v) for n, v in values.items()},
-            photons=photons,
+            photons=int(data.attrs["photons"]),
             fates=fates,
             provenance=provenance,
             misses=(cast, lost),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
@@ -173,16 +173,6 @@ class Planes(Tally):
             if edges is not None:
                 found[name] = ((name,), 0.5 * (edges[1:] + edges[:-1]), attrs(name))
         return found
-
-    @classmethod
-    def read(cls, data: xr.Dataset) -> Planes | None:
-        """Return the planes of a dataset; format 1 has the flux of each bin as its radiance."""
-        found = super().read(data)
-        if found is None or found.radiance is None or found.cosine_edges is not None:
-            return found
-        estimates = [getattr(found, f.name) for f in fields(cls)][:9]
-        radiance = cls.radiance_of(found.radiance, np.full_like(found.radiance, math.nan))
-        return cls(*estimates, **radiance)
 
     @staticmethod
     def radiance_of(flux: Floats, stderr: Floats) -> dict[str, Floats]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.link import Link, Receiver, WaterReceiver
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.coverage import CoverageMap, relative_errors
 from meshtrace.results.provenance import provenance
@@ -38,7 +38,7 @@ _MESHES = 4  # that are kept for further photons
 
 def coverage_map(
     link: Link | Scenario,
-    surface: SurfaceModel | TriangleMesh | None = None,
+    surface: MeshSource | TriangleMesh | None = None,
     extent: float = 5.0,
     step: float = 0.25,
     *,
@@ -61,7 +61,7 @@ def coverage_map(
     link : Link or Scenario
         The link, or a scenario; height or depth, radius, field of view and tilt of the (first)
         receiver are used.
-    surface : SurfaceModel or TriangleMesh, optional
+    surface : MeshSource or TriangleMesh, optional
         The surface; by default that of the scenario.
     extent : float
         The map covers |x|, |y| <= extent [m].

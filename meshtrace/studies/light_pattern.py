@@ -151,7 +151,9 @@ def _beyond(link: Link, sea: Surface, spacing: float) -> tuple[Floats, float]:
     return np.array(found.vertex), math.radians(found.direction_deg)
 
 
-def _labels(link: Link, half: float, spacing: float, slope: float, reach: float) -> list[Floats]:
+def _labels(
+    link: Link, half: float, spacing: float, slope: float, reach: float
+) -> tuple[Floats, Floats]:
     """Return the grid lines of the surface whose light may reach |x|, |y| <= half [m]."""
     receiver, source = link.only_receiver, link.transmitters[0]
     n = link.water.n / link.n_air
@@ -160,11 +162,12 @@ def _labels(link: Link, half: float, spacing: float, slope: float, reach: float)
     lever = (n - 1.0) * receiver.height * share
     reach += share * half + _SLOPES * lever * slope + 4.0 * spacing
     lines = np.arange(-reach, reach + spacing, spacing)
-    return [float(c) + lines for c in start + share * (end - start)]
+    x, y = start + share * (end - start)
+    return float(x) + lines, float(y) + lines
 
 
 def _strips(
-    sheet: tuple[Floats, Floats], labels: list[Floats], distance: float
+    sheet: tuple[Floats, Floats], labels: tuple[Floats, Floats], distance: float
 ) -> Iterator[tuple[Floats, Floats]]:
     """Yield points and normals (nx, ny, 3) at a distance [m] in between those of a sheet."""
     splines = [RectBivariateSpline(*labels, a[..., i]) for a in sheet for i in range(3)]

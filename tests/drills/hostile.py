@@ -145,7 +145,7 @@ def _calls():
         (mt.HallNovarini, {"wind_speed": 5.0, "n_water": 1.33}),
         (mt.HenyeyGreenstein, {"g": 0.9}),
         (mt.FournierForand, {"n": 1.1, "mu": 3.5}),
-        (mt.MapGrid, {"height": 5.0, "extent": 5.0, "step": 0.5}),
+        (mt.IrradianceMap, {"height": 5.0, "extent": 5.0, "step": 0.5}),
         (mt.Uav, {"mass": 8.0}),
         (mt.Dryden, {"wind_speed": 13.0}),
         (mt.OokLink, {"bit_rate": 5e6}),

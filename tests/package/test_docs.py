@@ -169,6 +169,17 @@ def test_nested_tables_have_a_section():
     assert "| `type` |" in water
 
 
+def test_every_file_and_source_of_the_algorithms_exists():
+    text = (DOCS / "algorithms.md").read_text("utf-8")
+    for row in re.findall(r"^\|.*\|$", text, re.MULTILINE):
+        folder = None
+        for path in re.findall(r"`([\w/]+(?:\.py|/))`", row):
+            folder = path.rpartition("/")[0] or folder
+            assert (DOCS.parent / "meshtrace" / folder / path.rpartition("/")[2]).exists(), path
+    named = set(re.findall(r"\[(\w+\d\d+)\]", text))
+    assert named == set(re.findall(r"^\[(\w+)\] ", text, re.MULTILINE))
+
+
 def test_every_public_name_has_a_page():
     """Compared as objects: a page may name one by its public name or by its module."""
     text = "".join(page.read_text("utf-8") for page in (DOCS / "api").glob("*.md"))

@@ -2,6 +2,7 @@
 
 import ast
 import json
+import os
 import re
 import runpy
 import subprocess
@@ -37,34 +38,28 @@ def modules_after(code):
     return set(json.loads(done.stdout.splitlines()[-1]))
 
 
-def test_every_folder_with_modules_is_packaged():
-    config = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    found = set()
-    for name, folder in config["package-dir"].items():
-        top = ROOT / folder
-        for file in top.rglob("*.py"):
-            parts = file.parent.relative_to(top).parts
-            found.add(".".join([name, *parts]))
-    assert sorted(config["packages"]) == sorted(found)
+def files():
+    """Return the files of the package, with those of the linked surfaces/ and viz/."""
+    tree = os.walk(ROOT / "meshtrace", followlinks=True)
+    return [Path(folder, name) for folder, _, names in tree for name in names]
 
 
 def test_every_package_has_an_init_with_a_docstring():
-    config = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    for name in config["packages"]:
-        folder = config["package-dir"].get(name, name.replace(".", "/"))
-        assert ast.get_docstring(ast.parse((ROOT / folder / "__init__.py").read_text())), name
+    """Folders without this file are left out of a wheel."""
+    for folder in {path.parent for path in files() if path.suffix == ".py"}:
+        assert ast.get_docstring(ast.parse((folder / "__init__.py").read_text())), folder
 
 
 def test_data_files_are_packaged():
     config = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    for path in (ROOT / "meshtrace").rglob("*"):
-        if path.is_dir() or path.suffix in (".py", ".nbi", ".nbc", ".pyc"):
-            continue
-        name = ".".join(path.relative_to(ROOT).parts[:-1])
-        package = max((p for p in config["packages"] if f"{name}.".startswith(f"{p}.")), key=len)
-        folder = ROOT / package.replace(".", "/")
-        patterns = config["package-data"].get(package, [])
-        assert any(path in folder.glob(pattern) for pattern in patterns), path
+    found = {
+        path
+        for package, patterns in config["package-data"].items()
+        for pattern in patterns
+        for path in (ROOT / package.replace(".", "/")).glob(pattern)
+    }
+    code = (".py", ".nbi", ".nbc", ".pyc")
+    assert {path for path in files() if path.suffix not in code} == found
 
 
 @pytest.mark.process

@@ -28,7 +28,7 @@ def rich():
         receiver=(mt.Receiver(radius=1.0), mt.WaterAperture(depth=2.0, radius=1.0)),
         planes=mt.IrradiancePlanes(depths=(1.0, 4.0), n_cosines=5, n_azimuths=3),
     )
-    return run(link, record=[mt.MapGrid(5.0, 2.0, 0.5), mt.Arrivals()])
+    return run(link, record=[mt.IrradianceMap(height=5.0, extent=2.0, step=0.5), mt.Arrivals()])
 
 
 def assert_same(a, b):
@@ -200,8 +200,8 @@ def test_merge_keeps_arrivals_of_every_part():
 
 
 def test_merge_refuses_maps_of_different_places():
-    a = run(record=[mt.MapGrid(5.0, 5.0, 1.0)])
-    b = run(record=[mt.MapGrid(5.0, 10.0, 2.0)], first_photon=8192)
+    a = run(record=[mt.IrradianceMap(height=5.0, extent=5.0, step=1.0)])
+    b = run(record=[mt.IrradianceMap(height=5.0, extent=10.0, step=2.0)], first_photon=8192)
     with pytest.raises(ValueError, match="configurations differ"):
         mt.merge([a, b])
 

@@ -1,12 +1,10 @@
-"""Files of results: old and new, damaged and whole; texts of all kinds."""
+"""Files of results, damaged and whole; texts of all kinds."""
 
-import json
 import os
 import subprocess
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -25,7 +23,6 @@ from meshtrace.studies.convergence.fading import fading_study
 from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.surfaces import FlatSea, resolved_sea
 
-OLD = Path(__file__).parents[1] / "data" / "v0.1"
 FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)
 
 
@@ -69,7 +66,8 @@ def results():
     moving = replace(series, along="time", coordinate=0.1 * np.arange(40))
     grid = np.linspace(0.0, 1.0, 3)
     coverage = mt.CoverageMap(grid, grid, np.ones((3, 3)), np.full((3, 3), 0.1), {"times": [0.0]})
-    performance = load(OLD / "performance.nc")
+    shortcuts = {"wind_speed": 5.0, "realizations": 8, "photons": 64}
+    performance = mt.link_performance(mt.Link(), **shortcuts)
     steps = np.array([2.0, 1.0, 0.5, 0.25])
     ones = np.ones((1, 4))
     study = ConvergenceStudy(
@@ -137,41 +135,13 @@ def test_every_number_in_a_file_has_a_checksum(results, tmp_path):
             assert bare or file[name].fletcher32, name
 
 
-# ---- files of version 0.1 ------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("path", sorted(OLD.glob("*.nc")), ids=lambda path: path.stem)
-def test_files_of_version_0_1_load_with_the_same_numbers(path):
-    new = load(path).to_dataset()
-    with h5py.File(path) as old:
-        assert old.attrs["format_version"] == 1
-        for name in old:
-            if name in (
-                "plane",
-                "cosine",
-                "azimuth",
-                "map_axis_x",
-                "map_axis_y",
-                "arrival",
-                "order",
-            ):
-                continue  # dimensions without coordinate
-            values = old[name][...]
-            if name == "radiance":  # flux of each bin
-                cosine = np.linspace(1.0, -1.0, 5)
-                projected = np.abs(np.diff(cosine**2)) / 2.0
-                values = values / projected[:, None] / np.pi
-                assert np.isnan(new["radiance_stderr"]).all()
-            np.testing.assert_allclose(new[name], values, rtol=1e-12, err_msg=name)
-        assert json.loads(new.attrs["provenance"]) == json.loads(old.attrs["provenance"])
-
-
-def test_other_kinds_and_later_versions_are_refused(results, tmp_path):
+def test_other_kinds_and_versions_are_refused(results, tmp_path):
     results["coverage"].save(tmp_path / "a.nc")
     with pytest.raises(Refused, match="coverage") as caught:
         mt.GainSeries.load(tmp_path / "a.nc")
     assert str(tmp_path / "a.nc") in str(caught.value)
-    for change in ({"format_version": FORMAT_VERSION + 1}, {"kind": "sweep"}, {"kind": None}):
+    versions = ({"format_version": FORMAT_VERSION + i} for i in (-1, 1))
+    for change in (*versions, {"kind": "sweep"}, {"kind": None}):
         data = results["coverage"].to_dataset().assign_attrs(change)
         data.attrs = {key: value for key, value in data.attrs.items() if value is not None}
         write_dataset(data, tmp_path / "a.nc")
@@ -215,10 +185,11 @@ def test_no_flipped_bit_changes_a_number(results, tmp_path):
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.thorough
-def test_damage_of_files_without_a_digest_is_one_line_or_none(tmp_path):
-    """Files of version 0.1 have no checksums: what cannot be read is refused."""
+def test_damage_of_files_without_a_digest_is_one_line_or_none(results, tmp_path):
+    """Files that other tools wrote to have none: what cannot be read is refused."""
     path = tmp_path / "a.nc"
-    content = (OLD / "gain_forced.nc").read_bytes()
+    results["forced"].save(path)
+    content = path.read_bytes()[:-48]
     rng, refused = np.random.default_rng(12), 0
     for place in rng.integers(0, len(content), 200):
         damaged = bytearray(content)
@@ -273,11 +244,12 @@ except OSError as error:
 """
 
 
-def test_a_full_disk_keeps_the_old_file(tmp_path):
-    good = tmp_path / "good.nc"
+def test_a_full_disk_keeps_the_old_file(results, tmp_path, tmp_path_factory):
+    good, kept = tmp_path / "good.nc", tmp_path_factory.mktemp("kept") / "a.nc"
     good.write_bytes(b"good")
+    results["coverage"].save(kept)
     done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, OLD / "coverage.nc", good], capture_output=True, text=True
+        [sys.executable, "-c", FULL_DISK, kept, good], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("\n") == 1
@@ -348,13 +320,14 @@ for _ in itertools.count():
 
 @pytest.mark.parametrize("kills", [4, pytest.param(30, marks=pytest.mark.slow)])
 @pytest.mark.thorough
-def test_kills_while_saving_leave_a_whole_file(tmp_path, kills):
-    good, rng = tmp_path / "good.nc", np.random.default_rng(5)
-    expected = load(OLD / "gain_analog.nc").to_dataset()
-    load(OLD / "gain_analog.nc").save(good)
+def test_kills_while_saving_leave_a_whole_file(results, tmp_path, kills):
+    good, kept, rng = tmp_path / "good.nc", tmp_path / "kept.nc", np.random.default_rng(5)
+    results["gain"].save(good)
+    results["gain"].save(kept)
+    expected = load(kept).to_dataset()
     for _ in range(kills):
         process = subprocess.Popen(
-            [sys.executable, "-c", ENDLESS_SAVES, OLD / "gain_analog.nc", good],
+            [sys.executable, "-c", ENDLESS_SAVES, kept, good],
             stdout=subprocess.PIPE,
         )
         assert process.stdout.readline() == b"ready\n"

@@ -258,7 +258,7 @@ def test_gain_falls_at_the_edge_of_the_field_of_view(tilt_deg, most):
     assert np.all((0.0 < share) & (share < most))
 
 
-def test_a_gimbal_makes_the_coupled_series_the_plain_one():
+def test_a_gimbal_makes_the_flown_series_the_plain_one():
     sea, times = JonswapSea(wind_speed=5.0, band="paper"), np.arange(3.0)
     wind = mt.Dryden(wind_speed=13.0)
     flight = mt.Flight(mt.Uav(gimbal=True), wind)
@@ -274,18 +274,13 @@ def test_each_frame_has_its_own_tilt():
     options = {"photons": 1024, "seed": 5}
     flight = mt.Flight(mt.Uav(), wind)
     series = mt.time_series(mt.Link(), FlatSea(), times, flight=flight, **options)
-    with pytest.warns(DeprecationWarning, match="flight="):
-        coupled = mt.coupled_series(mt.Link(), FlatSea(), times, mt.Uav(), wind, **options)
-    assert np.array_equal(coupled.series.gain, series.gain)
-    assert coupled.flight.tilt.angle == pytest.approx(
-        mt.Uav().simulate_flight(wind, times, 5).tilt.angle
-    )
-    for i, (angle, azimuth) in enumerate(zip(*coupled.flight.tilt, strict=True)):
+    flown = mt.Uav().simulate_flight(wind, times, 5)
+    for i, (angle, azimuth) in enumerate(zip(*flown.tilt, strict=True)):
         azimuth_deg = math.degrees(azimuth)
         link = at_depth(10.0, tilt_deg=math.degrees(angle), tilt_azimuth_deg=azimuth_deg)
         alone = mt.simulate(link, FlatSea(), photons=1024, seed=5)
-        assert coupled.series.gain[i] == pytest.approx(alone.gain, rel=1e-9)
-    assert coupled.series.provenance["uav"]["mass"] == 8.37
+        assert series.gain[i] == pytest.approx(alone.gain, rel=1e-9)
+    assert series.provenance["uav"]["mass"] == 8.37
 
 
 def test_coupled_performance_counts_correlated_times():

@@ -275,7 +275,7 @@ def test_round_trips():
         (
             lambda: (
                 JonswapSea(
-                    order=2, jitter=True, omega_max=6.0, d_omega=0.01, order_omega_max=6.0
+                    order=2, band="scaled", omega_max=6.0, d_omega=0.01, order_omega_max=6.0
                 ).components
             ),
             r"^order_omega_max: 6 rad/s makes \d+ bound waves, allowed: at most 4000000",

@@ -127,10 +127,10 @@ def test_bubbles(depth):
 
 
 def test_maps_stay_about_the_origin():
-    grid = mt.MapGrid(height=5.0, extent=8.0, step=1.0, fov_deg=120.0)
+    grid = mt.IrradianceMap(height=5.0, extent=8.0, step=1.0, fov_deg=120.0)
     link, mesh = moved()
     here = run(link, mesh, record=[grid]).map
-    small = mt.MapGrid(height=5e-4, extent=8e-4, step=1e-4, fov_deg=120.0)
+    small = mt.IrradianceMap(height=5e-4, extent=8e-4, step=1e-4, fov_deg=120.0)
     there = run(*moved(1e-4), record=[small]).map
     np.testing.assert_allclose(there.x, 1e-4 * here.x)
     np.testing.assert_allclose(there.irradiance.sum(), 1e8 * here.irradiance.sum(), rtol=1e-3)

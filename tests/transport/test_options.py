@@ -55,7 +55,10 @@ def test_photons_follow_the_estimator_unless_given():
         ({"estimator": "analog", "roulete": 0.1}, "roulete: 0.1, no such key, did you mean roul"),
         ({"record": ["arrival"]}, "record[0].kind: 'arrival', did you mean arrivals?"),
         ({"record": ["arrivals", mt.Arrivals()]}, "record[1]: 'arrivals', allowed: one record"),
-        ({"record": [mt.MapGrid(5.0, 1.0, 0.5)]}, "record[0]: 'irradiance-map', allowed: arri"),
+        (
+            {"record": [mt.IrradianceMap(height=5.0, extent=1.0, step=0.5)]},
+            "record[0]: 'irradiance-map', allowed: arri",
+        ),
     ],
 )
 def test_wrong_options_are_refused_by_name(options, line):
@@ -68,7 +71,7 @@ def test_maps_need_some_cells():
     with pytest.raises(Refused, match=r"^step: 3.0, allowed: 1 to 10000 cells"):
         mt.IrradianceMap(height=5.0, extent=1.0, step=3.0)
     grid = mt.IrradianceMap(height=5.0, extent=1.0, step=0.5)
-    assert (grid.n, grid) == (4, mt.MapGrid(5.0, 1.0, 0.5))
+    assert (grid.n, grid) == (4, mt.IrradianceMap(height=5.0, extent=1.0, step=0.5))
     assert read_records([grid.model_dump()], mt.Analog()) == {"irradiance-map": grid}
 
 

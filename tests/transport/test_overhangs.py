@@ -285,7 +285,7 @@ def test_forced_detection_refuses_in_one_line(leaning):
 
 
 def test_analog_is_the_default_and_keeps_what_is_chosen(leaning):
-    grid = mt.MapGrid(height=5.0, extent=2.0, step=1.0)
+    grid = mt.IrradianceMap(height=5.0, extent=2.0, step=1.0)
     r = mt.simulate(LAMP, leaning, photons=4096, record=[grid])
     assert r.map is not None
     few = mt.simulate(LAMP, leaning, "analog", photons=4096, max_surface_events=1)

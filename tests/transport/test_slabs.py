@@ -97,7 +97,7 @@ def test_giovanelli(absorption):
 def test_light_wanders_without_bias_sideways():
     """Mean x and y of what leaves a slab under the zenith sun are those of the sun's square."""
     link = slab_link(2.0, 0.9, 0.75, 1.33, 1.33)
-    grid = mt.MapGrid(height=1.0, extent=8.0, step=0.5)
+    grid = mt.IrradianceMap(height=1.0, extent=8.0, step=0.5)
     r = mt.simulate(link, wide_mesh(), estimator="analog", photons=300_000, seed=36, record=[grid])
     light = r.map.irradiance
     x = r.map.x

@@ -128,7 +128,7 @@ def test_facet_and_vertex_normals_converge_to_each_other(sea):
 
 def test_focusing_moves_light_and_loses_none():
     """A caustic at the receiver's height: bright lines, dark gaps, the same total."""
-    grid = mt.MapGrid(height=5.0, extent=6.0, step=0.1)
+    grid = mt.IrradianceMap(height=5.0, extent=6.0, step=0.1)
     lamp = mt.Led(half_angle_deg=5.0)
     link = mt.Link(water=CLEAR, transmitter=lamp, receiver=mt.Receiver(radius=0.3))
     calm, wavy = (

@@ -12,7 +12,7 @@ import pytest
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.fading import resolve_band
-from meshtrace.surfaces import JonswapSea, resolved_sea
+from meshtrace.surfaces import FlatSea, JonswapSea, MeshSequence, resolved_sea
 from meshtrace.viz import movie
 from meshtrace.viz.movie import SIZE
 
@@ -87,6 +87,25 @@ def test_a_movie_shows_the_sea_of_its_series(tmp_path, monkeypatch):
     with pytest.raises(StopAsyncIteration):
         viz.save_movie(wide, JonswapSea(), [0.0, 0.1], tmp_path / "a.gif", photons=64)
     assert seen == [resolve_band(wide, resolved_sea(5.0, fetch=30e3))] * 2
+
+
+def test_a_movie_of_meshes_from_files(tmp_path, monkeypatch):
+    """A source of meshes has no `elevation`: the colour limit is 1.2 of the highest vertex."""
+    limits = []
+
+    def stop(link, sea, **options):
+        limits.append(options["style"].color_limit)
+        raise StopAsyncIteration
+
+    for i, height in enumerate((0.1, 0.3, 0.2)):
+        FlatSea(height=height).mesh(extent=25.0, spacing=5.0).to_trimesh().export(
+            tmp_path / f"sea_{i}.ply"
+        )
+    sea = MeshSequence(str(tmp_path / "sea_*.ply"), frame_rate=2.0)
+    monkeypatch.setattr(movie, "scene", stop)
+    with pytest.raises(StopAsyncIteration):
+        viz.save_movie(LINK, sea, TIMES, tmp_path / "a.gif", gain=GAIN)
+    assert limits == [pytest.approx(0.12)]
 
 
 @pytest.mark.thorough

@@ -172,6 +172,23 @@ def test_bubbles_whiten_the_water(shoot):
     assert not (change < -60).any()
 
 
+class Layer(mt.BubblePopulation):
+    @property
+    def e_folding(self):
+        return 0.5
+
+    def b(self, depth):
+        return 0.2 * np.exp(-np.asarray(depth) / self.e_folding)
+
+    def phase_function(self):
+        return mt.HenyeyGreenstein(g=0.8)
+
+
+def test_bubbles_of_a_users_own_class_are_drawn(shoot):
+    plotter, _ = shoot(mt.Link(bubbles=Layer()))
+    assert "bubbles, 0.2 1/m at the surface" in plotter.key
+
+
 def test_the_block_of_water_is_closed(shoot):
     plotter, _ = shoot(mt.Link(bubbles=mt.HallNovarini(wind_speed=5.0)))
     far, near = (plotter.actors[name] for name in ("water", "near water"))

@@ -74,8 +74,8 @@ def compute(
 
 
 def _finished(
-    client: distributed.Client, futures: list[distributed.Future], timeout: float
-) -> Iterator[tuple[distributed.Future, Any]]:
+    client: distributed.Client, futures: list[distributed.Future[Any]], timeout: float
+) -> Iterator[tuple[distributed.Future[Any], Any]]:
     """Yield tasks as they finish, with result or error; refuse to wait for workers that are gone.
 
     A result lost with its worker before it arrives here is awaited again: the scheduler has

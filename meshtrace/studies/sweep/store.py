@@ -91,11 +91,8 @@ def _verified(path: Path) -> dict[str, Any]:
     if not is_sweep:
         other = Described(f"{str(path)!r} is not that of a sweep")
         raise Refused("store", other, "one, or a new path")
-    if "digest" not in attributes:
-        old = Described(f"{str(path)!r} has no checksums, as of earlier versions")
-        raise Refused("store", old, "a new path")
     content["attributes"] = {k: v for k, v in attributes.items() if k != "digest"}
-    if attributes["digest"] != _digest(_canonical(content)):
+    if attributes.get("digest") != _digest(_canonical(content)):
         raise _damaged(top, "its checksum differs")
     for name, digest in attributes["digests"].items():
         file = path / name / "zarr.json"
