@@ -29,6 +29,8 @@ def on_link(
     values = defaults(function) | asked
     steps = None if values.get("rtol") else values.get(study.steps)
     total = steps if isinstance(steps, int | None) else len(steps)
+    if total is not None and total < study.least:
+        raise Refused(study.steps, total, f">= {study.least}")
     with progress(total, False, study.doing, study.kernels) as (_, advance):
         found = function(scenario, progress=advance, **asked)
     written.write(found)

@@ -29,6 +29,7 @@ class Study:
     study: str
     options: dict[str, str]
     steps: str = ""
+    least: int = 0
     doing: str = "over the seas"
     kernels: str = "forced"
 
