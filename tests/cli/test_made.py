@@ -13,6 +13,7 @@ from meshtrace.cli.commands import study_commands
 from meshtrace.cli.made import sentences
 from meshtrace.cli.reading import reader_of
 from meshtrace.errors import Refused
+from meshtrace.results import load
 
 
 def documented(first, second=2.0, third=None):
@@ -150,3 +151,11 @@ def test_studies_are_imported_by_their_own_commands_only():
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
     assert set(study_commands()) < set(get_command(cli.app).commands)
+
+
+def test_photons_of_the_table_count_in_every_study(tmp_path):
+    """The study of fading alone would take those of the link file."""
+    bands = ("--what", "fading", "--omega-max", "2,3,4,5")
+    done = meshtrace("converge", *bands, "-o", tmp_path / "a.nc")
+    assert done.exit_code == 0, done.stderr
+    assert load(tmp_path / "a.nc").provenance["run"]["photons"] == 2048
