@@ -1,27 +1,9 @@
-"""The command line, one module for each command.
+"""The command line: `commands.py` has the table of those that run a study.
 
 Heavy imports happen inside the commands, so that --help is quick.
 """
 
-from meshtrace.cli import (  # noqa: F401, the commands join the application
-    bench,
-    ber,
-    compare,
-    converge,
-    coverage,
-    explore,
-    figures,
-    new,
-    optimize,
-    plot,
-    run,
-    sensitivity,
-    series,
-    sweep,
-    validate,
-    view,
-    warm,
-)
+from meshtrace.cli import run, tools, view  # noqa: F401, the commands join the application
 from meshtrace.cli.app import app
 
 __all__ = ["app"]

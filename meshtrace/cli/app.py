@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from meshtrace.cli.commands import study_commands
 from meshtrace.cli.console import warnings_as_lines
 from meshtrace.errors import Refused
 
@@ -18,6 +19,10 @@ INTERRUPTED = 130
 
 class _Commands(TyperGroup):
     """Command group: failures are one line on stderr, with exit code 2, or 130 after Ctrl-C."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        self.commands = dict(sorted([*self.commands.items(), *study_commands().items()]))
 
     def main(self, *args: Any, **extra: Any) -> Any:
         standalone = extra.get("standalone_mode", True)

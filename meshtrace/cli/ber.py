@@ -1,4 +1,4 @@
-"""`meshtrace ber`: from the gain to bits."""
+"""The work of `meshtrace ber`: from the gain to bits."""
 
 from __future__ import annotations
 
@@ -9,43 +9,15 @@ from typing import TYPE_CHECKING, Any
 import typer
 from typer import Option
 
-from meshtrace.cli.app import app
-from meshtrace.cli.console import finite, numbers, over_seas, scenario_of
-from meshtrace.cli.options import (
-    SERIES_CHAINS,
-    AsJson,
-    Chains,
-    LinkFile,
-    Output,
-    Seed,
-    Settings,
-    Threads,
-    Trust,
-    grouped,
-)
+from meshtrace.cli.console import finite, progress
+from meshtrace.cli.made import Study
+from meshtrace.cli.options import AsJson, Chains, Changes, LinkFile, Output, Seed, Threads
 from meshtrace.cli.outputs import check_output, save
+from meshtrace.cli.reading import numbers
 from meshtrace.errors import Refused
 
 if TYPE_CHECKING:
     from meshtrace.studies.performance.tables import LinkPerformance
-
-
-@dataclass(frozen=True)
-class Study:
-    """Conditions of the bits."""
-
-    bit_rates: str = Option("1e6,5e6,1e7", metavar="LIST", help="Bit rates [bit/s].")
-    depths: str | None = Option(
-        None, metavar="START:STOP:STEP", help="Depths [m], or a list; needed for the range."
-    )
-    winds: str | None = Option(
-        None, "--wind", metavar="LIST", help="Wind speeds [m/s], such as 0,5,13."
-    )
-    preset: str | None = Option(None, metavar="NAME", help="physical, paper or paper-ranges.")
-    limit: float = Option(1e-3, metavar="BER", help="Largest bit error rate of a working link.")
-    realizations: int | None = Option(
-        None, "-n", "--realizations", help="Independent seas per depth: 200, or 50 with --depths."
-    )
 
 
 @dataclass(frozen=True)
@@ -76,57 +48,53 @@ class Light:
         return {"daylight.model": model, "daylight.sun_zenith_deg": zenith, **filtered}
 
 
-@app.command()
-@grouped
 def ber(
+    study: Study,
+    asked: dict[str, Any],
     *,
     link: LinkFile = None,
-    study: Study,
+    realizations: int | None = Option(
+        None, "-n", "--realizations", help="Independent seas per depth: 200, or 50 with --depths."
+    ),
+    winds: str | None = Option(
+        None, "--wind", metavar="LIST", help="Wind speeds [m/s], such as 0,5,13."
+    ),
+    preset: str | None = Option(None, metavar="NAME", help="physical, paper or paper-ranges."),
     uav: str | None = Option(None, metavar="NAME", help="Airframe that tilts the receiver."),
     light: Light,
     coupled: bool = Option(False, "--coupled", help="Apply the tilt to every photon."),
     output: Output = None,
     as_json: AsJson = False,
-    photons: Chains = SERIES_CHAINS,
+    photons: Chains = "2048",
     seed: Seed = None,
     threads: Threads = None,
-    settings: Settings = None,
-    trust: Trust = False,
+    changes: Changes,
 ) -> None:
-    """Print bit error rate, outage, margin, capacity and range of a link."""
+    """Evaluate a link in each wind."""
     from meshtrace.mesh import RandomSea
-    from meshtrace.studies.performance.link_performance import link_performance
     from meshtrace.studies.performance.tables import DepthSweep
 
-    run = {"photons": photons, "seed": seed, "threads": threads}
-    scenarios = []
-    for speed in [None] if study.winds is None else numbers("--wind", study.winds):
-        given = {"detector.preset": study.preset, "uav.preset": uav, "wind_speed": speed}
-        given |= light.changes()
-        changes = [f"{key}={value}" for key, value in given.items() if value is not None]
-        scenarios.append(scenario_of(link, [*(settings or []), *changes], trust=trust, **run))
+    given = {"detector.preset": preset, "uav.preset": uav, **light.changes()}
+    given |= {"run.photons": photons, "run.seed": seed, "run.threads": threads}
+    speeds = [None] if winds is None else numbers("--wind", winds)
+    scenarios = [changes.scenario(link, given | {"wind_speed": speed}) for speed in speeds]
     check_output(output, link)
-    realizations = study.realizations
     if realizations is None:
-        realizations = 200 if study.depths is None else 50
-    asked: dict[str, Any] = {
-        "bit_rate": numbers("--bit-rates", study.bit_rates),
-        "depths": None if study.depths is None else numbers("--depths", study.depths),
-        "limit": study.limit,
-        "realizations": realizations,
-        "coupled": coupled,
-    }
+        realizations = 50 if "depths" in asked else 200
     many = [coupled or isinstance(s.surface, RandomSea) for s in scenarios]
-    seas = sum(realizations if m else 1 for m in many) * len(asked["depths"] or [0])
-    with over_seas(seas, as_json) as step:
-        found = [(s.wind_speed, link_performance(s, progress=step, **asked)) for s in scenarios]
+    seas = sum(realizations if m else 1 for m in many) * len(asked.get("depths", [0]))
+    asked |= {"realizations": realizations, "coupled": coupled}
+    with progress(seas, as_json, study.doing, study.kernels) as (_, advance):
+        found = [
+            (s.wind_speed, study.functions[0](s, progress=advance, **asked)) for s in scenarios
+        ]
     if as_json:
         typer.echo(json.dumps([_plain(*one) for one in found], allow_nan=False))
     else:
         texts = [f"wind {speed:g} m/s\n\n{p.summary()}" for speed, p in found]
         typer.echo("\n\n".join(texts))
-    speeds, performances = zip(*found, strict=True)
-    result = performances[0] if len(found) == 1 else DepthSweep(speeds, performances)
+    winds_of, performances = zip(*found, strict=True)
+    result = performances[0] if len(found) == 1 else DepthSweep(winds_of, performances)
     save(result, output, as_json)
 
 

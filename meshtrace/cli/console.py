@@ -1,4 +1,4 @@
-"""Services shared by the commands: link files, outputs, progress, warnings, plain data."""
+"""Services shared by the commands: progress, warnings, plain data."""
 
 from __future__ import annotations
 
@@ -6,55 +6,13 @@ import math
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
 from meshtrace.errors import Described, Refused, one_line
 
-if TYPE_CHECKING:
-    from meshtrace.scenario import Scenario
-
 COMPILING = "compiling kernels (first run only)"
-
-
-def numbers(option: str, text: str) -> list[float]:
-    """Return the numbers of a list "1,2,3" or a range "start:stop:step", its end included."""
-    wrong = Refused(option, text, "numbers as in 1,2,3, or start:stop:step")
-    try:
-        if ":" not in text:
-            found = [float(word) for word in text.split(",")]
-        else:
-            start, stop, step = (float(word) for word in text.split(":"))
-            count = math.floor((stop - start) / step + 1e-9) + 1
-            if not (step > 0.0 and 1 <= count <= 10**7):
-                raise wrong
-            found = [start + step * i for i in range(count)]
-    except (ValueError, ZeroDivisionError, OverflowError) as error:
-        raise wrong from error
-    if not all(math.isfinite(value) for value in found):
-        raise wrong
-    return found
-
-
-def scenario_of(
-    link: Path | None,
-    settings: list[str] | None,
-    wind: str | float | None = None,
-    trust: bool = False,
-    **options: str | float | None,
-) -> Scenario:
-    """Return the scenario of a link file, with changes by "key=value", wind and [run] options."""
-    from meshtrace.scenario import Scenario, parse_setting
-
-    given = [f"run.{key}={value}" for key, value in options.items() if value is not None]
-    if wind is not None:
-        given.append(f"wind_speed={wind}")
-    changes = dict(parse_setting(setting) for setting in [*(settings or []), *given])
-    if link is None:
-        return Scenario.from_toml("", changes=changes, trust=trust)
-    return Scenario.load(link, changes, trust=trust)
 
 
 @contextmanager
@@ -83,13 +41,6 @@ def progress(
         if not all(kernels_are_compiled(name) for name in estimators):
             say(COMPILING)
         yield say, lambda done: bar.update(task, description=doing, total=total, advance=done)
-
-
-@contextmanager
-def over_seas(seas: int, quiet: bool = False) -> Iterator[Callable[[int], None]]:
-    """Yield the callback that advances the progress bar by finished seas."""
-    with progress(seas, quiet, "over the seas", "forced") as (_, advance):
-        yield advance
 
 
 def kernels_are_compiled(estimator: str) -> bool:

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from meshtrace.cli.console import scenario_of
-
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
-
-SERIES_CHAINS = "2048"
 
 LinkFile = Annotated[
     Path | None,
@@ -40,39 +35,38 @@ Settings = Annotated[
     ),
 ]
 
-
-def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """Replace the parameters of a command that are dataclasses by the options of their fields."""
-    signature = inspect.signature(command, eval_str=True)
-    parameters = signature.parameters.values()
-    groups: Any = {p.name: p.annotation for p in parameters if is_dataclass(p.annotation)}
-
-    def call(**given: Any) -> None:
-        for name, group in groups.items():
-            given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
-        command(**given)
-
-    options: dict[str, inspect.Parameter] = {}
-    for p in parameters:
-        group = groups.get(p.name)
-        options |= inspect.signature(group, eval_str=True).parameters if group else {p.name: p}
-    named = [option.replace(kind=option.KEYWORD_ONLY) for option in options.values()]
-    call.__name__, call.__doc__ = command.__name__, command.__doc__
-    call.__signature__ = inspect.Signature(named)  # type: ignore[attr-defined]
-    return call
+_KEYS = {"wind": "wind_speed", "seed": "run.seed", "threads": "run.threads"}
 
 
 @dataclass(frozen=True)
-class Case:
-    """Options that complete a link file."""
+class Changes:
+    """Options that change a link file."""
 
-    seed: Seed = None
-    threads: Threads = None
-    wind: Wind = None
     settings: Settings = None
     trust: Trust = False
 
-    def scenario(self, link: Path | None, **run: str | None) -> Scenario:
-        """Return the scenario of a link file with these options and others of [run]."""
-        own = {"seed": self.seed, "threads": self.threads}
-        return scenario_of(link, self.settings, self.wind, self.trust, **run, **own)
+    def scenario(self, link: Path | None, more: Mapping[str, Any] | None = None) -> Scenario:
+        """Return the scenario of a link file with these changes and more of them, by keys."""
+        from meshtrace.scenario import Scenario, parse_setting
+
+        own = {key: getattr(self, name, None) for name, key in _KEYS.items()}
+        given = (f"{k}={v}" for k, v in {**own, **(more or {})}.items() if v is not None)
+        changes = dict(parse_setting(setting) for setting in (*(self.settings or []), *given))
+        if link is None:
+            return Scenario.from_toml("", changes=changes, trust=self.trust)
+        return Scenario.load(link, changes, trust=self.trust)
+
+
+@dataclass(frozen=True)
+class InWind(Changes):
+    """Options that change a link file and its wind."""
+
+    wind: Wind = None
+
+
+@dataclass(frozen=True)
+class Case(InWind):
+    """Options that change a link file, its wind and its run."""
+
+    seed: Seed = None
+    threads: Threads = None

@@ -11,8 +11,9 @@ import typer
 from typer import Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import COMPILING, finite, kernels_are_compiled, progress, scenario_of
-from meshtrace.cli.options import AsJson, LinkFile, Output, Seed, Settings, Threads, Trust, Wind
+from meshtrace.cli.console import COMPILING, finite, kernels_are_compiled, progress
+from meshtrace.cli.made import grouped
+from meshtrace.cli.options import AsJson, Case, LinkFile, Output
 from meshtrace.cli.outputs import check_output, save
 
 if TYPE_CHECKING:
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
 
 
 @app.command()
+@grouped
 def run(
+    *,
     link: LinkFile = None,
     output: Output = None,
     as_json: AsJson = False,
@@ -29,18 +32,14 @@ def run(
     rtol: str | None = Option(
         None, metavar="R", help="Target for the relative standard error, such as 0.01."
     ),
-    seed: Seed = None,
     estimator: str | None = Option(None, metavar="NAME", help="forced or analog."),
-    threads: Threads = None,
-    wind: Wind = None,
-    settings: Settings = None,
-    trust: Trust = False,
+    case: Case,
     verbose: bool = Option(False, "--verbose", "-v", help="Print samples and chains, too."),
 ) -> None:
     """Simulate one link and print its channel gain."""
     # words as yet, for the link file's own checks
-    options = {"photons": photons, "rtol": rtol, "seed": seed, "estimator": estimator}
-    scenario = scenario_of(link, settings, wind, trust, **options, threads=threads)
+    options = {"run.photons": photons, "run.rtol": rtol, "run.estimator": estimator}
+    scenario = case.scenario(link, options)
     check_output(output, link)
     result, wall_time = _simulate(scenario, quiet=as_json)
     data = _plain(result, wall_time) if as_json else None

@@ -1,4 +1,4 @@
-"""`meshtrace sweep`: a study file on all cores or on a cluster."""
+"""The work of `meshtrace sweep`: a study file on all cores or on a cluster."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
-from typer import Argument, Option
+from typer import Argument
 
-from meshtrace.cli.app import app
 from meshtrace.cli.console import COMPILING, extra, kernels_are_compiled
+from meshtrace.cli.made import Study
 from meshtrace.cli.options import Output, Trust
 from meshtrace.cli.outputs import check_output
 
@@ -19,38 +19,32 @@ if TYPE_CHECKING:
 _MOST_ROWS = 200  # printed; the store holds all
 
 
-@app.command()
 def sweep(
-    study: Path = Argument(metavar="STUDY.TOML", help="Link file with a table [sweep]."),
-    store: Path | None = Option(
-        None, metavar="A.ZARR", help="Store of the results; default: STUDY.zarr beside STUDY.TOML."
-    ),
-    scheduler: str | None = Option(
-        None, metavar="TCP://...", help="Address or file of a running dask scheduler."
-    ),
-    workers: int | None = Option(
-        None, metavar="N", min=1, max=1024, help="Number of processes; default: all cores."
-    ),
-    timeout: float = Option(
-        60.0, metavar="S", min=0.0, help="Time limit for a scheduler and a worker to respond [s]."
-    ),
+    study: Study,
+    asked: dict[str, Any],
+    *,
+    file: Path = Argument(metavar="STUDY.TOML", help="Link file with a table [sweep]."),
     output: Output = None,
     trust: Trust = False,
 ) -> None:
-    """Compute the gain at every combination of some parameters.
-
-    Finished points are kept in the store: after an interruption the same command resumes. The exit
-    code is 1 if points failed; their errors are in the store.
-    """
-    check_output(output, study)
-    options = {"scheduler": scheduler, "workers": workers, "timeout": timeout, "trust": trust}
-    data, place = _swept(study, store, options)
+    """Run a study file, print and write its gains."""
+    _, sweep_file, store_of = study.functions
+    check_output(output, file)
+    asked["store"] = asked.get("store") or store_of(file)
+    if not kernels_are_compiled("forced"):
+        typer.echo(COMPILING, err=True)
+    try:
+        with extra("sweep", "batch"):
+            data = sweep_file(file, trust=trust, **asked)
+    except KeyboardInterrupt:
+        typer.echo(f"finished points are in {asked['store']}; the same command resumes", err=True)
+        raise
     typer.echo("\n".join(_rows(data)))
     if output is not None:
         from meshtrace.stored import write_dataset
 
         write_dataset(data, output)
-    for path in (place, output):
+    for path in (asked["store"], output):
         if path is not None:
             typer.echo(f"\nwritten to {path}")
     errors = [text for text in data["error"].values.ravel().tolist() if text]
@@ -58,21 +52,6 @@ def sweep(
         share = f"{len(errors)} of {data['error'].size} runs failed"
         typer.echo(f"warning: {share}, the first: {errors[0]}", err=True)
         raise typer.Exit(1)
-
-
-def _swept(study: Path, store: Path | None, options: dict[str, Any]) -> tuple[xr.Dataset, Path]:
-    """Return the results of a study file and their store."""
-    from meshtrace.studies.sweep import store_of, sweep_file
-
-    place = store or store_of(study)
-    if not kernels_are_compiled("forced"):
-        typer.echo(COMPILING, err=True)
-    try:
-        with extra("sweep", "batch"):
-            return sweep_file(study, store=place, **options), place
-    except KeyboardInterrupt:
-        typer.echo(f"finished points are in {place}; the same command resumes", err=True)
-        raise
 
 
 def _rows(data: xr.Dataset) -> list[str]:

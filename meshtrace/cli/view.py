@@ -11,8 +11,9 @@ import typer
 from typer import Argument, Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import extra, progress, scenario_of
-from meshtrace.cli.options import Settings, Trust, Wind, grouped
+from meshtrace.cli.console import extra, progress
+from meshtrace.cli.made import grouped
+from meshtrace.cli.options import InWind
 from meshtrace.errors import MISSING, Described, Refused, require_finite
 
 if TYPE_CHECKING:
@@ -115,9 +116,7 @@ def view(
     time: float | None = Option(None, metavar="S", help="Time of the sea [s]."),
     film: Film,
     seed: int = Option(1, metavar="N", min=0, help="Seed of the paths."),
-    wind: Wind = None,
-    settings: Settings = None,
-    trust: Trust = False,
+    changes: InWind,
 ) -> None:
     """Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files."""
     positive = {
@@ -133,7 +132,7 @@ def view(
     with extra("viz", "viz"):
         from meshtrace.viz import SceneStyle
         from meshtrace.viz import view as show
-    subject = _subject(file, settings, wind, trust)
+    subject = _subject(file, changes)
     subject = subject._replace(
         time=subject.time if time is None else time, coverage=light.map_photons or subject.coverage
     )
@@ -155,17 +154,16 @@ def view(
         typer.echo(f"written to {path}")
 
 
-def _subject(
-    file: Path | None, settings: list[str] | None, wind: str | None, trust: bool
-) -> Subject:
+def _subject(file: Path | None, changes: InWind) -> Subject:
     """Return the contents of a file."""
     from meshtrace.scenario import MeshFile
 
     suffix = ".toml" if file is None else file.suffix.lower()
     if suffix == ".toml":
-        return _of_scenario(scenario_of(file, settings, wind, trust))
+        return _of_scenario(changes.scenario(file))
     assert file is not None
-    given = {"--set": settings and settings[0], "--wind": wind, "--trust": trust}
+    first = changes.settings and changes.settings[0]
+    given = {"--set": first, "--wind": changes.wind, "--trust": changes.trust}
     for option, value in given.items():
         if value:
             raise Refused(option, value, "with a link file")

@@ -42,7 +42,7 @@ def coverage_map(
     extent: float = 5.0,
     step: float = 0.25,
     *,
-    times: Sequence[float] = (0.0,),
+    times: Sequence[float] | None = None,
     photons: int = 4_000_000,
     rtol: float | None = None,
     seed: int | None = None,
@@ -64,17 +64,18 @@ def coverage_map(
     surface : MeshSource or TriangleMesh, optional
         The surface; by default that of the scenario.
     extent : float
-        The map covers |x|, |y| <= extent [m].
+        Half-width of the map [m]. It covers |x|, |y| <= extent.
     step : float
-        Edge of a cell [m]; the gain is the mean over the cell, so that a step below the
+        Edge of a cell [m]. The gain is the mean over the cell, so that a step below the
         aperture's diameter resolves nothing more.
-    times : sequence of float
-        Times [s] over which the map is averaged.
+    times : sequence of float, optional
+        Times [s] over which the map is averaged; by default 0, or that of the scenario.
     photons : int
         Photons for each time; with `rtol` the first guess, of which 2^20 count.
     rtol : float, optional
-        Standard error to reach in every cell, relative to its gain, > 0. Cells darker than a
-        hundredth of the highest gain reach `rtol` of that.
+        Relative standard error > 0 to reach in every cell by more photons; unscattered light is
+        exact where its image is known. Cells darker than a hundredth of the highest gain reach
+        `rtol` of that.
     seed, normals, threads
         As in `simulate`.
     progress : callable, optional
@@ -118,7 +119,8 @@ def coverage_map(
     require_whole(photons, 1, 2**53, "photons")
     if rtol is not None and not 0.0 < rtol < math.inf:
         raise Refused("rtol", rtol, "a finite number > 0")
-    at = require_finite(times, "times", "one or more times [s]").tolist()
+    given_times = case.meshing.time if times is None else times
+    at = require_finite(given_times, "times", "one or more times [s]").tolist()
     view = {"axis": receiver.axis, "fov_deg": receiver.fov_deg}
     grid = IrradianceMap(height=receiver.center[2], extent=extent, step=step, **view)
     exact = rtol is not None and not isinstance(case.run.estimator, Analog)

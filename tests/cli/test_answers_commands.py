@@ -33,7 +33,7 @@ def test_optimize_prints_and_writes_the_best_link(tmp_path):
         (("sensitivity", *STILL, "--of", "gian"), "did you mean gain"),
         (("optimize", *STILL, "--over", "receiver.fov_deg"), "--over"),
         (("optimize", *STILL, "--over", "receiver.fov_deg=60"), "KEY=LOW,HIGH"),
-        (("optimize", *STILL, "--over", "receiver.fov_deg=6,60", "--hover", "1"), "hover_std"),
+        (("optimize", *STILL, "--over", "receiver.fov_deg=6,60", "--hover", "1"), "--hover: '1'"),
     ],
 )
 def test_refusals(words, message):

@@ -145,7 +145,7 @@ def test_our_own_failures_keep_their_traceback(monkeypatch):
     def fail(*args, **kwargs):
         raise ValueError("a slip of ours")
 
-    monkeypatch.setattr(cli.run, "scenario_of", fail)
+    monkeypatch.setattr(Scenario, "simulate", fail)
     result = meshtrace("run")
     assert isinstance(result.exception, ValueError)
     assert result.exit_code == 1

@@ -6,7 +6,7 @@ import pytest
 from command_line import meshtrace, refusal
 
 from meshtrace import viz
-from meshtrace.cli.plot import _content
+from meshtrace.cli.tools import _content
 
 FEW = ("--photons", "64")
 SWEEP = """bubbles = "none"

@@ -191,7 +191,7 @@ def test_command():
     for more, message in (
         (["--spacings", "1,2,3,4"], "--spacings"),
         (["--plot", "a.xyz"], "--plot"),
-        (["--omega-max", "4,8"], "omega_max"),
+        (["--omega-max", "4,8"], "--omega-max"),
     ):
         refused = invoke(cli.app, ["converge", "--what", "fading", *more])
         assert refused.exit_code == 2

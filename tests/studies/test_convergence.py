@@ -389,12 +389,12 @@ def test_command_studies_bands_and_time_steps():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--spacings", "1,2"], "spacings: [1.0, 2.0], allowed: at least four different values"),
+        (["--spacings", "1,2"], "--spacings: [1.0, 2.0], allowed: at least four different values"),
         (["--spacings", "x"], "--spacings: 'x', allowed: numbers"),
-        (["--spacings", "2,1", "--omega-max", "2"], "--omega-max: '2', allowed: not beside"),
+        (["--spacings", "2,1", "--omega-max", "2"], "--omega-max: [2.0], allowed: not beside"),
         (["--realizations", "3"], "--realizations: 3, allowed: only with --omega-max"),
         (["--plot", "study.xyz"], "--plot: 'study.xyz', allowed: a file ."),
-        (["--normals", "smooth"], "normals: ['smooth'], allowed: vertex and facet"),
+        (["--normals", "smooth"], "--normals: 'smooth', allowed: vertex, facet"),
         (
             ["--set", "sea.spectrum=flat", "--omega-max", "1,2,3,4"],
             "surface: FlatSea, allowed: a rand",

@@ -342,7 +342,7 @@ def test_scheduler_that_is_none_is_reported_in_one_line(tmp_path):
     path = write_study(tmp_path, "[sweep.parameters]\nwind_speed = [5.0]")
     result = sweep_command(path, "--scheduler", "nonsense")
     assert result.exit_code == 2
-    assert "error: scheduler: 'nonsense'" in result.stderr
+    assert "error: --scheduler: 'nonsense'" in result.stderr
 
 
 def test_point_without_light_ends(address):

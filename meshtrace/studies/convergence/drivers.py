@@ -73,18 +73,17 @@ def convergence_study(
     time : float, optional
         Time of the sea [s].
     placements : int
-        Meshes of each spacing, moved against the sea by parts of a cell; 1 keeps one mesh, whose
+        Meshes of each spacing, moved against the sea by parts of a cell. 1 keeps one mesh, whose
         lines go through the origin.
     reference : "analytic" or None
         Whether to find the gain over the exact sum of waves too.
     tolerance : float
-        Relative error of one surface that the recommended spacing meets.
+        Relative error of one surface with the recommended step.
     receiver : int
         Index of the receiver.
     unresolved : {"none", "tilt"}
-        Whether normals tilt at random by the slopes that each mesh leaves out
-        (`Physics.unresolved`): "none" studies the mesh itself, "tilt" whether the mean gain is
-        free of it.
+        Slopes of the waves that each mesh leaves out. "none" studies the mesh itself, "tilt"
+        whether the mean gain is free of it: normals tilt at random (`Physics.unresolved`).
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
     progress : callable, optional
@@ -166,8 +165,8 @@ def band_limit_study(
     omega_max : sequence of float
         At least four band limits [rad s-1].
     realizations : int
-        Realizations of the phases, common to all limits: a wider band adds waves to those of a
-        narrower one.
+        Seas of each band. Their phases are common to all limits: a wider band adds waves to those
+        of a narrower one.
     spacing : float, optional
         Spacing of the mesh [m], 0.1 by default; a few to the shortest wave.
     normals, photons, seed, time, tolerance, receiver, unresolved, threads, progress
@@ -215,7 +214,7 @@ def time_step_study(
     surface: SurfaceModel | None = None,
     steps: Sequence[float] = (),
     *,
-    duration: float,
+    duration: float | None = None,
     start: float | None = None,
     normals: Sequence[Normals] = ("vertex",),
     photons: int = 2048,
@@ -236,8 +235,8 @@ def time_step_study(
         The sea.
     steps : sequence of float
         At least four time steps [s], all multiples of the shortest.
-    duration : float
-        Length of the series [s], a multiple of every step.
+    duration : float, optional
+        Length of the series [s], a multiple of every step; by default eight of the longest.
     start : float, optional
         Its beginning [s], by default 0 or the time of the scenario.
     spacing : float, optional
@@ -255,7 +254,8 @@ def time_step_study(
     positive("tolerance", tolerance)
     finest = 0.5 * values[-1]
     strides = [checks.multiple_of("steps", value / finest) for value in values]
-    n = checks.multiple_of("duration", positive("duration", duration) / finest)
+    duration = 8.0 * values[0] if duration is None else positive("duration", duration)
+    n = checks.multiple_of("duration", duration / finest)
     for value, stride in zip(values, strides, strict=True):
         if n % stride:
             raise Refused("duration", duration, f"multiples of the step {value:g} s")

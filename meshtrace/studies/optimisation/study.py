@@ -60,7 +60,7 @@ def optimize(
     realizations: int = 64,
     photons: int = 2048,
     method: Method = "auto",
-    seed: int = 1,
+    seed: int | None = None,
     *,
     wind: Dryden | None = None,
     ook: OokLink | Preset | None = "physical",
@@ -82,11 +82,11 @@ def optimize(
         one whose band is left open has all waves that make the light of the start fade
         (`fading.resolve_band`); gain and margin are means and need none of them.
     over : mapping of str to (low, high)
-        Variables by their keys in a link file, with bounds.
+        Variables by their keys in a link file, such as receiver.fov_deg, with bounds.
     objective : {"outage", "gain", "range", "margin"} or callable
-        "outage" minimises the `quantile` of -ln(gain / need), "gain" and "margin" maximise means,
-        "range" the depth at which the averaged error rate meets `limit`. A callable takes
-        (link, gains, weights) and returns a number to minimise.
+        Quantity to improve. "outage" minimises the `quantile` of -ln(gain / need), "gain" and
+        "margin" maximise means, "range" the depth at which the averaged error rate meets `limit`.
+        A callable takes (link, gains, weights) and returns a number to minimise.
     constraints : sequence of callable
         Functions of the link that are >= 0 where it is allowed.
     hover_std : (float, float)
@@ -98,18 +98,18 @@ def optimize(
     photons : int
         Chains, common to all candidates.
     method : {"auto", "bounded", "cobyqa", "global"}
-        Bounded search of one variable, COBYQA (up to six, with constraints) or differential
-        evolution. "auto" takes the first that fits.
-    seed : int
-        Seed of seas, places, tilts and chains.
+        Method of the search. "bounded" takes one variable, "cobyqa" up to six, with constraints,
+        "global" is differential evolution; "auto" is the first of them that fits.
+    seed : int, optional
+        Seed of seas, places, tilts and chains, 1 by default or that of the scenario.
     wind : Dryden, optional
         Wind at the aircraft, by default that over the sea.
     ook : OokLink or preset, optional
         Transmission, for all but the gain.
     bit_rate : float, optional
-        R_b [bit s-1].
+        Bit rate R_b [bit s-1], by default that of the transmission.
     limit : float
-        Bit error rate of a working link.
+        Largest bit error rate of a working link.
     quantile : float
         Quantile of the gain for "outage".
     threads : int, optional
@@ -145,8 +145,8 @@ def optimize(
     >>> o.notes[0]
     'transmitter.half_angle_deg is at the bound 3'
     """
-    given = {"photons": photons, "seed": seed, **options}
-    given |= {} if threads is None else {"threads": threads}
+    given = {"photons": photons, "seed": seed, "threads": threads, **options}
+    given = {name: value for name, value in given.items() if value is not None}
     case = forced_case(link, sea, given, fading=realizations > 1 and objective in FADES)
     require_whole(realizations, 1, 100_000, "realizations")
     require_between(quantile, 0.0, 1.0, "quantile")

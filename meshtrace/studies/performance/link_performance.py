@@ -75,13 +75,13 @@ def link_performance(
         that make the light fade at the first depth (`fading.resolve_band`); a sea without random
         phases is taken once.
     bit_rate : float or sequence of float, optional
-        R_b [bit s-1], by default that of `ook`.
+        Bit rates R_b [bit s-1], by default that of `ook`.
     ook : OokLink or {"physical", "paper", "paper-ranges"}, optional
         Transmitter electronics and receiver. "physical", the default, is model W behind
         etendue-limited optics. "paper-ranges" is an empirical calibration
         (`LinkPerformance.status`): water.a is doubled.
     depths : sequence of float, optional
-        Depths of the transmitter [m], rising; by default that of the link.
+        Depths of the transmitter [m], rising, needed for the range; by default that of the link.
     flight : Flight, optional
         Aircraft that carries the receiver, or the lamp of a downlink; none for an end at rest.
     over : Realizations, optional
@@ -90,7 +90,7 @@ def link_performance(
         Light of sun and sky, moon or night, at the wavelength of the transmitter; by default that
         of a scenario, or none: every bit error rate is then that of the dark.
     limit : float
-        Bit error rate before decoding that counts as success, see `budget.FEC_LIMITS`.
+        Largest bit error rate of a working link, before decoding. See `budget.FEC_LIMITS`.
     confidence : float
         Level of the intervals.
     threads : int, optional

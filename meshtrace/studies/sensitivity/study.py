@@ -76,8 +76,8 @@ def sensitivities(
         (`fading.resolve_band`); gain and margin are means and need none of them.
     wrt : sequence of str, optional
         Parameters by their keys in a link file, such as "water.a" and "receiver.position.0"; by
-        default all continuous keys of the link, and of the sea if its band does not follow
-        them. "wind_speed" changes sea, whitecaps and bubbles together; "sea.wind_speed",
+        default all continuous ones. Those are keys of the link, and of the sea if its band does
+        not follow them. "wind_speed" changes sea, whitecaps and bubbles together; "sea.wind_speed",
         "whitecaps.wind_speed" and "bubbles.wind_speed" are the parts.
     of : {"gain", "ber", "outage", "range", "margin"}
         Quantity. "range" is the depth at which the error rate, averaged over the seas, meets
@@ -91,12 +91,12 @@ def sensitivities(
     ook : OokLink or {"physical", "paper", "paper-ranges"}, optional
         Transmission, for all but the gain.
     step : float, optional
-        Step of the differences, relative, or in the unit of an offset or an angle; by default 1 %
-        (10 % of a radius), 1 % of depth plus height, 1 deg.
+        Step of the differences, relative or in the unit of an offset or an angle; by default 1 %.
+        That of a radius is 10 %, of an offset 1 % of depth plus height, of an angle 1 deg.
     limit : float
-        Bit error rate of a working link.
+        Largest bit error rate of a working link.
     bit_rate : float, optional
-        R_b [bit s-1], by default that of `ook`.
+        Bit rate R_b [bit s-1], by default that of the transmission.
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
     resume : path, optional

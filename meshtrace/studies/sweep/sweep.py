@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from meshtrace.errors import MISSING, Refused, require_keys
+from meshtrace.errors import MISSING, Refused, require_between, require_keys, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.models import modules_of, trusting
@@ -71,13 +72,13 @@ def sweep(
     seed : int
         Key of the random numbers, 0 <= seed < 2^64. Points share them.
     store : path, optional
-        Zarr store to keep finished points in. A second call with the same arguments and version
-        resumes the first, however it was stopped.
+        Zarr store that keeps finished points; of a study file by default beside it. A second call
+        with the same arguments and version resumes the first, however it was stopped.
     scheduler : str, optional
         Address of a running dask scheduler, as in "tcp://10.0.0.1:8786", or its scheduler file
         (.json); else a cluster is started on this machine.
     workers : int, optional
-        Processes of that cluster, all cores by default; the result does not depend on them.
+        Processes on this machine, all cores by default; the result does not depend on them.
     timeout : float
         Seconds to wait for the scheduler, and for a worker.
     progress : bool or callable
@@ -155,6 +156,9 @@ def _swept(
     """Return the results of a study, from its store or computed."""
     if scheduler is not None and workers is not None:
         raise Refused("workers", workers, "no workers beside a scheduler")
+    if workers is not None:
+        require_whole(workers, 1, 1024, "workers")
+    require_between(timeout, 0.0, math.inf, "timeout", "[)")
     with locked(store):
         group = open_store(study, store)
         tasks = waiting_tasks(study, group)

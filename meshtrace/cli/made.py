@@ -1,0 +1,186 @@
+"""Commands made from studies: options by the signature, their help by the docstring."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, is_dataclass
+from functools import cached_property
+from importlib import import_module
+from typing import Annotated, Any, NamedTuple
+
+import typer
+from typer.core import TyperCommand
+
+from meshtrace.cli.reading import Reader, reader_of
+from meshtrace.errors import MISSING, Refused, one_line
+
+_SECTION = re.compile(r"^Parameters\n-+\n(.*?)(?=^[^\n]+\n-+$|\Z)", re.MULTILINE | re.DOTALL)
+_KEYWORD = inspect.Parameter.KEYWORD_ONLY
+_ENTRY = re.compile(r"^(\w[\w, ]*?)(?: :.*)?\n((?: .*\n|\n)+)", re.MULTILINE)
+
+
+@dataclass
+class Study:
+    """A study as a command: a row of commands.toml."""
+
+    help: str
+    study: str
+    options: dict[str, str]
+    steps: str = ""
+    least: int = 0
+    doing: str = "over the seas"
+    kernels: str = "forced"
+
+    @cached_property
+    def functions(self) -> list[Callable[..., Any]]:
+        """The function, and others of its module that share the options."""
+        module, _, names = self.study.partition(":")
+        return [getattr(import_module(module), name) for name in names.split()]
+
+
+class StudyCommand(TyperCommand):
+    """A command whose study is imported when its options are needed."""
+
+    def __init__(self, name: str, study: Study, work: Callable[..., None]) -> None:
+        super().__init__(name, help=study.help, rich_markup_mode=None)
+        self._study, self._work = study, work
+
+    @cached_property
+    def _made(self) -> Any:
+        one = typer.Typer(add_completion=False, rich_markup_mode=None)
+        one.command()(_function(self._study, self._work))
+        return typer.main.get_command(one)
+
+    def get_params(self, context: Any) -> Any:
+        """Return arguments and options."""
+        return self._made.get_params(context)
+
+    def invoke(self, context: Any) -> Any:
+        """Run the study."""
+        return self._made.invoke(context)
+
+
+class Group(NamedTuple):
+    """Options of which a command takes one value."""
+
+    options: Iterable[inspect.Parameter]
+    value: Callable[..., Any]
+
+
+def grouped(command: Callable[..., None], **groups: Group) -> Callable[..., None]:
+    """Replace the parameters of a command that are groups, or dataclasses, by their options."""
+    parameters = inspect.signature(command, eval_str=True).parameters
+    for name, p in parameters.items():
+        if name not in groups and is_dataclass(p.annotation):
+            kind: Any = p.annotation
+            groups[name] = Group(inspect.signature(kind, eval_str=True).parameters.values(), kind)
+
+    def call(**given: Any) -> None:
+        for name, group in groups.items():
+            given[name] = group.value(**{one.name: given.pop(one.name) for one in group.options})
+        command(**given)
+
+    options = [groups[n].options if n in groups else [p] for n, p in parameters.items()]
+    named = [one.replace(kind=_KEYWORD) for some in options for one in some]
+    call.__name__, call.__doc__ = command.__name__, command.__doc__
+    call.__signature__ = inspect.Signature(named)  # type: ignore[attr-defined]
+    return call
+
+
+class _Option(NamedTuple):
+    """Option of a parameter: its longest name, the reader of its text, typer's parameter."""
+
+    name: str
+    reader: Reader
+    parameter: inspect.Parameter
+
+
+def _function(study: Study, work: Callable[..., None]) -> Callable[..., None]:
+    """Return the work of a study as a function of its options."""
+    options = {name: _option(study, name) for name in study.options}
+
+    def read(**texts: Any) -> dict[str, Any]:
+        given = {name: text for name, text in texts.items() if text is not None}
+        return {
+            name: options[name].reader.read(options[name].name, text)
+            for name, text in given.items()
+        }
+
+    asked = Group([option.parameter for option in options.values()], read)
+    call = grouped(work, study=Group([], lambda: study), asked=asked)
+
+    def run(**given: Any) -> None:
+        try:
+            call(**given)
+        except Refused as error:
+            if error.source or error.field not in options:
+                raise
+            name, value = options[error.field].name, error.value
+            value = MISSING if value is None else value
+            raise Refused(name, value, error.allowed, error.hint) from error
+
+    run.__signature__ = call.__signature__  # type: ignore[attr-defined]
+    return run
+
+
+def _names(study: Study, name: str) -> list[str]:
+    """Return the names of the option of a parameter, the longest last."""
+    given = [word for word in study.options[name].split() if word.startswith("-")]
+    return given or [f"--{name.replace('_', '-')}"]
+
+
+def _option(study: Study, name: str) -> _Option:
+    """Return the option of a parameter, described by the first function that has it."""
+    functions = [one for one in study.functions if name in defaults(one)]
+    annotation = inspect.signature(functions[0]).parameters[name].annotation
+    reader, choices = reader_of(annotation, functions[0].__globals__)
+    text, names = _help(study, functions[0], name), _names(study, name)
+    text += f": {', '.join(choices[:-1])} or {choices[-1]}" if choices else ""
+    text += f"{reader.note}."
+    words = [word for word in study.options[name].split() if not word.startswith("-")]
+    default = next((word[1:] for word in words if word.startswith("=")), None)
+    found = list(filter(None, dict.fromkeys(_typed(defaults(one)[name]) for one in functions)))
+    if default is None and found and "default" not in text:
+        text += f"  [default: {' or '.join(found)}]"
+    unit = re.search(r"\[(\w)\]", text) if reader.metavar == "X" else None
+    metavar = unit[1].upper() if unit else reader.metavar
+    metavar = next((word for word in words if not word.startswith("=")), metavar)
+    declared: Any = typer.Option(*names, metavar=metavar, help=text)
+    kind = Annotated[reader.kind, declared]  # type: ignore[name-defined]
+    made = inspect.Parameter(name, _KEYWORD, default=default, annotation=kind)
+    return _Option(names[-1], reader, made)
+
+
+def _help(study: Study, function: Callable[..., Any], name: str) -> str:
+    """Return the sentence about a parameter, with names of options in place of parameters."""
+    text = sentences(function)[name].rstrip(".")
+    if "=" in study.options[name]:  # the command has a default of its own
+        text = re.sub(r"[,;] (\S+ by default|by default .*)$", "", text)
+    options = {key: _names(study, key)[-1] for key in study.options}
+    return re.sub(r"`([\w.]+)`", lambda code: options.get(code[1], code[1]), text)
+
+
+def _typed(value: Any) -> str:
+    """Return a default as it would be typed, "" for none."""
+    if value is None or value is inspect.Parameter.empty:
+        return ""
+    if isinstance(value, list | tuple):
+        return ",".join(map(_typed, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def sentences(function: Callable[..., Any]) -> dict[str, str]:
+    """Return the first sentence about each parameter in a numpydoc docstring."""
+    section = _SECTION.search(f"{inspect.getdoc(function)}\n")
+    return {
+        name: re.split(r"(?<=\.) ", one_line(text), maxsplit=1)[0]
+        for names, text in _ENTRY.findall(section[1] if section else "")
+        for name in names.split(", ")
+    }
+
+
+def defaults(function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the parameters of a function with their defaults."""
+    return {name: p.default for name, p in inspect.signature(function).parameters.items()}
