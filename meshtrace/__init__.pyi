@@ -74,7 +74,6 @@ from .studies.performance.tables import DepthSweep as DepthSweep
 from .studies.performance.tables import LinkPerformance as LinkPerformance
 from .studies.sensitivity import Sensitivities as Sensitivities
 from .studies.sensitivity import sensitivities as sensitivities
-from .studies.series import CoupledSeries as CoupledSeries
 from .studies.series import ensemble as ensemble
 from .studies.series import time_series as time_series
 from .studies.sweep import sweep as sweep

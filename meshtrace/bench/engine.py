@@ -221,9 +221,9 @@ def new_sea(link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5) -> dict[s
     for seed in range(rounds + 1):  # the first warms up
         start = process_time()
         mesh, _ = mesh_for(link, sea.with_seed(1000 + seed), reach=reach)
-        sea, meshed = TypicalSea.of([mesh]), process_time()
+        typical, meshed = TypicalSea.of([mesh]), process_time()
         while True:
-            forced = ForcedDetection(link, chains, seed, threads=1, sea=sea)
+            forced = ForcedDetection(link, chains, seed, threads=1, sea=typical)
             made = process_time()
             parts = forced.evaluate(mesh)
             reached = float(parts.stderr[0]) / float(parts.gain[0])

@@ -64,7 +64,7 @@ def thread_scaling(
         `speedup_by_jobs`, for 2 and 16 threads.
     """
     threads = counts_up_to(default_threads(most))
-    sea = TypicalSea.of([near])
+    typical = TypicalSea.of([near])
     analog = [
         partial(run_analog, link, EmbreeIntersector(mesh, n), photons=photons, seed=1, threads=n)
         for n in threads
@@ -72,7 +72,7 @@ def thread_scaling(
     seeds = count(1)  # kept chains would not be made
 
     def make_and_evaluate(n: int) -> None:
-        ForcedDetection(link, chains, next(seeds), threads=n, sea=sea).evaluate(near)
+        ForcedDetection(link, chains, next(seeds), threads=n, sea=typical).evaluate(near)
 
     jobs: list[Callable[[], Any]] = [*analog, *(partial(make_and_evaluate, n) for n in threads)]
     times = best_of(rounds, *jobs, clock=perf_counter)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,9 +17,8 @@ from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of, mean, stderr
-from meshtrace.uav.airframe import Flight, FlightRecord, Uav
+from meshtrace.uav.airframe import Flight
 from meshtrace.uav.route import Route
-from meshtrace.uav.wind import Dryden
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -261,26 +260,3 @@ def gain_series(
         stderr(mean(one["gain"], along), "shift").to_numpy()[()],
         gains.attrs["provenance"][name] | origin,
     )
-
-
-class CoupledSeries(NamedTuple):
-    """Gains with the tilt in them, and the flight that caused it."""
-
-    series: GainSeries
-    flight: FlightRecord
-
-
-def coupled_series(
-    link: Link,
-    sea: SurfaceModel,
-    times: ArrayLike,
-    uav: Uav,
-    wind: Dryden,
-    seed: int = 1,
-    **options: Any,
-) -> CoupledSeries:
-    """Return a time series with a flight; use `time_series(..., flight=Flight(uav, wind))`."""
-    warnings.warn("use time_series(..., flight=Flight(uav, wind))", DeprecationWarning, 2)
-    flight = Flight(uav, wind)
-    series = time_series(link, sea, times, flight=flight, seed=seed, **options)
-    return CoupledSeries(series, uav.simulate_flight(wind, times, seed))

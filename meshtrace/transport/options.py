@@ -145,17 +145,6 @@ class IrradianceMap(Record, frozen=True):
         return math.ceil(2.0 * self.extent / self.step - 1e-9)
 
 
-def MapGrid(  # noqa: N802 - the name of the version before
-    height: float,
-    extent: float,
-    step: float,
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0),
-    fov_deg: float = 180.0,
-) -> IrradianceMap:
-    """Return an `IrradianceMap`; kept for one version."""
-    return IrradianceMap(height=height, extent=extent, step=step, axis=axis, fov_deg=fov_deg)
-
-
 class Shortcuts(TypedDict, total=False):
     """Fields of `Meshing` and of the estimators that `simulate` accepts as keywords."""
 
