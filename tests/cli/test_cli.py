@@ -51,7 +51,7 @@ def test_analog_tells_the_fates():
     shown = run("-v", "--set", "receiver.radius=3", *ANALOG).stdout
     result = Scenario.from_toml("", changes={**analog_changes(), "receiver.radius": 3}).simulate()
     assert f"{result.gain:.4e}" in shown
-    assert "5,000 in" in shown
+    assert "5,000 photons in" in shown
     for name, (photons, weight) in result.fates.items():
         line = next(line for line in shown.splitlines() if line.startswith(name))
         assert line.split()[1:3] == [f"{photons:,}", f"{100.0 * weight:.4g}"]

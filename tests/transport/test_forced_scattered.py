@@ -302,7 +302,7 @@ def test_scattered_gain_of_links_without_direct_light(name):
     assert (np.abs(gain - gain.mean()) < 3.5 * np.hypot(error, gain.std() / 8.0**0.5)).all()
 
 
-@pytest.mark.parametrize("rtol", [0.5, 0.3])
+@pytest.mark.parametrize("rtol", [0.6, 0.4])
 def test_a_tolerance_is_not_met_by_an_error_of_few_samples(rtol):
     """512 photons are worth some ten: over seeds the error that they state is too small."""
     link = mt.Link(
