@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import get_origin
 
 import pytest
+from typer import Context
 from typer.main import get_command
 
 import meshtrace as mt
@@ -127,7 +128,8 @@ def command_lines(page):
 @pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
 def test_commands_exist(page):
     for _, name, *arguments in command_lines(page):
-        options = {option for p in COMMANDS[name].params for option in p.opts}
+        context = Context(COMMANDS[name])
+        options = {option for p in COMMANDS[name].get_params(context) for option in p.opts}
         used = {word for word in arguments if word.startswith("-")}
         assert used <= options, f"{name}: {used - options}"
 
