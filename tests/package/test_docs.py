@@ -28,7 +28,7 @@ TIMED = {"convergence"}  # prints seconds
 PRINTING = re.compile(
     r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", re.MULTILINE | re.DOTALL
 )
-NUMBER = re.compile(r"(?<![\w.])[-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]\d+)?")
+NUMBER = re.compile(r"(?<!\w)(?<!\d\.)[-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]\d+)?")
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMANDS = get_command(cli.app).commands
 BUOY = "f,0,90,180,270\n0.1,1,2,1,0\n0.2,2,4,2,1\n0.3,1,1,1,1\n"

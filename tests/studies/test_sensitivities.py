@@ -188,6 +188,7 @@ def test_unscattered_light_well_inside_the_view_does_not_depend_on_it():
 VIEWS = [(2.0, None), (2.0, 5.0), (10.0, 5.0)]
 
 
+@pytest.mark.filterwarnings("ignore:receiver 0. light arrives by large angles")
 @pytest.mark.parametrize(("fov", "wind_speed"), VIEWS)
 @pytest.mark.thorough
 def test_narrow_views_against_differences(fov, wind_speed):

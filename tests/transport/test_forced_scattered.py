@@ -227,6 +227,7 @@ def test_few_samples_of_isotropic_scattering_are_said(tilt, seed):
 
 
 @pytest.mark.thorough
+@pytest.mark.filterwarnings("ignore:receiver 0. about 30 % of the light")
 def test_frozen_chains_warn_where_simulate_would():
     tilted = mt.Link(receiver=mt.Receiver(tilt_deg=40.0))
     with pytest.warns(FewSamplesWarning, match="for which `simulate` uses joined photons"):
