@@ -443,9 +443,7 @@ def save(found: dict[str, dict[str, Any]]) -> None:
     """Write what has been measured, links in the order of their list."""
     rows = []
     for name in (n for n in LINKS if n in found):
-        inner = [
-            f"  {json.dumps(k)}: {json.dumps(found[name][k])}" for k in RUNS if k in found[name]
-        ]
+        inner = [f"  {json.dumps(k)}: {json.dumps(row)}" for k, row in sorted(found[name].items())]
         rows.append(f" {json.dumps(name)}: {{\n" + ",\n".join(inner) + "\n }")
     KEPT.write_text("{\n" + ",\n".join(rows) + "\n}\n")
 
