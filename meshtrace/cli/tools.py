@@ -190,12 +190,12 @@ def plot_command(
 def _content(file: Path) -> object:
     """Return a result, or the dataset of a sweep."""
     from meshtrace.stored import load, read_dataset
+    from meshtrace.studies.store import is_store
 
-    if file.is_dir():
-        with extra("plot", "batch"):
-            from meshtrace.studies.sweep.store import read_store
+    if is_store(file):
+        from meshtrace.studies.sweep.sweep import read_store
 
-            return read_store(file)
+        return read_store(file)
     data = read_dataset(file)
     return data if data.attrs.get("kind") == "sweep" else load(file)
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -171,6 +172,8 @@ def compare(
     normals: Literal["vertex", "facet"] | None = None,
     threads: int | None = None,
     daylight: Daylight | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Comparison:
     """Compare the gains of links over common seas with common chains.
@@ -191,6 +194,8 @@ def compare(
         As in `ensemble`; realization 0 of a single one has the seed of the sea.
     daylight : Daylight, optional
         Light above all links; by default that of each scenario.
+    store, workers
+        As in `ensemble`.
     progress : callable, optional
         Called with 1 after each realization of each link.
 
@@ -219,12 +224,15 @@ def compare(
         raise Refused("links", found, "a mapping of two or more names to links")
     require_whole(realizations, 1, 10_000_000, "realizations")
     lit = daylight is not None or any(getattr(link, "daylight", None) for link in links.values())
-    options = {"photons": photons, "seed": seed, "normals": normals, "threads": threads}
+    options: dict[str, Any] = {
+        "photons": photons, "seed": seed, "normals": normals, "threads": threads, "store": store,
+        "workers": workers,
+    }  # fmt: skip
     each = {}
     for name, link in links.items():
         try:
             resolved = campaign_of(link, surface, fading=lit and realizations > 1, **options)
-            each[str(name)] = _single(resolved)
+            each[str(name)] = _single(resolved.of(resolved.link, str(name)))
         except Refused as error:
             raise error.inside("links", str(name)) from None
     samples = _samples(each, realizations, progress)
@@ -279,7 +287,7 @@ def _samples(
 
     Links over equal seas, with equal chains, have common meshes.
     """
-    campaigns = [one._replace(links={name: one.link}) for name, one in each.items()]
+    campaigns = list(each.values())
     over = [(one.surface, one.meshing, one.run) for one in campaigns]
     if all(one == over[0] for one in over):
         links = {name: one.link for name, one in each.items()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -41,6 +42,8 @@ def time_series(
     extent: float | None = None,
     spacing: float | None = None,
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> GainSeries:
     """Return the gain over a moving sea, by forced detection with one set of chains.
@@ -67,6 +70,12 @@ def time_series(
         Seed of the chains and of the gusts, 1 by default.
     normals, extent, spacing, threads
         As in `simulate`; the result does not depend on the threads.
+    store : path, optional
+        File that keeps finished times. A second call with the same arguments and version
+        resumes the first, however it was stopped.
+    workers : int or str, optional
+        Processes on this machine, or the address or file (.json) of a running dask scheduler, in
+        place of threads; the result does not depend on them.
     progress : callable, optional
         Called with 1 after each time.
 
@@ -108,7 +117,7 @@ def time_series(
         surface, times = None, surface
     campaign = campaign_of(
         link, surface, fading=True, photons=photons, seed=seed, normals=normals, extent=extent,
-        spacing=spacing, threads=threads,
+        spacing=spacing, threads=threads, store=store, workers=workers,
     )  # fmt: skip
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
     require_kind(flight, Flight | None, "flight")
@@ -148,6 +157,8 @@ def ensemble(
     extent: float | None = None,
     spacing: float | None = None,
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> GainSeries:
     """Return the gains over independent realizations of a sea, by forced detection.
@@ -170,6 +181,12 @@ def ensemble(
         phases of realization i.
     normals, time, extent, spacing, threads
         As in `simulate`; the result does not depend on the threads.
+    store : path, optional
+        File that keeps finished realizations. A second call with the same arguments and version
+        resumes the first, however it was stopped.
+    workers : int or str, optional
+        Processes on this machine, or the address or file (.json) of a running dask scheduler, in
+        place of threads; the result does not depend on them.
     progress : callable, optional
         Called with 1 after each realization.
 
@@ -190,7 +207,7 @@ def ensemble(
         surface = sea_in_wind(wind_speed)
     campaign = campaign_of(
         link, surface, fading=True, photons=photons, seed=seed, normals=normals, time=time,
-        extent=extent, spacing=spacing, threads=threads,
+        extent=extent, spacing=spacing, threads=threads, store=store, workers=workers,
     )  # fmt: skip
     return _beside_closed_form(campaign, over_realizations(campaign, n_realizations, progress))
 
@@ -202,7 +219,7 @@ def over_realizations(
     return gain_series(campaign, campaign.gains(campaign.realizations(n_realizations), progress))
 
 
-def closed_form(link: Link, sea: MeshSource, n: int, level: int = 3) -> dict[str, Any]:
+def closed_form(link: Link, sea: Any, n: int, level: int = 3) -> dict[str, Any]:
     """Return `fading.band_fading` as plain data, empty below 50 surfaces; warn of a short band.
 
     `level` is the stack level of the warning.
@@ -245,9 +262,10 @@ def in_flight(
 
 
 def gain_series(
-    campaign: Campaign, gains: xr.Dataset, name: str = "link", **origin: Any
+    campaign: Campaign, gains: xr.Dataset, name: str | None = None, **origin: Any
 ) -> GainSeries:
-    """Return the series of one link of a campaign; `origin` is further provenance."""
+    """Return the series of a link of a campaign, the first; `origin` is further provenance."""
+    name = name or next(iter(campaign.links))
     along: Any = gains["gain"].dims[1]
     several = isinstance(campaign.links[name].receiver, tuple)
     one = gains.sel(link=name).isel(receiver=slice(None) if several else 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from itertools import product
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -52,6 +53,8 @@ def convergence_study(
     receiver: int = 0,
     unresolved: Unresolved = "none",
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Progress | None = None,
 ) -> ConvergenceStudy:
     """Study the dependence of the gain over a sea on the spacing of its mesh.
@@ -86,6 +89,8 @@ def convergence_study(
         whether the mean gain is free of it: normals tilt at random (`Physics.unresolved`).
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
+    store, workers
+        As in `ensemble`; the store keeps meshes.
     progress : callable, optional
         Called with 1 after each mesh.
 
@@ -124,16 +129,19 @@ def convergence_study(
         raise Refused("reference", reference, "'analytic' or None")
     if unresolved == "tilt" and reference:
         raise Refused("reference", reference, "None beside random slopes")
-    campaign = campaign_of(link, surface, photons=photons, seed=seed, time=time, threads=threads)
+    campaign = campaign_of(
+        link, surface, photons=photons, seed=seed, time=time, threads=threads, store=store,
+        workers=workers,
+    )  # fmt: skip
     exact = wave_sum(campaign.sea) if reference else None
     chains = _chains(campaign, normals, receiver, unresolved)
     link, sea, at = campaign.link, campaign.sea, campaign.meshing.time
     pairs = product(values, placement_shifts(placements))
     cases = [partial(nested_mesh, link, sea, at, spacing, shift) for spacing, shift in pairs]
-    found = chains.over(cases, len(values), campaign.threads, progress)
+    recorded = {"spacings": values, "placements": placements, "unresolved": unresolved}
+    found = chains.over(campaign, cases, len(values), recorded, progress)
     truth = chains.exact(exact, at, values[-1]) if exact else None
     scatter = spread(found.samples.mean(axis=3))
-    recorded = {"spacings": values, "placements": placements, "unresolved": unresolved}
     return _study("spacing", values, campaign, chains, found, scatter, tolerance, truth, recorded)
 
 
@@ -152,6 +160,8 @@ def band_limit_study(
     receiver: int = 0,
     unresolved: Unresolved = "none",
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Progress | None = None,
 ) -> ConvergenceStudy:
     """Study the dependence of the mean gain over a random sea on its shortest waves.
@@ -169,7 +179,7 @@ def band_limit_study(
         of a narrower one.
     spacing : float, optional
         Spacing of the mesh [m], 0.1 by default; a few to the shortest wave.
-    normals, photons, seed, time, tolerance, receiver, unresolved, threads, progress
+    normals, photons, seed, time, tolerance, receiver, unresolved, threads, store, workers, progress
         As in `convergence_study`.
 
     Returns
@@ -186,26 +196,27 @@ def band_limit_study(
     positive("tolerance", tolerance)
     require_whole(realizations, 1, 100_000, "realizations")
     campaign = campaign_of(
-        link, surface, photons=photons, seed=seed, time=time, spacing=spacing, threads=threads
-    )
+        link, surface, photons=photons, seed=seed, time=time, spacing=spacing, threads=threads,
+        store=store, workers=workers,
+    )  # fmt: skip
     sea: Any = campaign.sea
     if not {"omega_max", "seed"} <= set(getattr(type(sea), "model_fields", {})):
         raise Refused("surface", Described(type(sea).__name__), "a random sea with omega_max")
     step = positive("spacing", campaign.meshing.spacing or 0.1)
     widest = sea.model_copy(update={"omega_max": values[-1]})
+    base, at, key = campaign.link, campaign.meshing.time, campaign.run.seed
     chains = _chains(campaign, normals, receiver, unresolved, widest)
 
     def mesh(limit: float, i: int) -> TriangleMesh:
-        changes = {"omega_max": limit, "seed": realization_seed(campaign.run.seed, i)}
-        wide = sea.model_copy(update=changes)
-        return nested_mesh(campaign.link, wide, campaign.meshing.time, step, np.zeros(2))
+        wide = sea.model_copy(update={"omega_max": limit, "seed": realization_seed(key, i)})
+        return nested_mesh(base, wide, at, step, np.zeros(2))
 
     cases = [partial(mesh, *pair) for pair in product(values, range(realizations))]
-    found = chains.over(cases, len(values), campaign.threads, progress)
-    gain = found.samples.mean(axis=3)
-    scatter = spread(gain - gain[:, -1:])
     recorded = {"omega_max": values, "realizations": realizations, "spacing": step,
                 "unresolved": unresolved}  # fmt: skip
+    found = chains.over(campaign, cases, len(values), recorded, progress)
+    gain = found.samples.mean(axis=3)
+    scatter = spread(gain - gain[:, -1:])
     return _study("omega_max", values, campaign, chains, found, scatter, tolerance, None, recorded)
 
 
@@ -223,6 +234,8 @@ def time_step_study(
     tolerance: float = 1e-2,
     receiver: int = 0,
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Progress | None = None,
 ) -> ConvergenceStudy:
     """Study the dependence of the mean gain over a moving sea on the time step.
@@ -241,7 +254,7 @@ def time_step_study(
         Its beginning [s], by default 0 or the time of the scenario.
     spacing : float, optional
         Spacing of the mesh [m], by default that of `Link.footprint`.
-    normals, photons, seed, tolerance, receiver, threads, progress
+    normals, photons, seed, tolerance, receiver, threads, store, workers, progress
         As in `convergence_study`.
 
     Returns
@@ -260,17 +273,19 @@ def time_step_study(
         if n % stride:
             raise Refused("duration", duration, f"multiples of the step {value:g} s")
     campaign = campaign_of(
-        link, surface, photons=photons, seed=seed, time=start, spacing=spacing, threads=threads
-    )
+        link, surface, photons=photons, seed=seed, time=start, spacing=spacing, threads=threads,
+        store=store, workers=workers,
+    )  # fmt: skip
     chains = _chains(campaign, normals, receiver)
-    begin, width = campaign.meshing.time, campaign.meshing.spacing
+    begin, width, sea = campaign.meshing.time, campaign.meshing.spacing, campaign.sea
 
     def mesh(i: int) -> TriangleMesh:
         meshing = Meshing(time=begin + i * finest, spacing=width)
-        return mesh_for(chains.link, campaign.sea, meshing, chains.reach)[0]
+        return mesh_for(chains.link, sea, meshing, chains.reach)[0]
 
     cases = [partial(mesh, i) for i in range(n + 1)]
-    frames = chains.over(cases, 1, campaign.threads, progress, photons=0)
+    recorded = {"start": begin, "duration": duration, "steps": values}
+    frames = chains.over(campaign, cases, 1, recorded, progress, photons=0)
     by_shift, ballistic = frames.samples[:, 0], frames.ballistic[:, 0]  # (kinds, frames, ...)
     each, shape = by_shift.mean(axis=2), (len(chains.kinds), len(values))
     found = Stacked(
@@ -281,7 +296,6 @@ def time_step_study(
         Costs(*(np.broadcast_to(seconds, shape) for seconds in frames.costs)),
     )
     scatter = np.stack([_interpolation_error(each, s) for s in strides], axis=1)
-    recorded = {"start": begin, "duration": duration, "steps": values}
     return _study("time_step", values, campaign, chains, found, scatter, tolerance, None, recorded)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from meshtrace.comms.background import DARK, warn_of_background, with_background
@@ -58,6 +59,8 @@ def link_performance(
     limit: float = 1e-3,
     confidence: float = 0.95,
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Callable[[int], None] | None = None,
     **shortcuts: Any,
 ) -> LinkPerformance:
@@ -95,6 +98,8 @@ def link_performance(
         Level of the intervals.
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
+    store, workers
+        As in `ensemble`.
     progress : callable, optional
         Called with 1 after each sea.
     **shortcuts
@@ -152,9 +157,11 @@ def link_performance(
         surface = sea_in_wind(speed)
     campaign = campaign_of(
         _shallowest(link, depths), surface, fading=True, photons=over.photons, seed=over.seed,
-        spacing=over.spacing, threads=threads,
+        spacing=over.spacing, threads=threads, store=store, workers=workers,
     )  # fmt: skip
     link, scenario = campaign.link, campaign.scenario
+    if speed is not None:  # of several in one store
+        campaign = campaign.of(link, f"wind of {speed!r} m/s")
     if scenario is not None:
         ook = scenario.detector if ook is None else ook
         flight = flight or (Flight(scenario.uav) if scenario.uav else None)
@@ -205,8 +212,8 @@ def _lights(
     found: dict[Any, Background] = {}
     for link in links.values():
         if link.receiver not in found:
-            campaign = ensemble.campaign.of(link)
-            found[link.receiver] = background_over_seas(campaign, day, ensemble.n, ensemble.flight)
+            inputs = ensemble.at(link), day, ensemble.n, ensemble.flight
+            found[link.receiver] = background_over_seas(*inputs)
     return {depth: found[link.receiver] for depth, link in links.items()}
 
 

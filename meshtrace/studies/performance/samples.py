@@ -105,9 +105,14 @@ class Ensemble(NamedTuple):
             "realizations": self.n,
         }
 
+    def at(self, link: Link) -> Campaign:
+        """Return the campaign of a link at its depth."""
+        (base,) = self.campaign.links
+        return self.campaign.of(link, f"{base} at {link.depth!r} m")
+
     def samples(self, link: Link) -> FadingSamples:
         """Return gains and tilt factors of a link."""
-        campaign, flight = self.campaign.of(link), self.flight
+        campaign, flight = self.at(link), self.flight
         if flight is not None and flight.coupled:
             times = flight.time_step * np.arange(self.n, dtype=np.float64)
             series = over_times(campaign, times, flight, self.progress)

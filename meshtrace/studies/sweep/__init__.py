@@ -1,21 +1,17 @@
-"""Sweeps over parameters and realizations on dask.distributed, kept in a Zarr store.
+"""Sweeps over parameters and realizations on dask.distributed.
 
 A task is one point of the sweep and a block of its realizations. Its random numbers belong to
 (seed, realization), so that results are the same bits for any number of workers. Only the
-process that called `sweep` writes: a finished task fills its own chunk of every array, its flag
-last, and is never computed again.
+process that called `sweep` writes: a finished task is a line of the store, and is never computed
+again.
 """
 
 from meshtrace.studies.sweep.points import BLOCK, Outcome, Study, Task
-from meshtrace.studies.sweep.store import DONE, FAILED, WAITING
 from meshtrace.studies.sweep.sweep import FIRST_CHAINS, store_of, sweep, sweep_file
 
 __all__ = [
     "BLOCK",
-    "DONE",
-    "FAILED",
     "FIRST_CHAINS",
-    "WAITING",
     "Outcome",
     "Study",
     "Task",

@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 import itertools
+import json
 import time
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.metadata import version
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.comms.background import DARK
-from meshtrace.errors import Described, Refused, one_line, require_whole
-from meshtrace.kernels.jit import sources
+from meshtrace.errors import Described, Refused, require_whole
+from meshtrace.fields import FIELDS, attrs
 from meshtrace.kernels.random import realization_seed
-from meshtrace.models import import_modules
+from meshtrace.models import Floats, import_modules
+from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
+from meshtrace.stored import FORMAT_VERSION
 from meshtrace.studies.background import RAYS, checked_daylight, error_rate, transmission_of
+from meshtrace.studies.cluster import error_text
 from meshtrace.transport.backward import background
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 BLOCK = 8
 """Realizations of one task."""
@@ -41,16 +47,27 @@ class Task(NamedTuple):
     last: int  # behind the last realization
 
     @property
+    def key(self) -> str:
+        """Name of the task in a store."""
+        return f"{self.point} {self.first}"
+
+    @property
     def region(self) -> tuple[Any, ...]:
-        """Chunk of the task in arrays (parameters..., realization)."""
+        """Place of the task in arrays (parameters..., realization)."""
         return (*self.point, slice(self.first, self.last))
+
+
+def tasks_of(values: list[range], realizations: int) -> Iterator[Task]:
+    """Yield the tasks of some numbers of values and realizations."""
+    for point in itertools.product(*values):
+        for first in range(0, realizations, BLOCK):
+            yield Task(point, first, min(first + BLOCK, realizations))
 
 
 class Outcome(NamedTuple):
     """Numbers of a task, by realization."""
 
-    measured: NDArray[np.float64]  # (numbers, n, receivers), see `Study.measured`
-    seconds: NDArray[np.float64]
+    numbers: Floats  # (n, numbers * receivers + 1), of `Study.measured` and seconds
     error: list[str]
 
 
@@ -97,9 +114,7 @@ class Study:
 
     def tasks(self) -> Iterator[Task]:
         """Yield all tasks."""
-        for point in itertools.product(*(range(len(v)) for v in self.parameters.values())):
-            for first in range(0, self.realizations, BLOCK):
-                yield Task(point, first, min(first + BLOCK, self.realizations))
+        return tasks_of([range(len(v)) for v in self.parameters.values()], self.realizations)
 
     def changes(self, task: Task) -> dict[str, Any]:
         """Return the values of the parameters at the point of a task."""
@@ -110,17 +125,15 @@ class Study:
         """Run the realizations of a task; a failed one has an error text and no numbers."""
         import_modules(self.modules)
         n = task.last - task.first
-        outcome = Outcome(
-            np.full((len(self.measured), n, self.receivers), np.nan), np.zeros(n), [""] * n
-        )
+        found, error = np.full((n, len(self.measured) * self.receivers + 1), np.nan), [""] * n
         for i in range(n):
             start = time.perf_counter()
             try:
-                outcome.measured[:, i] = self._measure(task, task.first + i)
-            except Exception as error:
-                outcome.error[i] = error_text(error)
-            outcome.seconds[i] = time.perf_counter() - start
-        return outcome
+                found[i, :-1] = self._measure(task, task.first + i).ravel()
+            except Exception as failure:
+                error[i] = error_text(failure)
+            found[i, -1] = time.perf_counter() - start
+        return Outcome(found, error)
 
     def _measure(self, task: Task, realization: int) -> NDArray[np.float64]:
         """Return the numbers of `measured`, each by receiver."""
@@ -162,29 +175,61 @@ class Study:
         """Number of receivers of every point."""
         return len(self.scenario({}).link.receivers)
 
-    @cached_property
-    def listed(self) -> bool:
-        """Return whether the receivers are a list, and a dimension of the result."""
-        return isinstance(self.scenario({}).link.receiver, tuple)
-
     def identity(self) -> dict[str, Any]:
         """Return the configuration that identifies this sweep, as plain data."""
-        options = {
-            name: getattr(self, name) for name in ("realizations", "seed", "rtol", "photons")
-        }
         return {
-            "meshtrace": version("meshtrace"),  # another version may give other digits
-            "kernels": sources().hex(),
-            **options,
+            "realizations": self.realizations,
+            "seed": self.seed,
+            "rtol": self.rtol,
+            "photons": self.photons,
             "parameters": self.parameters,
             "link": tomllib.loads(self.base),
+            "measured": list(self.measured),
+            "receivers": self.receivers,
+            "listed": isinstance(self.scenario({}).link.receiver, tuple),
+            "light": self.light if self.lit else "",
         }
 
 
-def error_text(error: BaseException) -> str:
-    """Return an error as one line."""
-    text = one_line(error)
-    return text if isinstance(error, ValueError) and text else f"{type(error).__name__}: {text}"
+def dataset(identity: dict[str, Any], outcomes: Mapping[Task, Outcome]) -> xr.Dataset:
+    """Return the results of a sweep as a Dataset, nan where points are not finished."""
+    import xarray as xr
+
+    coordinates = {name: _labels(values) for name, values in identity["parameters"].items()}
+    coordinates["realization"] = np.arange(identity["realizations"])
+    dims, shape = tuple(coordinates), tuple(map(len, coordinates.values()))
+    names, receivers = identity["measured"], identity["receivers"]
+    numbers = np.full((*shape, len(names) * receivers + 1), np.nan)
+    error = np.full(shape, "", object)
+    for task, outcome in outcomes.items():
+        numbers[task.region], error[task.region] = outcome
+    measured = numbers[..., :-1].reshape(*shape, len(names), receivers)
+    variables: dict[str, Any] = {
+        "seconds": (dims, numbers[..., -1], {"units": "s"}),
+        "error": (dims, error.astype(str)),
+    }
+    for i, name in enumerate(names):
+        light = {"light": identity["light"]} if name == "ber" else {}
+        whole = measured[..., i, :] if identity["listed"] else measured[..., i, 0]
+        along = (*dims, "receiver") if identity["listed"] else dims
+        variables[name] = (along, whole, {**attrs(name), **light})
+    about = {key: attrs(key.rpartition(".")[2]) for key in dims if key.rpartition(".")[2] in FIELDS}
+    labelled = {key: (key, values, about.get(key, {})) for key, values in coordinates.items()}
+    origin = {
+        "title": "meshtrace sweep",
+        "format_version": FORMAT_VERSION,
+        "kind": "sweep",
+        "identity": json.dumps(identity),
+        "environment": json.dumps(environment()),
+    }
+    return xr.Dataset(variables, labelled, origin)
+
+
+def _labels(values: list[Any]) -> NDArray[Any]:
+    """Return values as coordinates: numbers, or else text."""
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        return np.array(values)
+    return np.array([v if isinstance(v, str) else json.dumps(v) for v in values])
 
 
 def _under_daylight(

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import json
-import math
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from meshtrace.errors import MISSING, Refused, require_between, require_keys, require_whole
+import numpy as np
+
+from meshtrace.errors import MISSING, Described, Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.models import modules_of, trusting
+from meshtrace.parallel import paced
 from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
 from meshtrace.scenario.daylight import changes_irradiance, daylight_recipe
 from meshtrace.scenario.files import parse_toml, read_text
 from meshtrace.scenario.tables import as_table
-from meshtrace.studies.sweep.cluster import DEFAULT_TIMEOUT, compute
-from meshtrace.studies.sweep.lock import locked
-from meshtrace.studies.sweep.points import Study
-from meshtrace.studies.sweep.store import dataset, open_store, waiting_tasks
+from meshtrace.studies.campaign import same
+from meshtrace.studies.cluster import DEFAULT_TIMEOUT, Cluster, error_text, require_dask
+from meshtrace.studies.store import Item, Store
+from meshtrace.studies.sweep.points import Outcome, Study, Task, dataset, tasks_of
 from meshtrace.transport.options import Forced
 
 if TYPE_CHECKING:
@@ -42,8 +47,7 @@ def sweep(
     photons: int | None = None,
     seed: int = 1,
     store: str | Path | None = None,
-    scheduler: str | None = None,
-    workers: int | None = None,
+    workers: int | str | None = None,
     timeout: float = DEFAULT_TIMEOUT,
     progress: bool | Callable[[int], None] = True,
 ) -> xr.Dataset:
@@ -72,13 +76,11 @@ def sweep(
     seed : int
         Key of the random numbers, 0 <= seed < 2^64. Points share them.
     store : path, optional
-        Zarr store that keeps finished points; of a study file by default beside it. A second call
-        with the same arguments and version resumes the first, however it was stopped.
-    scheduler : str, optional
-        Address of a running dask scheduler, as in "tcp://10.0.0.1:8786", or its scheduler file
-        (.json); else a cluster is started on this machine.
-    workers : int, optional
-        Processes on this machine, all cores by default; the result does not depend on them.
+        File that keeps finished points; of a study file by default beside it. A second call with
+        the same arguments and version resumes the first, however it was stopped.
+    workers : int or str, optional
+        Processes on this machine, all cores by default, or the address or file (.json) of a
+        running dask scheduler, as in "tcp://10.0.0.1:8786"; the result does not depend on them.
     timeout : float
         Seconds to wait for the scheduler, and for a worker.
     progress : bool or callable
@@ -97,16 +99,16 @@ def sweep(
     ------
     Refused
         If an option is out of range, no value of a parameter is allowed; the store holds another
-        sweep, is in use or damaged; the scheduler is lost, has no worker, or one that would
+        sweep or is in use; the scheduler is lost, has no worker, or one that would
         compute other numbers.
     ModuleNotFoundError
-        If dask, distributed or zarr are not installed.
+        If dask and distributed are not installed.
 
     Notes
     -----
     A point that fails is recorded and not tried again. One whose worker died, time after time, is
-    recorded too and tried again by the next call; so is a point whose chunk of the store is
-    damaged or missing, with a warning.
+    recorded too and tried again by the next call; so is a point whose line of the store is
+    damaged, with a warning.
 
     The bit error rate is that of the receiver of the link file ("physical" without one), at rest
     and at the gain of each realization; its mean over the realizations is the average BER. A swept
@@ -116,10 +118,10 @@ def sweep(
     The cluster on this machine starts new Python processes: in a script call `sweep` under
     `if __name__ == "__main__":`.
     """
-    _require_batch()
+    require_dask()
     given = link.get("daylight") if isinstance(link, Mapping) else None
     study = _study(_base(link, surface), given, parameters, realizations, rtol, photons, seed)
-    return _swept(study, store, scheduler, workers, timeout, progress)
+    return _swept(study, store, workers, timeout, progress)
 
 
 def _study(
@@ -148,23 +150,89 @@ def _study(
 def _swept(
     study: Study,
     store: str | Path | None,
-    scheduler: str | None = None,
-    workers: int | None = None,
+    workers: int | str | None = None,
     timeout: float = DEFAULT_TIMEOUT,
     progress: bool | Callable[[int], None] = True,
 ) -> xr.Dataset:
     """Return the results of a study, from its store or computed."""
-    if scheduler is not None and workers is not None:
-        raise Refused("workers", workers, "no workers beside a scheduler")
-    if workers is not None:
-        require_whole(workers, 1, 1024, "workers")
-    require_between(timeout, 0.0, math.inf, "timeout", "[)")
-    with locked(store):
-        group = open_store(study, store)
-        tasks = waiting_tasks(study, group)
-        if tasks:
-            compute(study, group, tasks, scheduler, workers, progress, timeout)
-        return dataset(group)
+    cluster = Cluster(workers, timeout).checked()
+    found: dict[Task, Outcome] = {}
+    with Store(store).loop("sweep", study.identity()) as kept:
+        tasks = list(study.tasks())
+        found = {task: _outcome(kept[task.key]) for task in tasks if task.key in kept}
+        waiting = [task for task in tasks if task not in found]
+        if waiting:
+            evaluate = partial(same, study.compute)
+            with (
+                _bar(len(waiting), progress) as (show, advance),
+                closing(cluster._replace(on_start=show).map(evaluate, waiting)) as results,
+            ):
+                for i, result in paced(results, len(waiting), f"{len(waiting):,} points"):
+                    task, n = waiting[i], waiting[i].last - waiting[i].first
+                    if isinstance(result, Exception):  # not kept: the next call tries again
+                        found[task] = Outcome(np.full((n, 1), np.nan), [error_text(result)] * n)
+                    else:
+                        found[task] = Outcome(*result)
+                        kept.keep(task.key, found[task].numbers, json.dumps(found[task].error))
+                    advance(1)
+    return dataset(study.identity(), found)
+
+
+def _outcome(item: Item) -> Outcome:
+    return Outcome(item.numbers, json.loads(item.text))
+
+
+def read_store(path: Path) -> xr.Dataset:
+    """Return the results in the store of a sweep, nan where points are not finished.
+
+    Raises
+    ------
+    Refused
+        If it is no store of a sweep.
+    """
+    store = Store(path)
+    store.read()
+    if "sweep" not in store.identities:
+        other = Described(f"{str(path)!r} is not that of a sweep")
+        raise Refused("store", other, "one, or a new path")
+    items, identity = store.items("sweep"), store.identities["sweep"]
+    sizes = [range(len(values)) for values in identity["parameters"].values()]
+    tasks = tasks_of(sizes, identity["realizations"])
+    return dataset(identity, {t: _outcome(items[t.key]) for t in tasks if t.key in items})
+
+
+@contextmanager
+def _bar(
+    total: int, progress: bool | Callable[[int], None]
+) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
+    """Yield callbacks for the dashboard's address and finished tasks: a bar below the address."""
+    if not progress or callable(progress):
+        yield lambda link: None, progress or (lambda done: None)
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    console = Console(file=sys.stderr)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as bar:
+        row = bar.add_task("sweep", total=total)
+        yield (
+            lambda link: console.print(f"dashboard: {link}", highlight=False, soft_wrap=True),
+            lambda done: bar.advance(row, done),
+        )
 
 
 def sweep_file(
@@ -187,7 +255,7 @@ def sweep_file(
     trust : bool
         Run the modules that the file names by import paths, see `Scenario.load`.
     **options
-        scheduler, workers, timeout, progress, as in `sweep`.
+        workers, timeout, progress, as in `sweep`.
 
     Returns
     -------
@@ -212,7 +280,7 @@ def sweep_file(
         wind_speed = [5.0, 13.0]
         transmitter.depth = [5.0, 10.0, 20.0]
     """
-    _require_batch()
+    require_dask()
     path = Path(path)
     config, table = _read(path)
     run = config.get("run", {})
@@ -241,7 +309,7 @@ def store_of(path: str | Path) -> Path:
     """
     path = Path(path)
     table = _read(path)[1]
-    return _stored(path, table) if "store" in table else path.with_suffix(".zarr")
+    return _stored(path, table) if "store" in table else path.with_suffix(".store")
 
 
 def _stored(path: Path, table: Mapping[str, Any]) -> Path:
@@ -300,13 +368,3 @@ def _dotted(table: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         return
     for key, value in table.items():
         yield from _dotted(value, f"{path}.{key}" if path else key)
-
-
-def _require_batch() -> None:
-    try:
-        import distributed  # noqa: F401
-        import zarr  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            f'sweep: {error.name} is missing, pip install "meshtrace[batch]"', name=error.name
-        ) from error
