@@ -175,7 +175,7 @@ def bench(
 @app.command("plot")
 def plot_command(
     file: Path = Argument(
-        metavar="RESULT", help="Result of any command (.nc), or the store of a sweep (.zarr)."
+        metavar="RESULT", help="Result of any command (.nc), or the store of a sweep."
     ),
     output: Path | None = Option(
         None, "--output", "-o", metavar="A.PNG", help="Picture; default: RESULT.png."

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from test_link_files import damaged, examples, numbers, plausible, values
 
 pytest.importorskip("distributed")
-pytest.importorskip("zarr")
 
 from meshtrace.scenario import ScenarioError
 from meshtrace.studies import sweep as batch
