@@ -194,8 +194,11 @@ def compare(
         As in `ensemble`; realization 0 of a single one has the seed of the sea.
     daylight : Daylight, optional
         Light above all links; by default that of each scenario.
-    store, workers
-        As in `ensemble`.
+    store : path, optional
+        File that keeps finished realizations: a second call with the same arguments resumes the
+        first.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
     progress : callable, optional
         Called with 1 after each realization of each link.
 

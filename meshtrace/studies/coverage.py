@@ -83,7 +83,7 @@ def coverage_map(
     seed, normals, threads
         As in `simulate`.
     store : path, optional
-        As in `ensemble`; it keeps the photons of each time, which a smaller `rtol` uses again.
+        File that keeps the photons of each time, which a smaller `rtol` uses again.
     progress : callable, optional
         Called with the number of photons followed since its last call.
 

@@ -71,11 +71,9 @@ def time_series(
     normals, extent, spacing, threads
         As in `simulate`; the result does not depend on the threads.
     store : path, optional
-        File that keeps finished times. A second call with the same arguments and version
-        resumes the first, however it was stopped.
+        File that keeps finished times: a second call with the same arguments resumes the first.
     workers : int or str, optional
-        Processes on this machine, or the address or file (.json) of a running dask scheduler, in
-        place of threads; the result does not depend on them.
+        Processes in place of threads, or the address or file of a running dask scheduler.
     progress : callable, optional
         Called with 1 after each time.
 
@@ -182,11 +180,10 @@ def ensemble(
     normals, time, extent, spacing, threads
         As in `simulate`; the result does not depend on the threads.
     store : path, optional
-        File that keeps finished realizations. A second call with the same arguments and version
-        resumes the first, however it was stopped.
+        File that keeps finished realizations: a second call with the same arguments resumes the
+        first.
     workers : int or str, optional
-        Processes on this machine, or the address or file (.json) of a running dask scheduler, in
-        place of threads; the result does not depend on them.
+        Processes in place of threads, or the address or file of a running dask scheduler.
     progress : callable, optional
         Called with 1 after each realization.
 

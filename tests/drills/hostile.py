@@ -471,7 +471,7 @@ def _sweep(path, gain):
     """Open a store, filled with a gain where it waits for one, and return its gains."""
     import importlib
 
-    module = importlib.import_module("meshtrace.studies.sweep.sweep")
+    module = importlib.import_module("meshtrace.studies.sweep")
     original = module.Cluster.map
 
     def fill(self, setup, tasks):
@@ -512,7 +512,7 @@ def studies(random, folder):
 
     import tomli_w
 
-    module = importlib.import_module("meshtrace.studies.sweep.sweep")
+    module = importlib.import_module("meshtrace.studies.sweep")
     table = {"realizations": 2, "photons": 32, "seed": 1, "rtol": 0.1, **SWEEP}
     config = {"wind_speed": 5.0, "transmitter": {"depth": 5.0}, "sweep": table}
     config = json.loads(json.dumps(config))

@@ -65,7 +65,7 @@ def nothing_computed():
     """Read and check the study, make its arrays in memory, and stop there."""
     with pytest.MonkeyPatch.context() as patch:
         # the function sweep hides the module of that name
-        module = importlib.import_module("meshtrace.studies.sweep.sweep")
+        module = importlib.import_module("meshtrace.studies.sweep")
         patch.setattr(module, "compute", lambda *arguments: None)
         yield
 

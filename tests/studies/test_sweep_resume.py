@@ -15,8 +15,7 @@ from typer.testing import CliRunner
 
 from meshtrace import cli
 from meshtrace.scenario import Scenario
-from meshtrace.studies.sweep import Study, sweep
-from meshtrace.studies.sweep.sweep import read_store
+from meshtrace.studies.sweep import Study, read_store, sweep
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.process

@@ -89,8 +89,10 @@ def convergence_study(
         whether the mean gain is free of it: normals tilt at random (`Physics.unresolved`).
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
-    store, workers
-        As in `ensemble`; the store keeps meshes.
+    store : path, optional
+        File that keeps finished meshes: a second call with the same arguments resumes the first.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
     progress : callable, optional
         Called with 1 after each mesh.
 

@@ -116,7 +116,7 @@ def optimize(
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
     store : path, optional
-        As in `ensemble`; it keeps candidates, which another objective uses again.
+        File that keeps the gains of candidates, which another objective uses again.
     progress : callable, optional
         Called with 1 after each candidate.
     **options

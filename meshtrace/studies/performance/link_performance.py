@@ -31,8 +31,7 @@ from meshtrace.results.background import Background
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import background_over_seas, described, light_of
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.performance.operating_point import operating_point
-from meshtrace.studies.performance.samples import Ensemble, Realizations
+from meshtrace.studies.performance.operating_point import Ensemble, Realizations, operating_point
 from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
 from meshtrace.studies.series import closed_form
 from meshtrace.surfaces import sea_in_wind
@@ -98,8 +97,10 @@ def link_performance(
         Level of the intervals.
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
-    store, workers
-        As in `ensemble`.
+    store : path, optional
+        File that keeps finished seas: a second call with the same arguments resumes the first.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
     progress : callable, optional
         Called with 1 after each sea.
     **shortcuts
@@ -160,8 +161,9 @@ def link_performance(
         spacing=over.spacing, threads=threads, store=store, workers=workers,
     )  # fmt: skip
     link, scenario = campaign.link, campaign.scenario
-    if speed is not None:  # of several in one store
-        campaign = campaign.of(link, f"wind of {speed!r} m/s")
+    wind = getattr(scenario, "wind_speed", None) if speed is None else speed
+    if wind is not None:  # one of several in a store
+        campaign = campaign.of(link, f"wind of {wind!r} m/s")
     if scenario is not None:
         ook = scenario.detector if ook is None else ook
         flight = flight or (Flight(scenario.uav) if scenario.uav else None)

@@ -104,8 +104,10 @@ def sensitivities(
         Bit rate R_b [bit s-1], by default that of the transmission.
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
-    store, workers
-        As in `ensemble`.
+    store : path, optional
+        File that keeps finished gains: a second call with the same arguments resumes the first.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
     progress : callable, optional
         Called with 1 after each parameter.
     **options
