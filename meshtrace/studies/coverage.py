@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.link import Link, Receiver, WaterReceiver
@@ -281,7 +282,7 @@ class _Mapped:
 
 def _packed(sums: Sums) -> tuple[Floats, str]:
     """Return all tallies as one row of 64-bit numbers, and their shapes and types as text."""
-    arrays = {}
+    arrays: dict[str, NDArray[Any]] = {}
     for name, value in vars(sums).items():
         parts = vars(value) if isinstance(value, FixedPointSum) else {"": value}
         arrays |= {f"{name}.{part}": np.asarray(array) for part, array in parts.items()}

@@ -469,9 +469,8 @@ SWEEP = {"parameters": {"transmitter.depth": [5.0, 10.0], "wind_speed": [5.0, 9.
 
 def _sweep(path, gain):
     """Open a store, filled with a gain where it waits for one, and return its gains."""
-    import importlib
+    from meshtrace.studies import sweep as module
 
-    module = importlib.import_module("meshtrace.studies.sweep")
     original = module.Cluster.map
 
     def fill(self, setup, tasks):
@@ -508,11 +507,10 @@ def stores(random, folder):
 
 def studies(random, folder):
     """Study files with values replaced, or letters."""
-    import importlib
-
     import tomli_w
 
-    module = importlib.import_module("meshtrace.studies.sweep")
+    from meshtrace.studies import sweep as module
+
     table = {"realizations": 2, "photons": 32, "seed": 1, "rtol": 0.1, **SWEEP}
     config = {"wind_speed": 5.0, "transmitter": {"depth": 5.0}, "sweep": table}
     config = json.loads(json.dumps(config))
@@ -526,11 +524,11 @@ def studies(random, folder):
     path.write_text(text, encoding="utf-8", newline="")
 
     def call():
-        original, module.compute = module.compute, lambda *rest, **options: None
+        original, module.Cluster.map = module.Cluster.map, lambda *rest: (one for one in ())
         try:
             module.sweep_file(path, progress=False)
         finally:
-            module.compute = original
+            module.Cluster.map = original
 
     return str(how), call
 
