@@ -235,9 +235,12 @@ def compare(
     for name, link in links.items():
         try:
             resolved = campaign_of(link, surface, fading=lit and realizations > 1, **options)
-            each[str(name)] = _single(resolved.of(resolved.link, str(name)))
+            count = len(resolved.link.receivers)
+            if count != 1:
+                raise Refused("receiver", Described(f"{count} receivers"), "one receiver")
         except Refused as error:
             raise error.inside("links", str(name)) from None
+        each[str(name)] = resolved.of(resolved.link, str(name))
     samples = _samples(each, realizations, progress)
     days = [light_of(one, daylight) for one in each.values()]
     origin = [
@@ -273,14 +276,6 @@ def _under_light(
         rows.append([*radiance, *error_rate(ook, at, error, light)])
     names = ("background_radiance", "background_radiance_stderr", "ber", "ber_stderr")
     return replace(found, **dict(zip(names, np.array(rows).T, strict=True)))
-
-
-def _single(campaign: Campaign) -> Campaign:
-    """Return the campaign of a link with one receiver; refuse that of any other."""
-    count = len(campaign.link.receivers)
-    if count != 1:
-        raise Refused("receiver", Described(f"{count} receivers"), "one receiver")
-    return campaign
 
 
 def _samples(

@@ -14,9 +14,10 @@ from meshtrace.errors import Refused, require_whole
 from meshtrace.fading.resolving import WITHIN, fading_band
 from meshtrace.fading.spectral import scintillation_of_spectrum
 from meshtrace.fields import attrs
+from meshtrace.models import Floats
 from meshtrace.stored import Stored
 from meshtrace.studies.campaign import Campaign, campaign_of
-from meshtrace.studies.convergence.checks import Floats, Progress, descending, positive
+from meshtrace.studies.convergence.meshes import Progress, descending, positive
 from meshtrace.studies.series import over_realizations
 
 if TYPE_CHECKING:

@@ -16,9 +16,8 @@ from meshtrace.models import Floats
 from meshtrace.results.gain import Fate
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign
-from meshtrace.studies.convergence.checks import Costs, Normals, Progress, Unresolved
 from meshtrace.studies.convergence.exact import Reference, over_waves
-from meshtrace.studies.convergence.meshes import probes
+from meshtrace.studies.convergence.meshes import Costs, Normals, Progress, Unresolved, probes
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
