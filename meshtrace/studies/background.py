@@ -24,6 +24,7 @@ from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of
 from meshtrace.studies.series import in_flight
+from meshtrace.studies.store import Store
 from meshtrace.transport.backward import background, background_over
 from meshtrace.transport.case import Case
 from meshtrace.transport.meshing import mesh_for
@@ -85,7 +86,8 @@ def background_series(
     """
     require_whole(photons, SHIFTS, 10_000_000, "photons")
     given: dict[str, Any] = {"seed": seed, "spacing": spacing, "extent": extent, "threads": threads}
-    campaign = campaign_of(link, surface, fading=True, store=store, workers=workers, **given)
+    kept = Store(store, "background_series")
+    campaign = campaign_of(link, surface, fading=True, store=kept, workers=workers, **given)
     day = light_of(campaign, day)
     if day is None:
         raise Refused("day", None, "a Daylight")

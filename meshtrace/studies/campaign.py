@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -380,7 +379,7 @@ def campaign_of(
     fading: bool = False,
     *,
     several: bool = True,
-    store: str | Path | None = None,
+    store: Store = Store(),  # noqa: B008 - keeps nothing
     workers: int | str | None = None,
     **options: Any,
 ) -> Campaign:
@@ -397,7 +396,7 @@ def campaign_of(
         all waves that make the light of the link fade (`fading.resolve_band`).
     several : bool
         Whether the study needs a sea, and a single mesh is refused.
-    store : path, optional
+    store : Store
         File that keeps finished steps.
     workers : int or str, optional
         Processes, or the address of a dask scheduler, see `Cluster`; by default threads.
@@ -422,6 +421,5 @@ def campaign_of(
     if several and not isinstance(case.surface, MeshSource):
         raise Refused("surface", Described(type(case.surface).__name__), "a sea (MeshSource)")
     cluster = None if workers is None else Cluster(workers).checked()
-    kept = Store(store)
     links = {"link": case.link}
-    return Campaign(links, case.surface, case.run, case.meshing, scenario, cluster, kept)
+    return Campaign(links, case.surface, case.run, case.meshing, scenario, cluster, store)

@@ -27,6 +27,7 @@ from meshtrace.studies.background import (
     transmission_of,
 )
 from meshtrace.studies.campaign import Campaign, campaign_of, mean, stderr
+from meshtrace.studies.store import Store
 from meshtrace.tables import text_table
 
 _DECIBEL = 10.0 / math.log(10.0)
@@ -228,7 +229,8 @@ def compare(
     require_whole(realizations, 1, 10_000_000, "realizations")
     lit = daylight is not None or any(getattr(link, "daylight", None) for link in links.values())
     options: dict[str, Any] = {
-        "photons": photons, "seed": seed, "normals": normals, "threads": threads, "store": store,
+        "photons": photons, "seed": seed, "normals": normals, "threads": threads,
+        "store": Store(store, "compare"),
         "workers": workers,
     }  # fmt: skip
     each = {}

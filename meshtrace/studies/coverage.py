@@ -132,7 +132,7 @@ def coverage_map(
     grid = IrradianceMap(height=receiver.center[2], extent=extent, step=step, **view)
     exact = rtol is not None and not isinstance(case.run.estimator, Analog)
     mapped = _Mapped(case, receiver, grid, at, exact)
-    with Store(store).loop("photons", mapped.identity()) as kept:
+    with Store(store, "coverage_map").loop("photons", mapped.identity()) as kept:
         return mapped.run(photons, rtol, kept, progress)
 
 

@@ -26,6 +26,7 @@ from meshtrace.results.series import GainSeries
 from meshtrace.stored import Stored
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.series import gain_series
+from meshtrace.studies.store import Store
 
 
 class JointOutage(NamedTuple):
@@ -202,7 +203,7 @@ def duplex(
     """
     options: dict[str, Any] = {
         "photons": photons, "seed": seed, "normals": normals, "extent": extent,
-        "spacing": spacing, "threads": threads, "store": store, "workers": workers,
+        "spacing": spacing, "threads": threads, "store": Store(store, "duplex"), "workers": workers,
     }  # fmt: skip
     pair = []
     for name, link in (("up", up), ("down", down)):

@@ -18,6 +18,7 @@ from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of, mean, stderr
+from meshtrace.studies.store import Store
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.route import Route
 
@@ -115,7 +116,7 @@ def time_series(
         surface, times = None, surface
     campaign = campaign_of(
         link, surface, fading=True, photons=photons, seed=seed, normals=normals, extent=extent,
-        spacing=spacing, threads=threads, store=store, workers=workers,
+        spacing=spacing, threads=threads, store=Store(store, "time_series"), workers=workers,
     )  # fmt: skip
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
     require_kind(flight, Flight | None, "flight")
@@ -204,7 +205,8 @@ def ensemble(
         surface = sea_in_wind(wind_speed)
     campaign = campaign_of(
         link, surface, fading=True, photons=photons, seed=seed, normals=normals, time=time,
-        extent=extent, spacing=spacing, threads=threads, store=store, workers=workers,
+        extent=extent, spacing=spacing, threads=threads,
+        store=Store(store, "ensemble"), workers=workers,
     )  # fmt: skip
     return _beside_closed_form(campaign, over_realizations(campaign, n_realizations, progress))
 

@@ -77,10 +77,12 @@ class Store:
     ----------
     path : path, optional
         The file, a new one or that of the same study; None keeps nothing.
+    study : str
+        Name of the study.
     """
 
-    def __init__(self, path: str | Path | None = None) -> None:
-        self.path = None if path is None else Path(path)
+    def __init__(self, path: str | Path | None = None, study: str = "") -> None:
+        self.path, self._study = None if path is None else Path(path), study
         self._end = 0  # of the lines that were read
         self.identities: dict[str, Any] = {}  # of each loop
         self._items: dict[str, dict[str, Item]] = {}  # of each digest of an identity
@@ -104,8 +106,9 @@ class Store:
         if self.path is None:
             yield Kept({})
             return
+        # other code may give other digits
         code = {"meshtrace": version("meshtrace"), "kernels": sources().hex()}
-        here = json.loads(json.dumps({**code, **identity}))  # other code may give other digits
+        here = json.loads(json.dumps({**identity, **code, "study": self._study}))
         of = _digest_of(name, here)
         with locked(self.path):
             first = _line(loop=name, identity=here)
@@ -114,10 +117,7 @@ class Store:
                 with atomic(self.path) as temporary:
                     temporary.write_bytes(first)
             self.read()
-            if name in self.identities and _digest_of(name, self.identities[name]) != of:
-                difference = _difference(self.identities[name], here)
-                held = Described(f"{str(self.path)!r} holds another study ({difference})")
-                raise Refused("store", held, "the same arguments, or another path")
+            self._require_same(name, here)
             with self.path.open("ab") as file:
                 if name not in self.identities:
                     file.write(first)
@@ -125,6 +125,17 @@ class Store:
                 file.flush()
                 os.fsync(file.fileno())
                 self.identities[name], self._end = here, file.tell()
+
+    def _require_same(self, name: str, here: dict[str, Any]) -> None:
+        """Refuse a store of another study, or of one with another identity of a loop."""
+        there = self.identities.get(name, here)
+        if _digest_of(name, there) == _digest_of(name, here):
+            others = [one for one in self.identities.values() if one["study"] != self._study]
+            if not others:
+                return
+            there, here = ({"study": one["study"]} for one in (others[0], here))
+        held = Described(f"{str(self.path)!r} holds another study ({_difference(there, here)})")
+        raise Refused("store", held, "the same arguments, or another path")
 
     def items(self, name: str) -> Kept:
         """Return the finished items of a loop as they were read."""

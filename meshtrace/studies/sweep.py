@@ -391,7 +391,7 @@ def _swept(
     """Return the results of a study, from its store or computed."""
     cluster = Cluster(workers, timeout).checked()
     found: dict[Task, Outcome] = {}
-    with Store(store).loop("sweep", study.identity()) as kept:
+    with Store(store, "sweep").loop("sweep", study.identity()) as kept:
         tasks = list(study.tasks())
         found = {task: _outcome(kept[task.key]) for task in tasks if task.key in kept}
         waiting = [task for task in tasks if task not in found]

@@ -155,8 +155,11 @@ def test_other_arguments_are_refused_by_name(name, tmp_path):
 def test_another_study_or_version_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "kept.store"
     STUDIES["ensemble"](store=path)
-    with pytest.raises(Refused, match=r"holds another study \(steps\.along: 'realization' there"):
+    message = r"holds another study \(study: 'ensemble' there, '(compare|time_series)' here\)"
+    with pytest.raises(Refused, match=message):
         mt.time_series(LINK, SEA, TIMES, **SMALL, store=path)
+    with pytest.raises(Refused, match=message):  # whose loops have other names
+        STUDIES["compare"](store=path)
     with pytest.raises(Refused, match=r"holds another study \(steps\.labels: "):
         mt.ensemble(LINK, 6, SEA, **SMALL, store=path)
     monkeypatch.setattr("meshtrace.studies.store.version", lambda name: "0.0.1")

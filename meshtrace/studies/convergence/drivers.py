@@ -28,6 +28,7 @@ from meshtrace.studies.convergence.meshes import (
     positive,
 )
 from meshtrace.studies.convergence.study import ConvergenceStudy
+from meshtrace.studies.store import Store
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import Meshing
 
@@ -140,7 +141,8 @@ def convergence_study(
     if unresolved == "tilt" and reference:
         raise Refused("reference", reference, "None beside random slopes")
     campaign = campaign_of(
-        link, surface, photons=photons, seed=seed, time=time, threads=threads, store=store,
+        link, surface, photons=photons, seed=seed, time=time, threads=threads,
+        store=Store(store, "convergence_study"),
         workers=workers,
     )  # fmt: skip
     exact = wave_sum(campaign.sea) if reference else None
@@ -207,7 +209,7 @@ def band_limit_study(
     require_whole(realizations, 1, 100_000, "realizations")
     campaign = campaign_of(
         link, surface, photons=photons, seed=seed, time=time, spacing=spacing, threads=threads,
-        store=store, workers=workers,
+        store=Store(store, "band_limit_study"), workers=workers,
     )  # fmt: skip
     sea: Any = campaign.sea
     if not {"omega_max", "seed"} <= set(getattr(type(sea), "model_fields", {})):
@@ -284,7 +286,7 @@ def time_step_study(
             raise Refused("duration", duration, f"multiples of the step {value:g} s")
     campaign = campaign_of(
         link, surface, photons=photons, seed=seed, time=start, spacing=spacing, threads=threads,
-        store=store, workers=workers,
+        store=Store(store, "time_step_study"), workers=workers,
     )  # fmt: skip
     chains = _chains(campaign, normals, receiver)
     begin, width, sea = campaign.meshing.time, campaign.meshing.spacing, campaign.sea

@@ -19,6 +19,7 @@ from meshtrace.stored import Stored
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.convergence.meshes import Progress, descending, positive
 from meshtrace.studies.series import over_realizations
+from meshtrace.studies.store import Store
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -161,7 +162,8 @@ def fading_study(
     require_whole(realizations, 0, 1_000_000, "realizations")
     tolerance = positive("tolerance", tolerance)
     campaign = campaign_of(
-        link, surface, photons=photons, seed=seed, spacing=spacing, threads=threads, store=store,
+        link, surface, photons=photons, seed=seed, spacing=spacing, threads=threads,
+        store=Store(store, "fading_study"),
         workers=workers,
     )  # fmt: skip
     link = campaign.link

@@ -25,6 +25,7 @@ from meshtrace.studies.inference.model import (
 )
 from meshtrace.studies.inference.result import Inference
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
+from meshtrace.studies.store import Store
 from meshtrace.surfaces import FlatSea
 from meshtrace.transport.meshing import surface_config
 
@@ -122,7 +123,7 @@ def infer(
     if sea is None and not isinstance(link, Scenario):
         sea = FlatSea()
     options: Any = {"photons": photons, "seed": seed, "threads": threads}
-    campaign = campaign_of(link, sea, several=False, store=store, **options)
+    campaign = campaign_of(link, sea, several=False, store=Store(store, "infer"), **options)
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
     setting = Setting(campaign.link, campaign.surface, None)

@@ -34,6 +34,7 @@ from meshtrace.studies.optimisation.result import Optimum, Validation
 from meshtrace.studies.optimisation.sample import REWEIGHED, Aircraft, Sample
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.quantities import FADES
+from meshtrace.studies.store import Store
 from meshtrace.transport.meshing import surface_config
 from meshtrace.uav.airframe import Uav
 from meshtrace.uav.wind import Dryden
@@ -150,7 +151,9 @@ def optimize(
     """
     given = {"photons": photons, "seed": seed, "threads": threads, **options}
     fading = realizations > 1 and objective in FADES
-    campaign = campaign_of(link, sea, fading, several=False, store=store, **given)
+    campaign = campaign_of(
+        link, sea, fading, several=False, store=Store(store, "optimize"), **given
+    )
     require_whole(realizations, 1, 100_000, "realizations")
     require_between(quantile, 0.0, 1.0, "quantile")
     require_between(limit, 0.0, 0.5, "limit")

@@ -34,6 +34,7 @@ from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.performance.operating_point import Ensemble, Realizations, operating_point
 from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
 from meshtrace.studies.series import closed_form
+from meshtrace.studies.store import Store
 from meshtrace.surfaces import sea_in_wind
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
@@ -158,7 +159,8 @@ def link_performance(
         surface = sea_in_wind(speed)
     campaign = campaign_of(
         _shallowest(link, depths), surface, fading=True, photons=over.photons, seed=over.seed,
-        spacing=over.spacing, threads=threads, store=store, workers=workers,
+        spacing=over.spacing, threads=threads,
+        store=Store(store, "link_performance"), workers=workers,
     )  # fmt: skip
     link, scenario = campaign.link, campaign.scenario
     wind = getattr(scenario, "wind_speed", None) if speed is None else speed

@@ -33,6 +33,7 @@ from meshtrace.studies.neighbours import (
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.quantities import FADES, Of, Quantity
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
+from meshtrace.studies.store import Store
 from meshtrace.transport.frozen import Light
 from meshtrace.transport.meshing import surface_config
 
@@ -157,7 +158,8 @@ def sensitivities(
         given["photons"] = DEFAULT_CHAINS
     fading = realizations > 1 and of in FADES and (of != "range" or ook is not None)
     require_whole(realizations, 1, 100_000, "realizations")
-    campaign = campaign_of(link, sea, fading, several=False, store=store, workers=workers, **given)
+    kept = Store(store, "sensitivities")
+    campaign = campaign_of(link, sea, fading, several=False, store=kept, workers=workers, **given)
     if realizations > 1 and not isinstance(campaign.surface, RandomSea):
         kind = getattr(campaign.surface, "kind", type(campaign.surface).__name__)
         raise Refused("realizations", realizations, f"1 over a surface of kind {kind}")
