@@ -129,11 +129,11 @@ class Store:
     def _require_same(self, name: str, here: dict[str, Any]) -> None:
         """Refuse a store of another study, or of one with another identity of a loop."""
         there = self.identities.get(name, here)
-        if _digest_of(name, there) == _digest_of(name, here):
-            others = [one for one in self.identities.values() if one["study"] != self._study]
-            if not others:
-                return
+        others = [one for one in self.identities.values() if one["study"] != self._study]
+        if others:
             there, here = ({"study": one["study"]} for one in (others[0], here))
+        elif _digest_of(name, there) == _digest_of(name, here):
+            return
         held = Described(f"{str(self.path)!r} holds another study ({_difference(there, here)})")
         raise Refused("store", held, "the same arguments, or another path")
 
