@@ -69,7 +69,7 @@ from .studies.optimisation import Optimum as Optimum
 from .studies.optimisation import optimize as optimize
 from .studies.performance.link_performance import depth_sweep as depth_sweep
 from .studies.performance.link_performance import link_performance as link_performance
-from .studies.performance.samples import Realizations as Realizations
+from .studies.performance.operating_point import Realizations as Realizations
 from .studies.performance.tables import DepthSweep as DepthSweep
 from .studies.performance.tables import LinkPerformance as LinkPerformance
 from .studies.sensitivity import Sensitivities as Sensitivities

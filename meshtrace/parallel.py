@@ -7,7 +7,7 @@ import os
 import sys
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from time import monotonic, thread_time
@@ -97,7 +97,7 @@ def paced(
     total: float,
     work: str,
     size: Callable[[Result], float] = lambda _: 1.0,
-) -> Iterator[Result]:
+) -> Generator[Result, None, None]:
     """Yield results, and announce the time of all of them from the rate of the first ones.
 
     Parameters

@@ -19,6 +19,7 @@ from meshtrace.bvh.embree import CopiedScene, Scene
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.tallies import standard_error
+from meshtrace.studies.campaign import campaign_of, mean, stderr
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
@@ -274,7 +275,8 @@ def resolved_sea(
     -------
     dict
         `gain` of `new_sea`, which has seconds and facets; `seconds_per_realization` of an ensemble
-        with as many chains, its `facets`, and `direct_seconds` of the unscattered light alone.
+        with as many chains, which are made once, its `facets`, and `direct_seconds` of the
+        unscattered light alone.
     """
     gain = new_sea(link, sea, rtol, rounds)
     reach, chains = crossing_reach(link), gain["chains"]
@@ -282,17 +284,14 @@ def resolved_sea(
     forced = ForcedDetection(link, chains, 1, threads=1, sea=TypicalSea.of([mesh], MANY_SEAS))
     aimed = forced.over(mesh)
     (direct,) = best_of(3, lambda: aimed.direct_gains(0, 0))
+    campaign = campaign_of(link, sea, photons=chains, threads=1)
     start = process_time()
-    meshes = (
-        mesh_for(link, sea.with_seed(2000 + i), reach=reach, per_wave=FADING_SPACING)[0]
-        for i in range(realizations)
-    )
-    found = [forced.evaluate(each) for each in meshes]
-    each = (process_time() - start) / len(found)
+    found = campaign.gains(campaign.realizations(realizations))["gain"]
+    each = (process_time() - start) / realizations
     return {
         "gain": gain,
         "seconds_per_realization": each,
         "direct_seconds": direct,
         "facets": len(mesh.faces),
-        "rtol": max(float(p.stderr[0] / p.gain[0]) for p in found),
+        "rtol": float((stderr(found, "shift") / mean(found, "shift")).max()),
     }

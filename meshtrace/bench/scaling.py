@@ -165,16 +165,16 @@ def worker_scaling(
     Raises
     ------
     ModuleNotFoundError
-        If dask, distributed or zarr are not installed.
+        If dask and distributed are not installed.
     """
+    from meshtrace.studies.campaign import same
+    from meshtrace.studies.cluster import Cluster
     from meshtrace.studies.sweep import Study
-    from meshtrace.studies.sweep.cluster import compute
-    from meshtrace.studies.sweep.store import open_store, waiting_tasks
 
     def run(workers: int, n: int = realizations) -> None:
         study = Study(scenario.to_toml(), {}, n, None, chains, seed=1)
-        group = open_store(study, None)
-        compute(study, group, waiting_tasks(study, group), None, workers, progress=False)
+        for _ in Cluster(workers).map(partial(same, study.compute), list(study.tasks())):
+            pass
 
     workers = counts_up_to(default_threads(most))
     run(workers[-1], 1)  # compiles

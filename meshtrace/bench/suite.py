@@ -60,7 +60,7 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
     photons, chains = 4_000_000 // scale, 20_000 // scale
     physics = link.physics.model_copy(update={"unresolved": "none"})
     bare = link.model_copy(update={"physics": physics})
-    dask = find_spec("distributed") and find_spec("zarr")
+    dask = find_spec("distributed")
     return {
         "environment": environment(),
         "cores": os.cpu_count(),

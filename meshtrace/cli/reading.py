@@ -55,6 +55,11 @@ def _whole(option: str, text: str) -> int:
     raise Refused(option, text, "an integer")
 
 
+def _whole_or_text(option: str, text: str) -> int | str:
+    """Return an integer, or a text such as the address of a scheduler."""
+    return int(text) if text.lstrip("-").isdecimal() else text
+
+
 def _pair(option: str, text: str) -> tuple[float, float]:
     found = numbers(option, text)
     if len(found) != 2:
@@ -80,6 +85,7 @@ _READERS = {
     "int": Reader("N", _whole),
     "float": Reader("X", _real),
     "str": Reader("NAME", lambda _, text: text),
+    "int | str": Reader("N", _whole_or_text),
     "str | Path": Reader("PATH", lambda _, path: path, Path | None),
     "tuple[float, float]": Reader("X,Y", _pair),
     **dict.fromkeys(("ArrayLike", "Sequence[float]", "float | Sequence[float]"), _NUMBERS),

@@ -175,7 +175,7 @@ def bench(
 @app.command("plot")
 def plot_command(
     file: Path = Argument(
-        metavar="RESULT", help="Result of any command (.nc), or the store of a sweep (.zarr)."
+        metavar="RESULT", help="Result of any command (.nc), or the store of a sweep."
     ),
     output: Path | None = Option(
         None, "--output", "-o", metavar="A.PNG", help="Picture; default: RESULT.png."
@@ -190,12 +190,12 @@ def plot_command(
 def _content(file: Path) -> object:
     """Return a result, or the dataset of a sweep."""
     from meshtrace.stored import load, read_dataset
+    from meshtrace.studies.store import is_store
 
-    if file.is_dir():
-        with extra("plot", "batch"):
-            from meshtrace.studies.sweep.store import read_store
+    if is_store(file):
+        from meshtrace.studies.sweep import read_store
 
-            return read_store(file)
+        return read_store(file)
     data = read_dataset(file)
     return data if data.attrs.get("kind") == "sweep" else load(file)
 

@@ -6,6 +6,7 @@ steps, which raises where a newer move has made the answer useless.
 
 from __future__ import annotations
 
+import math
 import threading
 import warnings
 from collections.abc import Callable, Iterator
@@ -244,24 +245,26 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
         If the surface is no sea model, or only analog photons follow the link.
     """
     campaign = campaign_of(state.channel, fading=True, photons=FADING_CHAINS)
-    if not isinstance(campaign.surface, SurfaceModel):
-        raise Refused("surface", Described(type(campaign.surface).__name__), "a sea that moves")
+    sea = campaign.surface
+    if not isinstance(sea, SurfaceModel):
+        raise Refused("surface", Described(type(sea).__name__), "a sea that moves")
     times = np.arange(FADING_FRAMES) / FADING_RATE
     duration = FADING_FRAMES / FADING_RATE
 
     def surface(i: int) -> tuple[MeshSource, float]:
         check()
-        return campaign.surface, float(times[i])
+        return sea, float(times[i])
 
     gain = np.empty(FADING_FRAMES)
-    for i, (part,) in enumerate(campaign.parts(Steps("time", times, surface))):
-        uncertain = part.stderr[0] > _MOST_ERROR * part.gain[0]
-        gain[i] = np.nan if uncertain else part.gain[0]
+    for i, found in enumerate(campaign.each(Steps("time", times, surface))):
+        by_shift = found[0, 0, 0]
+        mean, error = by_shift.mean(), by_shift.std(ddof=1) / math.sqrt(len(by_shift))
+        gain[i] = np.nan if error > _MOST_ERROR * mean else mean
         if (i + 1) % _SHOWN_EVERY == 0 and i + 1 < FADING_FRAMES:
             yield _series(times[: i + 1], gain[: i + 1], duration)
-    found = _series(times, gain, duration)
-    index_of_all = _index_of_all(campaign.link, campaign.surface)
-    yield replace(found, index=_index_of(found.gain), index_of_all=index_of_all)
+    series = _series(times, gain, duration)
+    index_of_all = _index_of_all(campaign.link, sea)
+    yield replace(series, index=_index_of(series.gain), index_of_all=index_of_all)
 
 
 def _series(times: Floats, gain: Floats, duration: float) -> Fading:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,11 +19,12 @@ from meshtrace.errors import Refused, require_finite, require_kind, require_whol
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea
 from meshtrace.models import Floats
-from meshtrace.results.background import Background, BackgroundSeries
+from meshtrace.results.background import PARTS, Background, BackgroundSeries
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.campaign import Campaign, Steps, campaign_of, over_surfaces
+from meshtrace.studies.campaign import Campaign, Steps, campaign_of
 from meshtrace.studies.series import in_flight
+from meshtrace.studies.store import Store
 from meshtrace.transport.backward import background, background_over
 from meshtrace.transport.case import Case
 from meshtrace.transport.meshing import mesh_for
@@ -43,6 +47,8 @@ def background_series(
     spacing: float | None = None,
     extent: float | None = None,
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
 ) -> BackgroundSeries:
     """Return the background of a receiver over a moving sea, with the flicker of glint.
 
@@ -61,7 +67,7 @@ def background_series(
     flight : Flight, optional
         Aircraft that tilts a receiver in the air; with equal seeds and times it has the tilts of
         `time_series`.
-    seed, spacing, extent, threads
+    seed, spacing, extent, threads, store, workers
         As in `time_series`.
 
     Returns
@@ -79,8 +85,9 @@ def background_series(
     keeps its mean but is smoother than in nature.
     """
     require_whole(photons, SHIFTS, 10_000_000, "photons")
-    given = {"seed": seed, "spacing": spacing, "extent": extent, "threads": threads}
-    campaign = campaign_of(link, surface, fading=True, **given)
+    given: dict[str, Any] = {"seed": seed, "spacing": spacing, "extent": extent, "threads": threads}
+    kept = Store(store, "background_series")
+    campaign = campaign_of(link, surface, fading=True, store=kept, workers=workers, **given)
     day = light_of(campaign, day)
     if day is None:
         raise Refused("day", None, "a Daylight")
@@ -255,15 +262,31 @@ def error_rate(
 
 def _over(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> list[Background]:
     """Return the background over each surface."""
-    origin: dict[str, Any] = {"daylight": day.model_dump(mode="json")}
-    run, normals = campaign.run, campaign.meshing.normals
+    origin = {"daylight": day.model_dump(mode="json")}
+    identity = {**origin, "steps": steps.identity(), "rays": photons}
+    setup = partial(_seen, campaign.alone, steps, day, photons)
+    # the threads are those of the rays over one surface
+    one = campaign._replace(run=campaign.run.replace(threads=1))
+    name = f"background of {', '.join(campaign.links)}"
+    found = one.over(setup, range(len(steps.labels)), name, identity)
+    results = []
+    for row in found:
+        parts, errors, numbers = np.split(row, [len(PARTS), 2 * len(PARTS)])
+        total, error, acceptance, wavelength = numbers.tolist()
+        results.append(Background(parts, errors, total, error, acceptance, wavelength, origin))
+    return results
 
-    def over(i: int) -> Background:
+
+def _seen(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> Callable[[int], Floats]:
+    """Return the function that gives the numbers of the background over a surface, in a row."""
+    run, normals, threads = campaign.run, campaign.meshing.normals, campaign.threads
+
+    def over(i: int) -> Floats:
         link = steps.links[i] if steps.links else campaign.link
         surface, time = steps.surface(i)
         mesh, _ = mesh_for(link, surface, campaign.meshing.replace(time=time))
-        rest = day, photons, run.seed, normals, campaign.threads, origin
-        return background_over(link, mesh, *rest)
+        found = background_over(link, mesh, day, photons, run.seed, normals, threads, {})
+        numbers = found.radiance, found.radiance_stderr, found.acceptance, found.wavelength_nm
+        return np.concatenate([found.part_radiance, found.part_radiance_stderr, numbers])
 
-    # the threads are those of the rays over one surface
-    return list(over_surfaces(over, len(steps.labels), 1))
+    return over

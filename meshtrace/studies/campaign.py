@@ -1,9 +1,11 @@
-"""Links over many surfaces: one loop for all studies by forced detection, one array of gains."""
+"""Links over many surfaces: one loop for all studies, on threads or a cluster, with a store."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -18,12 +20,13 @@ from meshtrace.parallel import default_threads, ordered_map, paced, trim_memory
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.inputs import forced_case, wind_over
+from meshtrace.studies.cluster import Cluster
+from meshtrace.studies.store import Store, digest_of
+from meshtrace.transport.case import Case, resolve
 from meshtrace.transport.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import FADING_SPACING, mesh_for
-from meshtrace.transport.options import Meshing, Run
-from meshtrace.transport.parts import Parts
+from meshtrace.transport.meshing import FADING_SPACING, mesh_for, surface_config
+from meshtrace.transport.options import Forced, Meshing, Run
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
 
@@ -31,6 +34,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Result = TypeVar("Result")
+
+Setup = Callable[[], Callable[[Any], Any]]
+"""Returns the function that gives the numbers of a step; called in the process that evaluates."""
 
 DEFAULT_CHAINS = 2048
 """Chains of a study over many surfaces, common to all of them."""
@@ -56,8 +62,16 @@ class Steps(NamedTuple):
 
     along: Literal["time", "realization"]
     labels: NDArray[Any]
-    surface: Callable[[int], tuple[MeshSource, float]]
+    surface: Callable[[int], tuple[Any, float]]
     links: Sequence[Link] | None = None
+
+    def identity(self) -> dict[str, Any]:
+        """Return the configuration that identifies the surfaces, as plain data."""
+        labels = self.labels.tolist()
+        found = {"along": self.along, "number": len(labels), "labels": digest_of(labels)}
+        if self.links is not None:
+            found["links"] = digest_of([link.model_dump(mode="json") for link in self.links])
+        return found
 
 
 class Campaign(NamedTuple):
@@ -67,21 +81,27 @@ class Campaign(NamedTuple):
     ----------
     links : mapping of str to Link
         Links by name, all with as many receivers; the chains of all have the same numbers.
-    surface : MeshSource
-        The sea.
+    surface : MeshSource or TriangleMesh
+        The sea; a single mesh where one surface is enough.
     run : Run
         Chains of each link, seed and threads.
     meshing : Meshing
         Time and resolution of the sea. A mesh is fine where the light of any link crosses.
     scenario : Scenario, optional
         The scenario from which they follow.
+    cluster : Cluster, optional
+        Processes that evaluate the surfaces; threads of this one by default.
+    store : Store
+        File that keeps finished surfaces.
     """
 
     links: Mapping[str, Link]
-    surface: MeshSource
+    surface: MeshSource | TriangleMesh
     run: Run
     meshing: Meshing
     scenario: Scenario | None = None
+    cluster: Cluster | None = None
+    store: Store = Store()
 
     @property
     def link(self) -> Link:
@@ -107,15 +127,30 @@ class Campaign(NamedTuple):
             raise Refused("surface", kind, "a sea (SurfaceModel), of any spacing")
         return self.surface
 
-    def of(self, link: Link) -> Campaign:
-        """Return the campaign of another link."""
-        return self._replace(links={"link": link})
+    @property
+    def case(self) -> Case:
+        """Inputs of a single run of the first link."""
+        return Case(self.link, self.surface, self.run, self.meshing)
+
+    def of(self, link: Link, name: str = "link") -> Campaign:
+        """Return the campaign of another link; in one store each has a name of its own."""
+        return self._replace(links={name: link})
+
+    def identity(self) -> dict[str, Any]:
+        """Return the configuration that the numbers of a step depend on, as plain data."""
+        return {
+            "links": {name: link.model_dump(mode="json") for name, link in self.links.items()},
+            "surface": surface_config(self.surface),
+            "photons": self.run.photons,
+            "seed": self.run.seed,
+            "meshing": self.meshing.model_dump(mode="json"),
+        }
 
     def provenance(self, link: Link | None = None, **more: Any) -> dict[str, Any]:
         """Return the provenance of a link, by default the first."""
         run = {"estimator": "forced", "photons": self.run.photons, "seed": self.run.seed}
         run |= self.meshing.model_dump()
-        return provenance(link or self.link, self.surface.to_config(), run | more)
+        return provenance(link or self.link, surface_config(self.surface), run | more)
 
     def wind_of(self, flight: Flight) -> Dryden:
         """Return the wind at an aircraft, by default that over the sea."""
@@ -130,7 +165,8 @@ class Campaign(NamedTuple):
 
     def in_time(self, times: Floats, links: Sequence[Link] | None = None) -> Steps:
         """Return the sea at times (n,) [s], and the link at each if it moves."""
-        return Steps("time", times, lambda i: (self.surface, float(times[i])), links)
+        sea = self.surface
+        return Steps("time", times, lambda i: (sea, float(times[i])), links)
 
     def realizations(self, n: int, name: str = "surface") -> Steps:
         """Return n realizations of the sea.
@@ -152,38 +188,91 @@ class Campaign(NamedTuple):
         reach = max(crossing_reach(link) + math.dist(link.origin, joint.origin) for link in links)
         return mesh_for(joint, surface, meshing, reach, FADING_SPACING)[0]
 
-    def parts(
+    def over(
+        self,
+        setup: Setup,
+        steps: Sequence[Any],
+        name: str,
+        identity: Mapping[str, Any],
+        progress: Callable[[int], None] | None = None,
+        work: str = "seas",
+    ) -> Iterator[Floats]:
+        """Yield the numbers of each step in order: kept ones, and others as they are computed.
+
+        A work of minutes is announced.
+
+        Parameters
+        ----------
+        setup : callable
+            Returns the function of a step. On a cluster every worker calls it once.
+        steps : sequence
+            Steps as plain data, all different: numbers of surfaces, or tuples.
+        name : str
+            Name of the loop in the store.
+        identity : mapping
+            What the numbers depend on besides `identity` of the campaign.
+        progress : callable, optional
+            Called with 1 after each step.
+        work : str
+            Name of the steps, for the announcement.
+        """
+        with self.store.loop(name, {**self.identity(), **identity}) as kept:
+            waiting = [step for step in steps if step not in kept]
+            computed = self._computed(setup, waiting) if waiting else iter(())
+            ready: dict[Any, Floats] = {}
+            with closing(paced(computed, len(waiting), f"{len(waiting):,} {work}")) as found:
+                for step in steps:
+                    while step not in ready and step not in kept:
+                        i, numbers = next(found)
+                        ready[waiting[i]] = kept.keep(waiting[i], numbers).numbers
+                        if i % _TRIM_EVERY == 0:
+                            trim_memory()
+                    yield ready.pop(step) if step in ready else kept[step].numbers
+                    if progress is not None:
+                        progress(1)
+
+    def _computed(self, setup: Setup, steps: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """Yield the number of each step and its numbers, on a cluster as they finish."""
+        if self.cluster is None:
+            yield from enumerate(ordered_map(setup(), steps, self.threads))
+            return
+        with closing(self.cluster.map(setup, steps)) as found:
+            for i, numbers in found:
+                if isinstance(numbers, Exception):
+                    raise numbers
+                yield i, numbers
+
+    @property
+    def alone(self) -> Campaign:
+        """The campaign without store and cluster, as a worker has it: with one thread."""
+        run = self.run if self.cluster is None else self.run.replace(threads=1)
+        return self._replace(run=run, scenario=None, cluster=None, store=Store())
+
+    def each(
         self,
         steps: Steps,
         progress: Callable[[int], None] | None = None,
         probed: int = _PROBED,
-    ) -> Iterator[list[Parts]]:
-        """Return the gains in parts over each surface, one for each link, as they are computed.
+    ) -> Iterator[Floats]:
+        """Yield the gains over each surface, and their unscattered parts, as they are computed.
 
-        Each mesh is made in the thread that evaluates it. The chains expect crests somewhat above
-        those of the first `probed` surfaces, or of the first one under a link that moves.
+        Parameters
+        ----------
+        steps : Steps
+            The surfaces.
+        progress : callable, optional
+            Called with 1 after each surface.
+        probed : int
+            Surfaces whose crests the chains expect; the first one under a link that moves.
+
+        Yields
+        ------
+        ndarray, shape (2, links, receivers, shifts)
         """
-        run, normals, links = self.run, self.meshing.normals, list(self.links.values())
-
-        def over(i: int) -> list[Link]:
-            return links if steps.links is None else [steps.links[i]]
-
-        def mesh(i: int) -> TriangleMesh:
-            return self.mesh(over(i), *steps.surface(i))
-
-        def chains(link: Link) -> ForcedDetection:
-            return ForcedDetection(link, run.photons, run.seed, normals, sea=typical)
-
-        def evaluate(i: int) -> list[Parts]:
-            made = first.pop(i) if i in first else mesh(i)
-            forced = common or [chains(link) for link in over(i)]
-            return [one.evaluate(made) for one in forced]
-
-        n = len(steps.labels)
-        first = {i: mesh(i) for i in range(min(1 if steps.links else probed, n))}
-        typical = TypicalSea.of(first.values(), MANY_SEAS)
-        common = [] if steps.links else [chains(link) for link in links]
-        return over_surfaces(evaluate, n, self.threads, progress)
+        setup = partial(_gains, self.alone, steps, probed)
+        name = f"gains of {', '.join(self.links)}"
+        identity = {"steps": steps.identity(), "probed": probed}
+        return self.over(setup, range(len(steps.labels)), name, identity, progress)
 
     def gains(
         self,
@@ -195,12 +284,8 @@ class Campaign(NamedTuple):
 
         Parameters
         ----------
-        steps : Steps
-            The surfaces.
-        progress : callable, optional
-            Called with 1 after each surface.
-        probed : int
-            See `parts`.
+        steps, progress, probed
+            As in `each`.
 
         Returns
         -------
@@ -212,36 +297,48 @@ class Campaign(NamedTuple):
         import xarray as xr
 
         n, receivers = len(steps.labels), len(self.link.receivers)
-        gain, ballistic = np.empty((2, len(self.links), n, receivers, SHIFTS))
-        for i, parts in enumerate(self.parts(steps, progress, probed)):
-            gain[:, i] = [one.shifts for one in parts]
-            ballistic[:, i] = [one.direct for one in parts]
+        found = np.empty((2, len(self.links), n, receivers, SHIFTS))
+        for i, numbers in enumerate(self.each(steps, progress, probed)):
+            found[:, :, i] = numbers
         dims = ("link", steps.along, "receiver", "shift")
         return xr.Dataset(
-            {"gain": (dims, gain), "gain_ballistic": (dims, ballistic)},
+            {"gain": (dims, found[0]), "gain_ballistic": (dims, found[1])},
             {"link": list(self.links), steps.along: steps.labels},
             {"provenance": {name: self.provenance(link) for name, link in self.links.items()}},
         )
 
 
-def over_surfaces(
-    evaluate: Callable[[int], Result],
-    n: int,
-    threads: int,
-    progress: Callable[[int], None] | None = None,
-    work: str = "seas",
-) -> Iterator[Result]:
-    """Yield `evaluate(i)` of n surfaces in order, by several threads.
+def _gains(campaign: Campaign, steps: Steps, probed: int) -> Callable[[int], Floats]:
+    """Return the function that gives the gains over a surface, see `Campaign.each`.
 
-    A work of minutes is announced; `progress` is called with 1 after each surface.
+    Each mesh is made in the thread that evaluates it.
     """
-    found = ordered_map(evaluate, range(n), threads)
-    for i, result in enumerate(paced(found, n, f"{n:,} {work}")):
-        yield result
-        if i % _TRIM_EVERY == 0:
-            trim_memory()
-        if progress is not None:
-            progress(1)
+    run, normals, links = campaign.run, campaign.meshing.normals, list(campaign.links.values())
+
+    def over(i: int) -> list[Link]:
+        return links if steps.links is None else [steps.links[i]]
+
+    def mesh(i: int) -> TriangleMesh:
+        return campaign.mesh(over(i), *steps.surface(i))
+
+    def chains(link: Link) -> ForcedDetection:
+        return ForcedDetection(link, run.photons, run.seed, normals, sea=typical)
+
+    def evaluate(i: int) -> Floats:
+        made = first.pop(i) if i in first else mesh(i)
+        parts = [one.evaluate(made) for one in common or map(chains, over(i))]
+        return np.array([[one.shifts for one in parts], [one.direct for one in parts]])
+
+    n = len(steps.labels)
+    first = {i: mesh(i) for i in range(min(1 if steps.links else probed, n))}
+    typical = TypicalSea.of(first.values(), MANY_SEAS)
+    common = [] if steps.links else [chains(link) for link in links]
+    return evaluate
+
+
+def same(evaluate: Callable[[Any], Result]) -> Callable[[Any], Result]:
+    """Return the function of a step that needs no setup."""
+    return evaluate
 
 
 def mean(samples: xr.DataArray, over: str) -> xr.DataArray:
@@ -268,10 +365,22 @@ def with_all_ends(links: Sequence[Link]) -> Link:
     return min(links, key=lambda link: link.water.a).replace(**ends)
 
 
+def wind_over(sea: Any, link: Link, name: str) -> Dryden:
+    """Return the wind over a sea at the end in the air; `name` is that of the argument."""
+    speed = getattr(getattr(sea, "spectrum", sea), "wind_speed", None)
+    if speed is None:
+        raise Refused(name, None, "a wind, over a sea without wind speed")
+    return Dryden(wind_speed=speed, height=link.air_end[1].height)
+
+
 def campaign_of(
     link: Link | Scenario,
-    surface: MeshSource | None = None,
+    surface: MeshSource | TriangleMesh | None = None,
     fading: bool = False,
+    *,
+    several: bool = True,
+    store: Store = Store(),  # noqa: B008 - keeps nothing
+    workers: int | str | None = None,
     **options: Any,
 ) -> Campaign:
     """Return the campaign of a link over a sea, checked.
@@ -280,11 +389,17 @@ def campaign_of(
     ----------
     link : Link or Scenario
         A link, or a scenario from which everything that is None follows.
-    surface : MeshSource, optional
+    surface : MeshSource or TriangleMesh, optional
         The sea; by default that of the scenario, or that of the link's wind.
     fading : bool
         Whether the answer of the study is about fading: a sea whose band was left open then has
         all waves that make the light of the link fade (`fading.resolve_band`).
+    several : bool
+        Whether the study needs a sea, and a single mesh is refused.
+    store : Store
+        File that keeps finished steps.
+    workers : int or str, optional
+        Processes, or the address of a dask scheduler, see `Cluster`; by default threads.
     **options
         Fields of `Run` and `Meshing`.
 
@@ -297,9 +412,14 @@ def campaign_of(
     scenario = link if isinstance(link, Scenario) else None
     if scenario is None:
         given = {"photons": DEFAULT_CHAINS, **given}
-    elif surface is None and isinstance(scenario.surface, MeshFile):
+    elif several and surface is None and isinstance(scenario.surface, MeshFile):
         raise Refused("sea.mesh", scenario.surface.file, "a sea model")
-    case = forced_case(link, surface, given, "forced, over many seas", fading)
-    if not isinstance(case.surface, MeshSource):
+    case = resolve(link, surface, fading).with_options(**given)
+    if not isinstance(case.run.estimator, Forced):
+        allowed = f"forced{', over many seas' if several else ''}"
+        raise Refused("run.estimator", "analog", allowed)
+    if several and not isinstance(case.surface, MeshSource):
         raise Refused("surface", Described(type(case.surface).__name__), "a sea (MeshSource)")
-    return Campaign({"link": case.link}, case.surface, case.run, case.meshing, scenario)
+    cluster = None if workers is None else Cluster(workers).checked()
+    links = {"link": case.link}
+    return Campaign(links, case.surface, case.run, case.meshing, scenario, cluster, store)

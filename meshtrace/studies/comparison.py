@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -26,6 +27,7 @@ from meshtrace.studies.background import (
     transmission_of,
 )
 from meshtrace.studies.campaign import Campaign, campaign_of, mean, stderr
+from meshtrace.studies.store import Store
 from meshtrace.tables import text_table
 
 _DECIBEL = 10.0 / math.log(10.0)
@@ -171,6 +173,8 @@ def compare(
     normals: Literal["vertex", "facet"] | None = None,
     threads: int | None = None,
     daylight: Daylight | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Comparison:
     """Compare the gains of links over common seas with common chains.
@@ -191,6 +195,11 @@ def compare(
         As in `ensemble`; realization 0 of a single one has the seed of the sea.
     daylight : Daylight, optional
         Light above all links; by default that of each scenario.
+    store : path, optional
+        File that keeps finished realizations: a second call with the same arguments resumes the
+        first.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
     progress : callable, optional
         Called with 1 after each realization of each link.
 
@@ -219,14 +228,21 @@ def compare(
         raise Refused("links", found, "a mapping of two or more names to links")
     require_whole(realizations, 1, 10_000_000, "realizations")
     lit = daylight is not None or any(getattr(link, "daylight", None) for link in links.values())
-    options = {"photons": photons, "seed": seed, "normals": normals, "threads": threads}
+    options: dict[str, Any] = {
+        "photons": photons, "seed": seed, "normals": normals, "threads": threads,
+        "store": Store(store, "compare"),
+        "workers": workers,
+    }  # fmt: skip
     each = {}
     for name, link in links.items():
         try:
             resolved = campaign_of(link, surface, fading=lit and realizations > 1, **options)
-            each[str(name)] = _single(resolved)
+            count = len(resolved.link.receivers)
+            if count != 1:
+                raise Refused("receiver", Described(f"{count} receivers"), "one receiver")
         except Refused as error:
             raise error.inside("links", str(name)) from None
+        each[str(name)] = resolved.of(resolved.link, str(name))
     samples = _samples(each, realizations, progress)
     days = [light_of(one, daylight) for one in each.values()]
     origin = [
@@ -264,14 +280,6 @@ def _under_light(
     return replace(found, **dict(zip(names, np.array(rows).T, strict=True)))
 
 
-def _single(campaign: Campaign) -> Campaign:
-    """Return the campaign of a link with one receiver; refuse that of any other."""
-    count = len(campaign.link.receivers)
-    if count != 1:
-        raise Refused("receiver", Described(f"{count} receivers"), "one receiver")
-    return campaign
-
-
 def _samples(
     each: dict[str, Campaign], realizations: int, progress: Callable[[int], None] | None
 ) -> Floats:
@@ -279,7 +287,7 @@ def _samples(
 
     Links over equal seas, with equal chains, have common meshes.
     """
-    campaigns = [one._replace(links={name: one.link}) for name, one in each.items()]
+    campaigns = list(each.values())
     over = [(one.surface, one.meshing, one.run) for one in campaigns]
     if all(one == over[0] for one in over):
         links = {name: one.link for name, one in each.items()}

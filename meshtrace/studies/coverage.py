@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import math
 import warnings
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.link import Link, Receiver, WaterReceiver
@@ -17,7 +20,8 @@ from meshtrace.models import Floats
 from meshtrace.results.coverage import CoverageMap, relative_errors
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
-from meshtrace.transport.analog import Sums, photons_over
+from meshtrace.studies.store import Item, Kept, Store
+from meshtrace.transport.analog import FixedPointSum, Sums, photons_over
 from meshtrace.transport.case import Case, resolve
 from meshtrace.transport.coverage import unscattered_map
 from meshtrace.transport.meshing import mesh_for, surface_config
@@ -48,6 +52,7 @@ def coverage_map(
     seed: int | None = None,
     normals: Literal["vertex", "facet"] | None = None,
     threads: int | None = None,
+    store: str | Path | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> CoverageMap:
     r"""Return the gain over the plane of the receiver.
@@ -78,6 +83,8 @@ def coverage_map(
         `rtol` of that.
     seed, normals, threads
         As in `simulate`.
+    store : path, optional
+        File that keeps the photons of each time, which a smaller `rtol` uses again.
     progress : callable, optional
         Called with the number of photons followed since its last call.
 
@@ -124,7 +131,9 @@ def coverage_map(
     view = {"axis": receiver.axis, "fov_deg": receiver.fov_deg}
     grid = IrradianceMap(height=receiver.center[2], extent=extent, step=step, **view)
     exact = rtol is not None and not isinstance(case.run.estimator, Analog)
-    return _Mapped(case, receiver, grid, at, exact).run(photons, rtol, progress)
+    mapped = _Mapped(case, receiver, grid, at, exact)
+    with Store(store, "coverage_map").loop("photons", mapped.identity()) as kept:
+        return mapped.run(photons, rtol, kept, progress)
 
 
 class _Mapped:
@@ -171,17 +180,32 @@ class _Mapped:
             total += found / len(self._times)
         return total
 
+    def identity(self) -> dict[str, Any]:
+        """Return the configuration that the tallies depend on, as plain data."""
+        case = self._case
+        return {
+            "link": case.link.model_dump(mode="json"),
+            "surface": surface_config(case.surface),
+            "run": self._options.model_dump(mode="json"),
+            "seed": case.run.seed,
+            "meshing": case.meshing.model_dump(mode="json"),
+            "map": self._grid.model_dump(mode="json"),
+            "times": self._times,
+            "unscattered": self._image is None,
+        }
+
     def run(
         self,
         photons: int,
         rtol: float | None,
+        kept: Kept,
         progress: Callable[[int], None] | None,
     ) -> CoverageMap:
         """Return the map by photons, which carry all light or what the image lacks."""
         more = photons if rtol is None else min(photons, _FIRST_PHOTONS)
         each, sums = 0, None
         while sums is None or more > 0:
-            sums = self._follow(each, more, sums, progress)
+            sums = self._follow(each, more, sums, kept, progress)
             each += more
             gain, stderr = self._gain(sums)
             more = 0 if rtol is None else _lacking(gain, stderr, rtol, each)
@@ -202,15 +226,23 @@ class _Mapped:
         done: int,
         photons: int,
         sums: Sums | None,
+        kept: Kept,
         progress: Callable[[int], None] | None,
     ) -> Sums:
         """Follow more photons at each time, and add their tallies to those of all times."""
         for i, time in enumerate(self._times):
             first = self._options.first_photon + len(self._times) * done + i * photons
+            key = f"{photons} from {first}"
+            if key in kept:
+                sums = _unpacked(kept[key])
+                if progress is not None:
+                    progress(photons)
+                continue
             sums = photons_over(
                 self._case, self._mesh(time), self._options.replace(first_photon=first), photons,
                 record=[self._grid], unscattered=self._image is None, sums=sums, progress=progress,
             )  # fmt: skip
+            kept.keep(key, *_packed(sums))
         assert sums is not None
         return sums
 
@@ -246,6 +278,34 @@ class _Mapped:
         weight = largest_weight(self._case.link, 0.0)
         most = weight * np.pi * self._receiver.radius**2 / self._grid.step**2
         return np.where(gain > 0.0, np.nan, gain + 2.0 * stderr + 3.0 * most / photons)
+
+
+def _packed(sums: Sums) -> tuple[Floats, str]:
+    """Return all tallies as one row of 64-bit numbers, and their shapes and types as text."""
+    arrays: dict[str, NDArray[Any]] = {}
+    for name, value in vars(sums).items():
+        parts = vars(value) if isinstance(value, FixedPointSum) else {"": value}
+        arrays |= {f"{name}.{part}": np.asarray(array) for part, array in parts.items()}
+    del arrays["arrivals."]
+    rows = [array.ravel().view(np.float64) for array in arrays.values()]
+    about = {name: (array.shape, array.dtype.str) for name, array in arrays.items()}
+    return np.concatenate(rows), json.dumps(about)
+
+
+def _unpacked(item: Item) -> Sums:
+    """Return the tallies of a row, see `_packed`."""
+    found: dict[str, Any] = {}
+    start = 0
+    for path, (shape, dtype) in json.loads(item.text).items():
+        name, _, part = path.partition(".")
+        size = math.prod(shape)
+        array = item.numbers[start : start + size].view(dtype).reshape(shape).copy()
+        start += size
+        if part:
+            vars(found.setdefault(name, FixedPointSum(tuple(shape))))[part] = array
+        else:
+            found[name] = array if shape else int(array)
+    return Sums(**found)
 
 
 def _lacking(gain: Floats, stderr: Floats, rtol: float, photons: int) -> int:

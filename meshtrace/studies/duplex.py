@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from meshtrace.results.series import GainSeries
 from meshtrace.stored import Stored
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.series import gain_series
+from meshtrace.studies.store import Store
 
 
 class JointOutage(NamedTuple):
@@ -148,6 +150,8 @@ def duplex(
     extent: float | None = None,
     spacing: float | None = None,
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Duplex:
     """Return the gains of an uplink and a downlink over the same surfaces, by forced detection.
@@ -170,6 +174,8 @@ def duplex(
         Seed of the chains and of the realizations, 1 by default.
     normals, extent, spacing, threads
         As in `simulate`; the result does not depend on the threads.
+    store, workers
+        As in `ensemble`.
     progress : callable, optional
         Called with 1 after each surface.
 
@@ -195,9 +201,9 @@ def duplex(
     >>> len(both.up.gain), len(both.down.gain)
     (3, 3)
     """
-    options = {
+    options: dict[str, Any] = {
         "photons": photons, "seed": seed, "normals": normals, "extent": extent,
-        "spacing": spacing, "threads": threads,
+        "spacing": spacing, "threads": threads, "store": Store(store, "duplex"), "workers": workers,
     }  # fmt: skip
     pair = []
     for name, link in (("up", up), ("down", down)):

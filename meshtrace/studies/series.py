@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -17,6 +18,7 @@ from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of, mean, stderr
+from meshtrace.studies.store import Store
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.route import Route
 
@@ -41,6 +43,8 @@ def time_series(
     extent: float | None = None,
     spacing: float | None = None,
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> GainSeries:
     """Return the gain over a moving sea, by forced detection with one set of chains.
@@ -67,6 +71,10 @@ def time_series(
         Seed of the chains and of the gusts, 1 by default.
     normals, extent, spacing, threads
         As in `simulate`; the result does not depend on the threads.
+    store : path, optional
+        File that keeps finished times: a second call with the same arguments resumes the first.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
     progress : callable, optional
         Called with 1 after each time.
 
@@ -108,7 +116,7 @@ def time_series(
         surface, times = None, surface
     campaign = campaign_of(
         link, surface, fading=True, photons=photons, seed=seed, normals=normals, extent=extent,
-        spacing=spacing, threads=threads,
+        spacing=spacing, threads=threads, store=Store(store, "time_series"), workers=workers,
     )  # fmt: skip
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
     require_kind(flight, Flight | None, "flight")
@@ -148,6 +156,8 @@ def ensemble(
     extent: float | None = None,
     spacing: float | None = None,
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> GainSeries:
     """Return the gains over independent realizations of a sea, by forced detection.
@@ -170,6 +180,11 @@ def ensemble(
         phases of realization i.
     normals, time, extent, spacing, threads
         As in `simulate`; the result does not depend on the threads.
+    store : path, optional
+        File that keeps finished realizations: a second call with the same arguments resumes the
+        first.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
     progress : callable, optional
         Called with 1 after each realization.
 
@@ -191,6 +206,7 @@ def ensemble(
     campaign = campaign_of(
         link, surface, fading=True, photons=photons, seed=seed, normals=normals, time=time,
         extent=extent, spacing=spacing, threads=threads,
+        store=Store(store, "ensemble"), workers=workers,
     )  # fmt: skip
     return _beside_closed_form(campaign, over_realizations(campaign, n_realizations, progress))
 
@@ -202,7 +218,7 @@ def over_realizations(
     return gain_series(campaign, campaign.gains(campaign.realizations(n_realizations), progress))
 
 
-def closed_form(link: Link, sea: MeshSource, n: int, level: int = 3) -> dict[str, Any]:
+def closed_form(link: Link, sea: Any, n: int, level: int = 3) -> dict[str, Any]:
     """Return `fading.band_fading` as plain data, empty below 50 surfaces; warn of a short band.
 
     `level` is the stack level of the warning.
@@ -245,9 +261,10 @@ def in_flight(
 
 
 def gain_series(
-    campaign: Campaign, gains: xr.Dataset, name: str = "link", **origin: Any
+    campaign: Campaign, gains: xr.Dataset, name: str | None = None, **origin: Any
 ) -> GainSeries:
-    """Return the series of one link of a campaign; `origin` is further provenance."""
+    """Return the series of a link of a campaign, the first; `origin` is further provenance."""
+    name = name or next(iter(campaign.links))
     along: Any = gains["gain"].dims[1]
     several = isinstance(campaign.links[name].receiver, tuple)
     one = gains.sel(link=name).isel(receiver=slice(None) if several else 0)

@@ -17,7 +17,6 @@ import pytest
 from meshtrace.studies.sweep import sweep
 
 pytest.importorskip("distributed")
-pytest.importorskip("zarr")
 
 LINK = {"bubbles": "none"}
 PARAMETERS = {

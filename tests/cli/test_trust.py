@@ -59,7 +59,6 @@ def test_no_command_runs_a_module_that_a_file_names(name, folder):
     """Each once ran `phases.py` beside the link file."""
     if name in ("sweep", "swept"):
         pytest.importorskip("distributed")
-        pytest.importorskip("zarr")
     done = meshtrace(folder, *COMMANDS[name])
     assert not (folder / "ran").exists()
     if name == "swept":  # a point with a value that is not allowed fails alone
@@ -91,7 +90,6 @@ def test_trusted_files_run_their_modules_and_results_never(folder):
 @pytest.mark.slow
 def test_trusted_sweeps_import_in_their_workers(folder):
     pytest.importorskip("distributed")
-    pytest.importorskip("zarr")
     for study in ("study.toml", "swept.toml"):
         done = meshtrace(folder, "sweep", study, "--trust", "--workers", "1")
         assert done.returncode == 0, done.stderr

@@ -7,6 +7,7 @@ from command_line import meshtrace, refusal
 
 from meshtrace import viz
 from meshtrace.cli.tools import _content
+from meshtrace.studies.store import Store
 
 FEW = ("--photons", "64")
 SWEEP = """bubbles = "none"
@@ -81,10 +82,9 @@ def test_every_result_is_drawn(name, folder):
     words = WRITING[name]
     if words[0] == "sweep":
         pytest.importorskip("distributed")
-        pytest.importorskip("zarr")
     made = meshtrace(*words, "-o", "result.nc")
     assert made.exit_code == 0, made.output
-    files = [folder / "result.nc", *folder.glob("*.zarr")]
+    files = [folder / "result.nc", *folder.glob("*.store")]
     assert len(files) == (2 if words[0] == "sweep" else 1)
     for file in files:
         drawn = meshtrace("plot", file, "-o", "a.png")
@@ -110,7 +110,8 @@ def labels(ax):
 
 @pytest.mark.filterwarnings("ignore")
 def test_what_is_no_result_is_refused(folder):
-    (folder / "none.zarr").mkdir()
-    assert "is not that of a sweep" in refusal("plot", folder / "none.zarr", "-o", "a.png")
+    with Store(folder / "none.store").loop("gains", {}):
+        pass
+    assert "is not that of a sweep" in refusal("plot", folder / "none.store", "-o", "a.png")
     (folder / "bench.json").write_text("{}")
     assert "undamaged" in refusal("plot", folder / "bench.json", "-o", "a.png")

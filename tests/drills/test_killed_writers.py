@@ -240,26 +240,21 @@ def test_killed_figures(kills, tmp_path):
     assert seen >= {*readers} - {".json"}  # which is removed first and written last
 
 
-@pytest.mark.parametrize("kills", KILLS)
-@pytest.mark.filterwarnings("ignore:.*computed again:UserWarning")
-def test_killed_stores(kills, tmp_path):
+def test_killed_stores(tmp_path):
     """A store that was killed is none, or goes on; all its gains are those of a whole one."""
     from hostile import _sweep
 
-    folder, found = tmp_path / "stores", set()
+    folder = tmp_path / "stores"
 
     def write():
-        return np.asarray(_sweep(folder / "one.zarr", 3e-5)["gain"])
+        return np.asarray(_sweep(folder / "one.store", 3e-5)["gain"])
 
     folder.mkdir()
-    most = killed_at_write(write, folder, None)
-    for n in Random(kills).sample(range(1, most + 1), kills):
+    for n in range(1, killed_at_write(write, folder, None) + 1):
         shutil.rmtree(folder)
         folder.mkdir()
         assert killed_at_write(write, folder, n) == n
-        found.add(len(list(folder.rglob("*"))))
         np.testing.assert_array_equal(write(), np.full((2, 2, 1), 3e-5))
-    assert len(found) > kills // 2  # killed at different stages
 
 
 def test_torn_files_are_found():

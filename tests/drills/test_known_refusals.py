@@ -206,14 +206,14 @@ def test_methods_refuse_in_one_line(field, call):
 def test_a_wrong_scheduler_is_refused_without_a_client(content, tmp_path):
     """A client of a wrong address once wrote a traceback when it was deleted."""
     pytest.importorskip("distributed")
-    from meshtrace.studies.sweep.cluster import _client
+    from meshtrace.studies.cluster import _client
 
     file = tmp_path / "scheduler.json"
     if content is not None:
         file.write_text(content)
     for scheduler in (str(file), "nonsense", "tcp://", "foo://1:2", "tcp://1.2.3.4"):
         with pytest.raises(Refused, match="allowed: the address of a running dask scheduler"):
-            with _client(scheduler, None, 0.1):
+            with _client(scheduler, 0.1):
                 pass
 
 

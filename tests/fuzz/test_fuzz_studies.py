@@ -3,8 +3,6 @@
 Only the reading is under test: no cluster is started and nothing is computed.
 """
 
-import importlib
-
 import pytest
 import tomli_w
 from hypothesis import given
@@ -12,7 +10,6 @@ from hypothesis import strategies as st
 from test_link_files import damaged, examples, numbers, plausible, values
 
 pytest.importorskip("distributed")
-pytest.importorskip("zarr")
 
 from meshtrace.scenario import ScenarioError
 from meshtrace.studies import sweep as batch
@@ -65,9 +62,7 @@ def study_file(tmp_path_factory):
 def nothing_computed():
     """Read and check the study, make its arrays in memory, and stop there."""
     with pytest.MonkeyPatch.context() as patch:
-        # the function sweep hides the module of that name
-        module = importlib.import_module("meshtrace.studies.sweep.sweep")
-        patch.setattr(module, "compute", lambda *arguments: None)
+        patch.setattr(batch.Cluster, "map", lambda *arguments: (found for found in ()))
         yield
 
 

@@ -81,7 +81,6 @@ def test_code_runs_and_pages_show_what_it_prints(page, tmp_path, request):
     """`--update-golden` replaces the outputs. Numbers may differ by a change of the engine."""
     if page.stem == "sweep":
         pytest.importorskip("distributed")
-        pytest.importorskip("zarr")
     outputs = printed(page, tmp_path)
     if request.config.getoption("--update-golden"):
         page.write_text(with_outputs(page, outputs), encoding="utf-8")

@@ -17,8 +17,11 @@ from meshtrace.comms.capacity import capacity
 from meshtrace.comms.ook import OokLink
 from meshtrace.results.series import GainSeries
 from meshtrace.scenario import Scenario
-from meshtrace.studies.performance.operating_point import ber_of_samples, outage_of_samples
-from meshtrace.studies.performance.samples import FadingSamples
+from meshtrace.studies.performance.operating_point import (
+    FadingSamples,
+    ber_of_samples,
+    outage_of_samples,
+)
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 RATES = (1e6, 5e6, 1e7)

@@ -2,9 +2,6 @@
 
 import json
 import math
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +11,8 @@ from mc_statistics import ALPHA, sidak, z_test
 import meshtrace as mt
 from meshtrace.kernels.random import realization_seed
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.sensitivity import study as study_module
+from meshtrace.studies.neighbours import error_of, without_each
 from meshtrace.studies.sensitivity.parameters import Setting, parameters
-from meshtrace.studies.sensitivity.problem import Shelf, error_of, without_each
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.transport.frozen import FrozenForced
 
@@ -357,85 +353,22 @@ def test_file_and_covariance(tmp_path):
         assert np.sqrt(np.diag(found)) == pytest.approx(errors)
 
 
-def test_same_digits_for_any_threads_and_after_a_stop(tmp_path, monkeypatch):
+def test_same_digits_for_any_threads_and_after_a_stop(tmp_path):
     sea = JonswapSea(wind_speed=5.0, seed=3)
-    keys = ("a", "d", "h")
-    first = elasticities(mt.Link(), sea, keys=keys, photons=256, threads=1)
-    assert repr(first.table) == repr(
-        elasticities(mt.Link(), sea, keys=keys, photons=256, threads=2).table
-    )
+    options = {"keys": ("a", "d", "h"), "photons": 256}
+    store = tmp_path / "kept.store"
+    first = elasticities(mt.Link(), sea, threads=1, **options)
+    assert repr(first.table) == repr(elasticities(mt.Link(), sea, threads=2, **options).table)
 
     def stop(done):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        elasticities(mt.Link(), sea, keys=keys, photons=256, resume=tmp_path, progress=stop)
-    kept = len(list(tmp_path.iterdir()))
-    assert kept > 0
-    next(tmp_path.iterdir()).write_bytes(b"torn")
-    with pytest.warns(UserWarning, match=r"damaged, .* is computed again"):
-        again = elasticities(mt.Link(), sea, keys=keys, photons=256, resume=tmp_path)
+        elasticities(mt.Link(), sea, store=store, progress=stop, **options)
+    kept = store.read_bytes()
+    again = elasticities(mt.Link(), sea, store=store, **options)
     assert repr(again.table) == repr(first.table)
-    # a finished run computes nothing
-    monkeypatch.setattr(study_module.Problem, "gains", lambda *_: pytest.fail("computed again"))
-    elasticities(mt.Link(), sea, keys=keys, photons=256, resume=tmp_path)
-
-
-def test_finished_parameters_are_bound_to_bits_and_key(tmp_path):
-    """Any flipped bit, and the file of another parameter, is noticed and computed again."""
-    numbers = np.random.default_rng(1).normal(size=(1, SHIFTS))
-    shelf = Shelf(tmp_path, {"seed": 1})
-    shelf.kept("water.a", lambda: numbers)
-    shelf.kept("water.b", lambda: 2.0 * numbers)
-    first, second = sorted(tmp_path.iterdir())
-    sound = first.read_bytes()
-    rng = np.random.default_rng(26)
-    damaged = [second.read_bytes()]
-    for bit in rng.choice(8 * len(sound), 64, replace=False):
-        content = bytearray(sound)
-        content[bit // 8] ^= 1 << (bit % 8)
-        damaged.append(bytes(content))
-
-    def both():
-        again = Shelf(tmp_path, {"seed": 1})
-        return again.kept("water.a", lambda: numbers), again.kept("water.b", lambda: 2.0 * numbers)
-
-    for content in damaged:
-        first.write_bytes(content)
-        with pytest.warns(UserWarning, match="computed again"):
-            found = both()
-        np.testing.assert_array_equal(found, [numbers, 2.0 * numbers])
-
-
-KILLED = """
-import os, signal, sys
-import meshtrace as mt
-from meshtrace.surfaces import FlatSea
-mt.sensitivities(
-    mt.Link(), FlatSea(), wrt=["water.a", "receiver.height", "transmitter.depth"], photons=256,
-    resume=sys.argv[1], progress=lambda done: os.kill(os.getpid(), signal.SIGKILL),
-)
-"""
-
-
-@pytest.mark.process
-@pytest.mark.thorough
-def test_a_killed_run_resumes_from_finished_parameters(tmp_path, monkeypatch):
-    done = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)])
-    assert done.returncode == -signal.SIGKILL
-    computed = []
-    gains = study_module.Problem.gains
-    monkeypatch.setattr(
-        study_module.Problem,
-        "gains",
-        lambda self, setting, i: (computed.append(setting.link), gains(self, setting, i))[1],
-    )
-    keys = ("a", "h", "d")
-    again = elasticities(mt.Link(), keys=keys, photons=256, resume=tmp_path)
-    # the base and the moments are on disk, not the differences: four gains each
-    assert len(computed) == 8
-    assert {link.water.a for link in computed} == {mt.Link().water.a}
-    assert repr(again.table) == repr(elasticities(mt.Link(), keys=keys, photons=256).table)
+    assert store.read_bytes().startswith(kept)  # only what it lacked was computed
 
 
 TWIN = {

@@ -43,7 +43,7 @@ def address():
 
 def swept(base, parameters, address, **options):
     options = {"rtol": None, "photons": 256, "progress": False, **options}
-    return mt.sweep(base, parameters, scheduler=address, **options)
+    return mt.sweep(base, parameters, workers=address, **options)
 
 
 @pytest.mark.process
@@ -74,7 +74,7 @@ def test_a_sweep_over_lights_and_a_study_file(address, tmp_path):
         FILE + "[sweep]\nphotons = 256\n[sweep.parameters]\ndaylight = ['none', 'night', 'moon']\n"
     )
     path = tmp_path / "lights.toml"
-    path.write_text(text.replace("[sweep]", "[sweep]\nstore = 'lights.zarr'"))
+    path.write_text(text.replace("[sweep]", "[sweep]\nstore = 'lights.store'"))
     data = _file(path, address)
     dark, night, moon = data["ber"].values.ravel()
     assert 0.0 < dark < moon < 0.5
@@ -88,8 +88,8 @@ def test_a_sweep_over_lights_and_a_study_file(address, tmp_path):
 def _file(path, address):
     from meshtrace.studies.sweep import sweep_file
 
-    first = sweep_file(path, scheduler=address, progress=False)
-    again = sweep_file(path, scheduler=address, progress=False)  # from the store
+    first = sweep_file(path, workers=address, progress=False)
+    again = sweep_file(path, workers=address, progress=False)  # from the store
     np.testing.assert_array_equal(first["ber"], again["ber"])
     return again
 

@@ -15,13 +15,12 @@ from typer.testing import CliRunner
 import meshtrace as mt
 from meshtrace import cli
 from meshtrace.scenario import Scenario
-from meshtrace.studies.sweep import BLOCK, Study, Task, store_of, sweep, sweep_file
-from meshtrace.studies.sweep.store import dataset, note, open_store, waiting_tasks, write
+from meshtrace.studies.cluster import Cluster
+from meshtrace.studies.sweep import BLOCK, Study, Task, read_store, store_of, sweep, sweep_file
 from meshtrace.surfaces import JonswapSea, MeshSequence, SinusoidalSea
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
-zarr = pytest.importorskip("zarr")
 
 FLAT = {"spectrum": "flat"}
 
@@ -36,8 +35,11 @@ def address():
 
 
 def run(parameters, address, **options):
-    options = {"surface": FLAT, "rtol": None, "photons": 64, "progress": False, **options}
-    return sweep(options.pop("link", mt.Link()), parameters, scheduler=address, **options)
+    options = {
+        "surface": FLAT, "rtol": None, "photons": 64, "progress": False, "workers": address,
+        **options,
+    }  # fmt: skip
+    return sweep(options.pop("link", mt.Link()), parameters, **options)
 
 
 def study(parameters, **options):
@@ -65,7 +67,7 @@ def test_point_is_the_run_of_its_scenario():
     link = link.model_copy(update={"whitecaps": whitecaps})
     flat = Scenario.from_config({"sea": FLAT}).surface
     single = mt.simulate(link, flat, photons=64, seed=5, threads=1)
-    assert outcome.measured[:, 0, 0].tolist() == [
+    assert outcome.numbers[0, :-1].tolist() == [
         single.gain,
         single.gain_stderr,
         single.gain_ballistic,
@@ -85,13 +87,15 @@ def test_realizations_are_those_of_an_ensemble():
     outcome = asked.compute(Task((0,), 0, 3))
     smooth = mt.Link(water=mt.Water(b=0.0), physics=mt.Physics(unresolved="none"))
     several = mt.ensemble(smooth, 3, photons=64, seed=4)
-    np.testing.assert_allclose(outcome.measured[2, :, 0], several.gain_ballistic, rtol=1e-12)
+    np.testing.assert_allclose(outcome.numbers[:, 2], several.gain_ballistic, rtol=1e-12)
 
 
 def test_points_share_their_random_numbers():
     asked = study({"transmitter.power_mw": [1.0, 2.0]})
-    first, second = (asked.compute(task).measured for task in asked.tasks())
-    np.testing.assert_array_equal(first, second)  # the gain is relative to the power
+    first, second = (asked.compute(task).numbers for task in asked.tasks())
+    np.testing.assert_array_equal(
+        first[:, :-1], second[:, :-1]
+    )  # the gain is relative to the power
 
 
 def test_failing_point_is_reported_in_one_line(address):
@@ -170,37 +174,43 @@ def test_link_alone_goes_with_a_sea_that_follows_the_wind(address):
 
 
 def test_finished_points_are_read_not_computed(address, tmp_path):
-    store = tmp_path / "depths.zarr"
+    store = tmp_path / "depths.store"
     first = run({"water.b": [0.0, 0.1]}, address, store=store)
-    second = run({"water.b": [0.0, 0.1]}, None, store=store, workers=1)
+    second = run({"water.b": [0.0, 0.1]}, 1, store=store)
     assert first.identical(second)  # seconds included: nothing ran
 
 
-def test_task_lost_with_its_worker_is_reported_and_stays_to_be_done(address, tmp_path):
-    store, asked = tmp_path / "lost.zarr", study({"water.b": [0.0, 0.1]})
-    group = open_store(asked, store)
-    lost, other = waiting_tasks(asked, group)
-    note(group, lost, "KilledWorker: died")
-    write(group, other, asked.compute(other))
-    assert dataset(group)["error"].values.tolist() == [["KilledWorker: died"], [""]]
-    group = open_store(asked, store)  # by the next call
-    assert waiting_tasks(asked, group) == [lost]
-    write(group, lost, asked.compute(lost))
-    assert waiting_tasks(asked, group) == []
-    assert (dataset(group)["error"] == "").all()
+def test_task_lost_with_its_worker_is_reported_and_stays_to_be_done(address, tmp_path, monkeypatch):
+    store, parameters = tmp_path / "lost.store", {"water.b": [0.0, 0.1]}
+    evaluate = Cluster.map
+
+    def dying(self, setup, jobs):
+        for i, found in evaluate(self, setup, jobs):
+            yield i, RuntimeError("its worker died") if i == 0 else found
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Cluster, "map", dying)
+        data = run(parameters, address, store=store)
+    lost, other = data["error"].values[:, 0]
+    assert lost == "RuntimeError: its worker died"
+    assert other == ""
+    assert np.isnan(read_store(store)["gain"].values[:, 0]).tolist() == [True, False]
+    again = run(parameters, address, store=store)  # by the next call
+    assert (again["error"] == "").all()
+    assert again["seconds"].values[1] == data["seconds"].values[1]
 
 
 def test_other_version_in_the_store_is_refused(address, tmp_path, monkeypatch):
-    store = tmp_path / "depths.zarr"
+    store = tmp_path / "depths.store"
     with monkeypatch.context() as patch:
-        patch.setattr("meshtrace.studies.sweep.points.version", lambda name: "0.0.1")
+        patch.setattr("meshtrace.studies.store.version", lambda name: "0.0.1")
         run({"water.b": [0.0]}, address, store=store)
     with pytest.raises(ValueError, match=r"store: .*meshtrace: '0\.0\.1' there"):
         run({"water.b": [0.0]}, address, store=store)
 
 
 def test_other_sweep_in_the_store_is_refused(address, tmp_path):
-    store = tmp_path / "depths.zarr"
+    store = tmp_path / "depths.store"
     run({"water.b": [0.0, 0.1]}, address, store=store)
     with pytest.raises(ValueError, match=r"store: .*seed: 1 there, 2 here.*allowed"):
         run({"water.b": [0.0, 0.1]}, address, store=store, seed=2)
@@ -208,11 +218,14 @@ def test_other_sweep_in_the_store_is_refused(address, tmp_path):
         run({"water.b": [0.0]}, address, store=store)
 
 
-def test_folder_that_is_no_store_is_refused(address, tmp_path):
-    (tmp_path / "thesis.txt").write_text("precious")
-    with pytest.raises(ValueError, match=r"is not that of a sweep, allowed"):
-        run({"water.b": [0.0]}, address, store=tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+@pytest.mark.parametrize("content", ["precious\n", "", None])
+def test_file_that_is_no_store_is_refused(address, tmp_path, content):
+    path = tmp_path / "thesis"
+    path.mkdir() if content is None else path.write_text(content)
+    with pytest.raises(ValueError, match=r"store: .*thesis'.*, allowed: one, or a new path"):
+        run({"water.b": [0.0]}, address, store=path)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis"]
+    assert content is None or path.read_text() == content
 
 
 @pytest.mark.parametrize(
@@ -228,7 +241,7 @@ def test_folder_that_is_no_store_is_refused(address, tmp_path):
         ({"water.b": [0.1]}, {"seed": -1}, r"seed: -1, allowed"),
         ({"water.b": [0.1]}, {"rtol": 2.0}, r"run\.rtol: 2\.0, allowed"),
         ({"water.b": [0.1]}, {"photons": 0}, r"run\.photons: 0, allowed"),
-        ({"water.b": [0.1]}, {"workers": 2}, r"workers: 2, allowed"),
+        ({"water.b": [0.1]}, {"workers": 0}, r"workers: 0, allowed"),
     ],
 )
 def test_wrong_arguments_are_named(parameters, options, message):
@@ -244,7 +257,7 @@ def test_progress_tells_where_the_dashboard_is(address, capsys):
 
 
 def test_missing_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "zarr", None)
+    monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ModuleNotFoundError, match=r'pip install "meshtrace\[batch\]"'):
         sweep(mt.Link(), {"water.b": [0.1]})
 
@@ -267,17 +280,17 @@ def test_study_file_is_a_link_file_with_a_sweep(address, tmp_path):
         photons = 64
         [sweep]
         rtol = 1.0
-        store = "kept.zarr"
+        store = "kept.store"
         [sweep.parameters]
         transmitter.depth = [5.0, 10.0]
         "receiver.height" = [4.0]
         """,
     )
-    data = sweep_file(path, scheduler=address, progress=False)
+    data = sweep_file(path, workers=address, progress=False)
     assert data["gain"].dims == ("transmitter.depth", "receiver.height", "realization")
     identity = json.loads(data.attrs["identity"])
     assert (identity["seed"], identity["photons"], identity["rtol"]) == (7, 64, 1.0)
-    assert (tmp_path / "kept.zarr").is_dir()
+    assert (tmp_path / "kept.store").is_file()
 
 
 @pytest.mark.parametrize(
@@ -313,7 +326,7 @@ def test_command_prints_a_row_for_each_point_and_keeps_all(address, tmp_path):
         "water.type" = ["jerlov-I", "jerlov-IB"]
     """
     path, kept = write_study(tmp_path, text), tmp_path / "kept.nc"
-    result = sweep_command(path, "--scheduler", address, "-o", kept)
+    result = sweep_command(path, "--workers", address, "-o", kept)
     assert result.exit_code == 1, result.stderr  # as some points failed
     head, _, *rows = result.stdout.split("\n\n")[0].splitlines()
     assert head.split() == ["transmitter.depth", "water.type", "gain", "stderr", "scatter"]
@@ -321,7 +334,7 @@ def test_command_prints_a_row_for_each_point_and_keeps_all(address, tmp_path):
         [depth, water] for depth in ("5", "-1") for water in ("jerlov-I", "jerlov-IB")
     ]
     assert "warning: 4 of 8 runs failed, the first: transmitter.depth: -1.0" in result.stderr
-    assert (tmp_path / "study.zarr").is_dir()  # beside the study, without being asked
+    assert (tmp_path / "study.store").is_file()  # beside the study, without being asked
     with xr.open_dataset(kept, engine="h5netcdf") as data:
         gain = data["gain"].values[0, 0]
         chains = data["gain_stderr"].values[0, 0]
@@ -340,9 +353,9 @@ def test_command_says_what_to_install(monkeypatch, tmp_path):
 
 def test_scheduler_that_is_none_is_reported_in_one_line(tmp_path):
     path = write_study(tmp_path, "[sweep.parameters]\nwind_speed = [5.0]")
-    result = sweep_command(path, "--scheduler", "nonsense")
+    result = sweep_command(path, "--workers", "nonsense")
     assert result.exit_code == 2
-    assert "error: --scheduler: 'nonsense'" in result.stderr
+    assert "error: --workers: 'nonsense'" in result.stderr
 
 
 def test_point_without_light_ends(address):
@@ -355,7 +368,7 @@ def test_point_without_light_ends(address):
 
 def test_study_of_the_examples_is_allowed():
     path = Path(__file__).parents[2] / "examples" / "study.toml"
-    assert store_of(path) == path.with_name("study.zarr")
+    assert store_of(path) == path.with_name("study.store")
     config = tomllib.loads(path.read_text())
     table = config.pop("sweep")
     asked = Study(

@@ -10,7 +10,6 @@ for the order p and the value g_0 at vanishing step (Richardson), and beside it 
 over the exact sum of waves, with the same chains.
 """
 
-from meshtrace.studies.convergence.checks import Costs, Normals
 from meshtrace.studies.convergence.drivers import (
     DEFAULT_SPACINGS,
     PLACEMENTS,
@@ -22,6 +21,7 @@ from meshtrace.studies.convergence.drivers import (
 from meshtrace.studies.convergence.exact import Reference
 from meshtrace.studies.convergence.fading import FadingConvergence, fading_study
 from meshtrace.studies.convergence.fit import Fit
+from meshtrace.studies.convergence.meshes import Costs, Normals
 from meshtrace.studies.convergence.study import ConvergenceStudy
 
 __all__ = [

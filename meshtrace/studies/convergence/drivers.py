@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from itertools import product
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -13,12 +14,21 @@ from meshtrace.errors import Described, Refused, require_whole, require_word
 from meshtrace.kernels.random import realization_seed
 from meshtrace.models import Floats
 from meshtrace.studies.campaign import Campaign, campaign_of
-from meshtrace.studies.convergence import checks
-from meshtrace.studies.convergence.checks import Costs, Normals, Progress, Unresolved, positive
+from meshtrace.studies.convergence import meshes
 from meshtrace.studies.convergence.exact import Reference, wave_sum
 from meshtrace.studies.convergence.measure import CommonChains, Stacked, spread
-from meshtrace.studies.convergence.meshes import crest_of, nested_mesh, placement_shifts
+from meshtrace.studies.convergence.meshes import (
+    Costs,
+    Normals,
+    Progress,
+    Unresolved,
+    crest_of,
+    nested_mesh,
+    placement_shifts,
+    positive,
+)
 from meshtrace.studies.convergence.study import ConvergenceStudy
+from meshtrace.studies.store import Store
 from meshtrace.transport.meshing import mesh_for
 from meshtrace.transport.options import Meshing
 
@@ -52,6 +62,8 @@ def convergence_study(
     receiver: int = 0,
     unresolved: Unresolved = "none",
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Progress | None = None,
 ) -> ConvergenceStudy:
     """Study the dependence of the gain over a sea on the spacing of its mesh.
@@ -86,6 +98,10 @@ def convergence_study(
         whether the mean gain is free of it: normals tilt at random (`Physics.unresolved`).
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
+    store : path, optional
+        File that keeps finished meshes: a second call with the same arguments resumes the first.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
     progress : callable, optional
         Called with 1 after each mesh.
 
@@ -117,23 +133,27 @@ def convergence_study(
     >>> 1.6 < study.fits["vertex"].order.value < 2.2
     True
     """
-    values = checks.descending("spacings", spacings)
+    values = meshes.descending("spacings", spacings)
     positive("tolerance", tolerance)
     require_whole(placements, 1, 100_000, "placements")
     if reference not in ("analytic", None):
         raise Refused("reference", reference, "'analytic' or None")
     if unresolved == "tilt" and reference:
         raise Refused("reference", reference, "None beside random slopes")
-    campaign = campaign_of(link, surface, photons=photons, seed=seed, time=time, threads=threads)
+    campaign = campaign_of(
+        link, surface, photons=photons, seed=seed, time=time, threads=threads,
+        store=Store(store, "convergence_study"),
+        workers=workers,
+    )  # fmt: skip
     exact = wave_sum(campaign.sea) if reference else None
     chains = _chains(campaign, normals, receiver, unresolved)
     link, sea, at = campaign.link, campaign.sea, campaign.meshing.time
     pairs = product(values, placement_shifts(placements))
     cases = [partial(nested_mesh, link, sea, at, spacing, shift) for spacing, shift in pairs]
-    found = chains.over(cases, len(values), campaign.threads, progress)
+    recorded = {"spacings": values, "placements": placements, "unresolved": unresolved}
+    found = chains.over(campaign, cases, len(values), recorded, progress)
     truth = chains.exact(exact, at, values[-1]) if exact else None
     scatter = spread(found.samples.mean(axis=3))
-    recorded = {"spacings": values, "placements": placements, "unresolved": unresolved}
     return _study("spacing", values, campaign, chains, found, scatter, tolerance, truth, recorded)
 
 
@@ -152,6 +172,8 @@ def band_limit_study(
     receiver: int = 0,
     unresolved: Unresolved = "none",
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Progress | None = None,
 ) -> ConvergenceStudy:
     """Study the dependence of the mean gain over a random sea on its shortest waves.
@@ -169,7 +191,7 @@ def band_limit_study(
         of a narrower one.
     spacing : float, optional
         Spacing of the mesh [m], 0.1 by default; a few to the shortest wave.
-    normals, photons, seed, time, tolerance, receiver, unresolved, threads, progress
+    normals, photons, seed, time, tolerance, receiver, unresolved, threads, store, workers, progress
         As in `convergence_study`.
 
     Returns
@@ -182,30 +204,31 @@ def band_limit_study(
     The mean square slope of a spectrum with an omega^-5 tail grows as log omega_max: without
     random slopes for the waves left out (`unresolved="tilt"`) this study has no limit.
     """
-    values = checks.descending("omega_max", omega_max)[::-1]
+    values = meshes.descending("omega_max", omega_max)[::-1]
     positive("tolerance", tolerance)
     require_whole(realizations, 1, 100_000, "realizations")
     campaign = campaign_of(
-        link, surface, photons=photons, seed=seed, time=time, spacing=spacing, threads=threads
-    )
+        link, surface, photons=photons, seed=seed, time=time, spacing=spacing, threads=threads,
+        store=Store(store, "band_limit_study"), workers=workers,
+    )  # fmt: skip
     sea: Any = campaign.sea
     if not {"omega_max", "seed"} <= set(getattr(type(sea), "model_fields", {})):
         raise Refused("surface", Described(type(sea).__name__), "a random sea with omega_max")
     step = positive("spacing", campaign.meshing.spacing or 0.1)
     widest = sea.model_copy(update={"omega_max": values[-1]})
+    base, at, key = campaign.link, campaign.meshing.time, campaign.run.seed
     chains = _chains(campaign, normals, receiver, unresolved, widest)
 
     def mesh(limit: float, i: int) -> TriangleMesh:
-        changes = {"omega_max": limit, "seed": realization_seed(campaign.run.seed, i)}
-        wide = sea.model_copy(update=changes)
-        return nested_mesh(campaign.link, wide, campaign.meshing.time, step, np.zeros(2))
+        wide = sea.model_copy(update={"omega_max": limit, "seed": realization_seed(key, i)})
+        return nested_mesh(base, wide, at, step, np.zeros(2))
 
     cases = [partial(mesh, *pair) for pair in product(values, range(realizations))]
-    found = chains.over(cases, len(values), campaign.threads, progress)
-    gain = found.samples.mean(axis=3)
-    scatter = spread(gain - gain[:, -1:])
     recorded = {"omega_max": values, "realizations": realizations, "spacing": step,
                 "unresolved": unresolved}  # fmt: skip
+    found = chains.over(campaign, cases, len(values), recorded, progress)
+    gain = found.samples.mean(axis=3)
+    scatter = spread(gain - gain[:, -1:])
     return _study("omega_max", values, campaign, chains, found, scatter, tolerance, None, recorded)
 
 
@@ -223,6 +246,8 @@ def time_step_study(
     tolerance: float = 1e-2,
     receiver: int = 0,
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Progress | None = None,
 ) -> ConvergenceStudy:
     """Study the dependence of the mean gain over a moving sea on the time step.
@@ -241,7 +266,7 @@ def time_step_study(
         Its beginning [s], by default 0 or the time of the scenario.
     spacing : float, optional
         Spacing of the mesh [m], by default that of `Link.footprint`.
-    normals, photons, seed, tolerance, receiver, threads, progress
+    normals, photons, seed, tolerance, receiver, threads, store, workers, progress
         As in `convergence_study`.
 
     Returns
@@ -250,27 +275,29 @@ def time_step_study(
         `gain` is the mean over the series (trapezoidal rule), `scatter` the rms error of
         linear interpolation between its times.
     """
-    values = checks.descending("steps", steps)
+    values = meshes.descending("steps", steps)
     positive("tolerance", tolerance)
     finest = 0.5 * values[-1]
-    strides = [checks.multiple_of("steps", value / finest) for value in values]
+    strides = [meshes.multiple_of("steps", value / finest) for value in values]
     duration = 8.0 * values[0] if duration is None else positive("duration", duration)
-    n = checks.multiple_of("duration", duration / finest)
+    n = meshes.multiple_of("duration", duration / finest)
     for value, stride in zip(values, strides, strict=True):
         if n % stride:
             raise Refused("duration", duration, f"multiples of the step {value:g} s")
     campaign = campaign_of(
-        link, surface, photons=photons, seed=seed, time=start, spacing=spacing, threads=threads
-    )
+        link, surface, photons=photons, seed=seed, time=start, spacing=spacing, threads=threads,
+        store=Store(store, "time_step_study"), workers=workers,
+    )  # fmt: skip
     chains = _chains(campaign, normals, receiver)
-    begin, width = campaign.meshing.time, campaign.meshing.spacing
+    begin, width, sea = campaign.meshing.time, campaign.meshing.spacing, campaign.sea
 
     def mesh(i: int) -> TriangleMesh:
         meshing = Meshing(time=begin + i * finest, spacing=width)
-        return mesh_for(chains.link, campaign.sea, meshing, chains.reach)[0]
+        return mesh_for(chains.link, sea, meshing, chains.reach)[0]
 
     cases = [partial(mesh, i) for i in range(n + 1)]
-    frames = chains.over(cases, 1, campaign.threads, progress, photons=0)
+    recorded = {"start": begin, "duration": duration, "steps": values}
+    frames = chains.over(campaign, cases, 1, recorded, progress, photons=0)
     by_shift, ballistic = frames.samples[:, 0], frames.ballistic[:, 0]  # (kinds, frames, ...)
     each, shape = by_shift.mean(axis=2), (len(chains.kinds), len(values))
     found = Stacked(
@@ -281,7 +308,6 @@ def time_step_study(
         Costs(*(np.broadcast_to(seconds, shape) for seconds in frames.costs)),
     )
     scatter = np.stack([_interpolation_error(each, s) for s in strides], axis=1)
-    recorded = {"start": begin, "duration": duration, "steps": values}
     return _study("time_step", values, campaign, chains, found, scatter, tolerance, None, recorded)
 
 
@@ -294,13 +320,13 @@ def _chains(
 ) -> CommonChains:
     """Return the chains of a study, for crests no higher than those of the highest sea."""
     require_word(unresolved, ("tilt", "none"), "unresolved")
-    kinds, run = checks.normal_kinds(normals), campaign.run
+    kinds, run = meshes.normal_kinds(normals), campaign.run
     crest = crest_of(campaign.link, highest or campaign.sea, campaign.meshing.time)
     return CommonChains(campaign.link, run.photons, run.seed, kinds, receiver, crest, unresolved)
 
 
 def _study(
-    parameter: checks.Parameter,
+    parameter: meshes.Parameter,
     values: list[float],
     campaign: Campaign,
     chains: CommonChains,

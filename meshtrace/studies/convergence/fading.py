@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -13,10 +14,12 @@ from meshtrace.errors import Refused, require_whole
 from meshtrace.fading.resolving import WITHIN, fading_band
 from meshtrace.fading.spectral import scintillation_of_spectrum
 from meshtrace.fields import attrs
+from meshtrace.models import Floats
 from meshtrace.stored import Stored
 from meshtrace.studies.campaign import Campaign, campaign_of
-from meshtrace.studies.convergence.checks import Floats, Progress, descending, positive
+from meshtrace.studies.convergence.meshes import Progress, descending, positive
 from meshtrace.studies.series import over_realizations
+from meshtrace.studies.store import Store
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -117,6 +120,8 @@ def fading_study(
     spacing: float | None = None,
     tolerance: float = WITHIN,
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Progress | None = None,
 ) -> FadingConvergence:
     """Study the dependence of the scintillation index on the shortest waves of a random sea.
@@ -132,7 +137,7 @@ def fading_study(
         At least four highest frequencies [rad s-1].
     realizations : int
         Seas of each band over which the index is measured as well; 0, the default, measures none.
-    photons, seed, threads, progress
+    photons, seed, threads, store, workers, progress
         As in `ensemble`.
     spacing : float, optional
         Spacing of the meshes [m]; by default that of an ensemble.
@@ -157,8 +162,10 @@ def fading_study(
     require_whole(realizations, 0, 1_000_000, "realizations")
     tolerance = positive("tolerance", tolerance)
     campaign = campaign_of(
-        link, surface, photons=photons, seed=seed, spacing=spacing, threads=threads
-    )
+        link, surface, photons=photons, seed=seed, spacing=spacing, threads=threads,
+        store=Store(store, "fading_study"),
+        workers=workers,
+    )  # fmt: skip
     link = campaign.link
     sea = getattr(campaign.sea, "short_waves", campaign.sea)
     campaign = campaign._replace(surface=sea)
@@ -189,6 +196,7 @@ def _measured(
 ) -> tuple[float, float]:
     """Return the index of unscattered light over an ensemble, and its standard error."""
     sea: Any = campaign.sea
+    campaign = campaign.of(campaign.link, f"up to {omega_max!r} rad/s")
     campaign = campaign._replace(surface=sea.model_copy(update={"omega_max": omega_max}))
     gain = over_realizations(campaign, realizations, progress).gain_ballistic
     rng = np.random.default_rng(campaign.run.seed)

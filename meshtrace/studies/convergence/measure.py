@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, NamedTuple
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -13,10 +14,10 @@ from meshtrace.bvh import EmbreeIntersector
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.models import Floats
 from meshtrace.results.gain import Fate
-from meshtrace.studies.campaign import over_surfaces
-from meshtrace.studies.convergence.checks import Costs, Normals, Progress, Unresolved
+from meshtrace.stored import SHIFTS
+from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.convergence.exact import Reference, over_waves
-from meshtrace.studies.convergence.meshes import probes
+from meshtrace.studies.convergence.meshes import Costs, Normals, Progress, Unresolved, probes
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
@@ -25,17 +26,10 @@ if TYPE_CHECKING:
     from meshtrace.link import Link
     from meshtrace.mesh import TriangleMesh, WaveSum
 
+Case = Callable[[], "TriangleMesh"]
+"""Makes a mesh of a study."""
+
 ANALOG_PHOTONS = 16_384  # of the share of total reflection
-
-
-class Measured(NamedTuple):
-    """Numbers of one surface, each by kind of normals."""
-
-    samples: Floats  # (kinds, shifts)
-    ballistic: Floats
-    slope_variance: Floats
-    total_reflection: Floats
-    seconds: Floats  # (kinds, 3) mesh, BVH, gain
 
 
 class Stacked(NamedTuple):
@@ -64,12 +58,17 @@ class CommonChains:
         require_whole(receiver, 0, len(link.receivers) - 1, "receiver")
         physics = link.physics.model_copy(update={"unresolved": unresolved})
         one = {"receiver": link.receivers[receiver], "physics": physics}
+        self._inputs = link, photons, seed, kinds, receiver, crest, unresolved
         self.link = link.model_copy(update=one)
         self.reach = crossing_reach(self.link)
         self.kinds, self.receiver = kinds, receiver
         self._key = photons, seed
         self._crest = crest
         self._forced = {kind: self._chains(kind) for kind in kinds}
+
+    def __reduce__(self) -> Any:
+        """Return the inputs: a worker makes the chains again."""
+        return CommonChains, self._inputs
 
     def _chains(self, kind: Normals) -> ForcedDetection:
         """Return the chains over surfaces with one kind of normals."""
@@ -78,20 +77,26 @@ class CommonChains:
             self.link, *self._key, kind, sea=sea, search="thorough", scattered="chains"
         )
 
-    def measure(self, mesh: TriangleMesh, mesh_seconds: float, photons: int = 0) -> Measured:
-        """Return the numbers of a mesh; `photons` are for the share of total reflection."""
-        start = clock.perf_counter()
+    def measure(self, case: Case, photons: int = 0) -> Floats:
+        """Return the numbers of a mesh in a row for each kind of normals.
+
+        Gain by shift, unscattered gain, mean square slope, share of total reflection, and the
+        seconds that mesh, BVH and gain took; `photons` are for the share of total reflection.
+        """
+        began = clock.perf_counter()
+        mesh = case()
+        made = clock.perf_counter()
         intersector = EmbreeIntersector(mesh, 1)
-        bvh_seconds = clock.perf_counter() - start
+        times = made - began, clock.perf_counter() - made
         rows = []
         for kind, forced in self._forced.items():
             start = clock.perf_counter()
             parts = forced.evaluate(mesh, intersector)
-            seconds = mesh_seconds, bvh_seconds, clock.perf_counter() - start
+            seconds = *times, clock.perf_counter() - start
             slopes = _slope_variance(intersector, kind, self.reach)
             reflected = _total_reflection(self.link, intersector, kind, photons, self._key[1])
-            rows.append((parts.shifts[0], parts.ballistic[0], slopes, reflected, seconds))
-        return Measured(*(np.array(column) for column in zip(*rows, strict=True)))
+            rows.append([*parts.shifts[0], parts.ballistic[0], slopes, reflected, *seconds])
+        return np.array(rows)
 
     def exact(self, sea: WaveSum, time: float, spacing: float) -> Reference:
         """Return the gain over the sum of waves, see `over_waves`."""
@@ -99,41 +104,40 @@ class CommonChains:
 
     def over(
         self,
-        cases: Iterable[Callable[[], TriangleMesh]],
+        campaign: Campaign,
+        cases: Iterable[Case],
         steps: int,
-        threads: int,
+        recorded: dict[str, Any],
         progress: Progress | None,
         photons: int = ANALOG_PHOTONS,
     ) -> Stacked:
         """Return the gains over the meshes of a study: as many repeats of each step, in order.
 
-        `photons` are those of the share of total reflection, 0 for none.
+        `photons` are those of the share of total reflection, 0 for none; `recorded` are the
+        options that identify the meshes.
 
         Raises
         ------
         Refused
             If no light is received at a step: its gain has no relative error.
         """
-
-        def measure(i: int) -> Measured:
-            began = clock.perf_counter()
-            mesh = jobs[i]()
-            return self.measure(mesh, clock.perf_counter() - began, photons)
-
         jobs = list(cases)
-        rows = over_surfaces(measure, len(jobs), threads, progress, "meshes")
-        by_case = (np.stack(column) for column in zip(*rows, strict=True))
-        by_repeat = (c.reshape(steps, -1, *c.shape[1:]) for c in by_case)
-        found = Measured(*(np.moveaxis(column, 2, 0) for column in by_repeat))
-        if not found.samples.mean(axis=(2, 3)).all():
+        chosen = {"kinds": list(self.kinds), "receiver": self.receiver}
+        identity = {**recorded, **chosen, "physics": self.link.physics.model_dump(mode="json")}
+        setup = partial(_measuring, self, jobs, photons)
+        rows = campaign.over(setup, range(len(jobs)), "meshes", identity, progress, "meshes")
+        by_case = np.stack(list(rows), axis=1)  # (kinds, cases, numbers)
+        found = by_case.reshape(len(by_case), steps, -1, by_case.shape[-1])
+        samples, (ballistic, *means) = found[..., :SHIFTS], np.moveaxis(found[..., SHIFTS:], -1, 0)
+        if not samples.mean(axis=(2, 3)).all():
             raise Refused("gain", Described("no light received"), "light at every step")
-        return Stacked(
-            found.samples,
-            found.ballistic,
-            found.slope_variance.mean(axis=2),
-            found.total_reflection.mean(axis=2),
-            Costs(*np.moveaxis(found.seconds.mean(axis=2), -1, 0)),
-        )
+        slopes, reflected, *seconds = (column.mean(axis=2) for column in means)
+        return Stacked(samples, ballistic, slopes, reflected, Costs(*seconds))
+
+
+def _measuring(chains: CommonChains, jobs: list[Case], photons: int) -> Callable[[int], Floats]:
+    """Return the function that measures a mesh by its number."""
+    return lambda i: chains.measure(jobs[i], photons)
 
 
 def _slope_variance(intersector: EmbreeIntersector, kind: Normals, reach: float) -> float:

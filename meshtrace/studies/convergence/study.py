@@ -12,9 +12,9 @@ import numpy as np
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
 from meshtrace.stored import Stored
-from meshtrace.studies.convergence.checks import UNITS, Costs, Normals, Parameter, positive
 from meshtrace.studies.convergence.exact import Reference
 from meshtrace.studies.convergence.fit import Fit, fit_law, largest_step, stderr
+from meshtrace.studies.convergence.meshes import UNITS, Costs, Normals, Parameter, positive
 
 if TYPE_CHECKING:
     import xarray as xr

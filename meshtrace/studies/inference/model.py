@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,15 +14,14 @@ from numpy.typing import NDArray
 from meshtrace.errors import Described, Refused, require_array, require_real
 from meshtrace.link import Link
 from meshtrace.models import Floats
-from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.inputs import CommonLines
+from meshtrace.studies.campaign import Campaign, same
+from meshtrace.studies.neighbours import Neighbours, has_moments, moments
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting
-from meshtrace.studies.sensitivity.problem import has_moments, moments
-from meshtrace.transport.forced import TypicalSea
-from meshtrace.transport.frozen import FrozenForced, Light
+from meshtrace.studies.store import digest_of
+from meshtrace.transport.frozen import Light
 from meshtrace.transport.meshing import surface_config
-from meshtrace.transport.options import Meshing, Run
+from meshtrace.transport.options import Meshing
 from meshtrace.transport.view import only_aperture
 
 WATER = ("water.a", "water.b")
@@ -113,29 +113,19 @@ class Model:
 
     Parameters
     ----------
-    link : Link
-        The link at the starting values.
-    surface : MeshSource or TriangleMesh
-        The surface.
+    campaign : Campaign
+        The link at the starting values, the surface and the options.
     keys : list of dict
         Values of the link that belong to each measurement.
     unknowns : list of Parameter
         Unknown parameters; a and b of uniform water weigh the arrivals again.
-    run : Run
-        Photons, seed and threads.
     """
 
     def __init__(
-        self,
-        link: Link,
-        surface: Any,
-        keys: list[dict[str, Any]],
-        unknowns: list[Parameter],
-        run: Run,
+        self, campaign: Campaign, keys: list[dict[str, Any]], unknowns: list[Parameter]
     ) -> None:
-        self._surface, self._unknowns = surface, unknowns
-        self._identity = repr(surface_config(surface))
-        self._threads, self._run = default_threads(run.threads), run
+        link, self._campaign, self._unknowns = campaign.link, campaign, unknowns
+        self._surface = repr(surface_config(campaign.surface))
         self._links = []
         for i, row in enumerate(keys):
             at = link
@@ -147,19 +137,24 @@ class Model:
             only_aperture(at)
             self._links.append(at)
         self._quick = has_moments(link)
+        known = [link.model_dump(mode="json") for link in self._links]
+        self._identity = {"measured": digest_of(known), "unknown": [p.name for p in unknowns]}
 
     def at(self, x: Floats) -> Prediction:
         """Return the predictions at a point: ln(p / start), or p - start for offsets and angles."""
-        jobs = [(link, tuple(x.tolist())) for link in self._links]
-        rows = list(ordered_map(lambda job: self._one(*job), jobs, self._threads))
-        shifts = np.array([gains for gains, _ in rows])
+        steps = [(i, *x.tolist()) for i in range(len(self._links))]
+        setup = partial(same, self._one)
+        rows = np.array(list(self._campaign.over(setup, steps, "predictions", self._identity)))
+        shifts, slopes = rows[:, :SHIFTS], rows[:, SHIFTS:]
         means = shifts.mean(axis=1)
         off = shifts / means[:, None] - 1.0
         covariance = off @ off.T / (SHIFTS * (SHIFTS - 1))
-        return Prediction(np.log(means), np.array([slope for _, slope in rows]), covariance)
+        return Prediction(np.log(means), slopes, covariance)
 
-    def _one(self, link: Link, x: tuple[float, ...]) -> tuple[Floats, Floats]:
+    def _one(self, step: tuple[Any, ...]) -> Floats:
         """Return gains by shift and logarithmic slopes of one measurement."""
+        number, *values = step
+        link, x = self._links[number], tuple(values)
         gains = self._gains(link, x)
         slopes = []
         for i, p in enumerate(self._unknowns):
@@ -167,14 +162,14 @@ class Model:
                 at, light = self._weighed(link, x)
                 slope = float(moments(at, light)[p.name].mean() / gains.mean())
             else:
-                step = p.step if p.absolute else _STEP
+                width = p.step if p.absolute else _STEP
                 sides = [
-                    self._gains(link, (*x[:i], x[i] + side * step, *x[i + 1 :])).mean()
+                    self._gains(link, (*x[:i], x[i] + side * width, *x[i + 1 :])).mean()
                     for side in (-1.0, 1.0)
                 ]
-                slope = math.log(sides[1] / sides[0]) / (2.0 * step)
+                slope = math.log(sides[1] / sides[0]) / (2.0 * width)
             slopes.append(slope)
-        return gains, np.array(slopes)
+        return np.concatenate([gains, slopes])
 
     def _gains(self, link: Link, x: tuple[float, ...]) -> Floats:
         _, light = self._weighed(link, x)
@@ -188,7 +183,7 @@ class Model:
 
         w' = w exp(-(a' - a + b' - b) L) (b' / b)^K
         """
-        setting = Setting(link, self._surface, None)
+        setting = Setting(link, self._campaign.surface, None)
         same = setting
         for p, step in zip(self._unknowns, x, strict=True):
             setting = p.at(setting, p.moved(step))
@@ -205,10 +200,11 @@ class Model:
 
     def _predictor(self, link: Link) -> _Predictor:
         """Return the chains of a link; those of the last ones are kept between fits."""
-        key = link.model_dump_json(), self._identity, self._run.photons, self._run.seed
+        run = self._campaign.run
+        key = link.model_dump_json(), self._surface, run.photons, run.seed
         found = _kept.get(key)
         if found is None:  # another thread may drop it again at once
-            found = _kept[key] = _Predictor(link, self._surface, self._run)
+            found = _kept[key] = _Predictor(self._campaign.of(link).alone)
             while len(_kept) > _LARGEST:
                 _kept.popitem(last=False)
         return found
@@ -217,9 +213,8 @@ class Model:
 class _Predictor:
     """Chains of one link and the light of its last neighbours."""
 
-    def __init__(self, link: Link, surface: Any, run: Run) -> None:
-        self._mesh = CommonLines(link, surface, Meshing()).mesh()
-        self._frozen = FrozenForced(link, run.photons, run.seed, TypicalSea.of([self._mesh]))
+    def __init__(self, campaign: Campaign) -> None:
+        self._near = Neighbours(campaign._replace(meshing=Meshing()))
         self._lights: OrderedDict[str, Light] = OrderedDict()
 
     def light(self, link: Link) -> Light:
@@ -228,7 +223,7 @@ class _Predictor:
         if key not in self._lights:
             while len(self._lights) >= 3:
                 self._lights.popitem(last=False)
-            self._lights[key] = self._frozen.light(link, self._mesh)[0]
+            self._lights[key] = self._near.light(link, 0)[0]
         return self._lights[key]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
+from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.inference.model import (
     SCALE,
     Measurements,
@@ -23,8 +25,8 @@ from meshtrace.studies.inference.model import (
 )
 from meshtrace.studies.inference.result import Inference
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
+from meshtrace.studies.store import Store
 from meshtrace.surfaces import FlatSea
-from meshtrace.transport.case import resolve
 from meshtrace.transport.meshing import surface_config
 
 DEFAULT_CHAINS = 4096
@@ -50,6 +52,7 @@ def infer(
     photons: int = DEFAULT_CHAINS,
     seed: int = 1,
     threads: int | None = None,
+    store: str | Path | None = None,
 ) -> Inference:
     """Return unknown parameters of a link from measured gains.
 
@@ -73,6 +76,8 @@ def infer(
         Seed, the same for all predictions.
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
+    store : path, optional
+        As in `ensemble`; it keeps predictions.
 
     Returns
     -------
@@ -117,10 +122,11 @@ def infer(
     data = read_measurements(measurements)
     if sea is None and not isinstance(link, Scenario):
         sea = FlatSea()
-    case = resolve(link, sea).with_options(photons=photons, seed=seed, threads=threads)
+    options: Any = {"photons": photons, "seed": seed, "threads": threads}
+    campaign = campaign_of(link, sea, several=False, store=Store(store, "infer"), **options)
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
-    setting = Setting(case.link, case.surface, None)
+    setting = Setting(campaign.link, campaign.surface, None)
     found = parameters(setting, keys, None, "vertex", "unknown") if keys else []
     for p in found:
         if p.name.split(".")[0] in ("sea", "wind_speed"):
@@ -128,8 +134,10 @@ def infer(
     of_link = iter(found)
     unknowns = [_SCALE if name == SCALE else next(of_link) for name in names]
     fit = _Fit(data, names, unknowns, _priors(prior, names, unknowns))
-    fit.model = Model(case.link, case.surface, data.keys, found, case.run)
-    origin = provenance(case.link, surface_config(case.surface), {"photons": photons, "seed": seed})
+    fit.model = Model(campaign, data.keys, found)
+    origin = provenance(
+        campaign.link, surface_config(campaign.surface), {"photons": photons, "seed": seed}
+    )
     return fit.result(origin)
 
 

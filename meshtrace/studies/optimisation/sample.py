@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,15 +12,13 @@ import numpy as np
 from meshtrace.errors import Refused
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Led, Link
-from meshtrace.mesh import RandomSea, TriangleMesh
+from meshtrace.mesh import RandomSea
 from meshtrace.models import Floats
-from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.inputs import CommonLines
-from meshtrace.transport.forced import MANY_SEAS, TypicalSea
-from meshtrace.transport.frozen import FrozenForced, Light
-from meshtrace.transport.meshing import FADING_SPACING
-from meshtrace.transport.options import Meshing, Run
+from meshtrace.studies.campaign import Campaign, same
+from meshtrace.studies.neighbours import Neighbours
+from meshtrace.studies.store import digest_of
+from meshtrace.transport.frozen import Light
 from meshtrace.uav.airframe import Uav
 from meshtrace.uav.wind import Dryden
 
@@ -50,14 +48,8 @@ class Sample:
 
     Parameters
     ----------
-    link : Link
-        The start, with the widest field of view of all candidates.
-    sea : MeshSource or TriangleMesh
-        The surface.
-    run : Run
-        Photons, seed and threads.
-    meshing : Meshing
-        Time and resolution of the surface.
+    campaign : Campaign
+        The start, with the widest field of view of all candidates, its surface and options.
     realizations : int
         Seas, each with 12 places and tilts; over a surface without random phases, places.
     aircraft : Aircraft
@@ -73,36 +65,28 @@ class Sample:
     """
 
     def __init__(
-        self,
-        link: Link,
-        sea: Any,
-        run: Run,
-        meshing: Meshing,
-        realizations: int,
-        aircraft: Aircraft,
-        turned: tuple[str, ...],
+        self, campaign: Campaign, realizations: int, aircraft: Aircraft, turned: tuple[str, ...]
     ) -> None:
-        self._run = run
+        link, self._seed = campaign.link, campaign.run.seed
         self._aircraft, self._start, self._turned = aircraft, link, turned
-        self._random = isinstance(sea, RandomSea)
-        self._seas = realizations if self._random else 1
-        moving = aircraft.uav is not None or any(aircraft.hover_std)
+        random = isinstance(campaign.surface, RandomSea)
+        self._seas = realizations if random else 1
         self._places = 1
-        if moving:
-            self._places = _POSITIONS if self._random else realizations
+        if aircraft.uav is not None or any(aircraft.hover_std):
+            self._places = _POSITIONS if random else realizations
         self._draw()
-        start = self._spread(link, 0)
-        seed = run.seed if self._random else None
-        seas = CommonLines(start, sea, meshing, seed, FADING_SPACING)
-        self._meshes = [seas.mesh(i) for i in range(self._seas)]
-        typical = TypicalSea.of(self._meshes, MANY_SEAS)
-        self._frozen = FrozenForced(link, run.photons, run.seed, typical, meshing.normals)
+        self._near = Neighbours(
+            campaign, self._seas, phases=random, fading=True,
+            kept=self._seas, around=self._spread(link, 0),
+        )  # fmt: skip
         self._lights = lru_cache(_CASES)(self._light)
+        flown = [repr(part) for part in aircraft]
+        self._identity = {"realizations": realizations, "aircraft": flown, "turned": list(turned)}
 
     def _draw(self) -> None:
         """Draw places, their weights and the winds of all seas."""
         aircraft, m = self._aircraft, self._places
-        rng = np.random.default_rng([self._run.seed, 1])
+        rng = np.random.default_rng([self._seed, 1])
         edges = (1.0 - np.arange(m + 1) / m) ** 2
         share = rng.random() if m == 1 else 0.5
         beyond = edges[1:] + share * (edges[:-1] - edges[1:])
@@ -113,7 +97,7 @@ class Sample:
         self.weights = np.tile(edges[:-1] - edges[1:], self._seas) / self._seas
         self._tilts = np.zeros((self._seas, m, 2))
         if aircraft.uav is not None and aircraft.wind is not None:
-            winds = aircraft.wind.sample_wind(self._seas * m, realization_seed(self._run.seed, 0))
+            winds = aircraft.wind.sample_wind(self._seas * m, realization_seed(self._seed, 0))
             tilt = aircraft.uav.tilt(winds)
             angles = np.degrees(np.stack([tilt.angle, tilt.azimuth], axis=1))
             self._tilts = angles.reshape(self._seas, m, 2)
@@ -144,16 +128,18 @@ class Sample:
 
     def _light(self, link: Link) -> list[Light]:
         """Return the light at each place over each sea."""
-
-        def one(i: int) -> list[Light]:
-            found = (self._frozen.light(at, self._meshes[i]) for at in self._apart(link, i))
-            return [light for row in found for light in row]
-
-        found = ordered_map(one, range(self._seas), default_threads(self._run.threads))
-        return [light for row in found for light in row]
+        return self._over_seas(self._near.light, link)
 
     def gains(self, link: Link) -> Floats:
-        """Return the gains of a candidate, shape (seas * places, shifts)."""
+        """Return the gains of a candidate, kept in the store, shape (seas * places, shifts)."""
+        candidate = digest_of(link.model_dump(mode="json"))
+        name = f"candidates of seed {self._seed}"
+        evaluate = partial(same, lambda _: self._computed(link))
+        (found,) = self._near.campaign.over(evaluate, [candidate], name, self._identity)
+        return found
+
+    def _computed(self, link: Link) -> Floats:
+        """Return the gains of a candidate over all seas."""
         if self._turned:
             same = link
             for name in self._turned:
@@ -165,17 +151,16 @@ class Sample:
                 return np.array([light.by_shift(self._factor(link, light)) for light in lights])
             sampled = [self._factor(link, light) * (light.shift >= 0) for light in lights]
             rows = [light.by_shift(part) for light, part in zip(lights, sampled, strict=True)]
-            return np.array(rows) + self._over_seas(self._frozen.unscattered, link)[:, None]
-        return self._over_seas(self._frozen.gains, link)
+            return np.array(rows) + np.array(self._over_seas(self._near.unscattered, link))[:, None]
+        return np.array(self._over_seas(self._near.gains, link))
 
-    def _over_seas(self, evaluate: Callable[[Link, TriangleMesh], Floats], link: Link) -> Floats:
+    def _over_seas(self, evaluate: Callable[[Link, int], Any], link: Link) -> list[Any]:
         """Return the values of a candidate at all places over all seas."""
 
-        def one(i: int) -> Floats:
-            return np.concatenate([evaluate(at, self._meshes[i]) for at in self._apart(link, i)])
+        def one(i: int) -> list[Any]:
+            return [value for at in self._apart(link, i) for value in evaluate(at, i)]
 
-        found = ordered_map(one, range(self._seas), default_threads(self._run.threads))
-        return np.concatenate(list(found))
+        return [value for row in self._near.map(one) for value in row]
 
     def _factor(self, link: Link, light: Light) -> Floats:
         """Return the weights of arrivals at a candidate over those at the start."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -26,14 +27,14 @@ from meshtrace.models import Floats
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import held_light
-from meshtrace.studies.inputs import forced_case, wind_over
+from meshtrace.studies.campaign import Campaign, campaign_of, wind_over
+from meshtrace.studies.neighbours import error_of
 from meshtrace.studies.optimisation.objectives import Custom, Goal, Objective
 from meshtrace.studies.optimisation.result import Optimum, Validation
 from meshtrace.studies.optimisation.sample import REWEIGHED, Aircraft, Sample
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
-from meshtrace.studies.sensitivity.problem import error_of
 from meshtrace.studies.sensitivity.quantities import FADES
-from meshtrace.transport.case import Case
+from meshtrace.studies.store import Store
 from meshtrace.transport.meshing import surface_config
 from meshtrace.uav.airframe import Uav
 from meshtrace.uav.wind import Dryden
@@ -68,6 +69,7 @@ def optimize(
     limit: float = 1e-3,
     quantile: float = 0.01,
     threads: int | None = None,
+    store: str | Path | None = None,
     progress: Callable[[int], None] | None = None,
     **options: Any,
 ) -> Optimum:
@@ -114,6 +116,8 @@ def optimize(
         Quantile of the gain for "outage".
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
+    store : path, optional
+        File that keeps the gains of candidates, which another objective uses again.
     progress : callable, optional
         Called with 1 after each candidate.
     **options
@@ -146,8 +150,10 @@ def optimize(
     'transmitter.half_angle_deg is at the bound 3'
     """
     given = {"photons": photons, "seed": seed, "threads": threads, **options}
-    given = {name: value for name, value in given.items() if value is not None}
-    case = forced_case(link, sea, given, fading=realizations > 1 and objective in FADES)
+    fading = realizations > 1 and objective in FADES
+    campaign = campaign_of(
+        link, sea, fading, several=False, store=Store(store, "optimize"), **given
+    )
     require_whole(realizations, 1, 100_000, "realizations")
     require_between(quantile, 0.0, 1.0, "quantile")
     require_between(limit, 0.0, 0.5, "limit")
@@ -160,18 +166,18 @@ def optimize(
         ook = link.detector if link.detector is not None and ook == "physical" else ook
     electronics = None
     if ook is not None:
-        electronics = OokLink.of_link(case.link, ook, bit_rate)
-        case = case._replace(link=electronics.channel(case.link))
+        electronics = OokLink.of_link(campaign.link, ook, bit_rate)
+        campaign = campaign.of(electronics.channel(campaign.link))
     light = ""
     if electronics is not None and objective in ("outage", "range", "margin"):
         day = getattr(link, "daylight", None)
-        electronics, light = held_light(electronics, case, day, str(objective))
+        electronics, light = held_light(electronics, campaign.case, day, str(objective))
     goal = Goal(objective, quantile, electronics, limit)
-    variables, bounds = _variables(case, over)
+    variables, bounds = _variables(campaign, over)
     if uav is not None and wind is None:
-        wind = wind_over(case.surface, case.link, "wind")
+        wind = wind_over(campaign.surface, campaign.link, "wind")
     aircraft = Aircraft(_stds(hover_std), uav, wind)
-    search = _Search(case, goal, variables, bounds, realizations, aircraft, progress)
+    search = _Search(campaign, goal, variables, bounds, realizations, aircraft, progress)
     found = search.optimum(tuple(constraints), method)
     return replace(found, notes=(*found.notes, f"background light: {light}")) if light else found
 
@@ -185,19 +191,19 @@ def _stds(hover_std: Any) -> tuple[float, float]:
 
 
 def _variables(
-    case: Case, over: Mapping[str, tuple[float, float]] | None
+    campaign: Campaign, over: Mapping[str, tuple[float, float]] | None
 ) -> tuple[list[Parameter], Floats]:
     """Return the variables and their bounds (n, 2)."""
     if not isinstance(over, Mapping) or not over:
         raise Refused("over", over, "a table of names and bounds (low, high)")
-    setting = Setting(case.link, None, None)  # the keys of the link alone
+    setting = Setting(campaign.link, None, None)  # the keys of the link alone
     bounds = []
     for name, ends in over.items():
         pair = require_pair(ends, f"over.{name}", "(low, high), low < high")
         if not pair[0] < pair[1]:
             raise Refused(f"over.{name}", ends, "(low, high), low < high")
         bounds.append(pair)
-    found = parameters(setting, list(over), None, case.meshing.normals, "over")
+    found = parameters(setting, list(over), None, campaign.meshing.normals, "over")
     for p, pair in zip(found, bounds, strict=True):
         for end in pair:
             p.at(setting, float(end))
@@ -209,7 +215,7 @@ class _Search:
 
     def __init__(
         self,
-        case: Case,
+        campaign: Campaign,
         goal: Goal,
         variables: list[Parameter],
         bounds: Floats,
@@ -217,28 +223,29 @@ class _Search:
         aircraft: Aircraft,
         progress: Callable[[int], None] | None,
     ) -> None:
-        self._case, self._goal, self._variables = case, goal, variables
+        self._campaign, self._goal, self._variables = campaign, goal, variables
         self._bounds, self._progress = bounds, progress
         self._log = np.array([not p.absolute for p in variables]) & (bounds[:, 0] > 0.0)
         names = [p.name for p in variables]
         self._widest = float(bounds[names.index(_FOV), 1]) if _FOV in names else None
         turned = tuple(name for name in REWEIGHED if name in names)
-        if case.link.physics.fov != "angle" or isinstance(case.link.transmitter, tuple):
+        if campaign.link.physics.fov != "angle" or isinstance(campaign.link.transmitter, tuple):
             turned = ()
-        if case.link.direction == "down":  # facets are as wide as the spot of a lamp in the air
+        if campaign.link.direction == "down":  # facets are as wide as the spot of a lamp in the air
             turned = tuple(name for name in turned if name == _FOV)
-        self._options = case.meshing, realizations, aircraft, turned
-        self._sample = self._new_sample(case.run.seed)
+        self._options = realizations, aircraft, turned
+        self._sample = self._new_sample(campaign.run.seed)
         self._history: dict[tuple[float, ...], Floats] = {}
         base = np.array([p.base for p in variables])
         self._start = np.clip(base, bounds[:, 0], bounds[:, 1])
 
     def _new_sample(self, seed: int) -> Sample:
-        case = self._case
-        link = case.link
+        campaign = self._campaign
+        link = campaign.link
         if self._widest is not None:
             link = link.replace(_FOV, self._widest)
-        return Sample(link, case.surface, case.run.replace(seed=seed), *self._options)
+        campaign = campaign.of(link)._replace(run=campaign.run.replace(seed=seed))
+        return Sample(campaign, *self._options)
 
     def _values(self, x: Floats) -> Floats:
         """Return the variables of a point of the unit cube."""
@@ -256,7 +263,7 @@ class _Search:
         return np.where(self._log, logs, (values - low) / (high - low))
 
     def _link(self, values: Floats) -> Link:
-        setting = Setting(self._case.link, self._case.surface, None)
+        setting = Setting(self._campaign.link, self._campaign.surface, None)
         for p, value in zip(self._variables, values, strict=True):
             setting = p.at(setting, float(value))
         return setting.link
@@ -334,7 +341,12 @@ class _Search:
 
         n = len(self._variables)
         differential_evolution(
-            cost, [(0.0, 1.0)] * n, seed=self._case.run.seed, polish=False, popsize=6, maxiter=20
+            cost,
+            [(0.0, 1.0)] * n,
+            seed=self._campaign.run.seed,
+            polish=False,
+            popsize=6,
+            maxiter=20,
         )
 
     def _flat(self, best: Floats, cost: float, stderr: float) -> Floats:
@@ -360,10 +372,10 @@ class _Search:
 
     def _result(self, best: Floats, cost: float, stderr: float) -> Optimum:
         """Return the optimum with its validation on fresh seeds."""
-        case, goal, link = self._case, self._goal, self._link(best)
+        campaign, goal, link = self._campaign, self._goal, self._link(best)
         tried = np.array([[*k, v[0]] for k, v in self._history.items()])
         flatness = self._flat(best, cost, stderr)
-        fresh = self._new_sample((case.run.seed + _FRESH) % 2**64)
+        fresh = self._new_sample((campaign.run.seed + _FRESH) % 2**64)
         notes, new, old = [], self._costs(best, fresh), self._costs(self._start, fresh)
         difference, error = float(old[0] - new[0]), error_of(old - new)
         improved = bool(difference > 2.0 * error) if error > 0.0 else difference > 0.0
@@ -379,7 +391,7 @@ class _Search:
             notes.append("no improvement found")
         error_of_value = goal.error(cost, stderr)
         value = goal.quantity(link, cost, self._sample.groups)
-        options = {**case.run.to_config(), **case.meshing.model_dump()}
+        options = {**campaign.run.to_config(), **campaign.meshing.model_dump()}
         return Optimum(
             best=link,
             objective=goal.name,
@@ -394,5 +406,5 @@ class _Search:
             history=tried,
             validation=Validation(quantities[0], quantities[1], difference, error, improved),
             notes=tuple(notes),
-            provenance=provenance(case.link, surface_config(case.surface), options),
+            provenance=provenance(campaign.link, surface_config(campaign.surface), options),
         )

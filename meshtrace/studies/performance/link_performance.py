@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from meshtrace.comms.background import DARK, warn_of_background, with_background
@@ -30,10 +31,10 @@ from meshtrace.results.background import Background
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import background_over_seas, described, light_of
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.performance.operating_point import operating_point
-from meshtrace.studies.performance.samples import Ensemble, Realizations
+from meshtrace.studies.performance.operating_point import Ensemble, Realizations, operating_point
 from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
 from meshtrace.studies.series import closed_form
+from meshtrace.studies.store import Store
 from meshtrace.surfaces import sea_in_wind
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
@@ -58,6 +59,8 @@ def link_performance(
     limit: float = 1e-3,
     confidence: float = 0.95,
     threads: int | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Callable[[int], None] | None = None,
     **shortcuts: Any,
 ) -> LinkPerformance:
@@ -95,6 +98,10 @@ def link_performance(
         Level of the intervals.
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
+    store : path, optional
+        File that keeps finished seas: a second call with the same arguments resumes the first.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
     progress : callable, optional
         Called with 1 after each sea.
     **shortcuts
@@ -153,8 +160,12 @@ def link_performance(
     campaign = campaign_of(
         _shallowest(link, depths), surface, fading=True, photons=over.photons, seed=over.seed,
         spacing=over.spacing, threads=threads,
+        store=Store(store, "link_performance"), workers=workers,
     )  # fmt: skip
     link, scenario = campaign.link, campaign.scenario
+    wind = getattr(scenario, "wind_speed", None) if speed is None else speed
+    if wind is not None:  # one of several in a store
+        campaign = campaign.of(link, f"wind of {wind!r} m/s")
     if scenario is not None:
         ook = scenario.detector if ook is None else ook
         flight = flight or (Flight(scenario.uav) if scenario.uav else None)
@@ -205,8 +216,8 @@ def _lights(
     found: dict[Any, Background] = {}
     for link in links.values():
         if link.receiver not in found:
-            campaign = ensemble.campaign.of(link)
-            found[link.receiver] = background_over_seas(campaign, day, ensemble.n, ensemble.flight)
+            inputs = ensemble.at(link), day, ensemble.n, ensemble.flight
+            found[link.receiver] = background_over_seas(*inputs)
     return {depth: found[link.receiver] for depth, link in links.items()}
 
 

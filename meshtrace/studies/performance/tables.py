@@ -19,8 +19,7 @@ from meshtrace.fields import attrs
 from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
 from meshtrace.stored import Stored
-from meshtrace.studies.performance.operating_point import OperatingPoint
-from meshtrace.studies.performance.samples import FadingSamples
+from meshtrace.studies.performance.operating_point import FadingSamples, OperatingPoint
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -15,7 +15,7 @@ from meshtrace.comms.budget import required_gain
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Refused, require_word
 from meshtrace.models import Floats
-from meshtrace.studies.sensitivity.problem import without_each
+from meshtrace.studies.neighbours import without_each
 
 Of = Literal["gain", "ber", "outage", "range", "margin"]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from itertools import product
+from functools import cached_property, partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,28 +14,27 @@ import numpy as np
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.ook_setup import Preset
-from meshtrace.errors import Described, Refused, require_between
+from meshtrace.errors import Described, Refused, require_between, require_whole
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, TriangleMesh
+from meshtrace.mesh import MeshSource, RandomSea, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.parallel import default_threads, ordered_map
-from meshtrace.results.provenance import environment, provenance
+from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.background import held_light
-from meshtrace.studies.inputs import forced_case
-from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
-from meshtrace.studies.sensitivity.problem import (
-    Problem,
-    Shelf,
+from meshtrace.studies.campaign import Campaign, campaign_of
+from meshtrace.studies.neighbours import (
+    Neighbours,
     covariance_of,
     error_of,
     has_moments,
     moments,
 )
+from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.quantities import FADES, Of, Quantity
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
-from meshtrace.transport.case import Case
+from meshtrace.studies.store import Store
+from meshtrace.transport.frozen import Light
 from meshtrace.transport.meshing import surface_config
 
 DEFAULT_CHAINS = 8192
@@ -43,6 +43,11 @@ DEFAULT_CHAINS = 8192
 _DIRECT = 1e-3  # step at which exact derivatives of the gain act on other quantities
 _DOUBT = 3.0  # standard errors by which two steps may differ
 _BEND = 2e-3  # of the elasticity, by which they may differ as the square of the step
+_KEPT = 4  # meshes of the base sea that stay in memory
+_WIDEST_DEG = 4.0  # half-width of a window in angle at the edge of the field of view
+_WINDOWS = 6  # of half the width each
+_CLEAR = 1.5  # standard errors of its bias beyond which a window is too wide
+_EDGE_STEP = 0.01  # relative, of the field of view, for unscattered light
 
 
 def sensitivities(
@@ -59,7 +64,8 @@ def sensitivities(
     limit: float = 1e-3,
     bit_rate: float | None = None,
     threads: int | None = None,
-    resume: str | Path | None = None,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
     progress: Callable[[int], None] | None = None,
     **options: Any,
 ) -> Sensitivities:
@@ -99,8 +105,10 @@ def sensitivities(
         Bit rate R_b [bit s-1], by default that of the transmission.
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
-    resume : path, optional
-        Folder that keeps finished parameters: a run that was stopped goes on from there.
+    store : path, optional
+        File that keeps finished gains: a second call with the same arguments resumes the first.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
     progress : callable, optional
         Called with 1 after each parameter.
     **options
@@ -146,37 +154,40 @@ def sensitivities(
     [-1.14, -0.08]
     """
     given = {"photons": photons, "seed": seed, "threads": threads, **options}
-    given = {name: value for name, value in given.items() if value is not None}
-    if not isinstance(link, Scenario):
-        given = {"photons": DEFAULT_CHAINS, **given}
+    if photons is None and not isinstance(link, Scenario):
+        given["photons"] = DEFAULT_CHAINS
     fading = realizations > 1 and of in FADES and (of != "range" or ook is not None)
-    case = forced_case(link, sea, given, fading=fading)
+    require_whole(realizations, 1, 100_000, "realizations")
+    kept = Store(store, "sensitivities")
+    campaign = campaign_of(link, sea, fading, several=False, store=kept, workers=workers, **given)
+    if realizations > 1 and not isinstance(campaign.surface, RandomSea):
+        kind = getattr(campaign.surface, "kind", type(campaign.surface).__name__)
+        raise Refused("realizations", realizations, f"1 over a surface of kind {kind}")
     require_between(limit, 0.0, 0.5, "limit")
     quantity = Quantity(of, limit)
-    setting = _setting(case, link, of, ook, bit_rate)
-    normals, light = case.meshing.normals, ""
+    setting = _setting(campaign, link, of, ook, bit_rate)
+    normals, light = campaign.meshing.normals, ""
     if setting.ook is not None:
-        lit, light = held_light(setting.ook, case, getattr(link, "daylight", None), of)
+        day = getattr(link, "daylight", None)
+        lit, light = held_light(setting.ook, campaign.case, day, of)
         setting = setting._replace(ook=lit)
     names = parameters(setting, wrt, step, normals)
     default = {p.name: p.step for p in parameters(setting, [p.name for p in names], None, normals)}
     if of == "range" and setting.ook is not None:
-        setting = _at_range(setting, case, realizations, quantity)
+        setting = _at_range(setting, campaign, realizations, quantity)
         names = parameters(setting, [p.name for p in names], step, normals)
     asked = [p.name for p in names]
-    depth = _depth_key(case.link)
+    depth = _depth_key(setting.link)
     if of == "range" and depth not in asked:
         names += parameters(setting, [depth], None, normals)
-    problem = Problem(setting, case.run, case.meshing, realizations)
-    shelf = Shelf(resume, _key(case, setting, realizations))
-    study = _Study(problem, quantity, shelf, default)
+    study = Study(setting, campaign, realizations, quantity, default)
     with np.errstate(divide="ignore"):
         found = [study.derivatives(p, progress) for p in names]
-    return replace(_result(study, found, asked, case), light=light)
+    return replace(_result(study, found, asked), light=light)
 
 
 def _setting(
-    case: Case, link: Any, of: str, ook: OokLink | Preset | None, bit_rate: float | None
+    campaign: Campaign, link: Any, of: str, ook: OokLink | Preset | None, bit_rate: float | None
 ) -> Setting:
     """Return link, surface and, except for the gain, the electronics."""
     if isinstance(link, Scenario) and link.detector is not None and ook == "physical":
@@ -184,9 +195,9 @@ def _setting(
     if ook is None and of not in ("gain", "range"):
         raise Refused("ook", None, f"a transmission, for {of}")
     if ook is None or of == "gain":
-        return Setting(case.link, case.surface, None)
-    electronics = OokLink.of_link(case.link, ook, bit_rate)
-    return Setting(electronics.channel(case.link), case.surface, electronics)
+        return Setting(campaign.link, campaign.surface, None)
+    electronics = OokLink.of_link(campaign.link, ook, bit_rate)
+    return Setting(electronics.channel(campaign.link), campaign.surface, electronics)
 
 
 def _depth_key(link: Link) -> str:
@@ -194,14 +205,15 @@ def _depth_key(link: Link) -> str:
     return "receiver.depth" if link.direction == "down" else "transmitter.depth"
 
 
-def _at_range(setting: Setting, case: Case, realizations: int, quantity: Quantity) -> Setting:
+def _at_range(
+    setting: Setting, campaign: Campaign, realizations: int, quantity: Quantity
+) -> Setting:
     """Return the setting at the depth of an error rate equal to the limit."""
     depth = setting.link.depth
     for _ in range(12):
-        problem = Problem(setting, case.run, case.meshing, realizations)
-        study = _Study(problem, quantity, Shelf(None, {}), {})
-        p = parameters(setting, [_depth_key(case.link)], None, case.meshing.normals)[0]
-        excess = quantity.log(study.gains(setting), setting.ook)
+        study = Study(setting, campaign, realizations, quantity, {}, f" at {depth!r} m")
+        p = parameters(setting, [_depth_key(campaign.link)], None, campaign.meshing.normals)[0]
+        excess = quantity.log(study.gains("search", setting), setting.ook)
         rate = study.derivatives(p, None).rates[0]
         # ln gain is nearly linear in the depth and its logarithm together
         new = depth * (1.0 + max(min(-excess / rate, 1.0), -0.5))
@@ -210,21 +222,58 @@ def _at_range(setting: Setting, case: Case, realizations: int, quantity: Quantit
         setting = setting._replace(link=setting.link.at_depth(depth))
         if done:
             return setting
-    raise Refused(_depth_key(case.link), Described("no range found"), "a link with a range")
+    raise Refused(_depth_key(campaign.link), Described("no range found"), "a link with a range")
 
 
-def _key(case: Case, setting: Setting, realizations: int) -> dict[str, Any]:
-    """Return everything that the gains depend on, but the parameter."""
-    ook = None if setting.ook is None else setting.ook.model_dump(mode="json")
-    return {
-        "link": setting.link.model_dump(mode="json"),
-        "surface": surface_config(case.surface),
-        "run": {"photons": case.run.photons, "seed": case.run.seed},
-        "meshing": case.meshing.model_dump(mode="json"),
-        "realizations": realizations,
-        "ook": ook,
-        "versions": environment(),
-    }
+def _gain(near: Neighbours, inputs: list[tuple[Link, Any]], i: int) -> Floats:
+    """Return the gain of the first receiver by shift: of each link over each surface."""
+    link, surface = inputs[i // near.seas]
+    return near.gains(link, i % near.seas, surface)[0]
+
+
+def _moments_over(near: Neighbours, i: int) -> Floats:
+    """Return dh / d ln a and dh / d ln b by shift over realization i, shape (2, shifts)."""
+    link = near.campaign.link
+    found = moments(link, near.light(link, i)[0])
+    return np.array([found["water.a"], found["water.b"]])
+
+
+def edge_over(near: Neighbours, name: str, i: int) -> Floats:
+    """Return dh / d ln fov over realization i by shift, and its bias, shape (2, shifts).
+
+    Unscattered light is integrated up to the edge, so that its difference over 1 % of the field of
+    view, whose key is `name`, has no noise; scattered light is that within a window about the edge.
+    """
+    link = near.campaign.link
+    fov = link.receivers[0].fov_deg
+    views = [min(fov * math.exp(side * _EDGE_STEP), 180.0) for side in (-1.0, 1.0)]
+    low, high = (near.unscattered(link.replace(name, view), i)[0] for view in views)
+    wide = link.replace(name, min(fov + 2.0 * _WIDEST_DEG, 180.0))
+    change, bias = edge_of_view(near.light(wide, i)[0], 0.5 * fov)
+    return np.array([change + (high - low) / math.log(views[1] / views[0]), bias])
+
+
+def edge_of_view(light: Light, half_deg: float) -> tuple[Floats, Floats]:
+    """Return dh / d ln fov of scattered light by shift, half_deg the half-angle, and its bias.
+
+    The light per angle at the edge is that within a window (Epanechnikov), whose bias grows as
+    the square of the width: 4/3 of the difference from the window of half the width. The widest
+    window is taken whose bias is not clear from noise.
+    """
+    angle = np.degrees(light.angle)
+    light = light._replace(weight=np.where(light.shift >= 0, light.weight, 0.0))
+    found = []
+    for k in range(_WINDOWS):
+        width = min(_WIDEST_DEG, 0.5 * half_deg) / 2.0**k
+        off = (angle - half_deg) / width
+        window = np.where(np.abs(off) < 1.0, 0.75 * (1.0 - off**2), 0.0) / width
+        found.append(half_deg * light.by_shift(window))
+    for wide, narrow in pairwise(found):
+        bias = 4.0 / 3.0 * (wide - narrow)
+        noise = bias.std(ddof=1) / math.sqrt(SHIFTS)
+        if abs(bias.mean()) <= _CLEAR * noise:
+            break
+    return wide, np.full(SHIFTS, bias.mean())
 
 
 class _Rates(NamedTuple):
@@ -243,56 +292,55 @@ class _Rates(NamedTuple):
     bias: float = 0.0
 
 
-class _Study:
+class Study:
     """Evaluation of a quantity and its derivatives."""
 
     def __init__(
-        self, problem: Problem, quantity: Quantity, shelf: Shelf, steps: dict[str, float]
+        self,
+        setting: Setting,
+        campaign: Campaign,
+        realizations: int,
+        quantity: Quantity,
+        steps: dict[str, float],
+        where: str = "",
     ) -> None:
-        self.problem, self.quantity = problem, quantity
-        self._shelf, self._steps = shelf, steps
-        self._seas = range(problem.realizations)
-        self._threads = default_threads(problem.run.threads)
+        self.setting, self.quantity, self.campaign = setting, quantity, campaign.of(setting.link)
+        self._steps, self._where = steps, where
+        several = realizations > 1
+        self.near = Neighbours(
+            self.campaign, realizations, phases=several, fading=several, kept=_KEPT, listed=True
+        )
 
-    def gains(self, *settings: Setting) -> Floats:
+    def gains(self, name: str, *settings: Setting) -> Floats:
         """Return the gains of settings over all seas, shape (settings * seas, shifts)."""
-        jobs = product(settings, self._seas)
-        return self._over(lambda job: self.problem.gains(*job), jobs)
+        base = self.setting.sea
+        inputs = [(one.link, None if one.sea is base else one.sea) for one in settings]
+        return self._over(partial(_gain, self.near, inputs), len(inputs), name)
 
-    def _over(self, numbers: Callable[[Any], Floats], jobs: Iterable[Any]) -> Floats:
-        """Return the numbers of each job, stacked."""
-        return np.array(list(ordered_map(numbers, jobs, self._threads)))
+    def _over(self, evaluate: Callable[[int], Floats], settings: int, name: str) -> Floats:
+        steps = settings * self.near.seas
+        return self.near.over(evaluate, steps, f"{name}{self._where}", settings=settings)
 
-    @property
+    @cached_property
     def base(self) -> Floats:
         """Gains of the base, shape (seas, shifts)."""
-        return self._shelf.kept("base", lambda: self.gains(self.problem.setting))
+        return self.gains("base", self.setting)
 
+    @cached_property
     def _moments(self) -> Floats:
         """Return dh / d ln a and dh / d ln b, shape (2, seas, shifts)."""
-        link = self.problem.setting.link
-
-        def one(i: int) -> Floats:
-            found = moments(link, self.problem.light(link, i))
-            return np.array([found["water.a"], found["water.b"]])
-
-        return self._over(one, self._seas).swapaxes(0, 1)
-
-    def _edge(self, name: str) -> Floats:
-        """Return dh / d ln fov and its bias, shape (2, seas, shifts)."""
-        return self._over(lambda i: np.array(self.problem.by_view(name, i)), self._seas).swapaxes(
-            0, 1
-        )
+        return self._over(partial(_moments_over, self.near), 1, "moments").swapaxes(0, 1)
 
     def derivatives(self, p: Parameter, progress: Callable[[int], None] | None) -> _Rates:
         """Return the derivatives by a parameter."""
-        link = self.problem.setting.link
+        link = self.setting.link
         first = "receiver.0" if isinstance(link.receiver, tuple) else "receiver"
         if p.name in ("water.a", "water.b") and has_moments(link):
-            gains = self._shelf.kept("moments", self._moments)[int(p.name == "water.b")]
+            gains = self._moments[int(p.name == "water.b")]
             found = self._exactly(p, gains, "moment")
         elif p.name == f"{first}.fov_deg" and link.physics.fov == "angle":
-            gains, bias = self._shelf.kept(p.name, lambda: self._edge(p.name))
+            edge = self._over(partial(edge_over, self.near, p.name), 1, p.name)
+            gains, bias = edge.swapaxes(0, 1)
             found = self._exactly(p, gains, "angle")
             off = self._exactly(p, gains + bias, "angle").rates[0] - found.rates[0]
             found = found._replace(bias=abs(float(off)))
@@ -304,7 +352,7 @@ class _Study:
 
     def _exactly(self, p: Parameter, change: Floats, method: str) -> _Rates:
         """Return the derivatives of the quantity from those of the gains (seas, shifts)."""
-        base, setting = self.base, self.problem.setting
+        base, setting = self.base, self.setting
         sides = [p.at(setting, p.shifted(side * _DIRECT / p.step)).ook for side in (-1.0, 1.0)]
         gains = base - _DIRECT * change, base + _DIRECT * change
         return _Rates(p, self._rates(gains, sides, _DIRECT), math.nan, method, False, "")
@@ -319,7 +367,7 @@ class _Study:
 
     def _differences(self, p: Parameter) -> _Rates:
         """Return central differences over a step, compared with those over a longer one."""
-        setting = self.problem.setting
+        setting = self.setting
         factors = [1.0, self._longer(p)]
         sides = []
         for factor in factors:
@@ -328,9 +376,7 @@ class _Study:
             except Refused:  # the longer step leaves the range
                 break
         name = f"{p.name} {p.step!r}"
-        gains = self._shelf.kept(name, lambda: self.gains(*sides)).reshape(
-            -1, len(self._seas), SHIFTS
-        )
+        gains = self.gains(name, *sides).reshape(-1, self.near.seas, SHIFTS)
         found = []
         for k in range(0, len(gains), 2):
             ooks = [side.ook for side in sides[k : k + 2]]
@@ -362,7 +408,7 @@ class _Study:
         """Return the second derivative of the quantity over itself, for offsets and angles."""
         if not p.absolute:
             return math.nan
-        setting, k = self.problem.setting, 2 if len(gains) > 2 else 0
+        setting, k = self.setting, 2 if len(gains) > 2 else 0
         steps = p.step * (self._longer(p) if k else 1.0)
         low, mid, high = (
             self.quantity.log(g, setting.ook) for g in (gains[k], self.base, gains[k + 1])
@@ -372,9 +418,9 @@ class _Study:
         return (math.exp(high - mid) - 2.0 + math.exp(low - mid)) / steps**2
 
 
-def _result(study: _Study, found: list[_Rates], asked: list[str], case: Case) -> Sensitivities:
+def _result(study: Study, found: list[_Rates], asked: list[str]) -> Sensitivities:
     """Return the table of the derivatives."""
-    quantity, setting = study.quantity, study.problem.setting
+    quantity, setting, campaign = study.quantity, study.setting, study.campaign
     logs = quantity.logs(study.base, setting.ook)
     value, stderr = quantity.value(float(logs[0])), error_of(logs)
     rates, biases = np.array([one.rates for one in found]), np.array([one.bias for one in found])
@@ -398,12 +444,11 @@ def _result(study: _Study, found: list[_Rates], asked: list[str], case: Case) ->
     ]
     rows, factors = zip(*pairs, strict=True)
     covariance *= np.outer(factors, factors)
-    key = _key(case, setting, study.problem.realizations)
-    run = {**case.run.to_config(), **case.meshing.model_dump(mode="json")}
+    run = {**campaign.run.to_config(), **campaign.meshing.model_dump(mode="json")}
     run.pop("threads")
-    origin = provenance(setting.link, key["surface"], run)
-    origin |= {"of": quantity.of, "limit": quantity.limit}
-    origin |= {"ook": key["ook"], "realizations": key["realizations"]}
+    origin = provenance(setting.link, surface_config(campaign.surface), run)
+    origin |= {"of": quantity.of, "limit": quantity.limit, "realizations": study.near.seas}
+    origin["ook"] = None if setting.ook is None else setting.ook.model_dump(mode="json")
     return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
 
 

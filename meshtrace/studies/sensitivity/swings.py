@@ -6,16 +6,15 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Described, Refused, require_between, require_keys, require_pair
 from meshtrace.scenario import Scenario
-from meshtrace.stored import SHIFTS
+from meshtrace.studies.campaign import Campaign
+from meshtrace.studies.neighbours import error_of
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
-from meshtrace.studies.sensitivity.problem import Problem, error_of
 from meshtrace.studies.sensitivity.quantities import Quantity
 from meshtrace.studies.sensitivity.result import Sensitivities
+from meshtrace.studies.sensitivity.study import Study
 
 _DEPTH = "transmitter.depth"
 _DB = 10.0 / math.log(10.0)
@@ -94,8 +93,10 @@ class _Swings:
         scenario = Scenario.from_provenance(origin)
         ook = origin["ook"] and OokLink.model_validate(origin["ook"])
         setting = Setting(scenario.link, scenario.surface, ook)
-        self._problem = Problem(setting, scenario.run, scenario.meshing, origin["realizations"])
+        inputs: Any = scenario.surface, scenario.run, scenario.meshing
+        campaign = Campaign({"link": scenario.link}, *inputs)
         self._quantity = Quantity(s.of, origin["limit"])  # type: ignore[arg-type]
+        self._study = Study(setting, campaign, origin["realizations"], self._quantity, {})
         self._base = self._logs(setting)
         names = [row.name for row in s.table]
         found = parameters(setting, names, None, scenario.meshing.normals)
@@ -108,9 +109,7 @@ class _Swings:
 
     def _logs(self, setting: Setting) -> Any:
         """Return the logarithm of the quantity: of all gains, and of the groups."""
-        seas = range(self._problem.realizations)
-        gains = np.array([self._problem.gains(setting, i) for i in seas]).reshape(-1, SHIFTS)
-        return self._quantity.logs(gains, setting.ook)
+        return self._quantity.logs(self._study.gains("gains", setting), setting.ook)
 
     def ends(self, name: str, change: float) -> tuple[float, float]:
         """Return the two values of a parameter."""
@@ -128,7 +127,7 @@ class _Swings:
 
     def _one(self, p: Parameter, value: float) -> tuple[float, float]:
         """Return the change of the quantity at one value, and its error."""
-        setting = p.at(self._problem.setting, value)
+        setting = p.at(self._study.setting, value)
         off = self._logs(setting) - self._base
         if self._quantity.of != "range":
             return _DB * float(off[0]), _DB * error_of(off)

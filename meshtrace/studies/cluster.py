@@ -1,28 +1,24 @@
-"""The cluster that computes the tasks of a sweep: workers, their environments, the progress bar."""
+"""Processes of a dask cluster that evaluate the jobs of a loop: workers and their environments."""
 
 from __future__ import annotations
 
 import json
 import logging
+import math
 import os
 import signal
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from meshtrace.errors import Described, Refused
-from meshtrace.parallel import paced
-from meshtrace.studies.sweep.points import Outcome, Study, Task, error_text
-from meshtrace.studies.sweep.store import note, write
+from meshtrace.errors import Described, Refused, one_line, require_between, require_whole
 
 if TYPE_CHECKING:
     import distributed
-    import zarr
 
 DEFAULT_TIMEOUT = 60.0
 """Seconds to wait for a scheduler and for a worker."""
@@ -33,44 +29,85 @@ _ANSWER = 2.0  # [s] to wait for a result, or for the scheduler
 _ALLOWED = "a running dask scheduler with workers; the same command resumes"
 
 
-def compute(
-    study: Study,
-    group: zarr.Group,
-    tasks: list[Task],
-    scheduler: str | None,
-    workers: int | None,
-    progress: bool | Callable[[int], None] = False,
-    timeout: float = DEFAULT_TIMEOUT,
-) -> None:
-    """Run tasks on a cluster and write each as it finishes.
+class Cluster(NamedTuple):
+    """Processes that evaluate the jobs of a loop.
 
-    Raises
-    ------
-    Refused
-        If there is no scheduler or no worker, one is lost for good, or a worker would compute
-        other numbers: another version of meshtrace, its kernels, numpy or numba.
+    Parameters
+    ----------
+    workers : int or str, optional
+        Processes on this machine, all cores by default, or the address or file (.json) of a
+        running dask scheduler.
+    timeout : float
+        Seconds to wait for the scheduler, and for a worker.
+    on_start : callable, optional
+        Called with the address of the dashboard.
     """
-    import distributed  # noqa: F401  (its loggers exist from here on)
 
-    with _quiet(), _client(scheduler, workers, timeout) as client:
-        _require_equal_workers(client, timeout)
-        with _bar(client, len(tasks), progress) as advance:
-            futures = client.map(
-                _portable_task(), tasks, study=asdict(study), expected=_environment()(), pure=False
-            )
-            of = dict(zip((future.key for future in futures), tasks, strict=True))
-            finished = _finished(client, futures, timeout)
-            points = paced(finished, len(tasks), f"{len(tasks):,} points")
-            for n, (future, found) in enumerate(points):
-                task = of[future.key]
+    workers: int | str | None = None
+    timeout: float = DEFAULT_TIMEOUT
+    on_start: Callable[[str], None] | None = None
+
+    def checked(self) -> Cluster:
+        """Return the cluster; refuse numbers out of range."""
+        if not isinstance(self.workers, str | None):
+            require_whole(self.workers, 1, 1024, "workers")
+        require_between(self.timeout, 0.0, math.inf, "timeout", "[)")
+        return self
+
+    def map(
+        self, setup: Callable[[], Callable[[Any], Any]], jobs: Sequence[Any]
+    ) -> Generator[tuple[int, Any], None, None]:
+        """Yield the number of each job as it finishes, and its result or its exception.
+
+        Parameters
+        ----------
+        setup : callable
+            Called once in each worker; returns the function of a job.
+        jobs : sequence
+            Jobs, plain data.
+
+        Raises
+        ------
+        Refused
+            If there is no scheduler or no worker, one is lost for good, or a worker would compute
+            other numbers: another version of meshtrace, its kernels, numpy or numba.
+        ModuleNotFoundError
+            If dask and distributed are not installed.
+        """
+        require_dask()
+        import cloudpickle
+
+        with _quiet(), _client(self.workers, self.timeout) as client:
+            _require_equal_workers(client, self.timeout)
+            if self.on_start is not None:
+                self.on_start(client.dashboard_link)
+            work = {"setup": cloudpickle.dumps(setup), "expected": _environment()()}
+            futures = client.map(_portable_job(), jobs, **work, pure=False)
+            number = {future.key: i for i, future in enumerate(futures)}
+            for n, (future, found) in enumerate(_finished(client, futures, self.timeout)):
                 if isinstance(found, CancelledError):
-                    raise _lost(client, n, len(tasks)) from found
-                if isinstance(found, Exception):
-                    note(group, task, error_text(found))
-                else:
-                    write(group, task, Outcome(*_checked(found)))
+                    raise _lost(client, n, len(jobs)) from found
+                yield number[future.key], _checked(found)
                 future.release()
-                advance(1)
+
+
+def require_dask() -> None:
+    """Refuse to go on without dask."""
+    try:
+        import distributed  # noqa: F401  (its loggers exist from here on)
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f'workers: {error.name} is missing, pip install "meshtrace[batch]"', name=error.name
+        ) from error
+
+
+@lru_cache(2)
+def prepared(setup: bytes) -> Callable[[Any], Any]:
+    """Return the function of the jobs of a loop, set up once in this process."""
+    import cloudpickle
+
+    function: Callable[[Any], Any] = cloudpickle.loads(setup)()
+    return function
 
 
 def _finished(
@@ -121,7 +158,7 @@ def _has_workers(client: distributed.Client) -> bool:
 
 def _lost(client: distributed.Client, done: int, total: int) -> Refused:
     what = "no worker is left" if client.status == "running" else "the connection is lost"
-    return Refused("scheduler", Described(f"{what}, {done} of {total} tasks finished"), _ALLOWED)
+    return Refused("workers", Described(f"{what}, {done} of {total} tasks finished"), _ALLOWED)
 
 
 def _environment() -> Callable[[], dict[str, str]]:
@@ -144,23 +181,23 @@ def _environment() -> Callable[[], dict[str, str]]:
     return environment
 
 
-def _portable_task() -> Callable[..., Any]:
-    """Return a function that computes a task of plain data; it is sent by value."""
+def _portable_job() -> Callable[..., Any]:
+    """Return a function that evaluates a job; it is sent by value."""
     describe = _environment()
 
-    def run(task: tuple[Any, ...], study: dict[str, Any], expected: dict[str, str]) -> Any:
+    def run(job: Any, setup: bytes, expected: dict[str, str]) -> Any:
         found = describe()
         if found != expected:  # of a worker that came late
             return found
-        from meshtrace.studies.sweep.points import Study, Task
+        from meshtrace.studies.cluster import prepared
 
-        return tuple(Study(**study).compute(Task(*task)))
+        return prepared(setup)(job)
 
     return run
 
 
 def _checked(result: Any) -> Any:
-    """Return the numbers of a task; refuse a worker that described its environment instead."""
+    """Return the result of a job; refuse a worker that described its environment instead."""
     if isinstance(result, dict):
         raise _other_worker("a worker that came late", result)
     return result
@@ -175,7 +212,7 @@ def _require_equal_workers(client: distributed.Client, timeout: float) -> None:
         environments = client.run(_environment(), on_error="return")
     except (TimeoutError, distributed.TimeoutError) as error:
         waited = Described(f"no worker within {timeout:g} s")
-        raise Refused("scheduler", waited, _ALLOWED) from error
+        raise Refused("workers", waited, _ALLOWED) from error
     except OSError as error:
         raise _lost(client, 0, 0) from error
     expected = _environment()()
@@ -208,13 +245,11 @@ def _quiet() -> Iterator[None]:
 
 
 @contextmanager
-def _client(
-    scheduler: str | None, workers: int | None, timeout: float
-) -> Iterator[distributed.Client]:
+def _client(workers: int | str | None, timeout: float) -> Iterator[distributed.Client]:
     """Yield a client of a running scheduler or of a new cluster on this machine."""
     import distributed
 
-    if scheduler is None:
+    if not isinstance(workers, str):
         # one thread each: a task fills one core, and dask keeps BLAS to one thread as well
         with (
             tempfile.TemporaryDirectory(prefix="meshtrace-", ignore_cleanup_errors=True) as scratch,
@@ -234,14 +269,14 @@ def _client(
             yield client
         return
     try:
-        address = _address(scheduler, timeout)
+        address = _address(workers, timeout)
         if not address.startswith("inproc://"):
             # a client of a wrong one writes a traceback when it is deleted
             distributed.comm.get_address_host_port(address, strict=True)
         client = distributed.Client(address, timeout=timeout, set_as_default=False)
     except (OSError, ValueError) as error:
-        problem = Described(f"{scheduler!r}: {error_text(error)}")
-        raise Refused("scheduler", problem, "the address of a running dask scheduler") from error
+        problem = Described(f"{workers!r}: {error_text(error)}")
+        raise Refused("workers", problem, "the address of a running dask scheduler") from error
     with client:
         yield client
 
@@ -260,6 +295,12 @@ def _address(scheduler: str, timeout: float) -> str:
     return str(found["address"])
 
 
+def error_text(error: BaseException) -> str:
+    """Return an error as one line."""
+    text = one_line(error)
+    return text if isinstance(error, ValueError) and text else f"{type(error).__name__}: {text}"
+
+
 def _leave_interrupts() -> distributed.WorkerPlugin:
     """Return a plugin that ignores Ctrl-C on workers: the client handles it."""
     import distributed
@@ -269,38 +310,3 @@ def _leave_interrupts() -> distributed.WorkerPlugin:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     return LeaveInterrupts()
-
-
-@contextmanager
-def _bar(
-    client: distributed.Client, total: int, progress: bool | Callable[[int], None]
-) -> Iterator[Callable[[int], None]]:
-    """Yield a callback for finished tasks: the caller's, or a bar below the dashboard's address."""
-    if callable(progress):
-        yield progress
-        return
-    if not progress:
-        yield lambda done: None
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    console = Console(file=sys.stderr)
-    console.print(f"dashboard: {client.dashboard_link}", highlight=False, soft_wrap=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console) as bar:
-        row = bar.add_task("sweep", total=total)
-        yield lambda done: bar.advance(row, done)

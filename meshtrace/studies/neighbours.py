@@ -1,0 +1,191 @@
+"""Links near one link over common seas: common chains, meshes on common grid lines, jackknives."""
+
+from __future__ import annotations
+
+import math
+import secrets
+from collections.abc import Callable, Iterator
+from functools import cached_property, partial
+from typing import Any, TypeVar
+
+import numpy as np
+
+from meshtrace.kernels.random import realization_seed
+from meshtrace.link import Link
+from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.parallel import ordered_map
+from meshtrace.stored import SHIFTS
+from meshtrace.studies.campaign import Campaign, same
+from meshtrace.transport.forced import MANY_SEAS, TypicalSea
+from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.frozen import FrozenForced, Light
+from meshtrace.transport.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines, require_cover
+
+Result = TypeVar("Result")
+
+_WIDER = 1.2  # reach of meshes over that of a link: its neighbours lie within
+
+
+class Neighbours:
+    """Gains and light of links near one link over the same surfaces.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The base link, its surface and options; a surface that is a mesh is taken as it is.
+    seas : int
+        Surfaces.
+    phases : bool
+        Whether each surface has phases of its own.
+    fading : bool
+        Whether meshes and chains are those of an ensemble.
+    kept : int
+        Meshes of the first surfaces that stay in memory.
+    around : Link, optional
+        The link that all meshes cover, by default the base link.
+    listed : bool
+        Whether facets near the crossings of the base are listed, see `FrozenForced`.
+    """
+
+    def __init__(
+        self,
+        campaign: Campaign,
+        seas: int = 1,
+        *,
+        phases: bool = False,
+        fading: bool = False,
+        kept: int = 1,
+        around: Link | None = None,
+        listed: bool = False,
+    ) -> None:
+        self.campaign, self.seas = campaign, seas
+        self._options = {"phases": phases, "fading": fading, "kept": kept, "around": around,
+                         "listed": listed}  # fmt: skip
+        self._name = secrets.token_hex(8)
+        self._phases, self._fading, self._listed = phases, fading, listed
+        self._around = around or campaign.link
+        self._lines: dict[str, Any] = {}
+        if isinstance(campaign.surface, SurfaceModel):
+            inputs = self._around, campaign.surface, campaign.meshing
+            spacing = FADING_SPACING if fading else GAIN_SPACING
+            self._lines = mesh_lines(*inputs, _WIDER * crossing_reach(self._around), spacing)
+        self._meshes = [self._meshed(campaign.surface, i) for i in range(min(seas, kept))]
+
+    def __reduce__(self) -> Any:
+        """Return the description from which a worker makes them, once for all loops of a study."""
+        return _made, (self._name, self.campaign.alone, self.seas, self._options)
+
+    @cached_property
+    def frozen(self) -> FrozenForced:
+        """Chains of the base link."""
+        campaign = self.campaign
+        return FrozenForced(
+            campaign.link,
+            campaign.run.photons,
+            campaign.run.seed,
+            TypicalSea.of(self._meshes, MANY_SEAS if self._fading else 1.0),
+            campaign.meshing.normals,
+            meshes=self._meshes if self._listed else (),
+        )
+
+    def _meshed(self, surface: Any, i: int) -> TriangleMesh:
+        """Return the mesh of a surface with the phases of realization i."""
+        campaign, mesh = self.campaign, surface
+        if not isinstance(mesh, TriangleMesh):
+            if self._phases:
+                mesh = mesh.with_seed(realization_seed(campaign.run.seed, i))
+            mesh = mesh.mesh(campaign.meshing.time, **self._lines)
+        require_cover(self._around, mesh)
+        return mesh
+
+    def mesh(self, i: int, surface: Any = None) -> TriangleMesh:
+        """Return realization i of the base surface, or of a neighbour of it."""
+        if surface is not None:
+            return self._meshed(surface, i)
+        return self._meshes[i] if i < len(self._meshes) else self._meshed(self.campaign.surface, i)
+
+    def gains(self, link: Link, i: int, surface: Any = None) -> Floats:
+        """Return the gain of each receiver over realization i, shape (receivers, shifts)."""
+        return self.frozen.gains(link, self.mesh(i, surface))
+
+    def unscattered(self, link: Link, i: int) -> Floats:
+        """Return the unscattered gain of each receiver over realization i, without noise."""
+        return self.frozen.unscattered(link, self.mesh(i))
+
+    def light(self, link: Link, i: int) -> list[Light]:
+        """Return the light that arrives at each receiver over realization i."""
+        return self.frozen.light(link, self.mesh(i))
+
+    def map(self, evaluate: Callable[[int], Result]) -> list[Result]:
+        """Return the results of each sea in order, computed by the threads of the campaign."""
+        return list(ordered_map(evaluate, range(self.seas), self.campaign.threads))
+
+    def over(
+        self,
+        evaluate: Callable[[int], Floats],
+        steps: int,
+        name: str,
+        progress: Callable[[int], None] | None = None,
+        **identity: Any,
+    ) -> Floats:
+        """Return the numbers of steps of a loop, stacked; see `Campaign.over`."""
+        known = {"seas": self.seas, **identity}
+        found = self.campaign.over(partial(same, evaluate), range(steps), name, known, progress)
+        return np.array(list(found))
+
+
+_last: dict[str, Neighbours] = {}
+
+
+def _made(name: str, campaign: Campaign, seas: int, options: dict[str, Any]) -> Neighbours:
+    """Return the neighbours of a study in a worker; the last ones are kept."""
+    if name not in _last:
+        _last.clear()
+        _last[name] = Neighbours(campaign, seas, **options)
+    return _last[name]
+
+
+def has_moments(link: Link) -> bool:
+    """Return whether a and b enter the weights alone, as powers of b and exp(-(a + b) L)."""
+    plain = link.bubbles is None and link.water.layers is None
+    return plain and link.physics.absorption != "paper"
+
+
+def moments(link: Link, light: Light) -> dict[str, Floats]:
+    """Return dh / d ln a and dh / d ln b by shift.
+
+    dw / da = -L w, dw / db = (K / b - L) w
+    """
+    way = light.by_shift(light.water)
+    scatterings = light.by_shift(light.order.astype(float))
+    return {"water.a": -link.water.a * way, "water.b": scatterings - link.water.b * way}
+
+
+def without_each(gains: Floats) -> Iterator[Floats]:
+    """Yield the gains (seas, shifts): all, without each shift, and without each of several seas."""
+    yield gains
+    for i in range(SHIFTS):
+        yield np.delete(gains, i, axis=1)
+    if len(gains) > 1:
+        for i in range(len(gains)):
+            yield np.delete(gains, i, axis=0)
+
+
+def error_of(values: Floats) -> float:
+    """Return the standard error of the first of values (1 + groups,), see `without_each`."""
+    return math.sqrt(covariance_of(values[None])[0, 0])
+
+
+def covariance_of(values: Floats) -> Floats:
+    """Return the covariance (n, n) of the first of values (n, 1 + groups), see `without_each`.
+
+    var = (m - 1) / m sum_i (v_i - mean v)^2 over the m shifts, and the same over the seas
+    """
+    total = np.zeros((len(values), len(values)))
+    for groups in (values[:, 1 : 1 + SHIFTS], values[:, 1 + SHIFTS :]):
+        m = groups.shape[1]
+        if m > 1:
+            off = groups - groups.mean(axis=1, keepdims=True)
+            total += (m - 1) / m * off @ off.T
+    return total

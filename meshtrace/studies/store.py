@@ -1,0 +1,311 @@
+"""The store of a study: finished steps as lines of one file, each with its checksum.
+
+A line is the SHA-256 digest of a JSON object and that object: the identity of a loop, or the
+numbers of one of its items. Lines are appended as items finish. A line that was cut by a power
+failure or is damaged is dropped, and its item computed again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import socket
+import time
+import warnings
+from base64 import b64decode, b64encode
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from meshtrace.errors import Described, Refused, show
+from meshtrace.files import atomic
+from meshtrace.kernels.jit import sources
+from meshtrace.models import Floats
+from meshtrace.parallel import duration
+
+_SYNCHRONIZED = 1.0  # [s] of finished items that a power failure may lose
+
+
+class Item(NamedTuple):
+    """Numbers of a finished item, and its text, such as an error."""
+
+    numbers: Floats
+    text: str = ""
+
+
+class Kept:
+    """Finished items of one loop by their keys; without a file none are kept."""
+
+    def __init__(self, items: dict[str, Item], of: str = "", file: IO[bytes] | None = None) -> None:
+        self._items, self._of, self._file = items, of, file
+        self._synchronized = time.monotonic()
+
+    def __contains__(self, key: object) -> bool:
+        return str(key) in self._items
+
+    def __getitem__(self, key: object) -> Item:
+        return self._items[str(key)]
+
+    def keep(self, key: object, numbers: ArrayLike, text: str = "") -> Item:
+        """Append an item, and return it."""
+        item = Item(np.asarray(numbers, np.float64), text)
+        if self._file is None:
+            return item
+        content = b64encode(item.numbers.tobytes()).decode()
+        self._file.write(
+            _line(of=self._of, item=str(key), shape=item.numbers.shape, numbers=content, text=text)
+        )
+        self._file.flush()
+        if time.monotonic() - self._synchronized > _SYNCHRONIZED:
+            os.fsync(self._file.fileno())
+            self._synchronized = time.monotonic()
+        self._items[str(key)] = item
+        return item
+
+
+class Store:
+    """File that keeps the finished items of a study, for a stopped run to resume.
+
+    Parameters
+    ----------
+    path : path, optional
+        The file, a new one or that of the same study; None keeps nothing.
+    study : str
+        Name of the study.
+    """
+
+    def __init__(self, path: str | Path | None = None, study: str = "") -> None:
+        self.path, self._study = None if path is None else Path(path), study
+        self._end = 0  # of the lines that were read
+        self.identities: dict[str, Any] = {}  # of each loop
+        self._items: dict[str, dict[str, Item]] = {}  # of each digest of an identity
+
+    @contextmanager
+    def loop(self, name: str, identity: dict[str, Any]) -> Iterator[Kept]:
+        """Hold the lock of the store, and yield the finished items of a loop.
+
+        Parameters
+        ----------
+        name : str
+            Name of the loop in its study.
+        identity : dict
+            All that its numbers depend on, as plain data; versions are added.
+
+        Raises
+        ------
+        Refused
+            If another process uses the store, it is none, cannot be written or holds other items.
+        """
+        if self.path is None:
+            yield Kept({})
+            return
+        # other code may give other digits
+        code = {"meshtrace": version("meshtrace"), "kernels": sources().hex()}
+        here = json.loads(json.dumps({**identity, **code, "study": self._study}))
+        of = _digest_of(name, here)
+        with locked(self.path):
+            first = _line(loop=name, identity=here)
+            if not self.path.exists():
+                # appears with a line: a file without any is no store
+                with atomic(self.path) as temporary:
+                    temporary.write_bytes(first)
+            self.read()
+            self._require_same(name, here)
+            with self.path.open("ab") as file:
+                if name not in self.identities:
+                    file.write(first)
+                yield Kept(self._items.setdefault(of, {}), of, file)
+                file.flush()
+                os.fsync(file.fileno())
+                self.identities[name], self._end = here, file.tell()
+
+    def _require_same(self, name: str, here: dict[str, Any]) -> None:
+        """Refuse a store of another study, or of one with another identity of a loop."""
+        there = self.identities.get(name, here)
+        others = [one for one in self.identities.values() if one["study"] != self._study]
+        if others:
+            there, here = ({"study": one["study"]} for one in (others[0], here))
+        elif _digest_of(name, there) == _digest_of(name, here):
+            return
+        held = Described(f"{str(self.path)!r} holds another study ({_difference(there, here)})")
+        raise Refused("store", held, "the same arguments, or another path")
+
+    def items(self, name: str) -> Kept:
+        """Return the finished items of a loop as they were read."""
+        return Kept(self._items.get(_digest_of(name, self.identities[name]), {}))
+
+    def read(self) -> None:
+        """Read the lines that are new; drop damaged ones from the file, with a warning.
+
+        Raises
+        ------
+        Refused
+            If the file cannot be read, or has no line of a store.
+        """
+        assert self.path is not None
+        try:
+            with self.path.open("rb") as file:
+                file.seek(self._end)
+                lines = file.readlines()
+        except OSError as error:
+            raise _unusable(self.path, f"{str(self.path)!r}: {error.strerror}") from error
+        sound = [line for line in lines if self._take(line)]
+        if not self.identities and not self._items:
+            raise _unusable(self.path, f"{str(self.path)!r} is not that of a study")
+        damaged = sum(line.endswith(b"\n") for line in lines) - len(sound)
+        if damaged:
+            what = f"{damaged} damaged line{'s' * (damaged > 1)}"
+            warnings.warn(f"{self.path}: {what}, the items are computed again", stacklevel=2)
+        if len(sound) < len(lines):
+            before = self.path.read_bytes()[: self._end]
+            with atomic(self.path) as temporary:
+                temporary.write_bytes(before + b"".join(sound))
+        self._end += sum(map(len, sound))
+
+    def _take(self, line: bytes) -> bool:
+        """Take up the identity or the item of a line; return False of a damaged one."""
+        digest, _, content = line.removesuffix(b"\n").partition(b" ")
+        if not line.endswith(b"\n") or digest.decode("latin-1") != _digest(content):
+            return False
+        found = json.loads(content)
+        if "loop" in found:
+            self.identities[found["loop"]] = found["identity"]
+            return True
+        numbers = np.frombuffer(b64decode(found["numbers"])).reshape(found["shape"])
+        self._items.setdefault(found["of"], {})[found["item"]] = Item(numbers, found["text"])
+        return True
+
+
+def is_store(path: Path) -> bool:
+    """Return whether there is a file that begins like a store."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        head = file.read(66)
+    return len(head) == 66 and head.endswith(b" {") and head[:64].isalnum()
+
+
+def _line(**content: Any) -> bytes:
+    text = json.dumps(content).encode()
+    return f"{_digest(text)} ".encode() + text + b"\n"
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _digest_of(name: str, identity: Any) -> str:
+    return _digest(json.dumps([name, identity], sort_keys=True).encode())[:16]
+
+
+def digest_of(values: Any) -> str:
+    """Return a short digest of long plain data, for an identity."""
+    return _digest_of("", values)
+
+
+def _unusable(path: Path, text: str) -> Refused:
+    return Refused("store", Described(text), "one, or a new path")
+
+
+def _difference(there: Any, here: Any, path: str = "") -> str:
+    """Return the first difference of two trees of plain data as text, empty if none."""
+    if isinstance(there, dict) and isinstance(here, dict):
+        for key in sorted({*there, *here}):
+            inner = f"{path}.{key}" if path else key
+            text = _difference(there.get(key), here.get(key), inner)
+            if text:
+                return text
+        return ""
+    return "" if there == here else f"{path}: {show(there)} there, {show(here)} here"
+
+
+@contextmanager
+def locked(store: Path) -> Iterator[None]:
+    """Hold the lock of a store, a file beside it that names its owner.
+
+    The operating system frees the lock of a process that ended in any way; the file of one that
+    died on this host is taken over.
+
+    Raises
+    ------
+    Refused
+        If another process holds the lock; the message names it and the age of the lock. On
+        Windows, which has no such locks.
+    """
+    path = Path(f"{store}.lock")
+    try:
+        handle = _held(path)
+    except OSError as error:
+        problem = Described(f"{str(path)!r}: {error.strerror}")
+        raise Refused("store", problem, "a path to write to") from error
+    try:
+        owner = {"host": socket.gethostname(), "pid": os.getpid(), "since": time.time()}
+        os.ftruncate(handle, 0)
+        os.pwrite(handle, json.dumps(owner).encode(), 0)
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _held(path: Path) -> int:
+    """Return the locked file of an open lock."""
+    try:
+        import fcntl
+    except ImportError as error:
+        system = Described(f"{str(path.with_suffix(''))!r} on {platform.system()}")
+        allowed = "none, or Linux, macOS or the Windows Subsystem for Linux"
+        raise Refused("store", system, allowed) from error
+    while True:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            free = True
+        except BlockingIOError:
+            free = False
+        owner = _owner(handle)
+        if not free or _lives_elsewhere(owner):
+            os.close(handle)
+            raise _in_use(path, owner)
+        try:
+            if os.fstat(handle).st_ino == path.stat().st_ino:
+                return handle
+        except FileNotFoundError:
+            pass
+        os.close(handle)  # its last owner has just removed it
+
+
+def _owner(handle: int) -> dict[str, Any]:
+    try:
+        return dict(json.loads(os.pread(handle, 4096, 0)))
+    except (ValueError, TypeError):  # just made, or damaged
+        return {}
+
+
+def _lives_elsewhere(owner: dict[str, Any]) -> bool:
+    """Return whether the owner in a free lock may still run, elsewhere or without its lock."""
+    import psutil
+
+    if not owner or owner.get("pid") == os.getpid():
+        return False
+    if owner.get("host") != socket.gethostname():
+        return True
+    try:
+        began = psutil.Process(int(owner["pid"])).create_time()
+    except (psutil.Error, KeyError, ValueError, TypeError):
+        return False
+    return began <= float(owner.get("since", 0.0))  # else another process has its number
+
+
+def _in_use(path: Path, owner: dict[str, Any]) -> Refused:
+    who = f"{owner.get('host', 'unknown')}:{owner.get('pid', '?')}"
+    age = max(time.time() - float(owner.get("since", time.time())), 0.0)
+    used = Described(f"{str(path.with_suffix(''))!r} is in use by {who} for {duration(age)}")
+    return Refused("store", used, f"another path, or none of that process and no {path.name}")

@@ -1,0 +1,604 @@
+"""Sweeps over parameters and realizations on dask.distributed.
+
+A task is one point of the sweep and a block of its realizations. Its random numbers belong to
+(seed, realization), so that results are the same bits for any number of workers. Only the
+process that called `sweep` writes: a finished task is a line of the store, and is never computed
+again.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import sys
+import time
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.comms.background import DARK
+from meshtrace.errors import MISSING, Described, Refused, require_keys, require_whole
+from meshtrace.fields import FIELDS, attrs
+from meshtrace.kernels.random import realization_seed
+from meshtrace.link import Link
+from meshtrace.mesh import MeshSource
+from meshtrace.models import Floats, import_modules, modules_of, trusting
+from meshtrace.parallel import paced
+from meshtrace.results.provenance import environment
+from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
+from meshtrace.scenario.daylight import changes_irradiance, daylight_recipe
+from meshtrace.scenario.files import parse_toml, read_text
+from meshtrace.scenario.tables import as_table
+from meshtrace.stored import FORMAT_VERSION
+from meshtrace.studies.background import RAYS, checked_daylight, error_rate, transmission_of
+from meshtrace.studies.campaign import same
+from meshtrace.studies.cluster import DEFAULT_TIMEOUT, Cluster, error_text, require_dask
+from meshtrace.studies.store import Item, Store
+from meshtrace.transport.backward import background
+from meshtrace.transport.options import Forced
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FIRST_CHAINS = 1024
+"""Chains with which a point begins by default; its tolerance may require more."""
+
+_SHARED = ("rtol", "photons", "seed")  # options of a run that a sweep sets for all its points
+
+BLOCK = 8
+"""Realizations of one task."""
+
+MEASURED = ("gain", "gain_stderr", "gain_ballistic")
+"""Numbers of a realization for each receiver."""
+
+LIT = ("background_radiance", "background_radiance_stderr", "ber", "ber_stderr")
+"""More of them under daylight."""
+
+
+class Task(NamedTuple):
+    """One point and a block of its realizations."""
+
+    point: tuple[int, ...]  # which value of each parameter
+    first: int
+    last: int  # behind the last realization
+
+    @property
+    def key(self) -> str:
+        """Name of the task in a store."""
+        return f"{self.point} {self.first}"
+
+    @property
+    def region(self) -> tuple[Any, ...]:
+        """Place of the task in arrays (parameters..., realization)."""
+        return (*self.point, slice(self.first, self.last))
+
+
+def tasks_of(values: list[range], realizations: int) -> Iterator[Task]:
+    """Yield the tasks of some numbers of values and realizations."""
+    for point in itertools.product(*values):
+        for first in range(0, realizations, BLOCK):
+            yield Task(point, first, min(first + BLOCK, realizations))
+
+
+class Outcome(NamedTuple):
+    """Numbers of a task, by realization."""
+
+    numbers: Floats  # (n, numbers * receivers + 1), of `Study.measured` and seconds
+    error: list[str]
+
+
+@dataclass(frozen=True)
+class Study:
+    """All inputs of a sweep."""
+
+    base: str  # link file
+    parameters: dict[str, list[Any]]
+    realizations: int
+    rtol: float | None
+    photons: int | None
+    seed: int
+    modules: tuple[str, ...] = ()  # of the user's classes, which another process imports first
+
+    def check(self) -> None:
+        """Refuse options out of range and parameters without any allowed value."""
+        require_whole(self.realizations, 1, 10**7, "realizations")
+        require_whole(self.seed, 0, 2**64 - 1, "seed")
+        base = self.scenario({})
+        if self.lit:
+            transmission_of(base.link.replace(receiver=base.link.receivers[0]), base.detector)
+        if not self.parameters:
+            raise Refused("parameters", Described("none"), "lists of values by dotted keys")
+        for name, values in self.parameters.items():
+            if not values:
+                raise Refused(name, values, "at least one value")
+            problems = [self._problem({name: value}) for value in values]
+            if problems[0] is not None and all(problems):
+                raise problems[0]
+
+    def _problem(self, changes: dict[str, Any]) -> ValueError | None:
+        try:
+            self.scenario(changes)
+        except ValueError as error:
+            return error
+        return None
+
+    def scenario(self, changes: Mapping[str, Any]) -> Scenario:
+        """Return the scenario of a point; its values override the options of the sweep."""
+        options = {"run.photons": self.photons, "run.rtol": self.rtol}
+        given = {key: value for key, value in options.items() if value is not None}
+        return Scenario.from_toml(self.base, changes={**given, **changes})
+
+    def tasks(self) -> Iterator[Task]:
+        """Yield all tasks."""
+        return tasks_of([range(len(v)) for v in self.parameters.values()], self.realizations)
+
+    def changes(self, task: Task) -> dict[str, Any]:
+        """Return the values of the parameters at the point of a task."""
+        rows = zip(self.parameters.items(), task.point, strict=True)
+        return {name: values[i] for (name, values), i in rows}
+
+    def compute(self, task: Task) -> Outcome:
+        """Run the realizations of a task; a failed one has an error text and no numbers."""
+        import_modules(self.modules)
+        n = task.last - task.first
+        found, error = np.full((n, len(self.measured) * self.receivers + 1), np.nan), [""] * n
+        for i in range(n):
+            start = time.perf_counter()
+            try:
+                found[i, :-1] = self._measure(task, task.first + i).ravel()
+            except Exception as failure:
+                error[i] = error_text(failure)
+            found[i, -1] = time.perf_counter() - start
+        return Outcome(found, error)
+
+    def _measure(self, task: Task, realization: int) -> NDArray[np.float64]:
+        """Return the numbers of `measured`, each by receiver."""
+        scenario = self.scenario(self.changes(task))
+        surface, key = scenario.surface, self.seed
+        if self.realizations > 1:
+            phases, key = (realization_seed(self.seed, realization, word) for word in (0, 1))
+            surface = surface.with_seed(phases) if hasattr(surface, "with_seed") else surface
+        run = scenario.run.model_copy(update={"seed": key, "threads": 1})
+        scenario = scenario.model_copy(update={"surface": surface, "run": run})
+        result = scenario.simulate()
+        rows = [getattr(result, name) for name in MEASURED]
+        rows = [np.full(self.receivers, np.nan if row is None else row) for row in rows]
+        if self.lit:
+            rows += list(_under_daylight(scenario, rows[0], rows[1]))
+        return np.stack(rows)
+
+    @cached_property
+    def lit(self) -> bool:
+        """Whether points have background light and error rates."""
+        tables = (name.partition(".")[0] for name in self.parameters)
+        return "daylight" in tables or self.scenario({}).daylight is not None
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of the numbers of a realization."""
+        return MEASURED + LIT if self.lit else MEASURED
+
+    @property
+    def light(self) -> str:
+        """Light of the bit error rates."""
+        day = self.scenario({}).daylight
+        swept = [name for name in self.parameters if name.partition(".")[0] == "daylight"]
+        base = DARK if day is None else day.light
+        return f"{base}; at each point by {', '.join(swept)}" if swept else base
+
+    @cached_property
+    def receivers(self) -> int:
+        """Number of receivers of every point."""
+        return len(self.scenario({}).link.receivers)
+
+    def identity(self) -> dict[str, Any]:
+        """Return the configuration that identifies this sweep, as plain data."""
+        return {
+            "realizations": self.realizations,
+            "seed": self.seed,
+            "rtol": self.rtol,
+            "photons": self.photons,
+            "parameters": self.parameters,
+            "link": tomllib.loads(self.base),
+            "measured": list(self.measured),
+            "receivers": self.receivers,
+            "listed": isinstance(self.scenario({}).link.receiver, tuple),
+            "light": self.light if self.lit else "",
+        }
+
+
+def dataset(identity: dict[str, Any], outcomes: Mapping[Task, Outcome]) -> xr.Dataset:
+    """Return the results of a sweep as a Dataset, nan where points are not finished."""
+    import xarray as xr
+
+    coordinates = {name: _labels(values) for name, values in identity["parameters"].items()}
+    coordinates["realization"] = np.arange(identity["realizations"])
+    dims, shape = tuple(coordinates), tuple(map(len, coordinates.values()))
+    names, receivers = identity["measured"], identity["receivers"]
+    numbers = np.full((*shape, len(names) * receivers + 1), np.nan)
+    error = np.full(shape, "", object)
+    for task, outcome in outcomes.items():
+        numbers[task.region], error[task.region] = outcome
+    measured = numbers[..., :-1].reshape(*shape, len(names), receivers)
+    variables: dict[str, Any] = {
+        "seconds": (dims, numbers[..., -1], {"units": "s"}),
+        "error": (dims, error.astype(str)),
+    }
+    for i, name in enumerate(names):
+        light = {"light": identity["light"]} if name == "ber" else {}
+        whole = measured[..., i, :] if identity["listed"] else measured[..., i, 0]
+        along = (*dims, "receiver") if identity["listed"] else dims
+        variables[name] = (along, whole, {**attrs(name), **light})
+    about = {key: attrs(key.rpartition(".")[2]) for key in dims if key.rpartition(".")[2] in FIELDS}
+    labelled = {key: (key, values, about.get(key, {})) for key, values in coordinates.items()}
+    origin = {
+        "title": "meshtrace sweep",
+        "format_version": FORMAT_VERSION,
+        "kind": "sweep",
+        "identity": json.dumps(identity),
+        "environment": json.dumps(environment()),
+    }
+    return xr.Dataset(variables, labelled, origin)
+
+
+def _labels(values: list[Any]) -> NDArray[Any]:
+    """Return values as coordinates: numbers, or else text."""
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        return np.array(values)
+    return np.array([v if isinstance(v, str) else json.dumps(v) for v in values])
+
+
+def _under_daylight(
+    scenario: Scenario, gain: NDArray[np.float64], stderr: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the numbers of `LIT` (4, receivers) at the gains of a scenario."""
+    rows = []
+    for receiver, h, error in zip(scenario.link.receivers, gain, stderr, strict=True):
+        link = scenario.link.replace(receiver=receiver)
+        ook, found = transmission_of(link, scenario.detector), None
+        if checked_daylight(scenario.daylight, link) is not None:
+            alone = scenario.model_copy(update={"link": link})
+            found = background(alone, photons=RAYS, seed=scenario.run.seed, threads=1)
+        light = (found.radiance, found.radiance_stderr) if found else (0.0, 0.0)
+        rows.append([*light, *error_rate(ook, np.array([h]), float(error), found)])
+    return np.array(rows).T
+
+
+def sweep(
+    link: Link | Scenario | Mapping[str, Any],
+    parameters: Mapping[str, Sequence[Any]],
+    *,
+    surface: MeshSource | Mapping[str, Any] | None = None,
+    realizations: int = 1,
+    rtol: float | None = 0.01,
+    photons: int | None = None,
+    seed: int = 1,
+    store: str | Path | None = None,
+    workers: int | str | None = None,
+    timeout: float = DEFAULT_TIMEOUT,
+    progress: bool | Callable[[int], None] = True,
+) -> xr.Dataset:
+    """Return the gain at every combination of some parameters, computed in parallel.
+
+    With daylight in the link file, or swept, the background light and the bit error rate too.
+
+    Parameters
+    ----------
+    link : Link, Scenario or mapping
+        Common part of all points: a link, a scenario, or the plain data of a link file. Options of
+        its run that are arguments here are left out.
+    parameters : mapping of str to sequence
+        Values of each parameter, by its dotted key in a link file: "wind_speed",
+        "transmitter.depth", "water.b", "sea.omega_max", "daylight.sun_zenith_deg", ...
+    surface : SurfaceModel or mapping, optional
+        The sea, or the [sea] table of a link file, in place of that of `link`; a `Link` alone
+        goes with the default sea, which follows `wind_speed`.
+    realizations : int
+        Surfaces of each point. One keeps the phases of the sea; of several,
+        realization i has those of `numpy.random.SeedSequence([seed, i])`, as in `ensemble`.
+    rtol : float, optional
+        Relative standard error to reach in every gain; None for a fixed `photons`.
+    photons : int, optional
+        Chains (forced) or photons (analog) of every gain, with `rtol` the first guess.
+    seed : int
+        Key of the random numbers, 0 <= seed < 2^64. Points share them.
+    store : path, optional
+        File that keeps finished points; of a study file by default beside it. A second call with
+        the same arguments and version resumes the first, however it was stopped.
+    workers : int or str, optional
+        Processes, all cores by default, or the address or file of a running dask scheduler. The
+        result does not depend on them.
+    timeout : float
+        Seconds to wait for the scheduler, and for a worker.
+    progress : bool or callable
+        True shows on stderr the address of the dashboard and a bar with the time left; a callable
+        is called with 1 after each task.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions are the parameters in their order and "realization" (and "receiver" for a
+        link with a list of receivers); variables gain, gain_stderr, gain_ballistic, seconds and
+        error, the text of a failure or empty; under daylight also background_radiance and ber,
+        with their standard errors. The attribute `light` of ber names the light.
+
+    Raises
+    ------
+    Refused
+        If an option is out of range, no value of a parameter is allowed; the store holds another
+        sweep or is in use; the scheduler is lost, has no worker, or one that would
+        compute other numbers.
+    ModuleNotFoundError
+        If dask and distributed are not installed.
+
+    Notes
+    -----
+    A point that fails is recorded and not tried again. One whose worker died, time after time, is
+    recorded too and tried again by the next call; so is a point whose line of the store is
+    damaged, with a warning.
+
+    The bit error rate is that of the receiver of the link file ("physical" without one), at rest
+    and at the gain of each realization; its mean over the realizations is the average BER. A swept
+    key such as "daylight.sun_zenith_deg" moves the sun: direct and diffuse irradiance follow,
+    unless a link file or its plain data give them.
+
+    The cluster on this machine starts new Python processes: in a script call `sweep` under
+    `if __name__ == "__main__":`.
+    """
+    require_dask()
+    given = link.get("daylight") if isinstance(link, Mapping) else None
+    study = _study(_base(link, surface), given, parameters, realizations, rtol, photons, seed)
+    return _swept(study, store, workers, timeout, progress)
+
+
+def _study(
+    base: Scenario,
+    light: Any,
+    parameters: Mapping[str, Sequence[Any]],
+    realizations: int = 1,
+    rtol: float | None = 0.01,
+    photons: int | None = None,
+    seed: int = 1,
+) -> Study:
+    """Return the checked study; `light` is the given table [daylight], None for a model."""
+    import tomli_w
+
+    plain = {name: _plain(values) for name, values in parameters.items()}
+    config = base.to_config()
+    if base.daylight is not None and any(map(changes_irradiance, plain)):
+        found = daylight_recipe(base.daylight) if light is None else light
+        config["daylight"] = as_table(found, "daylight", "model")
+    text = tomli_w.dumps(config)
+    study = Study(text, plain, realizations, rtol, photons, seed)
+    study.check()
+    return replace(study, modules=tuple(modules_of(f"{text}{plain}")))
+
+
+def _swept(
+    study: Study,
+    store: str | Path | None,
+    workers: int | str | None = None,
+    timeout: float = DEFAULT_TIMEOUT,
+    progress: bool | Callable[[int], None] = True,
+) -> xr.Dataset:
+    """Return the results of a study, from its store or computed."""
+    cluster = Cluster(workers, timeout).checked()
+    found: dict[Task, Outcome] = {}
+    with Store(store, "sweep").loop("sweep", study.identity()) as kept:
+        tasks = list(study.tasks())
+        found = {task: _outcome(kept[task.key]) for task in tasks if task.key in kept}
+        waiting = [task for task in tasks if task not in found]
+        if waiting:
+            evaluate = partial(same, study.compute)
+            with (
+                _bar(len(waiting), progress) as (show, advance),
+                closing(cluster._replace(on_start=show).map(evaluate, waiting)) as results,
+            ):
+                for i, result in paced(results, len(waiting), f"{len(waiting):,} points"):
+                    task, n = waiting[i], waiting[i].last - waiting[i].first
+                    if isinstance(result, Exception):  # not kept: the next call tries again
+                        found[task] = Outcome(np.full((n, 1), np.nan), [error_text(result)] * n)
+                    else:
+                        found[task] = Outcome(*result)
+                        kept.keep(task.key, found[task].numbers, json.dumps(found[task].error))
+                    advance(1)
+    return dataset(study.identity(), found)
+
+
+def _outcome(item: Item) -> Outcome:
+    return Outcome(item.numbers, json.loads(item.text))
+
+
+def read_store(path: Path) -> xr.Dataset:
+    """Return the results in the store of a sweep, nan where points are not finished.
+
+    Raises
+    ------
+    Refused
+        If it is no store of a sweep.
+    """
+    store = Store(path)
+    store.read()
+    if "sweep" not in store.identities:
+        other = Described(f"{str(path)!r} is not that of a sweep")
+        raise Refused("store", other, "one, or a new path")
+    items, identity = store.items("sweep"), store.identities["sweep"]
+    sizes = [range(len(values)) for values in identity["parameters"].values()]
+    tasks = tasks_of(sizes, identity["realizations"])
+    return dataset(identity, {t: _outcome(items[t.key]) for t in tasks if t.key in items})
+
+
+@contextmanager
+def _bar(
+    total: int, progress: bool | Callable[[int], None]
+) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
+    """Yield callbacks for the dashboard's address and finished tasks: a bar below the address."""
+    if not progress or callable(progress):
+        yield lambda link: None, progress or (lambda done: None)
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    console = Console(file=sys.stderr)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as bar:
+        row = bar.add_task("sweep", total=total)
+        yield (
+            lambda link: console.print(f"dashboard: {link}", highlight=False, soft_wrap=True),
+            lambda done: bar.advance(row, done),
+        )
+
+
+def sweep_file(
+    path: str | Path,
+    *,
+    store: str | Path | None = None,
+    trust: bool = False,
+    **options: Any,
+) -> xr.Dataset:
+    """Run the sweep of a study file: a link file with a table [sweep].
+
+    Parameters
+    ----------
+    path : path
+        TOML file. [sweep] takes realizations, rtol, photons, seed and store, as in `sweep`
+        (rtol, photons and seed may stand in [run] too); [sweep.parameters] the lists of values
+        by their dotted keys.
+    store
+        As in `sweep`; a store in the file lies beside it.
+    trust : bool
+        Run the modules that the file names by import paths, see `Scenario.load`.
+    **options
+        workers, timeout, progress, as in `sweep`.
+
+    Returns
+    -------
+    xarray.Dataset
+
+    Raises
+    ------
+    Refused
+        If the file cannot be read or a value is not allowed.
+
+    Examples
+    --------
+    A study file::
+
+        [receiver]
+        radius = 0.1
+
+        [sweep]
+        realizations = 16
+
+        [sweep.parameters]
+        wind_speed = [5.0, 13.0]
+        transmitter.depth = [5.0, 10.0, 20.0]
+    """
+    require_dask()
+    path = Path(path)
+    config, table = _read(path)
+    run = config.get("run", {})
+    given = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
+    try:
+        require_keys(table, ("parameters", "realizations", *_SHARED, "store"), "sweep")
+    except Refused as error:
+        raise error.of(str(path)) from None
+    given |= {key: value for key, value in table.items() if key not in ("parameters", "store")}
+    if store is None and "store" in table:
+        store = _stored(path, table)
+    parameters = dict(_dotted(table.get("parameters", {})))
+    with trusting(trust):
+        base = _base(Scenario.from_config(config, folder=path.parent), None)
+        study = _study(base, config.get("daylight"), parameters, **given)
+    return _swept(study, store, **options)
+
+
+def store_of(path: str | Path) -> Path:
+    """Return the store named in a study file, or the default one beside the file.
+
+    Raises
+    ------
+    Refused
+        If the file cannot be read.
+    """
+    path = Path(path)
+    table = _read(path)[1]
+    return _stored(path, table) if "store" in table else path.with_suffix(".store")
+
+
+def _stored(path: Path, table: Mapping[str, Any]) -> Path:
+    if not isinstance(table["store"], str) or not table["store"]:
+        raise Refused("sweep.store", table["store"], "a path", source=str(path))
+    return path.parent / table["store"]
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the link of a study file and its table [sweep]."""
+    text = read_text(path)
+    try:
+        config = parse_toml(text)
+    except Refused as error:
+        raise error.of(str(path)) from error.__cause__
+    table = config.pop("sweep", None)
+    if not isinstance(table, dict):
+        raise Refused("sweep", MISSING if table is None else table, "a table", source=str(path))
+    return config, table
+
+
+def _base(
+    link: Link | Scenario | Mapping[str, Any], sea: MeshSource | Mapping[str, Any] | None
+) -> Scenario:
+    """Return the scenario that all points share, without the options that a sweep sets."""
+    if isinstance(link, Link):
+        wind = getattr(sea, "wind_speed", None)
+        wind = link.wind_speed or DEFAULT_WIND_SPEED if wind is None else wind
+        default = Scenario.from_config({"wind_speed": wind})
+        scenario = default.model_copy(update={"link": link})
+    elif isinstance(link, Scenario):
+        scenario = link
+    else:
+        scenario = Scenario.from_config(link)
+    if isinstance(sea, MeshSource):
+        scenario = scenario.model_copy(update={"surface": sea, "meshing": Meshing()})
+    elif sea is not None:
+        scenario = Scenario.from_config({**scenario.to_config(), "sea": dict(sea)})
+    run = scenario.run
+    photons = FIRST_CHAINS if isinstance(run.estimator, Forced) else run.photons
+    kept = run.model_dump(exclude={*_SHARED, "threads"}, exclude_none=True)
+    return scenario.model_copy(update={"run": Run(**kept, photons=photons)})
+
+
+def _plain(values: Sequence[Any]) -> list[Any]:
+    """Return values as plain data: arrays and tuples as lists."""
+    if isinstance(values, str) or not hasattr(values, "__iter__"):
+        raise Refused("parameters", values, "a list of values")
+    return list(json.loads(json.dumps(list(values), default=lambda value: value.tolist())))
+
+
+def _dotted(table: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the lists in nested tables with their dotted keys."""
+    if not isinstance(table, dict):
+        yield path, table
+        return
+    for key, value in table.items():
+        yield from _dotted(value, f"{path}.{key}" if path else key)

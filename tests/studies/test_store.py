@@ -1,0 +1,352 @@
+"""The store of a study: kills, other arguments, damage, locks; never another gain in silence."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import warnings
+from contextlib import suppress
+from functools import partial
+
+import numpy as np
+import pytest
+
+import meshtrace as mt
+from meshtrace.errors import Refused
+from meshtrace.studies.convergence import fading_study
+from meshtrace.studies.store import Kept, Store, is_store, locked
+from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, resolved_sea
+
+LINK = mt.Link()
+SEA = JonswapSea(wind_speed=13.0, seed=3, band="paper")
+WAVE = SinusoidalSea(amplitude=0.06, wavelength=4.0)
+DAY = mt.Daylight(direct=1.42, diffuse=0.295)
+FEW = {"photons": 64, "seed": 5, "threads": 1}
+SMALL = {**FEW, "extent": 4.0, "spacing": 0.2}
+TIMES = np.arange(4) * 0.4
+FLIGHT = mt.Flight(mt.Uav(), mt.Dryden(wind_speed=8.0))
+PAIR = {"clear": LINK, "far": LINK.at_depth(12.0), "waves": LINK.replace("water.b", 0.1)}
+ROWS = [
+    {"transmitter.depth": d, "gain": g, "stderr": 0.02 * g} for d, g in ((5.0, 3e-4), (9.0, 7e-5))
+]
+THOROUGH = pytest.mark.thorough
+STUDIES = {
+    "ensemble": partial(mt.ensemble, LINK, 5, SEA, **SMALL),
+    "compare": partial(mt.compare, PAIR, SEA, realizations=4, **FEW),
+    "sensitivities": partial(
+        mt.sensitivities, LINK, WAVE, ["water.a", "receiver.height"], photons=64, threads=1
+    ),
+    "optimize": partial(
+        mt.optimize, LINK, FlatSea(), {"transmitter.half_angle_deg": (3.0, 30.0)}, "gain",
+        realizations=1, photons=64, threads=1,
+    ),
+    "infer": partial(mt.infer, ROWS, LINK, ["water.a", "receiver.radius"], photons=64, threads=1),
+    "series": partial(mt.time_series, LINK, WAVE, TIMES, **SMALL),
+    "flight": partial(mt.time_series, LINK, WAVE, TIMES, flight=FLIGHT, **SMALL),
+    "coverage": partial(
+        mt.coverage_map, LINK, WAVE, 1.0, 0.5, times=(0.0, 1.0), photons=9999, rtol=0.5, threads=1
+    ),
+    "duplex": partial(mt.duplex, LINK, LINK.mirrored(), SEA, realizations=3, **SMALL),
+    "background": partial(
+        mt.background_series, LINK, WAVE, DAY, TIMES, photons=64, seed=5, threads=1
+    ),
+    "performance": partial(
+        mt.link_performance, LINK, SEA, depths=(20.0, 40.0), realizations=2, daylight=DAY, **FEW
+    ),
+    "depths": partial(
+        mt.depth_sweep, LINK, (20.0, 40.0), bit_rate=1e6, wind_speeds=(0.0, 5.0),
+        over=mt.Realizations(2, 5, 64), threads=1,
+    ),
+    "convergence": partial(
+        mt.convergence_study, LINK, WAVE, (1.0, 0.5, 0.25, 0.2), placements=2, **FEW
+    ),
+    "bands": partial(
+        mt.band_limit_study, LINK, SEA, (2.0, 3.0, 4.0, 5.0), realizations=2, spacing=0.5, **FEW
+    ),
+    "steps": partial(
+        mt.time_step_study, LINK, WAVE, (0.8, 0.4, 0.2, 0.1), duration=0.8, spacing=0.2, **FEW
+    ),
+    "fading": partial(
+        fading_study, LINK, resolved_sea(5.0), (4.0, 8.0, 12.0, 16.0), realizations=2, spacing=0.2,
+        **FEW,
+    ),
+}  # fmt: skip
+DEFAULT = ("ensemble", "compare", "optimize", "series")
+ALL = [name if name in DEFAULT else pytest.param(name, marks=THOROUGH) for name in STUDIES]
+COSTS = ("mesh_time", "bvh_time", "evaluation_time")
+
+
+@pytest.fixture(autouse=True)
+def quiet(recwarn):
+    """Leave the warnings of few samples aside."""
+
+
+def digits(found):
+    data = found.to_dataset()
+    return {k: v.to_numpy().tolist() for k, v in data.variables.items() if k not in COSTS}
+
+
+def kept_by(monkeypatch):
+    """Return a list that grows by a key for each item that is computed."""
+    computed, keep = [], Kept.keep
+
+    def counted(self, key, *rest):
+        computed.append(key)
+        return keep(self, key, *rest)
+
+    monkeypatch.setattr(Kept, "keep", counted)
+    return computed
+
+
+def killed_after(items, study, path):
+    """Run a study in a child that kills itself after some items are kept."""
+    child = os.fork()
+    if child == 0:
+        keep, left = Kept.keep, [items]
+
+        def last(self, *item):
+            kept = keep(self, *item)
+            left[0] -= 1
+            if left[0] == 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return kept
+
+        with suppress(BaseException):
+            Kept.keep = last
+            study(store=path)
+        os._exit(1)
+    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("name", ALL)
+def test_killed_study_resumes_with_the_same_digits(name, tmp_path, monkeypatch):
+    study, path = STUDIES[name], tmp_path / "kept.store"
+    computed = kept_by(monkeypatch)
+    expected = digits(study())
+    computed.clear()
+    study(store=tmp_path / "whole.store")
+    items = len(computed)
+    assert items >= 2
+    killed_after(items // 2, study, path)
+    computed.clear()
+    assert repr(digits(study(store=path))) == repr(expected)
+    assert len(computed) == items - items // 2
+    computed.clear()
+    assert repr(digits(study(store=path))) == repr(expected)
+    assert computed == []
+
+
+@pytest.mark.parametrize("name", ["ensemble", pytest.param("sensitivities", marks=THOROUGH)])
+def test_other_arguments_are_refused_by_name(name, tmp_path):
+    study, path = STUDIES[name], tmp_path / "kept.store"
+    study(store=path)
+    sound = path.read_bytes()
+    with pytest.raises(Refused, match=r"holds another study \(seed: \d there, 9 here\), allowed"):
+        study(store=path, seed=9)
+    assert path.read_bytes() == sound
+
+
+def test_another_study_or_version_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "kept.store"
+    STUDIES["ensemble"](store=path)
+    message = r"holds another study \(study: 'ensemble' there, '(compare|time_series)' here\)"
+    with pytest.raises(Refused, match=message):
+        mt.time_series(LINK, SEA, TIMES, **SMALL, store=path)
+    with pytest.raises(Refused, match=message):  # whose loops have other names
+        STUDIES["compare"](store=path)
+    with pytest.raises(Refused, match=r"holds another study \(steps\.labels: "):
+        mt.ensemble(LINK, 6, SEA, **SMALL, store=path)
+    monkeypatch.setattr("meshtrace.studies.store.version", lambda name: "0.0.1")
+    with pytest.raises(Refused, match=r"meshtrace: '\d.*' there, '0\.0\.1' here"):
+        STUDIES["ensemble"](store=path)
+
+
+# ---- damage ----------------------------------------------------------------------------------
+
+IDENTITY = {"seed": 1, "parameters": {"water.b": [0.0, 0.1]}}
+ITEMS = {str(i): np.random.default_rng(i).normal(size=(2, 3)) for i in range(6)}
+
+
+def filled(path):
+    """Compute what a store lacks; return all its items, and the keys that were computed."""
+    computed = []
+    with Store(path).loop("numbers", IDENTITY) as kept:
+        for key, numbers in ITEMS.items():
+            if key not in kept:
+                kept.keep(key, numbers, f"text {key}")
+                computed.append(key)
+        found = {key: (kept[key].numbers.tolist(), kept[key].text) for key in ITEMS}
+    assert found == {key: (value.tolist(), f"text {key}") for key, value in ITEMS.items()}
+    return computed
+
+
+@pytest.fixture
+def sound(tmp_path):
+    path = tmp_path / "sound.store"
+    assert filled(path) == list(ITEMS)
+    assert filled(path) == []
+    assert is_store(path)
+    return path
+
+
+@pytest.mark.filterwarnings("ignore:.*computed again")
+def test_any_wrong_bit_is_noticed(sound, tmp_path):
+    rng, content = np.random.default_rng(26), sound.read_bytes()
+    outcomes = []
+    for bit in rng.choice(8 * len(content), 40, replace=False):
+        damaged = bytearray(content)
+        damaged[bit // 8] ^= 1 << (bit % 8)
+        copy = tmp_path / "copy.store"
+        copy.write_bytes(damaged)
+        outcomes.append(len(filled(copy)))
+        assert filled(copy) == []  # and mended
+    assert set(outcomes) <= {0, 1, 2}  # the identity, an item, or the end of a line
+    assert 1 in outcomes
+
+
+def test_damage_is_reported_in_one_line(sound):
+    lines = sound.read_bytes().splitlines(keepends=True)
+    lines[3] = lines[3].replace(b'"text 2"', b'"text 7"')
+    sound.write_bytes(b"".join(lines))
+    with pytest.warns(UserWarning, match=r"sound\.store: 1 damaged line, the items are computed"):
+        assert filled(sound) == ["2"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert filled(sound) == []
+
+
+def test_cut_store_goes_on(sound, tmp_path):
+    """A line that a power failure cut is no damage: the run was stopped there."""
+    content, copy = sound.read_bytes(), tmp_path / "cut.store"
+    first = len(content.splitlines(keepends=True)[0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for size in np.random.default_rng(3).integers(first, len(content), 50):
+            copy.write_bytes(content[:size])
+            assert len(filled(copy)) == 7 - content[:size].count(b"\n")
+    for size in (0, 1, first - 1):
+        copy.write_bytes(content[:size])
+        with pytest.raises(Refused, match=r"cut\.store' is not that of a study"):
+            filled(copy)
+
+
+def test_items_of_another_study_are_none(sound, tmp_path):
+    """Intact lines of a study with other arguments are left aside."""
+    other = tmp_path / "other.store"
+    with Store(other).loop("numbers", {**IDENTITY, "seed": 2}) as kept:
+        for key in ITEMS:
+            kept.keep(key, np.zeros((2, 3)))
+    theirs = other.read_bytes().splitlines(keepends=True)[1:]
+    mine = sound.read_bytes().splitlines(keepends=True)
+    sound.write_bytes(b"".join([mine[0], *theirs, *mine[1:4]]))
+    assert filled(sound) == ["3", "4", "5"]
+
+
+def test_numbers_that_are_none_are_kept(tmp_path):
+    path, numbers = tmp_path / "nan.store", np.array([np.nan, np.inf, -0.0, 5e-324])
+    identity = {"limit": float("nan")}
+    with Store(path).loop("numbers", identity) as kept:
+        kept.keep((0, 1.5), numbers)
+    with Store(path).loop("numbers", identity) as kept:
+        assert kept[0, 1.5].numbers.tobytes() == numbers.tobytes()
+
+
+def test_items_before_an_error_stay(sound):
+    with suppress(KeyboardInterrupt), Store(sound).loop("more", IDENTITY) as kept:
+        kept.keep("a", [1.0])
+        raise KeyboardInterrupt
+    with Store(sound).loop("more", IDENTITY) as kept:
+        assert kept["a"].numbers.tolist() == [1.0]
+    assert filled(sound) == []
+
+
+# ---- locks -----------------------------------------------------------------------------------
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from meshtrace.studies.store import locked
+with locked(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(60.0)
+"""
+
+
+@pytest.fixture
+def holder(tmp_path):
+    """Process that holds the lock of a store."""
+    store = tmp_path / "depths.store"
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(store)], stdout=subprocess.PIPE, text=True
+    )
+    with process:
+        assert process.stdout.readline() == "held\n"
+        yield process, store
+        process.kill()
+
+
+def test_store_in_use_is_refused_with_owner_and_age(holder):
+    process, store = holder
+    owner = f"{socket.gethostname()}:{process.pid}"
+    with pytest.raises(Refused, match=rf"depths\.store' is in use by {owner} for \d+ s, allowed"):
+        with locked(store):
+            pass
+
+
+def test_lock_of_a_dead_process_is_taken_over(holder):
+    process, store = holder
+    process.kill()
+    process.wait()
+    lock = store.with_name("depths.store.lock")
+    assert json.loads(lock.read_text())["pid"] == process.pid
+    with locked(store):
+        assert json.loads(lock.read_text())["pid"] == os.getpid()
+    assert not lock.exists()
+
+
+@pytest.mark.parametrize(
+    ("owner", "free"),
+    [
+        ({"host": "elsewhere", "pid": 1, "since": time.time() - 7200.0}, False),
+        ({"host": socket.gethostname(), "pid": os.getppid(), "since": time.time()}, False),
+        # the number of a process that began after the lock was taken
+        ({"host": socket.gethostname(), "pid": os.getppid(), "since": 1.0}, True),
+        ({}, True),
+    ],
+)
+def test_lock_without_a_holder_belongs_to_a_process_that_may_live(tmp_path, owner, free):
+    lock = tmp_path / "depths.store.lock"
+    lock.write_text(json.dumps(owner))
+    if free:
+        with locked(tmp_path / "depths.store"):
+            assert lock.exists()
+    else:
+        with (
+            pytest.raises(Refused, match=rf"in use by {owner['host']}:{owner['pid']} for"),
+            locked(tmp_path / "depths.store"),
+        ):
+            pass
+
+
+def test_lock_is_freed_after_an_error(tmp_path):
+    store = tmp_path / "depths.store"
+    with pytest.raises(ZeroDivisionError), locked(store):
+        _ = 1 / 0
+    with locked(store):
+        pass
+
+
+def test_a_system_without_such_locks_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    monkeypatch.setattr("platform.system", lambda: "Windows")
+    with (
+        pytest.raises(Refused, match=r"depths\.store' on Windows, allowed: none, or Linux, macOS"),
+        locked(tmp_path / "depths.store"),
+    ):
+        pass
