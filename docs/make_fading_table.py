@@ -47,7 +47,7 @@ def paraxial(link: mt.Link, sea: JonswapSea, seeds: np.ndarray) -> tuple[float, 
 def sea_of(wind_speed: float, omega_max: float | None, mss: str) -> JonswapSea:
     """Return a sea with the paper's band, or one from its lowest up to another frequency."""
     if omega_max is None:
-        return JonswapSea(wind_speed=wind_speed, seed=1, mss=mss, band="paper")
+        return JonswapSea(wind_speed=wind_speed, seed=1, mss=mss, waves="paper")
     low, step = (1.2, 0.2) if wind_speed == 5.0 else (0.9, 0.1)
     return JonswapSea(
         wind_speed=wind_speed,
@@ -55,7 +55,7 @@ def sea_of(wind_speed: float, omega_max: float | None, mss: str) -> JonswapSea:
         omega_min=low,
         omega_max=omega_max,
         d_omega=step,
-        band="scaled",
+        waves="scaled",
         d_theta=np.pi / 20,
         mss=mss,
     )

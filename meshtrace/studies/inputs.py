@@ -83,7 +83,7 @@ def forced_case(
 
     With `fading` a sea whose band was left open has all waves that make light fade.
     """
-    case = resolve(link, surface, fading).with_options(**options)
+    case = resolve(link, surface, fading, **options)
     if not isinstance(case.run.estimator, Forced):
         raise Refused("run.estimator", "analog", allowed)
     return case

@@ -18,7 +18,7 @@ from meshtrace.surfaces import Elfouhaily, JonswapSea, SpectralSea
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 
-SEA = JonswapSea(wind_speed=13.0, seed=7, band="paper")
+SEA = JonswapSea(wind_speed=13.0, seed=7, waves="paper")
 CHAINS = 1024  # for 1 % in every realization
 
 

@@ -104,8 +104,8 @@ def test_the_switch_of_a_link_file_serves_all_studies():
     [
         JonswapSea(omega_max=4.0),
         JonswapSea(omega_min=1.0),
-        JonswapSea(band="scaled"),
-        JonswapSea(band="paper"),
+        JonswapSea(waves="scaled"),
+        JonswapSea(waves="paper"),
         JonswapSea(mss="band"),
         JonswapSea(hs=1.0, tp=6.0),
         JonswapSea(gamma=7.0),

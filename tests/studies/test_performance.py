@@ -238,7 +238,7 @@ def test_threads_do_not_matter():
 @pytest.mark.parametrize("tilt_deg", [3.0, 10.0])
 def test_small_tilts_agree_with_the_factor(tilt_deg):
     uav, wind = steady(tilt_deg)
-    link, sea, times = mt.Link(), JonswapSea(wind_speed=5.0, band="paper"), np.arange(4.0)
+    link, sea, times = mt.Link(), JonswapSea(wind_speed=5.0, waves="paper"), np.arange(4.0)
     coupled = mt.time_series(link, sea, times, flight=mt.Flight(uav, wind), photons=1024)
     level = mt.time_series(link, sea, times, photons=1024)
     tilt = uav.simulate_flight(wind, times, 1).tilt
@@ -259,7 +259,7 @@ def test_gain_falls_at_the_edge_of_the_field_of_view(tilt_deg, most):
 
 
 def test_a_gimbal_makes_the_flown_series_the_plain_one():
-    sea, times = JonswapSea(wind_speed=5.0, band="paper"), np.arange(3.0)
+    sea, times = JonswapSea(wind_speed=5.0, waves="paper"), np.arange(3.0)
     wind = mt.Dryden(wind_speed=13.0)
     flight = mt.Flight(mt.Uav(gimbal=True), wind)
     held = mt.time_series(mt.Link(), sea, times, flight=flight, photons=1024)

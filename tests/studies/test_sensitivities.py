@@ -112,7 +112,7 @@ def test_moments_agree_with_differences():
 @pytest.mark.parametrize("wind_speed", [5.0, 13.0])
 @pytest.mark.thorough
 def test_radius_on_the_axis(wind_speed):
-    sea = JonswapSea(wind_speed=wind_speed, band="paper", seed=7)
+    sea = JonswapSea(wind_speed=wind_speed, waves="paper", seed=7)
     row = elasticities(mt.Link(), sea, keys=("r",), photons=16384).table[0]
     assert row.stderr < 3e-4
     assert row.elasticity == pytest.approx(1.9998, abs=3e-4)

@@ -19,13 +19,13 @@ from meshtrace.surfaces import (
     resolved_sea,
     sea_from_config,
 )
-from meshtrace.surfaces.dispersion import (
+from meshtrace.surfaces.statistics import components_hs
+from meshtrace.surfaces.waves import (
     angular_frequency,
     group_speed,
     wavenumber,
     wavenumber_in_current,
 )
-from meshtrace.surfaces.statistics import components_hs
 
 WIND_SEA = JonswapSea(wind_speed=8.0, seed=1)
 SWELL = SpectralSea(spectrum=Jonswap(hs=1.0, tp=12.0, gamma=6.0), mss="band", wind_direction_deg=90)

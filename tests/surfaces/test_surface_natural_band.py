@@ -96,7 +96,7 @@ def largest_return(sea):
 
 def test_no_repeat_in_ten_minutes():
     # independent frequencies leave 1 / sqrt(2 n), n = 1 / sum of squared shares, some 300
-    assert largest_return(JonswapSea(wind_speed=5.0, band="paper")) == pytest.approx(1.0, abs=1e-3)
+    assert largest_return(JonswapSea(wind_speed=5.0, waves="paper")) == pytest.approx(1.0, abs=1e-3)
     for wind_speed in (5.0, 13.0):
         assert largest_return(JonswapSea(wind_speed=wind_speed)) < 0.25
 
@@ -113,7 +113,7 @@ def test_no_return_over_two_hundred_metres():
         phase = np.exp(1j * np.outer(x[0], waves.kx))
         return np.real((phase * power) @ np.exp(1j * np.outer(waves.ky, y[:, 0]))).T
 
-    paper = np.abs(correlation(JonswapSea(wind_speed=5.0, band="paper")))[far].max()
+    paper = np.abs(correlation(JonswapSea(wind_speed=5.0, waves="paper")))[far].max()
     natural = np.abs(correlation(JonswapSea(wind_speed=5.0)))[far].max()
     assert natural < 0.2 < 0.5 < paper
 
@@ -134,7 +134,7 @@ def spokes(sea):
 
 
 def test_no_spokes_in_the_spectrum_of_a_patch():
-    lattice = np.abs(spokes(JonswapSea(wind_speed=5.0, seed=3, band="paper"))).sum()
+    lattice = np.abs(spokes(JonswapSea(wind_speed=5.0, seed=3, waves="paper"))).sum()
     natural = np.abs(spokes(JonswapSea(wind_speed=5.0, seed=3))).sum()
     assert natural < 0.35 < 1.0 < lattice
 
@@ -154,27 +154,27 @@ def wave_7(sea):
     ("change", "count", "expected"),
     [
         (
-            {"band": "paper"},
+            {"waves": "paper"},
             90,
             ("0x1.23cabf3be79b3p-7", "0x1.6666666666666p+0", "0x1.00f076fc27b16p+0"),
         ),
         (
-            {"band": "paper", "wind_speed": 13.0, "seed": 7},
+            {"waves": "paper", "wind_speed": 13.0, "seed": 7},
             462,
             ("0x1.17f259d4cc636p-8", "0x1.ccccccccccccdp-1", "0x1.4a3c4c6ea1bf4p+2"),
         ),
         (
-            {"band": "scaled", "wind_speed": 8.0, "seed": 2},
+            {"waves": "scaled", "wind_speed": 8.0, "seed": 2},
             441,
             ("0x1.3b021101d49cbp-10", "0x1.004a380de9b38p+0", "0x1.62cff90f0efa7p-2"),
         ),
         (
-            {"band": "paper", "seed": 5, "jitter": True},
+            {"waves": "paper", "seed": 5, "jitter": True},
             90,
             ("0x1.84d2ce01f8ccdp-8", "0x1.54da08139a330p+0", "0x1.234cbdd33ded7p-2"),
         ),
         (
-            {"band": "paper", "seed": 0, "omega_max": 6.0, "d_theta": 0.3},
+            {"waves": "paper", "seed": 0, "omega_max": 6.0, "d_theta": 0.3},
             275,
             ("0x1.b23a65dfa5392p-10", "0x1.3333333333333p+0", "0x1.255914bd568efp+2"),
         ),
@@ -188,14 +188,14 @@ def test_equally_spaced_bands_to_the_same_bits(change, count, expected):
 
 
 def test_paper_band_to_the_same_bits():
-    z, zx, zy = JonswapSea(seed=3, band="paper").grid([0.0, 1.0], [0.0, 2.0], 1.5)
+    z, zx, zy = JonswapSea(seed=3, waves="paper").grid([0.0, 1.0], [0.0, 2.0], 1.5)
     np.testing.assert_allclose(z, [[-0.12019605, -0.05789043], [0.00188489, 0.128854]], atol=5e-9)
     np.testing.assert_allclose(zx[0], [0.13705952, 0.24294456], atol=5e-9)
     np.testing.assert_allclose(zy[1], [0.05568272, 0.03147852], atol=5e-9)
 
 
 def test_scaled_band_of_another_spectrum_to_the_same_bits():
-    given = {"spreading": "elfouhaily", "band": "scaled", "capillary": True, "seed": 6}
+    given = {"spreading": "elfouhaily", "waves": "scaled", "capillary": True, "seed": 6}
     sea = SpectralSea(spectrum={"kind": "elfouhaily", "wind_speed": 8.0}, **given)
     assert len(sea.components.omega) == 441
     assert wave_7(sea)[0] == "0x1.262255f32ed75p-9"
@@ -218,7 +218,7 @@ def test_refuses(make, message):
         make()
 
 
-@pytest.mark.parametrize("band", [{}, {"band": "paper"}, {"band": "scaled", "jitter": True}])
+@pytest.mark.parametrize("band", [{}, {"waves": "paper"}, {"waves": "scaled", "jitter": True}])
 def test_seeds_share_nothing_but_the_places(band):
     """Waves of another seed of a used sea, against those of a new sea."""
     first = JonswapSea(wind_speed=13.0, seed=1, **band)

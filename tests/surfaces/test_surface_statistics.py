@@ -54,7 +54,7 @@ def test_slope_variance_grows_with_the_band(wind, values):
 
 @pytest.mark.parametrize(("wind", "along", "across"), [(5.0, 0.069, 0.040), (13.0, 0.087, 0.050)])
 def test_slope_deviations_of_the_wave_sum(wind, along, across):
-    waves = JonswapSea(wind_speed=wind, band="paper").components
+    waves = JonswapSea(wind_speed=wind, waves="paper").components
     variances = components_slope_variance(waves)
     np.testing.assert_allclose(np.sqrt(variances), [along, across], atol=5.1e-4)
     # cos^2 puts three quarters of the slopes along the wind.
@@ -63,7 +63,7 @@ def test_slope_deviations_of_the_wave_sum(wind, along, across):
 
 @pytest.mark.parametrize(("wind", "band", "full", "inside", "slopes", "share"), PAPER)
 def test_wave_sum_is_the_midpoint_rule_of_the_spectrum(wind, band, full, inside, slopes, share):
-    sea = JonswapSea(wind_speed=wind, band="paper")
+    sea = JonswapSea(wind_speed=wind, waves="paper")
     waves, half = sea.components, 0.5 * sea.band_limits.d_omega
     cells = band[0] - half, band[1] + half
     assert components_hs(waves) == pytest.approx(hs(sea.spectrum, *cells), rel=2e-3)
@@ -74,7 +74,7 @@ def test_wave_sum_is_the_midpoint_rule_of_the_spectrum(wind, band, full, inside,
 
 @pytest.mark.parametrize("wind", [5.0, 13.0])
 @pytest.mark.parametrize(
-    "options", [{}, {"band": "paper"}, {"band": "paper", "jitter": True}], ids=str
+    "options", [{}, {"waves": "paper"}, {"waves": "paper", "jitter": True}], ids=str
 )
 def test_meshes_have_the_statistics_of_the_spectrum(wind, options):
     # Sampling error: seeds are independent, so the scatter of 60 meshes of 120 m by 120 m gives

@@ -117,7 +117,7 @@ def infer(
     data = read_measurements(measurements)
     if sea is None and not isinstance(link, Scenario):
         sea = FlatSea()
-    case = resolve(link, sea).with_options(photons=photons, seed=seed, threads=threads)
+    case = resolve(link, sea, photons=photons, seed=seed, threads=threads)
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
     setting = Setting(case.link, case.surface, None)
