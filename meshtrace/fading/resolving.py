@@ -192,12 +192,10 @@ def resolve_band(link: Any, sea: Any, waves: Any = None, fading: bool = False) -
         return sea
     if hasattr(sea, "windiest"):
         return _with_windiest(sea, lambda part: resolve_band(link, part, fading=True))
-    opened = getattr(sea, "for_fading", None)
-    if opened is None:
-        return sea
     for within in (WITHIN, SHORT):
         try:
-            return _resolved(link, opened, within)
+            opened = getattr(sea, "for_fading", None)
+            return sea if opened is None else _resolved(link, opened, within)
         except Refused as error:
             reason = str(error)
     warnings.warn(f"the fading of short waves is left out: {reason}", stacklevel=2)

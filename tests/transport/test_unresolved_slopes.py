@@ -176,7 +176,7 @@ def test_variances_add_up_to_those_of_the_real_sea():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:omega_max")
+@pytest.mark.filterwarnings("ignore:waves")
 def test_the_mean_gain_does_not_hang_on_band_and_spacing():
     """A lens of 2 m over 60 seas of 13 m/s, whose own waves bend the light too little."""
     link = mt.Link(receiver=mt.Receiver(radius=2.0))
@@ -226,7 +226,7 @@ def mean_without_seas(sea, link=BEAM, photons=1024, seeds=range(BATCHES)):
 @pytest.mark.statistical
 def test_default_sea_has_the_closed_mean():
     """40 seas of the default link, with the chains of the closed mean."""
-    sea, means = JonswapSea(), mt.Scenario.from_toml("[run]\nfading = false")
+    sea, means = JonswapSea(), mt.Scenario.from_toml("[sea]\nwaves = 'mean'")
     gain = mt.ensemble(means, 40, photons=512, seed=1).gain
     stderr = gain.std(ddof=1) / math.sqrt(len(gain))
     closed = float(mean_without_seas(sea, mt.Link(), 512, [1])[0])
