@@ -1,5 +1,6 @@
 """Sea surfaces: wave spectra, random seas, and the triangle meshes made of them."""
 
+from .bands import Band
 from .foreign_mesh import from_trimesh
 from .measured import MeasuredSea, from_wavespectra
 from .seas import (
@@ -34,6 +35,7 @@ from .wave_surface import SinusoidalSea, WaveSurface
 from .waves import WaveComponents
 
 __all__ = [
+    "Band",
     "Cos2sSpreading",
     "Elfouhaily",
     "ElfouhailySpreading",

@@ -17,8 +17,7 @@ from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
-from meshtrace.surfaces import Elfouhaily, SpectralSea
-from meshtrace.surfaces.bands import Band
+from meshtrace.surfaces import Band, Elfouhaily, SpectralSea
 from meshtrace.tables import text_table
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for

@@ -14,8 +14,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.bench import figure_of_merit, new_sea, resolved_sea
-from meshtrace.surfaces import Elfouhaily, JonswapSea, SpectralSea
-from meshtrace.surfaces.bands import Band
+from meshtrace.surfaces import Band, Elfouhaily, JonswapSea, SpectralSea
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 

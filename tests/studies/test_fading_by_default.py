@@ -132,7 +132,7 @@ def test_waves_of_seas_without_a_spectrum(waves):
     wave = SinusoidalSea(amplitude=0.1, wavelength=2.0)
     assert resolve_band(WIDE, wave, "mean") is wave
     for sea in (wave, FlatSea().mesh(extent=5.0, spacing=1.0)):
-        with pytest.raises(Refused, match="waves: .*, allowed: over a sea of a spectrum"):
+        with pytest.raises(Refused, match=r"waves: .*, allowed: over a sea of a spectrum"):
             mt.simulate(WIDE, sea, waves=waves, **FEW)
 
 

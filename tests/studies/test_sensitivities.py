@@ -17,8 +17,7 @@ from meshtrace.stored import SHIFTS
 from meshtrace.studies.sensitivity import study as study_module
 from meshtrace.studies.sensitivity.parameters import Setting, parameters
 from meshtrace.studies.sensitivity.problem import Shelf, error_of, without_each
-from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.surfaces.bands import Band
+from meshtrace.surfaces import Band, FlatSea, JonswapSea
 from meshtrace.transport.frozen import FrozenForced
 
 REFERENCE = json.loads(

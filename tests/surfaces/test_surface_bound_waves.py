@@ -276,7 +276,9 @@ def test_round_trips():
         (
             lambda: (
                 JonswapSea(
-                    order=2, waves=PAPER_BANDS[5.0].replace(d_omega=0.01), omega_max=6.0,
+                    order=2,
+                    waves=PAPER_BANDS[5.0].replace(d_omega=0.01),
+                    omega_max=6.0,
                     order_omega_max=6.0,
                 ).components
             ),

@@ -15,8 +15,7 @@ from mc_statistics import ALPHA, sidak, z_test
 import meshtrace as mt
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.stored import SHIFTS
-from meshtrace.surfaces import Elfouhaily, FlatSea, JonswapSea, SpectralSea
-from meshtrace.surfaces.bands import Band
+from meshtrace.surfaces import Band, Elfouhaily, FlatSea, JonswapSea, SpectralSea
 from meshtrace.surfaces.statistics import elfouhaily_slope_variance
 from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach

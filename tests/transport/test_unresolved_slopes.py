@@ -193,7 +193,12 @@ def test_the_mean_gain_does_not_hang_on_band_and_spacing():
         assert z_test(mean[k], stderr[k], mean[0], stderr[0]) > sidak(ALPHA, 3)
     plain = mt.Link(receiver=link.receiver, physics=mt.Physics(unresolved="none"))
     e = mt.ensemble(
-        plain, 60, JonswapSea(wind_speed=13.0, waves="paper"), photons=1024, spacing=0.25, extent=8.0
+        plain,
+        60,
+        JonswapSea(wind_speed=13.0, waves="paper"),
+        photons=1024,
+        spacing=0.25,
+        extent=8.0,
     )
     assert e.gain.mean() > 1.01 * mean[0]
 
