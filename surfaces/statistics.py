@@ -341,7 +341,7 @@ def components_hs(waves: WaveComponents) -> float:
     Examples
     --------
     >>> from meshtrace.surfaces import JonswapSea
-    >>> round(components_hs(JonswapSea(band="paper").components), 3)
+    >>> round(components_hs(JonswapSea(waves="paper").components), 3)
     0.54
     """
     return 4.0 * math.sqrt(0.5 * float(np.sum(waves.amplitude**2)))
@@ -367,7 +367,7 @@ def components_slope_variance(waves: WaveComponents, wind_direction_deg: float =
     Examples
     --------
     >>> from meshtrace.surfaces import JonswapSea
-    >>> along, across = components_slope_variance(JonswapSea(band="paper").components)
+    >>> along, across = components_slope_variance(JonswapSea(waves="paper").components)
     >>> round(along**0.5, 3), round(across**0.5, 3)
     (0.069, 0.04)
     """
@@ -466,7 +466,7 @@ def unresolved_slope_variance(target: Variances, resolved: Variances) -> Varianc
     Examples
     --------
     >>> from meshtrace.surfaces import JonswapSea
-    >>> resolved = components_slope_variance(JonswapSea(band="paper").components)
+    >>> resolved = components_slope_variance(JonswapSea(waves="paper").components)
     >>> [round(v, 4) for v in unresolved_slope_variance(cox_munk(5.0), resolved)]
     [0.011, 0.011]
     """
@@ -571,7 +571,7 @@ def meshed_slope_variance(
     Examples
     --------
     >>> from meshtrace.surfaces import JonswapSea
-    >>> waves = JonswapSea(band="paper").components
+    >>> waves = JonswapSea(waves="paper").components
     >>> vertex, facet = meshed_slope_variance(waves, 0.5)
     >>> round(sum(vertex), 5), round(sum(facet), 5), round(sum(components_slope_variance(waves)), 5)
     (0.00615, 0.00629, 0.00638)

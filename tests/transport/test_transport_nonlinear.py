@@ -88,7 +88,7 @@ def test_a_choppy_sea_is_no_reference_of_the_convergence_study():
 
 def test_link_file(tmp_path):
     file = tmp_path / "link.toml"
-    text = '[sea]\nspectrum = "jonswap"\nwind_speed = 5.0\nband = "paper"\n'
+    text = '[sea]\nspectrum = "jonswap"\nwind_speed = 5.0\nwaves = "paper"\n'
     for key, value in (("choppy", True), ("order", 2)):
         file.write_text(text + f"{key} = {str(value).lower()}\n")
         scenario = mt.Scenario.load(file)
