@@ -227,17 +227,7 @@ def drawn_waves(edges: Floats, d_theta: float, spectrum: Spectrum, spreading: Sp
         Width of the cells over direction [rad]; those at -+pi/2 are cut there.
     spectrum, spreading : Spectrum, Spreading
         The sea.
-
-    Notes
-    -----
-    The frequencies of a bin fall into as many equal parts of it as there are directions, in
-    random order (Latin hypercube), so that no two waves of a sea share a frequency or a direction:
-    neither a period nor a lattice remains. All seeds share the places, which keeps the factors of
-    the grid; the phases alone differ.
     """
-    rng_frequency, rng_order, rng_direction = (
-        np.random.default_rng([_LAYOUT, i]) for i in range(3)
-    )
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     width = np.diff(edges)
     at = edges[:-1, None] + width[:, None] * 0.5 * (nodes + 1.0)
@@ -251,11 +241,38 @@ def drawn_waves(edges: Floats, d_theta: float, spectrum: Spectrum, spreading: Sp
     density = spreading.density(center, theta.ravel(), **sea_state(spectrum))
     shares = (density.reshape(len(width), *theta.shape) * weights).sum(axis=2) * cell
     shares /= shares.sum(axis=1, keepdims=True)
+    return Waves(variance[:, None] * shares, *drawn_places(edges, low, cell))
+
+
+def drawn_places(edges: Floats, low: Floats, width: Floats | float) -> tuple[Floats, Floats]:
+    """Return the frequency [rad s-1] and direction [rad] of one wave in each cell.
+
+    Parameters
+    ----------
+    edges : ndarray, shape (m + 1,)
+        Edges of the frequency bins [rad s-1].
+    low, width : ndarray, shape (n,)
+        Lowest direction of each cell, and its width [rad].
+
+    Returns
+    -------
+    omega, theta : ndarray, shape (m, n)
+
+    Notes
+    -----
+    The frequencies of a bin fall into as many equal parts of it as there are directions, in
+    random order (Latin hypercube), so that no two waves of a sea share a frequency or a direction:
+    neither a period nor a lattice remains. All seeds share the places, which keeps the factors of
+    the grid; the phases alone differ.
+    """
+    rng_frequency, rng_order, rng_direction = (
+        np.random.default_rng([_LAYOUT, i]) for i in range(3)
+    )
+    shape = len(edges) - 1, len(low)
     # ranks of random numbers, row by row: wider bands keep the places of the narrower
-    part = rng_order.random(shares.shape).argsort(axis=1) + rng_frequency.random(shares.shape)
-    omega = edges[:-1, None] + width[:, None] * part / len(middle)
-    place = low + cell * rng_direction.random(shares.shape)
-    return Waves(variance[:, None] * shares, omega, place)
+    part = rng_order.random(shape).argsort(axis=1) + rng_frequency.random(shape)
+    omega = edges[:-1, None] + np.diff(edges)[:, None] * part / len(low)
+    return omega, low + width * rng_direction.random(shape)
 
 
 def direction_grid(half_range: float, d_theta: float) -> Floats:

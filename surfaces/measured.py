@@ -15,6 +15,7 @@ from meshtrace.columns import read_columns
 from meshtrace.errors import Described, DomainWarning, Refused, did_you_mean, reason_of
 from meshtrace.stored import read_dataset
 
+from .bands import drawn_places
 from .parameters import Current, Depth, Finite, Floats, Mss, Positive, Variances, WindSpeed
 from .seas import RandomSea
 from .spectra import Elfouhaily, sea_state
@@ -24,6 +25,8 @@ from .waves import WaveComponents, flat_components, wavenumber_in_current
 
 if TYPE_CHECKING:
     import xarray
+
+_FINEST = math.radians(5.0)  # width of a cell of drawn waves
 
 Variance = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
@@ -40,14 +43,13 @@ class MeasuredSea(RandomSea, frozen=True):
     variance : sequence of sequences of float, m by n
         Elevation variance of each bin [m2].
     seed : int
-        Seed of the random phases (and frequencies, with `jitter`).
-    d_theta : float, optional
-        Largest distance of directions [rad]: wider bins are split, with a density that is linear
-        between the directions of the table, which have to go round the circle in equal steps.
-        None keeps one wave per bin and direction, a sea of few crossing trains.
-    jitter : bool
-        Draw every wave's frequency uniformly within its bin, so that the sea does not repeat.
-        Bins meet half-way between their frequencies. The variance of each bin is kept.
+        Seed of the random phases.
+    waves : {"table", "drawn"}
+        "table" has one wave for each value, a sea of few crossing trains that may repeat. "drawn"
+        has one at a random place of each cell: bins meet half-way between their frequencies, and
+        directions, which have to go round the circle in equal steps, are split into cells of at
+        most 5 degrees, with a density that is linear between them. The variance of each bin is
+        kept.
     depth : float, optional
         Water depth [m]; None is deep water.
     capillary : bool
@@ -83,8 +85,7 @@ class MeasuredSea(RandomSea, frozen=True):
     omega: tuple[Positive, ...] = Field(min_length=1)
     theta: tuple[Finite, ...] = Field(min_length=1)
     variance: tuple[tuple[Variance, ...], ...]
-    d_theta: Positive | None = None
-    jitter: bool = False
+    waves: Literal["table", "drawn"] = "table"
     depth: Depth | None = None
     capillary: bool = True
     current: Current | None = None
@@ -104,13 +105,13 @@ class MeasuredSea(RandomSea, frozen=True):
             )
         if self.mss != "band" and self.wind_speed is None:
             raise Refused("wind_speed", None, f'a wind speed for mss = "{self.mss}"')
-        if self.jitter and (len(self.omega) < 2 or (np.diff(self.omega) <= 0.0).any()):
-            raise Refused("jitter", True, "with two or more increasing frequencies only")
-        if self.d_theta is not None:
+        if self.waves == "drawn":
+            if len(self.omega) < 2 or (np.diff(self.omega) <= 0.0).any():
+                raise Refused("waves", "drawn", "with two or more increasing frequencies only")
             turn = np.diff(np.sort(np.mod(self.theta, 2.0 * math.pi)))
             if len(self.theta) < 3 or not np.allclose(turn, 2.0 * math.pi / len(self.theta)):
                 allowed = "only with three or more directions in equal steps round the circle"
-                raise Refused("d_theta", self.d_theta, allowed)
+                raise Refused("waves", "drawn", allowed)
         if self.current is not None:
             _ = self.free_waves  # refuses a current that stops a wave
         return self
@@ -123,38 +124,33 @@ class MeasuredSea(RandomSea, frozen=True):
     @cached_property
     def free_waves(self) -> WaveComponents:
         """The waves of first order, direction by direction at each frequency."""
-        theta, variance = self._split()
-        rng = np.random.default_rng(self.seed)
-        phase = 2.0 * math.pi * rng.random(variance.shape)
-        omega = np.broadcast_to(np.array(self.omega)[:, None], variance.shape)
-        if self.jitter:
-            edges = bin_edges(np.array(self.omega))[:, None]
-            omega = edges[:-1] + np.diff(edges, axis=0) * rng.random(variance.shape)
-        amplitude = np.sqrt(2.0 * variance)
+        omega, theta, variance = (np.array(a) for a in (self.omega, self.theta, self.variance))
+        if self.waves == "drawn":
+            low, width, variance = _cells(theta, variance)
+            omega, theta = drawn_places(bin_edges(omega), low, width)
+        else:
+            omega = np.broadcast_to(omega[:, None], variance.shape)
+        phase = 2.0 * math.pi * np.random.default_rng(self.seed).random(variance.shape)
         k = wavenumber_in_current(omega, theta, self.current, self.depth, self.capillary)
-        return flat_components(amplitude, omega, k, theta, phase)
+        return flat_components(np.sqrt(2.0 * variance), omega, k, theta, phase)
 
-    def _split(self) -> tuple[Floats, Floats]:
-        """Return directions and variances, after wide bins have been split."""
-        theta, variance = np.array(self.theta), np.array(self.variance)
-        width = 2.0 * math.pi / len(theta)
-        if self.d_theta is None or self.d_theta >= width:
-            return theta, variance
-        order = np.argsort(np.mod(theta, 2.0 * math.pi))
-        theta, variance = np.mod(theta, 2.0 * math.pi)[order], variance[:, order]
-        parts = math.ceil(width / self.d_theta - 1e-9)
-        offset = (np.arange(parts) + 0.5) / parts - 0.5
-        # linear towards the neighbour on either side
-        neighbours = np.stack([np.roll(variance, 1, axis=1), np.roll(variance, -1, axis=1)])
-        towards = neighbours[(offset > 0.0).astype(int)]  # (parts, m, n)
-        share = np.abs(offset)[:, None, None]
-        fine = np.moveaxis((1.0 - share) * variance + share * towards, 0, -1)
-        total = fine.sum(axis=-1, keepdims=True)
-        fine = fine * np.divide(
-            variance[..., None], total, out=np.zeros_like(total), where=total > 0
-        )
-        angles = theta[:, None] + width * offset
-        return angles.ravel(), fine.reshape(len(variance), -1)
+
+def _cells(theta: Floats, variance: Floats) -> tuple[Floats, float, Floats]:
+    """Return the lowest directions of fine cells, their width, and their variances."""
+    width = 2.0 * math.pi / len(theta)
+    order = np.argsort(np.mod(theta, 2.0 * math.pi))
+    theta, variance = np.mod(theta, 2.0 * math.pi)[order], variance[:, order]
+    parts = math.ceil(width / _FINEST - 1e-9)
+    offset = (np.arange(parts) + 0.5) / parts - 0.5
+    # linear towards the neighbour on either side
+    neighbours = np.stack([np.roll(variance, 1, axis=1), np.roll(variance, -1, axis=1)])
+    towards = neighbours[(offset > 0.0).astype(int)]  # (parts, m, n)
+    share = np.abs(offset)[:, None, None]
+    fine = np.moveaxis((1.0 - share) * variance + share * towards, 0, -1)
+    total = fine.sum(axis=-1, keepdims=True)
+    fine *= np.divide(variance[..., None], total, out=np.zeros_like(total), where=total > 0)
+    low = theta[:, None] + width * (offset - 0.5 / parts)
+    return low.ravel(), width / parts, fine.reshape(len(variance), -1)
 
 
 def bin_edges(omega: Floats) -> Floats:
@@ -200,8 +196,7 @@ def from_wavespectra(
     mss: Mss | None = None,
     current: tuple[float, float] | None = None,
     x_axis_deg: float = 90.0,
-    d_theta: float | None = None,
-    jitter: bool = False,
+    waves: Literal["table", "drawn"] = "table",
 ) -> MeasuredSea:
     """Return a random sea of a directional spectrum in the conventions of wavespectra.
 
@@ -239,8 +234,8 @@ def from_wavespectra(
         Uniform current along x and y [m s-1]; the spectrum is that of a fixed point.
     x_axis_deg : float
         Compass bearing of +x [deg]; 90 is the east.
-    d_theta, jitter
-        Finer directions and frequencies than those of the table, see `MeasuredSea`.
+    waves : {"table", "drawn"}
+        Waves of the sea, see `MeasuredSea`.
 
     Returns
     -------
@@ -278,8 +273,7 @@ def from_wavespectra(
         seed=seed,
         depth=depth,
         current=current,
-        d_theta=d_theta,
-        jitter=jitter,
+        waves=waves,
         mss=mss or ("band" if tail is None else "elfouhaily"),
         wind_speed=wind_speed,
         wind_direction_deg=0.0 if wind_speed is None else wind_direction,

@@ -142,7 +142,7 @@ class RandomSea(WaveSurface, frozen=True):
         -------
         RandomSea
             The same parameters with the new seed. Its meshes on a grid that this sea has used
-            cost a matrix product only, unless `jitter` draws new frequencies.
+            cost a matrix product only.
 
         Examples
         --------
@@ -152,9 +152,8 @@ class RandomSea(WaveSurface, frozen=True):
         True
         """
         other = self.model_copy(update={"seed": seed})
-        if not getattr(self, "jitter", False):  # which draws new wave vectors
-            other._factors.share(self._factors)
-            other._common = self._common
+        other._factors.share(self._factors)
+        other._common = self._common
         return other
 
     @property
@@ -529,11 +528,6 @@ class SumSea(RandomSea, frozen=True):
             for part, seed in zip(self.parts, seeds, strict=True)
         ]
         return WaveComponents(*(np.concatenate(rows) for rows in zip(*waves, strict=True)))
-
-    @property
-    def jitter(self) -> bool:
-        """Whether another seed has other wave vectors."""
-        return any(getattr(part, "jitter", False) for part in self.parts)
 
 
 def sea_from_config(config: Mapping[str, Any]) -> Surface | MeshSequence:

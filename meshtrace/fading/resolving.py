@@ -220,7 +220,7 @@ def _chosen(link: Any, sea: Any, waves: Any) -> Any:
 
 
 def _has_waves(sea: Any) -> bool:
-    return "waves" in getattr(type(sea), "model_fields", {})
+    return hasattr(type(sea), "band")
 
 
 def _with_windiest(sea: Any, changed: Callable[[Any], Any]) -> Any:
