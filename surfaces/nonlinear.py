@@ -341,19 +341,14 @@ def with_bound_waves(free: WaveComponents, omega_max: float, most: int) -> WaveC
         turn = np.where(bound.omega < 0.0, -1.0, 1.0)
         parts.append(WaveComponents(bound.amplitude, *(turn * a for a in bound[1:])))
     bound = WaveComponents(*(np.concatenate(pair) for pair in zip(*parts, strict=True)))
-    kept = _largest(bound)
+    relevant = np.zeros(len(bound.amplitude), dtype=bool)
+    for power in (0, 2):
+        share = bound.amplitude**2 * (bound.kx**2 + bound.ky**2) ** power
+        order = np.argsort(share, kind="stable")
+        small = np.cumsum(share[order]) <= NEGLIGIBLE * share.sum()
+        relevant[order[~small]] = True
+    kept = np.flatnonzero(relevant & (bound.amplitude != 0.0))
     if len(kept) > most:
         found = Described(f"{omega_max:g} rad/s makes {len(kept)} bound waves")
         raise Refused("order_omega_max", found, f"at most {most} bound waves")
     return WaveComponents(*(np.concatenate([a, b[kept]]) for a, b in zip(free, bound, strict=True)))
-
-
-def _largest(bound: WaveComponents) -> np.ndarray:
-    """Return the indices of the waves with a relevant share of some variance."""
-    kept = np.zeros(len(bound.amplitude), dtype=bool)
-    for power in (0, 2):
-        variance = bound.amplitude**2 * (bound.kx**2 + bound.ky**2) ** power
-        order = np.argsort(variance, kind="stable")
-        small = np.cumsum(variance[order]) <= NEGLIGIBLE * variance.sum()
-        kept[order[~small]] = True
-    return np.flatnonzero(kept & (bound.amplitude != 0.0))

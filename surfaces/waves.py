@@ -420,14 +420,14 @@ class GridFactors:
 
 
 class FactorCache:
-    """Cache of grid factors for seas with the same wave vectors."""
+    """Cache of grid factors by wave vectors and grid lines, shared by the seeds of a sea."""
 
     def __init__(self) -> None:
-        self._factors: dict[tuple[bytes, bytes], GridFactors] = {}
+        self._factors: dict[tuple[bytes, ...], GridFactors] = {}
 
     def get(self, waves: WaveComponents, x_axis: Floats, y_axis: Floats) -> GridFactors:
         """Return the factors of a grid, computed on first use."""
-        key = x_axis.tobytes(), y_axis.tobytes()
+        key = tuple(array.tobytes() for array in (waves.kx, waves.ky, x_axis, y_axis))
         factors = self._factors.get(key)
         if factors is None:
             factors = GridFactors(waves.kx, waves.ky, x_axis, y_axis)
