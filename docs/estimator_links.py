@@ -10,7 +10,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import meshtrace as mt
-from meshtrace.surfaces import Elfouhaily, FlatSea, JonswapSea, SinusoidalSea, SpectralSea
+from meshtrace.fading import resolve_band
+from meshtrace.surfaces import Band, Elfouhaily, FlatSea, JonswapSea, SinusoidalSea, SpectralSea
 from meshtrace.transport.case import resolve
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
@@ -66,13 +67,13 @@ def _laser(divergence_deg: float, wind_speed: float, **options: Any) -> mt.Link:
 
 def _resolved(wind_speed: float) -> SpectralSea:
     """Return a sea of waves up to 20 rad/s and none beyond."""
+    spectrum = Elfouhaily(wind_speed=wind_speed, fetch=30e3)
+    low = 0.6 * spectrum.omega_p
     return SpectralSea(
-        spectrum=Elfouhaily(wind_speed=wind_speed, fetch=30e3),
+        spectrum=spectrum,
         spreading="elfouhaily",
         mss="band",
-        omega_max=20.0,
-        d_omega=0.3,
-        d_theta=0.174,
+        waves=Band(omega_min=low, omega_max=20.0, d_omega=0.3, d_theta=0.174),
         seed=5,
     )
 
@@ -157,7 +158,9 @@ LINKS = {
         2.0,
     ),
     "laser 1 deg, fading 8 m/s": Case(
-        _laser(1.0, 8.0), JonswapSea(wind_speed=8.0, omega_max="fading", seed=1), 2.0
+        _laser(1.0, 8.0),
+        resolve_band(_laser(1.0, 8.0), JonswapSea(wind_speed=8.0, seed=1), "fading"),
+        2.0,
     ),
     "laser 0.1 deg, 13 m/s": Case(_laser(0.1, 13.0), JonswapSea(wind_speed=13.0, seed=1), 2.0),
     "laser 2 deg, 3 m/s": Case(_laser(2.0, 3.0), JonswapSea(wind_speed=3.0, seed=1), 2.0),

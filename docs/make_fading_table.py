@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import meshtrace as mt
-from meshtrace.surfaces import JonswapSea
+from meshtrace.surfaces import Band, JonswapSea
 
 PAGE = Path(__file__).with_name("fading.md")
 # wind [m s-1], highest frequency [rad s-1] (None: the paper's band), what lies beyond the band,
@@ -47,18 +47,11 @@ def paraxial(link: mt.Link, sea: JonswapSea, seeds: np.ndarray) -> tuple[float, 
 def sea_of(wind_speed: float, omega_max: float | None, mss: str) -> JonswapSea:
     """Return a sea with the paper's band, or one from its lowest up to another frequency."""
     if omega_max is None:
-        return JonswapSea(wind_speed=wind_speed, seed=1, mss=mss, band="paper")
+        return JonswapSea(wind_speed=wind_speed, seed=1, mss=mss, waves="paper")
     low, step = (1.2, 0.2) if wind_speed == 5.0 else (0.9, 0.1)
-    return JonswapSea(
-        wind_speed=wind_speed,
-        seed=1,
-        omega_min=low,
-        omega_max=omega_max,
-        d_omega=step,
-        band="scaled",
-        d_theta=np.pi / 20,
-        mss=mss,
-    )
+    equal = {"d_omega": step, "d_theta": np.pi / 20, "drawn": False}
+    band = Band(omega_min=low, omega_max=omega_max, **equal)
+    return JonswapSea(wind_speed=wind_speed, seed=1, waves=band, mss=mss)
 
 
 def table() -> str:

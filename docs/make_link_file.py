@@ -46,7 +46,11 @@ SECTIONS: list[tuple[str, str, list[type[Model]] | type[Family]]] = [
         "`spectrum` names the kind of sea or of spectrum; also the keys of the mesh.",
         Surface,
     ),
-    ("[sea]: mesh", "Time and resolution at which the sea is triangulated.", [mt.Meshing]),
+    (
+        "[sea]: mesh",
+        "Time, resolution and waves at which the sea is triangulated.",
+        [mt.Meshing],
+    ),
     ("[sea.spectrum]", "A table, or a word beside the keys in [sea].", Spectrum),
     ("[sea.spreading]", "A table or a word.", Spreading),
     ("[water]", "", [mt.Water]),

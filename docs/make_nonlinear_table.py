@@ -15,7 +15,7 @@ import numpy as np
 
 import meshtrace as mt
 from meshtrace import fading
-from meshtrace.surfaces import Elfouhaily, SpectralSea
+from meshtrace.surfaces import Band, Elfouhaily, SpectralSea
 
 WIND, FETCH = 5.0, 30e3
 DEPTH, HEIGHT, RADIUS, INDEX = 10.0, 5.0, 0.05, 1.33
@@ -23,24 +23,24 @@ BETA = (INDEX - 1.0) * HEIGHT * DEPTH / (DEPTH + INDEX * HEIGHT)
 APERTURE = RADIUS / (1.0 + INDEX * HEIGHT / DEPTH)
 PIXEL = 0.02  # [m]
 MARGIN = 1.5  # [m], of the patch: light that lands inside crosses no farther out
-LINEAR = {"d_omega": 0.25, "d_theta": math.pi / 16}
-FEW_WAVES = {"d_omega": 0.5, "d_theta": math.pi / 8}  # each pair of them has bound waves
+LINEAR = {"bins": (0.25, math.pi / 16)}
+FEW_WAVES = {"bins": (0.5, math.pi / 8)}  # each pair of them has bound waves
 KINDS = {
     "choppy": {"linear": LINEAR, "choppy": {**LINEAR, "choppy": True}},
     "second order": {"linear": FEW_WAVES, "second order": {**FEW_WAVES, "order": 2}},
 }
 
 
-def sea_up_to(omega_max: float, d_omega: float = 0.25, **options: object) -> SpectralSea:
-    """Return the sea of the table, without a common period; its last bin ends at `omega_max`."""
+def sea_up_to(
+    omega_max: float, bins: tuple[float, float] = (0.25, math.pi / 16), **options: object
+) -> SpectralSea:
+    """Return the sea of the table, without a common period, by widths of its bins."""
+    d_omega, d_theta = bins
     return SpectralSea(
         spectrum=Elfouhaily(wind_speed=WIND, fetch=FETCH),
         spreading="elfouhaily",
         mss="elfouhaily",
-        omega_min=1.0 + 0.5 * d_omega,
-        omega_max=omega_max - 0.5 * d_omega,
-        d_omega=d_omega,
-        jitter=True,
+        waves=Band(omega_min=1.0, omega_max=omega_max, d_omega=d_omega, d_theta=d_theta),
         **options,
     )
 

@@ -16,7 +16,7 @@ from scipy import stats
 
 import meshtrace as mt
 from meshtrace import fading
-from meshtrace.surfaces import Elfouhaily, SpectralSea
+from meshtrace.surfaces import Band, Elfouhaily, SpectralSea
 
 PAGE = Path(__file__).with_name("fading.md")
 # wind [m s-1], first and last frequency, their distance [rad s-1]
@@ -36,10 +36,7 @@ def sea_of(wind: float, low: float, high: float, step: float, seed: int = 1) -> 
         spectrum=spectrum,
         spreading="elfouhaily",
         mss="elfouhaily",
-        omega_min=low,
-        omega_max=high,
-        d_omega=step,
-        d_theta=math.pi / 18.0,
+        waves=Band(omega_min=low, omega_max=high, d_omega=step, d_theta=math.pi / 18.0),
         seed=seed,
     )
 

@@ -94,7 +94,7 @@ def rows(study: Study) -> list[str]:
     ]
     for wind_speed, cases in CASES.items():
         for omega_max, spacing in cases:
-            sea = JonswapSea(wind_speed=wind_speed, omega_max=omega_max, band="paper")
+            sea = JonswapSea(wind_speed=wind_speed, omega_max=omega_max, waves="paper")
             target = sum(cox_munk(wind_speed))
             shown = 1.0 - sum(sea.unresolved_slopes(spacing).vertex) / target
             closed = without_seas(study, sea)

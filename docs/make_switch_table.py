@@ -84,7 +84,7 @@ def wide(link: mt.Link) -> mt.Link:
 
 def table(photons: int = 40_000_000, chains: int = 200_000) -> str:
     """Return the table: gain over the default gain, forced where it can, else analog."""
-    sea = JonswapSea(wind_speed=WIND, seed=7, band="paper")
+    sea = JonswapSea(wind_speed=WIND, seed=7, waves="paper")
     base = mt.simulate(default_link(), sea, photons=chains)
     analog = mt.simulate(wide(default_link()), sea, estimator="analog", photons=photons)
     rows = [

@@ -15,9 +15,6 @@ from meshtrace.errors import Described, Refused, require_array
 if TYPE_CHECKING:
     import trimesh
 
-FADING = "fading"
-"""Value of `omega_max` of a sea that stands for all waves which make the light of a link fade."""
-
 FARTHEST = 1e6  # [m]: single precision and integers of bins hold such coordinates
 
 

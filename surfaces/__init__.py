@@ -1,15 +1,28 @@
 """Sea surfaces: wave spectra, random seas, and the triangle meshes made of them."""
 
-from .double_peaked import OchiHubble, Torsethaugen
+from .bands import Band
 from .foreign_mesh import from_trimesh
-from .leaning import LeaningWave
-from .measured import from_wavespectra
-from .measured_sea import MeasuredSea
-from .random_sea import RandomSea
-from .random_seas import JonswapSea, SpectralSea
-from .seas import resolved_sea, sea_from_config, sea_in_wind
+from .measured import MeasuredSea, from_wavespectra
+from .seas import (
+    JonswapSea,
+    RandomSea,
+    SpectralSea,
+    SumSea,
+    resolved_sea,
+    sea_from_config,
+    sea_in_wind,
+)
 from .sequence import MeshSequence
-from .spectra import Elfouhaily, Jonswap, PiersonMoskowitz, Spectrum, Tma
+from .spectra import (
+    Elfouhaily,
+    Jonswap,
+    OchiHubble,
+    PiersonMoskowitz,
+    Spectrum,
+    TabulatedSpectrum,
+    Tma,
+    Torsethaugen,
+)
 from .spreading import (
     Cos2sSpreading,
     ElfouhailySpreading,
@@ -17,13 +30,12 @@ from .spreading import (
     MitsuyasuSpreading,
     Spreading,
 )
-from .sum_sea import SumSea
 from .surface import FlatSea, Surface, TiltedPlane
-from .tabulated import TabulatedSpectrum
 from .wave_surface import SinusoidalSea, WaveSurface
 from .waves import WaveComponents
 
 __all__ = [
+    "Band",
     "Cos2sSpreading",
     "Elfouhaily",
     "ElfouhailySpreading",
@@ -31,7 +43,6 @@ __all__ = [
     "IttcSpreading",
     "Jonswap",
     "JonswapSea",
-    "LeaningWave",
     "MeasuredSea",
     "MeshSequence",
     "MitsuyasuSpreading",

@@ -1,27 +1,34 @@
-"""Frequencies and directions of a wave sum: the bands, their bins, and the waves within them."""
+"""Waves of a sum: the bands of frequencies and directions, and the waves within them."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, NamedTuple, Self, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import BeforeValidator, model_validator
 
-from .parameters import Floats
-from .spectra import Spectrum, sea_state
-from .spreading import Spreading, direction_grid, direction_weights
+from meshtrace.errors import Refused, is_number
+from meshtrace.models import Model
 
+from .parameters import Floats, Positive, Range
+from .spectra import Jonswap, Spectrum, sea_state
+from .spreading import Spreading
 
-class Band(NamedTuple):
-    """Frequencies and directions of a wave sum [rad s-1 and rad].
+PER_OCTAVE = 16
+"""Bins of an octave, where no width is given."""
 
-    With logarithmic spacing `d_omega` is the width of the lowest bin.
-    """
+DIRECTIONS = 36
+"""Directions over the range of a spreading, one more where its two ends differ."""
 
-    omega_min: float
-    omega_max: float
-    d_omega: float
-    d_theta: float
+PAPER_FETCH = 30e3
+"""Fetch of the paper [m]."""
+
+_NODES = 16  # of the quadrature over a bin, of either kind
+_LAYOUT = 20_260_501  # key of the places of waves within their bins, the same for every seed
+_NEGLIGIBLE = 1e-9  # of a bin: rounding of its edges
 
 
 class Waves(NamedTuple):
@@ -32,147 +39,178 @@ class Waves(NamedTuple):
     theta: Floats
 
 
-PAPER_FETCH = 30e3
+class Band(Model, frozen=True):
+    """Band of frequencies and directions of the waves of a sum.
+
+    Parameters
+    ----------
+    omega_min, omega_max : float
+        Lowest and highest frequency [rad s-1].
+    d_theta : float
+        Distance of directions [rad].
+    d_omega : float, optional
+        Width of the bins of frequency [rad s-1]; a sixteenth of an octave by default.
+    drawn : bool
+        One wave at a random place of each cell of frequency and direction, the same for every
+        seed, so that a sea has no period. False: equally spaced waves, as in the paper, with
+        which it repeats after 2 pi / d_omega.
+
+    Raises
+    ------
+    Refused
+        If a parameter is out of range, or equally spaced waves have no `d_omega`.
+
+    Examples
+    --------
+    >>> Band(omega_min=1.2, omega_max=4.0, d_omega=0.2, d_theta=math.pi / 5, drawn=False).bins
+    15
+    """
+
+    omega_min: Positive
+    omega_max: Positive
+    d_theta: Positive
+    d_omega: Positive | None = None
+    drawn: bool = True
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.omega_max <= self.omega_min:
+            allowed = f"> {self.omega_min:.4g} rad/s, the lowest frequency of the band"
+            raise Refused("omega_max", self.omega_max, allowed)
+        if self.d_omega is None and not self.drawn:
+            raise Refused("d_omega", None, "a distance [rad/s] of equally spaced waves")
+        return self
+
+    @property
+    def bins(self) -> int:
+        """Number of bins, or of equally spaced frequencies."""
+        # the tolerance keeps 1.2, 1.4, ..., 4.0 at 15 whatever the last bit of the quotient
+        if self.d_omega is None:
+            return math.ceil(PER_OCTAVE * math.log2(self.omega_max / self.omega_min) - _NEGLIGIBLE)
+        steps = (self.omega_max - self.omega_min) / self.d_omega
+        return math.ceil(steps - _NEGLIGIBLE) if self.drawn else math.floor(steps + 1e-9) + 1
+
+    @property
+    def edges(self) -> Floats:
+        """Edges of the bins [rad s-1]; the last bin ends with the band.
+
+        A wider band adds bins to those of a narrower one.
+        """
+        steps = np.arange(self.bins + 1, dtype=np.float64)
+        if self.d_omega is None:
+            edges = self.omega_min * 2.0 ** (steps / PER_OCTAVE)
+        else:
+            edges = self.omega_min + self.d_omega * steps
+        edges[-1] = self.omega_max
+        return edges
+
+    def waves(self, spectrum: Spectrum, spreading: Spreading) -> Waves:
+        """Return the waves of a sea in this band, arrays of shape (n_omega, n_theta)."""
+        if self.drawn:
+            return drawn_waves(self.edges, self.d_theta, spectrum, spreading)
+        assert self.d_omega is not None
+        centers = self.omega_min + self.d_omega * np.arange(self.bins)
+        theta = direction_grid(spreading.half_range, self.d_theta)
+        state = sea_state(spectrum)
+        shares = direction_weights(spreading, centers, theta, self.d_theta, **state)
+        variance = (spectrum(centers) * self.d_omega)[:, None] * shares
+        omega = np.broadcast_to(centers[:, None], shares.shape)
+        return Waves(variance, omega, np.broadcast_to(theta, shares.shape))
+
+
 PAPER_BANDS = {
-    5.0: Band(1.2, 4.0, 0.2, math.pi / 5),
-    13.0: Band(0.9, 3.0, 0.1, math.pi / 20),
+    5.0: Band(omega_min=1.2, omega_max=4.0, d_omega=0.2, d_theta=math.pi / 5, drawn=False),
+    13.0: Band(omega_min=0.9, omega_max=3.0, d_omega=0.1, d_theta=math.pi / 20, drawn=False),
 }
 """The paper's table of bands, by wind speed [m s-1]; its fetch is 30 km."""
 
-PER_OCTAVE = 16
-"""Bins of an octave with logarithmic spacing."""
-
-DIRECTIONS = 36
-"""Directions over the range of a spreading, one more where its two ends differ."""
-
-_NODES = 16  # of the quadrature over a bin, of either kind
-_LAYOUT = 20_260_501  # key of the places of waves within their bins, the same for every seed
-_NEGLIGIBLE = 1e-9  # of a bin: rounding of its edges
+BandName = Literal["mean", "paper", "scaled"]
 
 
-def natural_band(omega_p: float, half_range: float) -> Band:
-    """Return the band of the default sea: 0.6 to 2.1 omega_p, in 36 directions.
+def named_band(name: BandName, spectrum: Spectrum, half_range: float, order: int = 1) -> Band:
+    """Return a band by its name.
 
     Parameters
     ----------
-    omega_p : float
-        Peak frequency [rad s-1].
+    name : {"mean", "paper", "scaled"}
+        "mean", for mean gains: 0.6 to 2.1 omega_p, in bins of a sixteenth of an octave and 36
+        directions; with `order` 2 in 10 frequencies and 10 directions.
+        "paper": the paper's table, for JONSWAP spectra at 5 and 13 m/s.
+        "scaled": 0.6 to 2.1 omega_p in 21 equally spaced frequencies, and directions of pi / 20.
+    spectrum : Spectrum
+        Spectrum of the sea.
     half_range : float
-        Largest |theta| of the spreading [rad].
+        Largest |theta| of its spreading [rad].
+    order : {1, 2}
+        Order of the sea in the slopes.
+
+    Raises
+    ------
+    Refused
+        If the paper has no such sea.
 
     Notes
     -----
-    A JONSWAP sea keeps 96 % of the variance of its elevation in it. Its waves do not focus light
-    within a few metres, so that a mean gain costs the same as over the paper's sea.
-    """
-    low = 0.6 * omega_p
-    width = low * (2.0 ** (1.0 / PER_OCTAVE) - 1.0)
-    return Band(low, 2.1 * omega_p, width, 2.0 * half_range / DIRECTIONS)
+    A JONSWAP sea keeps 96 % of the variance of its elevation in each of them, but only a third
+    (2 m/s) to a tenth (30 m/s) of the mean square slope of Cox and Munk. Its waves do not focus
+    light within a few metres, so that a mean gain costs little.
 
-
-def sparse_band(omega_p: float, half_range: float) -> Band:
-    """Return the natural band of a sea of second order: 10 frequencies in 10 directions.
-
-    Parameters
-    ----------
-    omega_p : float
-        Peak frequency [rad s-1].
-    half_range : float
-        Largest |theta| of the spreading [rad].
-
-    Notes
-    -----
-    Every pair of waves has two bound waves: the 1073 waves of `natural_band` would have more than
-    a million.
-    """
-    return Band(0.6 * omega_p, 2.1 * omega_p, 0.15 * omega_p, 2.0 * half_range / 10)
-
-
-def scaled_band(omega_p: float) -> Band:
-    """Return the band that moves with the peak: 0.6 to 2.1 omega_p in 21 steps, 21 directions.
-
-    Parameters
-    ----------
-    omega_p : float
-        Peak frequency [rad s-1].
-
-    Returns
-    -------
-    Band
-        omega_p (0.6, 2.1, 0.075) and pi / 20.
-
-    Notes
-    -----
     The limits are those of the paper's two bands, (0.61, 2.04) and (0.64, 2.12) omega_p, rounded,
-    so that a sweep over wind speed does not jump at 5 and 13 m/s. A JONSWAP sea keeps 96 % of
-    its variance in it, but only a third (2 m/s) to a tenth (30 m/s) of the mean square slope of
-    Cox and Munk.
+    so that a sweep over wind speed does not jump at 5 and 13 m/s. In second order every pair of
+    waves has two bound waves: 1073 waves would have more than a million.
     """
-    return Band(0.6 * omega_p, 2.1 * omega_p, 0.075 * omega_p, math.pi / 20)
+    peak = spectrum.omega_p
+    low, high = 0.6 * peak, 2.1 * peak
+    if name == "mean" and order == 1:
+        return Band(omega_min=low, omega_max=high, d_theta=2.0 * half_range / DIRECTIONS)
+    if name == "mean":
+        step, turn = 0.15 * peak, 2.0 * half_range / 10
+        return Band(omega_min=low, omega_max=high, d_omega=step, d_theta=turn)
+    if name == "scaled":
+        step, turn = 0.075 * peak, math.pi / 20
+        return Band(omega_min=low, omega_max=high, d_omega=step, d_theta=turn, drawn=False)
+    found = PAPER_BANDS.get(spectrum.wind_speed) if type(spectrum) is Jonswap else None
+    if found is None:
+        raise Refused("waves", name, "JONSWAP seas at 5 and 13 m/s only; 'scaled' takes any wind")
+    return found
 
 
-def paper_band(wind_speed: float, fetch: float = PAPER_FETCH) -> str:
+def paper_waves(spectrum: Spectrum) -> BandName:
     """Return "paper" for the sea states of the paper's table, "scaled" for all others.
 
     Examples
     --------
-    >>> paper_band(5.0), paper_band(8.0), paper_band(5.0, fetch=5e3)
-    ('paper', 'scaled', 'scaled')
+    >>> paper_waves(Jonswap(wind_speed=5.0)), paper_waves(Jonswap(wind_speed=5.0, fetch=5e3))
+    ('paper', 'scaled')
     """
-    # a list: values of any type come from link files, before they are checked
-    known = wind_speed in list(PAPER_BANDS) and fetch == PAPER_FETCH
-    return "paper" if known else "scaled"
+    known = type(spectrum) is Jonswap and spectrum.fetch == PAPER_FETCH
+    return "paper" if known and spectrum.wind_speed in PAPER_BANDS else "scaled"
 
 
-def bin_count(band: Band, log: bool) -> int:
-    """Return the number of frequency bins of a band without creating them."""
-    if log:
-        return math.ceil(PER_OCTAVE * math.log2(band.omega_max / band.omega_min) - _NEGLIGIBLE)
-    return math.ceil((band.omega_max - band.omega_min) / band.d_omega - _NEGLIGIBLE)
+def _read(value: Any, more: str = "") -> Any:
+    """Return a band or its name; `more` are the allowed values beside them."""
+    if value is None or isinstance(value, Band):
+        return value
+    if isinstance(value, str) and value in get_args(BandName):
+        return value
+    if isinstance(value, Mapping):
+        return Band.model_validate(value)
+    raise Refused("waves", value, f"mean, paper, scaled{more} or a Band")
 
 
-def frequency_edges(band: Band, log: bool) -> Floats:
-    """Return the edges of the bins [rad s-1]; the last bin ends with the band.
-
-    A wider band adds bins to those of a narrower one.
-    """
-    steps = np.arange(bin_count(band, log) + 1, dtype=np.float64)
-    if log:
-        edges = band.omega_min * 2.0 ** (steps / PER_OCTAVE)
-    else:
-        edges = band.omega_min + band.d_omega * steps
-    edges[-1] = band.omega_max
-    return edges
+def _read_of_mesh(value: Any) -> Any:
+    if value == "fading" or (is_number(value) and 0.0 < value < math.inf):
+        return value
+    return _read(value, ", fading, a frequency > 0 rad/s")
 
 
-def frequency_count(band: Band) -> int:
-    """Return the number of frequencies of an equally spaced band."""
-    # The tolerance keeps 1.2, 1.4, ..., 4.0 at 15 whatever the last bit of the quotient.
-    return math.floor((band.omega_max - band.omega_min) / band.d_omega + 1e-9) + 1
+OwnWaves = Annotated[BandName | Band | None, BeforeValidator(_read)]
+"""Field type of the waves of a sea: the name of a band, a `Band`, or its plain data."""
 
-
-def lattice(
-    band: Band, spectrum: Spectrum, spreading: Spreading, offsets: Floats | None = None
-) -> Waves:
-    """Return the waves of equally spaced frequencies in equally spaced directions.
-
-    Parameters
-    ----------
-    band : Band
-        The band.
-    spectrum, spreading : Spectrum, Spreading
-        The sea.
-    offsets : ndarray, shape (n_omega, n_theta), optional
-        Displacements of the frequencies over the width of a bin, within -+1/2.
-    """
-    centers = band.omega_min + band.d_omega * np.arange(frequency_count(band))
-    theta = direction_grid(spreading.half_range, band.d_theta)
-    shares = direction_weights(spreading, centers, theta, band.d_theta, **sea_state(spectrum))
-    omega = np.broadcast_to(centers[:, None], shares.shape)
-    if offsets is not None:
-        omega = omega + band.d_omega * offsets
-    variance = spectrum(omega) * band.d_omega * shares
-    return Waves(variance, omega, np.broadcast_to(theta, shares.shape))
+MeshWaves = Annotated[
+    BandName | Literal["fading"] | Positive | Band | None, BeforeValidator(_read_of_mesh)
+]
+"""Field type of the waves of a mesh: those of a link's fading or up to a frequency, too."""
 
 
 def drawn_waves(edges: Floats, d_theta: float, spectrum: Spectrum, spreading: Spreading) -> Waves:
@@ -189,17 +227,7 @@ def drawn_waves(edges: Floats, d_theta: float, spectrum: Spectrum, spreading: Sp
         Width of the cells over direction [rad]; those at -+pi/2 are cut there.
     spectrum, spreading : Spectrum, Spreading
         The sea.
-
-    Notes
-    -----
-    The frequencies of a bin fall into as many equal parts of it as there are directions, in
-    random order (Latin hypercube), so that no two waves of a sea share a frequency or a direction:
-    neither a period nor a lattice remains. All seeds share the places, which keeps the factors of
-    the grid; the phases alone differ.
     """
-    rng_frequency, rng_order, rng_direction = (
-        np.random.default_rng([_LAYOUT, i]) for i in range(3)
-    )
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     width = np.diff(edges)
     at = edges[:-1, None] + width[:, None] * 0.5 * (nodes + 1.0)
@@ -213,8 +241,108 @@ def drawn_waves(edges: Floats, d_theta: float, spectrum: Spectrum, spreading: Sp
     density = spreading.density(center, theta.ravel(), **sea_state(spectrum))
     shares = (density.reshape(len(width), *theta.shape) * weights).sum(axis=2) * cell
     shares /= shares.sum(axis=1, keepdims=True)
+    return Waves(variance[:, None] * shares, *drawn_places(edges, low, cell))
+
+
+def drawn_places(edges: Floats, low: Floats, width: Floats | float) -> tuple[Floats, Floats]:
+    """Return the frequency [rad s-1] and direction [rad] of one wave in each cell.
+
+    Parameters
+    ----------
+    edges : ndarray, shape (m + 1,)
+        Edges of the frequency bins [rad s-1].
+    low, width : ndarray, shape (n,)
+        Lowest direction of each cell, and its width [rad].
+
+    Returns
+    -------
+    omega, theta : ndarray, shape (m, n)
+
+    Notes
+    -----
+    The frequencies of a bin fall into as many equal parts of it as there are directions, in
+    random order (Latin hypercube), so that no two waves of a sea share a frequency or a direction:
+    neither a period nor a lattice remains. All seeds share the places, which keeps the factors of
+    the grid; the phases alone differ.
+    """
+    rng_frequency, rng_order, rng_direction = (
+        np.random.default_rng([_LAYOUT, i]) for i in range(3)
+    )
+    shape = len(edges) - 1, len(low)
     # ranks of random numbers, row by row: wider bands keep the places of the narrower
-    part = rng_order.random(shares.shape).argsort(axis=1) + rng_frequency.random(shares.shape)
-    omega = edges[:-1, None] + width[:, None] * part / len(middle)
-    place = low + cell * rng_direction.random(shares.shape)
-    return Waves(variance[:, None] * shares, omega, place)
+    part = rng_order.random(shape).argsort(axis=1) + rng_frequency.random(shape)
+    omega = edges[:-1, None] + np.diff(edges)[:, None] * part / len(low)
+    return omega, low + width * rng_direction.random(shape)
+
+
+def direction_grid(half_range: float, d_theta: float) -> Floats:
+    """Return directions spaced by `d_theta` and symmetric about the wind.
+
+    Parameters
+    ----------
+    half_range : float
+        pi / 2 or pi [rad]: the largest |theta| with energy.
+    d_theta : float
+        Distance of neighbouring directions [rad].
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        As many directions as fit; the ends -+pi/2 are included, -pi and pi are not both.
+
+    Raises
+    ------
+    Refused
+        If `d_theta` is not in (0, half_range].
+
+    Examples
+    --------
+    >>> [len(direction_grid(math.pi / 2, step)) for step in (math.pi / 5, math.pi / 20)]
+    [6, 21]
+    """
+    Range("d_theta", 0.0, half_range, "rad").check(d_theta)
+    fits = math.floor(2.0 * half_range / d_theta * (1.0 + 1e-12))
+    n = fits if half_range == math.pi else fits + 1
+    return d_theta * (np.arange(n, dtype=np.float64) - 0.5 * (n - 1))
+
+
+def direction_weights(
+    spreading: Spreading,
+    omega: ArrayLike,
+    theta: Floats,
+    d_theta: float,
+    *,
+    omega_p: float,
+    wind_speed: float,
+) -> Floats:
+    """Return the shares D(theta_j) d_theta of the energy, normalised at each frequency.
+
+    Parameters
+    ----------
+    spreading : Spreading
+        The spreading.
+    omega : array_like, shape (m,)
+        Angular frequencies [rad s-1].
+    theta : ndarray, shape (n,)
+        Directions of `direction_grid` [rad].
+    d_theta : float
+        Their distance [rad].
+    omega_p, wind_speed : float
+        Peak frequency [rad s-1] and wind speed [m s-1] of the sea.
+
+    Returns
+    -------
+    ndarray, shape (m, n)
+        Shares, every row summing to one.
+
+    Notes
+    -----
+    Cells that reach beyond the half-range are cut there, so that the ends -+pi/2 count half, as
+    in the trapezoidal rule. For the paper's directions (6 by pi/5, 21 by pi/20) and cos^2 the
+    shares of the paper, D d_theta, sum to one already.
+    """
+    half = spreading.half_range
+    cells = np.minimum(theta + 0.5 * d_theta, half) - np.maximum(theta - 0.5 * d_theta, -half)
+    column = np.asarray(omega, dtype=np.float64)[:, None]
+    shares = spreading.density(column, theta, omega_p=omega_p, wind_speed=wind_speed) * cells
+    return shares / shares.sum(axis=1, keepdims=True)

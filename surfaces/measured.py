@@ -1,26 +1,164 @@
-"""Seas from measured or forecast directional spectra."""
+"""Seas from measured or forecast directional spectra, as tables of variance."""
 
 from __future__ import annotations
 
 import math
 import warnings
+from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from meshtrace.columns import read_columns
 from meshtrace.errors import Described, DomainWarning, Refused, did_you_mean, reason_of
 from meshtrace.stored import read_dataset
 
-from .measured_sea import MeasuredSea
-from .parameters import Floats, Mss
+from .bands import drawn_places
+from .parameters import Current, Depth, Finite, Floats, Mss, Positive, Variances, WindSpeed
+from .seas import RandomSea
 from .spectra import Elfouhaily, sea_state
 from .spreading import ElfouhailySpreading
-from .statistics import components_slope_variance, cox_munk
+from .statistics import components_slope_variance, cox_munk, real_slope_variance
+from .waves import WaveComponents, flat_components, wavenumber_in_current
 
 if TYPE_CHECKING:
     import xarray
+
+_FINEST = math.radians(5.0)  # width of a cell of drawn waves
+
+Variance = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+
+
+class MeasuredSea(RandomSea, frozen=True):
+    """Random sea from a table of variance over frequency and direction.
+
+    Parameters
+    ----------
+    omega : sequence of float, length m
+        Angular frequencies at a fixed point [rad s-1].
+    theta : sequence of float, length n
+        Directions the waves travel to, counter-clockwise from +x [rad].
+    variance : sequence of sequences of float, m by n
+        Elevation variance of each bin [m2].
+    seed : int
+        Seed of the random phases.
+    waves : {"table", "drawn"}
+        "table" has one wave for each value, a sea of few crossing trains that may repeat. "drawn"
+        has one at a random place of each cell: bins meet half-way between their frequencies, and
+        directions, which have to go round the circle in equal steps, are split into cells of at
+        most 5 degrees, with a density that is linear between them. The variance of each bin is
+        kept.
+    depth : float, optional
+        Water depth [m]; None is deep water.
+    capillary : bool
+        Surface tension in the dispersion.
+    current : (float, float), optional
+        Uniform current [m s-1]. The table holds frequencies at a fixed point, so that the current
+        changes wavenumbers: sigma(k) + k.U = omega.
+    choppy, order, order_omega_max
+        Nonlinear seas, see `RandomSea`.
+    mss : {"cox-munk", "elfouhaily", "band"}
+        Slope variance of the real sea, see `JonswapSea`; "band", the default, has no waves beyond
+        the table.
+    wind_speed : float, optional
+        Wind speed at 10 m [m s-1] of `mss`.
+    wind_direction_deg : float
+        Direction the wind blows to, counter-clockwise from +x [deg], for `mss`.
+    record : str, optional
+        Origin of the table, such as station and time. Phases belong to t = 0 of the sea.
+
+    Raises
+    ------
+    Refused
+        If a parameter is out of range, the table has not m by n values, or a current stops a wave.
+
+    Examples
+    --------
+    >>> sea = MeasuredSea(omega=[1.0, 2.0], theta=[0.0], variance=[[0.02], [0.005]])
+    >>> sea.components.amplitude.round(12)
+    array([0.2, 0.1])
+    """
+
+    kind: Literal["measured"] = "measured"
+    omega: tuple[Positive, ...] = Field(min_length=1)
+    theta: tuple[Finite, ...] = Field(min_length=1)
+    variance: tuple[tuple[Variance, ...], ...]
+    waves: Literal["table", "drawn"] = "table"
+    depth: Depth | None = None
+    capillary: bool = True
+    current: Current | None = None
+    mss: Mss = "band"
+    wind_speed: WindSpeed | None = None
+    wind_direction_deg: Finite = 0.0
+    record: str | None = None
+
+    @model_validator(mode="after")
+    def _check_table(self) -> Self:
+        lengths = sorted({len(row) for row in self.variance})
+        if len(self.variance) != len(self.omega) or lengths != [len(self.theta)]:
+            raise Refused(
+                "variance",
+                f"{len(self.variance)} rows of {lengths} values",
+                f"{len(self.omega)} rows (omega) of {len(self.theta)} (theta)",
+            )
+        if self.mss != "band" and self.wind_speed is None:
+            raise Refused("wind_speed", None, f'a wind speed for mss = "{self.mss}"')
+        if self.waves == "drawn":
+            if len(self.omega) < 2 or (np.diff(self.omega) <= 0.0).any():
+                raise Refused("waves", "drawn", "with two or more increasing frequencies only")
+            turn = np.diff(np.sort(np.mod(self.theta, 2.0 * math.pi)))
+            if len(self.theta) < 3 or not np.allclose(turn, 2.0 * math.pi / len(self.theta)):
+                allowed = "only with three or more directions in equal steps round the circle"
+                raise Refused("waves", "drawn", allowed)
+        if self.current is not None:
+            _ = self.free_waves  # refuses a current that stops a wave
+        return self
+
+    @property
+    def slope_variance(self) -> Variances | None:
+        """Slope variances along and across the wind of the real sea, by `mss`."""
+        return real_slope_variance(self.mss, self.wind_speed or 5.0)
+
+    @cached_property
+    def free_waves(self) -> WaveComponents:
+        """The waves of first order, direction by direction at each frequency."""
+        omega, theta, variance = (np.array(a) for a in (self.omega, self.theta, self.variance))
+        if self.waves == "drawn":
+            low, width, variance = _cells(theta, variance)
+            omega, theta = drawn_places(bin_edges(omega), low, width)
+        else:
+            omega = np.broadcast_to(omega[:, None], variance.shape)
+        phase = 2.0 * math.pi * np.random.default_rng(self.seed).random(variance.shape)
+        k = wavenumber_in_current(omega, theta, self.current, self.depth, self.capillary)
+        return flat_components(np.sqrt(2.0 * variance), omega, k, theta, phase)
+
+
+def _cells(theta: Floats, variance: Floats) -> tuple[Floats, float, Floats]:
+    """Return the lowest directions of fine cells, their width, and their variances."""
+    width = 2.0 * math.pi / len(theta)
+    order = np.argsort(np.mod(theta, 2.0 * math.pi))
+    theta, variance = np.mod(theta, 2.0 * math.pi)[order], variance[:, order]
+    parts = math.ceil(width / _FINEST - 1e-9)
+    offset = (np.arange(parts) + 0.5) / parts - 0.5
+    # linear towards the neighbour on either side
+    neighbours = np.stack([np.roll(variance, 1, axis=1), np.roll(variance, -1, axis=1)])
+    towards = neighbours[(offset > 0.0).astype(int)]  # (parts, m, n)
+    share = np.abs(offset)[:, None, None]
+    fine = np.moveaxis((1.0 - share) * variance + share * towards, 0, -1)
+    total = fine.sum(axis=-1, keepdims=True)
+    fine *= np.divide(variance[..., None], total, out=np.zeros_like(total), where=total > 0)
+    low = theta[:, None] + width * (offset - 0.5 / parts)
+    return low.ravel(), width / parts, fine.reshape(len(variance), -1)
+
+
+def bin_edges(omega: Floats) -> Floats:
+    """Return the edges of frequency bins: midpoints, and the same distance beyond the ends."""
+    middle = 0.5 * (omega[1:] + omega[:-1])
+    first = max(1.5 * omega[0] - 0.5 * omega[1], 0.5 * omega[0])
+    return np.concatenate([[first], middle, [1.5 * omega[-1] - 0.5 * omega[-2]]])
+
 
 TAIL_OMEGA_MAX = 24.0
 """Highest frequency of a tail [rad s-1]: shorter waves blur light and add no fading."""
@@ -58,8 +196,7 @@ def from_wavespectra(
     mss: Mss | None = None,
     current: tuple[float, float] | None = None,
     x_axis_deg: float = 90.0,
-    d_theta: float | None = None,
-    jitter: bool = False,
+    waves: Literal["table", "drawn"] = "table",
 ) -> MeasuredSea:
     """Return a random sea of a directional spectrum in the conventions of wavespectra.
 
@@ -97,8 +234,8 @@ def from_wavespectra(
         Uniform current along x and y [m s-1]; the spectrum is that of a fixed point.
     x_axis_deg : float
         Compass bearing of +x [deg]; 90 is the east.
-    d_theta, jitter
-        Finer directions and frequencies than those of the table, see `MeasuredSea`.
+    waves : {"table", "drawn"}
+        Waves of the sea, see `MeasuredSea`.
 
     Returns
     -------
@@ -136,8 +273,7 @@ def from_wavespectra(
         seed=seed,
         depth=depth,
         current=current,
-        d_theta=d_theta,
-        jitter=jitter,
+        waves=waves,
         mss=mss or ("band" if tail is None else "elfouhaily"),
         wind_speed=wind_speed,
         wind_direction_deg=0.0 if wind_speed is None else wind_direction,

@@ -6,12 +6,13 @@ import math
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import AfterValidator, Field
 
 from meshtrace.errors import Described, Refused, require_array, require_real
-
-Floats = NDArray[np.float64]
+from meshtrace.models import Finite as Finite
+from meshtrace.models import Floats as Floats
+from meshtrace.models import Positive as Positive
 
 
 class Range(NamedTuple):
@@ -52,8 +53,6 @@ Fetch = Annotated[float, AfterValidator(FETCH.check)]
 Depth = Annotated[float, AfterValidator(DEPTH.check)]
 Gamma = Annotated[float, AfterValidator(GAMMA.check)]
 Alpha = Annotated[float, AfterValidator(ALPHA.check)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Current = tuple[Finite, Finite]
 Mss = Literal["cox-munk", "elfouhaily", "band"]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]

@@ -1,17 +1,533 @@
-"""Seas from plain data, and the default sea of a wind."""
+"""Random seas: waves whose amplitudes follow a spectrum, sums of seas, and seas from data."""
 
 from __future__ import annotations
 
+import math
+from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from meshtrace.errors import MISSING, Refused, require_real
+import numpy as np
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PrivateAttr,
+    SerializeAsAny,
+    model_validator,
+)
 
-from .random_seas import JonswapSea, SpectralSea
+from meshtrace.errors import MISSING, Described, Refused, require_real
+from meshtrace.mesh import UnresolvedSlopes
+
+from .bands import PAPER_FETCH, Band, OwnWaves, direction_grid, named_band
+from .nonlinear import with_bound_waves
+from .parameters import (
+    Alpha,
+    Current,
+    Depth,
+    Fetch,
+    Finite,
+    Gamma,
+    Mss,
+    Positive,
+    Seed,
+    Variances,
+    WindSpeed,
+)
 from .sequence import MeshSequence
-from .spectra import Elfouhaily
-from .spreading import ElfouhailySpreading
+from .spectra import (
+    ALPHA_COEFFICIENT,
+    AnySpectrum,
+    Elfouhaily,
+    Jonswap,
+    PiersonMoskowitz,
+    Spectrum,
+    Tma,
+)
+from .spreading import AnySpreading, ElfouhailySpreading, IttcSpreading
+from .statistics import (
+    SlopeSpectrum,
+    meshed_slope_variance,
+    real_slope_variance,
+    unresolved_slope_variance,
+)
 from .surface import FlatSea, Surface
+from .wave_surface import WaveSurface
+from .waves import WaveComponents, flat_components, wavenumber
+
+_ORDER_OMEGA_MAX = 3.0  # highest frequency of waves that make bound waves, over the peak's
+
+
+class RandomSea(WaveSurface, frozen=True):
+    """A sum of waves with random phases, one realization per seed.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the random phases.
+    choppy : bool
+        First order in Lagrangian coordinates, with sharper crests; see `WaveSurface`.
+    order : {1, 2}
+        2 adds the bound waves of second order at fixed points, see `with_bound_waves`: crests
+        are higher and troughs flatter, and the elevation is skewed. For deep water.
+    order_omega_max : float, optional
+        Highest frequency of waves that make bound waves [rad s-1], by default 3 times that of the
+        peak. The second order diverges for short waves on long ones: waves beyond it are
+        superposed linearly.
+
+    Raises
+    ------
+    Refused
+        If `order` is 2 for a choppy sea or in water of finite depth.
+
+    Notes
+    -----
+    Phases are 2 pi `numpy.random.default_rng(seed).random((n_omega, n_theta))`, frequencies
+    along the first axis. A subclass defines `free_waves`.
+    """
+
+    seed: Seed = 0
+    order: Literal[1, 2] = 1
+    order_omega_max: Positive | None = None
+
+    _common: dict[str, Any] = PrivateAttr(default_factory=dict)
+    """Results that do not depend on the seed."""
+
+    most_components: ClassVar[int] = 1_000_000
+
+    @property
+    @abstractmethod
+    def free_waves(self) -> WaveComponents:
+        """The plane waves of first order."""
+
+    @cached_property
+    def components(self) -> WaveComponents:
+        """The plane waves as plain arrays: the free ones and, with `order` 2, the bound ones.
+
+        Bound waves are sums and differences of two waves: they do not follow the dispersion.
+        """
+        free = self.free_waves
+        if self.order == 1:
+            return free
+        limit = self.order_omega_max or _ORDER_OMEGA_MAX * self._peak_frequency()
+        return with_bound_waves(free, limit, self.most_components)
+
+    def _peak_frequency(self) -> float:
+        """Return the frequency of the largest wave [rad s-1]."""
+        waves = self.free_waves
+        return float(waves.omega[np.argmax(waves.amplitude)])
+
+    @model_validator(mode="after")
+    def _check_order(self) -> Self:
+        if self.order == 1:
+            if self.order_omega_max is not None:
+                raise Refused("order_omega_max", self.order_omega_max, "only with order = 2")
+            return self
+        if self.choppy:
+            raise Refused("order", 2, "1 with choppy = true: both sharpen the same crests")
+        if self._water_depth() is not None:
+            raise Refused("order", 2, "1 with depth: bound waves are those of deep water")
+        return self
+
+    def with_seed(self, seed: int) -> Self:
+        """Return another realization of the same sea with the same grid factors.
+
+        Parameters
+        ----------
+        seed : int
+            Seed of the new phases, >= 0.
+
+        Returns
+        -------
+        RandomSea
+            The same parameters with the new seed. Its meshes on a grid that this sea has used
+            cost a matrix product only.
+
+        Examples
+        --------
+        >>> from meshtrace.surfaces import JonswapSea
+        >>> sea = JonswapSea(wind_speed=13.0, seed=7)
+        >>> sea.with_seed(8) == JonswapSea(wind_speed=13.0, seed=8)
+        True
+        """
+        other = self.model_copy(update={"seed": seed})
+        other._factors.share(self._factors)
+        other._common = self._common
+        return other
+
+    @property
+    def slope_variance(self) -> Variances | None:
+        """Slope variances of the real sea along and across the wind; None if not known."""
+        return None
+
+    @property
+    def _slopes_along_deg(self) -> float:
+        """Direction of the first of the slope variances."""
+        return getattr(self, "wind_direction_deg", 0.0)
+
+    def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
+        """Return the slope variances that a mesh of this spacing [m] leaves out of `mss`.
+
+        The slopes of a choppy mesh are taken as those of its labels, off by O(mss).
+        """
+        real = self.slope_variance
+        if real is None:
+            return None
+        wind = self._slopes_along_deg
+        vertex, facet = (
+            unresolved_slope_variance(real, resolved)
+            for resolved in meshed_slope_variance(self.components, spacing, wind)
+        )
+        return UnresolvedSlopes(vertex, facet, wind)
+
+
+_KEPT = "wind_direction_deg", "current", "seed", "choppy", "order", "order_omega_max"
+
+
+class _BandedSea(RandomSea, frozen=True):
+    """Random sea whose waves sample a spectrum and a spreading.
+
+    Parameters
+    ----------
+    omega_max : float, optional
+        Highest frequency of the waves of the sum [rad s-1].
+    waves : str or Band, optional
+        Waves of the sum.
+    wind_direction_deg : float
+        Direction the wind blows to, counter-clockwise from +x [deg].
+    current : (float, float), optional
+        Uniform current (U_x, U_y) [m s-1] that carries the waves.
+    mss : {"cox-munk", "elfouhaily", "band"}
+        Slope variance of the real sea.
+    """
+
+    omega_max: Positive | None = None
+    waves: OwnWaves = None
+    spreading: AnySpreading = IttcSpreading()
+    wind_direction_deg: Finite = 0.0
+    depth: Depth | None = None
+    capillary: bool = False
+    current: Current | None = None
+    mss: Mss = "cox-munk"
+
+    if TYPE_CHECKING:
+
+        @property
+        def spectrum(self) -> Spectrum:
+            """The spectrum S(omega) of the sea."""
+
+    def _peak_frequency(self) -> float:
+        return self.spectrum.omega_p
+
+    @cached_property
+    def band(self) -> Band:
+        """Band of the waves of the sum: that of `waves`, up to `omega_max`."""
+        found = self.waves or "mean"
+        if isinstance(found, str):
+            found = named_band(found, self.spectrum, self.spreading.half_range, self.order)
+        return found if self.omega_max is None else found.replace(omega_max=self.omega_max)
+
+    @model_validator(mode="after")
+    def _check_band(self) -> Self:
+        directions = len(direction_grid(self.spreading.half_range, self.band.d_theta))
+        if self.band.bins * directions > self.most_components:
+            found = Described(f"{self.band.bins * directions} waves")
+            raise Refused("waves", found, f"a band of at most {self.most_components}")
+        return self
+
+    @cached_property
+    def free_waves(self) -> WaveComponents:
+        """The waves of first order, direction by direction at each frequency."""
+        if "waves" not in self._common:
+            found = self.band.waves(self.spectrum, self.spreading)
+            k = wavenumber(found.omega, self._water_depth(), self.capillary)
+            heading = found.theta + math.radians(self.wind_direction_deg)
+            amplitude, still = np.sqrt(2.0 * found.variance), np.zeros_like(heading)
+            self._common["waves"] = flat_components(
+                amplitude, found.omega, k, heading, still, self.current
+            )
+        waves: WaveComponents = self._common["waves"]
+        phase = np.random.default_rng(self.seed).random(len(waves.omega))
+        return waves._replace(phase=2.0 * math.pi * phase)
+
+    def slope_spectrum(self, omega_max: float | None = None) -> SlopeSpectrum:
+        """Return the slopes of all waves of the spectrum, or of those up to a frequency [rad/s]."""
+        depth = self._water_depth()
+        return SlopeSpectrum.of(self.spectrum, self.spreading, omega_max, depth, self.capillary)
+
+    @property
+    def slope_variance(self) -> Variances | None:
+        """Slope variances along and across the wind of the real sea, by `mss`."""
+        fetch = getattr(self.spectrum, "fetch", None)
+        return real_slope_variance(self.mss, self.spectrum.wind_speed, fetch)
+
+    @property
+    def short_waves(self) -> _BandedSea:
+        """The sea, or that of Elfouhaily's spectrum if its own has an omega^-5 tail.
+
+        Such a tail, fitted up to some 3 omega_p, is no model of short waves: its slope variance
+        grows without limit. Wind, fetch, depth, current, seed and nonlinearity are kept.
+        """
+        if not isinstance(self.spectrum, Jonswap | PiersonMoskowitz | Tma):
+            return self
+        fetch = getattr(self.spectrum, "fetch", None)
+        return SpectralSea(
+            spectrum=Elfouhaily(wind_speed=self.spectrum.wind_speed, fetch=fetch),
+            spreading=ElfouhailySpreading(),
+            mss="elfouhaily",
+            depth=self._water_depth(),
+            **{name: getattr(self, name) for name in _KEPT},
+        )
+
+    @property
+    def for_fading(self) -> _BandedSea | None:
+        """The sea whose short waves make light fade; None if its waves are chosen already.
+
+        They are chosen by `omega_max`, by `waves`, or by a sea without waves beyond them (`mss`).
+        A spectrum with an omega^-5 tail gives way to `short_waves` if it is that of a wind and a
+        fetch; with a height, a peak or a spreading of its own it stays. Elfouhaily's takes its own
+        slopes and, for the default spreading, its own directions.
+        """
+        if (self.omega_max, self.waves) != (None, None) or self.mss == "band":
+            return None
+        standard = self.spreading == IttcSpreading()
+        if isinstance(self.spectrum, Elfouhaily):
+            # no band follows the slopes of another law
+            spreading = ElfouhailySpreading() if standard else self.spreading
+            return self.model_copy(update={"spreading": spreading, "mss": "elfouhaily"})
+        if not isinstance(self.spectrum, Jonswap | PiersonMoskowitz):
+            return self
+        of_wind = {"wind_speed": self.spectrum.wind_speed}
+        if isinstance(self.spectrum, Jonswap):
+            of_wind["fetch"] = self.spectrum.fetch
+        law = type(self.spectrum)
+        if law is Tma or not standard or self.spectrum != law(**of_wind):
+            return None
+        return self.short_waves
+
+    def slopes_beyond(self, omega_max: float) -> Variances:
+        """Return the slope variances along and across the wind beyond a frequency [rad/s]."""
+        if self.slope_variance is None:
+            return 0.0, 0.0
+        resolved = self.slope_spectrum(omega_max).along_and_across
+        return unresolved_slope_variance(self.slope_variance, resolved)
+
+
+class JonswapSea(_BandedSea, frozen=True):
+    """Fetch-limited wind sea with the JONSWAP spectrum.
+
+    z = sum_ij a_ij cos(omega_i t - k_i (x cos theta_j + y sin theta_j) + eps_ij),
+    a_ij = sqrt(2 S(omega_i) D(theta_j) d_omega d_theta)
+
+    Parameters
+    ----------
+    wind_speed : float
+        Wind speed at 10 m [m s-1], 0 < U <= 60 (the spectrum was fitted up to some 20).
+    fetch : float
+        Fetch [m].
+    seed : int
+        Seed of the random phases.
+    omega_max : float, optional
+        Cut of the spectrum: highest frequency of the waves of the sum [rad s-1]; the slopes of
+        shorter waves are random (`mss`). By default that of `waves`.
+    waves : {"mean", "paper", "scaled"} or Band, optional
+        Waves of the sum where the mesh of a study does not choose them (`Meshing.waves`); see
+        `bands.named_band`. "mean", the default: 0.6 to 2.1 omega_p in bins of a sixteenth of an
+        octave and 36 directions, with one wave at a random place of each cell. "paper": the
+        paper's table, for 5 and 13 m/s, equally spaced. "scaled": like it, for any wind.
+    spreading : Spreading
+        Directional spreading; or a kind such as "ittc" or "cos2s".
+    wind_direction_deg : float
+        Direction the wind blows to, counter-clockwise from +x [deg].
+    depth : float, optional
+        Water depth [m] in the dispersion; None is deep water. The spectrum keeps its deep-water
+        form: for the finite-depth one see `SpectralSea` with `Tma`.
+    capillary : bool
+        Add the surface tension to the dispersion, for bands beyond some 30 rad/s.
+    current : (float, float), optional
+        Uniform current (U_x, U_y) [m s-1] that carries the waves: omega = sigma(k) + k.U. The
+        spectrum is that of an observer who drifts with the current, so wavenumbers stay.
+    gamma : float
+        Peak enhancement.
+    hs, tp : float, optional
+        Significant wave height [m] and peak period [s], which replace those of the fetch law.
+    alpha_coefficient : float
+        Factor of the fetch law for alpha, 0.075 in the paper, 0.076 in the literature.
+    choppy, order, order_omega_max
+        Nonlinear seas, see `RandomSea`.
+    mss : {"cox-munk", "elfouhaily", "band"}
+        Slope variance of the real sea: measured, or of a spectrum down to the capillaries. Its
+        part beyond the mesh tilts normals at random (`Physics.unresolved`). "band": no waves
+        beyond the band.
+
+    Raises
+    ------
+    Refused
+        If a parameter is out of range, or waves="paper" at another wind speed.
+
+    Notes
+    -----
+    A sum has a finite number of waves, of which every one carries the variance of its bin of the
+    spectrum. All named bands end at about 2.1 omega_p: they hold 96 % of the variance of the
+    elevation, but at 5 and 13 m/s only 22 % and 14 % of the mean square slope of Cox and Munk
+    (1954). The waves beyond tilt the surface at random (`mss`): the mean gain is that of the whole
+    sea, but tilts blur light and add no fading. Studies of fading, and `Meshing(waves="fading")`,
+    choose the shorter waves that fading needs for their link.
+
+    References
+    ----------
+    Hasselmann et al. (1973), Dtsch. Hydrogr. Z. A8(12).
+
+    Examples
+    --------
+    >>> sea = JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)
+    >>> round(sea.band.omega_max, 2), len(sea.components.amplitude)
+    (2.97, 1073)
+    >>> JonswapSea(wind_speed=13.0, waves="paper").band.omega_max
+    3.0
+    >>> sea.mesh(extent=2.0, spacing=0.5).vertices.shape
+    (81, 3)
+    """
+
+    kind: Literal["jonswap"] = "jonswap"
+    wind_speed: WindSpeed = 5.0
+    fetch: Fetch = PAPER_FETCH
+    gamma: Gamma = 3.3
+    alpha_coefficient: Alpha = ALPHA_COEFFICIENT
+    hs: Positive | None = None
+    tp: Positive | None = None
+
+    @cached_property
+    def spectrum(self) -> Jonswap:
+        """The JONSWAP spectrum of this sea."""
+        shared = Jonswap.model_fields.keys() & JonswapSea.model_fields.keys() - {"kind"}
+        return Jonswap(**self.model_dump(include=shared))
+
+
+class SpectralSea(_BandedSea, frozen=True):
+    """Random sea with any of the spectra of `meshtrace.surfaces.spectra`.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        `Jonswap`, `Tma`, `PiersonMoskowitz`, `Elfouhaily` or a user-defined `Spectrum`, as an
+        object or as plain data.
+    spreading : Spreading
+        `IttcSpreading`, `Cos2sSpreading`, `MitsuyasuSpreading`, `ElfouhailySpreading` or a
+        user-defined `Spreading`.
+    seed, omega_max, waves, wind_direction_deg, current, mss
+        See `JonswapSea`.
+    choppy, order, order_omega_max
+        See `RandomSea`.
+    depth : float, optional
+        Water depth [m]; None is the depth of the spectrum (`Tma`), or else deep water.
+    capillary : bool
+        Surface tension in the dispersion, on by default.
+
+    Raises
+    ------
+    Refused
+        If a parameter is out of range, or `depth` contradicts the spectrum.
+
+    Examples
+    --------
+    >>> from meshtrace.surfaces import Elfouhaily
+    >>> sea = SpectralSea(spectrum=Elfouhaily(wind_speed=8.0), spreading="elfouhaily", seed=1)
+    >>> sea.elevation(0.0, 0.0).shape
+    ()
+    """
+
+    kind: Literal["spectral"] = "spectral"
+    spectrum: AnySpectrum
+    capillary: bool = True
+
+    @model_validator(mode="after")
+    def _check_depth(self) -> Self:
+        own = getattr(self.spectrum, "depth", None)
+        if None not in (own, self.depth) and own != self.depth:
+            raise Refused("depth", self.depth, f"{own:g} m, the depth of the spectrum")
+        return self
+
+    def _water_depth(self) -> float | None:
+        return getattr(self.spectrum, "depth", self.depth)
+
+
+def _part(value: Any) -> RandomSea:
+    sea = Surface.read(value)
+    if not isinstance(sea, RandomSea):
+        raise Refused("parts", getattr(sea, "kind", value), "random seas only")
+    if sea.choppy or sea.order != 1:
+        raise Refused("parts", sea.kind, "choppy and order of the sum, not of its parts")
+    return sea
+
+
+class SumSea(RandomSea, frozen=True):
+    """Sum of independent random seas.
+
+    z = sum_i z_i, with the phases of part i from the seed `SeedSequence([seed, i])`
+
+    Parameters
+    ----------
+    parts : sequence of RandomSea
+        Seas, or their plain data; their own seeds do not matter.
+    seed : int
+        Seed of all phases.
+    choppy, order, order_omega_max
+        Nonlinear seas, see `RandomSea`: the waves of all parts interact.
+
+    Raises
+    ------
+    Refused
+        If a part is no random sea, or choppy or of second order itself.
+
+    Notes
+    -----
+    Slopes add. Those beyond the mesh are of the part with the largest slope variance of the real
+    sea, in the direction of its wind; the slopes of all parts count as resolved.
+
+    Examples
+    --------
+    >>> from meshtrace.surfaces import JonswapSea, Jonswap, SpectralSea
+    >>> swell = SpectralSea(spectrum=Jonswap(hs=1.0, tp=12.0, gamma=6.0), mss="band")
+    >>> sea = SumSea(parts=[JonswapSea(wind_speed=5.0), swell], seed=3)
+    >>> len(sea.components.omega) == sum(len(part.components.omega) for part in sea.parts)
+    True
+    """
+
+    kind: Literal["sum"] = "sum"
+    parts: Annotated[
+        tuple[Annotated[SerializeAsAny[RandomSea], BeforeValidator(_part)], ...],
+        Field(min_length=1),
+    ]
+
+    @property
+    def windiest(self) -> RandomSea:
+        """The part with the largest slope variance of the real sea."""
+        return max(self.parts, key=lambda part: sum(part.slope_variance or (0.0, 0.0)))
+
+    @property
+    def slope_variance(self) -> Variances | None:
+        """Slope variances along and across the wind of the part with the largest ones."""
+        return self.windiest.slope_variance
+
+    @property
+    def _slopes_along_deg(self) -> float:
+        return self.windiest._slopes_along_deg
+
+    def _water_depth(self) -> float | None:
+        depths = [part._water_depth() for part in self.parts]
+        return min((depth for depth in depths if depth is not None), default=None)
+
+    @cached_property
+    def free_waves(self) -> WaveComponents:
+        """The waves of first order of all parts."""
+        seeds = (np.random.SeedSequence([self.seed, i]) for i in range(len(self.parts)))
+        waves = [
+            part.with_seed(int(seed.generate_state(1)[0])).free_waves
+            for part, seed in zip(self.parts, seeds, strict=True)
+        ]
+        return WaveComponents(*(np.concatenate(rows) for rows in zip(*waves, strict=True)))
 
 
 def sea_from_config(config: Mapping[str, Any]) -> Surface | MeshSequence:
@@ -47,7 +563,7 @@ def sea_from_config(config: Mapping[str, Any]) -> Surface | MeshSequence:
 
 
 def resolved_sea(wind_speed: float, fetch: float | None = None, seed: int = 0) -> SpectralSea:
-    """Return the sea of a wind with the fading of all waves.
+    """Return the sea of a wind with a model of the short waves that make light fade.
 
     Parameters
     ----------
@@ -61,8 +577,8 @@ def resolved_sea(wind_speed: float, fetch: float | None = None, seed: int = 0) -
     Returns
     -------
     SpectralSea
-        Spectrum, spreading and mss of Elfouhaily et al., with `omega_max="fading"`: `simulate`
-        and the studies replace it by the number for their link, some 13 to 32 rad/s.
+        Spectrum, spreading and mss of Elfouhaily et al., a model of short waves, too. Studies of
+        fading, and `Meshing(waves="fading")`, resolve them to some 13 to 32 rad/s.
 
     Raises
     ------
@@ -71,14 +587,13 @@ def resolved_sea(wind_speed: float, fetch: float | None = None, seed: int = 0) -
 
     Examples
     --------
-    >>> resolved_sea(5.0, fetch=30e3).omega_max
-    'fading'
+    >>> resolved_sea(5.0, fetch=30e3).mss
+    'elfouhaily'
     """
     return SpectralSea(
         spectrum=Elfouhaily(wind_speed=wind_speed, fetch=fetch),
         spreading=ElfouhailySpreading(),
         mss="elfouhaily",
-        omega_max="fading",
         seed=seed,
     )
 

@@ -1,25 +1,329 @@
-"""Meshes in time, from files."""
+"""Meshes in time from files: lists of files, collections of VTK and XDMF, grids in netCDF or HDF5.
+
+Every reader lists its frames at once and reads each frame on demand.
+"""
 
 from __future__ import annotations
 
 import os
+import re
+from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Sequence
+from glob import glob
 from os.path import abspath
+from pathlib import Path
 from threading import Lock
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
+from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydantic import PrivateAttr
 
 from meshtrace.errors import Described, Refused, reason_of, require_whole
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Model
 
-from .foreign_mesh import from_trimesh
-from .frames import Frames, open_frames
+from .foreign_mesh import from_trimesh, read_mesh, unfit
 from .parameters import TIME, Floats, Positive
+from .triangulate import grid_faces
+
+if TYPE_CHECKING:
+    import xarray
+
+Facets = tuple[Floats, NDArray[np.int64]]
+"""Vertices (n, 3) in the unit of the file, and facets (m, 3)."""
+
+_TRIMESH = (".stl", ".ply", ".obj")
+_VTK = (".vtp", ".vtu", ".vtk")
+_XDMF = (".xdmf", ".xmf")
+_GRID = (".nc", ".nc4", ".cdf", ".h5", ".hdf5")
+_ALLOWED = (
+    "a folder or a pattern of STL, PLY, OBJ, VTP, VTU or VTK files, or a PVD, XDMF, netCDF or "
+    "HDF5 file"
+)
+_HEIGHT = ("z", "eta", "elevation", "zeta")
+_METRES = {"m": 1.0, "metre": 1.0, "meter": 1.0, "cm": 0.01, "mm": 0.001, "millimetre": 0.001,
+           "millimeter": 0.001, "centimetre": 0.01, "centimeter": 0.01}  # fmt: skip
+_SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "ms": 1e-3, "millisecond": 1e-3, "min": 60.0,
+            "minute": 60.0, "h": 3600.0, "hour": 3600.0, "day": 86400.0}  # fmt: skip
+
+
+class Frames(ABC):
+    """Meshes in files.
+
+    Attributes
+    ----------
+    path : Path
+        The file, where one holds all frames.
+    times : ndarray or None
+        Times of the frames [s], None if the files hold none.
+    """
+
+    path: Path
+    times: Floats | None = None
+
+    @abstractmethod
+    def __len__(self) -> int: ...
+
+    def name(self, i: int) -> str:
+        """Return the name of a frame for errors: by default, the file's and the number."""
+        return f"{self.path} [{i}]"
+
+    @abstractmethod
+    def read(self, i: int) -> Facets:
+        """Return a frame as it is in the file."""
+
+    def metres(self) -> float | None:
+        """Return the unit of length of the files [m], None if they have none."""
+        return 1.0
+
+
+def open_frames(source: str | Sequence[str]) -> Frames:
+    """Return the frames of a source, see `MeshSequence`.
+
+    Raises
+    ------
+    Refused
+        If there are none, or their kind is not known.
+    """
+    if not isinstance(source, str):
+        return _files([Path(name) for name in source], source)
+    path = Path(source)
+    if path.is_dir():
+        return _files([p for p in path.iterdir() if p.suffix.lower() in _TRIMESH + _VTK], source)
+    if not path.is_file():
+        return _files([Path(name) for name in glob(source)], source)
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".pvd":
+            return _collection(path)
+        if suffix in _XDMF:
+            return XdmfFrames(path)
+        return GridFrames(path) if suffix in _GRID else _files([path], source)
+    except Refused:
+        raise
+    except Exception as error:  # readers of XML, HDF5 and netCDF raise any exception
+        raise unfit(f"{path}: {reason_of(error)}", _ALLOWED) from error
+
+
+def _files(files: list[Path], source: object) -> FileFrames:
+    """Return files in the order of the number that distinguishes their names, or of the names."""
+    if not files:
+        raise unfit(f"no files in {source!r}", _ALLOWED)
+    for file in files:
+        if not file.is_file() or file.suffix.lower() not in _TRIMESH + _VTK:
+            raise Refused("source", str(file), _ALLOWED)
+    files = sorted(files)
+    numbers = [re.findall(r"\d+(?:\.\d+)?", file.stem) for file in files]
+    for column in range(min(map(len, numbers))):
+        times = np.array([float(row[column]) for row in numbers])
+        if len(np.unique(times)) == len(files):
+            order = np.argsort(times)
+            return FileFrames([files[i] for i in order], times[order])
+    return FileFrames(files)
+
+
+def _collection(path: Path) -> FileFrames:
+    """Return the files of a ParaView collection with their times; parts of one time are refused."""
+    entries = ElementTree.parse(path).getroot().iter("DataSet")
+    rows = sorted((float(e.get("timestep", 0.0)), e.attrib["file"]) for e in entries)
+    files = [path.parent / name for _, name in rows]
+    missing = next((f for f in files if not f.is_file()), None)
+    if missing is not None or not files:
+        raise unfit(f"{path}: no {missing or 'files'}", _ALLOWED)
+    return FileFrames(files, np.array([time for time, _ in rows]))
+
+
+class FileFrames(Frames):
+    """One file a frame."""
+
+    def __init__(self, files: list[Path], times: Floats | None = None) -> None:
+        self.files, self.times = files, times
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def name(self, i: int) -> str:
+        """Return the name of the file."""
+        return str(self.files[i])
+
+    def read(self, i: int) -> Facets:
+        """Return the facets of a file, polygons split."""
+        path = self.files[i]
+        return read_mesh(path) if path.suffix.lower() in _TRIMESH else _read_vtk(path)
+
+
+def _read_vtk(path: Path) -> Facets:
+    """Return the polygons of a VTK file, or the outer surface of its cells."""
+    try:
+        import pyvista as pv
+    except ImportError as error:
+        raise Refused("source", str(path), 'pip install "meshtrace[viz]" for VTK files') from error
+    data: Any = pv.read(path)
+    if isinstance(data, pv.MultiBlock):
+        data = data.combine()
+    if not isinstance(data, pv.PolyData):
+        data = data.extract_surface(algorithm=None, pass_pointid=False, pass_cellid=False)
+    data = data.triangulate()
+    return np.asarray(data.points, np.float64), data.faces.reshape(-1, 4)[:, 1:].astype(np.int64)
+
+
+class XdmfFrames(Frames):
+    """Grids of an XDMF file: one, or a temporal collection.
+
+    The grids of a collection have their own points and cells, or share those of the first and move
+    their points by a point array: positions or displacements of three components, or heights z.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        root = ElementTree.parse(path).getroot()
+        grids = list(root.iter("Grid"))
+        collection = next((g for g in grids if g.get("CollectionType") == "Temporal"), None)
+        self._grids = grids[:1] if collection is None else collection.findall("Grid")
+        self._shared = collection is not None and self._grids[-1].find("Geometry") is None
+        at = [grid.find("Time") for grid in self._grids]
+        if all(time is not None for time in at):
+            self.times = np.array([float(t.attrib["Value"]) for t in at if t is not None])
+
+    def __len__(self) -> int:
+        return len(self._grids)
+
+    def read(self, i: int) -> Facets:
+        """Return the triangles and quadrangles of a grid, the latter split."""
+        try:
+            from meshio.xdmf import TimeSeriesReader
+            from meshio.xdmf.main import XdmfReader
+        except ImportError as error:
+            allowed = 'pip install "meshtrace[meshes]" for XDMF files'
+            raise Refused("source", str(self.path), allowed) from error
+        if self._shared:
+            with TimeSeriesReader(self.path) as series:
+                points, cells = series.read_points_cells()
+                return _moved(points, series.read_data(i)[1]), _triangles(cells)
+        grid = ElementTree.Element("Grid", self._grids[i].attrib)
+        grid.extend(c for c in self._grids[i] if c.tag in ("Topology", "Geometry"))
+        root = ElementTree.Element("Xdmf", Version="3.0")
+        ElementTree.SubElement(root, "Domain").append(grid)
+        mesh = XdmfReader(str(self.path)).read_xdmf3(root)
+        return _spatial(mesh.points), _triangles(mesh.cells)
+
+
+def _spatial(points: Any) -> Floats:
+    points = np.array(points, np.float64)
+    return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+
+
+def _moved(points: Any, arrays: dict[str, Any]) -> Floats:
+    """Return the points of a frame that shares its grid with the others."""
+    points = _spatial(points)
+    for name, values in arrays.items():
+        if name.lower() in _HEIGHT and np.size(values) == len(points):
+            points[:, 2] = np.ravel(values)
+            return points
+        if np.shape(values) == points.shape and name.lower() in ("points", "position"):
+            return np.array(values, np.float64)
+        if np.shape(values) == points.shape and name.lower().startswith(("disp", "warp")):
+            return points + values
+    allowed = "points, displacement, or a height z, eta or elevation"
+    raise unfit(f"point arrays {sorted(arrays)}", allowed)
+
+
+def _triangles(blocks: Any) -> NDArray[np.int64]:
+    """Return the facets of blocks of cells."""
+    faces = [block.data for block in blocks if block.type == "triangle"]
+    for block in blocks:
+        if block.type == "quad":
+            faces += [block.data[:, [0, 1, 2]], block.data[:, [0, 2, 3]]]
+    if not faces:
+        raise unfit("no triangles or quadrangles", "a surface")
+    return np.concatenate(faces).astype(np.int64)
+
+
+class GridFrames(Frames):
+    """Heights z(t, i, j) over a grid x(i, j), y(i, j), or over axes, in a netCDF or HDF5 file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with self._opened() as data:
+            names = {name.lower(): name for name in map(str, data.variables)}
+            self._height = _height(data, names)
+            z = data[self._height]
+            missing = [axis for axis in "xy" if axis not in names]
+            if missing:
+                raise unfit(f"without {missing}", "x, y and z(t, i, j)")
+            self._axes = names["x"], names["y"]
+            self._n = z.shape[0] if z.ndim == 3 else 1
+            self._units = [data[name].attrs.get("units") for name in (*self._axes, z.name)]
+            time = next((names[name] for name in ("time", "t") if name in names), None)
+            if time is not None and z.ndim == 3 and data[time].shape == z.shape[:1]:
+                self.times = _seconds(data[time])
+
+    def _opened(self) -> xarray.Dataset:
+        import xarray
+
+        with open(self.path, "rb") as file:
+            classic = file.read(3) == b"CDF"
+        own: Any = {"engine": "h5netcdf", "phony_dims": "sort"}
+        options = {"engine": "scipy"} if classic else own
+        return xarray.open_dataset(self.path, decode_times=False, **options)
+
+    def __len__(self) -> int:
+        return self._n
+
+    def metres(self) -> float | None:
+        """Return the unit of x, y and z [m], None unless all have the same known one."""
+        found = {_METRES.get(str(unit).lower().removesuffix("s")) for unit in self._units}
+        return found.pop() if len(found) == 1 else None
+
+    def read(self, i: int) -> Facets:
+        """Return a frame as triangles that face up, cells split."""
+        with self._opened() as data:
+            z = data[self._height]
+            z = z[i] if z.ndim == 3 else z
+            axes = [data[name] for name in self._axes]
+            first, second = (axis.dims for axis in axes)
+            if len(first) == len(second) == 1 and (*second, *first) == z.dims:
+                z = z.transpose()
+            height = np.asarray(z.values, np.float64)
+            x, y = (np.asarray(axis.values, np.float64) for axis in axes)
+        if x.ndim == y.ndim == 1:
+            x, y = np.meshgrid(x, y, indexing="ij")
+        if not x.shape == y.shape == height.shape:
+            raise unfit(f"shapes {x.shape}, {y.shape}, {height.shape}", "x, y and z of one grid")
+        gaps = np.count_nonzero(~np.isfinite(height))
+        if gaps:
+            raise unfit(f"{gaps} gaps (nan) in z", "none: fill them first")
+        vertices = np.stack([x, y, height], axis=-1).reshape(-1, 3)
+        faces = grid_faces(*height.shape).astype(np.int64)
+        along, across = np.diff(x, axis=0)[0, 0], np.diff(x, axis=1)[0, 0]
+        turn = along * np.diff(y, axis=1)[0, 0] - across * np.diff(y, axis=0)[0, 0]
+        return vertices, faces if turn > 0.0 else faces[:, ::-1]
+
+
+def _height(data: xarray.Dataset, names: dict[str, str]) -> str:
+    """Return the name of the heights: by name, or the only array over time and a grid."""
+    for name in _HEIGHT:
+        if name in names and data[names[name]].ndim in (2, 3):
+            return names[name]
+    found = [str(name) for name, array in data.variables.items() if array.ndim == 3]
+    if len(found) != 1:
+        allowed = f"one array over time and a grid, or {', '.join(_HEIGHT)}"
+        raise unfit(f"heights {found}", allowed)
+    return found[0]
+
+
+def _seconds(time: xarray.DataArray) -> Floats:
+    """Return times [s]; dates count from the first one."""
+    word, _, rest = str(time.attrs.get("units", "s")).lower().partition(" ")
+    unit = _SECONDS.get(word) or _SECONDS.get(word.removesuffix("s"))
+    if unit is None:
+        raise unfit(f"time in {word!r}", ", ".join(_SECONDS))
+    values = np.asarray(time.values, np.float64)
+    return unit * (values - values[0] if rest.startswith("since") else values)
+
 
 _KEPT = 2  # frames in memory
 _DEEPEST = 50.0  # [m]: higher numbers are millimetres, no waves

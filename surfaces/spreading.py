@@ -16,9 +16,9 @@ from pydantic import BeforeValidator, SerializeAsAny
 
 from meshtrace.models import Family
 
-from .dispersion import GRAVITY, wavenumber
 from .parameters import WIND_SPEED, Floats, Positive, Range, finite_array
 from .spectra import elfouhaily_delta
+from .waves import GRAVITY, wavenumber
 
 _log_gamma = np.vectorize(math.lgamma, otypes=[np.float64])
 
@@ -172,76 +172,3 @@ def _cos_2s(theta: ArrayLike, s: ArrayLike) -> Floats:
     log_scale = (2.0 * s - 1.0) * math.log(2.0) + 2.0 * _log_gamma(s + 1.0)
     scale = np.exp(log_scale - _log_gamma(2.0 * s + 1.0)) / math.pi
     return scale * np.abs(np.cos(0.5 * finite_array("theta", theta))) ** (2.0 * s)
-
-
-def direction_grid(half_range: float, d_theta: float) -> Floats:
-    """Return directions spaced by `d_theta` and symmetric about the wind.
-
-    Parameters
-    ----------
-    half_range : float
-        pi / 2 or pi [rad]: the largest |theta| with energy.
-    d_theta : float
-        Distance of neighbouring directions [rad].
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        As many directions as fit; the ends -+pi/2 are included, -pi and pi are not both.
-
-    Raises
-    ------
-    Refused
-        If `d_theta` is not in (0, half_range].
-
-    Examples
-    --------
-    >>> [len(direction_grid(math.pi / 2, step)) for step in (math.pi / 5, math.pi / 20)]
-    [6, 21]
-    """
-    Range("d_theta", 0.0, half_range, "rad").check(d_theta)
-    fits = math.floor(2.0 * half_range / d_theta * (1.0 + 1e-12))
-    n = fits if half_range == math.pi else fits + 1
-    return d_theta * (np.arange(n, dtype=np.float64) - 0.5 * (n - 1))
-
-
-def direction_weights(
-    spreading: Spreading,
-    omega: ArrayLike,
-    theta: Floats,
-    d_theta: float,
-    *,
-    omega_p: float,
-    wind_speed: float,
-) -> Floats:
-    """Return the shares D(theta_j) d_theta of the energy, normalised at each frequency.
-
-    Parameters
-    ----------
-    spreading : Spreading
-        The spreading.
-    omega : array_like, shape (m,)
-        Angular frequencies [rad s-1].
-    theta : ndarray, shape (n,)
-        Directions of `direction_grid` [rad].
-    d_theta : float
-        Their distance [rad].
-    omega_p, wind_speed : float
-        Peak frequency [rad s-1] and wind speed [m s-1] of the sea.
-
-    Returns
-    -------
-    ndarray, shape (m, n)
-        Shares, every row summing to one.
-
-    Notes
-    -----
-    Cells that reach beyond the half-range are cut there, so that the ends -+pi/2 count half, as
-    in the trapezoidal rule. For the paper's directions (6 by pi/5, 21 by pi/20) and cos^2 the
-    shares of the paper, D d_theta, sum to one already.
-    """
-    half = spreading.half_range
-    cells = np.minimum(theta + 0.5 * d_theta, half) - np.maximum(theta - 0.5 * d_theta, -half)
-    column = np.asarray(omega, dtype=np.float64)[:, None]
-    shares = spreading.density(column, theta, omega_p=omega_p, wind_speed=wind_speed) * cells
-    return shares / shares.sum(axis=1, keepdims=True)

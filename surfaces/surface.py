@@ -13,9 +13,8 @@ from meshtrace.errors import Described, Refused, require_pair
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.models import Family
 
-from .gridding import GridLines, grid_axis
 from .parameters import TIME, Finite, Floats, grid_lines, points
-from .triangulate import height_field, mesh_of_sheet
+from .triangulate import GridLines, grid_axis, height_field, mesh_of_sheet
 
 MOST_VERTICES = 10_000_000
 """Vertices of a mesh beyond which it is refused."""

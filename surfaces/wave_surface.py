@@ -16,16 +16,15 @@ from meshtrace.errors import Described, Refused
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import announce
 
-from .choppy import ChoppyWaves, Sheet, with_straight_rim
-from .dispersion import angular_frequency
-from .gridding import GridLines, grid_axis
+from .nonlinear import ChoppyWaves, Sheet, with_straight_rim
 from .parameters import TIME, Depth, Finite, Floats, Positive, grid_lines, points
 from .surface import VERTEX_BYTES, Surface
-from .triangulate import mesh_of_sheet
+from .triangulate import GridLines, grid_axis, mesh_of_sheet
 from .waves import (
     FactorCache,
     GridFactors,
     WaveComponents,
+    angular_frequency,
     sum_elevation,
     sum_second_derivatives,
     sum_slopes,

@@ -34,6 +34,6 @@ viz.save_picture(ax.figure, "gain_cdf.png")
 # %%
 # The fates of the light, from individual photons.
 
-result = mt.simulate(link, sea, estimator="analog", photons=100_000)
+result = mt.simulate(link, sea, estimator="analog", photons=100_000, waves="fading")
 ax = viz.plot_fates(result)
 viz.save_picture(ax.figure, "fates.png")

@@ -34,7 +34,8 @@ wave = MeasuredSea(omega=[np.sqrt(9.81 * k)], theta=[0.0], variance=[[0.5 * a**2
 draw(top, wave, (wave.components.phase[0] / k, 0.0), 2.2)
 top.set_title(f"one wave of 2 m, a k = {a * k:.2f}")
 
-sea = JonswapSea(wind_speed=13.0, band="scaled", d_theta=np.pi / 6, seed=4)
+sea = JonswapSea(wind_speed=13.0, waves="scaled", seed=4)
+sea = sea.replace(waves=sea.band.replace(d_theta=np.pi / 6))  # few directions: high crests
 axis = np.arange(-100.0, 100.0, 0.5)
 i, j = np.unravel_index(np.argmax(sea.grid(axis, axis)[0]), (len(axis), len(axis)))
 draw(bottom, sea, (axis[i], axis[j]), 25.0)

@@ -17,7 +17,7 @@ from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
-from meshtrace.surfaces import Elfouhaily, SpectralSea
+from meshtrace.surfaces import Band, Elfouhaily, SpectralSea
 from meshtrace.tables import text_table
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
@@ -98,13 +98,14 @@ def _if_followed(measure: Callable[[], dict[str, Any]]) -> dict[str, Any] | None
 def _resolved(sea: Any) -> SpectralSea:
     """Return a sea of the same wind with waves up to 24 rad/s and tilts beyond."""
     spectrum = Elfouhaily(wind_speed=getattr(sea, "wind_speed", 5.0), fetch=30e3)
+    band = Band(
+        omega_min=0.6 * spectrum.omega_p, omega_max=24.0, d_omega=0.3, d_theta=math.pi / 18.0
+    )
     return SpectralSea(
         spectrum=spectrum,
         spreading="elfouhaily",
         mss="elfouhaily",
-        omega_max=24.0,
-        d_omega=0.3,
-        d_theta=math.pi / 18.0,
+        waves=band,
     )
 
 

@@ -5,19 +5,23 @@ from __future__ import annotations
 import json
 import math
 import warnings
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from meshtrace.errors import Described, Refused
 from meshtrace.fading.spectral import paraxial_lever, scintillation_of_spectrum
-from meshtrace.mesh import FADING, require_surface
+from meshtrace.mesh import Plane, require_surface
 
 WITHIN = 0.03
 """Relative error of the scintillation index up to which a band counts as resolved."""
 
 SHORT = 0.10
 """Relative error of the scintillation index beyond which a warning is issued."""
+
+FADING = "fading"
+"""Name of all waves that make the light of a link fade."""
 
 _START = 3.5  # k_max times the blur where the search begins
 _STEP = 2.0**0.5
@@ -51,9 +55,9 @@ class BandFading(NamedTuple):
         if self.needed is None:
             return None
         return (
-            f"omega_max: waves up to {self.omega_max:.3g} rad/s give a scintillation index of "
+            f"waves: those up to {self.omega_max:.3g} rad/s give a scintillation index of "
             f"{self.index_of_band:.2g}, all waves {self.index_of_all:.2g}; for fading use "
-            f"omega_max = {self.needed:.3g} rad/s"
+            f'waves = "fading", here up to {self.needed:.3g} rad/s'
         )
 
 
@@ -72,7 +76,7 @@ def band_fading(link: Any, sea: Any) -> BandFading | None:
     """
     if not hasattr(sea, "slope_spectrum"):
         return None
-    omega_max = sea.band_limits.omega_max
+    omega_max = sea.band.omega_max
     try:
         whole = sea.short_waves
         found = BandFading(
@@ -117,11 +121,11 @@ def fading_band(link: Any, sea: Any, within: float = WITHIN) -> float:
     compares `scintillation_of_spectrum` with tilts to that of all waves.
     """
     if getattr(sea, "mss", None) == "band":
-        raise Refused("omega_max", FADING, 'a frequency > 0 rad/s with mss = "band"')
+        raise Refused("waves", FADING, 'others with mss = "band"')
     if getattr(sea, "short_waves", sea) is not sea:
         found = Described(f'"{FADING}" over a spectrum whose tail is no model of short waves')
-        allowed = 'a number, or Elfouhaily\'s spectrum with spreading and mss = "elfouhaily"'
-        raise Refused("omega_max", found, allowed)
+        allowed = 'others, or Elfouhaily\'s spectrum with spreading and mss = "elfouhaily"'
+        raise Refused("waves", found, allowed)
     target = scintillation_of_spectrum(link, sea)
 
     def resolved(omega: float) -> bool:
@@ -132,7 +136,7 @@ def fading_band(link: Any, sea: Any, within: float = WITHIN) -> float:
         high *= _STEP
         if high > _HIGHEST:
             found = Described(f'"{FADING}" with mss = "{sea.mss}", which no band follows')
-            raise Refused("omega_max", found, 'a number, or mss = "elfouhaily"')
+            raise Refused("waves", found, 'others, or mss = "elfouhaily"')
     low = high / _STEP
     while resolved(low):
         low, high = low / _STEP, low
@@ -142,8 +146,8 @@ def fading_band(link: Any, sea: Any, within: float = WITHIN) -> float:
     return float(f"{high:.4g}")
 
 
-def resolve_band(link: Any, sea: Any, fading: bool = False) -> Any:
-    """Return a sea with `omega_max="fading"` replaced by the number for a link.
+def resolve_band(link: Any, sea: Any, waves: Any = None, fading: bool = False) -> Any:
+    """Return a sea with the waves that a mesh for a link holds.
 
     Parameters
     ----------
@@ -151,63 +155,90 @@ def resolve_band(link: Any, sea: Any, fading: bool = False) -> Any:
         The link. A link off its axis has the band of its first source and its first receiver on
         one axis.
     sea : Surface
-        Any surface; one without `omega_max="fading"` is returned unchanged.
+        Any surface.
+    waves : {"mean", "fading", "paper", "scaled"}, float or Band, optional
+        Waves of the mesh, see `Meshing`, in place of those of the sea. Of a sum of seas "fading"
+        is for the windiest part, the others for all parts of a spectrum.
     fading : bool
-        Whether an answer is about fading: a random sea whose band was left open (`for_fading`),
-        or the windiest part of a sum, then is one with `omega_max="fading"`, to 10 % of the index
-        where no band has it to 3 %. Not without random slopes (`Physics.unresolved`), where the
-        index of a band overshoots that of all waves.
+        Whether an answer is about fading: a random sea whose waves were left open (`for_fading`),
+        or the windiest part of a sum, then has those of "fading", to 10 % of the index where no
+        band has it to 3 %. Not without random slopes (`Physics.unresolved`), where the index of a
+        band overshoots that of all waves.
 
     Raises
     ------
     Refused
-        If it is no surface, or the sea has `omega_max="fading"` and no band will do, see
-        `fading_band`.
+        If it is no surface or has no such waves, or no band has the fading (`fading_band`).
 
     Warns
     -----
     UserWarning
-        If an open band stays because no band will do.
+        If open waves stay because no band will do.
 
     Examples
     --------
     >>> import meshtrace as mt
     >>> from meshtrace.surfaces import JonswapSea, resolved_sea
-    >>> resolved = resolve_band(mt.Link(), resolved_sea(5.0, fetch=30e3))
+    >>> resolved = resolve_band(mt.Link(), resolved_sea(5.0, fetch=30e3), "fading")
     >>> 16.0 < resolved.omega_max < 32.0
     True
     >>> resolve_band(mt.Link(), JonswapSea(wind_speed=5.0), fading=True) == resolved
     True
     """
     require_surface(sea)
-    if getattr(sea, "omega_max", None) == FADING:
-        return _resolved(link, getattr(sea, "for_fading", sea))
+    if waves is not None:
+        return _chosen(link, sea, waves)
     if not fading or link.physics.unresolved == "none":
         return sea
     if hasattr(sea, "windiest"):
-        whole = sea.windiest
-        parts = [resolve_band(link, part, True) if part is whole else part for part in sea.parts]
-        return sea if parts == list(sea.parts) else sea.model_copy(update={"parts": parts})
+        return _with_windiest(sea, lambda part: resolve_band(link, part, fading=True))
     for within in (WITHIN, SHORT):
         try:
-            opened = getattr(sea, "for_fading", sea)
-            return sea if opened is sea else _resolved(link, opened, within)
+            opened = getattr(sea, "for_fading", None)
+            return sea if opened is None else _resolved(link, opened, within)
         except Refused as error:
             reason = str(error)
     warnings.warn(f"the fading of short waves is left out: {reason}", stacklevel=2)
     return sea
 
 
+def _chosen(link: Any, sea: Any, waves: Any) -> Any:
+    """Return a sea with chosen waves in place of its own."""
+    if hasattr(sea, "windiest"):
+        if waves == FADING:
+            return _with_windiest(sea, lambda part: _chosen(link, part, waves))
+        parts = [_chosen(link, p, waves) if _has_waves(p) else p for p in sea.parts]
+        return sea.model_copy(update={"parts": parts})
+    if not _has_waves(sea):
+        if waves == "mean" or isinstance(sea, Plane):
+            return sea
+        raise Refused("waves", waves, "over a sea of a spectrum: JonswapSea, SpectralSea")
+    if waves == FADING:
+        free = sea.model_copy(update={"omega_max": None, "waves": None})
+        return _resolved(link, free.for_fading or free)
+    return sea.model_copy(update={"omega_max" if isinstance(waves, float) else "waves": waves})
+
+
+def _has_waves(sea: Any) -> bool:
+    return hasattr(type(sea), "band")
+
+
+def _with_windiest(sea: Any, changed: Callable[[Any], Any]) -> Any:
+    """Return a sum of seas with its windiest part changed."""
+    whole = sea.windiest
+    parts = [changed(part) if part is whole else part for part in sea.parts]
+    return sea if parts == list(sea.parts) else sea.model_copy(update={"parts": parts})
+
+
 def _resolved(link: Any, sea: Any, within: float = WITHIN) -> Any:
-    """Return a sea with the number for `omega_max="fading"`."""
+    """Return a sea with all waves that make the light of a link fade."""
     try:
         return sea.model_copy(update={"omega_max": _cached_band(_on_axis(link), sea, within)})
     except Refused as error:
-        if error.field == "omega_max":
+        if error.field == "waves":
             raise
         found = Described(f'"{FADING}" with {error.field} {error.value}')
-        allowed = f"a frequency > 0 rad/s, or {error.field} {error.allowed}"
-        raise Refused("omega_max", found, allowed) from None
+        raise Refused("waves", found, f"others, or {error.field} {error.allowed}") from None
 
 
 def _on_axis(link: Any) -> Any:

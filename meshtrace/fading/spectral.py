@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.errors import Described, Refused, require_array, require_between
-from meshtrace.mesh import FADING
 from meshtrace.models import Floats
 
 _DISTANCES = 130
@@ -102,22 +101,26 @@ def scintillation_of_spectrum(
     return float(_covariance(*_slopes_seen(link, sea, omega_max, tilts), np.zeros(1), heights)[0])
 
 
-def gain_autocovariance(link: Any, sea: Any, lags: ArrayLike) -> Floats:
+def gain_autocovariance(
+    link: Any, sea: Any, lags: ArrayLike, omega_max: float | None = None
+) -> Floats:
     r"""Compute the autocovariance of the unscattered gain over time, over its squared mean.
 
     The integral of `scintillation_of_spectrum` with C_ij(R, tau) = int k_i k_j Psi(k)
-    cos(k . R - omega tau) d^2k. Waves up to the highest frequency of the sea are resolved; slopes
-    beyond it tilt the surface as `sea.mss` says.
+    cos(k . R - omega tau) d^2k. Waves up to `omega_max` are resolved; slopes beyond it tilt the
+    surface as `sea.mss` says.
 
     Parameters
     ----------
     link : Link
         As for `scintillation_of_spectrum`.
     sea : JonswapSea or SpectralSea
-        The sea, with its band of frequencies, all waves for `omega_max="fading"`; `choppy` and
-        `order` are left out.
+        The sea; `choppy` and `order` are left out.
     lags : array_like
         Time lags tau [s].
+    omega_max : float, optional
+        Highest frequency of the waves [rad s-1], by default that of the sea's band; infinite for
+        all waves.
 
     Returns
     -------
@@ -134,8 +137,8 @@ def gain_autocovariance(link: Any, sea: Any, lags: ArrayLike) -> Floats:
     if not np.isfinite(tau).all():
         raise Refused("lags", lags, "finite times [s]")
     _require_spectrum(sea)
-    fading = getattr(sea, "omega_max", None) == FADING
-    parts = _slopes_seen(link, sea, None if fading else sea.band_limits.omega_max)
+    limit = sea.band.omega_max if omega_max is None else omega_max
+    parts = _slopes_seen(link, sea, None if limit == math.inf else limit)
     return _covariance(*parts, tau.ravel()).reshape(tau.shape)
 
 

@@ -12,7 +12,7 @@ from meshtrace.kernels.random import realization_seed
 from meshtrace.models import Floats
 from meshtrace.paper.registry import Number, Setting
 from meshtrace.scenario import Scenario
-from meshtrace.surfaces.bands import paper_band
+from meshtrace.surfaces.bands import PAPER_BANDS
 from meshtrace.uav.airframe import UAVS
 
 Form = Literal["physical", "paper"]
@@ -70,7 +70,8 @@ def scenario(wind: float, form: Form, **tables: Any) -> Scenario:
     **tables
         Keys of a link file that replace those of the paper's link.
     """
-    sea = {"band": paper_band(wind), **tables.pop("sea", {})}
+    waves = "paper" if wind in PAPER_BANDS else "scaled"
+    sea = {"waves": waves, **tables.pop("sea", {})}
     config: dict[str, Any] = {"wind_speed": wind, "physics": form, "sea": sea, **tables}
     if wind == 0.0:
         config |= {"whitecaps": "none", "bubbles": {"model": "none"}, "sea": {"spectrum": "flat"}}

@@ -112,7 +112,7 @@ def _made(folder: Path, one: Figure, setting: Setting, quick: bool) -> dict[str,
     wall, cpu = time.perf_counter(), time.process_time()
     with style(), warnings.catch_warnings():
         # the figures are those of the paper's bands, and their captions state the missing waves
-        warnings.filterwarnings("ignore", "omega_max: .* give a scintillation index")
+        warnings.filterwarnings("ignore", "waves: .* give a scintillation index")
         output = one.make(setting, **one.effort(quick))
         rows = one.table(output)
         _write(folder / one.name, output, rows)

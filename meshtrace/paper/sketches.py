@@ -38,7 +38,7 @@ def _shot(scene: Any) -> Any:
 def link(setting: Setting, paths: int) -> FigureOutput:
     """Draw LED, sea, bubbles, light and UAV."""
     made = mt.Link(bubbles=mt.HallNovarini(wind_speed=WIND))
-    sea = JonswapSea(wind_speed=WIND, seed=setting.seed, band="paper")
+    sea = JonswapSea(wind_speed=WIND, seed=setting.seed, waves="paper")
     light = mt.trace_paths(made, sea, paths, seed=setting.seed)
     scene = viz.scene(made, sea, paths=light, received=40, seed=setting.seed, style=STYLE)
     picture = _shot(scene)
@@ -89,7 +89,7 @@ def offset(setting: Setting) -> FigureOutput:
     """Draw the link with a receiver off the axis of the LED."""
     distance = 2.0
     made = mt.Link(receiver=mt.Receiver(position=(distance, 0.0)))
-    sea = JonswapSea(seed=setting.seed, band="paper")
+    sea = JonswapSea(seed=setting.seed, waves="paper")
     scene = viz.scene(made, sea, received=25, seed=setting.seed, style=STYLE)
     height = mt.Receiver().height
     above = (0.0, 0.0, height)
@@ -108,7 +108,7 @@ def surfaces(setting: Setting, seas: int) -> FigureOutput:
     picture, axes = panels(2, 2, width=5.6, height=4.0)
     elevation, numbers = [], []
     for j, wind in enumerate(ROUGH):
-        sea = JonswapSea(wind_speed=wind, seed=setting.seed, band="paper")
+        sea = JonswapSea(wind_speed=wind, seed=setting.seed, waves="paper")
         z = sea.grid(axis, axis)[0]
         limit = float(np.abs(z).max())
         scene = viz.scene(None, sea.mesh(extent=HALF_WIDTH, spacing=0.5), style=SEA_STYLE)

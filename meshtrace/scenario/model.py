@@ -11,7 +11,6 @@ from pydantic import ValidationInfo, field_validator
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Described, Refused, require_keys, require_kind
-from meshtrace.fading.resolving import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model, trusting
@@ -49,7 +48,7 @@ class Scenario(Model, frozen=True):
     surface : MeshSource or MeshFile
         The sea: a model, meshes in time, or one mesh.
     meshing : Meshing
-        Time and resolution at which the sea is triangulated.
+        Time, resolution and waves at which the sea is triangulated.
     run : Run
         Options of the run.
     detector : OokLink, optional
@@ -181,13 +180,10 @@ class Scenario(Model, frozen=True):
         -----
         `physics="paper"` also sets the published forms that lie outside `Physics`, where they are
         not given: `cdf_coef` of a Fournier-Forand phase function; psi, q and depth of the
-        bubbles; whitecaps "paper_0255"; equally spaced bands of the sea. The estimator is "forced"
+        bubbles; whitecaps "paper_0255"; equally spaced waves of the sea. The estimator is "forced"
         unless given, or "analog" for a link or a surface that forced detection cannot follow.
 
-        A band of the sea that is left open is that of mean gains or, in studies of fading, that
-        of `omega_max = "fading"`. `fading = false` in [run] stands for the former in all studies,
-        `fading = true` for the latter; and `omega_max = "fading"` for the spectrum, spreading and
-        slope variance of Elfouhaily unless the table names others.
+        `waves` in [sea] chooses the waves of all studies, see `Meshing`.
         """
         with trusting(trust):
             return cls._of(config, folder)
@@ -199,11 +195,9 @@ class Scenario(Model, frozen=True):
         wind_speed = parts.read_wind_speed(config)
         sea = as_table(config.get("sea", {}), "sea")
         run = as_table(config.get("run", {}), "run")
-        mean_gains = seas.read_fading(run, sea)
-        meshing: Table = {key: sea.pop(key) for key in ("time", "extent", "spacing") if key in sea}
+        meshing = seas.read_sampling(sea)
         printed = config.get("physics") == "paper"
         surface = seas.read_surface(sea, wind_speed, meshing, Path(folder), printed)
-        surface = seas.of_mean_gains(surface) if mean_gains else surface
         link = parts.read_link(config, wind_speed)
         normals = {"normals": run.pop("normals")} if "normals" in run else {}
         run = {**parts.default_estimator(link), **run}
@@ -213,7 +207,7 @@ class Scenario(Model, frozen=True):
             link=link,
             surface=surface,
             meshing=validated(Meshing, {**checked.model_dump(), **meshing}, "sea"),
-            run=validated(Run, run, "run", (*run_keys(), "fading")),
+            run=validated(Run, run, "run", run_keys()),
             detector=parts.read_detector(config["detector"]) if "detector" in config else None,
             uav=parts.read_uav(config["uav"]) if "uav" in config else None,
             daylight=read_daylight(config["daylight"], link) if "daylight" in config else None,
@@ -319,8 +313,14 @@ class Scenario(Model, frozen=True):
             "run": (run, run.estimator, self.meshing),
         }
 
-    def case(self, surface: MeshSource | TriangleMesh | None = None, fading: bool = False) -> Case:
-        """Return link, surface and options of the run, over another surface if one is given.
+    def case(
+        self,
+        surface: MeshSource | TriangleMesh | None = None,
+        fading: bool = False,
+        mesh: Meshing | None = None,
+        **options: Any,
+    ) -> Case:
+        """Return link, surface and options of the run, with other ones where they are given.
 
         Parameters
         ----------
@@ -328,23 +328,24 @@ class Scenario(Model, frozen=True):
             Another surface.
         fading : bool
             Whether the answer is about fading, see `fading.resolve_band`.
+        mesh : Meshing, optional
+            Another time, resolution and choice of waves.
+        **options
+            Fields of `Run`, of its estimator and of `Meshing`.
 
         Raises
         ------
         Refused
-            If a mesh file cannot be read or does not cover the link.
+            If a mesh file cannot be read or does not cover the link, or the sea has no such waves.
         """
         origin = {}
-        if surface is not None:
-            surface = resolve_band(self.link, surface, fading)
-        elif isinstance(self.surface, MeshFile):
+        if surface is None and isinstance(self.surface, MeshFile):
             footprint = self.link.footprint()
             needed = footprint.fine_extent + max(map(abs, footprint.center))
             surface = self.surface.load(self.meshing.extent or needed)
             origin = {"mesh_file": self.surface.file}
-        else:
-            surface = resolve_band(self.link, self.surface, fading)
-        return Case(self.link, surface, self.run, self.meshing, origin)
+        case = Case(self.link, surface or self.surface, self.run, self.meshing, origin)
+        return case.with_options(mesh, **options).with_waves(fading)
 
     def mesh(self) -> TriangleMesh:
         """Return the surface as the run needs it.

@@ -11,15 +11,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from meshtrace.errors import MISSING, Described, Refused, did_you_mean, reason_of, require_keys
+from meshtrace.errors import (
+    MISSING,
+    Described,
+    Refused,
+    did_you_mean,
+    is_number,
+    reason_of,
+    require_keys,
+)
 from meshtrace.link import Link
-from meshtrace.mesh import FADING, MeshSource, SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Family, Model
 from meshtrace.scenario.tables import Table, as_table, validated, without_shared_wind
 
 _SEA_ALIASES = {"sinusoidal": "sinusoid", "tilted-plane": "plane"}
-_SHORT_WAVES = "elfouhaily"  # spectrum, spreading and slopes of a sea that makes light fade
-_FETCH = 30e3  # of that sea, as of the JONSWAP sea [m]
 _SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "meshes", "time", "extent", "spacing")
 
 
@@ -63,27 +69,13 @@ class MeshFile(Model, frozen=True):
             raise Refused("sea.mesh", problem, allowed) from error
 
 
-def read_fading(run: Table, sea: Table) -> bool:
-    """Return whether the sea is one of mean gains; move a true `fading` of [run] to [sea]."""
-    fading = run.pop("fading", None)
-    if not isinstance(fading, bool | None):
-        raise Refused("run.fading", fading, "true or false")
-    if fading is False and sea.get("omega_max") == FADING:
-        raise Refused("sea.omega_max", FADING, "a number with run.fading = false")
-    if fading and ("mesh" in sea or "meshes" in sea):
-        raise Refused("run.fading", fading, "a sea model")
-    if fading and sea.setdefault("omega_max", FADING) != FADING:
-        raise Refused("sea.omega_max", sea["omega_max"], f'"{FADING}" with run.fading = true')
-    return fading is False
-
-
-def of_mean_gains(sea: Any) -> Any:
-    """Return a sea whose open band is the one of mean gains for every study."""
-    if hasattr(sea, "parts"):
-        return sea.model_copy(update={"parts": [of_mean_gains(part) for part in sea.parts]})
-    if getattr(sea, "for_fading", sea) is sea:
-        return sea
-    return sea.model_copy(update={"omega_max": sea.band_limits.omega_max})
+def read_sampling(sea: Table) -> Table:
+    """Move the keys of `Meshing` out of [sea]; a sea holds the names of its own waves."""
+    keys = ["time", "extent", "spacing"]
+    waves = sea.get("waves")
+    if waves == "fading" or is_number(waves) or "part" in sea:
+        keys.append("waves")
+    return {key: sea.pop(key) for key in keys if key in sea}
 
 
 def read_surface(
@@ -91,22 +83,19 @@ def read_surface(
 ) -> Any:
     """Return the surface of [sea] without its `sampling` keys.
 
-    `printed` has the equally spaced bands of the paper unless the table names others.
+    `printed` has the equally spaced waves of the paper unless the table names others.
     """
     if "mesh" in table:
         return _mesh_file(table, sampling, folder)
     if "meshes" in table:
         return _mesh_sequence(table, folder)
     from meshtrace.surfaces import FlatSea, Surface
+    from meshtrace.surfaces.bands import paper_waves
 
     if table.get("spectrum") == "measured" and "file" in table:
         return _measured(table, wind_speed)
     if "part" in table:
         return _sum(table, wind_speed, folder, printed)
-    if table.get("omega_max") == FADING and table.get("spectrum", _SHORT_WAVES) == _SHORT_WAVES:
-        known = {"spectrum": _SHORT_WAVES, "spreading": _SHORT_WAVES, "mss": _SHORT_WAVES}
-        table = {**known, "fetch": _FETCH, **table}
-
     word = table.pop("spectrum", table.pop("kind", "jonswap"))
     model = Surface.member("spectral") if isinstance(word, Mapping) else _named(word)
     keys, calm = _SEA_KEYS, False
@@ -115,10 +104,9 @@ def read_surface(
         model = Surface.member("spectral")
     elif _follows_wind(model):
         table, calm = _driven(table, wind_speed)
-    if printed and "band" in model.model_fields:
-        banded: Any = model
-        table = {"band": banded.equally_spaced_band(table), **table}
-    surface = validated(model, table, "sea", keys)
+    surface: Any = validated(model, table, "sea", keys)
+    if printed and "waves" in model.model_fields and surface.waves is None:
+        surface = surface.replace(waves=paper_waves(surface.spectrum))
     return FlatSea() if calm else surface
 
 

@@ -414,7 +414,7 @@ def campaign_of(
         given = {"photons": DEFAULT_CHAINS, **given}
     elif several and surface is None and isinstance(scenario.surface, MeshFile):
         raise Refused("sea.mesh", scenario.surface.file, "a sea model")
-    case = resolve(link, surface, fading).with_options(**given)
+    case = resolve(link, surface, fading, **given)
     if not isinstance(case.run.estimator, Forced):
         allowed = f"forced{', over many seas' if several else ''}"
         raise Refused("run.estimator", "analog", allowed)

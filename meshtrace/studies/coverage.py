@@ -118,7 +118,7 @@ def coverage_map(
     """
     given = {"seed": seed, "normals": normals, "threads": threads}
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    case = resolve(link, surface).with_options(**options)
+    case = resolve(link, surface, **options)
     kinds = (Receiver, WaterReceiver)
     receiver = next((r for r in case.link.receivers if isinstance(r, kinds)), None)
     if receiver is None:

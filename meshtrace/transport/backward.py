@@ -86,7 +86,7 @@ def background(
     if water is not None:
         require_word(water, ("quasi-single", "walk", "none"), "water")
         day = day.replace(water=water)
-    case = resolve(link, surface).with_options(mesh, **options)
+    case = resolve(link, surface, mesh=mesh, **options)
     found, config = mesh_for(case.link, case.surface, case.meshing)
     run = {"photons": photons, "seed": seed, **case.meshing.model_dump()}
     origin = {**provenance(case.link, config, run), "daylight": day.model_dump(mode="json")}

@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 from meshtrace.errors import Refused, require_keys
 from meshtrace.models import Family, Finite, Model
 from meshtrace.stored import SHIFTS
+from meshtrace.surfaces.bands import Band, MeshWaves
 
 BLOCK = 4096
 """Photons whose scores are added first: fixed, so that sums do not depend on the chunks."""
@@ -35,12 +36,19 @@ class Meshing(Model, frozen=True):
         waves are short or curvature changes within it, and coarser outside.
     normals : {"vertex", "facet"}
         Normals interpolated from the exact slopes at the corners, or those of the facets.
+    waves : {"mean", "fading", "paper", "scaled"}, float or Band, optional
+        Waves that the mesh of a sea holds; the slopes of shorter ones are random. "mean": those
+        about the peak, enough for mean gains. "fading": all that make the light of the link fade
+        (`fading.resolve_band`). "paper", "scaled": equally spaced ones (`bands.named_band`). A
+        number: those up to a frequency [rad s-1]. By default those of the sea, or else "fading"
+        in studies of fading and "mean" in others.
     """
 
     time: Finite = 0.0
     extent: float | None = Field(None, gt=0.0, allow_inf_nan=False)
     spacing: float | None = Field(None, gt=0.0, allow_inf_nan=False)
     normals: Literal["vertex", "facet"] = "vertex"
+    waves: MeshWaves = None
 
 
 class Estimator(
@@ -152,6 +160,7 @@ class Shortcuts(TypedDict, total=False):
     extent: float | None
     spacing: float | None
     normals: Literal["vertex", "facet"]
+    waves: str | float | Band | None
     batch_size: int
     first_photon: int
     max_surface_events: int

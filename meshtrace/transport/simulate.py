@@ -85,7 +85,7 @@ def simulate(
     seed : int, optional
         Key of the random numbers, 0 <= seed < 2^64, 1 by default.
     mesh : Meshing, optional
-        Time and resolution of the surface.
+        Time, resolution and waves of the surface.
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
     record : sequence of Arrivals or IrradianceMap
@@ -93,7 +93,7 @@ def simulate(
     progress : callable, optional
         Called with the number of photons followed since its last call.
     **options
-        Fields of `Meshing` (`normals`, `time`, `extent`, `spacing`) and of the estimator.
+        Fields of `Meshing` (`normals`, `time`, `extent`, `spacing`, `waves`) and of the estimator.
 
     Returns
     -------
@@ -119,9 +119,10 @@ def simulate(
     >>> round(r.gain * 1e5, 1)
     6.0
     """
-    given = {"estimator": estimator, "photons": photons, "rtol": rtol, "seed": seed}
-    given = {key: v for key, v in {**given, "threads": threads}.items() if v is not None}
-    case = resolve(link, surface).with_options(mesh, **given, **options)
+    own = {"estimator": estimator, "photons": photons, "rtol": rtol, "seed": seed}
+    given: dict[str, Any] = {**own, "threads": threads}
+    given = {key: value for key, value in given.items() if value is not None}
+    case = resolve(link, surface, mesh=mesh, **given, **options)
     case = case._replace(run=case.run.replace(threads=default_threads(case.run.threads)))
     try:
         result = _simulated(case, record, progress)
@@ -280,7 +281,7 @@ def trace_paths(
     max_vertices : int
         Vertices kept of a photon, >= 2.
     **options
-        Fields of `Meshing`: `normals`, `time`, `extent`, `spacing`.
+        Fields of `Meshing`: `normals`, `time`, `extent`, `spacing`, `waves`.
 
     Returns
     -------
@@ -288,8 +289,8 @@ def trace_paths(
     """
     require_whole(n, 1, 100_000, "n")
     require_whole(max_vertices, 2, _MOST_VERTICES // n, "max_vertices")
-    given = {} if seed is None else {"seed": seed}
-    case = resolve(link, surface).with_options(mesh, **given, **options)
+    given: dict[str, Any] = {} if seed is None else {"seed": seed}
+    case = resolve(link, surface, mesh=mesh, **given, **options)
     made, _ = mesh_for(case.link, case.surface, case.meshing)
     key, normals = case.run.seed, case.meshing.normals
     if received_only:

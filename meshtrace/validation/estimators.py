@@ -25,7 +25,7 @@ def estimator_checks(photons: int) -> Iterator[Check]:
     kill, receiver = Physics(reflected="kill"), Receiver(radius=0.25)
     plain = Link(receiver=receiver, physics=kill)
     bubbly = Link(receiver=receiver, physics=kill, bubbles=HallNovarini(wind_speed=13.0))
-    sea = JonswapSea(wind_speed=13.0, seed=3, band="paper")
+    sea = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
     cases: dict[str, tuple[Link, SurfaceModel, Literal["vertex", "facet"]]] = {
         "flat": (plain, FlatSea(), "vertex"),
         "13 m/s": (plain, sea, "vertex"),

@@ -63,7 +63,7 @@ def surface(name: str) -> SurfaceModel:
         return FlatSea()
     if name == "sinusoid":
         return SinusoidalSea(amplitude=0.05, wavelength=3.0)
-    return JonswapSea(wind_speed=float(name.removeprefix("jonswap")), band="paper", seed=7)
+    return JonswapSea(wind_speed=float(name.removeprefix("jonswap")), waves="paper", seed=7)
 
 
 def link(variant: str) -> Link:

@@ -32,7 +32,7 @@ from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 
 LINK = mt.Link()
-SEA = JonswapSea(seed=3, band="paper")
+SEA = JonswapSea(seed=3, waves="paper")
 
 
 @pytest.fixture(scope="module")

@@ -14,11 +14,11 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.bench import figure_of_merit, new_sea, resolved_sea
-from meshtrace.surfaces import Elfouhaily, JonswapSea, SpectralSea
+from meshtrace.surfaces import Band, Elfouhaily, JonswapSea, SpectralSea
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 
-SEA = JonswapSea(wind_speed=13.0, seed=7, band="paper")
+SEA = JonswapSea(wind_speed=13.0, seed=7, waves="paper")
 CHAINS = 1024  # for 1 % in every realization
 
 
@@ -55,9 +55,7 @@ def test_realizations_of_a_resolved_sea(benchmark):
         spectrum=Elfouhaily(wind_speed=5.0, fetch=30e3),
         spreading="elfouhaily",
         mss="elfouhaily",
-        omega_max=24.0,
-        d_omega=0.2,
-        d_theta=0.1,
+        waves=Band(omega_min=1.18, omega_max=24.0, d_omega=0.2, d_theta=0.1),
     )
     info = benchmark.pedantic(resolved_sea, (mt.Link(), sea), {"threads": 2}, rounds=1)
     benchmark.extra_info.update(info)

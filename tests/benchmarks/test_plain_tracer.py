@@ -8,7 +8,7 @@ from plain_tracer import plain_gain, turn
 import meshtrace as mt
 from meshtrace.surfaces import FlatSea, JonswapSea
 
-SEAS = [FlatSea(), JonswapSea(wind_speed=13.0, seed=7, band="paper")]
+SEAS = [FlatSea(), JonswapSea(wind_speed=13.0, seed=7, waves="paper")]
 
 
 @pytest.mark.parametrize("sea", SEAS, ids=["flat", "jonswap"])

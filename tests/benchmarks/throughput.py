@@ -25,7 +25,7 @@ SMOOTH = mt.Link(physics=mt.Physics(unresolved="none"))
 
 def default_mesh(link: mt.Link) -> mt.TriangleMesh:
     """Return the 13 m/s sea over the footprint of a link."""
-    return mesh_for(link, JonswapSea(wind_speed=13.0, seed=7, band="paper"))[0]
+    return mesh_for(link, JonswapSea(wind_speed=13.0, seed=7, waves="paper"))[0]
 
 
 def measure_against_plain(

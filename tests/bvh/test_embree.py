@@ -9,7 +9,7 @@ import pytest
 from meshtrace.bvh import EmbreeIntersector, embree
 from meshtrace.surfaces import JonswapSea
 
-SEA = JonswapSea(wind_speed=13.0, seed=7, band="paper")
+SEA = JonswapSea(wind_speed=13.0, seed=7, waves="paper")
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from meshtrace.results.gain import Fate
 from meshtrace.surfaces import JonswapSea
 from meshtrace.transport.analog import run_analog
 
-SEA = JonswapSea(wind_speed=13.0, seed=7, band="paper")
+SEA = JonswapSea(wind_speed=13.0, seed=7, waves="paper")
 
 
 @pytest.mark.parametrize("normals", ["vertex", "facet"])

@@ -19,12 +19,12 @@ TOLERANCE = 2e-5  # [m], some units of single precision at 10 m
 
 @pytest.fixture(scope="module")
 def mesh():
-    return JonswapSea(wind_speed=13.0, seed=7, band="paper").mesh(extent=6.0, spacing=1.0)
+    return JonswapSea(wind_speed=13.0, seed=7, waves="paper").mesh(extent=6.0, spacing=1.0)
 
 
 @pytest.fixture(scope="module")
 def fine_mesh():
-    return JonswapSea(wind_speed=13.0, seed=7, band="paper").mesh(extent=60.0, spacing=0.25)
+    return JonswapSea(wind_speed=13.0, seed=7, waves="paper").mesh(extent=60.0, spacing=0.25)
 
 
 def to_unit(d):

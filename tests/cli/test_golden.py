@@ -31,7 +31,7 @@ OUTPUTS = {
 REFUSED_FILES = [
     "[transmitter]\ndepth = -3.0",
     "[receiver]\nheight = -0.5",
-    '[sea]\nband = "paper"\n[receiver]\nheight = 0.1',
+    '[sea]\nwaves = "paper"\n[receiver]\nheight = 0.1',
     "[receiver]\nfov_deg = 181",
     "[water]\na = nan",
     "wind_speed = inf",

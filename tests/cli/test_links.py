@@ -21,7 +21,7 @@ def test_new_prints_a_file_that_loads_back(tmp_path):
 
 def test_new_shows_keys_and_tables_that_are_not_set(tmp_path):
     printed = meshtrace("new").stdout
-    for line in ('# type = "jerlov-IB"', '# spectrum = "measured"', "# fading = true"):
+    for line in ('# type = "jerlov-IB"', '# spectrum = "measured"', '# waves = "fading"'):
         assert f"\n{line}" in printed
     unset = printed[printed.index("# [detector]") :]
     tables = re.findall(r"^# \[(.+)\]$", unset, re.MULTILINE)

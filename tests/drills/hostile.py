@@ -128,7 +128,7 @@ def _calls():
     import meshtrace as mt
     from meshtrace import surfaces
 
-    link, sea = mt.Link(), surfaces.JonswapSea(wind_speed=5.0, seed=7, band="paper")
+    link, sea = mt.Link(), surfaces.JonswapSea(wind_speed=5.0, seed=7, waves="paper")
     grid = {"spacing": 0.5, "threads": 1}
     run = {"link": link, "surface": sea, "photons": 32, "seed": 1, "time": 0.0, **grid}
     many = {"link": link, "sea": sea, "surface": sea, "photons": 32, "seed": 1, **grid}
@@ -307,7 +307,7 @@ def judged(code, stdout, stderr, error=None):
 def _mesh():
     from meshtrace.surfaces import JonswapSea
 
-    return JonswapSea(wind_speed=5.0, seed=7, band="paper").mesh(extent=15.0, spacing=1.5)
+    return JonswapSea(wind_speed=5.0, seed=7, waves="paper").mesh(extent=15.0, spacing=1.5)
 
 
 def meshes(random, folder):
@@ -394,7 +394,7 @@ def _results(folder):
     from meshtrace.surfaces import FlatSea, JonswapSea
 
     folder.mkdir(exist_ok=True)
-    link, sea = mt.Link(), JonswapSea(wind_speed=5.0, seed=7, band="paper")
+    link, sea = mt.Link(), JonswapSea(wind_speed=5.0, seed=7, waves="paper")
     one = mt.simulate(link, FlatSea(), photons=32, threads=1)
     series = mt.time_series(link, sea, [0.0, 1.0], photons=32, threads=1)
     made = {}

@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.drill, pytest.mark.process]
 CODE = """
 import meshtrace as mt
 from meshtrace.surfaces import JonswapSea
-sea = JonswapSea(wind_speed=5.0, seed=7, band="paper")
+sea = JonswapSea(wind_speed=5.0, seed=7, waves="paper")
 for estimator in ("forced", "analog"):
     print(mt.simulate(mt.Link(), sea, estimator=estimator, photons=64, spacing=0.5, threads=1).gain)
 """

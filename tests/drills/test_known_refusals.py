@@ -41,7 +41,7 @@ OVER, DAY = {"receiver.fov_deg": (10.0, 60.0)}, mt.Daylight(direct=1.4, diffuse=
 
 Z = np.array([0.0, 50.0])
 WATER = profiles.WaterProfile(Z, np.array([26.0, 22.0]), np.array([35.0, 35.0]))
-CHOPPY = surfaces.JonswapSea(wind_speed=5.0, band="paper", choppy=True)
+CHOPPY = surfaces.JonswapSea(wind_speed=5.0, waves="paper", choppy=True)
 
 METHODS = [
     ("x_axis", lambda: SEA.grid(np.zeros((2, 2)), TIMES)),

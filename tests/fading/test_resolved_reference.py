@@ -34,7 +34,7 @@ def index(gain):
     return float(gain.var(ddof=1) / gain.mean() ** 2), float(found.std())
 
 
-@pytest.mark.filterwarnings("ignore:omega_max")  # short bands on purpose
+@pytest.mark.filterwarnings("ignore:waves")  # short bands on purpose
 @pytest.mark.parametrize(
     ("name", "omega_max"),
     [("nothing_beyond", w) for w in ("4", "8", "16")]

@@ -22,7 +22,6 @@ SEA = SpectralSea(
     spectrum=Elfouhaily(wind_speed=5.0, fetch=30e3),
     spreading="elfouhaily",
     mss="elfouhaily",
-    omega_max="fading",
 )
 NO_SCATTERING = mt.Link(water=mt.Water(a=0.114, b=0.0))
 
@@ -40,7 +39,7 @@ def index(link, sea, omega_max, **options):
 @pytest.mark.parametrize("wind_speed", [3.0, 5.0])
 def test_fading_is_the_smallest_band_within_three_per_cent(wind_speed):
     sea = resolved_sea(wind_speed, fetch=30e3)
-    found = fading.resolve_band(mt.Link(), sea)
+    found = fading.resolve_band(mt.Link(), sea, "fading")
     assert 16.0 < found.omega_max < 36.0
     assert found == sea.model_copy(update={"omega_max": found.omega_max})
     whole = index(mt.Link(), sea, None)
@@ -56,7 +55,7 @@ def test_a_larger_aperture_needs_fewer_waves():
 def test_runs_store_the_number():
     link = mt.Link(receiver=mt.Receiver(radius=0.5))
     number = band(radius=0.5)
-    run = mt.simulate(link, SEA, photons=32, spacing=0.5)
+    run = mt.simulate(link, SEA, photons=32, spacing=0.5, waves="fading")
     assert run.provenance["surface"]["omega_max"] == number
     assert f"waves up to {number:.3g} rad/s" in run.summary()
     assert mt.simulate(Scenario.from_provenance(run.provenance)).gain == run.gain
@@ -65,22 +64,21 @@ def test_runs_store_the_number():
 
 
 def test_link_files():
-    for text in ('[sea]\nomega_max = "fading"', "[run]\nfading = true"):
-        scenario = Scenario.from_toml(text)
-        assert scenario.surface == SEA
-        assert Scenario.from_toml(scenario.to_toml()) == scenario
-        assert scenario.case().surface.omega_max == band()
-        assert scenario.link.receivers == mt.Link().receivers
-    assert isinstance(Scenario.from_toml("wind_speed = 0\n[run]\nfading = true").surface, FlatSea)
+    scenario = Scenario.from_toml('[sea]\nwaves = "fading"')
+    assert (scenario.surface, scenario.meshing.waves) == (JonswapSea(), "fading")
+    assert Scenario.from_toml(scenario.to_toml()) == scenario
+    assert scenario.case().surface == SEA.replace(omega_max=band())
+    assert scenario.link.receivers == mt.Link().receivers
+    calm = Scenario.from_toml('wind_speed = 0\n[sea]\nwaves = "fading"')
+    assert isinstance(calm.case().surface, FlatSea)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[run]\nfading = 1", "run.fading: 1, allowed: true or false"),
-        ("[run]\nfading = true\n[sea]\nomega_max = 4.0", "sea.omega_max: 4.0"),
-        ("[sea]\nomega_max = 'fade'", "sea.omega_max: 'fade'"),
-        ("[sea]\nomega_max = 'fading'\nmss = 'band'", "sea.omega_max: 'fading'"),
+        ("[sea]\nomega_max = 'fading'", "sea.omega_max: 'fading', allowed: a number"),
+        ("[sea]\nwaves = 'fade'", "sea.waves: 'fade', allowed: mean, paper, scaled"),
+        ("[sea]\nwaves = -1.0", "sea.waves: -1.0, allowed: mean, paper, scaled, fading, a freq"),
     ],
 )
 def test_link_files_refuse(text, message):
@@ -90,20 +88,21 @@ def test_link_files_refuse(text, message):
 
 
 @pytest.mark.parametrize(
-    ("link", "sea"),
-    [
-        (mt.Link(), JonswapSea(omega_max="fading", gamma=7.0)),
-        (mt.Link(), SEA.model_copy(update={"mss": "cox-munk", "spectrum": Elfouhaily()})),
-    ],
-    ids=["omega^-5 tail", "slopes of another spectrum"],
+    "sea",
+    [JonswapSea(gamma=7.0), SEA.replace(mss="band")],
+    ids=["omega^-5 tail", "no slopes beyond"],
 )
-def test_runs_refuse(link, sea):
-    if sea.mss == "cox-munk" and sea.kind == "spectral":
-        sea = sea.model_copy(update={"spectrum": Elfouhaily(wind_speed=8.0, fetch=30e3)})
+def test_runs_refuse(sea):
     with pytest.raises(Refused) as refused:
-        mt.simulate(link, sea, photons=32)
-    assert refused.value.field == "omega_max"
+        mt.simulate(mt.Link(), sea, photons=32, waves="fading")
+    assert refused.value.field == "waves"
     assert "\n" not in str(refused.value)
+
+
+def test_no_band_follows_the_slopes_of_another_spectrum():
+    sea = SEA.replace(mss="cox-munk", spectrum=Elfouhaily(wind_speed=8.0, fetch=30e3))
+    with pytest.raises(Refused, match='waves: "fading" with mss = "cox-munk", which no band'):
+        fading.fading_band(mt.Link(), sea)
 
 
 @pytest.mark.parametrize("omega_max", [2.5, 4.0])
@@ -134,12 +133,12 @@ def test_ensemble_agrees_with_the_closed_form_and_warns():
     sea = JonswapSea(wind_speed=5.0, omega_max=4.11112)
     with pytest.warns(UserWarning, match="scintillation index of 0.0048, all waves 0.32") as caught:
         series = mt.ensemble(NO_SCATTERING, 150, sea, photons=32, seed=3)
-    assert "for fading use omega_max = 19.7 rad/s" in str(caught[0].message)
+    assert 'for fading use waves = "fading", here up to 19.7 rad/s' in str(caught[0].message)
     light = series.gain_ballistic
     measured = light.var(ddof=1) / light.mean() ** 2
     closed = series.provenance["closed_form"]
     assert closed["index_of_band"] == pytest.approx(
-        index(NO_SCATTERING, sea, sea.band_limits.omega_max, heights=True), rel=1e-9
+        index(NO_SCATTERING, sea, sea.band.omega_max, heights=True), rel=1e-9
     )
     # kurtosis of a nearly normal gain: relative error sqrt(2 / n)
     error = measured * math.sqrt(2.0 / 149.0)

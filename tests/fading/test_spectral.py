@@ -120,7 +120,7 @@ def test_scintillation_over_the_geometry(field, name):
 
 def test_correlation_over_time():
     table = REFERENCE["temporal_U5_omega24_tilts"]
-    sea = SEA.model_copy(update={"omega_max": 24.0, "d_omega": 1.0})
+    sea = SEA.model_copy(update={"omega_max": 24.0})
     lags = np.array([float(lag) for lag in table["rho"]] + [0.11, 0.12]).reshape(3, 3)
     covariance = fading.gain_autocovariance(mt.Link(), sea, lags)
     assert covariance.shape == (3, 3)

@@ -300,7 +300,7 @@ def test_flat_crossing_of_unscattered_light_has_closed_forms():
     ("extent", "spacing", "fine"), [(9.0, 0.13, None), (12.0, 0.1, 3.0), (15.0, 4.0, None)]
 )
 def test_locate_against_vertical_rays(extent, spacing, fine):
-    sea = JonswapSea(wind_speed=13.0, seed=1, band="paper")
+    sea = JonswapSea(wind_speed=13.0, seed=1, waves="paper")
     coarse = 0.9 if fine else None
     mesh = sea.mesh(extent=extent, spacing=spacing, fine_extent=fine, coarse_spacing=coarse)
     scene = scene_of(mt.Link(), mesh)
@@ -430,7 +430,7 @@ def test_roots_of_a_focusing_sinusoid(name, amplitude):
 
 def test_roots_of_facets_against_every_facet():
     """With faceted normals the roots are those of all planes that hold their own crossing."""
-    sea = JonswapSea(wind_speed=13.0, seed=3, omega_max=8.0, band="paper")
+    sea = JonswapSea(wind_speed=13.0, seed=3, omega_max=8.0, waves="paper")
     mesh = sea.mesh(extent=5.0, spacing=0.2)
     scene = scene_of(mt.Link(), mesh, "facet")
     counts = []

@@ -296,7 +296,7 @@ def test_paths_through_bubbles_below_still_water(wind_speed, mode):
 def test_paths_through_bubbles_below_waves():
     """Depths are taken as linear over quarters of a path: some per cent of the bubbles' part."""
     bubbles = mt.HallNovarini(wind_speed=13.0, depth="local")
-    sea = JonswapSea(wind_speed=13.0, seed=2, band="paper")
+    sea = JonswapSea(wind_speed=13.0, seed=2, waves="paper")
     mesh = sea.mesh(extent=12.0, spacing=0.1)
     link = mt.Link(bubbles=bubbles)
     medium = with_raster(medium_arrays(link), EmbreeIntersector(mesh, 1))

@@ -38,7 +38,7 @@ def points(origins, directions, facet, surface):
 
 @pytest.fixture(scope="module")
 def mesh():
-    return JonswapSea(wind_speed=13.0, seed=3, band="paper").mesh(extent=5.0, spacing=0.5)
+    return JonswapSea(wind_speed=13.0, seed=3, waves="paper").mesh(extent=5.0, spacing=0.5)
 
 
 def on_facets(mesh, facet, weights, origins):

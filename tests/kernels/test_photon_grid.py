@@ -14,7 +14,7 @@ from meshtrace.surfaces.triangulate import triangulate
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.arrays import NO_GRID, grid_arrays
 
-SEA = JonswapSea(wind_speed=13.0, seed=7, band="paper")
+SEA = JonswapSea(wind_speed=13.0, seed=7, waves="paper")
 
 
 class Casting(EmbreeIntersector):

@@ -128,7 +128,7 @@ def test_the_default_link_file_shows_every_key():
     config = Scenario.from_toml("").to_config()
     del config["sea"]["alpha_coefficient"]
     rare = {"first_photon", "max_events", "max_surface_events"}
-    rare |= {"r_min", "r_max", "capillary", "jitter"}
+    rare |= {"r_min", "r_max", "capillary"}
     for section, table in config.items():
         for key in table if isinstance(table, dict) else {section: table}:
             assert key in rare or re.search(rf"\b{key} = ", text) or f"[{key}]" in text, key

@@ -17,7 +17,7 @@ LINK = mt.Link(
     receiver=(mt.Receiver(radius=0.5), mt.Receiver(radius=0.5, position=(1.0, 0.0))),
     physics=mt.Physics(reflected="kill"),
 )
-MESH = JonswapSea(wind_speed=5.0, seed=2, mss="band", band="paper").mesh(extent=12.0, spacing=0.2)
+MESH = JonswapSea(wind_speed=5.0, seed=2, mss="band", waves="paper").mesh(extent=12.0, spacing=0.2)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from meshtrace.studies import campaign as module
 from meshtrace.studies.campaign import campaign_of, mean, stderr
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 
-SEA = JonswapSea(wind_speed=13.0, seed=3, band="paper")
+SEA = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
 WAVE = SinusoidalSea(amplitude=0.05, wavelength=3.0)
 FEW = {"photons": 64, "seed": 5, "extent": 4.0, "spacing": 0.2, "threads": 1}
 LINKS = {"a": mt.Link(), "b": mt.Link().replace("water.b", 0.1)}

@@ -44,7 +44,7 @@ def shapes(waves, x, y):
 
 
 def test_shape_is_that_of_the_sea():
-    sea = JonswapSea(wind_speed=13.0, seed=3, band="paper")
+    sea = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
     x, y = np.random.default_rng(1).uniform(-5.0, 5.0, (2, 20))
     found = np.array(shapes(waves_at(sea, 2.5), x, y)).T
     expected = (
@@ -242,7 +242,7 @@ def test_slope_variance_is_approached(study):
 def test_random_slopes_stand_for_waves_left_out():
     # long waves alone bend light little: the slopes that they lack spread it out of the aperture
     bands, few = (1.0, 1.2, 1.4, 1.6), {"photons": 2048, "realizations": 1, "spacing": 0.5}
-    sea = JonswapSea(wind_speed=13.0, band="paper")
+    sea = JonswapSea(wind_speed=13.0, waves="paper")
     bare, rough = (
         band_limit_study(LINK, sea, bands, unresolved=word, **few) for word in ("none", "tilt")
     )
@@ -298,7 +298,7 @@ def test_time_steps_converge():
 
 
 def test_wider_bands_add_to_the_same_waves():
-    sea = JonswapSea(wind_speed=5.0, band="paper")
+    sea = JonswapSea(wind_speed=5.0, waves="paper")
     study = band_limit_study(
         LINK, sea, (2.0, 3.0, 4.0, 5.0), realizations=2, photons=64, spacing=0.5
     )
@@ -414,7 +414,7 @@ def test_command_refuses_in_one_line(arguments, message):
 @pytest.mark.parametrize("wind_speed", [5.0, 13.0])
 def test_default_link_is_of_second_order(wind_speed):
     study = convergence_study(
-        LINK, JonswapSea(wind_speed=wind_speed, band="paper"), normals=("vertex",)
+        LINK, JonswapSea(wind_speed=wind_speed, waves="paper"), normals=("vertex",)
     )
     order, gain, _ = study.fits["vertex"]
     assert 1.6 < order.value < 2.2

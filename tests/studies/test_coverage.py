@@ -22,7 +22,7 @@ STILL = FlatSea().mesh(extent=60.0, spacing=5.0)
 SEAS = {
     "flat": (FlatSea(), mt.Physics()),
     "random slopes": (JonswapSea(wind_speed=5.0, seed=7), mt.Physics()),
-    "smooth waves": (JonswapSea(wind_speed=5.0, seed=7, band="paper"), SMOOTH),
+    "smooth waves": (JonswapSea(wind_speed=5.0, seed=7, waves="paper"), SMOOTH),
 }
 # the lamp is moved instead of the map, which is centred on the origin
 SITES = {"on axis": (0.0, 0.0), "aside": (-3.0, 1.5), "far off axis": (-3.8, -3.8)}

@@ -18,6 +18,7 @@ from meshtrace.surfaces import (
     Jonswap,
     JonswapSea,
     PiersonMoskowitz,
+    SinusoidalSea,
     SpectralSea,
     SumSea,
     Tma,
@@ -33,12 +34,12 @@ HALF_ANGLE = {"transmitter.half_angle_deg": (5.0, 20.0)}
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::meshtrace.transport.outcome.FewSamplesWarning"),
-    pytest.mark.filterwarnings("ignore:omega_max:UserWarning"),
+    pytest.mark.filterwarnings("ignore:waves:UserWarning"),
 ]
 
 
 def resolved(wind_speed=5.0, link=WIDE):
-    return resolve_band(link, resolved_sea(wind_speed, fetch=30e3))
+    return resolve_band(link, resolved_sea(wind_speed, fetch=30e3), "fading")
 
 
 def sea_of(found):
@@ -89,23 +90,59 @@ def test_scenarios_resolve_as_links_do():
 
 
 def test_the_switch_of_a_link_file_serves_all_studies():
-    narrow = Scenario.from_toml("[receiver]\nradius = 0.5\n[run]\nfading = false")
-    assert narrow.surface.band_limits == JonswapSea().band_limits
-    assert sea_of(mt.ensemble(narrow, 2, **FEW))["omega_max"] == narrow.surface.omega_max
-    assert Scenario.from_toml(narrow.to_toml()) == narrow
-    wide = Scenario.from_toml("[receiver]\nradius = 0.5\n[run]\nfading = true")
+    narrow = Scenario.from_toml("[receiver]\nradius = 0.5\n[sea]\nwaves = 'mean'")
+    assert narrow.surface.band == JonswapSea().band
+    assert sea_of(mt.ensemble(narrow, 2, **FEW)) == narrow.surface.to_config()
+    wide = Scenario.from_toml("[receiver]\nradius = 0.5\n[sea]\nwaves = 'fading'")
     assert sea_of(mt.simulate(wide, **FEW)) == resolved().to_config()
-    with pytest.raises(Refused, match=r"sea\.omega_max: 'fading', allowed: a number"):
-        Scenario.from_toml('[run]\nfading = false\n[sea]\nomega_max = "fading"')
+    short = Scenario.from_toml("[receiver]\nradius = 0.5\n[sea]\nwaves = 6.0")
+    assert sea_of(mt.simulate(short, **FEW)) == JonswapSea(omega_max=6.0).to_config()
+    for scenario in (narrow, wide, short):
+        assert Scenario.from_toml(scenario.to_toml()) == scenario
+
+
+def test_the_mesh_chooses_the_waves_of_any_study():
+    for waves, sea in (
+        ("mean", JonswapSea(waves="mean")),
+        ("paper", JonswapSea(waves="paper")),
+        ("fading", resolved()),
+        (6.0, JonswapSea(omega_max=6.0)),
+        (JonswapSea().band, JonswapSea(waves=JonswapSea().band)),
+    ):
+        found = mt.simulate(WIDE, JonswapSea(), waves=waves, **FEW)
+        same = mt.simulate(WIDE, JonswapSea(waves="scaled"), mesh=mt.Meshing(waves=waves), **FEW)
+        if waves != 6.0:  # a limit leaves the kind of the waves
+            assert same.gain == found.gain
+        assert found.gain == mt.simulate(WIDE, sea, **FEW).gain
+        assert sea_of(found) == sea.to_config()
+        assert found.provenance["run"]["waves"] is None
+
+
+def test_waves_of_all_parts_of_a_sum():
+    swell = SpectralSea(spectrum=Jonswap(hs=1.0, tp=12.0, gamma=6.0), mss="band")
+    sea = SumSea(parts=[swell, JonswapSea()], seed=3)
+    found = resolve_band(WIDE, sea, "scaled")
+    assert [part.waves for part in found.parts] == ["scaled", "scaled"]
+    assert resolve_band(WIDE, sea, "fading") == SumSea(parts=[swell, resolved()], seed=3)
+
+
+@pytest.mark.parametrize("waves", ["fading", "paper", 6.0])
+def test_waves_of_seas_without_a_spectrum(waves):
+    assert resolve_band(WIDE, FlatSea(), waves) == FlatSea()
+    wave = SinusoidalSea(amplitude=0.1, wavelength=2.0)
+    assert resolve_band(WIDE, wave, "mean") is wave
+    for sea in (wave, FlatSea().mesh(extent=5.0, spacing=1.0)):
+        with pytest.raises(Refused, match=r"waves: .*, allowed: over a sea of a spectrum"):
+            mt.simulate(WIDE, sea, waves=waves, **FEW)
 
 
 @pytest.mark.parametrize(
     "sea",
     [
         JonswapSea(omega_max=4.0),
-        JonswapSea(omega_min=1.0),
-        JonswapSea(band="scaled"),
-        JonswapSea(band="paper"),
+        JonswapSea(waves="mean"),
+        JonswapSea(waves="scaled"),
+        JonswapSea(waves="paper"),
         JonswapSea(mss="band"),
         JonswapSea(hs=1.0, tp=6.0),
         JonswapSea(gamma=7.0),
@@ -127,12 +164,12 @@ def test_what_was_chosen_stays(sea):
         (JonswapSea(choppy=True), resolved_sea(5.0, 30e3).replace(choppy=True)),
         (SpectralSea(spectrum=PiersonMoskowitz(wind_speed=8.0)), resolved_sea(8.0)),
         (SpectralSea(spectrum=Elfouhaily(wind_speed=5.0)), resolved_sea(5.0)),
-        (JonswapSea(omega_max="fading"), resolved_sea(5.0, 30e3)),
     ],
-    ids=["seed", "wind", "choppy", "Pierson-Moskowitz", "Elfouhaily", "asked"],
+    ids=["seed", "wind", "choppy", "Pierson-Moskowitz", "Elfouhaily"],
 )
 def test_open_bands_are_those_of_the_resolved_sea(sea, like):
-    assert resolve_band(mt.Link(), sea, fading=True) == resolve_band(mt.Link(), like)
+    assert resolve_band(mt.Link(), sea, fading=True) == resolve_band(mt.Link(), like, "fading")
+    assert resolve_band(mt.Link(), sea, "fading") == resolve_band(mt.Link(), sea, fading=True)
 
 
 def test_the_windiest_part_of_a_sum_is_resolved():
@@ -155,8 +192,8 @@ def test_a_lamp_close_to_the_surface_has_a_coarser_band():
     sea = resolved_sea(5.0, 30e3)
     short = scintillation_of_spectrum(link, sea, found.omega_max)
     assert short == pytest.approx(0.9 * scintillation_of_spectrum(link, sea), rel=0.01)
-    with pytest.raises(Refused, match="omega_max"):
-        resolve_band(link, sea)
+    with pytest.raises(Refused, match="waves"):
+        resolve_band(link, sea, "fading")
 
 
 def test_links_without_random_slopes_keep_their_sea():

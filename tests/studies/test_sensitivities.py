@@ -13,7 +13,7 @@ from meshtrace.kernels.random import realization_seed
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.neighbours import error_of, without_each
 from meshtrace.studies.sensitivity.parameters import Setting, parameters
-from meshtrace.surfaces import FlatSea, JonswapSea
+from meshtrace.surfaces import Band, FlatSea, JonswapSea
 from meshtrace.transport.frozen import FrozenForced
 
 REFERENCE = json.loads(
@@ -108,7 +108,7 @@ def test_moments_agree_with_differences():
 @pytest.mark.parametrize("wind_speed", [5.0, 13.0])
 @pytest.mark.thorough
 def test_radius_on_the_axis(wind_speed):
-    sea = JonswapSea(wind_speed=wind_speed, band="paper", seed=7)
+    sea = JonswapSea(wind_speed=wind_speed, waves="paper", seed=7)
     row = elasticities(mt.Link(), sea, keys=("r",), photons=16384).table[0]
     assert row.stderr < 3e-4
     assert row.elasticity == pytest.approx(1.9998, abs=3e-4)
@@ -218,7 +218,8 @@ DOWN = mt.Link(
     receiver=mt.WaterReceiver(depth=8.0, radius=0.1, position=(0.5, 0.0), tilt_deg=5.0),
 )
 NARROW = {"up": (UP, 6.0), "down": (DOWN, 20.0)}
-WAVES = JonswapSea(wind_speed=5.0, omega_min=1.0, omega_max=3.0, d_omega=0.1, seed=7)
+BAND = Band(omega_min=1.0, omega_max=3.0, d_omega=0.1, d_theta=math.pi / 36)
+WAVES = JonswapSea(wind_speed=5.0, waves=BAND, seed=7)
 
 
 @pytest.mark.parametrize("sea", [FlatSea(), WAVES], ids=["flat", "wavy"])
@@ -248,9 +249,10 @@ def test_every_key_against_differences(way, view, sea):
 
 
 def test_wind_needs_an_explicit_band():
-    with pytest.raises(mt.Refused, match=r"sea.wind_speed: other waves.*omega_min"):
+    with pytest.raises(mt.Refused, match=r"sea.wind_speed: other waves.*sea.band"):
         mt.sensitivities(mt.Link(), JonswapSea(wind_speed=5.0), wrt=["sea.wind_speed"], photons=64)
-    sea = JonswapSea(wind_speed=5.0, seed=7, omega_min=1.2, omega_max=4.0)
+    sea = JonswapSea(wind_speed=5.0, seed=7)
+    sea = sea.replace(waves=sea.band)
     found = mt.sensitivities(mt.Link(), sea, wrt=["sea.wind_speed"], photons=1024)
     assert found.table[0].method == "difference"
     assert not found.table[0].suspicious
@@ -259,7 +261,8 @@ def test_wind_needs_an_explicit_band():
 
 def test_wind_in_parts():
     link = mt.Link().replace(whitecaps=mt.Whitecaps(wind_speed=12.0))
-    sea = JonswapSea(wind_speed=12.0, seed=7, omega_min=0.7, omega_max=2.5)
+    band = Band(omega_min=0.7, omega_max=2.5, d_theta=math.pi / 36)
+    sea = JonswapSea(wind_speed=12.0, seed=7, waves=band)
     parts = ["wind_speed", "sea.wind_speed", "whitecaps.wind_speed"]
     found = mt.sensitivities(link, sea, wrt=parts, photons=512).table
     total = found["sea.wind_speed"].elasticity + found["whitecaps.wind_speed"].elasticity

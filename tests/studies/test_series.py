@@ -16,8 +16,8 @@ from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.transport.meshing import mesh_for
 
-SEA = JonswapSea(wind_speed=13.0, seed=3, mss="band", band="paper")
-TILTED = JonswapSea(wind_speed=13.0, seed=3, band="paper")
+SEA = JonswapSea(wind_speed=13.0, seed=3, mss="band", waves="paper")
+TILTED = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
 OPTIONS = {"photons": 1024, "seed": 5, "extent": 8.0, "spacing": 0.2}
 TIMES = (0.0, 0.7, 1.9, 2.0, 6.5)
 
@@ -234,7 +234,7 @@ def test_options_out_of_range_are_named(bad):
 @pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
 def test_map_over_a_disk_is_the_gain_of_a_receiver_there():
     """Sum of the cells whose centres lie on a disk against forced detection, away from the axis."""
-    link, sea, step = mt.Link(), JonswapSea(wind_speed=5.0, seed=2, band="paper"), 0.05
+    link, sea, step = mt.Link(), JonswapSea(wind_speed=5.0, seed=2, waves="paper"), 0.05
     m = mt.coverage_map(link, sea, extent=1.6, step=step, photons=600_000, seed=3)
     assert m.gain.shape == (len(m.x), len(m.y)) == (64, 64)
     np.testing.assert_allclose(m.x[[0, -1]], [-1.575, 1.575])

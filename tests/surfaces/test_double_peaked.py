@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 
 from meshtrace.surfaces import Jonswap, JonswapSea, OchiHubble, Spectrum, Torsethaugen
-from meshtrace.surfaces.double_peaked import LONGEST_SWELL
+from meshtrace.surfaces.spectra import LONGEST_SWELL
 
 
 def variance(spectrum):

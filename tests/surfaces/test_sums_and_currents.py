@@ -16,16 +16,15 @@ from meshtrace.surfaces import (
     MeasuredSea,
     SpectralSea,
     SumSea,
-    resolved_sea,
     sea_from_config,
 )
-from meshtrace.surfaces.dispersion import (
+from meshtrace.surfaces.statistics import components_hs
+from meshtrace.surfaces.waves import (
     angular_frequency,
     group_speed,
     wavenumber,
     wavenumber_in_current,
 )
-from meshtrace.surfaces.statistics import components_hs
 
 WIND_SEA = JonswapSea(wind_speed=8.0, seed=1)
 SWELL = SpectralSea(spectrum=Jonswap(hs=1.0, tp=12.0, gamma=6.0), mss="band", wind_direction_deg=90)
@@ -42,13 +41,6 @@ def test_a_sum_is_the_sum_of_its_parts():
     np.testing.assert_allclose(SEA.elevation(x, y, 2.5), z, rtol=1e-12, atol=1e-14)
     heights = [components_hs(part.components) for part in (WIND_SEA, SWELL)]
     assert components_hs(SEA.components) == pytest.approx(math.hypot(*heights), rel=1e-12)
-
-
-def test_a_part_with_the_band_of_a_link_is_refused():
-    text = r"parts\[1\]\.omega_max: 'fading', allowed: a frequency > 0 rad/s"
-    with pytest.raises(ValueError, match=text) as caught:
-        SumSea(parts=[WIND_SEA, resolved_sea(5.0)])
-    assert "\n" not in str(caught.value)
 
 
 def test_slopes_beyond_the_mesh_are_those_of_the_wind_sea():

@@ -14,10 +14,11 @@ from meshtrace.surfaces import (
     MeasuredSea,
     SpectralSea,
     Tma,
-    bound_waves,
+    nonlinear,
     sea_from_config,
 )
-from meshtrace.surfaces.bound_waves import interaction_kernels
+from meshtrace.surfaces.bands import PAPER_BANDS
+from meshtrace.surfaces.nonlinear import interaction_kernels
 from meshtrace.surfaces.statistics import components_hs
 
 # wave vectors [rad/m] and kernels made by an independent program
@@ -95,8 +96,8 @@ def test_one_wave_is_stokes_second_order():
 
 
 def test_elevation_is_the_double_sum(monkeypatch):
-    monkeypatch.setattr(bound_waves, "NEGLIGIBLE", 0.0)
-    sea = JonswapSea(band="paper", wind_speed=5.0, seed=4, order=2, wind_direction_deg=25.0)
+    monkeypatch.setattr(nonlinear, "NEGLIGIBLE", 0.0)
+    sea = JonswapSea(waves="paper", wind_speed=5.0, seed=4, order=2, wind_direction_deg=25.0)
     waves, x, y, t = sea.free_waves, 3.1, -7.7, 12.0
     phi = waves.omega * t - waves.kx * x - waves.ky * y + waves.phase
     minus, plus = pairs(waves.kx, waves.ky)
@@ -109,7 +110,7 @@ def test_elevation_is_the_double_sum(monkeypatch):
 
 
 def test_small_bound_waves_are_left_out():
-    sea = JonswapSea(band="paper", wind_speed=5.0, seed=4, order=2)
+    sea = JonswapSea(waves="paper", wind_speed=5.0, seed=4, order=2)
     free, waves = sea.free_waves, sea.components
     n = len(free.amplitude)
     for whole, part in zip(waves, free, strict=True):
@@ -147,10 +148,10 @@ def sum_of_products(free, waves, n):
 
 
 def test_skewness_by_formula():
-    sea = JonswapSea(band="paper", wind_speed=5.0)
+    sea = JonswapSea(waves="paper", wind_speed=5.0)
     assert skewness(sea) == pytest.approx(DIRECTIONAL_SKEWNESS, rel=1e-3)
     assert skewness(sea, turned_down_wind=True) == pytest.approx(0.16031, rel=1e-3)
-    windy = skewness(JonswapSea(band="paper", wind_speed=13.0), turned_down_wind=True)
+    windy = skewness(JonswapSea(waves="paper", wind_speed=13.0), turned_down_wind=True)
     assert windy == pytest.approx(0.19863, rel=1e-3)
     k = np.hypot(*sea.free_waves[2:4])
     power = 0.5 * sea.free_waves.amplitude**2
@@ -161,7 +162,7 @@ def test_skewness_by_formula():
 def test_moments_by_monte_carlo():
     moments = []
     for seed in range(24):
-        sea = JonswapSea(band="paper", wind_speed=5.0, seed=seed, order=2)
+        sea = JonswapSea(waves="paper", wind_speed=5.0, seed=seed, order=2)
         linear = sea.model_copy(update={"order": 1})
         x, y = np.random.default_rng(seed).uniform(-500.0, 500.0, (2, 700))
         z = sea.elevation(x, y)
@@ -180,7 +181,7 @@ def test_moments_by_monte_carlo():
 
 def test_steepness_of_the_crests():
     """S1 = 2 pi Hs / (g T1^2) of the paper's band, and the parameters of Forristall (2000)."""
-    waves = JonswapSea(band="paper", wind_speed=5.0).free_waves
+    waves = JonswapSea(waves="paper", wind_speed=5.0).free_waves
     power = 0.5 * waves.amplitude**2
     mean_omega = power @ waves.omega / power.sum()  # 2 pi / T1
     s1 = components_hs(waves) * mean_omega**2 / (2.0 * math.pi * 9.81)
@@ -195,9 +196,9 @@ def test_steepness_of_the_crests():
 @pytest.mark.thorough
 def test_crests_follow_forristall_roughly(monkeypatch):
     # short crests in deep water, for the steepness of the test above
-    monkeypatch.setattr(bound_waves, "NEGLIGIBLE", 1e-2)
+    monkeypatch.setattr(nonlinear, "NEGLIGIBLE", 1e-2)
     alpha, beta, crests = 0.3646, 1.9232, []
-    sea = JonswapSea(band="paper", wind_speed=5.0, order=2)
+    sea = JonswapSea(waves="paper", wind_speed=5.0, order=2)
     for seed in range(2):
         x, y = np.random.default_rng(seed).uniform(-2e3, 2e3, (2, 80))
         z = np.stack([sea.with_seed(seed).elevation(x, y, t) for t in 0.12 * np.arange(260)])
@@ -212,7 +213,7 @@ def test_crests_follow_forristall_roughly(monkeypatch):
 
 
 def test_slope_variance_holds_the_bound_waves():
-    sea = JonswapSea(band="paper", wind_speed=5.0, order=2, mss="band")
+    sea = JonswapSea(waves="paper", wind_speed=5.0, order=2, mss="band")
     linear = sea.model_copy(update={"order": 1})
     squares = []
     for seed in range(20):
@@ -227,23 +228,23 @@ def test_slope_variance_holds_the_bound_waves():
 
 
 def test_waves_beyond_a_frequency_make_none():
-    sea = JonswapSea(band="paper", wind_speed=5.0, order=2, order_omega_max=1.3)
+    sea = JonswapSea(waves="paper", wind_speed=5.0, order=2, order_omega_max=1.3)
     free, waves = sea.free_waves, sea.components
     assert len(waves.omega) > len(free.omega)
     assert waves.omega[len(free.omega) :].max() == pytest.approx(2.4)  # 1.2 rad/s twice
-    whole = JonswapSea(band="paper", wind_speed=5.0, order=2)
+    whole = JonswapSea(waves="paper", wind_speed=5.0, order=2)
     far = whole.model_copy(update={"omega_max": 8.0})
     top = 2.0 * 3.0 * whole.spectrum.omega_p
     assert far.components.omega[len(far.free_waves.omega) :].max() <= top
 
 
 def test_seeds_share_bound_waves_and_grid_factors():
-    sea = JonswapSea(band="paper", seed=1, order=2)
+    sea = JonswapSea(waves="paper", seed=1, order=2)
     sea.mesh(extent=1.0, spacing=0.5)
     other = sea.with_seed(2)
     np.testing.assert_array_equal(other.components.kx, sea.components.kx)
     assert other._factors._factors is sea._factors._factors
-    fresh = JonswapSea(band="paper", seed=2, order=2)
+    fresh = JonswapSea(waves="paper", seed=2, order=2)
     np.testing.assert_array_equal(
         other.mesh(extent=1.0, spacing=0.5).vertices, fresh.mesh(extent=1.0, spacing=0.5).vertices
     )
@@ -253,15 +254,15 @@ def test_seeds_share_bound_waves_and_grid_factors():
 
 
 def test_round_trips():
-    sea = JonswapSea(band="paper", seed=1, order=2, order_omega_max=3.0)
+    sea = JonswapSea(waves="paper", seed=1, order=2, order_omega_max=3.0)
     again = sea_from_config(json.loads(json.dumps(sea.to_config())))
     assert again == sea
     assert "order=2" in repr(again)
     assert pickle.loads(pickle.dumps(sea)) == sea
-    assert sea != JonswapSea(band="paper", seed=1)
+    assert sea != JonswapSea(waves="paper", seed=1)
     # a configuration of before has no order and is linear
-    old = {"kind": "jonswap", "band": "paper", "wind_speed": 5.0, "seed": 1}
-    assert sea_from_config(old) == JonswapSea(band="paper", seed=1)
+    old = {"kind": "jonswap", "waves": "paper", "wind_speed": 5.0, "seed": 1}
+    assert sea_from_config(old) == JonswapSea(waves="paper", seed=1)
 
 
 @pytest.mark.parametrize(
@@ -275,7 +276,10 @@ def test_round_trips():
         (
             lambda: (
                 JonswapSea(
-                    order=2, band="scaled", omega_max=6.0, d_omega=0.01, order_omega_max=6.0
+                    order=2,
+                    waves=PAPER_BANDS[5.0].replace(d_omega=0.01),
+                    omega_max=6.0,
+                    order_omega_max=6.0,
                 ).components
             ),
             r"^order_omega_max: 6 rad/s makes \d+ bound waves, allowed: at most 4000000",
@@ -290,7 +294,7 @@ def test_refusals(make, text):
 def test_too_many_bound_waves_are_refused(monkeypatch):
     monkeypatch.setattr(JonswapSea, "most_components", 1000)
     with pytest.raises(Refused, match=r"bound waves, allowed: at most 1000 bound waves"):
-        _ = JonswapSea(band="paper", order=2).components
+        _ = JonswapSea(waves="paper", order=2).components
 
 
 @pytest.mark.parametrize("wind_speed", [5.0, 13.0])

@@ -22,8 +22,8 @@ GERSTNER = SinusoidalSea(amplitude=0.1, wavelength=2.0, choppy=True)
 SEAS = [
     SinusoidalSea(amplitude=0.2, wavelength=3.0, direction_deg=30.0, phase=0.4, choppy=True),
     SinusoidalSea(amplitude=0.05, wavelength=3.0, depth=0.4, choppy=True),
-    JonswapSea(band="paper", wind_speed=5.0, seed=1, choppy=True),
-    JonswapSea(band="paper", wind_speed=13.0, seed=7, wind_direction_deg=40.0, choppy=True),
+    JonswapSea(waves="paper", wind_speed=5.0, seed=1, choppy=True),
+    JonswapSea(waves="paper", wind_speed=13.0, seed=7, wind_direction_deg=40.0, choppy=True),
     SpectralSea(spectrum=Elfouhaily(wind_speed=8.0), spreading="elfouhaily", choppy=True),
     MeasuredSea(omega=[1.0, 2.0], theta=[0.0, 1.0], variance=[[0.02, 0], [0.005, 0]], choppy=True),
 ]
@@ -111,7 +111,7 @@ def test_sheet_lies_on_the_surface(sea):
 
 
 def test_sheet_of_a_height_field_is_its_grid():
-    sea, axes = JonswapSea(band="paper", seed=3), (np.linspace(-2, 2, 5), np.linspace(0, 1, 4))
+    sea, axes = JonswapSea(waves="paper", seed=3), (np.linspace(-2, 2, 5), np.linspace(0, 1, 4))
     points, normals = sea.sheet(*axes, 1.0)
     z, sx, sy = sea.grid(*axes, 1.0)
     np.testing.assert_array_equal(points, np.stack([*np.meshgrid(*axes, indexing="ij"), z], -1))
@@ -170,7 +170,7 @@ def test_area_and_slope_variance(wind, omega_max, ratio, spread):
     areas, means, ratios = [], [], []
     for seed in range(12):
         rng = np.random.default_rng(seed)
-        options = {"band": "paper", "wind_speed": wind, "seed": seed, "omega_max": omega_max}
+        options = {"waves": "paper", "wind_speed": wind, "seed": seed, "omega_max": omega_max}
         axes, _, slopes, area = cells(JonswapSea(choppy=True, **options), rng, 60)
         _, zx, zy = JonswapSea(**options).grid(*axes)
         areas.append(area.std())
@@ -188,11 +188,11 @@ def test_area_and_slope_variance(wind, omega_max, ratio, spread):
 def test_elevation_at_fixed_points_has_mean_zero_linear_variance_and_no_skewness():
     moments = []
     for seed in range(40):
-        sea = JonswapSea(band="paper", wind_speed=5.0, seed=seed, choppy=True)
+        sea = JonswapSea(waves="paper", wind_speed=5.0, seed=seed, choppy=True)
         x, y = np.random.default_rng(seed).uniform(-500.0, 500.0, (2, 800))
         z = sea.elevation(x, y)
         moments.append([z.mean(), np.mean(z**2), np.mean(z**3)])
-    sigma2 = 0.5 * np.sum(JonswapSea(band="paper", wind_speed=5.0).components.amplitude ** 2)
+    sigma2 = 0.5 * np.sum(JonswapSea(waves="paper", wind_speed=5.0).components.amplitude ** 2)
     mean, square, cube = np.mean(moments, axis=0)
     error = np.std(moments, axis=0) / math.sqrt(len(moments))
     assert abs(mean) < 4.0 * error[0]
@@ -203,7 +203,7 @@ def test_elevation_at_fixed_points_has_mean_zero_linear_variance_and_no_skewness
 
 def test_shift_is_the_published_one():
     for wind, shift in ((5.0, 0.0095818), (13.0, 0.028444)):
-        sea = JonswapSea(band="paper", wind_speed=wind)
+        sea = JonswapSea(waves="paper", wind_speed=wind)
         waves = sea.components
         k = np.hypot(waves.kx, waves.ky)
         assert 0.5 * np.sum(waves.amplitude**2 * k) == pytest.approx(shift, rel=1e-4)
@@ -254,9 +254,9 @@ def test_round_trips(sea):
 
 
 def test_other_seeds_share_the_grid_factors():
-    sea = JonswapSea(band="paper", seed=1, choppy=True)
+    sea = JonswapSea(waves="paper", seed=1, choppy=True)
     sea.mesh(extent=2.0, spacing=0.5)
     other = sea.with_seed(2)
     assert other._factors._factors is sea._factors._factors
-    expected = JonswapSea(band="paper", seed=2, choppy=True).mesh(extent=2.0, spacing=0.5)
+    expected = JonswapSea(waves="paper", seed=2, choppy=True).mesh(extent=2.0, spacing=0.5)
     np.testing.assert_array_equal(other.mesh(extent=2.0, spacing=0.5).vertices, expected.vertices)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meshtrace.surfaces.dispersion import (
+from meshtrace.surfaces.waves import (
     CAPILLARY_WAVENUMBER,
     GRAVITY,
     KINEMATIC_TENSION,

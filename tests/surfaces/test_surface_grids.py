@@ -5,8 +5,14 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from meshtrace.surfaces.gridding import MAX_LINES, graded_axis, grid_axis, uniform_axis
-from meshtrace.surfaces.triangulate import grid_faces, triangulate
+from meshtrace.surfaces.triangulate import (
+    MAX_LINES,
+    graded_axis,
+    grid_axis,
+    grid_faces,
+    triangulate,
+    uniform_axis,
+)
 
 modest = settings(max_examples=80, deadline=None, derandomize=True)
 centers = st.floats(-100.0, 100.0)

@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from leaning import LeaningWave
 
 from meshtrace.errors import Refused
 from meshtrace.mesh import TriangleMesh, vertex_normals
-from meshtrace.surfaces import LeaningWave, SinusoidalSea, from_trimesh, sea_from_config
+from meshtrace.surfaces import SinusoidalSea, from_trimesh, sea_from_config
 
 WAVE = LeaningWave(amplitude=0.3, wavelength=4.0, lean=0.9)
 

@@ -132,17 +132,17 @@ def test_x_axis():
 
 def test_split_and_drawn_bins_keep_their_variance():
     plain = from_wavespectra(dataset())
-    fine = from_wavespectra(dataset(), d_theta=math.radians(3.0), jitter=True)
-    bins = fine.components.amplitude.reshape(30, 36, 4) ** 2 / 2.0
+    fine = from_wavespectra(dataset(), waves="drawn")
+    bins = fine.components.amplitude.reshape(30, 36, 2) ** 2 / 2.0
     # directions of the fine table run from 0 to 2 pi, those of the record clockwise from north
     order = np.argsort(np.mod(plain.theta, 2.0 * math.pi))
     expected = np.array(plain.variance)[:, order]
     np.testing.assert_allclose(bins.sum(axis=2), expected, rtol=1e-12, atol=1e-18)
     # linear in direction: the half of a bin next to the higher neighbour holds more
     peak = expected[10].argmax()
-    assert bins[10, peak - 2, 3] > bins[10, peak - 2, 0]
+    assert bins[10, peak - 2, 1] > bins[10, peak - 2, 0]
     # drawn frequencies stay within bins that meet half-way
-    omega = fine.components.omega.reshape(30, 144)
+    omega = fine.components.omega.reshape(30, 72)
     centers = np.array(plain.omega)
     middle = 0.5 * (centers[1:] + centers[:-1])
     assert (omega[1:] >= middle[:, None]).all()

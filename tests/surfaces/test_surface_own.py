@@ -19,9 +19,11 @@ from meshtrace.mesh import SurfaceModel
 from meshtrace.results.gain import GainResult
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea, JonswapSea, SpectralSea, Spreading, Surface, sea_from_config
+from meshtrace.surfaces.bands import Band
 from meshtrace.surfaces.statistics import components_hs
 
-OWN_SEA = SpectralSea(spectrum=Box(wind_speed=7.0), spreading=Isotropic(), d_omega=0.1)
+OWN_SEA = SpectralSea(spectrum=Box(wind_speed=7.0), spreading=Isotropic())
+OWN_BAND = Band(omega_min=1.01, omega_max=1.99, d_omega=0.09, d_theta=0.1)
 
 
 @pytest.mark.parametrize("sea", [RingWave(height=0.1), OWN_SEA])
@@ -38,7 +40,7 @@ def test_own_surface_has_graded_meshes_with_exact_normals(sea):
 
 
 def test_own_spectrum_sets_the_height_of_the_sea():
-    sea = SpectralSea(spectrum=Box(), omega_min=1.01, omega_max=1.99, d_omega=0.09, capillary=False)
+    sea = SpectralSea(spectrum=Box(), waves=OWN_BAND, capillary=False)
     assert components_hs(sea.components) ** 2 / 16.0 == pytest.approx(0.98 * 0.01)
 
 

@@ -28,9 +28,9 @@ from meshtrace.surfaces import (
     Tma,
     sea_from_config,
 )
-from meshtrace.surfaces.bands import scaled_band
-from meshtrace.surfaces.dispersion import angular_frequency, phase_speed, wavenumber
+from meshtrace.surfaces.bands import PAPER_BANDS, Band
 from meshtrace.surfaces.statistics import components_hs
+from meshtrace.surfaces.waves import angular_frequency, phase_speed, wavenumber
 
 modest = settings(max_examples=25, deadline=None, derandomize=True)
 
@@ -40,7 +40,7 @@ SEAS = [
     SinusoidalSea(amplitude=0.2, wavelength=3.0, direction_deg=30.0, phase=0.4, depth=0.5),
     JonswapSea(wind_speed=5.0, seed=1),
     JonswapSea(wind_speed=13.0, seed=7, wind_direction_deg=40.0, depth=4.0, capillary=True),
-    JonswapSea(wind_speed=9.0, band="scaled", jitter=True, spreading="cos2s", omega_max=5.0),
+    JonswapSea(wind_speed=9.0, waves="scaled", spreading="cos2s", omega_max=5.0),
     SpectralSea(spectrum=PiersonMoskowitz(wind_speed=7.0), seed=5),
     SpectralSea(spectrum=Elfouhaily(wind_speed=8.0), spreading="elfouhaily", seed=6),
     SpectralSea(spectrum=Tma(wind_speed=8.0, depth=6.0), spreading="mitsuyasu"),
@@ -93,7 +93,7 @@ def test_tensor_grid_equals_the_direct_sum(sea):
 
 
 def test_direct_sum_equals_the_written_out_formula():
-    sea = JonswapSea(wind_speed=5.0, seed=9, band="paper")
+    sea = JonswapSea(wind_speed=5.0, seed=9, waves="paper")
     x, y, t = 1.3, -2.1, 4.5
     omega = 1.2 + 0.2 * np.arange(15)
     theta = -math.pi / 2 + math.pi / 5 * np.arange(6)
@@ -141,36 +141,45 @@ def test_mesh_sizes():
     ],
 )
 def test_paper_bands(wind_speed, count, limits):
-    sea = JonswapSea(wind_speed=wind_speed, band="paper")
-    assert sea.band_limits == limits
+    sea = JonswapSea(wind_speed=wind_speed, waves="paper")
+    low, high, d_omega, d_theta = limits
+    assert sea.band == Band(
+        omega_min=low, omega_max=high, d_omega=d_omega, d_theta=d_theta, drawn=False
+    )
     assert len(sea.components.amplitude) == count
     assert sea.components.omega.min() == limits[0]
     assert sea.components.omega.max() == pytest.approx(limits[1], rel=1e-14)
     assert JonswapSea(wind_speed=wind_speed) != sea
-    scaled = JonswapSea(wind_speed=wind_speed, band="scaled")
-    assert scaled.band_limits == scaled_band(sea.spectrum.omega_p)
+    scaled = JonswapSea(wind_speed=wind_speed, waves="scaled")
+    assert scaled.band == scaled_band(sea.spectrum.omega_p)
+
+
+def scaled_band(peak):
+    steps = {"d_omega": 0.075 * peak, "d_theta": math.pi / 20}
+    return Band(omega_min=0.6 * peak, omega_max=2.1 * peak, drawn=False, **steps)
 
 
 def test_scaled_bands_follow_the_peak():
-    scaled = {"band": "scaled"}
+    scaled = {"waves": "scaled"}
     for sea in (JonswapSea(wind_speed=8.0, **scaled), JonswapSea(fetch=5e3, **scaled)):
-        assert sea.band_limits == scaled_band(sea.spectrum.omega_p)
+        assert sea.band == scaled_band(sea.spectrum.omega_p)
         assert len(sea.components.amplitude) == 21 * 21
-    assert JonswapSea(fetch=5e3, band="paper").band_limits.omega_max == 4.0
+    assert JonswapSea(fetch=5e3, waves="paper").band.omega_max == 4.0
 
 
 @pytest.mark.parametrize("wind_speed", [5.0, 13.0])
 def test_scaled_band_does_not_jump_at_the_paper_winds(wind_speed):
-    paper = JonswapSea(wind_speed=wind_speed, band="paper").components
-    scaled = JonswapSea(wind_speed=wind_speed, band="scaled").components
+    paper = JonswapSea(wind_speed=wind_speed, waves="paper").components
+    scaled = JonswapSea(wind_speed=wind_speed, waves="scaled").components
     assert components_hs(scaled) == pytest.approx(components_hs(paper), rel=0.005)
     slopes = [np.sum(w.amplitude**2 * (w.kx**2 + w.ky**2)) / 2 for w in (paper, scaled)]
     assert slopes[1] == pytest.approx(slopes[0], rel=0.04)
 
 
-def test_given_limits_replace_those_of_the_band():
-    sea = JonswapSea(wind_speed=13.0, band="paper", omega_max=6.0, d_theta=math.pi / 10)
-    assert sea.band_limits == (0.9, 6.0, 0.1, math.pi / 10)
+def test_the_cut_of_the_spectrum_replaces_that_of_the_band():
+    given = PAPER_BANDS[13.0].replace(d_theta=math.pi / 10)
+    sea = JonswapSea(wind_speed=13.0, waves=given, omega_max=6.0)
+    assert sea.band == given.replace(omega_max=6.0)
     assert len(sea.components.amplitude) == 52 * 11
 
 
@@ -223,24 +232,16 @@ def test_with_seed_shares_the_grid_but_not_the_phases():
     np.testing.assert_array_equal(sea.mesh(extent=2.0, spacing=0.2).vertices, before)
 
 
-def test_jittered_seas_do_not_share_factors():
-    sea = JonswapSea(wind_speed=13.0, seed=7, band="paper", jitter=True)
-    x = np.linspace(-5, 5, 11)
-    sea.grid(x, x)
-    fresh = JonswapSea(wind_speed=13.0, seed=8, band="paper", jitter=True)
-    np.testing.assert_array_equal(sea.with_seed(8).grid(x, x), fresh.grid(x, x))
-
-
-def test_equal_spacing_repeats_and_jitter_does_not():
+def test_equal_spacing_repeats_and_drawn_waves_do_not():
     x = np.linspace(-3, 3, 7)
     period = 2 * math.pi / 0.2
-    sea = JonswapSea(wind_speed=5.0, seed=3, band="paper")
+    sea = JonswapSea(wind_speed=5.0, seed=3, waves="paper")
     np.testing.assert_allclose(sea.grid(x, x, period), sea.grid(x, x, 0.0), atol=1e-12)
-    drawn = JonswapSea(wind_speed=5.0, seed=3, band="paper", jitter=True)
+    drawn = sea.replace(waves=sea.band.replace(drawn=True))
     assert np.abs(drawn.grid(x, x, period)[0] - drawn.grid(x, x, 0.0)[0]).max() > 0.05
-    bins = np.round((drawn.components.omega - 1.2) / 0.2).reshape(15, 6)
-    np.testing.assert_array_equal(bins, np.broadcast_to(np.arange(15.0)[:, None], (15, 6)))
-    assert len(np.unique(drawn.components.omega)) == 90
+    bins = np.floor((drawn.components.omega - 1.2) / 0.2).reshape(14, 6)
+    np.testing.assert_array_equal(bins, np.broadcast_to(np.arange(14.0)[:, None], (14, 6)))
+    assert len(np.unique(drawn.components.omega)) == 84
 
 
 def test_wind_direction_rotates_the_sea():
@@ -293,20 +294,19 @@ def test_config_round_trip(sea):
     fetch=st.floats(1e3, 1e6),
     seed=st.integers(0, 2**63 - 1),
     direction=st.floats(-360.0, 360.0),
-    jitter=st.booleans(),
+    name=st.sampled_from(["mean", "scaled"]),
 )
 @modest
 def test_any_sea_state_round_trips_and_has_the_height_of_its_band(
-    wind_speed, fetch, seed, direction, jitter
+    wind_speed, fetch, seed, direction, name
 ):
-    state = {"wind_speed": wind_speed, "fetch": fetch, "band": "scaled"}
-    sea = JonswapSea(**state, seed=seed, wind_direction_deg=direction, jitter=jitter)
+    state = {"wind_speed": wind_speed, "fetch": fetch, "waves": name}
+    sea = JonswapSea(**state, seed=seed, wind_direction_deg=direction)
     loaded = sea_from_config(json.loads(json.dumps(sea.to_config())))
     np.testing.assert_array_equal(loaded.components, sea.components)
     energy = components_hs(sea.components) ** 2
-    tolerance = 0.15 if jitter else 0.01
     still = JonswapSea(**state)
-    assert energy == pytest.approx(components_hs(still.components) ** 2, rel=tolerance)
+    assert energy == pytest.approx(components_hs(still.components) ** 2, rel=0.01)
 
 
 def test_pickle_stays_small():
@@ -393,16 +393,18 @@ def test_digits_do_not_depend_on_the_number_of_threads():
         (lambda: JonswapSea(seed=1.5), "seed"),
         (lambda: JonswapSea(winds=5.0), "winds"),
         (
-            lambda: JonswapSea(wind_speed=8.0, band="paper"),
-            "band: 'paper', allowed: at 5 and 13",
+            lambda: JonswapSea(wind_speed=8.0, waves="paper"),
+            "waves: 'paper', allowed: JONSWAP seas at 5 and 13",
         ),
-        (lambda: JonswapSea(band="narrow"), "paper or scaled"),
-        (lambda: JonswapSea(omega_min=5.0), "omega_min: 5.0, allowed: < omega_max = 4.11"),
-        (lambda: JonswapSea(d_theta=2.0), "d_theta: 2.0, allowed: 0 < d_theta <= 1.57"),
-        (lambda: JonswapSea(d_omega=1e-6), "at most 1000000 waves"),
+        (lambda: JonswapSea(waves="narrow"), "paper, scaled"),
+        (lambda: JonswapSea(omega_max=1.0), "omega_max: 1.0, allowed: > 1.175 rad/s"),
         (
-            lambda: JonswapSea(band="paper", d_omega=2.5, jitter=True),
-            r"d_omega: 2.5, allowed: <= 2 omega_min",
+            lambda: JonswapSea(waves=PAPER_BANDS[5.0].replace(d_theta=2.0)),
+            "d_theta: 2.0, allowed: 0 < d_theta <= 1.57",
+        ),
+        (
+            lambda: JonswapSea(waves=PAPER_BANDS[5.0].replace(d_omega=1e-6)),
+            "waves: 16800006 waves, allowed: a band of at most 1000000",
         ),
         (lambda: JonswapSea(spreading="round"), "spreading"),
         (lambda: JonswapSea(depth=0.0), "depth: 0.0"),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 import xarray as xr
+from leaning import LeaningWave
 
 import meshtrace as mt
 from meshtrace.errors import Refused
@@ -18,7 +19,6 @@ from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import (
     JonswapSea,
-    LeaningWave,
     MeshSequence,
     from_trimesh,
     sea_from_config,

@@ -5,12 +5,12 @@ import pytest
 
 from meshtrace.errors import Refused
 from meshtrace.surfaces import Elfouhaily, Jonswap, PiersonMoskowitz, Tma
-from meshtrace.surfaces.dispersion import GRAVITY, wavenumber
 from meshtrace.surfaces.spectra import (
     elfouhaily_delta,
     kitaigorodskii,
 )
 from meshtrace.surfaces.statistics import cox_munk, hs, mean_square_slope, spectral_moment
+from meshtrace.surfaces.waves import GRAVITY, wavenumber
 
 ALL = [
     Jonswap(wind_speed=5.0),

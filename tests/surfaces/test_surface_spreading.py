@@ -11,7 +11,7 @@ from meshtrace.surfaces import (
     IttcSpreading,
     MitsuyasuSpreading,
 )
-from meshtrace.surfaces.spreading import direction_grid, direction_weights
+from meshtrace.surfaces.bands import direction_grid, direction_weights
 
 
 def density(spreading, theta, omega=1.0):

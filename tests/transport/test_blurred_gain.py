@@ -15,7 +15,7 @@ from mc_statistics import ALPHA, sidak, z_test
 import meshtrace as mt
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.stored import SHIFTS
-from meshtrace.surfaces import Elfouhaily, FlatSea, JonswapSea, SpectralSea
+from meshtrace.surfaces import Band, Elfouhaily, FlatSea, JonswapSea, SpectralSea
 from meshtrace.surfaces.statistics import elfouhaily_slope_variance
 from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
@@ -26,12 +26,13 @@ SPACING = {4.0: 0.1, 8.0: 0.06, 16.0: 0.03, 24.0: 0.0157}
 
 def sea_of(omega_max, seed=3, wind_speed=5.0, **options):
     spectrum = Elfouhaily(wind_speed=wind_speed, fetch=30e3)
-    options = {"omega_min": 0.7, "d_omega": 0.3, "d_theta": math.pi / 18.0, **options}
+    band = {"omega_min": 0.7, "omega_max": omega_max, "d_omega": 0.3, "d_theta": math.pi / 18.0}
+    band = Band(**band | {key: options.pop(key) for key in band.keys() & options.keys()})
     return SpectralSea(
         spectrum=spectrum,
         spreading="elfouhaily",
         mss="elfouhaily",
-        omega_max=omega_max,
+        waves=band,
         seed=seed,
         **options,
     )

@@ -59,7 +59,7 @@ LINKS = {
     ),
     "bubbles": (
         mt.Link(bubbles=mt.HallNovarini(wind_speed=13.0)),
-        JonswapSea(wind_speed=13.0, seed=3, mss="band", band="paper"),
+        JonswapSea(wind_speed=13.0, seed=3, mss="band", waves="paper"),
     ),
     "layers": (mt.Link(water=mt.Water(layers=LAYERS)), FlatSea()),
     "focus": (mt.Link(), SinusoidalSea(amplitude=0.1, wavelength=2.0, phase=0.4)),

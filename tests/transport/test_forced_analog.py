@@ -19,9 +19,9 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtr
 KILL = mt.Physics(reflected="kill")
 RX = mt.Receiver(radius=0.25)
 FLAT = FlatSea()
-U5, U13 = (JonswapSea(wind_speed=u, seed=3, mss="band", band="paper") for u in (5.0, 13.0))
-ROUGH = JonswapSea(wind_speed=13.0, seed=3, omega_max=8.0, mss="band", band="paper")
-TILTED = JonswapSea(wind_speed=13.0, seed=3, band="paper")
+U5, U13 = (JonswapSea(wind_speed=u, seed=3, mss="band", waves="paper") for u in (5.0, 13.0))
+ROUGH = JonswapSea(wind_speed=13.0, seed=3, omega_max=8.0, mss="band", waves="paper")
+TILTED = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
 FOCUSING = SinusoidalSea(amplitude=0.1, wavelength=2.0, phase=0.4)
 LAYERS = ((0.0, 0.1, 0.2), (4.0, 0.15, 0.05), (20.0, 0.1, 0.03))
 TABLE = mt.TabulatedPhase(
@@ -49,7 +49,7 @@ CASES = {
     "bubbles": (link_of(bubbles=mt.HallNovarini(wind_speed=13.0)), U13, "vertex", 11e6, 20_000),
     "bubbles, mean level": (
         link_of(bubbles=mt.HallNovarini(wind_speed=13.0, depth="mean_level")),
-        JonswapSea(wind_speed=13.0, seed=6, band="paper"), "vertex", 10e6, 20_000,
+        JonswapSea(wind_speed=13.0, seed=6, waves="paper"), "vertex", 10e6, 20_000,
     ),
     "focusing": (link_of(), FOCUSING, "vertex", 5.5e6, 20_000),
     "focusing facets": (link_of(), FOCUSING, "facet", 5.5e6, 20_000),

@@ -196,7 +196,7 @@ def test_higher_water_is_a_deeper_lamp_and_a_lower_receiver(height):
 
 # ---- standard errors -------------------------------------------------------------------------
 
-SEAS = {"flat": FlatSea(), "jonswap": JonswapSea(wind_speed=13.0, seed=3, band="paper")}
+SEAS = {"flat": FlatSea(), "jonswap": JonswapSea(wind_speed=13.0, seed=3, waves="paper")}
 
 
 @pytest.mark.parametrize("sea", SEAS)

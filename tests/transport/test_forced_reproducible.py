@@ -24,13 +24,13 @@ LINKS = {
 
 @pytest.fixture(scope="module")
 def mesh():
-    return JonswapSea(wind_speed=13.0, seed=4, band="paper").mesh(extent=9.0, spacing=0.2)
+    return JonswapSea(wind_speed=13.0, seed=4, waves="paper").mesh(extent=9.0, spacing=0.2)
 
 
 @pytest.fixture(scope="module")
 def banded():
     """Return a sea without waves beyond the band: its unscattered light is deterministic."""
-    return JonswapSea(wind_speed=13.0, seed=4, mss="band", band="paper").mesh(
+    return JonswapSea(wind_speed=13.0, seed=4, mss="band", waves="paper").mesh(
         extent=9.0, spacing=0.2
     )
 

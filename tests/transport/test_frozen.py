@@ -13,8 +13,8 @@ SMOOTH = mt.Link().replace("physics.unresolved", "none")
 STEEP = SinusoidalSea(amplitude=0.03, wavelength=1.0)
 """Waves that focus below the receiver: many chains have three crossings and more."""
 SEAS = {
-    "5 m/s": JonswapSea(wind_speed=5.0, band="paper", seed=7),
-    "13 m/s": JonswapSea(wind_speed=13.0, band="paper", seed=7),
+    "5 m/s": JonswapSea(wind_speed=5.0, waves="paper", seed=7),
+    "13 m/s": JonswapSea(wind_speed=13.0, waves="paper", seed=7),
     "steep": STEEP,
 }
 NEIGHBOURS = {

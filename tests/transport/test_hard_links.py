@@ -114,7 +114,7 @@ HARD = {
     ),
     "bubbles": (
         mt.Link(bubbles=mt.HallNovarini(wind_speed=13.0)),
-        JonswapSea(wind_speed=13.0, seed=3, mss="band", band="paper"),
+        JonswapSea(wind_speed=13.0, seed=3, mss="band", waves="paper"),
     ),
 }
 

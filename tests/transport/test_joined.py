@@ -127,8 +127,7 @@ def laser(wind_speed, radius):
         wind_speed = {wind_speed}
         water = {{ type = "petzold-coastal", a = 0.179, b = 0.219 }}
         receiver = {{ height = 30.0, radius = {radius}, fov_deg = 60.0 }}
-        sea = {{ seed = 1 }}
-        run = {{ fading = true }}
+        sea = {{ seed = 1, waves = "fading" }}
         [transmitter]
         kind = "gaussian-beam"
         depth = 20.0

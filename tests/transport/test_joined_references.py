@@ -177,7 +177,7 @@ LAYERS = ((0.0, 0.1, 0.02), (4.0, 0.12, 0.1), (6.0, 0.12, 0.1), (8.0, 0.1, 0.03)
 def test_forced_detection_agrees(wind_speed, normals, link):
     mesh = FLAT
     if wind_speed > 0.0:
-        mesh = JonswapSea(wind_speed=wind_speed, band="paper").mesh(
+        mesh = JonswapSea(wind_speed=wind_speed, waves="paper").mesh(
             extent=15.0, spacing=0.1, fine_extent=4.0, coarse_spacing=1.0
         )
     chains = ForcedDetection(link, 8192, 2, normals).evaluate(mesh).scattered[0]
@@ -188,7 +188,7 @@ def test_forced_detection_agrees(wind_speed, normals, link):
     assert z_test(found.gain[0], found.stderr[0], chains.mean(), stderr) > sidak(ALPHA, 7)
 
 
-SEA = JonswapSea(wind_speed=13.0, band="paper").mesh(extent=25.0, spacing=0.2)
+SEA = JonswapSea(wind_speed=13.0, waves="paper").mesh(extent=25.0, spacing=0.2)
 
 
 @pytest.mark.parametrize(

@@ -23,8 +23,10 @@ RECEIVER = mt.Receiver(height=4.0, radius=1.0)
 def meshes():
     return {
         "flat": FlatSea().mesh(extent=40.0, spacing=10.0),
-        "jonswap": JonswapSea(wind_speed=13.0, seed=1, band="paper").mesh(extent=20.0, spacing=0.4),
-        "rough": JonswapSea(wind_speed=13.0, seed=2, omega_max=10.0, band="paper").mesh(
+        "jonswap": JonswapSea(wind_speed=13.0, seed=1, waves="paper").mesh(
+            extent=20.0, spacing=0.4
+        ),
+        "rough": JonswapSea(wind_speed=13.0, seed=2, omega_max=10.0, waves="paper").mesh(
             extent=8.0, spacing=0.1
         ),
         "steep": SinusoidalSea(amplitude=0.5, wavelength=4.0).mesh(extent=15.0, spacing=0.2),

@@ -76,7 +76,7 @@ def test_maps_need_some_cells():
 
 
 def test_keywords_and_models_say_the_same():
-    sea = JonswapSea(wind_speed=5.0, seed=2, band="paper")
+    sea = JonswapSea(wind_speed=5.0, seed=2, waves="paper")
     mesh = mt.Meshing(time=1.0, spacing=0.5, normals="facet")
     a = mt.simulate(mt.Link(), sea, mesh=mesh, seed=3, **FEW)
     b = mt.simulate(mt.Link(), sea, time=1.0, spacing=0.5, normals="facet", seed=3, **FEW)

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from leaning import LeaningWave
 from mc_statistics import ALPHA, sidak, z_test
 from numba import njit
 
@@ -14,7 +15,7 @@ from meshtrace.kernels.vectors import row
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.scenario import Scenario
-from meshtrace.surfaces import LeaningWave, from_trimesh
+from meshtrace.surfaces import from_trimesh
 from meshtrace.surfaces.triangulate import triangulate
 from meshtrace.transport.arrays import medium_arrays, with_raster
 

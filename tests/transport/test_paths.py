@@ -13,7 +13,7 @@ LINK = mt.Link(
     water=mt.Water(b=0.1),
     receiver=mt.Receiver(radius=0.2, position=(0.5, -0.2), tilt_deg=10.0, tilt_azimuth_deg=30.0),
 )
-MESH = JonswapSea(wind_speed=13.0, seed=3, mss="band", band="paper").mesh(extent=12.0, spacing=0.2)
+MESH = JonswapSea(wind_speed=13.0, seed=3, mss="band", waves="paper").mesh(extent=12.0, spacing=0.2)
 
 
 def normals_at(mesh, points, kind):

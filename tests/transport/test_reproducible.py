@@ -34,7 +34,7 @@ LINKS = {
 
 @pytest.fixture(scope="module")
 def mesh():
-    return JonswapSea(wind_speed=13.0, seed=4, band="paper").mesh(extent=20.0, spacing=0.4)
+    return JonswapSea(wind_speed=13.0, seed=4, waves="paper").mesh(extent=20.0, spacing=0.4)
 
 
 def simulate(link, mesh, **options):
@@ -238,7 +238,7 @@ def test_arrivals_are_complete_however_often_light_passes():
         transmitter=mt.Led(depth=1.0),
         receiver=mt.WaterAperture(depth=0.9, radius=50.0),
     )
-    mesh = JonswapSea(wind_speed=5.0, seed=1, band="paper").mesh(extent=20.0, spacing=2.0)
+    mesh = JonswapSea(wind_speed=5.0, seed=1, waves="paper").mesh(extent=20.0, spacing=2.0)
     r = mt.simulate(
         link, mesh, estimator="analog", photons=4096, record=[mt.Arrivals()], max_events=1000
     )

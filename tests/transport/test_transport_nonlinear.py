@@ -20,7 +20,7 @@ def unscattered(sea):
 def test_mean_gain_is_that_of_the_linear_sea(kind):
     ratios = []
     for seed in range(24):
-        sea = JonswapSea(band="paper", wind_speed=5.0, seed=seed)
+        sea = JonswapSea(waves="paper", wind_speed=5.0, seed=seed)
         ratios.append(unscattered(sea.model_copy(update=kind)) / unscattered(sea))
     error = np.std(ratios, ddof=1) / np.sqrt(len(ratios))
     assert np.ptp(ratios) > 1e-4  # the crests differ
@@ -63,7 +63,7 @@ def test_estimators_agree_over_a_steep_choppy_sea_without_leaks():
 
 @pytest.mark.parametrize("graded", [None, 1.0])
 def test_light_from_beside_a_choppy_mesh_is_no_leak(graded):
-    sea = JonswapSea(band="paper", wind_speed=13.0, seed=3, choppy=True)
+    sea = JonswapSea(waves="paper", wind_speed=13.0, seed=3, choppy=True)
     mesh = sea.mesh(0.0, 4.0, 0.25, fine_extent=graded)
     link = mt.Link(
         water=mt.Water(a=0.02, b=0.5, phase=mt.HenyeyGreenstein(g=0.3)),
@@ -88,7 +88,7 @@ def test_a_choppy_sea_is_no_reference_of_the_convergence_study():
 
 def test_link_file(tmp_path):
     file = tmp_path / "link.toml"
-    text = '[sea]\nspectrum = "jonswap"\nwind_speed = 5.0\nband = "paper"\n'
+    text = '[sea]\nspectrum = "jonswap"\nwind_speed = 5.0\nwaves = "paper"\n'
     for key, value in (("choppy", True), ("order", 2)):
         file.write_text(text + f"{key} = {str(value).lower()}\n")
         scenario = mt.Scenario.load(file)

@@ -67,8 +67,8 @@ SEAS = {
     "tilted": (TiltedPlane(slope_x=0.2, slope_y=-0.1), 2.0),
     "focusing": (FOCUSING, 0.03),
     "oblique": (OBLIQUE, 0.04),
-    "jonswap": (JonswapSea(wind_speed=13.0, seed=3, mss="band", band="paper"), 0.1),
-    "jonswap later": (JonswapSea(wind_speed=5.0, seed=4, mss="band", band="paper"), 0.1),
+    "jonswap": (JonswapSea(wind_speed=13.0, seed=3, mss="band", waves="paper"), 0.1),
+    "jonswap later": (JonswapSea(wind_speed=5.0, seed=4, mss="band", waves="paper"), 0.1),
 }
 
 
@@ -161,7 +161,7 @@ def test_mean_over_realizations_is_the_gain_of_the_flat_sea(wind_speed):
         [
             analog(
                 link,
-                JonswapSea(wind_speed=wind_speed, seed=k, band="paper"),
+                JonswapSea(wind_speed=wind_speed, seed=k, waves="paper"),
                 200_000,
                 seed=k,
                 spacing=0.3,

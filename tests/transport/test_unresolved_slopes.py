@@ -98,7 +98,7 @@ def test_rough_flat_sea_against_quadrature(normals):
 @pytest.mark.thorough
 def test_estimators_agree_over_rough_waves(wind_speed, normals):
     link = mt.Link(water=mt.Water(b=0.1), receiver=mt.Receiver(radius=0.5))
-    sea = JonswapSea(wind_speed=wind_speed, seed=4, band="paper")
+    sea = JonswapSea(wind_speed=wind_speed, seed=4, waves="paper")
     forced = mt.simulate(link, sea, photons=20_000, seed=1, normals=normals)
     analog = mt.simulate(link, sea, estimator="analog", photons=2_000_000, seed=2, normals=normals)
     p = z_test(forced.gain, forced.gain_stderr, analog.gain, analog.gain_stderr)
@@ -106,7 +106,7 @@ def test_estimators_agree_over_rough_waves(wind_speed, normals):
 
 
 def test_nothing_is_lost_where_normals_are_random():
-    mesh = rough(JonswapSea(wind_speed=13.0, seed=2, band="paper").mesh(extent=120.0, spacing=2.0))
+    mesh = rough(JonswapSea(wind_speed=13.0, seed=2, waves="paper").mesh(extent=120.0, spacing=2.0))
     link = mt.Link(water=mt.Water(b=0.3))
     r = mt.simulate(link, mesh, estimator="analog", photons=50_000, seed=1)
     assert sum(f.weight for f in r.fates.values()) == pytest.approx(1.0, abs=1e-12)
@@ -114,7 +114,7 @@ def test_nothing_is_lost_where_normals_are_random():
 
 def test_the_switch_and_the_sea_turn_it_off():
     link = mt.Link(physics=mt.Physics(unresolved="none"))
-    sea = JonswapSea(wind_speed=13.0, seed=2, band="paper")
+    sea = JonswapSea(wind_speed=13.0, seed=2, waves="paper")
     band = sea.model_copy(update={"mss": "band"})
     off = mt.simulate(link, sea, photons=512, seed=1)
     without = mt.simulate(mt.Link(), band, photons=512, seed=1)
@@ -126,7 +126,7 @@ def test_the_switch_and_the_sea_turn_it_off():
 @pytest.mark.parametrize("spacing", [0.3, 1.0, 2.5])
 def test_what_a_mesh_shows_of_the_slopes(spacing):
     """The closed forms against the mean over meshes of 40 seas."""
-    sea = JonswapSea(wind_speed=5.0, wind_direction_deg=25.0, omega_max=6.0, band="paper")
+    sea = JonswapSea(wind_speed=5.0, wind_direction_deg=25.0, omega_max=6.0, waves="paper")
     vertex, facet = meshed_slope_variance(sea.components, spacing, 25.0)
     interpolated, own = [], []
     rng = np.random.default_rng(1)
@@ -164,7 +164,7 @@ def test_variances_add_up_to_those_of_the_real_sea():
         ("cox-munk", cox_munk(13.0)),
         ("elfouhaily", elfouhaily_slope_variance(13.0, 30e3)),  # of the fetch of the sea
     ):
-        sea = JonswapSea(wind_speed=13.0, mss=kind, band="paper")
+        sea = JonswapSea(wind_speed=13.0, mss=kind, waves="paper")
         mesh = sea.mesh(extent=5.0, spacing=0.5)
         vertex, facet = meshed_slope_variance(sea.components, 0.5)
         np.testing.assert_allclose(np.add(mesh.unresolved.vertex, vertex), target)
@@ -176,14 +176,14 @@ def test_variances_add_up_to_those_of_the_real_sea():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:omega_max")
+@pytest.mark.filterwarnings("ignore:waves")
 def test_the_mean_gain_does_not_hang_on_band_and_spacing():
     """A lens of 2 m over 60 seas of 13 m/s, whose own waves bend the light too little."""
     link = mt.Link(receiver=mt.Receiver(radius=2.0))
     mean, stderr = [], []
     for omega_max, spacing in ((3.0, 0.25), (3.0, 2.0), (6.0, 0.25), (9.0, 0.25)):
         e = mt.ensemble(
-            link, 60, JonswapSea(wind_speed=13.0, omega_max=omega_max, band="paper"), photons=1024,
+            link, 60, JonswapSea(wind_speed=13.0, omega_max=omega_max, waves="paper"), photons=1024,
             spacing=spacing, extent=8.0,
         )  # fmt: skip
         mean.append(e.gain.mean())
@@ -193,7 +193,12 @@ def test_the_mean_gain_does_not_hang_on_band_and_spacing():
         assert z_test(mean[k], stderr[k], mean[0], stderr[0]) > sidak(ALPHA, 3)
     plain = mt.Link(receiver=link.receiver, physics=mt.Physics(unresolved="none"))
     e = mt.ensemble(
-        plain, 60, JonswapSea(wind_speed=13.0, band="paper"), photons=1024, spacing=0.25, extent=8.0
+        plain,
+        60,
+        JonswapSea(wind_speed=13.0, waves="paper"),
+        photons=1024,
+        spacing=0.25,
+        extent=8.0,
     )
     assert e.gain.mean() > 1.01 * mean[0]
 
@@ -226,7 +231,7 @@ def mean_without_seas(sea, link=BEAM, photons=1024, seeds=range(BATCHES)):
 @pytest.mark.statistical
 def test_default_sea_has_the_closed_mean():
     """40 seas of the default link, with the chains of the closed mean."""
-    sea, means = JonswapSea(), mt.Scenario.from_toml("[run]\nfading = false")
+    sea, means = JonswapSea(), mt.Scenario.from_toml("[sea]\nwaves = 'mean'")
     gain = mt.ensemble(means, 40, photons=512, seed=1).gain
     stderr = gain.std(ddof=1) / math.sqrt(len(gain))
     closed = float(mean_without_seas(sea, mt.Link(), 512, [1])[0])
@@ -247,7 +252,7 @@ def mean_over_seas(sea, link):
 def test_narrow_beam_spreads_as_over_a_sea_of_slopes_alone(wind_speed, bands):
     """A beam of 2 degrees far up, where slopes halve the gain: scatter of batches, same chains."""
     seas = [
-        JonswapSea(wind_speed=wind_speed, omega_max=omega_max, band="paper") for omega_max in bands
+        JonswapSea(wind_speed=wind_speed, omega_max=omega_max, waves="paper") for omega_max in bands
     ]
     closed = [mean_without_seas(sea) for sea in seas]
     for sea, expected in zip(seas, closed, strict=True):

@@ -86,7 +86,7 @@ def test_a_movie_shows_the_sea_of_its_series(tmp_path, monkeypatch):
     wide = mt.Link(receiver=mt.Receiver(radius=0.5))
     with pytest.raises(StopAsyncIteration):
         viz.save_movie(wide, JonswapSea(), [0.0, 0.1], tmp_path / "a.gif", photons=64)
-    assert seen == [resolve_band(wide, resolved_sea(5.0, fetch=30e3))] * 2
+    assert seen == [resolve_band(wide, resolved_sea(5.0, fetch=30e3), "fading")] * 2
 
 
 def test_a_movie_of_meshes_from_files(tmp_path, monkeypatch):

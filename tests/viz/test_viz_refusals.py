@@ -79,7 +79,7 @@ def sound(scene):
                                           realizations=1, **few)},
         "plot_inference": {"f": mt.infer(rows, LINK, ["water.a"], **few)},
         "plot_background": {"result": mt.background(LINK, FLAT, mt.Daylight.overcast(), **few)},
-        "plot_duplex": {"result": mt.duplex(LINK, down, JonswapSea(band="paper"), [0.0, 1.0],
+        "plot_duplex": {"result": mt.duplex(LINK, down, JonswapSea(waves="paper"), [0.0, 1.0],
                                             spacing=0.5, **few)},
         "plot_fading_convergence": {"study": None},
         "plot_route": {"series": mt.time_series(LINK, FLAT, [0.0, 1.0], route=route, **few)},

@@ -127,7 +127,7 @@ def _sea_at(sea: Any, key: str, value: float) -> Any:
         )
         if not same:
             band = Described("other waves: the band follows the wind")
-            allowed = "a sea with omega_min and omega_max given, and d_omega of a linear band"
+            allowed = "a sea of a given Band, such as sea.replace(waves=sea.band)"
             raise Refused(f"sea.{key}", band, allowed)
     return new
 

@@ -11,11 +11,16 @@ from pydantic import Field
 
 from meshtrace.errors import Refused
 from meshtrace.mesh import TriangleMesh
-
-from .gridding import GridLines, grid_axis
-from .parameters import TIME, Floats, Positive, finite_array, grid_lines, points
-from .surface import Surface
-from .triangulate import grid_points, mesh_of_sheet
+from meshtrace.surfaces import Surface
+from meshtrace.surfaces.parameters import (
+    TIME,
+    Floats,
+    Positive,
+    finite_array,
+    grid_lines,
+    points,
+)
+from meshtrace.surfaces.triangulate import GridLines, grid_axis, grid_points, mesh_of_sheet
 
 _STEPS = 60  # of Newton and bisection for the label over a place
 
