@@ -176,6 +176,8 @@ def test_decision_feedback_needs_less_power(model, bit_rate):
 
 
 @pytest.mark.parametrize("bit_rate", RATES)
+@pytest.mark.thorough
+@pytest.mark.slow_but("1000000")
 def test_gaussian_window_model_is_close_to_the_exact_law(bit_rate):
     """The Gaussian model W errs by less than 0.1 dB in required power, its rate by 8 %."""
     gaussian, exact = (OokLink(bit_rate=bit_rate, model=model) for model in ("W", "CP"))

@@ -386,6 +386,7 @@ def test_a_move_keeps_the_camera_of_the_user(page):
     assert camera()["position"] == pytest.approx([-30.0, -50.0, 15.0])
 
 
+@pytest.mark.slow
 def test_the_sea_runs_until_the_last_browser_has_left(page):
     """Two browsers of one session: the first to leave once stopped the sea of the other."""
     clock = lambda: float(page.find_element("id", "time").text.split()[2])  # noqa: E731

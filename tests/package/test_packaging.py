@@ -90,6 +90,7 @@ def test_every_public_name_is_there():
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 @pytest.mark.thorough
+@pytest.mark.slow_but("daylight", "link_file", "quickstart")
 def test_examples_run(example, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(example), run_name="__main__")

@@ -97,6 +97,8 @@ def drill(sound, tmp_path, files, damage, rng):
 
 
 @pytest.mark.parametrize("damage", [flip, cut, remove])
+@pytest.mark.thorough
+@pytest.mark.slow_but("flip")
 def test_damage_never_gives_another_gain(sound, tmp_path, damage):
     path, _ = sound
     files = files_of(path)

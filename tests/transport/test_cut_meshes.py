@@ -144,6 +144,7 @@ def test_light_that_no_facet_finds_is_sampled(monkeypatch):
             assert found.gain_ballistic == pytest.approx(usual.gain_ballistic, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_light_of_beams_is_integrated_over_waves():
     """Facets in the dark do not make unscattered light be sampled, or a waist be refused."""
     sea = JonswapSea(wind_speed=8.0, seed=1)

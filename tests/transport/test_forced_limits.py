@@ -37,7 +37,7 @@ def agree(link, photons, chains=10_000, tests=1):
     assert p > sidak(ALPHA, tests), f"{f.gain} +- {f.gain_stderr}, analog {a.gain}"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_many_scatterings():
     """B d = 40: more orders than are kept must be said, not left out."""
     water = mt.Water(a=0.02, b=4.0)
@@ -67,6 +67,7 @@ def test_a_thin_turbid_layer_below_the_surface_rests_on_joined_photons():
     agree(link, 100_000)
 
 
+@pytest.mark.thorough
 def test_many_scatterings_back_and_forth():
     """Isotropic scattering of high albedo: far more orders than on the straight way."""
     water = mt.Water(a=0.02, b=1.0, phase=mt.HenyeyGreenstein(g=0.0))
