@@ -47,7 +47,7 @@ def mesh_of(link, sea):
     "flat-on axis",
     "flat-aside",
     "random slopes-on axis",
-    "random slopes-far off axis",
+    "random slopes-aside",
     "smooth waves-aside",
 )
 def test_cells_have_the_gain_of_a_receiver_there(sea, site):

@@ -78,12 +78,14 @@ LINKS = {
     "down, gaussian 2": down(mt.AirBeam(height=10.0, divergence_deg=2.0), radius=0.2),
 }
 CASES = [(name, tilts) for name in LINKS for tilts in (None, TILTS)]
-CASES.append(("led 2", UnresolvedSlopes((1e-4, 4e-5), (1e-4, 4e-5), 30.0)))
+NARROW = ("led 2", UnresolvedSlopes((1e-4, 4e-5), (1e-4, 4e-5), 30.0))
+CASES.append(NARROW)
 QUICK = {("led 2", TILTS), ("gaussian 0.5", TILTS)}
 
 
 def mark(case):
-    return pytest.param(*case, marks=() if case in QUICK else pytest.mark.thorough)
+    marks = pytest.mark.slow if case == NARROW else pytest.mark.thorough
+    return pytest.param(*case, marks=() if case in QUICK else marks)
 
 
 @pytest.mark.parametrize(("name", "tilts"), [mark(case) for case in CASES])

@@ -53,6 +53,7 @@ def test_many_scatterings():
     ids=["turbid below", "turbid around the lamp"],
 )
 @pytest.mark.thorough
+@pytest.mark.slow_but("turbid around the lamp")
 def test_orders_follow_the_layers_on_the_way(layers):
     receiver = mt.Receiver(radius=0.5)
     agree(mt.Link(water=mt.Water(layers=layers), receiver=receiver, physics=KILL), 800_000, tests=3)

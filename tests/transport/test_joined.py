@@ -154,7 +154,7 @@ def test_a_laser_over_waves():
 
 
 @pytest.mark.statistical
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_laser_over_low_waves():
     """Against analog photons; one photon in twelve counts, by the squares of the scores."""
     link, sea = laser(3.0, 0.5)
