@@ -38,8 +38,11 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(items):
-    """Mark tests that use statistics, and put the folders that take longest first."""
+    """Mark slow cases and tests that use statistics; put the folders that take longest first."""
     for item in items:
+        for mark in item.iter_markers("slow_but"):
+            if item.callspec.id not in mark.args:
+                item.add_marker("slow")
         if any(name in vars(item.module) for name in ("z_test", "chi2_test", "sidak")):
             item.add_marker("statistical")
     items.sort(key=lambda item: item.path.parent.name not in LONGEST)

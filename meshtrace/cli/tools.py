@@ -101,15 +101,13 @@ def _report(name: str, record: dict[str, Any] | None) -> None:
 
 @app.command()
 def validate(
-    quick: bool = Option(
-        False, "--quick", help="Use a twentieth of the photons: less than a minute."
-    ),
+    quick: bool = Option(False, "--quick", help="Use a twentieth of the photons."),
     case: str | None = Option(
         None, metavar="NAME", help="Run one reference case instead of the suite: w2a1."
     ),
     as_json: AsJson = False,
 ) -> None:
-    """Check the engine against closed forms, published tables and its other estimator.
+    """Check the engine against closed forms, or against a reference case.
 
     Without a standard error, z is the deviation divided by the stated tolerance. The exit code is
     1 if any |z| exceeds 4.

@@ -1,10 +1,10 @@
 """Independent checks of the engine, in one table.
 
-Closed forms and quadratures, published tables, and the two estimators against each other.
-`meshtrace validate` prints them; the tests of published tables run the same problems longer.
+`meshtrace validate` compares it with closed forms and quadratures. Published tables, and the two
+estimators against each other, are tests: they need more photons than a command should take.
 """
 
 from meshtrace.validation.check import LIMIT, Check, format_table
-from meshtrace.validation.suite import SUITE, validate
+from meshtrace.validation.closed_forms import SUITE, validate
 
 __all__ = ["LIMIT", "SUITE", "Check", "format_table", "validate"]

@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, SupportsFloat
+from typing import Any, SupportsFloat
 
 from meshtrace.tables import text_table
-
-if TYPE_CHECKING:
-    from meshtrace.results.gain import GainResult
 
 LIMIT = 4.0
 """Largest |z| with which a check passes: 6e-5 of right estimates are beyond."""
@@ -31,8 +28,7 @@ class Check:
     stderr : float
         Monte Carlo standard error of the difference, 0 for deterministic quantities.
     tolerance : float
-        Uncertainty of the reference: its last printed digit, its own standard error, or, for
-        deterministic quantities, the claimed accuracy.
+        Uncertainty of the reference, or, for deterministic quantities, the claimed accuracy.
     """
 
     quantity: str
@@ -59,44 +55,9 @@ class Check:
         return {**asdict(self), "z": self.z, "passed": self.passed}
 
 
-def half_digit(printed: str) -> float:
-    """Return half a unit of the last digit of a published number.
-
-    Parameters
-    ----------
-    printed : str
-        Number as printed, as in "0.09739" or "1.07e-3".
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> half_digit("1.07e-3")
-    5e-06
-    """
-    mantissa, _, exponent = printed.lower().partition("e")
-    decimals = len(mantissa.partition(".")[2])
-    return float(f"5e{int(exponent or 0) - decimals - 1}")
-
-
-def printed(quantity: str, source: str, text: str, got: float, stderr: float = 0.0) -> Check:
-    """Return the check of a value against a published number, good to half of its last digit."""
-    return Check(quantity, source, float(text), float(got), stderr, half_digit(text))
-
-
 def exact(quantity: str, source: str, expected: float, got: SupportsFloat, rtol: float) -> Check:
     """Return the check of a deterministic value against a reference of a relative accuracy."""
     return Check(quantity, source, expected, float(got), tolerance=rtol * expected)
-
-
-def simulated(
-    quantity: str, source: str, expected: float, result: GainResult, tolerance: float = 0.0
-) -> Check:
-    """Return the check of a simulated gain against a reference."""
-    gain, stderr = float(result.gain), float(result.gain_stderr)
-    return Check(quantity, source, expected, gain, stderr, tolerance)
 
 
 def format_table(checks: Iterable[Check]) -> str:

@@ -117,7 +117,7 @@ def test_speedup_by_jobs_follows_from_their_times(threads):
         assert threads[kind]["jobs"] > 0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_worker_scaling_runs_a_sweep():
     pytest.importorskip("distributed")
     found = worker_scaling(Scenario.from_config({"bubbles": "none"}), 8, chains=64, most=1)
@@ -159,6 +159,7 @@ def measured(meshes, threads):
     }
 
 
+@pytest.mark.thorough
 def test_report_names_every_measurement(measured, threads):
     text = report(measured)
     assert "2: 1.75x (8 seas" in text
@@ -177,7 +178,7 @@ def test_report_names_every_measurement(measured, threads):
     assert 'pip install "meshtrace[batch]"' in report({**measured, "worker_scaling": None})
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_bench_measures_all_of_it(monkeypatch, measured):
     monkeypatch.setattr("meshtrace.bench.suite.worker_scaling", lambda scenario, seas: seas)
     first = measured["first_run"]

@@ -12,7 +12,7 @@ SEAS = [FlatSea(), JonswapSea(wind_speed=13.0, seed=7, waves="paper")]
 
 
 @pytest.mark.parametrize("sea", SEAS, ids=["flat", "jonswap"])
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_gains_agree(sea):
     link = mt.Link(
         physics=mt.Physics(unresolved="none"),

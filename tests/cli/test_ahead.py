@@ -34,6 +34,7 @@ SEAS = {
 
 
 @pytest.mark.parametrize("sea", SEAS)
+@pytest.mark.thorough
 def test_kernels_are_those_of_a_run(sea):
     """A run compiles no other signature of the kernels that were compiled ahead."""
     toml, wanted = SEAS[sea]

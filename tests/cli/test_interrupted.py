@@ -50,7 +50,7 @@ def check(tries, longest, folder):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_ctrl_c_at_random_times(tmp_path):
     check(6, 1.0, tmp_path)
 

@@ -55,6 +55,7 @@ def meshtrace(folder, *words):
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[] if n == "run" else pytest.mark.thorough) for n in COMMANDS]
 )
+@pytest.mark.slow_but("run", "view", "explore", "sweep", "set")
 def test_no_command_runs_a_module_that_a_file_names(name, folder):
     """Each once ran `phases.py` beside the link file."""
     if name in ("sweep", "swept"):

@@ -107,7 +107,7 @@ def test_the_result_of_a_run(tmp_path, asked):
     assert (asked["link"], asked["surface"], asked["time"]) == (link, SEA, 1.5)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_movie_of_a_series_has_its_times_and_gains(tmp_path, monkeypatch):
     series = mt.time_series(mt.Link(), SEA, [1.0, 1.5, 2.0], photons=64)
     series.save(tmp_path / "series.nc")

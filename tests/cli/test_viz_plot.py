@@ -78,6 +78,9 @@ def test_every_command_is_listed():
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", WRITING)
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.slow_but(
+    "run", "series", "ensemble", "ber", "compare", "coverage", "sensitivity", "converge of fading"
+)
 def test_every_result_is_drawn(name, folder):
     words = WRITING[name]
     if words[0] == "sweep":

@@ -140,6 +140,11 @@ RANGES = [
 
 @pytest.mark.parametrize(("name", "radiance", "width", "fov", "noise", "wanted"), RANGES)
 @pytest.mark.thorough
+@pytest.mark.slow_but(
+    "dark-0.0-10.0-60.0-poisson-wanted0",
+    "day_2nm_20-0.013041-2.0-20.0-poisson-wanted2",
+    "-0.012058-0.5-5.967-renewal-wanted6",
+)
 def test_ranges_of_the_reference(name, radiance, width, fov, noise, wanted):
     from meshtrace.studies.performance.tables import _range
 

@@ -24,6 +24,9 @@ LIMIT = float(norm.isf(0.5 * (1.0 - (1.0 - 1e-4) ** (1.0 / len(CASES)))))
 
 @pytest.mark.parametrize(("model", "bit_rate", "target"), CASES)
 @pytest.mark.thorough
+@pytest.mark.slow_but(
+    "W-1000000.0-0.001", "W-5000000.0-0.01", "A-5000000.0-0.001", "A-10000000.0-0.01"
+)
 def test_error_rate_agrees(model, bit_rate, target):
     """z-test against the exact law (alpha 1e-4 over the family) at its best threshold.
 

@@ -168,6 +168,7 @@ def test_required_power_of_a_closed_eye_is_infinite():
 @pytest.mark.parametrize("bit_rate", RATES)
 @pytest.mark.parametrize("model", ["W", "CP"])
 @pytest.mark.thorough
+@pytest.mark.slow_but("W-1000000", "W-5000000", "W-10000000", "CP-1000000")
 def test_decision_feedback_needs_less_power(model, bit_rate):
     plain = OokLink(bit_rate=bit_rate, model=model)
     equalized = plain.model_copy(update={"equalizer": "dfe"})
@@ -176,6 +177,8 @@ def test_decision_feedback_needs_less_power(model, bit_rate):
 
 
 @pytest.mark.parametrize("bit_rate", RATES)
+@pytest.mark.thorough
+@pytest.mark.slow_but("1000000")
 def test_gaussian_window_model_is_close_to_the_exact_law(bit_rate):
     """The Gaussian model W errs by less than 0.1 dB in required power, its rate by 8 %."""
     gaussian, exact = (OokLink(bit_rate=bit_rate, model=model) for model in ("W", "CP"))

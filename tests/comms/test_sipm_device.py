@@ -30,6 +30,13 @@ def test_printed_nep_and_noise_power(pde, key):
     assert powers == pytest.approx(NEP[f"Pn_{key}"], rel=1e-12)
 
 
+def test_noise_has_the_digits_of_the_print():
+    sipm = SiPM(pde=0.4)
+    assert sipm.nep_paper(BLUE) == pytest.approx(3.42e-15, abs=5e-18)
+    found = [sipm.noise_power_paper(BLUE, 0.5 * rate) for rate in (1e6, 5e6, 1e7)]
+    assert found == pytest.approx([2.42e-12, 5.41e-12, 7.65e-12], abs=5e-15)
+
+
 def test_p_min_makes_the_snr_one():
     sipm = SiPM()
     found = [sipm.p_min(BLUE, 0.5 * rate) for rate in RATES]

@@ -127,6 +127,7 @@ def test_sun_under_waves_equals_forward_photons():
     assert z_test(power, error, forward.gain, forward.gain_stderr) > ALPHA
 
 
+@pytest.mark.thorough
 def test_the_edge_of_the_view_cuts_the_disk_of_the_sun_under_water():
     at_edge = 2.0 * math.degrees(math.asin(0.5 / 1.33))
     water = mt.Water(a=0.1, b=0.0)
@@ -138,6 +139,7 @@ def test_the_edge_of_the_view_cuts_the_disk_of_the_sun_under_water():
     assert half / full == pytest.approx(0.5, abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_walk_equals_the_quasi_single_approximation():
     link = mt.Link(receiver=mt.Receiver(fov_deg=4.0))
     closed, walk = (

@@ -32,6 +32,7 @@ def test_the_lever_of_a_slope(height, key):
 
 @pytest.mark.parametrize("depth", [5.0, 10.0])
 @pytest.mark.thorough
+@pytest.mark.slow_but("5.0")
 def test_sunlight_under_a_passing_wave(depth):
     """SI = (1 - eps^2)^(-1/2) - 1, eps = (n - 1) d A k^2 / n, below the first caustic."""
     wanted = REFERENCE["sinus_A0.05_lam3_sun"][f"{depth:g}"]

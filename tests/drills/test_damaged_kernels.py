@@ -73,7 +73,7 @@ def check(intact, folder, choose):
     return len(used)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_every_small_kernel_damaged_at_once(intact, tmp_path):
     """Kernels that are compiled in a second or two; the others are for the long drill."""
     random = Random(1)

@@ -205,6 +205,7 @@ def test_killed_encoder(tmp_path, gain, viz, monkeypatch):
 
 
 @pytest.mark.parametrize("kills", KILLS)
+@pytest.mark.thorough
 def test_killed_figures(kills, tmp_path):
     """Picture, data, table, record and index: each is absent, or whole."""
     import pandas as pd

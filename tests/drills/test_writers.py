@@ -124,7 +124,7 @@ def test_kills_at_random_times(name, tmp_path):
         if name != "bench.json"
     ],
 )
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_kills_while_files_are_opened_and_renamed(name, tmp_path):
     path = tmp_path / name
     good, _ = good_file(WRITERS[name], path)
@@ -165,7 +165,7 @@ def test_full_disk(name, tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of a POSIX shell")
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_full_disk_of_an_export(tmp_path):
     """VTK writes what fits and says nothing."""
     words = command("view --paths 0 --spacing 0.5 --export {}", tmp_path / "scene")

@@ -255,6 +255,7 @@ const framed = (url) => new Promise((done) => {
 @pytest.mark.process
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["127.0.0.1", "evil.example"])
+@pytest.mark.slow_but("evil.example")
 def test_a_hostile_page_opens_and_reads_nothing(explorer, name):
     """It even knows the addresses and secrets of an open session, of which no page can know."""
     _, url = explorer
@@ -292,7 +293,7 @@ def test_a_hostile_page_opens_and_reads_nothing(explorer, name):
 
 @pytest.mark.browser
 @pytest.mark.process
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_name_that_points_at_this_machine_opens_nothing(explorer):
     """As after DNS rebinding: of one origin with the explorer for the browser."""
     _, url = explorer

@@ -168,6 +168,7 @@ MOVES = {
 }
 
 
+@pytest.mark.slow
 def test_each_control_changes_the_gain_as_the_library_does(page):
     """Entered one after the other: each on top of those before."""
     moves, readings = {}, [reading(page)]
@@ -185,6 +186,7 @@ def test_the_water_changes_the_gain(page):
     until(lambda: gain_is(page, {"water": "jerlov-1C"}), "another gain")
 
 
+@pytest.mark.slow
 def test_the_bit_rate_changes_bits_and_not_the_gain(page):
     rate = page.find_element("id", "reading-required").text
     enter(page, "bit_rate", 20)
@@ -193,6 +195,7 @@ def test_the_bit_rate_changes_bits_and_not_the_gain(page):
     until(lambda: gain_is(page, {}), "the gain changes")
 
 
+@pytest.mark.slow
 def test_daylight_adds_background_and_keeps_the_gain(page):
     page.find_element("css selector", "#light option[value='clear']").click()
     counts = lambda: page.find_element("id", "reading-background").text  # noqa: E731
@@ -229,6 +232,7 @@ def drag(driver, view, part, x, y):
         ("plan", "lamp", ("lamp_x", "lamp_y")),
     ],
 )
+@pytest.mark.slow_but("side-lamp-names0")
 def test_dragging_writes_the_same_state(page, view, part, names):
     """In the plan lamp and receiver lie on each other at first."""
     moves = {}
@@ -282,6 +286,7 @@ def test_a_link_that_cannot_be_traced_says_why(page):
     assert "highest crest" in page.find_element("id", "notes").text
 
 
+@pytest.mark.slow
 def test_the_copied_texts_describe_the_link(page):
     enter(page, "depth", 11.5)
     until(lambda: gain_is(page, {"depth": 11.5}), "another gain")
@@ -304,6 +309,7 @@ def text_of(driver):
     return driver.execute_script(read)
 
 
+@pytest.mark.slow
 def test_time_runs_and_stops(page):
     before = picture(page, ".mt-scene")
     clock = lambda: float(page.find_element("id", "time").text.split()[2])  # noqa: E731
@@ -331,6 +337,7 @@ def seek_trigger(driver):
     return re.search(r"@seek=\"trigger\('([^']+)'", markup)[1]
 
 
+@pytest.mark.slow
 def test_the_map_is_shown_in_plan_and_scene(page):
     before = picture(page, ".mt-scene")
     page.find_element("id", "map").click()
@@ -356,6 +363,7 @@ def test_the_saved_picture_shows_scene_and_caption(page):
     assert (caption < 100).any()
 
 
+@pytest.mark.slow
 def test_two_browsers_have_two_states(page, url):
     with chromium(1400, 1043) as other:
         opened(other, url)
@@ -366,6 +374,7 @@ def test_two_browsers_have_two_states(page, url):
         assert (shown(page, "depth"), shown(other, "height")) == ("10", "5")
 
 
+@pytest.mark.slow
 def test_a_page_can_be_loaded_again_with_its_state(page):
     enter(page, "depth", 13.0)
     until(lambda: gain_is(page, {"depth": 13.0}) and idle(page), "another gain")
@@ -377,6 +386,7 @@ def test_a_page_can_be_loaded_again_with_its_state(page):
     until(same, "another scene after loading again")
 
 
+@pytest.mark.slow
 def test_a_move_keeps_the_camera_of_the_user(page):
     camera = lambda: page.execute_script("return trame.refs.scene.getCamera()")  # noqa: E731
     turned = camera() | {"position": [-30.0, -50.0, 15.0]}
@@ -386,6 +396,7 @@ def test_a_move_keeps_the_camera_of_the_user(page):
     assert camera()["position"] == pytest.approx([-30.0, -50.0, 15.0])
 
 
+@pytest.mark.slow
 def test_the_sea_runs_until_the_last_browser_has_left(page):
     """Two browsers of one session: the first to leave once stopped the sea of the other."""
     clock = lambda: float(page.find_element("id", "time").text.split()[2])  # noqa: E731

@@ -89,6 +89,7 @@ def test_light_downwards(session):
     down.join()
 
 
+@pytest.mark.thorough
 def test_the_series_is_that_of_the_library(session):
     session.start()
     assert session.wait(120.0)
@@ -187,6 +188,7 @@ def test_answers_come_in_order_and_stale_ones_are_marked(session):
     assert not any(session.fresh(name) for name in ("gain", "rays", "fading", "map"))
 
 
+@pytest.mark.thorough
 def test_a_map_is_made_on_demand(session):
     session.start()
     session.make_map()
@@ -245,6 +247,7 @@ def test_internal_errors_are_shown_and_work_goes_on(session, monkeypatch):
     assert session.answer("gain").gain > 0.0
 
 
+@pytest.mark.thorough
 def test_two_sessions_do_not_mix():
     one, two = Session(PAPER), Session(PAPER)
     one.move({"depth": 11.0})

@@ -249,7 +249,7 @@ def test_goodness_of_fit_is_calibrated_where_the_law_holds():
     assert stats.kstest(naive, "uniform").pvalue < ALPHA
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_goodness_of_fit_of_gamma_gamma_accepts_and_rejects():
     rng = np.random.default_rng(113)
     p = [

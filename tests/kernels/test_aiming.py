@@ -11,12 +11,10 @@ from meshtrace.bvh import BruteForceIntersector
 from meshtrace.kernels import aiming
 from meshtrace.kernels.crossings import ROOT, enumerate_roots
 from meshtrace.kernels.jit import entry, inlined
-from meshtrace.kernels.scene import FACET, FLAT_SEA, Scene, facet_summary, locate
+from meshtrace.kernels.scene import FLAT_SEA, locate
 from meshtrace.kernels.vectors import Vec2, Vec3, row, write
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
-from meshtrace.transport.arrays import interface_arrays, locator, medium_arrays, surface_arrays
-from meshtrace.transport.forced_link import emitter_of, target_of
 
 N_WATER = 1.33
 
@@ -121,22 +119,6 @@ def test_light_that_leads_away_has_no_forward_crossing():
 # ---- land, jacobian --------------------------------------------------------------------------
 
 
-def scene_of(link, mesh, normals="vertex"):
-    surface = surface_arrays(mesh, normals)
-    facets = np.empty(len(mesh.faces), FACET)
-    facet_summary(surface, facets)
-    target = target_of(link.receiver)
-    return Scene(
-        emitter_of(link.transmitter),
-        target,
-        surface,
-        locator(surface, [target]),
-        facets,
-        medium_arrays(link),
-        interface_arrays(link),
-    )
-
-
 @inlined
 def shot_at(q, v, x, y, branch, scene):
     none, goal = Vec2(0.0, 0.0), Vec2(x, y)
@@ -187,7 +169,7 @@ def wave_mesh():
 
 
 @pytest.mark.parametrize("normals", ["vertex", "facet"])
-def test_landing_is_the_ray_traced_forwards(wave_mesh, normals):
+def test_landing_is_the_ray_traced_forwards(wave_mesh, normals, scene_of):
     """Turn the chain by R(w), meet the mesh, refract, fly to the plane: same point."""
     mesh = wave_mesh
     scene = scene_of(LINK, mesh, normals)
@@ -224,8 +206,7 @@ def test_landing_is_the_ray_traced_forwards(wave_mesh, normals):
     np.testing.assert_allclose(off @ axis, 0.0, atol=1e-9)
 
 
-def test_light_beyond_the_critical_angle_does_not_leave():
-    scene = scene_of(mt.Link(), SEA.mesh(extent=6.0, spacing=0.5))
+def test_light_beyond_the_critical_angle_does_not_leave(scene):
     straight = np.zeros(3), np.array([0.0, 0.0, 1.0])
     critical = math.asin(1 / N_WATER)
     for angle, ok in ((critical - 1e-3, True), (critical + 1e-3, False)):
@@ -244,7 +225,7 @@ def _jacobians(points, facets, q, v, scene, out):
 
 
 @pytest.mark.parametrize("normals", ["vertex", "facet"])
-def test_jacobian_against_central_differences(wave_mesh, normals):
+def test_jacobian_against_central_differences(wave_mesh, normals, scene_of):
     scene = scene_of(LINK, wave_mesh, normals)
     points = np.random.default_rng(7).uniform(-1.5, 1.5, (200, 2))
     facets = located(scene, points)
@@ -274,11 +255,9 @@ def _flats(points, q, v, scene, out):
         aiming.flat_crossing(out[i], points[i, 0], points[i, 1], shot, scene)
 
 
-def test_flat_crossing_of_unscattered_light_has_closed_forms():
+def test_flat_crossing_of_unscattered_light_has_closed_forms(scene):
     """Upright on the axis: dX/dP = 1 + n h / d, dX/dslope = (n - 1) h."""
     d, h = 10.0, 5.0
-    mesh = SEA.mesh(extent=6.0, spacing=0.5)
-    scene = scene_of(mt.Link(), mesh)
     out = np.zeros(1, aiming.FLAT)
     _flats(np.zeros((1, 2)), np.zeros(3), np.array([0.0, 0.0, 1.0]), scene, out)
     low, high, lever, lift = out[["low", "high", "lever", "lift"]][0]
@@ -299,7 +278,7 @@ def test_flat_crossing_of_unscattered_light_has_closed_forms():
 @pytest.mark.parametrize(
     ("extent", "spacing", "fine"), [(9.0, 0.13, None), (12.0, 0.1, 3.0), (15.0, 4.0, None)]
 )
-def test_locate_against_vertical_rays(extent, spacing, fine):
+def test_locate_against_vertical_rays(extent, spacing, fine, scene_of):
     sea = JonswapSea(wind_speed=13.0, seed=1, waves="paper")
     coarse = 0.9 if fine else None
     mesh = sea.mesh(extent=extent, spacing=spacing, fine_extent=fine, coarse_spacing=coarse)
@@ -314,7 +293,7 @@ def test_locate_against_vertical_rays(extent, spacing, fine):
     assert (located(scene, outside) == -1).all()
 
 
-def test_every_vertex_and_edge_belongs_to_a_facet():
+def test_every_vertex_and_edge_belongs_to_a_facet(scene_of):
     mesh = SEA.mesh(extent=3.0, spacing=0.3)
     scene = scene_of(mt.Link(), mesh)
     a, b = mesh.vertices[mesh.faces[:, 0], :2], mesh.vertices[mesh.faces[:, 1], :2]
@@ -401,7 +380,7 @@ CHAINS = {
 
 @pytest.mark.parametrize("name", CHAINS)
 @pytest.mark.parametrize("amplitude", [0.05, 0.1, 0.15])
-def test_roots_of_a_focusing_sinusoid(name, amplitude):
+def test_roots_of_a_focusing_sinusoid(name, amplitude, scene_of):
     """Dense search on the exact sea against the facets: same number, same places."""
     sea = SinusoidalSea(amplitude=amplitude, wavelength=2.0, phase=0.4)
     q, v = CHAINS[name]
@@ -428,7 +407,7 @@ def test_roots_of_a_focusing_sinusoid(name, amplitude):
         assert several > 0, "the sea does not focus: the test shows nothing"
 
 
-def test_roots_of_facets_against_every_facet():
+def test_roots_of_facets_against_every_facet(scene_of):
     """With faceted normals the roots are those of all planes that hold their own crossing."""
     sea = JonswapSea(wind_speed=13.0, seed=3, omega_max=8.0, waves="paper")
     mesh = sea.mesh(extent=5.0, spacing=0.2)

@@ -18,7 +18,6 @@ from meshtrace.kernels.vectors import Vec2, Vec3, minus, norm, scaled
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea
 from meshtrace.transport.aimed import _disk_nodes, _disk_rule
-from meshtrace.transport.forced import ForcedDetection
 
 ROUGH = UnresolvedSlopes((0.02, 0.01), (0.02, 0.01), 40.0)
 
@@ -49,19 +48,17 @@ def there_and_back(roughness, x, y):
     return u.x, u.y
 
 
-def scene_of(link):
+@pytest.fixture
+def rough_mesh():
+    """Return level water with random slopes."""
     mesh = FlatSea().mesh(extent=20.0, spacing=5.0)
-    rough = mt.TriangleMesh(mesh.vertices, mesh.faces, mesh.vertex_normals, ROUGH)
-    forced = ForcedDetection(link, 32, 1, scattered="chains")
-    aimed = forced.over(rough)
-    arrays = forced.arrays
-    return aimed.scene(arrays.emitters[0], arrays.targets[0])
+    return mt.TriangleMesh(mesh.vertices, mesh.faces, mesh.vertex_normals, ROUGH)
 
 
 @pytest.mark.parametrize("receiver", [{}, {"position": (0.8, -0.5), "tilt_deg": 20.0}])
-def test_the_slope_sends_light_to_the_point(receiver):
+def test_the_slope_sends_light_to_the_point(receiver, rough_mesh, scene_of):
     """Forward refraction by the slope lands on the point; its density by finite differences."""
-    scene = scene_of(mt.Link(receiver=mt.Receiver(**receiver)))
+    scene = scene_of(mt.Link(receiver=mt.Receiver(**receiver)), rough_mesh)
     rng = np.random.default_rng(3)
     wind, variances = math.radians(ROUGH.direction_deg), np.array(ROUGH.vertex)
     seen = 0

@@ -262,9 +262,9 @@ def quad(function, row):
     return length * integrate.quad(lambda t: function(a + t * (b - a)), 0, 1, limit=400)[0]
 
 
-def test_paths_in_homogeneous_water():
+def test_paths_in_homogeneous_water(medium):
     water = mt.Water()
-    got = paths(medium_arrays(mt.Link()), ENDS)
+    got = paths(medium, ENDS)
     length = [np.linalg.norm(np.subtract(r[3:], r[:3])) for r in ENDS]
     np.testing.assert_allclose(got, np.outer(length, (water.a, water.b)), rtol=1e-14)
 

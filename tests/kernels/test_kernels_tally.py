@@ -115,8 +115,7 @@ RECEIVERS = [
 
 @pytest.mark.parametrize("receiver", RECEIVERS, ids=lambda r: f"{r.kind} {r.fov_deg:g}")
 @pytest.mark.parametrize("length", [4.0, math.inf])
-def test_disk_and_field_of_view(receiver, length):
-    rng = np.random.default_rng(1)
+def test_disk_and_field_of_view(receiver, length, rng):
     n = 200_000
     apertures = aperture_arrays(mt.Link(receiver=receiver))
     origins = np.array(receiver.center) + rng.uniform(-4.0, 4.0, (n, 3))
@@ -275,7 +274,7 @@ def test_layers_absorb_up_to_the_plane_and_to_the_disk():
 
 
 @pytest.mark.parametrize(("tilt_deg", "fov_deg"), [(0.0, 180.0), (0.0, 60.0), (30.0, 80.0)])
-def test_map_is_a_histogram(tilt_deg, fov_deg):
+def test_map_is_a_histogram(tilt_deg, fov_deg, medium):
     """What level cells take, as apertures with this axis and field of view see it."""
     axis = mt.Receiver(tilt_deg=tilt_deg, tilt_azimuth_deg=25.0).axis
     cos = max(math.cos(math.radians(fov_deg / 2.0)), 1e-12)
@@ -285,7 +284,7 @@ def test_map_is_a_histogram(tilt_deg, fov_deg):
     origins = rng.uniform(-3, 3, (n, 3)) * (1, 1, 0.1)
     directions = random_directions(rng, n)
     weight = rng.random(n)
-    mapped(tallies, origins, directions, weight, medium_arrays(mt.Link()))
+    mapped(tallies, origins, directions, weight, medium)
     seen = (directions[:, 2] > 0) & (directions @ np.array(axis) >= cos)
     d = directions[seen]
     t = (5.0 - origins[seen, 2]) / d[:, 2]

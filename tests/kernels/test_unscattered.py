@@ -39,9 +39,8 @@ def area_of(t):
     return 0.5 * np.abs(ax * by - ay * bx)
 
 
-def test_overlap_against_monte_carlo():
+def test_overlap_against_monte_carlo(rng):
     """Triangles of all sizes and places: area and centroid within the error of counting."""
-    rng = np.random.default_rng(1)
     n, cases = 20_000, 300
     size = 10.0 ** rng.uniform(-1, 1, (cases, 1, 1))
     triangles = rng.uniform(-1.5, 1.5, (cases, 1, 2)) + size * rng.normal(size=(cases, 3, 2))

@@ -77,6 +77,7 @@ def numbers(text):
 @pytest.mark.process
 @pytest.mark.parametrize("page", pages_with("python"))
 @pytest.mark.thorough
+@pytest.mark.slow_but("quickstart", "own_phase_function")
 def test_code_runs_and_pages_show_what_it_prints(page, tmp_path, request):
     """`--update-golden` replaces the outputs. Numbers may differ by a change of the engine."""
     if page.stem == "sweep":

@@ -47,6 +47,7 @@ def test_results_count_by_their_sizes(work):
         list(paced(work(1.0, 1.0, 2.0), 1000, "1,000 photons", lambda each: 2.0 * each))
 
 
+@pytest.mark.thorough
 def test_a_mesh_of_many_waves_is_announced_before_it_begins(monkeypatch):
     """It once took 80 s of a processor and 810 MB without a word."""
     sea = SpectralSea(spectrum=Elfouhaily(wind_speed=13.0), omega_max=200.0, choppy=True)

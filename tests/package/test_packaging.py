@@ -8,9 +8,13 @@ import runpy
 import subprocess
 import sys
 import tomllib
+from contextlib import suppress
+from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from meshtrace.scenario import Scenario
 
@@ -62,6 +66,48 @@ def test_data_files_are_packaged():
     assert {path for path in files() if path.suffix not in code} == found
 
 
+def installed_by(extra):
+    """Return the distributions that `pip install meshtrace[extra]` installs, by lower-case name."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras, found = project["optional-dependencies"], set()
+
+    def add(line, extras_of_line=()):
+        need = Requirement(line)
+        name = canonicalize_name(need.name)
+        if name == "meshtrace":
+            for own in need.extras:
+                for inner in extras[own]:
+                    add(inner)
+        elif need.marker is None or any(
+            need.marker.evaluate({"extra": e}) for e in ("", *extras_of_line)
+        ):
+            if (name, *need.extras) not in found:
+                found.add((name, *need.extras))
+                with suppress(metadata.PackageNotFoundError):
+                    for inner in metadata.requires(name) or ():
+                        add(inner, need.extras)
+
+    for line in (*project["dependencies"], *extras[extra]):
+        add(line)
+    return {name for name, *_ in found}
+
+
+@pytest.mark.thorough
+def test_the_extra_of_the_tests_installs_what_they_import():
+    """The environment of .ci/run also has other extras, which would hide a lack."""
+    owners, found = metadata.packages_distributions(), set()
+    for path in (ROOT / "tests").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {name.name.partition(".")[0] for name in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                found.add(node.module.partition(".")[0])
+    needed = {name for name in found if name in owners} - {"meshtrace", "surfaces", "viz"}
+    known = installed_by("test")
+    lacking = {name for name in needed if not {canonicalize_name(d) for d in owners[name]} & known}
+    assert not lacking
+
+
 @pytest.mark.process
 def test_importing_meshtrace_loads_nothing_heavy():
     assert not modules_after("import meshtrace") & HEAVY
@@ -90,6 +136,7 @@ def test_every_public_name_is_there():
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 @pytest.mark.thorough
+@pytest.mark.slow_but("daylight", "link_file", "quickstart")
 def test_examples_run(example, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(example), run_name="__main__")

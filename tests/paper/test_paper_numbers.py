@@ -39,6 +39,7 @@ def test_distances_of_the_printed_cdf_follow_from_its_slip():
     assert float(f"{ks.paper.value:.2e}") == ks.printed
 
 
+@pytest.mark.thorough
 def test_table_of_the_tilt_holds_the_known_deviations():
     found = rows("tilt", samples=1000)
     low, high = (found[f"standard deviation of the tilt, {u} m/s"] for u in (5, 13))
@@ -169,13 +170,14 @@ def test_printed_signal_to_noise_follows_from_its_formula():
     assert rough.paper.stderr > 0.0
 
 
+@pytest.mark.thorough
 def test_sweep_over_receivers_meets_the_law_of_the_area():
     found = rows("gain-radius", **TINY)
     for row in found.values():
         assert row.default.value == pytest.approx(2.0, abs=0.05)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_wide_beams_lose_what_their_solid_angle_says():
     """On axis the gain goes with (m + 1): scattering changes the ratio by a few percent."""
     order = [-math.log(2.0) / math.log(math.cos(math.radians(a))) for a in (5.0, 60.0)]

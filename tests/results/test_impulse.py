@@ -33,6 +33,7 @@ def analog():
 
 
 @pytest.mark.parametrize("receiver", [0, 1])
+@pytest.mark.thorough
 def test_weights_add_up_to_the_gain(forced, analog, receiver):
     for r in (forced, analog):
         mine = r.arrivals.receiver == receiver

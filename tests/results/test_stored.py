@@ -114,6 +114,7 @@ def test_every_result_comes_back_from_its_file(results, tmp_path):
         assert back.summary() == result.summary()
 
 
+@pytest.mark.thorough
 def test_every_result_has_a_short_repr_a_text_and_a_table(results):
     for name, result in results.items():
         assert len(repr(result).splitlines()) <= 2, name
@@ -184,7 +185,7 @@ def test_no_flipped_bit_changes_a_number(results, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_damage_of_files_without_a_digest_is_one_line_or_none(results, tmp_path):
     """Files that other tools wrote to have none: what cannot be read is refused."""
     path = tmp_path / "a.nc"
@@ -319,7 +320,7 @@ for _ in itertools.count():
 
 
 @pytest.mark.parametrize("kills", [4, pytest.param(30, marks=pytest.mark.slow)])
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_kills_while_saving_leave_a_whole_file(results, tmp_path, kills):
     good, kept, rng = tmp_path / "good.nc", tmp_path / "kept.nc", np.random.default_rng(5)
     results["gain"].save(good)

@@ -146,6 +146,7 @@ DAY = mt.Daylight(direct=1.42, diffuse=0.295)
 
 
 @pytest.mark.filterwarnings("ignore::meshtrace.DaylightWarning")
+@pytest.mark.thorough
 def test_every_error_rate_names_its_light(tmp_path):
     link = mt.Link(receiver=mt.Receiver(fov_deg=20.0))
     dark = mt.link_performance(link, FlatSea(), photons=256)

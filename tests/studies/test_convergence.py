@@ -210,6 +210,7 @@ def study():
     return convergence_study(LINK, WAVE, spacings, photons=64, placements=13)
 
 
+@pytest.mark.thorough
 def test_interpolated_normals_converge_as_the_square(study):
     order, gain, _ = study.fits["vertex"]
     assert 1.6 < order.value < 2.2

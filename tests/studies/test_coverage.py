@@ -43,6 +43,13 @@ def mesh_of(link, sea):
 @pytest.mark.parametrize("sea", SEAS)
 @pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
+@pytest.mark.slow_but(
+    "flat-on axis",
+    "flat-aside",
+    "random slopes-on axis",
+    "random slopes-aside",
+    "smooth waves-aside",
+)
 def test_cells_have_the_gain_of_a_receiver_there(sea, site):
     """Ten cells at each site; the second moments of disk and cell agree for R = step / sqrt(3)."""
     surface, physics = SEAS[sea]
@@ -109,6 +116,7 @@ LINKS = {
 
 @pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
 @pytest.mark.parametrize("name", LINKS)
+@pytest.mark.slow_but("smooth waves", "light reflected first", "layers", "implicit", "paper")
 def test_image_and_photons_against_photons_alone(name):
     """Chi-square over 64 cells. Chains once left out the light that is reflected first."""
     link, sea = LINKS[name]
@@ -126,6 +134,7 @@ def test_image_and_photons_against_photons_alone(name):
 @pytest.mark.parametrize("sea", ["flat", "random slopes"])
 @pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
 @pytest.mark.thorough
+@pytest.mark.slow_but("flat")
 def test_errors_of_cells_are_true(sea, monkeypatch):
     """Scatter of three cells over 64 seeds by the errors that they state."""
     surface, physics = SEAS[sea]

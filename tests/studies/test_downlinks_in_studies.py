@@ -86,7 +86,7 @@ def test_results_of_a_downlink_are_stored(tmp_path):
 
 
 @pytest.mark.statistical
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_elasticities_are_those_of_the_mirrored_link():
     # a Lambertian lamp and a half space of view: both directions differ by n^2 alone
     even = mt.Link(transmitter=mt.Led(half_angle_deg=60.0), receiver=mt.Receiver(fov_deg=180.0))
@@ -118,6 +118,8 @@ def test_sensitivity_to_the_field_of_view_is_that_of_two_runs():
 @pytest.mark.parametrize(
     ("variable", "best"), [("transmitter.half_angle_deg", 5.0), ("receiver.fov_deg", 40.0)]
 )
+@pytest.mark.thorough
+@pytest.mark.slow_but("receiver.fov_deg-40.0")
 def test_the_gain_of_an_optimum_is_that_of_its_link(variable, best):
     found = mt.optimize(
         DOWN, FlatSea(), {variable: (5.0, 40.0)}, "gain", realizations=1, photons=2048

@@ -79,6 +79,7 @@ def test_other_pairs_are_refused(up, down, sea, options, text):
         mt.duplex(up, down, sea, **options)
 
 
+@pytest.mark.thorough
 def test_ensembles_and_flights_take_a_downlink():
     sea = sea_in_wind(5.0)
     found = mt.ensemble(DOWN, 2, sea, photons=64, extent=6.0, spacing=0.3)
@@ -114,7 +115,7 @@ def test_the_map_under_water_agrees_with_receivers_at_its_places():
     assert (np.abs(cells - expected) < 4.0 * error + 0.02 * expected).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_study_with_a_link_file_of_a_downlink():
     scenario = mt.Scenario.from_toml(LINK_FILE)
     assert scenario.link.direction == "down"

@@ -231,7 +231,7 @@ def test_depths_share_the_band_of_the_first():
 
 
 @pytest.mark.statistical
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_default_ensemble_has_the_scintillation_index_of_all_waves():
     """0.0047 before; error of an index of a law like the gamma, sqrt((2 + 10 SI) / n) SI."""
     with warnings.catch_warnings():

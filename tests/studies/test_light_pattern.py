@@ -31,6 +31,7 @@ def disk_mean(pattern, radius):
     ids=["flat", "plane", "sine", "resolved", "tilts", "foam", "choppy"],
 )
 @pytest.mark.thorough
+@pytest.mark.slow_but("tilts", "choppy")
 def test_it_agrees_with_forced_detection(link, sea, rel):
     radius = link.receiver.radius
     pattern = mt.light_pattern(link, sea, extent=0.1, step=0.01)

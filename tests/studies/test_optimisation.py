@@ -101,6 +101,7 @@ def test_range():
     assert o.value == pytest.approx(start.value + o.validation.difference, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_seas_and_tilts_are_common_and_fresh_ones_are_not():
     sea, uav = JonswapSea(wind_speed=5.0), mt.Uav()
     options = dict(realizations=2, photons=64, uav=uav, hover_std=(0.5, 0.5))

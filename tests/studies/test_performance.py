@@ -73,6 +73,7 @@ def test_flat_sea_gains_match_the_tables(preset, key, table_error):
     ("preset", "expected"), [("physical", (55, 43, 31)), ("paper-ranges", (49, 42, 34.5))]
 )
 @pytest.mark.thorough
+@pytest.mark.slow_but("paper-ranges-expected1")
 def test_flat_sea_ranges(preset, expected):
     found = mt.link_performance(
         mt.Link(), FlatSea(), depths=GRID, bit_rate=RATES, ook=preset, photons=4096
@@ -148,6 +149,7 @@ def test_a_band_without_the_fading_is_reported():
     assert line in found.summary().splitlines()
 
 
+@pytest.mark.thorough
 def test_average_ber_equals_brute_force(ensemble_performance):
     gains = mt.ensemble(at_depth(40.0), 24, photons=512).gain
     for rate in RATES:
@@ -165,6 +167,7 @@ def test_average_ber_equals_brute_force(ensemble_performance):
         assert figures.photons_per_bit.value == pytest.approx(photons, rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_tilts_are_averaged_as_brute_force_does():
     found = mt.link_performance(
         at_depth(40.0), wind_speed=13.0, bit_rate=5e6, realizations=12, photons=256, uav=mt.Uav()
@@ -205,6 +208,8 @@ def test_band_of_a_flat_sea_is_the_error_of_its_chains():
 
 
 @pytest.mark.parametrize("chain_error", [0.0, 0.03])
+@pytest.mark.thorough
+@pytest.mark.slow_but("0.03")
 def test_bands_cover_the_truth(chain_error):
     rng = np.random.default_rng(3)
     ook, n, sigma = OokLink(model="GP"), 100, 0.25

@@ -60,6 +60,7 @@ def test_closed_forms_without_scattering():
 
 @pytest.mark.parametrize("depth", [10.0, 40.0])
 @pytest.mark.thorough
+@pytest.mark.slow_but("10.0")
 def test_euler_relation(depth):
     # lengths enter as a L, b L and ratios alone: exact on a flat sea for stretched chains
     link = oblique(0.037).replace("transmitter.depth", depth)
@@ -70,6 +71,7 @@ def test_euler_relation(depth):
 
 @pytest.mark.parametrize("depth", [10.0, 40.0])
 @pytest.mark.thorough
+@pytest.mark.slow_but("10.0")
 def test_euler_relation_gives_the_depth_derivative_on_the_axis(depth):
     link = mt.Link().replace("transmitter.depth", depth)
     # a short step: the edge of the field of view cuts off chains, and e^s bends
@@ -107,6 +109,7 @@ def test_moments_agree_with_differences():
 
 @pytest.mark.parametrize("wind_speed", [5.0, 13.0])
 @pytest.mark.thorough
+@pytest.mark.slow_but("13.0")
 def test_radius_on_the_axis(wind_speed):
     sea = JonswapSea(wind_speed=wind_speed, waves="paper", seed=7)
     row = elasticities(mt.Link(), sea, keys=("r",), photons=16384).table[0]
@@ -147,6 +150,7 @@ def test_errors_of_elasticities_cover():
     assert 0.91 <= np.mean(np.abs(z) < 2.0) <= 0.98
 
 
+@pytest.mark.thorough
 def test_field_of_view_from_angles_of_arrival():
     link = mt.Link().replace("transmitter.depth", 40.0).replace("receiver.fov_deg", 20.0)
     angle = elasticities(link, keys=("fov",)).table[0]
@@ -187,6 +191,7 @@ VIEWS = [(2.0, None), (2.0, 5.0), (10.0, 5.0)]
 @pytest.mark.filterwarnings("ignore:receiver 0. light arrives by large angles")
 @pytest.mark.parametrize(("fov", "wind_speed"), VIEWS)
 @pytest.mark.thorough
+@pytest.mark.slow_but("10.0-5.0", "2.0-None")
 def test_narrow_views_against_differences(fov, wind_speed):
     """Runs of their own on either side of the edge; over waves light is blurred across it."""
     sea = FlatSea() if wind_speed is None else JonswapSea(wind_speed=wind_speed, seed=7)
@@ -272,7 +277,7 @@ def test_wind_in_parts():
     assert found["whitecaps.wind_speed"].elasticity == pytest.approx(expected, rel=1e-3)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_range_against_full_searches():
     s = mt.sensitivities(mt.Link(), FlatSea(), wrt=["water.a"], of="range", photons=2048)
     depths = np.arange(52.0, 59.0, 1.0)
@@ -404,7 +409,7 @@ def test_photons_one_by_one_have_the_same_elasticities(key):
     assert abs(analog - forced[0]) < 3.0 * math.hypot(error, error_of(forced))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_calls_of_the_design():
     """Every argument of the three studies by name, in one call each."""
     link, sea = mt.Link(), FlatSea()

@@ -23,7 +23,7 @@ from meshtrace.studies.store import Kept, Store, is_store, locked
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, resolved_sea
 
 LINK = mt.Link()
-SEA = JonswapSea(wind_speed=13.0, seed=3, band="paper")
+SEA = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
 WAVE = SinusoidalSea(amplitude=0.06, wavelength=4.0)
 DAY = mt.Daylight(direct=1.42, diffuse=0.295)
 FEW = {"photons": 64, "seed": 5, "threads": 1}

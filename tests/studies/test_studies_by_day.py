@@ -47,7 +47,7 @@ def swept(base, parameters, address, **options):
 
 
 @pytest.mark.process
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_sweep_moves_the_sun(address):
     pytest.importorskip("pvlib")
     zenith = [10.0, 30.0, 60.0]
@@ -170,6 +170,8 @@ def lit_scenario(day):
 
 
 @pytest.mark.parametrize("of", ["ber", "margin"])
+@pytest.mark.thorough
+@pytest.mark.slow_but("ber")
 def test_sensitivities_hold_under_the_light_of_the_scenario(of, tmp_path):
     options = {"of": of, "wrt": ["water.a"], "photons": 256}
     dark, day = (mt.sensitivities(lit_scenario(day), **options) for day in (None, DAY))
@@ -237,6 +239,7 @@ def test_the_background_of_a_flight_has_its_tilts():
 
 @pytest.mark.parametrize("coupled", [False, True])
 @pytest.mark.thorough
+@pytest.mark.slow_but("True")
 def test_error_rates_of_a_flight_by_day(coupled):
     options = {"photons": 64, "realizations": 2, "wind_speed": 13.0}
     flown = {"uav": mt.Uav(), "coupled": coupled}
@@ -258,7 +261,7 @@ def test_error_rates_of_a_flight_by_day(coupled):
 # Into the water
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_error_rates_of_a_downlink_by_day():
     link = mt.Link(
         transmitter=mt.AirLed(), receiver=mt.WaterReceiver(radius=0.05, fov_deg=20.0, depth=20.0)
@@ -285,7 +288,7 @@ def test_error_rates_of_a_downlink_by_day():
     assert deeper.at(20.0).required_power > deeper.at(30.0).required_power
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_downlink_by_day_from_an_aircraft():
     link = mt.Link(transmitter=mt.AirLed(), receiver=mt.WaterReceiver(fov_deg=20.0, depth=20.0))
     ook = mt.OokLink().replace("optics.filter_width_nm", 0.5)

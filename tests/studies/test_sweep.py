@@ -358,6 +358,7 @@ def test_scheduler_that_is_none_is_reported_in_one_line(tmp_path):
     assert "error: --workers: 'nonsense'" in result.stderr
 
 
+@pytest.mark.thorough
 def test_point_without_light_ends(address):
     # a lamp that shines past the receiver: no number of chains reaches a relative error
     link = {"bubbles": "none", "receiver": {"position": [40.0, 0.0], "fov_deg": 5.0}}

@@ -111,7 +111,7 @@ def test_cluster_without_workers_is_refused_in_time(scheduler):
     assert time.monotonic() - start < 20.0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_dead_scheduler_ends_the_command(scheduler, worker_of, tmp_path):
     process, address = scheduler
     worker_of(address)

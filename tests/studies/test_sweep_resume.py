@@ -60,7 +60,7 @@ def wait_for(store, points, alive):
     raise AssertionError("ended before it could be killed")
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_bits_are_those_of_one_process(expected):
     parameters = {**PARAMETERS, "transmitter.depth": [*PARAMETERS["transmitter.depth"], -1.0]}
     one, two = (sweep(LINK, parameters, workers=n, **OPTIONS) for n in (1, 2))
@@ -69,7 +69,7 @@ def test_bits_are_those_of_one_process(expected):
     assert (one["error"][-1] == "transmitter.depth: -1.0, allowed: 0 < depth <= 12000").all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_killed_client_loses_nothing(expected, tmp_path):
     store, script = tmp_path / "depths.store", tmp_path / "study.py"
     script.write_text(SCRIPT)
@@ -116,7 +116,7 @@ def keys_in_memory(dask_worker):
     return sorted(dask_worker.data)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_results_lost_with_their_worker_are_computed_again(expected):
     """The first result is being written; the worker dies with the next three in its memory."""
     with (
@@ -144,7 +144,7 @@ def test_results_lost_with_their_worker_are_computed_again(expected):
     assert (data["error"] == "").all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_interrupted_command_goes_on(expected, tmp_path):
     study, store = tmp_path / "study.toml", tmp_path / "study.store"
     study.write_text(

@@ -64,6 +64,8 @@ def test_own_models_survive_plain_data_and_pickles(sea):
 
 
 @pytest.mark.parametrize("sea", [RingWave(height=0.1), OWN_SEA])
+@pytest.mark.thorough
+@pytest.mark.slow_but("sea0")
 def test_a_fresh_process_reads_own_models_from_a_result(sea, tmp_path):
     mt.simulate(mt.Link(), sea, photons=64, seed=1, extent=4.0, spacing=0.5).save(tmp_path / "r.nc")
     code = (

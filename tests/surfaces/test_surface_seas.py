@@ -360,6 +360,7 @@ def test_grids_that_share_one_axis_are_distinguished():
 
 
 @pytest.mark.process
+@pytest.mark.thorough
 def test_digits_do_not_depend_on_the_number_of_threads():
     code = (
         "import hashlib, meshtrace.surfaces as s, numpy as np\n"

@@ -137,6 +137,7 @@ def test_arrivals_add_up_to_the_gain():
         (mt.Link(physics=mt.Physics(snell="paper")), (4e-3, 4e-3)),
     ],
 )
+@pytest.mark.thorough
 def test_narrow_tilts_are_sampled(link, variance):
     """Tilts too narrow for the integration are drawn with chains, and the result says so."""
     sea = JonswapSea(wind_speed=5.0, seed=4, mss="band")

@@ -78,12 +78,14 @@ LINKS = {
     "down, gaussian 2": down(mt.AirBeam(height=10.0, divergence_deg=2.0), radius=0.2),
 }
 CASES = [(name, tilts) for name in LINKS for tilts in (None, TILTS)]
-CASES.append(("led 2", UnresolvedSlopes((1e-4, 4e-5), (1e-4, 4e-5), 30.0)))
+NARROW = ("led 2", UnresolvedSlopes((1e-4, 4e-5), (1e-4, 4e-5), 30.0))
+CASES.append(NARROW)
 QUICK = {("led 2", TILTS), ("gaussian 0.5", TILTS)}
 
 
 def mark(case):
-    return pytest.param(*case, marks=() if case in QUICK else pytest.mark.thorough)
+    marks = pytest.mark.slow if case == NARROW else pytest.mark.thorough
+    return pytest.param(*case, marks=() if case in QUICK else marks)
 
 
 @pytest.mark.parametrize(("name", "tilts"), [mark(case) for case in CASES])
@@ -144,6 +146,7 @@ def test_light_that_no_facet_finds_is_sampled(monkeypatch):
             assert found.gain_ballistic == pytest.approx(usual.gain_ballistic, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_light_of_beams_is_integrated_over_waves():
     """Facets in the dark do not make unscattered light be sampled, or a waist be refused."""
     sea = JonswapSea(wind_speed=8.0, seed=1)

@@ -295,6 +295,7 @@ LINKS = {
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", LINKS)
 @pytest.mark.thorough
+@pytest.mark.slow_but("flat", "waves and tilts", "bubbles and foam", "narrow beam")
 def test_forced_detection_agrees_with_analog_photons(name):
     link, sea = LINKS[name]
     mesh, _ = mesh_for(link, sea)
@@ -308,6 +309,7 @@ def test_forced_detection_agrees_with_analog_photons(name):
 
 @pytest.mark.parametrize("aside", [20.0, 50.0, 100.0])
 @pytest.mark.thorough
+@pytest.mark.slow_but("20.0")
 def test_a_lamp_far_aside_needs_a_bounded_sea(aside):
     """The reach was 200 m: minutes for one gain. The time is in tests/benchmarks."""
     lamp = mt.AirLed(half_angle_deg=60.0)
@@ -323,6 +325,7 @@ def test_a_lamp_far_aside_needs_a_bounded_sea(aside):
 
 
 @pytest.mark.filterwarnings("ignore:receiver 0:UserWarning")
+@pytest.mark.thorough
 def test_a_lamp_close_to_the_water_reaches_a_receiver_aside():
     """The sea where its light crosses once ended before the receiver, and was refused."""
     link = down(mt.AirLed(height=0.226, half_angle_deg=30.0), depth=10.0, position=(0.0, 13.3))

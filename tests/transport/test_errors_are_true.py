@@ -159,12 +159,13 @@ def check(name, photons):
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", QUICK)
 @pytest.mark.thorough
+@pytest.mark.slow_but("default")
 def test_errors_are_true(name):
     check(name, 512)
 
 
 @pytest.mark.statistical
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_errors_beside_a_narrow_beam_are_true():
     """Measured at 280 to 390 with paths that were not aimed at the beam of the lamp."""
     check("10 m aside", 2048)

@@ -256,6 +256,7 @@ def test_wide_aperture():
 
 
 @pytest.mark.parametrize(("offset", "expected"), [(0.5, 5.841e-5), (1.0, 5.465e-5)])
+@pytest.mark.thorough
 def test_default_aperture_beside_the_axis(offset, expected):
     """A ring of default apertures side by side: the mean of their gains, disjoint hits."""
     n = int(math.pi * offset / 0.0501)

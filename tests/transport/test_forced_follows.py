@@ -33,6 +33,7 @@ LINKS = {
 
 @pytest.mark.parametrize("name", LINKS)
 @pytest.mark.thorough
+@pytest.mark.slow_but("bottom", "lamp to the bottom", "bottom and surface")
 def test_analog_agrees(name):
     link, sea = LINKS[name]
     f = mt.simulate(link, sea, photons=16_000, seed=3, spacing=0.2, threads=1)
@@ -51,7 +52,7 @@ def test_light_of_surface_and_bottom_is_traced_by_default():
     assert killed.gain_reflected is None
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_errors_of_an_extended_lamp_are_true():
     """Scatter of independent runs over the stated error, chi-square of 15 degrees of freedom."""
     link, sea = LINKS["lamp of 1 m"]

@@ -37,7 +37,7 @@ def agree(link, photons, chains=10_000, tests=1):
     assert p > sidak(ALPHA, tests), f"{f.gain} +- {f.gain_stderr}, analog {a.gain}"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_many_scatterings():
     """B d = 40: more orders than are kept must be said, not left out."""
     water = mt.Water(a=0.02, b=4.0)
@@ -53,6 +53,7 @@ def test_many_scatterings():
     ids=["turbid below", "turbid around the lamp"],
 )
 @pytest.mark.thorough
+@pytest.mark.slow_but("turbid around the lamp")
 def test_orders_follow_the_layers_on_the_way(layers):
     receiver = mt.Receiver(radius=0.5)
     agree(mt.Link(water=mt.Water(layers=layers), receiver=receiver, physics=KILL), 800_000, tests=3)
@@ -67,6 +68,7 @@ def test_a_thin_turbid_layer_below_the_surface_rests_on_joined_photons():
     agree(link, 100_000)
 
 
+@pytest.mark.thorough
 def test_many_scatterings_back_and_forth():
     """Isotropic scattering of high albedo: far more orders than on the straight way."""
     water = mt.Water(a=0.02, b=1.0, phase=mt.HenyeyGreenstein(g=0.0))

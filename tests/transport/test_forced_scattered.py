@@ -95,6 +95,7 @@ def parts_of(link, photons, seed):
     return ForcedDetection(link, photons, seed).evaluate(mesh)
 
 
+@pytest.mark.thorough
 def test_the_quadrature_against_the_published_floors():
     """Values of an independent converged quadrature."""
     assert single_scattering(LINKS["tilt 40"]) == pytest.approx(5.20e-8, rel=0.005)
@@ -181,6 +182,8 @@ def test_a_result_names_the_estimator_and_the_samples(tmp_path):
 @pytest.mark.filterwarnings("ignore:.*effective sample size:meshtrace.FewSamplesWarning")
 @pytest.mark.filterwarnings("ignore:.*forced detection omits:meshtrace.DomainWarning")
 @pytest.mark.parametrize("aside", [0.0, 5.0])
+@pytest.mark.thorough
+@pytest.mark.slow_but("5.0")
 def test_arrivals_of_joined_photons_add_up_to_the_gain(aside):
     """Two receivers, one on chains; no way is shorter than the straight one."""
     away = mt.Receiver(tilt_deg=60.0, position=(aside, 0.0))
@@ -245,6 +248,7 @@ def test_frozen_chains_warn_where_simulate_would():
     "sea", [FlatSea(), JonswapSea(wind_speed=5.0, seed=1)], ids=["flat", "sea"]
 )
 @pytest.mark.thorough
+@pytest.mark.slow_but("flat")
 def test_the_order_of_receivers_changes_nothing(sea):
     """Bit for bit, with receivers on chains and on joined photons; a link far from the origin."""
     rows = [
@@ -276,6 +280,7 @@ def test_few_chains_of_next_to_no_light_are_not_trusted():
     assert parts.gain[0] > single_scattering(LINKS["tilt 80"]) - 3.5 * parts.stderr[0]
 
 
+@pytest.mark.thorough
 def test_turbid_water_of_many_orders_rests_on_joined_photons():
     """More than 40 scatterings once needed analog photons."""
     link = mt.Link(
@@ -304,6 +309,8 @@ def test_scattered_gain_of_links_without_direct_light(name):
 
 
 @pytest.mark.parametrize("rtol", [0.6, 0.4])
+@pytest.mark.thorough
+@pytest.mark.slow_but("0.4")
 def test_a_tolerance_is_not_met_by_an_error_of_few_samples(rtol):
     """512 photons are worth some ten: over seeds the error that they state is too small."""
     link = mt.Link(

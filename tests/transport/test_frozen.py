@@ -42,6 +42,7 @@ def arrivals(frozen, link, mesh):
 
 @pytest.mark.parametrize("name", SEAS)
 @pytest.mark.thorough
+@pytest.mark.slow_but("5 m/s", "13 m/s")
 def test_listed_facets_hold_all_crossings(name):
     """Chain by chain, the same digits as by the search of every facet, folds included."""
     mesh = SEAS[name].mesh(extent=8.0, spacing=0.08)

@@ -76,6 +76,7 @@ def traced(link, mesh, photons):
 @pytest.mark.statistical
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", UP)
+@pytest.mark.slow_but("waves", "bottom", "layers, bubbles, foam")
 def test_analog_photons_agree(name):
     """With light reflected first, and without; unscattered light sampled where slopes are random."""
     link, sea = UP[name]
@@ -94,8 +95,8 @@ def test_analog_photons_agree(name):
 
 
 @pytest.mark.statistical
-@pytest.mark.thorough
 @pytest.mark.parametrize("sea", [FLAT, WAVES], ids=["still", "waves"])
+@pytest.mark.slow
 def test_photons_run_backwards_from_a_receiver_above_a_bottom(sea):
     """Scattered light, by the bottom too: all that is not unscattered."""
     link = DOWN.replace(water=DIM, physics=KILL).replace("receiver.tilt_deg", 85.0)
@@ -110,6 +111,7 @@ def test_photons_run_backwards_from_a_receiver_above_a_bottom(sea):
 @pytest.mark.statistical
 @pytest.mark.thorough
 @pytest.mark.parametrize("sea", [FLAT, WAVES], ids=["still", "waves"])
+@pytest.mark.slow_but("still")
 def test_photons_run_backwards_from_a_receiver_in_the_water(sea):
     mesh = mesh_of(DOWN, sea)
     found = JoinedPhotons(DOWN, 60_000, 3, first=2).evaluate(mesh)
@@ -151,7 +153,7 @@ def test_a_laser_over_waves():
 
 
 @pytest.mark.statistical
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_laser_over_low_waves():
     """Against analog photons; one photon in twelve counts, by the squares of the scores."""
     link, sea = laser(3.0, 0.5)
@@ -180,6 +182,7 @@ def test_the_mesh_of_a_beam_is_cut_to_its_patch():
 
 @pytest.mark.statistical
 @pytest.mark.parametrize("sea", [FLAT, WAVES], ids=["still", "waves"])
+@pytest.mark.thorough
 def test_stated_errors_are_those_of_the_scatter(sea):
     """Chi-square of 64 seeds about their mean, 63 degrees of freedom."""
     from scipy.stats import chi2

@@ -134,6 +134,7 @@ def test_no_seed_lies_below_the_light_scattered_once(case):
         assert found.gain[0] > floor - 3.5 * found.stderr[0]
 
 
+@pytest.mark.thorough
 def test_default_link():
     """Scattered light 1.4556e-5 and its first order 1.2587e-5, both to 0.1 %."""
     found = evaluate(mt.Link(), 2**20)
@@ -174,6 +175,8 @@ LAYERS = ((0.0, 0.1, 0.02), (4.0, 0.12, 0.1), (6.0, 0.12, 0.1), (8.0, 0.1, 0.03)
     ],
     ids=["5 m/s", "13 m/s", "facets", "bubbles", "layers", "flat bubbles", "flat layers"],
 )
+@pytest.mark.thorough
+@pytest.mark.slow_but("13 m/s", "bubbles", "flat layers")
 def test_forced_detection_agrees(wind_speed, normals, link):
     mesh = FLAT
     if wind_speed > 0.0:

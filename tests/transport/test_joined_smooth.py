@@ -68,6 +68,7 @@ def mesh_of(sea):
 @pytest.mark.statistical
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.slow_but("sinusoid", "waves", "down")
 def test_analog_photons_agree(name):
     """With light reflected first, and without; unscattered light is that of the facets."""
     link, sea, normals = CASES[name]
@@ -103,7 +104,7 @@ def test_arrivals_add_up_to_the_gain():
 
 
 @pytest.mark.statistical
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_stated_errors_are_those_of_the_scatter():
     """Chi-square of 64 seeds about their mean, 63 degrees of freedom."""
     mesh = mesh_of(WAVES)

@@ -220,6 +220,7 @@ def test_a_jet_guides_light_beyond_the_critical_angle(normals):
     assert sides.fates["event_limit"].weight < 1e-9
 
 
+@pytest.mark.thorough
 def test_a_gentle_lean_is_a_height_field():
     """Sheared label grid and height field on a grid: one surface, one gain."""
     wave = LeaningWave(amplitude=0.3, wavelength=4.0, lean=0.4)

@@ -9,7 +9,7 @@ from scipy import stats
 
 import meshtrace as mt
 from meshtrace.results.tallies import Planes
-from meshtrace.validation.slabs import wide_mesh
+from meshtrace.validation.closed_forms import wide_mesh
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning")
 

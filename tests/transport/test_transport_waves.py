@@ -105,6 +105,7 @@ def test_facets_of_a_plane_are_exact(normals):
 
 @pytest.mark.parametrize("sea", [FOCUSING, OBLIQUE], ids=["focusing", "oblique"])
 @pytest.mark.thorough
+@pytest.mark.slow_but("focusing")
 def test_facet_and_vertex_normals_converge_to_each_other(sea):
     """The same photons on ever finer meshes: the difference falls with every halving.
 
@@ -153,6 +154,7 @@ def test_focusing_moves_light_and_loses_none():
 
 @pytest.mark.parametrize("wind_speed", [5.0, 13.0])
 @pytest.mark.thorough
+@pytest.mark.slow_but("13.0")
 def test_mean_over_realizations_is_the_gain_of_the_flat_sea(wind_speed):
     """On the paper's seas the mean gain is that of still water within 1-2 % (physics.md)."""
     link = mt.Link(receiver=mt.Receiver(radius=0.5))

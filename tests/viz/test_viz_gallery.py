@@ -40,6 +40,7 @@ def pixels(path):
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 @pytest.mark.thorough
+@pytest.mark.slow_but("bubbles")
 def test_gallery(script, made):
     assert made(script)
     for path in made(script):
@@ -53,7 +54,7 @@ def test_gallery(script, made):
             assert (np.abs(pixels(path) - pixels(kept)).sum(axis=2) > 90).mean() < 0.1
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_gallery_holds_nothing_else(made):
     pictures = {path.name for path in KEPT.iterdir()}
     assert pictures == {path.name for script in SCRIPTS for path in made(script)}

@@ -295,6 +295,7 @@ def test_a_mesh_alone(shoot):
         shoot(None, SEA)
 
 
+@pytest.mark.thorough
 def test_scenes_chain(shoot):
     plotter, _ = shoot(labels=False)
     assert viz.look(viz.add_scale(viz.add_compass(plotter, 5.0))) is plotter

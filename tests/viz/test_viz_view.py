@@ -10,7 +10,7 @@ from meshtrace.surfaces import JonswapSea
 SEA = JonswapSea(seed=7)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_view_writes_every_kind_of_file(tmp_path):
     names = {"screenshot": "a.png", "html": "a.html", "movie": "a.gif"}
     asked = {kind: tmp_path / name for kind, name in names.items()}

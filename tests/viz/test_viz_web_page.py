@@ -95,6 +95,7 @@ def test_it_needs_no_network_and_logs_no_error(browser, page):
     assert problems == []
 
 
+@pytest.mark.thorough
 def test_only_pages_are_written(tmp_path):
     plotter = viz.scene(
         mt.Link(), JonswapSea(seed=7), style=viz.SceneStyle(spacing=1.0, off_screen=True)
