@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,7 +54,6 @@ class LeaningWave(Surface, frozen=True):
     (0.1364, False)
     """
 
-    kind: Literal["leaning"] = "leaning"
     amplitude: Positive
     wavelength: Positive
     lean: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]

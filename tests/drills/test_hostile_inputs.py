@@ -20,7 +20,8 @@ def check(kind, first, last):
     shown = "\n".join(f"{text}\n    {found}" for text, found in failures[:20])
     assert not failures, f"{len(failures)} of {last - first} inputs failed\n{shown}"
     assert sum(counts.values()) == last - first
-    assert counts["refusal"] > 0 or kind == "environment"
+    # damaged lines of a store are computed again
+    assert counts["refusal"] > 0 or kind in {"environment", "stores"}
     assert counts["number"] > 0
 
 

@@ -300,7 +300,7 @@ def test_analog_is_the_default_and_keeps_what_is_chosen(leaning):
 def test_link_files(tmp_path):
     text = """
     [sea]
-    spectrum = "leaning"
+    spectrum = "leaning:LeaningWave"
     amplitude = 0.3
     wavelength = 4.0
     lean = 0.9
