@@ -226,6 +226,8 @@ def is_lit(f, nodes, i, j, side, dark, scene):
         return True
     medium, rough = scene.medium, scene.surface.roughness
     turn = medium.n_water * h / (length - h) + medium.n_air * wide / (flight - wide)
+    if big.z + turn <= 0.0:  # also where N is antiparallel to the normal
+        return False
     n = normal_at(p.x, p.y, f, scene.surface)
     u = whitened(rough, Vec2(n.x / n.z * big.z - big.x, n.y / n.z * big.z - big.y))
     bend = 2.0 * h * facet.curvature
@@ -233,7 +235,7 @@ def is_lit(f, nodes, i, j, side, dark, scene):
     slack = (turn * math.sqrt(1.0 + steep * steep) + bend * (abs(big.z) + turn)) / min(
         rough.along, rough.across
     )
-    return math.hypot(u.x, u.y) <= MOST_SLOPE * max(big.z + turn, 0.0) + slack
+    return math.hypot(u.x, u.y) <= MOST_SLOPE * (big.z + turn) + slack
 
 
 @outlined
@@ -269,10 +271,7 @@ def _facet_light(f, dark, disk, stack, scene):
 
 @outlined
 def _parts_along(f, i, j, side, scene):
-    """Return the number of parts, along an edge, into which a part of a facet has to be cut.
-
-    Infinite if no slope refracts light to the aperture at one of its corners.
-    """
+    """Return the number of parts, along an edge, into which a part of a facet has to be cut."""
     emitter, facet = scene.emitter, scene.facets[f]
     share = abs(side) / _NODES
     p = node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
@@ -282,11 +281,36 @@ def _parts_along(f, i, j, side, scene):
         beam = RIM_BEAM
     edge = beam * beam_width(emitter) * -emitter.position.z
     margin, flight = _margin(p, Vec2(0.0, 0.0), scene)
-    if margin >= -_NEAR * (h + scene.target.radius):  # everywhere in view, see `_FINER`
-        view = view_radius(flight, scene.target, scene.interface.fov)
-        edge = min(edge, max(VIEW_SHARE * view, _FINEST * edge))
+    if margin < -_NEAR * (h + scene.target.radius):
+        return 1.0
+    view = view_radius(flight, scene.target, scene.interface.fov)  # everywhere, see `_FINER`
+    edge = min(edge, max(VIEW_SHARE * view, _FINEST * edge))
     change = _change(f, *nodes_of(f, _NODES, i, j, side, scene.surface), scene)
+    if change > _FEW * PART_SLOPE:
+        change = min(change, _largest_change(f, p, h, scene))
     return max(change / PART_SLOPE, 2.0 * facet.radius * share / edge, 1.0)
+
+
+@outlined
+def _largest_change(f, p, h, scene):
+    """Return the variation of the slope to any point of the aperture within h of P.
+
+    For parts from which slopes refract light to the rim of an aperture, but not to its centre.
+    They are at most s = `MOST_SLOPE` standard deviations steeper than the facet, so that the
+    normal N has N_z >= |N_xy| / s there, and d(N_xy / N_z) <= sqrt(1 + s^2) |dN| / N_z.
+    """
+    rough, medium, target = scene.surface.roughness, scene.medium, scene.target
+    way = minus(p, scene.emitter.position)
+    length = norm(way)
+    big, _, flight = _normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
+    nearest = max(flight - h - target.radius, 0.1 * flight)
+    n = normal_at(p.x, p.y, f, scene.surface)
+    bend = 2.0 * h * scene.facets[f].curvature
+    s = MOST_SLOPE * max(rough.along, rough.across) + math.hypot(n.x, n.y) / n.z + bend
+    across = math.hypot(big.x, big.y) - medium.n_air * target.radius / nearest
+    least = max(across, 0.1 * abs(medium.n_water - medium.n_air)) / s
+    turn = 2.0 * h * (medium.n_water / max(length - h, 0.1 * length) + medium.n_air / nearest)
+    return (turn * math.sqrt(1.0 + s * s) / least + bend) / min(rough.along, rough.across)
 
 
 @inlined

@@ -19,6 +19,7 @@ from meshtrace.surfaces import Band, Elfouhaily, FlatSea, JonswapSea, SpectralSe
 from meshtrace.surfaces.statistics import elfouhaily_slope_variance
 from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
+from meshtrace.transport.joined import JoinedPhotons
 from meshtrace.transport.meshing import mesh_for
 
 SPACING = {4.0: 0.1, 8.0: 0.06, 16.0: 0.03, 24.0: 0.0157}
@@ -243,3 +244,19 @@ def test_light_crosses_within_the_lit_patch():
         gains = aimed.direct_gains(0, 0)
         beside = np.abs(aimed.centroids[:, :2] - center).max(axis=1) > half
         assert gains[beside].sum() < 1e-3 * gains.sum()
+
+
+@pytest.mark.thorough
+def test_large_apertures_beside_the_critical_angle():
+    """Light of steep slopes reaches the rim of an aperture, and none its centre."""
+    link = mt.Link(
+        water=mt.Water(a=0.179, b=0.0),
+        transmitter=mt.Led(depth=4.0, half_angle_deg=60.0),
+        receiver=mt.Receiver(position=(12.0, 0.0), height=3.0, radius=1.0, fov_deg=179.0),
+    )
+    mesh = sea_of(4.0).mesh(extent=18.0, spacing=0.4)
+    aimed = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6)).over(mesh)
+    photons = JoinedPhotons(link, 400_000, 1, direct=True).evaluate(mesh)
+    gain, mean, stderr = aimed.direct_gains(0, 0).sum(), photons.parts[0, 0], photons.stderr[0, 0]
+    assert stderr < 0.04 * mean
+    assert z_test(gain, math.hypot(stderr, 2e-3 * mean), mean) > ALPHA
