@@ -25,11 +25,11 @@ import numpy as np
 from estimator_links import LINKS, Case, mesh_of
 
 import meshtrace as mt
+from meshtrace.engine.choice import chain_pilot, pilot
+from meshtrace.engine.forced import ForcedDetection, TypicalSea
+from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.errors import Refused
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.choice import chain_pilot, pilot
-from meshtrace.transport.forced import ForcedDetection, TypicalSea
-from meshtrace.transport.joined import JoinedPhotons
 
 KEPT = Path(__file__).with_name("estimators.json")
 PAGE = Path(__file__).with_name("estimators.md")

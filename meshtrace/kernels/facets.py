@@ -213,7 +213,7 @@ def exposure(d, n, tilt):
 def facet_hits(facet, origins, directions, mesh):
     """Return distances and barycentrics of rays on their facets; inf and nan for misses.
 
-    Array twin: Moller-Trumbore in `meshtrace.bvh.BruteForceIntersector`.
+    Array twin: Moller-Trumbore in `meshtrace.engine.bvh.BruteForceIntersector`.
     """
     n = len(facet)
     distance = np.full(n, np.inf)

@@ -66,11 +66,17 @@ _KEPT_DIGESTS = 8
 """Number of cache folders kept; an edit of a kernel makes a new one."""
 
 
+def kernel_files() -> list[Path]:
+    """Return the files that hold kernels: this room, and the files of the engine that import it."""
+    room = Path(__file__).parent
+    engine = sorted(room.parent.glob("engine/**/*.py"))
+    return sorted(room.glob("*.py")) + [p for p in engine if b"kernels.jit" in p.read_bytes()]
+
+
 @cache
 def sources() -> bytes:
     """Return a digest of all kernels."""
-    paths = sorted(Path(__file__).parent.glob("*.py"))
-    return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).digest()
+    return hashlib.sha256(b"".join(path.read_bytes() for path in kernel_files())).digest()
 
 
 def folder() -> Path:

@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike
 from meshtrace.comms.background import DARK, occupancy, with_background
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
+from meshtrace.engine.backward.background import background, background_over
+from meshtrace.engine.setup.case import Case
+from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea
@@ -25,9 +28,6 @@ from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of
 from meshtrace.studies.series import in_flight
 from meshtrace.studies.store import Store
-from meshtrace.transport.backward import background, background_over
-from meshtrace.transport.case import Case
-from meshtrace.transport.meshing import mesh_for
 from meshtrace.uav.airframe import Flight
 
 _MOST_SEAS = 16  # of the mean background of an ensemble

@@ -13,6 +13,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.engine.chains.maps import unscattered_map
+from meshtrace.engine.outcome import (
+    FewSamplesWarning,
+    analog_result,
+    irradiance_map,
+    largest_weight,
+    warn_of_dark_map,
+    warn_of_lost,
+)
+from meshtrace.engine.photons.analog import FixedPointSum, Sums, photons_over
+from meshtrace.engine.setup.case import Case, resolve
+from meshtrace.engine.setup.meshing import mesh_for, surface_config
+from meshtrace.engine.setup.options import Analog, IrradianceMap
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -21,19 +34,6 @@ from meshtrace.results.coverage import CoverageMap, relative_errors
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
 from meshtrace.studies.store import Item, Kept, Store
-from meshtrace.transport.analog import FixedPointSum, Sums, photons_over
-from meshtrace.transport.case import Case, resolve
-from meshtrace.transport.coverage import unscattered_map
-from meshtrace.transport.meshing import mesh_for, surface_config
-from meshtrace.transport.options import Analog, IrradianceMap
-from meshtrace.transport.outcome import (
-    FewSamplesWarning,
-    analog_result,
-    irradiance_map,
-    largest_weight,
-    warn_of_dark_map,
-    warn_of_lost,
-)
 
 _FIRST_PHOTONS = 2**20  # at most, before the first comparison with `rtol`
 _MOST_AT_ONCE = 16.0  # times the photons: an error of few hits is uncertain itself

@@ -10,6 +10,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from meshtrace.engine.forced import MANY_SEAS, TypicalSea
+from meshtrace.engine.neighbours import FrozenForced, Light
+from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines, require_cover
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
@@ -17,10 +21,6 @@ from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign, same
-from meshtrace.transport.forced import MANY_SEAS, TypicalSea
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.frozen import FrozenForced, Light
-from meshtrace.transport.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines, require_cover
 
 Result = TypeVar("Result")
 

@@ -1,11 +1,15 @@
 """Codes of kernels as numba before 0.68 takes them."""
 
 import ast
-from pathlib import Path
+import sys
 
 import pytest
 
-KERNELS = sorted((Path(__file__).parents[2] / "meshtrace" / "kernels").glob("*.py"))
+from meshtrace.kernels.jit import kernel_files
+
+KERNELS = kernel_files()
+BESIDE = [path for path in KERNELS if path.parent.name not in ("kernels", "bvh")]
+"""Kernels of the engine; those of Embree know its C library and the mesh."""
 
 
 def parts(tree):
@@ -38,3 +42,15 @@ def codes():
 def test_codes_index_arrays_and_return_as_numbers(path, codes):
     tree = ast.parse(path.read_text(encoding="utf-8"))
     assert [member for part in parts(tree) for member in members(part, codes)] == []
+
+
+@pytest.mark.parametrize("path", BESIDE, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_kernels_beside_their_drivers_know_numba_numpy_and_kernels(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+    names = {a.name for node in found if isinstance(node, ast.Import) for a in node.names}
+    names |= {node.module for node in found if isinstance(node, ast.ImportFrom)}
+    kernels = {".".join(("meshtrace", *p.parts[-2:])).removesuffix(".py") for p in KERNELS}
+    kernels |= {f"meshtrace.engine.{'.'.join(p.parts[-2:])}".removesuffix(".py") for p in KERNELS}
+    allowed = kernels | {"numba", "numpy", "numpy.typing"} | set(sys.stdlib_module_names)
+    assert names <= allowed

@@ -1,0 +1,318 @@
+"""Forced detection: contribution of each chain to the aperture over one surface."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.engine.crossing.aiming import Aim, jacobian
+from meshtrace.engine.crossing.search import find_crossings, shot_of
+from meshtrace.kernels.facets import SMOOTH, exposure, normal_at, tilted
+from meshtrace.kernels.interface import FieldOfView, FresnelMode
+from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
+from meshtrace.kernels.medium import (
+    absorption_path,
+    bubble_scattering,
+    is_uniform,
+    scattering_path,
+    water_coefficients,
+)
+from meshtrace.kernels.scene import FLAT_SEA, height_on
+from meshtrace.kernels.sources import intensity
+from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm, plus, row, scaled, write
+
+RAY = np.dtype(
+    [
+        ("crossing", np.int64),  # row of `Output.doubtful`
+        ("origin", float, (3,)),
+        ("direction", float, (3,)),
+        ("length", float),
+    ]
+)
+"""A straight part of a path that a wave may cut."""
+
+DOUBT = np.dtype([("chain", np.int64), ("weight", float)])
+"""A crossing that counts only if no wave cuts its path."""
+
+ARRIVAL = np.dtype(
+    [
+        ("chain", np.int64),
+        ("weight", float),
+        ("water", float),  # path in the water [m]
+        ("air", float),
+        ("doubt", np.int64),  # row of `Output.doubtful`, or -1
+        ("point", float, (3,)),  # crossing [m]
+        ("emission", float, (3,)),  # direction
+    ]
+)
+"""Contribution of a chain to the aperture."""
+
+
+class Output(NamedTuple):
+    """Results of `contributions`, and its room for the crossings of one chain."""
+
+    score: NDArray[np.float64]  # (chains,)
+    doubtful: NDArray[np.void]  # DOUBT
+    rays: NDArray[np.void]  # RAY
+    arrivals: NDArray[np.void]  # ARRIVAL; no rows: not kept
+    counters: NDArray[np.int64]  # by `Counter`
+    roots: NDArray[np.void]  # ROOT
+
+
+class Crossing(NamedTuple):
+    """Crossing of a chain, and the light that it brings."""
+
+    weight: float
+    steep: bool  # no wave can cut its paths off
+    aim: Aim
+    point: Vec3
+    start: Vec3  # of the chain
+
+
+@entry
+def contributions(chains, flat, audits, search, scene, out):
+    """Write the contribution of each chain to the aperture.
+
+    Returns (doubtful crossings, rays, arrivals).
+
+    Array twin: the analog estimator.
+    Crossings that a wave may cut off before or behind are not scored but listed as doubtful,
+    with the rays of their paths, which the caller checks by Embree.
+    """
+    counts = ZERO, ZERO, ZERO
+    for i in range(len(chains.last)):
+        for k in range(find_crossings(chains, i, flat[i], audits[i], search, scene, out)):
+            root = out.roots[k]
+            shot = shot_of(chains, i, scene, root.branch, scene.surface.roughness)
+            light = weigh(chains, i, root.x, root.y, root.facet, shot, scene)
+            w = light.weight * root.multiplicity
+            if w <= 0.0:
+                continue
+            counts = keep(chains, i, w, light, counts, scene, out)
+    return counts
+
+
+@entry
+def flat_contributions(chains, flat, scene, score):
+    """Write the contribution of each chain to the aperture over still water.
+
+    Array twin: `contributions` over a flat mesh.
+    The crossings are known; still water cuts off a path with a vertex above it.
+    """
+    for i in range(len(chains.last)):
+        score[i] = 0.0
+        for k in range(len(flat[i])):
+            f = flat[i, k]
+            if f.branch == 0.0:
+                break
+            if f.level != scene.surface.level:
+                continue
+            shot = shot_of(chains, i, scene, f.branch, SMOOTH)
+            j = jacobian(f.x, f.y, FLAT_SEA, shot, scene)
+            p = Vec3(f.x, f.y, f.level)
+            w, deep = weight_of(chains, i, p, j, FLAT_SEA, shot, scene)
+            if deep:
+                score[i] += w
+
+
+@inlined
+def keep(chains, i, w, light, counts, scene, out):
+    """Score the light w of chain i by its `Crossing`, or list it as doubtful with its rays.
+
+    Array twin: none, a list for Embree.
+    `counts` are those of `contributions`, returned with what is added.
+    """
+    n_doubt, n_rays, n_arrivals = counts
+    first, aim = n_rays, light.aim
+    if not light.steep:
+        n_rays = list_paths(chains, i, light, n_doubt, scene, out.rays, n_rays)
+    if n_arrivals < len(out.arrivals):
+        a = out.arrivals[n_arrivals]
+        a.chain, a.weight = i, w
+        a.water, a.air = chains.path[i] + aim.length, aim.flight
+        a.doubt = n_doubt if n_rays > first else -1
+        write(a.point, light.point)
+        write(a.emission, aim.w)
+        n_arrivals += 1
+    if n_rays > first:
+        out.doubtful[n_doubt].chain, out.doubtful[n_doubt].weight = i, w
+        n_doubt += 1
+    else:
+        out.score[i] += w
+    return n_doubt, n_rays, n_arrivals
+
+
+@inlined
+def is_steep(m, scene):
+    """Return whether no wave can block a path before or after its crossing.
+
+    Array twin: `_cut` of `meshtrace.engine.forced`, by Embree.
+    """
+    slope = scene.surface.max_slope
+    return m.d.z > slope * math.hypot(m.d.x, m.d.y) and (
+        not scene.interface.follow_second_hit or m.r.z > slope * math.hypot(m.r.x, m.r.y)
+    )
+
+
+@inlined
+def transmittance(m, interface):
+    """Return the transmittance of the surface at a crossing.
+
+    Array twin: `meshtrace.optics.fresnel` and `Whitecaps.transmittance`.
+    """
+    t = (1.0 - m.rho) * interface.foam_transmittance
+    if interface.fresnel == FresnelMode.PAPER_BOTH:
+        t *= 1.0 - m.rho
+    return t
+
+
+@inlined
+def acceptance(m, p, target, fov):
+    """Return the weight of light by its arrival: whether it lies inside the field of view.
+
+    Array twin: `meshtrace.kernels.tally.crosses_aperture`.
+    A lamp that is reached backwards weighs by its intensity over the cosine on its plane.
+    """
+    if target.is_lamp:
+        return intensity(target.lamp, scaled(-1.0, m.r)) / dot(m.r, target.axis)
+    return 1.0 if _is_seen(m, p, target, fov) else 0.0
+
+
+@inlined
+def _is_seen(m, p, target, fov):
+    if fov == FieldOfView.ANGLE:
+        return dot(m.r, target.axis) >= target.cos_half_fov * norm(m.r)
+    reach = target.radius + (target.center.z - p.z) * target.tan_half_fov
+    return (p.x - target.center.x) ** 2 + (p.y - target.center.y) ** 2 < reach * reach
+
+
+@inlined
+def weigh(chains, i, x, y, facet, shot, scene):
+    """Return the `Crossing` of chain i over (x, y) on a facet."""
+    p = Vec3(x, y, height_on(x, y, facet, scene.surface))
+    j = jacobian(x, y, facet, shot, scene)
+    weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
+    return Crossing(weight, is_steep(j.aim, scene) and deep, j.aim, p, shot.start)
+
+
+@inlined
+def weight_of(chains, i, p, j, facet, shot, scene):
+    """Return (|A| I(w) W / |det dX/dOmega|, all vertices deep) of chain i through a crossing.
+
+    The random slope is that of `shot`.
+    """
+    m, target, tilt = j.aim, scene.target, shot.tilt
+    spread = abs(j.a * j.d - j.b * j.c)
+    if not j.ok or m.w.z <= -0.999999 or spread == 0.0:
+        return 0.0, True
+    seen = acceptance(m, p, target, scene.interface.fov)
+    if seen == 0.0:
+        return 0.0, True
+    solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (abs(m.w.z) * spread)
+    light = seen * intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
+    if target.is_lamp:
+        light *= forwards(m, p, facet, tilt, scene.surface)
+    elif tilt.x != 0.0 or tilt.y != 0.0:
+        light *= exposure(m.d, normal_at(p.x, p.y, facet, scene.surface), tilt)
+    w, deep = _transmit(chains, i, m, p, shot.start, scene)
+    area = target.area * scene.emitter.power
+    return area * light * solid_angle * w * chains.weight[i], deep
+
+
+@inlined
+def forwards(m, p, facet, tilt, surface):
+    """Return the light that a facet takes from the air, over that of reversed light in the water.
+
+    Array twin: the analog photon from a lamp in the air.
+    A facet g takes |a.g| of the flux from the air and |w.g| of that from the water; bending by the
+    tilted normal s balances with |a.s| and |w.s|. Light from the air, along a, is exposed to tilts.
+    """
+    if facet < 0:
+        return 1.0
+    n, g = normal_at(p.x, p.y, facet, surface), row(surface.face_normals, facet)
+    s = tilted(n, tilt)
+    below, above = dot(m.d, g) * dot(m.r, s), dot(m.r, g) * dot(m.d, s)
+    return exposure(m.r, n, tilt) * above / below if below > 0.0 and above > 0.0 else 0.0
+
+
+@inlined
+def turned(w, p):
+    """Rotate a vector by the minimal rotation from e_z to the emission direction.
+
+    Array twin: the rotation matrix of the tests.
+    """
+    along = (-w.y * p.x + w.x * p.y) / (1.0 + w.z)
+    return Vec3(
+        p.x * w.z + w.x * p.z - w.y * along,
+        p.y * w.z + w.y * p.z + w.x * along,
+        p.z * w.z - w.x * p.x - w.y * p.y,
+    )
+
+
+@inlined
+def _vertex(chains, i, k, m, start):
+    """Return vertex k of chain i."""
+    return plus(turned(m.w, row(chains.vertex[i], k)), start)
+
+
+@inlined
+def _transmit(chains, i, m, p, start, scene):
+    """Return (coefficients of the scatterings times transmittance, all vertices deep)."""
+    medium = scene.medium
+    before = start
+    simple = is_uniform(medium)
+    weight, tau, deep = 1.0, 0.0, True
+    for k in range(chains.vertex.shape[1]):
+        v = _vertex(chains, i, k, m, start)
+        if v.z > scene.surface.low[2]:
+            deep = False
+        if simple:
+            weight *= medium.b
+        else:
+            if chains.kind[i, k] == 1:
+                weight *= bubble_scattering(medium, v)
+            else:
+                weight *= water_coefficients(medium, v.z)[1]
+            length = norm(minus(v, before))
+            tau += absorption_path(medium, before.z, v.z, length)
+            tau += scattering_path(medium, before, v, length)
+        before = v
+    if simple:
+        tau = (medium.a + medium.b) * (chains.path[i] + m.length)
+    else:
+        tau += absorption_path(medium, before.z, p.z, m.length)
+        tau += scattering_path(medium, before, p, m.length)
+    return weight * math.exp(-tau), deep
+
+
+@outlined
+def list_paths(chains, i, light, crossing, scene, rays, n):
+    """List the straight parts of a `Crossing`'s path that a wave may block; return the rays.
+
+    Array twin: none, a list for Embree.
+    A vertex above the highest crest needs no ray of its own: the path to it or from it is cut.
+    """
+    low, high, slope = scene.surface.low[2], scene.surface.high[2], scene.surface.max_slope
+    m, p, start = light.aim, light.point, light.start
+    order = chains.vertex.shape[1]
+    for k in range(order + (2 if scene.interface.follow_second_hit else 1)):
+        if k < order:
+            end = _vertex(chains, i, k, m, light.start)
+        elif k == order:
+            end = p
+        else:
+            end = along(p, m.r, m.flight)
+        way = minus(end, start)
+        length = norm(way)
+        level = max(start.z, end.z) > low and min(start.z, end.z) < high
+        climbs = way.z > slope * math.hypot(way.x, way.y) and k >= order
+        if length > 0.0 and level and not climbs and n < len(rays):
+            rays[n].crossing, rays[n].length = crossing, length
+            write(rays[n].origin, start)
+            write(rays[n].direction, Vec3(way.x / length, way.y / length, way.z / length))
+            n += 1
+        start = end
+    return n

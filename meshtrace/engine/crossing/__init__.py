@@ -1,0 +1,1 @@
+"""The point of the surface that sends light from one point to another."""
