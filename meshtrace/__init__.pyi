@@ -3,8 +3,8 @@ from . import fading as fading
 from . import surfaces as surfaces
 from . import uav as uav
 from . import viz as viz
-from .bvh import BruteForceIntersector as BruteForceIntersector
-from .bvh import EmbreeIntersector as EmbreeIntersector
+from .engine.bvh import BruteForceIntersector as BruteForceIntersector
+from .engine.bvh import EmbreeIntersector as EmbreeIntersector
 from .comms.background import DaylightWarning as DaylightWarning
 from .comms.ook import OokLink as OokLink
 from .daylight.light import Daylight as Daylight
