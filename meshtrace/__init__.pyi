@@ -3,12 +3,12 @@ from . import fading as fading
 from . import surfaces as surfaces
 from . import uav as uav
 from . import viz as viz
-from .engine.bvh import BruteForceIntersector as BruteForceIntersector
-from .engine.bvh import EmbreeIntersector as EmbreeIntersector
 from .comms.background import DaylightWarning as DaylightWarning
 from .comms.ook import OokLink as OokLink
 from .daylight.light import Daylight as Daylight
 from .engine.backward.background import background as background
+from .engine.bvh import BruteForceIntersector as BruteForceIntersector
+from .engine.bvh import EmbreeIntersector as EmbreeIntersector
 from .engine.outcome import FewSamplesWarning as FewSamplesWarning
 from .engine.paths import PhotonPaths as PhotonPaths
 from .engine.setup.options import Analog as Analog

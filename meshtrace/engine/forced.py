@@ -27,7 +27,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.chains.aimed import AimedChains, Search
+from meshtrace.engine.chains.aimed import AimedChains, SearchMode
 from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request, flat_mesh, points_of
 from meshtrace.engine.choice import (
     PILOT_PHOTONS,
@@ -38,19 +38,20 @@ from meshtrace.engine.choice import (
     chain_pilot,
     choose,
     is_clear,
+    is_little,
     pilot,
+    returned_gain,
 )
 from meshtrace.engine.parts import (
+    ChainSums,
     Counts,
     Light,
     Parts,
-    Sums,
     chain_light,
     direct_light,
     merged,
 )
 from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.engine.returned import is_little, returned_gain
 from meshtrace.engine.setup.forced_link import (
     ANALOG,
     POINTS_ONLY,
@@ -143,7 +144,7 @@ class ForcedDetection:
         normals: str = "vertex",
         threads: int = 1,
         sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
-        search: Search = "usual",
+        search: SearchMode = "usual",
         scattered: Scattered = "auto",
     ) -> None:
         if not SHIFTS <= photons <= _MOST_CHAINS:
@@ -152,7 +153,7 @@ class ForcedDetection:
         self.link = link
         self.arrays = forced_link(link)
         self._options = normals, threads
-        self._search: Search = search
+        self._search: SearchMode = search
         self._wanted: Scattered = scattered
         self._key = photons, seed
         self._sea = sea
@@ -334,7 +335,7 @@ class ForcedDetection:
         if higher is not self:
             return higher.evaluate(mesh, intersector)
         aimed = self.over(mesh, intersector)
-        sums = Sums(self.arrays, self.method, self.scattered_sets)
+        sums = ChainSums(self.arrays, self.method, self.scattered_sets)
         jobs = [partial(self._direct, aimed, *pair) for pair in sums.pairs]
         jobs += [partial(aimed.score, *job) for job in sums.jobs]
         scores = ordered_map(lambda job: job(), jobs, self._options[1], ahead=len(jobs))

@@ -15,8 +15,8 @@ import numpy as np
 
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.outcome import per_receiver
-from meshtrace.engine.setup.case import Case
 from meshtrace.engine.setup.forced_link import ForcedLink, forced_link
+from meshtrace.engine.setup.options import Case
 from meshtrace.errors import Refused
 from meshtrace.kernels.medium import DepthMode
 from meshtrace.kernels.scene import Emitter, Target

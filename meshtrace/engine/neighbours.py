@@ -15,12 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from meshtrace.engine.chains.aimed import NO_LISTS, AimedChains, Search
+from meshtrace.engine.chains.aimed import NO_LISTS, AimedChains, SearchMode
 from meshtrace.engine.chains.nearby import LONGEST, PROBES, Lists, list_facets, near_rows
 from meshtrace.engine.chains.sampling import Nominal
 from meshtrace.engine.chains.sets import ChainDrawer, ChainSet
-from meshtrace.engine.crossing.search import Near
-from meshtrace.engine.crossing.search import Search as SearchExtent
+from meshtrace.engine.crossing import Near, Search
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.outcome import warn_of_chains
 from meshtrace.engine.parts import Light, chain_light, direct_light, merged
@@ -76,7 +75,7 @@ class FrozenForced:
         seed: int,
         sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
         normals: str = "vertex",
-        search: Search = "thorough",
+        search: SearchMode = "thorough",
         meshes: Sequence[TriangleMesh] = (),
     ) -> None:
         base = ForcedDetection(
@@ -219,7 +218,7 @@ class NearbyFacets:
         self._lock = Lock()
 
     def near(
-        self, source: int, receiver: int, chains: ChainSet, scene: Scene, search: SearchExtent
+        self, source: int, receiver: int, chains: ChainSet, scene: Scene, search: Search
     ) -> Near:
         """Return the facets to search for each chain of a neighbouring link."""
         base = self._sets.get((source, chains.order))

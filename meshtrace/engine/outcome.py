@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from meshtrace.engine.choice import LITTLE, returned_gain
 from meshtrace.engine.forced import ForcedDetection, cut_share
-from meshtrace.engine.photons.analog import Sums, photons_over
-from meshtrace.engine.returned import LITTLE, returned_gain
+from meshtrace.engine.photons.analog import PhotonSums, photons_over
 from meshtrace.engine.setup import options
-from meshtrace.engine.setup.case import Case
-from meshtrace.engine.setup.options import Analog, Record
+from meshtrace.engine.setup.options import Analog, Case, Record
 from meshtrace.errors import DomainWarning
 from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link
@@ -54,7 +53,7 @@ def per_receiver(link: Link, array: Floats) -> Any:
 
 
 def analog_result(
-    link: Link, sums: Sums, origin: dict[str, Any], records: Mapping[str, Record]
+    link: Link, sums: PhotonSums, origin: dict[str, Any], records: Mapping[str, Record]
 ) -> GainResult:
     """Return the result of analog photons."""
     n, n_rx = sums.photons, len(link.receivers)
@@ -237,7 +236,7 @@ def warn_of_cut(case: Case, mesh: TriangleMesh) -> None:
         )
 
 
-def _arrivals(sums: Sums) -> Arrivals:
+def _arrivals(sums: PhotonSums) -> Arrivals:
     rows = np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals])
     return Arrivals(
         rows["receiver"].astype(np.int64),
@@ -248,7 +247,7 @@ def _arrivals(sums: Sums) -> Arrivals:
     )
 
 
-def _planes(link: Link, sums: Sums, mean: Floats, stderr: Floats) -> Planes | None:
+def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> Planes | None:
     if not link.planes:
         return None
     columns = [values[i::4] for values in (mean, stderr) for i in range(4)]
@@ -264,7 +263,7 @@ def _planes(link: Link, sums: Sums, mean: Floats, stderr: Floats) -> Planes | No
     return Planes(np.array(link.planes.depths), *columns, **radiance)
 
 
-def irradiance_map(grid: options.IrradianceMap, sums: Sums) -> IrradianceMap:
+def irradiance_map(grid: options.IrradianceMap, sums: PhotonSums) -> IrradianceMap:
     """Return the irradiance of analog photons in the cells of a map."""
     area = grid.step**2
     axis = np.asarray(-grid.extent + grid.step * (np.arange(grid.n) + 0.5), np.float64)

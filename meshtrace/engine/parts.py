@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from meshtrace.engine.chains.aimed import AimedChains, on_disk
 from meshtrace.engine.chains.sets import ChainSet
 from meshtrace.engine.choice import Method
-from meshtrace.engine.photons.connections import REFLECTED, SCATTERED
 from meshtrace.engine.photons.joined import JoinedParts
+from meshtrace.engine.photons.targets import REFLECTED, SCATTERED
 from meshtrace.engine.setup.forced_link import ForcedLink
 from meshtrace.models import Floats
 from meshtrace.results.gain import ScatteredSamples
@@ -100,7 +100,7 @@ class Parts:
         return self.shifts.std(axis=1, ddof=1) / math.sqrt(SHIFTS)
 
 
-class Sums:
+class ChainSums:
     """Sums over chains, by receiver."""
 
     def __init__(self, link: ForcedLink, method: list[Method], sets: list[list[ChainSet]]) -> None:

@@ -25,18 +25,20 @@ from meshtrace.engine.outcome import (
 )
 from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
 from meshtrace.engine.photons.analog import options_over, photons_over
-from meshtrace.engine.photons.connections import REFLECTED
-from meshtrace.engine.setup.case import Case, HasCase, resolve
+from meshtrace.engine.photons.targets import REFLECTED
 from meshtrace.engine.setup.forced_link import crossing_reach, require_height_field
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import (
     Analog,
+    Case,
     Estimator,
+    HasCase,
     Meshing,
     Record,
     Run,
     Shortcuts,
     read_records,
+    resolve,
 )
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.link import Link

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from meshtrace.engine.setup.case import resolve
+from meshtrace.engine.setup.options import resolve
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource

@@ -10,10 +10,9 @@ from pydantic import ValidationInfo, field_validator
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
-from meshtrace.engine.setup.case import Case
 from meshtrace.engine.setup.forced_link import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.engine.setup.options import Analog, Estimator, Meshing, Run, run_keys
+from meshtrace.engine.setup.options import Analog, Case, Estimator, Meshing, Run, run_keys
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused, require_keys, require_kind
 from meshtrace.link import Link

@@ -16,8 +16,8 @@ from meshtrace.comms.background import DARK, occupancy, with_background
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.backward.background import background, background_over
-from meshtrace.engine.setup.case import Case
 from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.setup.options import Case
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
-from meshtrace.engine.setup.case import Case, resolve
 from meshtrace.engine.setup.forced_link import crossing_reach
 from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_for, surface_config
-from meshtrace.engine.setup.options import Forced, Meshing, Run
+from meshtrace.engine.setup.options import Case, Forced, Meshing, Run, resolve
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link

@@ -22,10 +22,9 @@ from meshtrace.engine.outcome import (
     warn_of_dark_map,
     warn_of_lost,
 )
-from meshtrace.engine.photons.analog import FixedPointSum, Sums, photons_over
-from meshtrace.engine.setup.case import Case, resolve
+from meshtrace.engine.photons.analog import FixedPointSum, PhotonSums, photons_over
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
-from meshtrace.engine.setup.options import Analog, IrradianceMap
+from meshtrace.engine.setup.options import Analog, Case, IrradianceMap, resolve
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -225,10 +224,10 @@ class _Mapped:
         self,
         done: int,
         photons: int,
-        sums: Sums | None,
+        sums: PhotonSums | None,
         kept: Kept,
         progress: Callable[[int], None] | None,
-    ) -> Sums:
+    ) -> PhotonSums:
         """Follow more photons at each time, and add their tallies to those of all times."""
         for i, time in enumerate(self._times):
             first = self._options.first_photon + len(self._times) * done + i * photons
@@ -246,7 +245,7 @@ class _Mapped:
         assert sums is not None
         return sums
 
-    def _gain(self, sums: Sums) -> tuple[Floats, Floats]:
+    def _gain(self, sums: PhotonSums) -> tuple[Floats, Floats]:
         """Return gain and standard error of the cells."""
         area = np.pi * self._receiver.radius**2
         found = irradiance_map(self._grid, sums)
@@ -280,7 +279,7 @@ class _Mapped:
         return np.where(gain > 0.0, np.nan, gain + 2.0 * stderr + 3.0 * most / photons)
 
 
-def _packed(sums: Sums) -> tuple[Floats, str]:
+def _packed(sums: PhotonSums) -> tuple[Floats, str]:
     """Return all tallies as one row of 64-bit numbers, and their shapes and types as text."""
     arrays: dict[str, NDArray[Any]] = {}
     for name, value in vars(sums).items():
@@ -292,7 +291,7 @@ def _packed(sums: Sums) -> tuple[Floats, str]:
     return np.concatenate(rows), json.dumps(about)
 
 
-def _unpacked(item: Item) -> Sums:
+def _unpacked(item: Item) -> PhotonSums:
     """Return the tallies of a row, see `_packed`."""
     found: dict[str, Any] = {}
     start = 0
@@ -305,7 +304,7 @@ def _unpacked(item: Item) -> Sums:
             vars(found.setdefault(name, FixedPointSum(tuple(shape))))[part] = array
         else:
             found[name] = array if shape else int(array)
-    return Sums(**found)
+    return PhotonSums(**found)
 
 
 def _lacking(gain: Floats, stderr: Floats, rtol: float, photons: int) -> int:

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from meshtrace.engine.setup.case import resolve
 from meshtrace.engine.setup.meshing import GAIN_SPACING
-from meshtrace.engine.setup.options import Run
+from meshtrace.engine.setup.options import Run, resolve
 from meshtrace.errors import Described, Refused, require_between, require_real
 from meshtrace.link import IsotropicSource, Led, Link, Receiver
 from meshtrace.mesh import WaveSum

@@ -23,8 +23,7 @@ from naive import HAS_OPEN3D, caster, naive_gain
 
 import meshtrace as mt
 from meshtrace.bench.engine import RayRecorder
-from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.bvh.embree import CopiedScene
+from meshtrace.engine.bvh import CopiedScene, EmbreeIntersector
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.results.tallies import standard_error
 from meshtrace.surfaces import JonswapSea

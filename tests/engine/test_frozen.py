@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.crossing.search import Counter
+from meshtrace.engine.chains.gain import Counter
 from meshtrace.engine.forced import TypicalSea
 from meshtrace.engine.neighbours import FrozenForced
 from meshtrace.surfaces import JonswapSea, SinusoidalSea

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.engine.choice import returned_gain
 from meshtrace.engine.outcome import warn_of_omitted
-from meshtrace.engine.returned import returned_gain
 from meshtrace.errors import DomainWarning
 from meshtrace.surfaces import FlatSea, JonswapSea
 

@@ -8,8 +8,8 @@ import pytest
 from meshtrace.kernels.jit import kernel_files
 
 KERNELS = kernel_files()
-BESIDE = [path for path in KERNELS if path.parent.name not in ("kernels", "bvh")]
-"""Kernels of the engine; those of Embree know its C library and the mesh."""
+BESIDE = [p for p in KERNELS if p.parent.name != "kernels" and p.stem != "bvh"]
+"""Kernels of the engine but that of the intersectors, which know the mesh."""
 
 
 def parts(tree):

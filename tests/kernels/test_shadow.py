@@ -9,7 +9,7 @@ import meshtrace as mt
 from meshtrace.engine.bvh import BruteForceIntersector, EmbreeIntersector
 from meshtrace.engine.setup.arrays import locator, surface_arrays
 from meshtrace.engine.setup.forced_link import forced_link
-from meshtrace.kernels.shadow import BESIDE, CUT, FREE, shadows
+from meshtrace.kernels.rays import BESIDE, CUT, FREE, shadows
 from meshtrace.surfaces import SinusoidalSea
 
 

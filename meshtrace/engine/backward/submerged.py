@@ -24,7 +24,7 @@ from meshtrace.engine.backward.sun_points import Refraction, bent_sun
 from meshtrace.engine.backward.view import (
     SKY,
     SUN,
-    Scene,
+    SeenSea,
     View,
     cone,
     first_hits,
@@ -33,10 +33,10 @@ from meshtrace.engine.backward.view import (
 )
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import chunk_tallies, setup_of
-from meshtrace.engine.setup.frame import frame_of
+from meshtrace.engine.setup.arrays import frame_of
 from meshtrace.engine.setup.options import Analog
 from meshtrace.errors import Refused
-from meshtrace.kernels.sky import Backward
+from meshtrace.kernels.sources import Backward
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -103,7 +103,7 @@ def optical_depth(link: Link) -> Callable[[Floats], Floats]:
     return below
 
 
-def _through_slopes(scene: Scene, view: View, depths: Callable[[Floats], Floats]) -> Floats:
+def _through_slopes(scene: SeenSea, view: View, depths: Callable[[Floats], Floats]) -> Floats:
     """Return the mean radiance of the sun through unresolved slopes, over its irradiance, by shift.
 
     L / E = (1 - rho) n^2 cos(theta_a) cos(theta_w) p(s_r - s_m) cos(b_g)

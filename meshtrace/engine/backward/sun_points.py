@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from meshtrace.daylight.glint import slopes_of
 from meshtrace.daylight.light import SUN_RADIUS_DEG
-from meshtrace.engine.backward.view import Scene, View, cone
+from meshtrace.engine.backward.view import SeenSea, View, cone
 from meshtrace.kernels.facets import Surface
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
@@ -79,7 +79,7 @@ Bending = Reflection | Refraction
 
 
 def bent_sun(
-    scene: Scene, law: Bending, view: View, depths: Callable[[Floats], Floats] | None = None
+    scene: SeenSea, law: Bending, view: View, depths: Callable[[Floats], Floats] | None = None
 ) -> Floats:
     """Return the mean radiance of bent sun over the irradiance of the sun, by shift (shifts,).
 
@@ -139,7 +139,7 @@ def _may_vanish(gaps: Floats, slack: Floats | float) -> NDArray[np.bool_]:
 
 
 def _irradiance(
-    scene: Scene, facets: NDArray[np.int64], law: Bending, view: View, point: Floats, depths: Any
+    scene: SeenSea, facets: NDArray[np.int64], law: Bending, view: View, point: Floats, depths: Any
 ) -> float:
     """Return the irradiance of bent sun at a point of the aperture, over that of the sun."""
     surface = scene.surface

@@ -12,8 +12,7 @@ from meshtrace.daylight.light import Daylight
 from meshtrace.daylight.water_leaving import QuasiSingle
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.sets import shifted, sobol_points
-from meshtrace.engine.setup.arrays import surface_arrays
-from meshtrace.engine.setup.frame import frame_of
+from meshtrace.engine.setup.arrays import frame_of, surface_arrays
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.facets import Surface
 from meshtrace.link import Link
@@ -100,7 +99,7 @@ def only_aperture(link: Link) -> Aperture:
     return link.receivers[0]
 
 
-class Scene(NamedTuple):
+class SeenSea(NamedTuple):
     """Sea and light that the rays of a view meet."""
 
     intersector: EmbreeIntersector
@@ -117,13 +116,13 @@ class Scene(NamedTuple):
         return self.surface.roughness.along > 0.0 or self.surface.roughness.across > 0.0
 
 
-def scene_of(link: Link, mesh: TriangleMesh, day: Daylight, normals: str, threads: int) -> Scene:
+def scene_of(link: Link, mesh: TriangleMesh, day: Daylight, normals: str, threads: int) -> SeenSea:
     """Return sea and light in the local coordinates of a link."""
     local = frame_of(link).mesh(mesh)
     water = None
     if day.water == "quasi-single":
         water = QuasiSingle(link.water, link.bubbles, link.n_air, day)
-    return Scene(
+    return SeenSea(
         EmbreeIntersector(local, threads),
         surface_arrays(local, normals, link.physics.unresolved),
         day,
@@ -143,7 +142,7 @@ class Hit(NamedTuple):
 
 
 def first_hits(
-    scene: Scene, origin: Floats, direction: Floats, *, below: bool = False
+    scene: SeenSea, origin: Floats, direction: Floats, *, below: bool = False
 ) -> tuple[Hit, NDArray[np.bool_]]:
     """Return the hits of rays on the sea, level beyond the mesh, and the mask of rays with one.
 

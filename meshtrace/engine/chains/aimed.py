@@ -14,22 +14,22 @@ from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains import blurred
 from meshtrace.engine.chains import gain as kernel
 from meshtrace.engine.chains import unscattered as image
+from meshtrace.engine.chains.gain import Counter, direct_crossings
 from meshtrace.engine.chains.sets import CROSSINGS, ChainDrawer, ChainSet, Request
-from meshtrace.engine.crossing.search import ROOT, Counter, Near, direct_crossings
-from meshtrace.engine.crossing.search import Search as SearchExtent
+from meshtrace.engine.crossing import ROOT, Near, Search
 from meshtrace.engine.setup.arrays import locator, surface_arrays, with_raster
 from meshtrace.engine.setup.forced_link import ForcedLink, forced_link
 from meshtrace.kernels.facets import Roughness, Surface
 from meshtrace.kernels.interface import Direction, Snell
 from meshtrace.kernels.medium import DepthMode
+from meshtrace.kernels.rays import BESIDE, CUT, shadows
 from meshtrace.kernels.scene import FACET, Emitter, Locator, Scene, Target, facet_summary
-from meshtrace.kernels.shadow import BESIDE, CUT, shadows
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 
-Search = Literal["usual", "thorough"]
+SearchMode = Literal["usual", "thorough"]
 
 ROOTS = 64  # crossings of one chain at most
 _NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's, that blurs
@@ -69,7 +69,7 @@ class AimedChains:
         intersector: EmbreeIntersector | None = None,
         normals: str = "vertex",
         unresolved: str = "none",
-        search: Search = "usual",
+        search: SearchMode = "usual",
     ) -> None:
         self.link = link
         self._mesh = link.frame.mesh(mesh)
@@ -88,7 +88,7 @@ class AimedChains:
         self.locator = locator(self.surface, link.targets)
         self.counters = np.zeros(len(Counter), np.int64)
         self.nodes: dict[tuple[int, int], tuple[int, int]] = {}  # quadratures of the apertures
-        self.near: Callable[[int, int, ChainSet, Scene, SearchExtent], Near] | None = None
+        self.near: Callable[[int, int, ChainSet, Scene, Search], Near] | None = None
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     @cached_property
@@ -168,13 +168,13 @@ class AimedChains:
         facets, medium, interface = self.facets, self.medium, self.link.interface
         return Scene(emitter, target, self.surface, self.locator, facets, medium, interface)
 
-    def search_of(self, target: Target) -> SearchExtent:
+    def search_of(self, target: Target) -> Search:
         """Return the extent of the search for roots."""
         extent = self._extent
         return extent._replace(widest=target.reach + extent.widest)
 
     @cached_property
-    def _extent(self) -> SearchExtent:
+    def _extent(self) -> Search:
         extent = search_extent(self.surface, self.facets, self.locator)
         return extent._replace(audit=1.0) if self._search_mode == "thorough" else extent
 
@@ -318,10 +318,10 @@ class AimedChains:
         return paths[found]
 
 
-def search_extent(surface: Surface, facets: NDArray[np.void], bins: Locator) -> SearchExtent:
+def search_extent(surface: Surface, facets: NDArray[np.void], bins: Locator) -> Search:
     """Return the extent of the search for roots, `widest` beyond the reach of a target."""
     near = facets[bins.facet] if len(bins.facet) else facets
-    return SearchExtent(
+    return Search(
         audit=_AUDITED if surface.interpolate else 1.0,
         slope=surface.max_slope,
         margin=2.0 * float(near["radius"].max()),

@@ -23,9 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.chains.gain import (
+    Counter,
     Crossing,
     is_steep,
     keep,
+    shot_of,
     transmittance,
     weight_of,
 )
@@ -41,8 +43,7 @@ from meshtrace.engine.chains.unscattered import (
     view_margin,
     view_radius,
 )
-from meshtrace.engine.crossing.aiming import STEP, Aim, Jacobian, Shot, emission_through, quotients
-from meshtrace.engine.crossing.search import Counter, shot_of
+from meshtrace.engine.crossing import STEP, Aim, Jacobian, Shot, emission_through, quotients
 from meshtrace.kernels.facets import corners, exposure, normal_at, slope_tilt
 from meshtrace.kernels.interface import reflectance
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined

@@ -33,14 +33,13 @@ from meshtrace.engine.chains.unscattered import (
     push_quarters,
     solid_angle,
 )
-from meshtrace.engine.crossing.aiming import aim_at
-from meshtrace.engine.crossing.search import straight_shot
+from meshtrace.engine.crossing import aim_at, straight_shot
 from meshtrace.kernels.facets import exposure, normal_at
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
+from meshtrace.kernels.rays import is_free
 from meshtrace.kernels.scene import Scene, Target, height_on
-from meshtrace.kernels.shadow import is_free
 from meshtrace.kernels.vectors import Vec2, Vec3, along, cross2, minus, minus2, norm, scaled
 
 _ROUNDING = 1e-12  # share of an image

@@ -1,18 +1,36 @@
-"""Forced detection: contribution of each chain to the aperture over one surface."""
+"""Forced detection: crossings of each chain over one surface, and its contribution to the aperture.
+
+Newton starts from the crossings of a flat sea, which do not depend on the waves. An audit searches
+every facet for all crossings near that of a flat sea that land on one point.
+"""
 
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.crossing.aiming import Aim, jacobian
-from meshtrace.engine.crossing.search import find_crossings, shot_of
-from meshtrace.kernels.facets import SMOOTH, exposure, normal_at, tilted
+from meshtrace.engine.crossing import (
+    Aim,
+    Shot,
+    add_root,
+    enumerate_roots,
+    flat_crossing,
+    is_known,
+    jacobian,
+    listed_roots,
+    newton,
+    radius_of,
+    root_from,
+    start_of,
+    straight_shot,
+)
+from meshtrace.kernels.facets import SMOOTH, exposure, normal_at, slope_tilt, tilted
 from meshtrace.kernels.interface import FieldOfView, FresnelMode
-from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
+from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import (
     absorption_path,
     bubble_scattering,
@@ -20,9 +38,12 @@ from meshtrace.kernels.medium import (
     scattering_path,
     water_coefficients,
 )
-from meshtrace.kernels.scene import FLAT_SEA, height_on
+from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
 from meshtrace.kernels.sources import intensity
-from meshtrace.kernels.vectors import Vec3, along, dot, minus, norm, plus, row, scaled, write
+from meshtrace.kernels.vectors import Vec2, Vec3, along, dot, minus, norm, plus, row, scaled, write
+
+_FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, that is much
+_AUDIT_FAILED = 0.25  # share of chains without a solution whose facets are all searched
 
 RAY = np.dtype(
     [
@@ -70,6 +91,167 @@ class Crossing(NamedTuple):
     aim: Aim
     point: Vec3
     start: Vec3  # of the chain
+
+
+class Counter(IntEnum):
+    """Outcomes of the search that are counted."""
+
+    SOLVED = 0
+    NO_FLAT = 1
+    ENUMERATED = 2
+    EXTRA_ROOTS = 3
+    BLOCKED = 4
+    LISTED = 5
+
+
+@inlined
+def shot_of(chains, i, scene, branch, roughness):
+    """Return the open segment of chain i and the point that it aims at."""
+    u, v = chains.disk[i, 0], chains.disk[i, 1]
+    goal = Vec2(scene.target.radius * u, scene.target.radius * v)
+    tilt = slope_tilt(roughness, chains.tilt[i, 0], chains.tilt[i, 1])
+    start = start_of(scene.emitter, u, v)
+    return Shot(start, row(chains.tail, i), row(chains.last, i), goal, branch, tilt)
+
+
+@entry
+def flat_crossings(chains, starts, still, raised, out):
+    """Write the flat-sea crossings (`FLAT` records) of each chain.
+
+    Array twin: `tests/engine/test_crossing.py`.
+    Flat crossings do not depend on the waves: they are the starts for every surface. `out` has
+    room for several of each chain; branch 0 ends them. Chains that turn sharply or reach
+    still water before their last scattering are searched from many `starts` (x, y) and on
+    both branches; the others have one crossing, found from below the receiver. A chain that
+    ends above still water is searched on a sea `raised` above every crest.
+    """
+    for i in range(len(chains.last)):
+        flat_crossings_of(chains, i, starts, still, raised, out[i])
+
+
+@outlined
+def flat_crossings_of(chains, i, starts, still, raised, out):
+    """Write the flat-sea crossings of chain i; return their number.
+
+    Array twin: see `flat_crossings`.
+    """
+    depth = -still.emitter.position.z
+    q, v = row(chains.tail, i), row(chains.last, i)
+    size = norm(q)
+    plain = size < 0.95 * depth and dot(q, v) > 0.8 * size
+    n = ZERO
+    for scene in (still, raised):
+        for side in range(1 if size < depth else 2):
+            for k in range(len(starts)):
+                if n < len(out) and not (n > 0 and plain):
+                    shot = shot_of(chains, i, scene, 1.0 - 2.0 * side, SMOOTH)
+                    n = _flat_root(n, starts[k], shot, scene, out)
+        if n > 0:
+            break
+    if n < len(out):
+        out[n].branch = 0.0
+    return n
+
+
+@outlined
+def _flat_root(n, start, shot, scene, out):
+    """Add the flat-sea crossing that Newton finds from a start, if it is new."""
+    longest = scene.target.center.z
+    found, x, y, _ = newton(start[0], start[1], FLAT_SEA, YES, longest, shot, scene)
+    if not found or is_known(out, ZERO, n, x, y, shot.branch, 1e-4):
+        return n
+    flat_crossing(out[n], x, y, shot, scene)
+    return n + 1
+
+
+@entry
+def direct_crossings(points, starts, scene, found, out):
+    """Write the crossings of unscattered light that lands on points of the unit disk.
+
+    Array twin: `meshtrace.engine.forced.ForcedDetection`, by the images of the facets.
+    """
+    for i in range(len(points)):
+        shot = straight_shot(points[i, 0], points[i, 1], scene)
+        x, y = starts[i, 0], starts[i, 1]
+        facet = locate(scene.locator, scene.surface, x, y)
+        if facet >= 0:
+            found[i], x, y, facet = newton(x, y, facet, NO, 1.0, shot, scene)
+        out[i, 0], out[i, 1], out[i, 2] = x, y, height_on(x, y, facet, scene.surface)
+
+
+@inlined
+def find_crossings(chains, i, flat, audit, search, scene, out):
+    """Write the crossings of chain i (`Output.roots`); return their number.
+
+    Newton starts from the flat crossings. More roots, if the sea focuses, are searched in a
+    share of the chains and count by the inverse of that share: unbiased.
+    """
+    n = ZERO
+    for k in range(len(flat)):
+        if flat[k].branch == 0.0:
+            if k == 0:
+                out.counters[Counter.NO_FLAT.value] += 1
+            break
+        shot = shot_of(chains, i, scene, flat[k].branch, scene.surface.roughness)
+        first, last = ZERO - 1, ZERO
+        if len(search.near.rows) > 0:
+            first, last = search.near.rows[i, k, 0], search.near.rows[i, k, 1]
+        listed = search.near.facet[max(first, 0) : last]
+        n = _near(
+            n, flat[k], audit, search, first >= 0, listed, shot, scene, out.roots, out.counters
+        )
+    return n
+
+
+@outlined
+def _near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counters):
+    """Append the crossings that belong to one flat crossing."""
+    surface, target, tilt = scene.surface, scene.target, shot.tilt
+    radius = radius_of(flat, search, shot, scene)
+    off = math.hypot(flat.x - target.center.x, flat.y - target.center.y)
+    if off > target.reach + radius:
+        return n  # outside the field of view for any waves
+    if shot.branch > 0.0 and not _reaches(flat, radius, shot, scene):
+        return n
+    first, share = n, 1.0
+    if surface.interpolate:
+        x0 = flat.x + flat.m11 * tilt.x + flat.m12 * tilt.y
+        y0 = flat.y + flat.m21 * tilt.x + flat.m22 * tilt.y
+        found, x, y, facet = root_from(x0, y0, radius, shot, scene)
+        if found:
+            counters[Counter.SOLVED.value] += 1
+            n = add_root(roots, n, ZERO, x, y, facet, shot.branch, 1.0)
+        # most chains that Newton gives up have no crossing: a quarter of them shows it
+        audited = 1.0 if search.curvature * flat.lever > _FOCUSING else search.audit
+        share = audited if found else max(audited, _AUDIT_FAILED)
+        if audit >= share:
+            return n
+    kept = n
+    if is_listed:
+        counters[Counter.LISTED.value] += 1
+        last = listed_roots(roots, n, flat, listed, shot, scene)
+    else:
+        counters[Counter.ENUMERATED.value] += 1
+        last = enumerate_roots(roots, n, flat, radius, shot, scene)
+    for k in range(n, last):
+        r = roots[k]
+        kept = add_root(roots, kept, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)
+    counters[Counter.EXTRA_ROOTS.value] += kept - max(n, first)
+    return kept
+
+
+@inlined
+def _reaches(flat, radius, shot, scene):
+    """Return whether the open segment of a chain can end on the surface near a flat crossing.
+
+    A segment that goes outwards must start nearer to the source than the surface lies.
+    """
+    if dot(shot.q, shot.v) < 0.0:
+        return True
+    source = shot.start
+    side = math.hypot(flat.x - source.x, flat.y - source.y) + radius
+    rise = scene.surface.high[2] - source.z
+    return dot(shot.q, shot.q) < side * side + rise * rise
 
 
 @entry

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.crossing.aiming import aim_at, land_sloped
-from meshtrace.engine.crossing.search import MARGIN, may_hold, radius_of, shot_of, spread_of
+from meshtrace.engine.chains.gain import shot_of
+from meshtrace.engine.crossing import MARGIN, aim_at, land_sloped, may_hold, radius_of, spread_of
 from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
 from meshtrace.kernels.scene import bins_near, is_first_bin
 from meshtrace.kernels.vectors import Vec3

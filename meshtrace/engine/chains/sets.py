@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.chains import sampling as kernel
-from meshtrace.engine.chains.gain import flat_contributions
+from meshtrace.engine.chains.gain import flat_contributions, flat_crossings
 from meshtrace.engine.chains.sampling import Chains, Nominal
-from meshtrace.engine.crossing.aiming import FLAT
-from meshtrace.engine.crossing.search import flat_crossings
+from meshtrace.engine.crossing import FLAT
 from meshtrace.engine.setup.arrays import empty_locator, surface_arrays
 from meshtrace.engine.setup.forced_link import ForcedLink
 from meshtrace.errors import Refused

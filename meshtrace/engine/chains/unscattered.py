@@ -6,8 +6,7 @@ import math
 from typing import NamedTuple
 
 from meshtrace.engine.chains.gain import is_steep, transmittance
-from meshtrace.engine.crossing.aiming import aim_at
-from meshtrace.engine.crossing.search import corner_shines, straight_shot
+from meshtrace.engine.crossing import aim_at, corner_shines, straight_shot
 from meshtrace.kernels.facets import corners, normal_at
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined

@@ -13,9 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.chains.gain import weigh, weight_of
-from meshtrace.engine.crossing.aiming import STEP, differences, land_sloped, newton_step
-from meshtrace.engine.crossing.search import is_known, shot_of, straight_shot
+from meshtrace.engine.chains.gain import shot_of, weigh, weight_of
+from meshtrace.engine.crossing import (
+    STEP,
+    differences,
+    is_known,
+    land_sloped,
+    newton_step,
+    straight_shot,
+)
 from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
 from meshtrace.kernels.scene import FLAT_SEA, locate
 from meshtrace.kernels.vectors import Vec3, dot, row

@@ -20,8 +20,11 @@ from meshtrace.engine.bvh import EmbreeIntersector, Intersector
 from meshtrace.engine.photons import state as kernel
 from meshtrace.engine.photons.flight import follow
 from meshtrace.engine.setup.arrays import (
+    IDENTITY,
     NO_GRID,
+    Frame,
     aperture_arrays,
+    frame_of,
     grid_arrays,
     interface_arrays,
     medium_arrays,
@@ -29,11 +32,9 @@ from meshtrace.engine.setup.arrays import (
     surface_arrays,
     with_raster,
 )
-from meshtrace.engine.setup.case import Case
-from meshtrace.engine.setup.frame import IDENTITY, Frame, frame_of
-from meshtrace.engine.setup.options import BLOCK, Analog, IrradianceMap, Record, read_records
+from meshtrace.engine.setup.options import BLOCK, Analog, Case, IrradianceMap, Record, read_records
 from meshtrace.kernels.rays import NO_BVH
-from meshtrace.kernels.sky import FORWARD, N_SCORES
+from meshtrace.kernels.sources import FORWARD, N_SCORES
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Fate, Tallies
 from meshtrace.kernels.vectors import UP, Vec3
 from meshtrace.link import Link
@@ -43,7 +44,7 @@ from meshtrace.parallel import ordered_map, paced
 from meshtrace.stored import SHIFTS
 
 _GUIDED = 100  # crossings of light that a jet guides
-_EXACT = ("ledger", "map", "map_squared", "radiance")  # fields of `Sums` and of tallies
+_EXACT = ("ledger", "map", "map_squared", "radiance")  # fields of `PhotonSums` and of tallies
 _SUMS = (*_EXACT, "n_photons", "misses", "n_arrivals")
 
 
@@ -76,7 +77,7 @@ class FixedPointSum:
 
 
 @dataclass
-class Sums:
+class PhotonSums:
     """Tallies of a run of photons; those of disjoint photons add."""
 
     photons: int
@@ -138,8 +139,8 @@ def run_analog(
     record: Iterable[Record] = (),
     recorder: kernel.Recorder | None = None,
     progress: Callable[[int], None] | None = None,
-    sums: Sums | None = None,
-) -> Sums:
+    sums: PhotonSums | None = None,
+) -> PhotonSums:
     """Trace photons and return their tallies.
 
     Parameters
@@ -166,12 +167,12 @@ def run_analog(
         Arrays for the paths of the first photons; must fit into the first chunk.
     progress : callable, optional
         Called with the number of photons done since its last call.
-    sums : Sums, optional
+    sums : PhotonSums, optional
         Tallies of other photons with the same records, to which these are added.
 
     Returns
     -------
-    Sums
+    PhotonSums
     """
     records = read_records(record, options)
     options = options_over(intersector.mesh, options)
@@ -197,7 +198,7 @@ def run_analog(
 
 def photons_over(
     case: Case, mesh: TriangleMesh, options: Analog, photons: int, **others: Any
-) -> Sums:
+) -> PhotonSums:
     """Return the tallies of photons of a case over its mesh; for other options see `run_analog`."""
     return run_analog(
         case.link,
@@ -315,7 +316,7 @@ def _tallies(setup: Setup, photons: int, room: int) -> Tallies:
     return none._replace(score=score, arrivals=arrivals, **sums)
 
 
-def _zero(setup: Setup) -> Sums:
+def _zero(setup: Setup) -> PhotonSums:
     none, score = setup.world.tallies, np.zeros(setup.n_scores)
     exact: dict[str, Any] = {name: FixedPointSum(getattr(none, name).shape) for name in _EXACT}
-    return Sums(0, score, score.copy(), none.n_photons.copy(), none.misses.copy(), **exact)
+    return PhotonSums(0, score, score.copy(), none.n_photons.copy(), none.misses.copy(), **exact)

@@ -18,14 +18,22 @@ from numpy.typing import NDArray
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.aimed import ROOTS, search_extent
-from meshtrace.engine.crossing.aiming import FLAT
-from meshtrace.engine.crossing.manifold import Manifold
-from meshtrace.engine.crossing.search import ROOT
-from meshtrace.engine.photons.connections import N_PARTS, PHOTON, TARGET, Joins, Window, World
+from meshtrace.engine.crossing import FLAT, ROOT
 from meshtrace.engine.photons.joined_walk import follow_joined
+from meshtrace.engine.photons.manifold import Manifold
+from meshtrace.engine.photons.targets import (
+    JOINED_PHOTON,
+    N_PARTS,
+    TARGET,
+    JoinedWorld,
+    Joins,
+    Window,
+)
 from meshtrace.engine.setup.arrays import (
+    Frame,
     angle_table,
     empty_locator,
+    frame_of,
     grid_arrays,
     interface_arrays,
     locator,
@@ -42,7 +50,6 @@ from meshtrace.engine.setup.forced_link import (
     require_height_field,
     target_of,
 )
-from meshtrace.engine.setup.frame import Frame, frame_of
 from meshtrace.engine.setup.options import BLOCK
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.facets import Surface
@@ -242,7 +249,7 @@ class JoinedPhotons:
         targets: list[Target],
         share: Floats,
         first: list[int],
-    ) -> World:
+    ) -> JoinedWorld:
         """Return the inputs of photons from the sources, or backwards from one receiver."""
         link = self.link
         surface = surface_arrays(intersector.mesh, self._normals, link.physics.unresolved)
@@ -260,9 +267,9 @@ class JoinedPhotons:
             manifold = _manifold(surface, facets, bins)
         joins = self._joins(surface, bins, facets, sources, targets, share, first, frame)
         none = np.zeros(0, ARRIVAL), np.zeros(1, np.int64)
-        return World(
+        return JoinedWorld(
             0, np.uint64(self.seed), sources, surface, grid, medium, interface_arrays(link), joins,
-            manifold, _EVENTS, NO_BVH, np.zeros(1 + _COPIES, PHOTON),
+            manifold, _EVENTS, NO_BVH, np.zeros(1 + _COPIES, JOINED_PHOTON),
             np.zeros((0, len(targets), N_PARTS)), np.zeros((len(targets), _ORDERS)), *none,
         )  # fmt: skip
 
@@ -337,14 +344,14 @@ class JoinedPhotons:
                 return False
         return True
 
-    def _follow(self, world: World, intersector: EmbreeIntersector, arrivals: bool) -> _Run:
+    def _follow(self, world: JoinedWorld, intersector: EmbreeIntersector, arrivals: bool) -> _Run:
         """Return the sums over the photons of one run."""
         n = len(world.joins.target)
         spans = [(i, min(i + BLOCK, self.photons)) for i in range(0, self.photons, BLOCK)]
         counts = np.zeros((n, N_PARTS)), np.zeros((n, N_PARTS))
         run = _Run(np.zeros((SHIFTS, n, N_PARTS)), *counts, np.zeros((n, _ORDERS)), [])
 
-        def follow(span: tuple[int, int]) -> World:
+        def follow(span: tuple[int, int]) -> JoinedWorld:
             first, last = span
             room = (last - first) * n if arrivals else 0
             while True:

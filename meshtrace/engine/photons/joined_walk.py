@@ -18,20 +18,10 @@ import math
 
 import numpy as np
 
-from meshtrace.engine.bvh.grid import UNKNOWN, grid_facet
-from meshtrace.engine.photons.connections import (
-    bend_ahead,
-    chance_ahead,
-    copies_of,
-    guide_start,
-    importance,
-    join_collision,
-    join_crossing,
-    level_over,
-    redirect,
-    survives,
-)
+from meshtrace.engine.photons.connections import join_collision, join_crossing
+from meshtrace.engine.photons.guides import copies_of, guide_start, importance, redirect, survives
 from meshtrace.engine.photons.state import head, heading, place
+from meshtrace.engine.photons.targets import bend_ahead, chance_ahead, level_over
 from meshtrace.kernels.facets import (
     drawn_tilt,
     exposure,
@@ -52,7 +42,7 @@ from meshtrace.kernels.medium import (
 )
 from meshtrace.kernels.phase import sample_s
 from meshtrace.kernels.random import Purpose, uniforms
-from meshtrace.kernels.rays import first_facet
+from meshtrace.kernels.rays import UNKNOWN, first_facet, grid_facet
 from meshtrace.kernels.sources import lambert_reflection, launch
 from meshtrace.kernels.vectors import Vec2, along, dot, row
 

@@ -8,15 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.bvh.grid import Grid
 from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.random import Purpose, uniforms
-from meshtrace.kernels.rays import Bvh
-from meshtrace.kernels.sky import Backward
-from meshtrace.kernels.sources import Sources
+from meshtrace.kernels.rays import Bvh, Grid
+from meshtrace.kernels.sources import Backward, Sources
 from meshtrace.kernels.tally import Apertures, Fate, Tallies, deposit, score_apertures
 from meshtrace.kernels.vectors import Vec3, write
 

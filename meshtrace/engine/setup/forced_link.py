@@ -8,8 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from meshtrace.engine.setup.arrays import interface_arrays, medium_arrays, pattern_of
-from meshtrace.engine.setup.frame import IDENTITY, Frame, frame_of
+from meshtrace.engine.setup.arrays import (
+    IDENTITY,
+    Frame,
+    frame_of,
+    interface_arrays,
+    medium_arrays,
+    pattern_of,
+)
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium

@@ -12,7 +12,7 @@ from meshtrace.engine.chains import cells
 from meshtrace.engine.setup.arrays import locator, surface_arrays
 from meshtrace.engine.setup.forced_link import forced_link
 from meshtrace.kernels.jit import entry
-from meshtrace.kernels.shadow import CUT, is_free, shadows
+from meshtrace.kernels.rays import CUT, is_free, shadows
 from meshtrace.kernels.vectors import Vec2, row
 from meshtrace.surfaces import SinusoidalSea
 

@@ -14,8 +14,8 @@ from scipy.stats import chi2
 
 import meshtrace as mt
 from meshtrace.engine.forced import ForcedDetection
-from meshtrace.engine.photons.connections import SCATTERED
 from meshtrace.engine.photons.joined import JoinedPhotons
+from meshtrace.engine.photons.targets import SCATTERED
 from meshtrace.engine.setup.arrays import angle_table
 from meshtrace.errors import Refused
 from meshtrace.kernels.phase import tail_at

@@ -8,8 +8,8 @@ from mc_statistics import sidak, z_test
 from scipy.stats import chi2
 
 import meshtrace as mt
-from meshtrace.engine.photons.connections import REFLECTED
 from meshtrace.engine.photons.joined import JoinedPhotons
+from meshtrace.engine.photons.targets import REFLECTED
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
 
 pytestmark = [

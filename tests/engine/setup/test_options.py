@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.setup.case import resolve
-from meshtrace.engine.setup.options import Run, read_records
+from meshtrace.engine.setup.options import Run, read_records, resolve
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, JonswapSea
 

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import meshtrace as mt
 from meshtrace.engine.bvh import BruteForceIntersector
-from meshtrace.engine.crossing import aiming
-from meshtrace.engine.crossing.search import ROOT, enumerate_roots
+from meshtrace.engine.crossing import ROOT, aiming, enumerate_roots
 from meshtrace.kernels.jit import entry, inlined
 from meshtrace.kernels.scene import FLAT_SEA, locate
 from meshtrace.kernels.vectors import Vec2, Vec3, row, write

@@ -1,4 +1,4 @@
-"""Aiming: the emission directions that land a chain on a point of an aperture.
+"""The point of the surface that sends light from one point to another: a specular manifold walk.
 
 The unknown is not the direction but the point P where the light crosses the surface. For any P
 there is one emission direction w whose minimal rotation R(w) (e_z to w) carries the chain's
@@ -9,6 +9,9 @@ X(P) = x; two small displacements of P give dX/dP and dw/dP together, hence dX/d
 
 A history rotated to end at its detector is known as the track-rotation estimator [1]_, the path
 through a refracting mesh with interpolated normals from single scattering [2]_.
+
+Light that leaves the source along a straight way is a chain without a scattering. `newton` finds
+one crossing from a start, `enumerate_roots` all near that of a flat sea, facet by facet.
 
 References
 ----------
@@ -24,11 +27,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from meshtrace.kernels.facets import normal_at, tilted
+from meshtrace.kernels.facets import corners, inside_facet, normal_at, tilted
 from meshtrace.kernels.interface import transmit
-from meshtrace.kernels.jit import inlined, outlined
-from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
+from meshtrace.kernels.jit import NO, YES, inlined, outlined
+from meshtrace.kernels.scene import FLAT_SEA, bins_near, height_on, is_first_bin, locate
 from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, Vec3, along, dot, minus, minus2, scaled
 
 STEP = 1e-5  # [m], displacement of P for the derivatives
@@ -99,7 +103,7 @@ class Jacobian(NamedTuple):
 def emission_through(q, v, p, branch):
     """Return (ok, t, w, d): emission direction w of the chain through P, and its direction d there.
 
-    Array twin: `tests/engine/crossing/test_aiming.py` builds R(w) and compares R (q + t v) with P.
+    Array twin: `tests/engine/test_crossing.py` builds R(w) and compares R (q + t v) with P.
     P is relative to the source. `branch` +1 is the forward intersection of the open segment
     with the sphere of radius |P|, -1 the near one, which exists when q lies outside.
     """
@@ -138,7 +142,7 @@ def emission_through(q, v, p, branch):
 def land(p, n, shot, scene):
     """Return the `Aim` of a crossing at P with unit normal n.
 
-    Array twin: `tests/engine/crossing/test_aiming.py`, against rays traced forwards.
+    Array twin: `tests/engine/test_crossing.py`, against rays traced forwards.
     """
     target, medium = scene.target, scene.medium
     ok, length, w, d = emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
@@ -280,3 +284,210 @@ def newton(x, y, facet, fixed, longest, shot, scene):
             if facet < 0:
                 return False, x, y, facet
     return False, x, y, facet
+
+
+MARGIN = 1.3  # on first-order bounds, for the higher orders
+
+ROOT = np.dtype(
+    [
+        ("x", float),
+        ("y", float),
+        ("branch", float),
+        ("facet", np.int64),
+        ("multiplicity", float),  # number of crossings that it stands for
+    ]
+)
+"""A crossing of the surface that lands on the point aimed at."""
+
+
+@inlined
+def is_known(roots, first, last, x, y, branch, tolerance):
+    """Return whether a crossing is one of the records first <= k < last.
+
+    Array twin: numpy.abs of differences.
+    """
+    for k in range(first, last):
+        r = roots[k]
+        if r.branch == branch and abs(r.x - x) + abs(r.y - y) < tolerance:
+            return True
+    return False
+
+
+@outlined
+def enumerate_roots(roots, n, flat, radius, shot, scene):
+    """Append every crossing near a flat-sea crossing that lands on the point; return the number.
+
+    Array twin: the roots of the analytic sinusoid in the tests.
+    Every facet within `radius` is searched.
+    """
+    grid = scene.locator
+    i0, i1, j0, j1 = bins_near(flat.x, flat.y, radius, grid)
+    for i in range(i0, i1 + 1):
+        for j in range(j0, j1 + 1):
+            for k in range(grid.start[i * grid.ny + j], grid.start[i * grid.ny + j + 1]):
+                f = np.int64(grid.facet[k])
+                if may_hold(scene.facets[f], flat, shot.tilt, 0.0):
+                    if is_first_bin(i, j, i0, j0, f, scene.surface, grid):
+                        n = _facet_roots(roots, n, f, flat, shot, scene)
+    return n
+
+
+@outlined
+def listed_roots(roots, n, flat, facets, shot, scene):
+    """Append every crossing on some facets that lands on the point; return the number.
+
+    Array twin: `enumerate_roots`, which searches every facet.
+    """
+    for k in range(len(facets)):
+        f = np.int64(facets[k])
+        if may_hold(scene.facets[f], flat, shot.tilt, 0.0):
+            n = _facet_roots(roots, n, f, flat, shot, scene)
+    return n
+
+
+@inlined
+def may_hold(facet, flat, tilt, slack):
+    """Return whether a crossing may lie within `slack` [m] of a facet, to first order.
+
+    Array twin: `_facet_roots` without it finds the same roots.
+    The flat crossing moves by dP/dslope and dP/dz; half of the move is left for the
+    higher orders, and the facet's size grows by its curvature.
+    """
+    sx, sy = facet.slope_x + tilt.x, facet.slope_y + tilt.y
+    dz = facet.z - flat.level
+    mx, my = flat.m11 * sx + flat.m12 * sy, flat.m21 * sx + flat.m22 * sy
+    hx, hy = flat.h1 * dz, flat.h2 * dz
+    move = abs(mx) + abs(my) + abs(hx) + abs(hy)
+    bend = abs(flat.m11) + abs(flat.m12) + abs(flat.m21) + abs(flat.m22)
+    reach = 0.5 * move + 2.0 * facet.radius * (1.0 + bend * facet.curvature) + slack
+    ex, ey = flat.x + mx + hx - facet.x, flat.y + my + hy - facet.y
+    return ex * ex + ey * ey <= reach * reach
+
+
+@outlined
+def corner_shines(f, shot, scene):
+    """Return whether light leaves the water at a corner of a facet, but not at its centroid.
+
+    Array twin: fine meshes of the same water in the tests.
+    """
+    for p in corners(scene.surface.vertices, f, scene.surface.faces):
+        if aim_at(p.x, p.y, f, shot, scene).ok:
+            return True
+    return False
+
+
+@inlined
+def spread_of(facet, flat):
+    """Return the largest distance of landing points of a facet from that of its centroid [m].
+
+    Array twin: `_facet_roots` without it finds the same roots.
+    """
+    return MARGIN * facet.radius * (flat.high + flat.lever * facet.curvature)
+
+
+@outlined
+def _facet_roots(roots, n, f, flat, shot, scene):
+    """Add the roots on facet f.
+
+    If its centroid lands farther from the point than |dX/dP| of a curved surface could bring
+    over the facet's size, it holds none. Where a fold of the map runs through a facet there
+    may be two: Newton starts from its corners too.
+    """
+    facet = scene.facets[f]
+    x, y = facet.x, facet.y
+    m = aim_at(x, y, f, shot, scene)
+    bend = flat.lever * facet.curvature
+    if m.ok:
+        if math.hypot(m.at.x - shot.goal.x, m.at.y - shot.goal.y) > spread_of(facet, flat):
+            return n
+    elif not corner_shines(f, shot, scene):
+        return n
+    first = n
+    n = _root_on(roots, n, first, x, y, f, shot, scene)
+    if not m.ok or (scene.surface.interpolate and bend > 0.5 * flat.high):
+        for p in corners(scene.surface.vertices, f, scene.surface.faces):
+            n = _root_on(roots, n, first, p.x, p.y, f, shot, scene)
+    return n
+
+
+@inlined
+def _root_on(roots, n, first, x, y, f, shot, scene):
+    found, x, y, _ = newton(x, y, f, YES, 2.0 * scene.facets[f].radius, shot, scene)
+    if not found or not inside_facet(x, y, f, scene.surface):
+        return n
+    return add_root(roots, n, first, x, y, f, shot.branch, 1.0)
+
+
+@inlined
+def add_root(roots, n, first, x, y, facet, branch, multiplicity):
+    """Append a crossing unless it is one of those from `first` on; return their number.
+
+    Array twin: list.append.
+    """
+    if n == len(roots) or is_known(roots, first, n, x, y, branch, 1e-6):
+        return n
+    r = roots[n]
+    r.x, r.y, r.branch, r.facet, r.multiplicity = x, y, branch, facet, multiplicity
+    return n + 1
+
+
+class Near(NamedTuple):
+    """Facets to search for each flat crossing of each chain, see `engine.chains.nearby`."""
+
+    rows: NDArray[np.int64]  # (chains, crossings, 2) of `facet`; first < 0: no list
+    facet: NDArray[np.int32]
+
+
+class Search(NamedTuple):
+    """Extent of the search for roots on one surface."""
+
+    audit: float  # share of chains whose facets are all searched; 1 for faceted normals
+    slope: float  # steepest slope of the surface
+    margin: float  # [m], size of the facets
+    widest: float  # [m], no crossing lies farther from the flat one
+    curvature: float  # largest change of slope along an edge of the facets [m-1]
+    near: Near  # without rows: no lists
+
+
+@inlined
+def start_of(emitter, u, v):
+    """Return the start of a chain: the source, or a point (u, v) of the unit disk on its disk."""
+    if emitter.radius == 0.0:
+        return emitter.position
+    side = along(emitter.position, emitter.e1, emitter.radius * u)
+    return along(side, emitter.e2, emitter.radius * v)
+
+
+@inlined
+def straight_shot(u, v, scene):
+    """Return the unscattered light that belongs to a point (u, v) of the unit disk."""
+    goal = Vec2(scene.target.radius * u, scene.target.radius * v)
+    return Shot(start_of(scene.emitter, u, v), ORIGIN, UP, goal, 1.0, Vec2(0.0, 0.0))
+
+
+@inlined
+def root_from(x0, y0, radius, shot, scene):
+    """Return (found, x, y, facet): the crossing that Newton finds from a point.
+
+    Array twin: `enumerate_roots`, which searches every facet.
+    """
+    found, x, y, facet = False, x0, y0, locate(scene.locator, scene.surface, x0, y0)
+    start = facet
+    for step in (0.5, 0.1):  # the second time more carefully
+        if start >= 0 and not found:
+            found, x, y, facet = newton(x0, y0, start, NO, step * radius, shot, scene)
+            found = found and inside_facet(x, y, facet, scene.surface)
+    return found, x, y, facet
+
+
+@inlined
+def radius_of(flat, search, shot, scene):
+    """Return the largest distance of crossings of the wavy sea from a flat one [m].
+
+    Array twin: `enumerate_roots` over all of the sea finds no others.
+    """
+    surface = scene.surface
+    waves = max(abs(surface.high[2] - flat.level), abs(surface.low[2] - flat.level))
+    slope = search.slope + math.hypot(shot.tilt.x, shot.tilt.y)
+    move = MARGIN * (slope * flat.lever + waves * flat.lift) / max(flat.low, 1e-3)
+    return min(move + search.margin, search.widest)

@@ -6,9 +6,9 @@ from numba import njit
 
 import meshtrace as mt
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.bvh.grid import cell_of, grid_facet
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.arrays import NO_GRID, grid_arrays
+from meshtrace.kernels.rays import cell_of, grid_facet
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.mesh import TriangleMesh
 from meshtrace.surfaces import FlatSea, JonswapSea

@@ -5,7 +5,7 @@ the mesh refracts it there. Newton from the crossing of still water finds one su
 Others are found from a start drawn about it [2]_: a crossing r that is drawn so with the chance
 p(r) counts 1 / p(r), the mean number of further draws up to that which finds r again. So all
 crossings are counted, at the cost of one draw more than there are crossings. With faceted normals
-all facets are searched, as those of scattering chains (`meshtrace.engine.crossing.search`).
+all facets are searched, as those of scattering chains (`meshtrace.engine.crossing`).
 
 References
 ----------
@@ -24,8 +24,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.crossing.aiming import flat_crossing, newton
-from meshtrace.engine.crossing.search import MARGIN, Search, enumerate_roots, radius_of, root_from
+from meshtrace.engine.crossing import (
+    MARGIN,
+    Search,
+    enumerate_roots,
+    flat_crossing,
+    newton,
+    radius_of,
+    root_from,
+)
 from meshtrace.kernels.facets import Surface, inside_facet
 from meshtrace.kernels.jit import ONE, YES, ZERO, inlined, outlined
 from meshtrace.kernels.random import Purpose, uniforms
