@@ -226,9 +226,9 @@ def _pilot_variance(link: mt.Link) -> list[float]:
     rows = []
     for seed in range(4):
         forced = ForcedDetection(link, SHIFTS, seed, scattered="chains")
-        emitters, targets = len(forced.arrays.emitters), len(forced.arrays.targets)
+        emitters = len(forced.arrays.emitters)
         pilots = [
-            pilot(forced.drawer, s, (seed, s), partial(forced.drawer.flat_scores, s), targets, 1)
+            pilot(forced.drawer, s, (seed, s), partial(forced.drawer.scores, s), 1)
             for s in range(emitters)
         ]
         found = chain_pilot(pilots, forced.arrays)

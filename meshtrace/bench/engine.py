@@ -18,7 +18,7 @@ from meshtrace.engine.bvh import CopiedScene, EmbreeIntersector, RayScene
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.arrays import frame_of
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_for
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh

@@ -13,7 +13,7 @@ from typing import Any
 from meshtrace.bench.answers import background_light, coverage_cost, first_run, realization
 from meshtrace.bench.engine import analog_rate, figure_of_merit, new_sea, resolved_sea
 from meshtrace.bench.scaling import thread_scaling, worker_scaling
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from meshtrace.engine.chains.sets import TURBID, ChainDrawer, ChainSet
 from meshtrace.engine.photons.joined import JoinedParts
 from meshtrace.engine.photons.targets import SCATTERED
-from meshtrace.engine.setup.forced_link import ForcedLink, across, emitter_of
+from meshtrace.engine.setup.ends import ForcedLink, across, emitter_of
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.link import Link, WaterReceiver
 from meshtrace.link.sources import AirLamp
@@ -70,14 +70,13 @@ def pilot(
     source: int,
     seed: tuple[int, int],
     score: Callable[[ChainSet], Floats],
-    receivers: int,
     threads: int,
 ) -> Pilot:
     """Return the statistics of pilot chains by their scores, shape (receivers, chains).
 
     Orders without a score get more of them.
     """
-    orders = drawer.last_order(source)
+    orders, receivers = drawer.last_order(source), len(drawer.link.targets)
     chains = np.zeros(orders, np.int64)
     mean, spread = np.zeros((receivers, orders)), np.zeros((receivers, orders))
     scored = np.zeros((receivers, orders), np.int64)

@@ -27,7 +27,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.kernels.facets import corners, inside_facet, normal_at, tilted
 from meshtrace.kernels.interface import transmit
@@ -326,30 +325,16 @@ def enumerate_roots(roots, n, flat, radius, shot, scene):
         for j in range(j0, j1 + 1):
             for k in range(grid.start[i * grid.ny + j], grid.start[i * grid.ny + j + 1]):
                 f = np.int64(grid.facet[k])
-                if may_hold(scene.facets[f], flat, shot.tilt, 0.0):
+                if _may_hold(scene.facets[f], flat, shot.tilt):
                     if is_first_bin(i, j, i0, j0, f, scene.surface, grid):
                         n = _facet_roots(roots, n, f, flat, shot, scene)
     return n
 
 
-@outlined
-def listed_roots(roots, n, flat, facets, shot, scene):
-    """Append every crossing on some facets that lands on the point; return the number.
-
-    Array twin: `enumerate_roots`, which searches every facet.
-    """
-    for k in range(len(facets)):
-        f = np.int64(facets[k])
-        if may_hold(scene.facets[f], flat, shot.tilt, 0.0):
-            n = _facet_roots(roots, n, f, flat, shot, scene)
-    return n
-
-
 @inlined
-def may_hold(facet, flat, tilt, slack):
-    """Return whether a crossing may lie within `slack` [m] of a facet, to first order.
+def _may_hold(facet, flat, tilt):
+    """Return whether a crossing may lie on a facet, to first order.
 
-    Array twin: `_facet_roots` without it finds the same roots.
     The flat crossing moves by dP/dslope and dP/dz; half of the move is left for the
     higher orders, and the facet's size grows by its curvature.
     """
@@ -359,7 +344,7 @@ def may_hold(facet, flat, tilt, slack):
     hx, hy = flat.h1 * dz, flat.h2 * dz
     move = abs(mx) + abs(my) + abs(hx) + abs(hy)
     bend = abs(flat.m11) + abs(flat.m12) + abs(flat.m21) + abs(flat.m22)
-    reach = 0.5 * move + 2.0 * facet.radius * (1.0 + bend * facet.curvature) + slack
+    reach = 0.5 * move + 2.0 * facet.radius * (1.0 + bend * facet.curvature)
     ex, ey = flat.x + mx + hx - facet.x, flat.y + my + hy - facet.y
     return ex * ex + ey * ey <= reach * reach
 
@@ -376,15 +361,6 @@ def corner_shines(f, shot, scene):
     return False
 
 
-@inlined
-def spread_of(facet, flat):
-    """Return the largest distance of landing points of a facet from that of its centroid [m].
-
-    Array twin: `_facet_roots` without it finds the same roots.
-    """
-    return MARGIN * facet.radius * (flat.high + flat.lever * facet.curvature)
-
-
 @outlined
 def _facet_roots(roots, n, f, flat, shot, scene):
     """Add the roots on facet f.
@@ -398,7 +374,8 @@ def _facet_roots(roots, n, f, flat, shot, scene):
     m = aim_at(x, y, f, shot, scene)
     bend = flat.lever * facet.curvature
     if m.ok:
-        if math.hypot(m.at.x - shot.goal.x, m.at.y - shot.goal.y) > spread_of(facet, flat):
+        spread = MARGIN * facet.radius * (flat.high + bend)
+        if math.hypot(m.at.x - shot.goal.x, m.at.y - shot.goal.y) > spread:
             return n
     elif not corner_shines(f, shot, scene):
         return n
@@ -431,13 +408,6 @@ def add_root(roots, n, first, x, y, facet, branch, multiplicity):
     return n + 1
 
 
-class Near(NamedTuple):
-    """Facets to search for each flat crossing of each chain, see `engine.chains.nearby`."""
-
-    rows: NDArray[np.int64]  # (chains, crossings, 2) of `facet`; first < 0: no list
-    facet: NDArray[np.int32]
-
-
 class Search(NamedTuple):
     """Extent of the search for roots on one surface."""
 
@@ -446,7 +416,6 @@ class Search(NamedTuple):
     margin: float  # [m], size of the facets
     widest: float  # [m], no crossing lies farther from the flat one
     curvature: float  # largest change of slope along an edge of the facets [m-1]
-    near: Near  # without rows: no lists
 
 
 @inlined

@@ -22,45 +22,17 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import islice
-from typing import Literal, NamedTuple
+from operator import call
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from meshtrace.engine import choice, parts
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.aimed import AimedChains, SearchMode
 from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request, flat_mesh, points_of
-from meshtrace.engine.choice import (
-    PILOT_PHOTONS,
-    Method,
-    Pilot,
-    ScatteredPilot,
-    allotment,
-    chain_pilot,
-    choose,
-    is_clear,
-    is_little,
-    pilot,
-    returned_gain,
-)
-from meshtrace.engine.parts import (
-    ChainSums,
-    Counts,
-    Light,
-    Parts,
-    chain_light,
-    direct_light,
-    merged,
-)
 from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.engine.setup.forced_link import (
-    ANALOG,
-    POINTS_ONLY,
-    across,
-    crossing_reach,
-    forced_link,
-    needs_photons,
-    require_height_field,
-)
+from meshtrace.engine.setup import ends
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import Vec3
@@ -68,6 +40,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map, paced
+from meshtrace.results.tallies import Arrivals
 from meshtrace.stored import SHIFTS
 
 Scattered = Literal["auto", "chains", "joined"]
@@ -151,19 +124,16 @@ class ForcedDetection:
             allowed = f"an integer {SHIFTS} <= photons <= {_MOST_CHAINS} for forced detection"
             raise Refused("photons", photons, allowed)
         self.link = link
-        self.arrays = forced_link(link)
-        self._options = normals, threads
-        self._search: SearchMode = search
-        self._wanted: Scattered = scattered
-        self._key = photons, seed
-        self._sea = sea
+        self.arrays = ends.forced_link(link)
+        self.photons, self.seed, self.normals, self.threads = photons, seed, normals, threads
+        self.sea, self.search, self.wanted = sea, search, scattered
         unit = self.arrays.frame.unit
         top = max(sea.crest, 0.0) / unit
         lowest = min(t.center[2] for t in self.arrays.targets)
         # a chain that ends higher is not looked for; the level must stay below the receivers
         self._ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
         self.drawer = ChainDrawer(self.arrays, top, self._ceiling)
-        self.method: list[Method] = []
+        self.method: list[choice.Method] = []
         self.scattered_sets = self._draw()
         self._joined = self._joined_photons()
 
@@ -172,17 +142,17 @@ class ForcedDetection:
 
         Pilots over still water compare the estimators and allot the chains to the orders.
         """
-        link, threads = self.arrays, self._options[1]
+        link, threads = self.arrays, self.threads
         sources, receivers = range(len(link.emitters)), len(self.link.receivers)
         self._light: Floats | None = None
         self.method = ["joined"] * receivers
         try:
-            beyond = needs_photons(self.link)
+            beyond = ends.needs_photons(self.link)
             if beyond is not None:
-                raise Refused(*beyond, POINTS_ONLY)
-            self._pilots = [self._pilot(s) for s in sources]
+                raise Refused(*beyond, ends.POINTS_ONLY)
+            self._pilots = self._pilots_over(self.drawer)
         except Refused as refused:  # a feature, or too many orders, for chains
-            if self._wanted == "chains":
+            if self.wanted == "chains":
                 raise
             try:
                 self._photons(SHIFTS, range(receivers))
@@ -197,22 +167,18 @@ class ForcedDetection:
         pairs = list(zip(requests, self.drawer.draw_all(requests, threads), strict=True))
         return [[chains for request, chains in pairs if request.source == s] for s in sources]
 
-    def _pilot(self, source: int, aimed: AimedChains | None = None) -> Pilot:
-        """Return the pilot of the chains from a source over still water, or over a surface."""
-        receivers = range(len(self.arrays.targets))
-
-        def score(chains: ChainSet) -> Floats:
-            if aimed is None:
-                return self.drawer.flat_scores(source, chains)
-            return np.array([aimed.score(source, r, chains) for r in receivers])
-
-        threads = self._options[1]
-        return pilot(self.drawer, source, self._seed(source), score, len(receivers), threads)
+    def _pilots_over(self, over: ChainDrawer | AimedChains) -> list[choice.Pilot]:
+        """Return the pilots of the chains from each source over still water, or over a surface."""
+        found = []
+        for s in range(len(self.arrays.emitters)):
+            score = partial(over.scores, s)
+            found.append(choice.pilot(self.drawer, s, self._seed(s), score, self.threads))
+        return found
 
     def _requests(self) -> list[Request]:
         """Return the chains of each source and order, allotted by the pilots."""
         link, kept = self.arrays, np.array([m == "chains" for m in self.method])
-        photons, emitters = self._key[0], len(link.emitters)
+        photons, emitters = self.photons, len(link.emitters)
         # a common factor of the gain does not matter for one receiver
         together = len(kept) > 1 and not link.down
         light = self._light if together and self._light is not None else np.ones(len(kept))
@@ -225,45 +191,45 @@ class ForcedDetection:
                 found, seen = found.joined(link.power), light[s : s + 1]
             else:
                 continue
-            counts = allotment(share, self.drawer.nominals[s].expected, found, seen)
+            counts = choice.allotment(share, self.drawer.nominals[s].expected, found, seen)
             key = self._seed(s)
             requests += [Request(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
         return requests
 
     def _seed(self, emitter: int) -> tuple[int, int]:
         """Return the seed of the chains of an emitter: receivers have the same in any order."""
-        return self._key[1], 0 if self.arrays.down else emitter
+        return self.seed, 0 if self.arrays.down else emitter
 
     def _still_gain(self) -> Floats:
         """Return the gain of each receiver over still water."""
         rows = []
         for s, found in enumerate(self._pilots):
             unscattered = self.drawer.draw(s, 0, _STILL_CHAINS, (*self._seed(s), 0, 3))
-            scores = self.drawer.flat_scores(s, unscattered)
+            scores = self.drawer.scores(s, unscattered)
             rows.append(found.mean.sum(axis=1) + scores.mean(axis=1))
         return self.arrays.by_receiver(np.array(rows))
 
-    def _compare(self) -> list[Method]:
+    def _compare(self) -> list[choice.Method]:
         """Return the estimator of each receiver."""
         receivers = range(len(self.link.receivers))
         scatters = any(len(p.chains) for p in self._pilots)
-        if self._wanted == "joined":
+        if self.wanted == "joined":
             return ["joined"] * len(receivers)
-        if self._wanted == "chains" or not scatters:
+        if self.wanted == "chains" or not scatters:
             return ["chains"] * len(receivers)
         sea, pilots = self.flat(), self._pilots
-        if self._sea.unresolved is not None and self.link.physics.unresolved == "tilt":
-            sea = replace(sea, unresolved=self._sea.unresolved)
+        if self.sea.unresolved is not None and self.link.physics.unresolved == "tilt":
+            sea = replace(sea, unresolved=self.sea.unresolved)
             aimed = self.over(sea)
-            pilots = [self._pilot(s, aimed) for s in range(len(pilots))]
-        found = chain_pilot(pilots, self.arrays)
-        if is_clear(found).all():
+            pilots = self._pilots_over(aimed)
+        found = choice.chain_pilot(pilots, self.arrays)
+        if choice.is_clear(found).all():
             return ["chains"] * len(receivers)
         try:
-            photons = self._photons(PILOT_PHOTONS, receivers)
+            photons = self._photons(choice.PILOT_PHOTONS, receivers)
         except Refused:  # a feature that joined photons do not follow
             return ["chains"] * len(receivers)
-        return choose(found, ScatteredPilot.of(photons.evaluate(sea)), self.expected)
+        return choice.choose(found, choice.ScatteredPilot.of(photons.evaluate(sea)), self.expected)
 
     @property
     def expected(self) -> float:
@@ -276,13 +242,13 @@ class ForcedDetection:
         some = tuple(self.link.receivers[r] for r in rows)
         link = self.link.model_copy(update={"receiver": some})
         crossings = [1 if self.method[r] == "joined" else first for r in rows]
-        return JoinedPhotons(link, photons, self._key[1], *self._options, first=crossings)
+        return JoinedPhotons(link, photons, self.seed, self.normals, self.threads, first=crossings)
 
     def _joined_photons(self) -> JoinedPhotons | None:
         """Return the photons of the light that chains do not bring, None where it is little."""
         rows = [r for r, method in enumerate(self.method) if method == "joined"]
-        self.reflects = self._wanted != "chains" and self._reflected_counts(bool(rows))
-        photons = (_PER_CHAIN if rows else _REFLECTED_PER_CHAIN) * self._key[0]
+        self.reflects = self.wanted != "chains" and self._reflected_counts(bool(rows))
+        photons = (_PER_CHAIN if rows else _REFLECTED_PER_CHAIN) * self.photons
         try:
             if self.reflects:
                 return self._photons(photons, range(len(self.method)), first=2)
@@ -299,7 +265,7 @@ class ForcedDetection:
             return False
         if joined or self._light is None or self.link.water.bottom_depth is not None:
             return True
-        return not is_little(returned_gain(self.link), self._light)
+        return not choice.is_little(choice.returned_gain(self.link), self._light)
 
     def over(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> AimedChains:
         """Return the chains aimed over a mesh.
@@ -309,9 +275,9 @@ class ForcedDetection:
         Refused
             If the mesh overhangs.
         """
-        require_height_field(mesh)
-        normals, unresolved = self._options[0], self.link.physics.unresolved
-        return AimedChains(self.arrays, mesh, intersector, normals, unresolved, self._search)
+        ends.require_height_field(mesh)
+        normals, unresolved = self.normals, self.link.physics.unresolved
+        return AimedChains(self.arrays, mesh, intersector, normals, unresolved, self.search)
 
     def sets(self, aimed: AimedChains) -> list[list[ChainSet]]:
         """Return the chains by source, with unscattered ones where slopes are random."""
@@ -324,25 +290,28 @@ class ForcedDetection:
     def _unscattered(self) -> list[ChainSet]:
         """Unscattered chains by source, which differ by their random slopes only."""
         emitters = len(self.arrays.emitters)
-        per_source = self._key[0] / (1 if self.arrays.down else emitters)
+        per_source = self.photons / (1 if self.arrays.down else emitters)
         n = max(math.ceil(_UNSCATTERED_SHARE * per_source / SHIFTS), 2)
         requests = [Request(s, 0, n, (*self._seed(s), 0, 1)) for s in range(emitters)]
         return self.drawer.draw_all(requests)
 
-    def evaluate(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> Parts:
+    def evaluate(
+        self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None
+    ) -> parts.Parts:
         """Return the gain over a mesh, in parts."""
         higher = self._reaching(mesh)
         if higher is not self:
             return higher.evaluate(mesh, intersector)
         aimed = self.over(mesh, intersector)
-        sums = ChainSums(self.arrays, self.method, self.scattered_sets)
-        jobs = [partial(self._direct, aimed, *pair) for pair in sums.pairs]
-        jobs += [partial(aimed.score, *job) for job in sums.jobs]
-        scores = ordered_map(lambda job: job(), jobs, self._options[1], ahead=len(jobs))
-        sampled = sums.add_direct(islice(scores, len(sums.pairs)))
-        sums.add_chains(paced(scores, len(sums.jobs), f"{sums.chains:,} chains over one surface"))
+        sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets)
+        jobs: list[Any] = [partial(self._direct, aimed, *pair) for pair in self.arrays.pairs]
+        jobs += [partial(aimed.aim, *job) for job in sums.jobs]
+        scores = ordered_map(call, jobs, self.threads, ahead=len(jobs))
+        sampled = sums.add_direct(list(islice(scores, len(self.arrays.pairs))))
+        work = f"{sums.chains:,} chains over one surface"
+        sums.add_chains(list(paced(scores, len(sums.jobs), work)))
         photons = None if self._joined is None else self._joined.evaluate(mesh, intersector)
-        counts = Counts(sums.chains, *(int(c) for c in aimed.counters))
+        counts = parts.Counts(sums.chains, *(int(c) for c in aimed.counters))
         return sums.parts(counts._replace(sampled=sampled), photons, self.reflects)
 
     def _direct(self, aimed: AimedChains, s: int, r: int) -> Floats:
@@ -351,41 +320,33 @@ class ForcedDetection:
             points = self._lamp_points(s)
             found = np.array([self._from_point(aimed, s, r, p).sum() for p in points])
             return found.reshape(SHIFTS, -1).mean(axis=1)
-        gains = self._lit_facets(aimed, s, r)
-        if gains is not None:
+        gains = aimed.direct_gains(s, r)
+        if gains is not None and gains.any():
             return gains.sum(keepdims=True)
+        # where no facet finds light, chains are asked before it is called dark
         found = aimed.score(s, r, self._unscattered[s]).reshape(SHIFTS, -1).mean(axis=1)
         return found if found.any() else found[:1]
-
-    def _lit_facets(self, aimed: AimedChains, s: int, r: int) -> Floats | None:
-        """Return the unscattered gain through each facet; None where chains have to tell.
-
-        Where no facet finds light, chains are asked before it is called dark.
-        """
-        gains = aimed.direct_gains(s, r)
-        return gains if gains is not None and gains.any() else None
 
     def _from_point(self, aimed: AimedChains, s: int, r: int, point: Floats) -> Floats:
         """Return the unscattered gain through each facet from a point of an extended source."""
         gains = aimed.direct_gains(s, r, Vec3(*point.tolist()))
         if gains is None:
             narrow = Described(f"a radius of {self.arrays.sizes[s] * self.arrays.frame.unit:g} m")
-            allowed = f"a point source below random slopes this narrow; {ANALOG}"
+            allowed = f"a point source below random slopes this narrow; {ends.ANALOG}"
             raise Refused("transmitter", narrow, allowed)
         return gains
 
     def _lamp_points(self, s: int) -> Floats:
         """Return points of an extended source, those of each shift in turn."""
-        photons, seed = self._key
-        per_shift = max(photons // (_CHAINS_PER_POINT * SHIFTS), 2)
-        points, shifts = points_of(Request(s, -1, per_shift, (seed, s, 0, 6)))
+        per_shift = max(self.photons // (_CHAINS_PER_POINT * SHIFTS), 2)
+        points, shifts = points_of(Request(s, -1, per_shift, (self.seed, s, 0, 6)))
         u = ((points[None] + shifts) % 1.0).reshape(-1, points.shape[1])
         emitter, size = self.arrays.emitters[s], self.arrays.sizes[s]
         if emitter.kind == SourceKind.TOP_HAT_BEAM:
             radius = size * np.sqrt(u[:, 0])
         else:
             radius = size * np.sqrt(-0.5 * np.log(np.maximum(u[:, 0], 1e-12)))
-        e1, e2 = (np.array(e) for e in across(emitter.axis))
+        e1, e2 = (np.array(e) for e in ends.across(emitter.axis))
         phi = 2.0 * math.pi * u[:, 1:2]
         circle = np.cos(phi) * e1 + np.sin(phi) * e2
         return np.array(emitter.position) + radius[:, None] * circle
@@ -395,60 +356,61 @@ class ForcedDetection:
         top = float(mesh.bounds[1, 2])
         if top <= self._ceiling * self.arrays.frame.unit or "chains" not in self.method:
             return self
-        sea = self._sea._replace(crest=top)
+        sea = self.sea._replace(crest=top)
         return ForcedDetection(
-            self.link, *self._key, *self._options, sea, self._search, self._wanted
-        )
+            self.link, self.photons, self.seed, self.normals, self.threads, sea,
+            self.search, self.wanted,
+        )  # fmt: skip
 
     def flat(self) -> TriangleMesh:
         """Return a flat sea larger than the footprint of the light."""
-        far = crossing_reach(self.link) + 10.0 * self.arrays.frame.unit
+        far = ends.crossing_reach(self.link) + 10.0 * self.arrays.frame.unit
         origin = np.array(self.link.origin)
         return flat_mesh(origin - far, origin + far)
 
-    def arrivals(self, mesh: TriangleMesh) -> list[Floats]:
-        """Return, by receiver, rows of weight, path in water, path in air [m] and shift.
+    def arrivals(self, mesh: TriangleMesh) -> Arrivals:
+        """Return the light that arrives; the weights of a receiver add up to its gain.
 
-        The weights of a receiver add up to its gain. Unscattered light without random slopes
-        is one row a facet, with shift -1: it has no Monte Carlo error.
+        Unscattered light without random slopes is one arrival a facet, with shift -1: it has no
+        Monte Carlo error.
         """
         higher = self._reaching(mesh)
         if higher is not self:
             return higher.arrivals(mesh)
-        aimed = self.over(mesh)
-        found = (self._aimed_arrivals(aimed, r) for r in range(len(self.link.receivers)))
-        result = [np.column_stack([x.weight, x.water, x.air, x.shift]) for x in found]
+        aimed, rows = self.over(mesh), [list[Floats]() for _ in self.link.receivers]
+        for e, t in self.arrays.pairs:
+            light = self._light_of(aimed, e, t)
+            row = np.column_stack([light.weight, light.water, light.air, light.shift])
+            rows[self.arrays.receiver(e, t)].append(row)
         if self._joined is not None:
-            rows = self._joined.evaluate(mesh, arrivals=True).arrivals or []
-            on_photons = (r for r, m in enumerate(self.method) if self.reflects or m == "joined")
-            for r, light in zip(on_photons, rows, strict=True):
-                result[r] = np.concatenate([result[r], light])
-        return result
+            photons = self._joined.evaluate(mesh, arrivals=True).arrivals or []
+            served = [r for r, m in enumerate(self.method) if self.reflects or m == "joined"]
+            for r, row in zip(served, photons, strict=True):
+                rows[r].append(row)
+        whole = [np.insert(row, 0, r, axis=1) for r, found in enumerate(rows) for row in found]
+        return Arrivals.of_rows(np.concatenate(whole))
 
-    def _aimed_arrivals(self, aimed: AimedChains, r: int) -> Light:
-        """Return the light of a receiver over facets and chains."""
-        link, chained = self.arrays, self.method[r] == "chains"
-        rows: list[Light] = []
-        for s, power in enumerate(link.power):
-            e, t = (r, s) if link.down else (s, r)
-            sets = self.scattered_sets[e] if chained else []
-            if link.sizes[e] > 0.0:
-                points = self._lamp_points(e)
-                for i, lamp in enumerate(points):
-                    gains = power * self._from_point(aimed, e, t, lamp) / len(points)
-                    rows.append(direct_light(aimed, e, t, gains, lamp, i * SHIFTS // len(points)))
-            elif (found := self._lit_facets(aimed, e, t)) is not None:
-                rows.append(direct_light(aimed, e, t, power * found))
-            else:
-                sets = [self._unscattered[e], *sets]
-            rows += [chain_light(aimed, e, t, chains) for chains in sets]
-        return merged(rows)
+    def _light_of(self, aimed: AimedChains, e: int, t: int) -> parts.Light:
+        """Return the light of a pair over facets and chains."""
+        chained = self.method[self.arrays.receiver(e, t)] == "chains"
+        rows, sets = list[parts.Light](), self.scattered_sets[e] if chained else []
+        if self.arrays.sizes[e] > 0.0:
+            points = self._lamp_points(e)
+            n = len(points)
+            for i, lamp in enumerate(points):
+                gains = self._from_point(aimed, e, t, lamp)
+                rows.append(parts.direct_light(aimed, e, t, gains, lamp, i * SHIFTS // n, n))
+        elif (found := aimed.direct_gains(e, t)) is not None and found.any():
+            rows.append(parts.direct_light(aimed, e, t, found))
+        else:
+            sets = [self._unscattered[e], *sets]
+        return parts.merged(rows + [parts.chain_light(aimed, e, t, chains) for chains in sets])
 
 
 def cut_share(link: Link, mesh: TriangleMesh, seed: int, normals: str, threads: int) -> Floats:
     """Return the share of the light of a flat sea that crosses outside a mesh, by receiver."""
     low, high = mesh.bounds[:, :2]
-    reach = crossing_reach(link) + np.array(link.origin) * [[-1.0], [1.0]]
+    reach = ends.crossing_reach(link) + np.array(link.origin) * [[-1.0], [1.0]]
     if (low <= -reach[0]).all() and (high >= reach[1]).all():
         return np.zeros(len(link.receivers))
     few = ForcedDetection(link, _CUT_CHAINS, seed, normals, threads, TypicalSea.of([mesh]))

@@ -15,7 +15,7 @@ import numpy as np
 
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.outcome import per_receiver
-from meshtrace.engine.setup.forced_link import ForcedLink, forced_link
+from meshtrace.engine.setup.ends import ForcedLink, forced_link
 from meshtrace.engine.setup.options import Case
 from meshtrace.errors import Refused
 from meshtrace.kernels.medium import DepthMode
@@ -155,11 +155,10 @@ def _unscattered(aimed: AimedChains) -> Floats:
     """
     link = aimed.link
     gains = np.zeros((len(link.emitters), len(link.targets)))
-    for s in range(len(link.emitters)):
-        for t in range(len(link.targets)):
-            aimed.take_points(s, t)
-            found = aimed.direct_gains(s, t)
-            gains[s, t] = (aimed.facet_gains(s, t) if found is None else found).sum()
+    for pair in link.pairs:
+        aimed.take_points(*pair)
+        found = aimed.direct_gains(*pair)
+        gains[pair] = (aimed.facet_gains(*pair) if found is None else found).sum()
     return link.by_receiver(gains)
 
 

@@ -9,30 +9,37 @@ stretched.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from meshtrace.engine.chains.aimed import NO_LISTS, AimedChains, SearchMode
-from meshtrace.engine.chains.nearby import LONGEST, PROBES, Lists, list_facets, near_rows
+from meshtrace.engine.chains.aimed import AimedChains, SearchMode
 from meshtrace.engine.chains.sampling import Nominal
 from meshtrace.engine.chains.sets import ChainDrawer, ChainSet
-from meshtrace.engine.crossing import Near, Search
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.outcome import warn_of_chains
 from meshtrace.engine.parts import Light, chain_light, direct_light, merged
-from meshtrace.engine.setup.forced_link import ForcedLink, forced_link
+from meshtrace.engine.setup.ends import ForcedLink, forced_link
 from meshtrace.errors import Refused
-from meshtrace.kernels.scene import Scene
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
 
 _KEPT = 4  # sets of chains for the last geometries
-_SLACK = 0.04  # displacement of landing points that a list allows, over the receiver's height
+
+
+class _Pair(NamedTuple):
+    """One source and one receiver: unscattered gain by facet, and the chains of all other light."""
+
+    receiver: int
+    share: float  # of the power
+    aimed: AimedChains
+    ends: tuple[int, int]
+    direct: Floats | None
+    sets: list[ChainSet]
 
 
 class FrozenForced:
@@ -50,9 +57,6 @@ class FrozenForced:
         Normals interpolated from the corners, or those of the facets.
     search : {"thorough", "usual"}
         Search of crossings over surfaces without random slopes, see `AimedChains`.
-    meshes : sequence of TriangleMesh, optional
-        Surfaces that serve several neighbours without random slopes: for these a thorough search
-        lists the facets near the crossings of the base, which alone are searched for neighbours.
 
     Raises
     ------
@@ -76,14 +80,13 @@ class FrozenForced:
         sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
         normals: str = "vertex",
         search: SearchMode = "thorough",
-        meshes: Sequence[TriangleMesh] = (),
     ) -> None:
         base = ForcedDetection(
             link, photons, seed, normals, sea=sea, search=search, scattered="chains"
         )
         warn_of_chains(base, ForcedDetection(link, SHIFTS, seed, normals, sea=sea))
         self._base, self._seed = base, seed
-        self._options = normals, search
+        self._normals, self._search = normals, search
         top = max(sea.crest, 0.0) / base.arrays.frame.unit
         lowest = min(t.center.z for t in base.arrays.targets)
         self._levels = top, top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
@@ -91,11 +94,6 @@ class FrozenForced:
         self._nodes: dict[tuple[int, int], tuple[int, int]] = {}
         self._drawn: dict[str, list[list[ChainSet]]] = {}
         self._lock = Lock()
-        self._nearby: list[tuple[TriangleMesh, NearbyFacets]] = []
-        if search == "thorough":
-            self._nearby = [
-                (mesh, NearbyFacets(base.over(mesh), base.scattered_sets)) for mesh in meshes
-            ]
 
     def gains(self, link: Link, mesh: TriangleMesh) -> Floats:
         """Return the gain of a neighbouring link by the shift of the points.
@@ -111,16 +109,13 @@ class FrozenForced:
         -------
         ndarray, shape (receivers, shifts)
         """
-        arrays, aimed, sets = self._aimed(link, mesh)
         found = np.zeros((len(link.receivers), SHIFTS))
-        for e, t in np.ndindex(len(arrays.emitters), len(arrays.targets)):
-            row, power = found[arrays.receiver(e, t)], arrays.share(e, t)
-            direct = aimed.direct_gains(e, t)
-            if direct is not None:
-                row += power * direct.sum()
-            for chains in sets[e]:
-                if chains.order > 0 or direct is None:
-                    row += power * aimed.score(e, t, chains).reshape(SHIFTS, -1).mean(axis=1)
+        for pair in self._pairs(link, mesh):
+            if pair.direct is not None:
+                found[pair.receiver] += pair.share * pair.direct.sum()
+            for chains in pair.sets:
+                score = pair.aimed.score(*pair.ends, chains)
+                found[pair.receiver] += pair.share * score.reshape(SHIFTS, -1).mean(axis=1)
         return found
 
     def unscattered(self, link: Link, mesh: TriangleMesh) -> Floats:
@@ -128,40 +123,42 @@ class FrozenForced:
 
         0 where it is sampled with the chains.
         """
-        arrays, aimed, _ = self._aimed(link, mesh)
         found = np.zeros(len(link.receivers))
-        for e, t in np.ndindex(len(arrays.emitters), len(arrays.targets)):
-            direct = aimed.direct_gains(e, t)
-            if direct is not None:
-                found[arrays.receiver(e, t)] += arrays.share(e, t) * direct.sum()
+        for pair in self._pairs(link, mesh):
+            if pair.direct is not None:
+                found[pair.receiver] += pair.share * pair.direct.sum()
         return found
 
     def light(self, link: Link, mesh: TriangleMesh) -> list[Light]:
         """Return the light that arrives at each receiver of a neighbouring link."""
-        arrays, aimed, sets = self._aimed(link, mesh)
         rows: list[list[Light]] = [[] for _ in link.receivers]
-        for e, t in np.ndindex(len(arrays.emitters), len(arrays.targets)):
-            row, power = rows[arrays.receiver(e, t)], arrays.share(e, t)
-            direct = aimed.direct_gains(e, t)
-            if direct is not None:
-                row.append(direct_light(aimed, e, t, power * direct))
-            shown = (c for c in sets[e] if c.order > 0 or direct is None)
-            row += [chain_light(aimed, e, t, chains) for chains in shown]
+        for pair in self._pairs(link, mesh):
+            row = rows[pair.receiver]
+            if pair.direct is not None:
+                row.append(direct_light(pair.aimed, *pair.ends, pair.direct))
+            row += [chain_light(pair.aimed, *pair.ends, chains) for chains in pair.sets]
         return [merged(row) for row in rows]
+
+    def _pairs(self, link: Link, mesh: TriangleMesh) -> Iterator[_Pair]:
+        """Yield the pairs of source and receiver of a neighbouring link."""
+        arrays, aimed, sets = self._aimed(link, mesh)
+        for e, t in arrays.pairs:
+            direct = aimed.direct_gains(e, t)
+            shown = [c for c in sets[e] if c.order > 0 or direct is None]
+            yield _Pair(arrays.receiver(e, t), arrays.share(e, t), aimed, (e, t), direct, shown)
 
     def _aimed(
         self, link: Link, mesh: TriangleMesh
     ) -> tuple[ForcedLink, AimedChains, list[list[ChainSet]]]:
         """Return the arrays of a link, its surface and its chains."""
-        normals, search = self._options
         arrays = forced_link(link, self._base.arrays.frame)
         if len(arrays.emitters) != len(self._nominals):
             name = "receiver" if arrays.down else "transmitter"
             raise Refused(name, len(arrays.emitters), f"as many {name}s as in the base link")
-        aimed = AimedChains(arrays, mesh, None, normals, link.physics.unresolved, search)
+        aimed = AimedChains(
+            arrays, mesh, None, self._normals, link.physics.unresolved, self._search
+        )
         aimed.nodes = self._nodes
-        if not aimed.blurred:
-            aimed.near = next((n.near for surface, n in self._nearby if surface is mesh), None)
         return arrays, aimed, self._sets(link, arrays, aimed)
 
     def _sets(self, link: Link, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
@@ -198,67 +195,3 @@ class FrozenForced:
             lengths: dict[str, Any] = {"distance": law.distance * k, "step": law.step * k}
             laws.append(law._replace(**lengths, c=law.c / k, density=law.density / k))
         return laws
-
-
-class NearbyFacets:
-    """Lists of facets of a base link over one surface, made when they are first used.
-
-    Parameters
-    ----------
-    aimed : AimedChains
-        The base link over the surface.
-    sets : list of list of ChainSet
-        Its chains, by source.
-    """
-
-    def __init__(self, aimed: AimedChains, sets: list[list[ChainSet]]) -> None:
-        self._aimed = aimed
-        self._sets = {(s, c.order): c for s, row in enumerate(sets) for c in row}
-        self._lists: dict[tuple[int, int, int], Lists] = {}
-        self._lock = Lock()
-
-    def near(
-        self, source: int, receiver: int, chains: ChainSet, scene: Scene, search: Search
-    ) -> Near:
-        """Return the facets to search for each chain of a neighbouring link."""
-        base = self._sets.get((source, chains.order))
-        if base is None or receiver >= len(base.flat) or not self._covers(scene):
-            return NO_LISTS
-        key = source, receiver, chains.order
-        with self._lock:
-            if key not in self._lists:
-                self._lists[key] = self._list(*key)
-        lists, slack = self._lists[key], self._slack(receiver)
-        rows = np.empty_like(lists.rows)
-        near_rows(chains.chains, chains.flat[receiver], lists, search, slack, scene, rows)
-        return Near(rows, lists.facet)
-
-    def _slack(self, receiver: int) -> float:
-        return _SLACK * float(self._aimed.link.targets[receiver].center.z)
-
-    def _covers(self, scene: Scene) -> bool:
-        """Return whether the base sees all of the surface that the neighbour sees."""
-        at, target = self._aimed.locator, scene.target
-        edges = zip((at.x, at.y), (at.nx, at.ny), (0, 1), strict=True)
-        for low, n, i in edges:
-            first = max(target.center[i] - target.reach, float(scene.surface.low[i]))
-            last = min(target.center[i] + target.reach, float(scene.surface.high[i]))
-            if first < low or last > low + n * at.step:
-                return False
-        return True
-
-    def _list(self, source: int, receiver: int, order: int) -> Lists:
-        """Return the lists of one set of chains."""
-        chains, aimed = self._sets[source, order], self._aimed
-        flat = chains.flat[receiver]
-        target = aimed.link.targets[receiver]
-        scene = aimed.scene(aimed.link.emitters[source], target)
-        out = Lists(
-            flat,
-            np.full((*flat.shape, 2), -1, np.int64),
-            np.empty(LONGEST * (len(flat) + 1), np.int32),
-            np.zeros(flat.shape),
-            np.zeros((*flat.shape, PROBES, 2)),
-        )
-        n = list_facets(chains.chains, aimed.search_of(target), self._slack(receiver), scene, out)
-        return out._replace(facet=out.facet[:n].copy())

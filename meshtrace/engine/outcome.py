@@ -10,9 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.choice import LITTLE, returned_gain
 from meshtrace.engine.forced import ForcedDetection, cut_share
-from meshtrace.engine.photons.analog import PhotonSums, photons_over
+from meshtrace.engine.parts import Parts
+from meshtrace.engine.photons.analog import PhotonSums, run_analog
+from meshtrace.engine.photons.targets import REFLECTED
 from meshtrace.engine.setup import options
 from meshtrace.engine.setup.options import Analog, Case, Record
 from meshtrace.errors import DomainWarning
@@ -79,7 +82,38 @@ def analog_result(
     )
 
 
-def bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Any:
+def forced_result(
+    case: Case,
+    mesh: TriangleMesh,
+    parts: Parts,
+    origin: dict[str, Any],
+    arrivals: Arrivals | None = None,
+) -> GainResult:
+    """Return the result of forced detection over a mesh."""
+    link, photons = case.link, parts.photons
+    extra: dict[str, Any] = {}
+    if photons is not None:
+        extra["gain_reflected"] = per_receiver(link, photons.parts[REFLECTED])
+        extra["gain_reflected_stderr"] = per_receiver(link, photons.stderr[REFLECTED])
+        extra["reflected"] = photons.samples(REFLECTED)
+    return GainResult(
+        gain=per_receiver(link, parts.gain),
+        gain_stderr=per_receiver(link, parts.stderr),
+        gain_bound=_bound_of_dark(case, mesh, parts.gain),
+        photons=case.run.photons,
+        fates={},
+        provenance=origin,
+        gain_ballistic=per_receiver(link, parts.ballistic),
+        gain_scattered=per_receiver(link, parts.scattered.mean(axis=1)),
+        gain_order=parts.orders,
+        chains=parts.counts.by_outcome(),
+        scattered=parts.samples_by_receiver(),
+        arrivals=arrivals,
+        **extra,
+    )
+
+
+def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Any:
     """Return upper bounds of gains without received light, nan elsewhere; None if all have light.
 
     The bound is that of analog photons, at least `_BOUND_PHOTONS`, as aimed samples without
@@ -95,7 +129,9 @@ def bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Any:
     bound = np.full(len(gain), sys.float_info.min)
     if most > sys.float_info.min:
         n = max(case.run.photons, _BOUND_PHOTONS)
-        sums = photons_over(case, mesh, Analog(roulette=1e-3 * most), n)
+        intersector = EmbreeIntersector(mesh, case.threads)
+        options = Analog(roulette=1e-3 * most)
+        sums = run_analog(case.link, intersector, options, photons=n, **case.how)
         error = standard_error(sums.score, sums.score_squared, n)
         bound = np.maximum(sums.score / n + 2.0 * error + 3.0 * most / n, bound)
     return per_receiver(case.link, np.where(gain > 0.0, np.nan, bound))

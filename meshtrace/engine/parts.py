@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.chains.aimed import AimedChains, on_disk
+from meshtrace.engine.chains.aimed import Aimed, AimedChains, on_disk
 from meshtrace.engine.chains.sets import ChainSet
 from meshtrace.engine.choice import Method
 from meshtrace.engine.photons.joined import JoinedParts
 from meshtrace.engine.photons.targets import REFLECTED, SCATTERED
-from meshtrace.engine.setup.forced_link import ForcedLink
+from meshtrace.engine.setup.ends import ForcedLink
 from meshtrace.models import Floats
 from meshtrace.results.gain import ScatteredSamples
 from meshtrace.stored import SHIFTS
@@ -106,10 +106,9 @@ class ChainSums:
     def __init__(self, link: ForcedLink, method: list[Method], sets: list[list[ChainSet]]) -> None:
         self._link, self._method = link, method
         receivers = len(method)
-        self.pairs = [(e, t) for e in range(len(link.emitters)) for t in range(len(link.targets))]
         self._sets = [
             (e, t, chains)
-            for e, t in self.pairs
+            for e, t in link.pairs
             for chains in sets[e]
             if method[link.receiver(e, t)] == "chains"
         ]
@@ -124,17 +123,17 @@ class ChainSums:
     def add_direct(self, gains: Iterable[Floats]) -> int:
         """Add the unscattered gain of each pair; return the number of sampled ones."""
         sampled = 0
-        for pair, gain in zip(self.pairs, gains, strict=True):
+        for pair, gain in zip(self._link.pairs, gains, strict=True):
             self._direct[self._link.receiver(*pair)] += self._link.share(*pair) * gain
             sampled += len(gain) > 1
         return sampled
 
-    def add_chains(self, scores: Iterable[Floats]) -> None:
+    def add_chains(self, aimed: Iterable[Aimed]) -> None:
         """Add the scores of each job."""
-        found = iter(scores)
+        found = iter(aimed)
         for e, t, chains in self._sets:
             r, share = self._link.receiver(e, t), self._link.share(e, t)
-            score = np.concatenate([next(found) for _ in chains.blocks()])
+            score = np.concatenate([next(found).score for _ in chains.blocks()])
             means = share * score.reshape(SHIFTS, -1).mean(axis=1)
             self._scattered[r, chains.order - 1] += means
             self._samples[r] += len(score)
@@ -201,8 +200,9 @@ def direct_light(
     gains: Floats,
     at: Floats | None = None,
     shift: int = -1,
+    points: int = 1,
 ) -> Light:
-    """Return unscattered light by facet, from the point `at` of an extended source."""
+    """Return unscattered light by facet, from the point `at` of several of an extended source."""
     link, unit = aimed.link, aimed.link.frame.unit
     lit = np.flatnonzero(gains)
     crossing = aimed.centroids[lit]
@@ -210,13 +210,14 @@ def direct_light(
     up, way = crossing - start, np.array(link.targets[target].center) - crossing
     water, air = (unit * np.linalg.norm(part, axis=1) for part in (up, way))
     order, shifts = np.zeros(len(lit), np.int64), np.full(len(lit), shift)
-    return Light(gains[lit], order, water, air, *_angles(link, emitter, target, up, way), shifts)
+    weight = link.share(emitter, target) * gains[lit] / points
+    return Light(weight, order, water, air, *_angles(link, emitter, target, up, way), shifts)
 
 
 def chain_light(aimed: AimedChains, emitter: int, target: int, chains: ChainSet) -> Light:
     """Return the arrivals of a set of chains."""
     link, unit, n = aimed.link, aimed.link.frame.unit, len(chains.audit)
-    _, found = aimed.aim(emitter, target, chains, keep=True)
+    found = aimed.aim(emitter, target, chains, keep=True).arrivals
     end, chain = link.targets[target], found["chain"]
     way = on_disk(end.center, end, chains.chains.disk[chain]) - found["point"]
     weight = link.share(emitter, target) * found["weight"] / n

@@ -181,7 +181,7 @@ def received_light(
             paths += list(direct)
             light += [power * gain / max(len(direct), 1)] * len(direct)
         for chains in sets[e]:
-            _, found = aimed.aim(e, t, chains, keep=True)
+            found = aimed.aim(e, t, chains, keep=True).arrivals
             weight = power * found["weight"] / len(chains.audit)
             if not weight.sum() > 0.0:
                 continue

@@ -8,14 +8,14 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
+from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.mesh_error import with_mesh_error
 from meshtrace.engine.outcome import FewSamplesWarning as FewSamplesWarning
 from meshtrace.engine.outcome import (
     analog_result,
-    bound_of_dark,
+    forced_result,
     lack_of_samples,
-    per_receiver,
     warn_of_cut,
     warn_of_dark_map,
     warn_of_few,
@@ -24,9 +24,8 @@ from meshtrace.engine.outcome import (
     warn_of_omitted,
 )
 from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
-from meshtrace.engine.photons.analog import options_over, photons_over
-from meshtrace.engine.photons.targets import REFLECTED
-from meshtrace.engine.setup.forced_link import crossing_reach, require_height_field
+from meshtrace.engine.photons.analog import options_over, run_analog
+from meshtrace.engine.setup.ends import crossing_reach, require_height_field
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import (
     Analog,
@@ -46,11 +45,8 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.parallel import default_threads
 from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
-from meshtrace.results.tallies import Arrivals
-from meshtrace.stored import SHIFTS
 
 _MOST_VERTICES = 2 * 10**7  # of all paths: 640 MB
-_Evaluate = Callable[[Run], GainResult]
 
 
 def simulate(
@@ -139,21 +135,43 @@ def simulate(
 def _simulated(
     case: Case, record: Iterable[Record], progress: Callable[[int], None] | None
 ) -> GainResult:
-    """Return the result of a case whose options have been checked."""
+    """Return the result of a case whose options have been checked.
+
+    It is repeated with more photons until a relative standard error is met and certain itself.
+    Analog photons add to those already traced; chains are drawn again.
+    """
     case, mesh, config = _over_mesh(case)
     records = read_records(record, case.run.estimator)
-    analog = isinstance(case.run.estimator, Analog)
-
-    def evaluate(run: Run) -> GainResult:
-        recorded = [r.model_dump(mode="json") for r in records.values()]
+    recorded = [r.model_dump(mode="json") for r in records.values()]
+    run: Run | None = case.run
+    result: GainResult | None = None
+    while run is not None:
         whole = {**run.to_config(), **case.meshing.model_dump(), "record": recorded}
         origin = {**provenance(case.link, config, whole), **case.origin}
-        inputs = case._replace(run=run), mesh, records, origin
-        return _analog(*inputs, progress) if analog else _forced(*inputs)
+        if isinstance(run.estimator, Analog):
+            followed: dict[str, Any] = {"record": records.values(), "progress": progress}
+            intersector = EmbreeIntersector(mesh, case.threads)
+            sums = run_analog(
+                case.link, intersector, run.estimator, photons=run.photons, **case.how, **followed
+            )
+            found = analog_result(case.link, sums, origin, records)
+            result = found if result is None else merge([result, found])
+        else:
+            forced = ForcedDetection(case.link, run.photons, **case.how, sea=TypicalSea.of([mesh]))
+            parts = forced.evaluate(mesh)
+            arrivals = forced.arrivals(mesh) if "arrivals" in records else None
+            result = forced_result(case._replace(run=run), mesh, parts, origin, arrivals)
+        run = _further(case.run, result)
+    assert result is not None
+    return _checked(result, case, mesh, records)
 
-    result = _to_tolerance(evaluate, case.run)
+
+def _checked(
+    result: GainResult, case: Case, mesh: TriangleMesh, records: dict[str, Record]
+) -> GainResult:
+    """Return a result with the error of its mesh, and warn of what it leaves out."""
     warn_of_few(result)
-    if analog:
+    if isinstance(case.run.estimator, Analog):
         warn_of_lost(result)
         warn_of_dark_map(result, records)
         return result
@@ -185,76 +203,22 @@ def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:
     return _over_mesh(case._replace(run=case.run.replace(estimator="analog")))
 
 
-def _to_tolerance(evaluate: _Evaluate, run: Run) -> GainResult:
-    """Repeat with more photons until the relative standard error is met and certain itself.
-
-    Analog photons add to those already traced; chains are drawn again.
-    """
-    n, result = run.photons, evaluate(run)
-    while run.rtol is not None:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            # no hit yet is no result, not a gain of 0 +- 0
-            error = np.where(result.gains > 0.0, result.stderrs / result.gains, math.inf)
-        lack = max(float(np.max(error)) ** 2 / run.rtol**2, lack_of_samples(result))
-        if lack <= 1.0 or n >= run.estimator.most_photons:
-            break
-        # an error of few hits is itself uncertain: never more than sixteenfold at once
-        more = math.ceil(n * min(1.1 * lack, 16.0))
-        more = min(more, run.estimator.most_photons)
-        if isinstance(run.estimator, Analog):
-            first = run.estimator.first_photon + n
-            result = merge([result, evaluate(run.replace(photons=more - n, first_photon=first))])
-        else:
-            result = evaluate(run.replace(photons=more))
-        n = more
-    return result
-
-
-def _analog(
-    case: Case,
-    mesh: TriangleMesh,
-    records: dict[str, Record],
-    origin: dict[str, Any],
-    progress: Callable[[int], None] | None,
-) -> GainResult:
-    run = case.run
-    assert isinstance(run.estimator, Analog)
-    followed = {"record": records.values(), "progress": progress}
-    sums = photons_over(case, mesh, run.estimator, run.photons, **followed)
-    return analog_result(case.link, sums, origin, records)
-
-
-def _forced(
-    case: Case, mesh: TriangleMesh, records: dict[str, Record], origin: dict[str, Any]
-) -> GainResult:
-    link, run = case.link, case.run
-    options = case.meshing.normals, case.threads, TypicalSea.of([mesh])
-    forced = ForcedDetection(link, run.photons, run.seed, *options)
-    parts = forced.evaluate(mesh)
-    shifts, photons = parts.shifts, parts.photons
-    extra: dict[str, Any] = {}
-    if photons is not None:
-        extra["gain_reflected"] = per_receiver(link, photons.parts[REFLECTED])
-        extra["gain_reflected_stderr"] = per_receiver(link, photons.stderr[REFLECTED])
-        extra["reflected"] = photons.samples(REFLECTED)
-    if "arrivals" in records:
-        rows = [np.insert(found, 0, r, axis=1) for r, found in enumerate(forced.arrivals(mesh))]
-        extra["arrivals"] = Arrivals.of_rows(np.concatenate(rows))
-    gain, stderr = shifts.mean(axis=1), shifts.std(axis=1, ddof=1) / math.sqrt(SHIFTS)
-    return GainResult(
-        gain=per_receiver(link, gain),
-        gain_stderr=per_receiver(link, stderr),
-        gain_bound=bound_of_dark(case, mesh, gain),
-        photons=run.photons,
-        fates={},
-        provenance=origin,
-        gain_ballistic=per_receiver(link, parts.ballistic),
-        gain_scattered=per_receiver(link, parts.scattered.mean(axis=1)),
-        gain_order=parts.orders,
-        chains=parts.counts.by_outcome(),
-        scattered=parts.samples_by_receiver(),
-        **extra,
-    )
+def _further(run: Run, result: GainResult) -> Run | None:
+    """Return a run of more photons; None where the tolerance is met, or there are enough."""
+    if run.rtol is None:
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # no hit yet is no result, not a gain of 0 +- 0
+        error = np.where(result.gains > 0.0, result.stderrs / result.gains, math.inf)
+    lack = max(float(np.max(error)) ** 2 / run.rtol**2, lack_of_samples(result))
+    n, options = result.photons, run.estimator
+    if lack <= 1.0 or n >= options.most_photons:
+        return None
+    # an error of few hits is itself uncertain: never more than sixteenfold at once
+    more = min(math.ceil(n * min(1.1 * lack, 16.0)), options.most_photons)
+    if isinstance(options, Analog):
+        return run.replace(photons=more - n, first_photon=options.first_photon + n)
+    return run.replace(photons=more)
 
 
 def trace_paths(

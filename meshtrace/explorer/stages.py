@@ -21,7 +21,7 @@ from meshtrace.comms.budget import link_budget
 from meshtrace.comms.ook import OokLink
 from meshtrace.engine.backward.background import background
 from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Analog
 from meshtrace.engine.simulate import simulate

@@ -10,7 +10,7 @@ from pydantic import ValidationInfo, field_validator
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Analog, Case, Estimator, Meshing, Run, run_keys
 from meshtrace.engine.simulate import simulate

@@ -12,7 +12,7 @@ from typing import Any, get_args
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.ook_setup import Preset
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.errors import Refused, is_number, require_keys, require_word
 from meshtrace.link import Link, Physics, Whitecaps
 from meshtrace.models import Model

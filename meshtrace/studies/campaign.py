@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_for, surface_config
 from meshtrace.engine.setup.options import Case, Forced, Meshing, Run, resolve
 from meshtrace.errors import Described, Refused

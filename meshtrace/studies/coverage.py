@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.maps import unscattered_map
 from meshtrace.engine.outcome import (
     FewSamplesWarning,
@@ -22,7 +23,7 @@ from meshtrace.engine.outcome import (
     warn_of_dark_map,
     warn_of_lost,
 )
-from meshtrace.engine.photons.analog import FixedPointSum, PhotonSums, photons_over
+from meshtrace.engine.photons.analog import FixedPointSum, PhotonSums, run_analog
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
 from meshtrace.engine.setup.options import Analog, Case, IrradianceMap, resolve
 from meshtrace.errors import Described, Refused, require_finite, require_whole
@@ -237,9 +238,11 @@ class _Mapped:
                 if progress is not None:
                     progress(photons)
                 continue
-            sums = photons_over(
-                self._case, self._mesh(time), self._options.replace(first_photon=first), photons,
-                record=[self._grid], unscattered=self._image is None, sums=sums, progress=progress,
+            case, options = self._case, self._options.replace(first_photon=first)
+            sums = run_analog(
+                case.link, EmbreeIntersector(self._mesh(time), case.threads), options,
+                photons=photons, record=[self._grid], unscattered=self._image is None, sums=sums,
+                progress=progress, **case.how,
             )  # fmt: skip
             kept.keep(key, *_packed(sums))
         assert sums is not None

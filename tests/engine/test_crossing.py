@@ -7,8 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import meshtrace as mt
+from meshtrace.engine import crossing
 from meshtrace.engine.bvh import BruteForceIntersector
-from meshtrace.engine.crossing import ROOT, aiming, enumerate_roots
+from meshtrace.engine.crossing import ROOT, enumerate_roots
 from meshtrace.kernels.jit import entry, inlined
 from meshtrace.kernels.scene import FLAT_SEA, locate
 from meshtrace.kernels.vectors import Vec2, Vec3, row, write
@@ -33,7 +34,7 @@ def minimal_rotation(w):
 @entry
 def _through(q, v, p, branch, out):
     for i in range(len(q)):
-        ok, out[i, 1], w, d = aiming.emission_through(row(q, i), row(v, i), row(p, i), branch)
+        ok, out[i, 1], w, d = crossing.emission_through(row(q, i), row(v, i), row(p, i), branch)
         out[i, 0] = 1.0 if ok else 0.0
         write(out[i, 2:5], w)
         write(out[i, 5:8], d)
@@ -122,14 +123,14 @@ def test_light_that_leads_away_has_no_forward_crossing():
 def shot_at(q, v, x, y, branch, scene):
     none, goal = Vec2(0.0, 0.0), Vec2(x, y)
     start = scene.emitter.position
-    return aiming.Shot(start, Vec3(q[0], q[1], q[2]), Vec3(v[0], v[1], v[2]), goal, branch, none)
+    return crossing.Shot(start, Vec3(q[0], q[1], q[2]), Vec3(v[0], v[1], v[2]), goal, branch, none)
 
 
 @entry
 def _aims(points, facets, q, v, branch, scene, out):
     for i in range(len(points)):
         shot = shot_at(q, v, 0.0, 0.0, branch, scene)
-        m = aiming.aim_at(points[i, 0], points[i, 1], facets[i], shot, scene)
+        m = crossing.aim_at(points[i, 0], points[i, 1], facets[i], shot, scene)
         out[i, 0] = 1.0 if m.ok else 0.0
         out[i, 1], out[i, 2] = m.at.x, m.at.y
         write(out[i, 3:6], m.w)
@@ -217,7 +218,7 @@ def test_light_beyond_the_critical_angle_does_not_leave(scene):
 def _jacobians(points, facets, q, v, scene, out):
     for i in range(len(points)):
         shot = shot_at(q, v, 0.0, 0.0, 1.0, scene)
-        j = aiming.jacobian(points[i, 0], points[i, 1], facets[i], shot, scene)
+        j = crossing.jacobian(points[i, 0], points[i, 1], facets[i], shot, scene)
         out[i, 0] = 1.0 if j.ok else 0.0
         out[i, 1], out[i, 2], out[i, 3], out[i, 4] = j.a, j.b, j.c, j.d
         out[i, 5], out[i, 6], out[i, 7], out[i, 8] = j.wa, j.wb, j.wc, j.wd
@@ -251,13 +252,13 @@ def test_jacobian_against_central_differences(wave_mesh, normals, scene_of):
 def _flats(points, q, v, scene, out):
     for i in range(len(points)):
         shot = shot_at(q, v, 0.0, 0.0, 1.0, scene)
-        aiming.flat_crossing(out[i], points[i, 0], points[i, 1], shot, scene)
+        crossing.flat_crossing(out[i], points[i, 0], points[i, 1], shot, scene)
 
 
 def test_flat_crossing_of_unscattered_light_has_closed_forms(scene):
     """Upright on the axis: dX/dP = 1 + n h / d, dX/dslope = (n - 1) h."""
     d, h = 10.0, 5.0
-    out = np.zeros(1, aiming.FLAT)
+    out = np.zeros(1, crossing.FLAT)
     _flats(np.zeros((1, 2)), np.zeros(3), np.array([0.0, 0.0, 1.0]), scene, out)
     low, high, lever, lift = out[["low", "high", "lever", "lift"]][0]
     stretch = 1.0 + N_WATER * h / d
@@ -307,21 +308,21 @@ def test_every_vertex_and_edge_belongs_to_a_facet(scene_of):
 @entry
 def _roots(flat_at, radius, q, v, target, scene, flat, roots):
     shot = shot_at(q, v, target[0], target[1], 1.0, scene)
-    aiming.flat_crossing(flat[0], flat_at[0], flat_at[1], shot, scene)
+    crossing.flat_crossing(flat[0], flat_at[0], flat_at[1], shot, scene)
     return enumerate_roots(roots, 0, flat[0], radius, shot, scene)
 
 
 def roots_near(flat_at, radius, q, v, target, scene):
     """Return the crossings near a crossing of the flat sea."""
     roots = np.zeros(64, ROOT)
-    flat = np.zeros(1, aiming.FLAT)
+    flat = np.zeros(1, crossing.FLAT)
     return roots[: _roots(flat_at, radius, q, v, np.array(target), scene, flat, roots)]
 
 
 @entry
 def _newton_flat(q, v, target, start, scene, out):
     shot = shot_at(q, v, target[0], target[1], 1.0, scene)
-    found, x, y, _ = aiming.newton(start[0], start[1], FLAT_SEA, True, 1.0, shot, scene)
+    found, x, y, _ = crossing.newton(start[0], start[1], FLAT_SEA, True, 1.0, shot, scene)
     out[0], out[1], out[2] = 1.0 if found else 0.0, x, y
 
 

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 import meshtrace as mt
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.state import Vertex
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, SinusoidalSea, sea_in_wind

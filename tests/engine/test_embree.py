@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshtrace.engine.bvh import EmbreeIntersector, embree
+from meshtrace.engine import bvh
+from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.surfaces import JonswapSea
 
 SEA = JonswapSea(wind_speed=13.0, seed=7, waves="paper")
@@ -20,9 +21,9 @@ def mesh():
 @pytest.fixture
 def fresh():
     """Load the library again before and after the test."""
-    embree.library.cache_clear()
+    bvh.library.cache_clear()
     yield
-    embree.library.cache_clear()
+    bvh.library.cache_clear()
 
 
 def rays(n=20_000):
@@ -32,14 +33,14 @@ def rays(n=20_000):
 
 
 def shared(mesh):
-    found = embree.library()
+    found = bvh.library()
     if found is None:
         pytest.skip("the wheel of embreex has no library that can be called here")
-    return embree.SharedScene(found, mesh.vertices, mesh.faces)
+    return bvh.SharedScene(found, mesh.vertices, mesh.faces)
 
 
 def test_hits_are_those_of_embreex(mesh):
-    copied = embree.CopiedScene(mesh.vertices, mesh.faces).run(*rays())
+    copied = bvh.CopiedScene(mesh.vertices, mesh.faces).run(*rays())
     assert 0.3 < (copied >= 0).mean() < 0.9
     assert len(np.unique(copied)) > 2000
     assert np.array_equal(shared(mesh).run(*rays()), copied)
@@ -47,14 +48,14 @@ def test_hits_are_those_of_embreex(mesh):
         origins, directions = rays(n)
         assert np.array_equal(
             shared(mesh).run(origins, directions),
-            copied[:0] if n == 0 else embree.CopiedScene(mesh.vertices, mesh.faces).run(*rays(n)),
+            copied[:0] if n == 0 else bvh.CopiedScene(mesh.vertices, mesh.faces).run(*rays(n)),
         )
 
 
 def test_arrays_live_as_long_as_their_scene(mesh):
-    expected = embree.CopiedScene(mesh.vertices, mesh.faces).run(*rays())
-    scene = embree.SharedScene(
-        embree.library() or pytest.skip("no library"),
+    expected = bvh.CopiedScene(mesh.vertices, mesh.faces).run(*rays())
+    scene = bvh.SharedScene(
+        bvh.library() or pytest.skip("no library"),
         mesh.vertices.copy(),
         mesh.faces.astype(np.int64),
     )
@@ -80,24 +81,24 @@ class Elsewhere:
 
 @pytest.mark.parametrize("lack", ["distribution", "file", "library", "function", "jit"])
 def test_embreex_takes_over(lack, mesh, fresh, monkeypatch):
-    expected = embree.CopiedScene(mesh.vertices, mesh.faces).run(*rays())
+    expected = bvh.CopiedScene(mesh.vertices, mesh.faces).run(*rays())
     if lack == "distribution":
 
         def missing(name):
-            raise embree.metadata.PackageNotFoundError(name)
+            raise bvh.metadata.PackageNotFoundError(name)
 
-        monkeypatch.setattr(embree.metadata, "files", missing)
+        monkeypatch.setattr(bvh.metadata, "files", missing)
     elif lack == "file":
-        monkeypatch.setattr(embree.metadata, "files", lambda name: None)
+        monkeypatch.setattr(bvh.metadata, "files", lambda name: None)
     elif lack == "library":
-        monkeypatch.setattr(embree.metadata, "files", lambda name: [Elsewhere()])
+        monkeypatch.setattr(bvh.metadata, "files", lambda name: [Elsewhere()])
     elif lack == "function":
-        monkeypatch.setitem(embree._FUNCTIONS, "rtcNoSuchFunction", (None,))
+        monkeypatch.setitem(bvh._FUNCTIONS, "rtcNoSuchFunction", (None,))
     else:
-        monkeypatch.setattr(embree.config, "DISABLE_JIT", True)
-    assert embree.library() is None
+        monkeypatch.setattr(bvh.config, "DISABLE_JIT", True)
+    assert bvh.library() is None
     scene = EmbreeIntersector(mesh)._scene
-    assert isinstance(scene, embree.CopiedScene)
+    assert isinstance(scene, bvh.CopiedScene)
     assert np.array_equal(scene.run(*rays()), expected)
 
 
@@ -115,11 +116,11 @@ class Failing:
 
 @pytest.mark.parametrize("answers", [{"rtcNewScene": None}, {"rtcGetDeviceError": 4}])
 def test_errors_of_embree_are_warnings(answers, mesh, monkeypatch):
-    found = embree.library()
+    found = bvh.library()
     if found is None:
         pytest.skip("the wheel of embreex has no library that can be called here")
     failing = found._replace(functions=Failing(found.functions, **answers))
-    monkeypatch.setattr(embree, "library", lambda: failing)
+    monkeypatch.setattr(bvh, "library", lambda: failing)
     with pytest.warns(UserWarning, match="embreex is used, which is slower"):
-        scene = embree.new_scene(mesh.vertices, mesh.faces)
-    assert isinstance(scene, embree.CopiedScene)
+        scene = bvh.new_scene(mesh.vertices, mesh.faces)
+    assert isinstance(scene, bvh.CopiedScene)

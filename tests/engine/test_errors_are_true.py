@@ -13,7 +13,7 @@ from mc_statistics import sidak
 import meshtrace as mt
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea

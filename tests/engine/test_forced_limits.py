@@ -12,7 +12,7 @@ from mc_statistics import ALPHA, sidak, z_test
 import meshtrace as mt
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.chains.sets import flat_mesh
-from meshtrace.engine.setup.forced_link import forced_link
+from meshtrace.engine.setup.ends import forced_link
 from meshtrace.surfaces import FlatSea
 
 pytestmark = [

@@ -7,7 +7,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.engine.forced import ForcedDetection
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Meshing
 from meshtrace.errors import DomainWarning, Refused

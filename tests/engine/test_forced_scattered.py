@@ -18,7 +18,7 @@ import meshtrace as mt
 from meshtrace.engine.forced import ForcedDetection
 from meshtrace.engine.neighbours import FrozenForced
 from meshtrace.engine.outcome import FewSamplesWarning
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.surfaces import FlatSea, JonswapSea

@@ -9,7 +9,7 @@ import pytest
 import meshtrace as mt
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.mesh_error import relative_mesh_error
-from meshtrace.engine.setup.forced_link import crossing_reach, forced_link
+from meshtrace.engine.setup.ends import crossing_reach, forced_link
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Meshing
 from meshtrace.errors import DomainWarning

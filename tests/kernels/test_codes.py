@@ -7,9 +7,9 @@ import pytest
 
 from meshtrace.kernels.jit import kernel_files
 
-KERNELS = kernel_files()
-BESIDE = [p for p in KERNELS if p.parent.name != "kernels" and p.stem != "bvh"]
-"""Kernels of the engine but that of the intersectors, which know the mesh."""
+KERNELS = [path for path in kernel_files() if path.stem != "bvh"]
+"""Those of the intersectors know the mesh."""
+BESIDE = [path for path in KERNELS if path.parent.name != "kernels"]
 
 
 def parts(tree):

@@ -131,7 +131,8 @@ def python(code, **changes):
 
 def test_kernels_run_as_plain_python_for_debuggers():
     code = (
-        "from meshtrace.engine.crossing import aiming; from meshtrace.kernels import jit; f = jit.entry(lambda x: 2.0 * x);"
+        "import meshtrace.engine.crossing; from meshtrace.kernels import jit;"
+        "f = jit.entry(lambda x: 2.0 * x);"
         "print(f(1.0), jit.is_compiled(f))"
     )
     assert python(code, NUMBA_DISABLE_JIT="1")[0] == "2.0 True"

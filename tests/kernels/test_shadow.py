@@ -8,7 +8,7 @@ import pytest
 import meshtrace as mt
 from meshtrace.engine.bvh import BruteForceIntersector, EmbreeIntersector
 from meshtrace.engine.setup.arrays import locator, surface_arrays
-from meshtrace.engine.setup.forced_link import forced_link
+from meshtrace.engine.setup.ends import forced_link
 from meshtrace.kernels.rays import BESIDE, CUT, FREE, shadows
 from meshtrace.surfaces import SinusoidalSea
 

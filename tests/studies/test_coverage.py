@@ -9,7 +9,7 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy import stats
 
 import meshtrace as mt
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Analog
 from meshtrace.results.coverage import CoverageMap, place_of_highest, relative_errors

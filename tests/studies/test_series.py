@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import meshtrace as mt
 from meshtrace.cli import app
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cache, cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +14,10 @@ from meshtrace.engine.chains import blurred
 from meshtrace.engine.chains import gain as kernel
 from meshtrace.engine.chains import unscattered as image
 from meshtrace.engine.chains.gain import Counter, direct_crossings
-from meshtrace.engine.chains.sets import CROSSINGS, ChainDrawer, ChainSet, Request
-from meshtrace.engine.crossing import ROOT, Near, Search
+from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request
+from meshtrace.engine.crossing import ROOT, Search
 from meshtrace.engine.setup.arrays import locator, surface_arrays, with_raster
-from meshtrace.engine.setup.forced_link import ForcedLink, forced_link
+from meshtrace.engine.setup.ends import ForcedLink, forced_link
 from meshtrace.kernels.facets import Roughness, Surface
 from meshtrace.kernels.interface import Direction, Snell
 from meshtrace.kernels.medium import DepthMode
@@ -38,8 +37,12 @@ _WIDEST = 20.0  # radius of an aperture over the blur: a wider one takes too man
 _SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
 _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
 
-NO_LISTS = Near(np.zeros((0, CROSSINGS, 2), np.int64), np.zeros(0, np.int32))
-"""No lists of facets: every one is searched."""
+
+class Aimed(NamedTuple):
+    """Score of each chain of a set, and its unblocked arrivals if they are kept."""
+
+    score: Floats
+    arrivals: NDArray[np.void]  # ARRIVAL
 
 
 class AimedChains:
@@ -88,7 +91,6 @@ class AimedChains:
         self.locator = locator(self.surface, link.targets)
         self.counters = np.zeros(len(Counter), np.int64)
         self.nodes: dict[tuple[int, int], tuple[int, int]] = {}  # quadratures of the apertures
-        self.near: Callable[[int, int, ChainSet, Scene, Search], Near] | None = None
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     @cached_property
@@ -180,12 +182,17 @@ class AimedChains:
 
     def score(self, source: int, receiver: int, chains: ChainSet) -> Floats:
         """Return the score of each chain of a set, from a source to a receiver."""
-        return self.aim(source, receiver, chains, keep=False)[0]
+        return self.aim(source, receiver, chains).score
 
-    def aim(
-        self, source: int, receiver: int, chains: ChainSet, keep: bool
-    ) -> tuple[Floats, NDArray[np.void]]:
-        """Return the score of each chain and, if `keep`, its unblocked arrivals."""
+    def scores(self, source: int, chains: ChainSet) -> Floats:
+        """Return the scores of chains, shape (receivers, chains)."""
+        found = np.empty((len(self.link.targets), len(chains.audit)))
+        for receiver, score in enumerate(found):
+            score[:] = self.aim(source, receiver, chains).score
+        return found
+
+    def aim(self, source: int, receiver: int, chains: ChainSet, keep: bool = False) -> Aimed:
+        """Return the score of each chain of a set and, if `keep`, its unblocked arrivals."""
         emitter, target = self.link.emitters[source], self.link.targets[receiver]
         n = len(chains.audit)
         most = 2 * n + 64
@@ -202,8 +209,6 @@ class AimedChains:
             found = blurred.blurred_contributions(chains.chains, flat, self.spread, scene, out)
         else:
             search = self.search_of(target)
-            if self.near is not None:
-                search = search._replace(near=self.near(source, receiver, chains, scene, search))
             found = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
         n_doubt, n_rays, n_arrivals = found
         arrivals = out.arrivals[:n_arrivals]
@@ -218,7 +223,7 @@ class AimedChains:
             out.counters[Counter.BLOCKED] += int(cut.sum())
             arrivals = arrivals[(arrivals["doubt"] < 0) | ~cut[arrivals["doubt"]]]
         self.counters += out.counters
-        return out.score, arrivals
+        return Aimed(out.score, arrivals)
 
     def _cut(self, origins: Floats, directions: Floats, lengths: Floats) -> NDArray[np.bool_]:
         """Return the straight paths that the surface blocks.
@@ -244,10 +249,8 @@ class AimedChains:
         """
         if not self.rough:
             return self.facet_gains(source, receiver, at)
-        return self._blurred_gains(source, receiver, at) if self.blurred else None
-
-    def _blurred_gains(self, source: int, receiver: int, at: Vec3 | None) -> Floats | None:
-        """Return the unscattered gain through each facet of a mesh with random slopes."""
+        if not self.blurred:
+            return None
         scene = self._forwards(source, receiver, at)
         blur = self._blur(scene)
         if blur > _WIDEST:
@@ -327,7 +330,6 @@ def search_extent(surface: Surface, facets: NDArray[np.void], bins: Locator) -> 
         margin=2.0 * float(near["radius"].max()),
         widest=1.0,
         curvature=float(near["curvature"].max()),
-        near=NO_LISTS,
     )
 
 

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.engine.chains import unscattered
 from meshtrace.engine.chains.gain import (
     Counter,
     Crossing,
@@ -30,18 +31,6 @@ from meshtrace.engine.chains.gain import (
     shot_of,
     transmittance,
     weight_of,
-)
-from meshtrace.engine.chains.unscattered import (
-    VIEW_SHARE,
-    beam_width,
-    node,
-    nodes_of,
-    part_of_row,
-    push_quarters,
-    solid_angle,
-    straight_depth,
-    view_margin,
-    view_radius,
 )
 from meshtrace.engine.crossing import STEP, Aim, Jacobian, Shot, emission_through, quotients
 from meshtrace.kernels.facets import corners, exposure, normal_at, slope_tilt
@@ -215,7 +204,7 @@ def is_lit(f, nodes, i, j, side, dark, scene):
     N = n_w d - n_a r which refracts to the aperture changes by at most `turn`.
     """
     target, facet = scene.target, scene.facets[f]
-    p = node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
+    p = unscattered.node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
     h = spatial_radius(facet) * abs(side) / nodes
     way = minus(p, scene.emitter.position)
     length = norm(way)
@@ -252,14 +241,14 @@ def _facet_light(f, dark, disk, stack, scene):
             if not is_lit(f, _NODES, i, j, side, dark, scene):
                 continue
         if n > _FEW and abs(side) > 1:
-            top = push_quarters(stack, top, i, j, side)
+            top = unscattered.push_quarters(stack, top, i, j, side)
             continue
         m = math.ceil(min(n, float(_FEW)))
         if m > 1 and abs(side) == _NODES:
             m = math.ceil(_FINE * n)
         for k in range(m):
             for q in range(2 * (m - k) - 1):
-                x, y, z = part_of_row(k, q)
+                x, y, z = unscattered.part_of_row(k, q)
                 # part (x, y, z) of m along the edges of the part (i, j, side)
                 x, y, z = m * i + x * side, m * j + y * side, z * side
                 g, s = _part_gain(f, m * _NODES, x, y, z, disk, scene)
@@ -276,17 +265,17 @@ def _parts_along(f, i, j, side, scene):
     """
     emitter, facet = scene.emitter, scene.facets[f]
     share = abs(side) / _NODES
-    p = node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
+    p = unscattered.node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
     h = spatial_radius(facet) * share
     beam = PART_BEAM
     if emitter.kind == SourceKind.TOP_HAT_BEAM and _is_rim(p, h, emitter):
         beam = RIM_BEAM
-    edge = beam * beam_width(emitter) * -emitter.position.z
+    edge = beam * unscattered.beam_width(emitter) * -emitter.position.z
     margin, flight = _margin(p, Vec2(0.0, 0.0), scene)
     if margin >= -_NEAR * (h + scene.target.radius):  # everywhere in view, see `_FINER`
-        view = view_radius(flight, scene.target, scene.interface.fov)
-        edge = min(edge, max(VIEW_SHARE * view, _FINEST * edge))
-    change = _change(f, *nodes_of(f, _NODES, i, j, side, scene.surface), scene)
+        view = unscattered.view_radius(flight, scene.target, scene.interface.fov)
+        edge = min(edge, max(unscattered.VIEW_SHARE * view, _FINEST * edge))
+    change = _change(f, *unscattered.nodes_of(f, _NODES, i, j, side, scene.surface), scene)
     return max(change / PART_SLOPE, 2.0 * facet.radius * share / edge, 1.0)
 
 
@@ -297,7 +286,7 @@ def _margin(p, goal, scene):
     way = minus(along(along(target.center, target.e1, goal.x), target.e2, goal.y), p)
     flight = norm(way)
     r = scaled(1.0 / flight, way)
-    return view_margin(p, r, flight, target, scene.interface.fov), flight
+    return unscattered.view_margin(p, r, flight, target, scene.interface.fov), flight
 
 
 @outlined
@@ -377,7 +366,7 @@ class LitPart(NamedTuple):
 def lit_part(f, n, i, j, side, scene):
     """Return the part with the corners `nodes_of`."""
     surface, source = scene.surface, scene.emitter.position
-    p, q, r = nodes_of(f, n, i, j, side, surface)
+    p, q, r = unscattered.nodes_of(f, n, i, j, side, surface)
     p, q, r = minus(p, source), minus(q, source), minus(r, source)
     way = blend(1.0 / 3.0, 1.0 / 3.0, p, q, r)
     length = norm(way)
@@ -386,7 +375,7 @@ def lit_part(f, n, i, j, side, scene):
     normal = normal_at(middle.x, middle.y, f, surface)
     facing = dot(w, row(surface.face_normals, f))
     light = intensity(scene.emitter, w) if facing > 0.0 else 0.0
-    return LitPart(middle, normal, w, length, solid_angle(p, q, r), light)
+    return LitPart(middle, normal, w, length, unscattered.solid_angle(p, q, r), light)
 
 
 @outlined
@@ -397,7 +386,7 @@ def _part_gain(f, n, i, j, side, disk, scene):
     total, steep = 0.0, True
     radius, source = scene.target.radius, scene.emitter.position
     margin, _ = _margin(middle, Vec2(0.0, 0.0), scene)
-    p, q, r = nodes_of(f, n, i, j, side, scene.surface)
+    p, q, r = unscattered.nodes_of(f, n, i, j, side, scene.surface)
     near = _NEAR * (max(norm(minus(p, middle)), norm(minus(q, r))) + radius)
     if light == 0.0 or margin < -near:
         return 0.0, True
@@ -408,7 +397,7 @@ def _part_gain(f, n, i, j, side, disk, scene):
             share = 1.0 if margin > near else _share_in_view(p, q, r, goal, scene)
             share *= exposure(w, normal, s.tilt) * transmittance(s.aim, scene.interface)
             if scene.mirrored and share > 0.0:
-                share *= math.exp(-straight_depth(middle, s.aim, source, scene))
+                share *= math.exp(-unscattered.straight_depth(middle, s.aim, source, scene))
             total += disk.shares[k] * s.density * share
             steep = steep and is_steep(s.aim, scene)
     if total == 0.0:

@@ -8,31 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.chains.blurred import (
-    MOST_SLOPE,
-    PART_BEAM,
-    PART_SLOPE,
-    dark_angle,
-    is_dark,
-    lit_part,
-    slope_change,
-    slope_towards,
-    spatial_radius,
-)
+from meshtrace.engine.chains import blurred, unscattered
 from meshtrace.engine.chains.gain import acceptance, is_steep, transmittance
-from meshtrace.engine.chains.unscattered import (
-    BEAM_SHARE,
-    EDGE,
-    beam_width,
-    carried,
-    is_lit_corner,
-    is_reflected,
-    node,
-    nodes_of,
-    part_of_row,
-    push_quarters,
-    solid_angle,
-)
 from meshtrace.engine.crossing import aim_at, straight_shot
 from meshtrace.kernels.facets import exposure, normal_at
 from meshtrace.kernels.interface import FieldOfView
@@ -143,7 +120,7 @@ def _light(x, y, f, cell, shot, scene):
     light = acceptance(m, p, _moved(scene, cell.x, cell.y).target, scene.interface.fov)
     if light == 0.0 or not (is_steep(m, scene) or _free(p, m, scene)):
         return 0.0
-    return carried(light, p, m, scene)
+    return unscattered.carried(light, p, m, scene)
 
 
 @outlined
@@ -152,7 +129,7 @@ def _part_cells(f, n, i, j, side, cells, poly, shot, scene, gain):
 
     Array twin: `unscattered.image_gain` of one aperture.
     """
-    p, q, r = nodes_of(f, n, i, j, side, scene.surface)
+    p, q, r = unscattered.nodes_of(f, n, i, j, side, scene.surface)
     a = aim_at(p.x, p.y, f, shot, scene)
     b = aim_at(q.x, q.y, f, shot, scene)
     c = aim_at(r.x, r.y, f, shot, scene)
@@ -163,7 +140,7 @@ def _part_cells(f, n, i, j, side, cells, poly, shot, scene, gain):
     south = _cell_of(min(a.at.y, b.at.y, c.at.y), cells.y, cells)
     north = _cell_of(max(a.at.y, b.at.y, c.at.y), cells.y, cells)
     source, one = scene.emitter.position, west == east and south == north
-    omega = solid_angle(minus(p, source), minus(q, source), minus(r, source))
+    omega = unscattered.solid_angle(minus(p, source), minus(q, source), minus(r, source))
     for k in range(max(west, 0), min(east, cells.n - 1) + 1):
         x = cells.x + (k + 0.5) * cells.step
         for m in range(max(south, 0), min(north, cells.n - 1) + 1):
@@ -219,8 +196,8 @@ def image_map(scene, cells, stretch, lever, stack, poly, gain):
     """Add the unscattered light of each cell; `gain` is that of an aperture of the cell's area."""
     shot = straight_shot(0.0, 0.0, scene)
     depth = -scene.emitter.position.z
-    edge = min(max(EDGE * depth, 0.005), 0.1)
-    fine = min(edge, BEAM_SHARE * beam_width(scene.emitter) * depth)
+    edge = min(max(unscattered.EDGE * depth, 0.005), 0.1)
+    fine = min(edge, unscattered.BEAM_SHARE * unscattered.beam_width(scene.emitter) * depth)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         nodes = 1
@@ -238,22 +215,22 @@ def image_map(scene, cells, stretch, lever, stack, poly, gain):
             if abs(side) == 1:
                 _part_cells(f, nodes, i, j, side, cells, poly, shot, scene, gain)
                 continue
-            top = push_quarters(stack, top, i, j, side)
+            top = unscattered.push_quarters(stack, top, i, j, side)
 
 
 @outlined
 def _may_shine(f, nodes, i, j, side, size, bound, coarse, cells, shot, scene):
     """Return whether unscattered light may reach the map through a part of a facet."""
-    p = node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
+    p = unscattered.node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
     center = scene.target.center
     if _far_from(p.x - center.x, p.y - center.y, scene.target.reach + size, cells):
         return False
     if size > coarse:
-        return not is_reflected(p, size, f, scene)
+        return not unscattered.is_reflected(p, size, f, scene)
     m = aim_at(p.x, p.y, f, shot, scene)
     if m.ok:
         return not _far_from(m.at.x, m.at.y, size * bound, cells)
-    return is_lit_corner(f, nodes, i, j, side, shot, scene)
+    return unscattered.is_lit_corner(f, nodes, i, j, side, shot, scene)
 
 
 @entry
@@ -266,16 +243,16 @@ def blurred_map(scene, cells, stretch, most, across, rules, gain):
     Array twin: `blurred.blurred_gain` of one aperture.
     """
     shot = straight_shot(0.0, 0.0, scene)
-    edge = PART_BEAM * beam_width(scene.emitter) * -scene.emitter.position.z
+    edge = blurred.PART_BEAM * unscattered.beam_width(scene.emitter) * -scene.emitter.position.z
     source, center = scene.emitter.position, scene.target.center
-    dark = dark_angle(scene.emitter)
+    dark = blurred.dark_angle(scene.emitter)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         reach = scene.target.reach + facet.radius
         if _far_from(facet.x - center.x, facet.y - center.y, reach, cells):
             continue
         p = Vec3(facet.x, facet.y, facet.z)
-        if is_dark(p, spatial_radius(facet), dark, scene.emitter):
+        if blurred.is_dark(p, blurred.spatial_radius(facet), dark, scene.emitter):
             continue
         m = aim_at(p.x, p.y, f, shot, scene)
         x, y = (m.at.x, m.at.y) if m.ok else (0.0, 0.0)
@@ -283,16 +260,16 @@ def blurred_map(scene, cells, stretch, most, across, rules, gain):
         box = _lit_cells(p, minus(p, source), m, f, size, across, cells, scene)
         if box.west > box.east or box.south > box.north:
             continue
-        change = slope_change(f, _moved(scene, x, y))
+        change = blurred.slope_change(f, _moved(scene, x, y))
         if math.isinf(change) and not m.ok:
             change = 0.0  # light is reflected there
-        parts = max(change / PART_SLOPE, 2.0 * facet.radius / edge, 1.0)
+        parts = max(change / blurred.PART_SLOPE, 2.0 * facet.radius / edge, 1.0)
         if parts > most:
             return False
         n = math.ceil(parts)
         for i in range(n):
             for k in range(2 * (n - i) - 1):
-                _blurred_part(f, n, *part_of_row(i, k), box, cells, rules, scene, gain)
+                _blurred_part(f, n, *unscattered.part_of_row(i, k), box, cells, rules, scene, gain)
     return True
 
 
@@ -308,10 +285,14 @@ def _lit_cells(p, way, m, f, size, most, cells, scene):
     w, step = scaled(1.0 / length, way), 0.05 * m.flight
     n = normal_at(p.x, p.y, f, scene.surface)
     if not m.ok:
-        return _reached(p, n, w, length, size, most, cells, scene) if most < MOST_SLOPE else whole
-    o = slope_towards(p, n, w, w, length, m.at, scene)
-    a = slope_towards(p, n, w, w, length, Vec2(m.at.x + step, m.at.y), scene)
-    b = slope_towards(p, n, w, w, length, Vec2(m.at.x, m.at.y + step), scene)
+        return (
+            _reached(p, n, w, length, size, most, cells, scene)
+            if most < blurred.MOST_SLOPE
+            else whole
+        )
+    o = blurred.slope_towards(p, n, w, w, length, m.at, scene)
+    a = blurred.slope_towards(p, n, w, w, length, Vec2(m.at.x + step, m.at.y), scene)
+    b = blurred.slope_towards(p, n, w, w, length, Vec2(m.at.x, m.at.y + step), scene)
     if not (o.density > 0.0 and a.density > 0.0 and b.density > 0.0):
         return whole
     g11, g12 = (a.along - o.along) / step, (b.along - o.along) / step
@@ -345,7 +326,7 @@ def _reached(p, n, w, length, size, most, cells, scene):
     for i in range(cells.n):
         for j in range(cells.n):
             at = Vec2(cells.x + (i + 0.5) * cells.step, cells.y + (j + 0.5) * cells.step)
-            if slope_towards(p, n, w, w, length, at, scene).density > 0.0:
+            if blurred.slope_towards(p, n, w, w, length, at, scene).density > 0.0:
                 west, east = min(west, i - pad), max(east, i + pad)
                 south, north = min(south, j - pad), max(north, j + pad)
     last = cells.n - 1
@@ -358,7 +339,7 @@ def _blurred_part(f, n, i, j, side, box, cells, rules, scene, gain):
 
     Array twin: see `blurred_map`.
     """
-    part = lit_part(f, n, i, j, side, scene)
+    part = blurred.lit_part(f, n, i, j, side, scene)
     if part.light == 0.0:
         return
     tau = depth_between(scene.medium, scene.emitter.position, part.middle, part.length)
@@ -395,7 +376,7 @@ def _blur(part, x, y, cells, across, rules, scene):
     for k in range(across * across):
         i, j = k // across, k % across
         goal = Vec2(x + cells.step * nodes[i], y + cells.step * nodes[j])
-        s = slope_towards(middle, normal, w, w, part.length, goal, scene)
+        s = blurred.slope_towards(middle, normal, w, w, part.length, goal, scene)
         if s.density > 0.0:
             share = acceptance(s.aim, middle, target, scene.interface.fov)
             if share > 0.0 and (is_steep(s.aim, scene) or _free(middle, s.aim, scene)):

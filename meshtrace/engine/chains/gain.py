@@ -13,21 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.crossing import (
-    Aim,
-    Shot,
-    add_root,
-    enumerate_roots,
-    flat_crossing,
-    is_known,
-    jacobian,
-    listed_roots,
-    newton,
-    radius_of,
-    root_from,
-    start_of,
-    straight_shot,
-)
+from meshtrace.engine import crossing
 from meshtrace.kernels.facets import SMOOTH, exposure, normal_at, slope_tilt, tilted
 from meshtrace.kernels.interface import FieldOfView, FresnelMode
 from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
@@ -88,7 +74,7 @@ class Crossing(NamedTuple):
 
     weight: float
     steep: bool  # no wave can cut its paths off
-    aim: Aim
+    aim: crossing.Aim
     point: Vec3
     start: Vec3  # of the chain
 
@@ -101,7 +87,6 @@ class Counter(IntEnum):
     ENUMERATED = 2
     EXTRA_ROOTS = 3
     BLOCKED = 4
-    LISTED = 5
 
 
 @inlined
@@ -110,8 +95,8 @@ def shot_of(chains, i, scene, branch, roughness):
     u, v = chains.disk[i, 0], chains.disk[i, 1]
     goal = Vec2(scene.target.radius * u, scene.target.radius * v)
     tilt = slope_tilt(roughness, chains.tilt[i, 0], chains.tilt[i, 1])
-    start = start_of(scene.emitter, u, v)
-    return Shot(start, row(chains.tail, i), row(chains.last, i), goal, branch, tilt)
+    start = crossing.start_of(scene.emitter, u, v)
+    return crossing.Shot(start, row(chains.tail, i), row(chains.last, i), goal, branch, tilt)
 
 
 @entry
@@ -157,10 +142,10 @@ def flat_crossings_of(chains, i, starts, still, raised, out):
 def _flat_root(n, start, shot, scene, out):
     """Add the flat-sea crossing that Newton finds from a start, if it is new."""
     longest = scene.target.center.z
-    found, x, y, _ = newton(start[0], start[1], FLAT_SEA, YES, longest, shot, scene)
-    if not found or is_known(out, ZERO, n, x, y, shot.branch, 1e-4):
+    found, x, y, _ = crossing.newton(start[0], start[1], FLAT_SEA, YES, longest, shot, scene)
+    if not found or crossing.is_known(out, ZERO, n, x, y, shot.branch, 1e-4):
         return n
-    flat_crossing(out[n], x, y, shot, scene)
+    crossing.flat_crossing(out[n], x, y, shot, scene)
     return n + 1
 
 
@@ -171,11 +156,11 @@ def direct_crossings(points, starts, scene, found, out):
     Array twin: `meshtrace.engine.forced.ForcedDetection`, by the images of the facets.
     """
     for i in range(len(points)):
-        shot = straight_shot(points[i, 0], points[i, 1], scene)
+        shot = crossing.straight_shot(points[i, 0], points[i, 1], scene)
         x, y = starts[i, 0], starts[i, 1]
         facet = locate(scene.locator, scene.surface, x, y)
         if facet >= 0:
-            found[i], x, y, facet = newton(x, y, facet, NO, 1.0, shot, scene)
+            found[i], x, y, facet = crossing.newton(x, y, facet, NO, 1.0, shot, scene)
         out[i, 0], out[i, 1], out[i, 2] = x, y, height_on(x, y, facet, scene.surface)
 
 
@@ -193,21 +178,15 @@ def find_crossings(chains, i, flat, audit, search, scene, out):
                 out.counters[Counter.NO_FLAT.value] += 1
             break
         shot = shot_of(chains, i, scene, flat[k].branch, scene.surface.roughness)
-        first, last = ZERO - 1, ZERO
-        if len(search.near.rows) > 0:
-            first, last = search.near.rows[i, k, 0], search.near.rows[i, k, 1]
-        listed = search.near.facet[max(first, 0) : last]
-        n = _near(
-            n, flat[k], audit, search, first >= 0, listed, shot, scene, out.roots, out.counters
-        )
+        n = _near(n, flat[k], audit, search, shot, scene, out.roots, out.counters)
     return n
 
 
 @outlined
-def _near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counters):
+def _near(n, flat, audit, search, shot, scene, roots, counters):
     """Append the crossings that belong to one flat crossing."""
     surface, target, tilt = scene.surface, scene.target, shot.tilt
-    radius = radius_of(flat, search, shot, scene)
+    radius = crossing.radius_of(flat, search, shot, scene)
     off = math.hypot(flat.x - target.center.x, flat.y - target.center.y)
     if off > target.reach + radius:
         return n  # outside the field of view for any waves
@@ -217,25 +196,21 @@ def _near(n, flat, audit, search, is_listed, listed, shot, scene, roots, counter
     if surface.interpolate:
         x0 = flat.x + flat.m11 * tilt.x + flat.m12 * tilt.y
         y0 = flat.y + flat.m21 * tilt.x + flat.m22 * tilt.y
-        found, x, y, facet = root_from(x0, y0, radius, shot, scene)
+        found, x, y, facet = crossing.root_from(x0, y0, radius, shot, scene)
         if found:
             counters[Counter.SOLVED.value] += 1
-            n = add_root(roots, n, ZERO, x, y, facet, shot.branch, 1.0)
+            n = crossing.add_root(roots, n, ZERO, x, y, facet, shot.branch, 1.0)
         # most chains that Newton gives up have no crossing: a quarter of them shows it
         audited = 1.0 if search.curvature * flat.lever > _FOCUSING else search.audit
         share = audited if found else max(audited, _AUDIT_FAILED)
         if audit >= share:
             return n
     kept = n
-    if is_listed:
-        counters[Counter.LISTED.value] += 1
-        last = listed_roots(roots, n, flat, listed, shot, scene)
-    else:
-        counters[Counter.ENUMERATED.value] += 1
-        last = enumerate_roots(roots, n, flat, radius, shot, scene)
+    counters[Counter.ENUMERATED.value] += 1
+    last = crossing.enumerate_roots(roots, n, flat, radius, shot, scene)
     for k in range(n, last):
         r = roots[k]
-        kept = add_root(roots, kept, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)
+        kept = crossing.add_root(roots, kept, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)
     counters[Counter.EXTRA_ROOTS.value] += kept - max(n, first)
     return kept
 
@@ -293,7 +268,7 @@ def flat_contributions(chains, flat, scene, score):
             if f.level != scene.surface.level:
                 continue
             shot = shot_of(chains, i, scene, f.branch, SMOOTH)
-            j = jacobian(f.x, f.y, FLAT_SEA, shot, scene)
+            j = crossing.jacobian(f.x, f.y, FLAT_SEA, shot, scene)
             p = Vec3(f.x, f.y, f.level)
             w, deep = weight_of(chains, i, p, j, FLAT_SEA, shot, scene)
             if deep:
@@ -375,7 +350,7 @@ def _is_seen(m, p, target, fov):
 def weigh(chains, i, x, y, facet, shot, scene):
     """Return the `Crossing` of chain i over (x, y) on a facet."""
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))
-    j = jacobian(x, y, facet, shot, scene)
+    j = crossing.jacobian(x, y, facet, shot, scene)
     weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
     return Crossing(weight, is_steep(j.aim, scene) and deep, j.aim, p, shot.start)
 
@@ -471,7 +446,7 @@ def _transmit(chains, i, m, p, start, scene):
 
 
 @outlined
-def list_paths(chains, i, light, crossing, scene, rays, n):
+def list_paths(chains, i, light, doubt, scene, rays, n):
     """List the straight parts of a `Crossing`'s path that a wave may block; return the rays.
 
     Array twin: none, a list for Embree.
@@ -492,7 +467,7 @@ def list_paths(chains, i, light, crossing, scene, rays, n):
         level = max(start.z, end.z) > low and min(start.z, end.z) < high
         climbs = way.z > slope * math.hypot(way.x, way.y) and k >= order
         if length > 0.0 and level and not climbs and n < len(rays):
-            rays[n].crossing, rays[n].length = crossing, length
+            rays[n].crossing, rays[n].length = doubt, length
             write(rays[n].origin, start)
             write(rays[n].direction, Vec3(way.x / length, way.y / length, way.z / length))
             n += 1

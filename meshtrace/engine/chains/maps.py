@@ -12,7 +12,7 @@ from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.chains.blurred import MOST_PARTS
 from meshtrace.engine.chains.unscattered import STACK
 from meshtrace.engine.setup.arrays import locator
-from meshtrace.engine.setup.forced_link import forced_link, require_height_field
+from meshtrace.engine.setup.ends import forced_link, require_height_field
 from meshtrace.engine.setup.options import IrradianceMap
 from meshtrace.errors import Refused
 from meshtrace.kernels.scene import Emitter, Target

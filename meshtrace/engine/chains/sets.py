@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from functools import cache, lru_cache
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from meshtrace.engine.chains.gain import flat_contributions, flat_crossings
 from meshtrace.engine.chains.sampling import Chains, Nominal
 from meshtrace.engine.crossing import FLAT
 from meshtrace.engine.setup.arrays import empty_locator, surface_arrays
-from meshtrace.engine.setup.forced_link import ForcedLink
+from meshtrace.engine.setup.ends import ForcedLink
 from meshtrace.errors import Refused
 from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.medium import DepthMode, Medium
@@ -74,6 +75,15 @@ class Request(NamedTuple):
     key: tuple[int, ...]
 
 
+class _Block(NamedTuple):
+    """Chains to be drawn by one thread from the points of some shifts."""
+
+    source: int
+    chains: ChainSet
+    points: Floats
+    shifts: Floats
+
+
 class ChainDrawer:
     """Sampler of the chains of a link.
 
@@ -87,7 +97,7 @@ class ChainDrawer:
     """
 
     def __init__(self, link: ForcedLink, crest: float, ceiling: float) -> None:
-        self._link = link
+        self.link = link
         self._ceiling = ceiling
         self.nominals = [nominal(link.medium, e, link.targets, crest) for e in link.emitters]
 
@@ -98,7 +108,7 @@ class ChainDrawer:
         """
         from scipy.stats import poisson
 
-        medium, expected = self._link.medium, self.nominals[source]
+        medium, expected = self.link.medium, self.nominals[source]
         b = medium.layer_b.mean() if medium.layered else medium.b
         most = 1.2 * max(expected.expected, b * expected.distance + float(medium.bubble_path[-1]))
         if b == 0.0 and medium.bubble_path[-1] == 0.0:
@@ -122,25 +132,28 @@ class ChainDrawer:
 
     def draw(self, source: int, order: int, per_shift: int, key: tuple[int, ...]) -> ChainSet:
         """Return chains of one order, `per_shift` for each shift of the points."""
-        return self.draw_all([Request(source, order, per_shift, key)])[0]
+        request = Request(source, order, per_shift, key)
+        chains = self.empty(request)
+        for job in self._jobs(request, chains):
+            self._fill(job)
+        return chains
 
     def draw_all(self, requests: Sequence[Request], threads: int = 1) -> list[ChainSet]:
         """Return sets of chains; the threads share their blocks."""
-        sets: list[ChainSet] = []
-
-        def jobs() -> Iterator[tuple[int, ChainSet, Floats, Floats]]:
-            for request in requests:
-                sets.append(self.empty(request))
-                points, shifts = points_of(request)
-                first = 0
-                for block in sets[-1].blocks():
-                    n = len(block.audit) // request.per_shift
-                    yield request.source, block, points, shifts[first : first + n]
-                    first += n
-
-        for _ in ordered_map(lambda job: self._fill(*job), jobs(), threads):
+        sets = [self.empty(request) for request in requests]
+        jobs = chain.from_iterable(map(self._jobs, requests, sets))
+        for _ in ordered_map(self._fill, jobs, threads):
             pass
         return sets
+
+    def _jobs(self, request: Request, chains: ChainSet) -> Iterator[_Block]:
+        """Yield the blocks of a set of chains with their points."""
+        points, shifts = points_of(request)
+        first = 0
+        for block in chains.blocks():
+            n = len(block.audit) // request.per_shift
+            yield _Block(request.source, block, points, shifts[first : first + n])
+            first += n
 
     def empty(self, request: Request) -> ChainSet:
         """Return room for a set of chains."""
@@ -155,33 +168,34 @@ class ChainDrawer:
             tail=np.empty((n, 3)),
             tilt=np.empty((n, 2)),
         )
-        flat = [np.zeros((n, CROSSINGS), FLAT) for _ in self._link.targets]
+        flat = [np.zeros((n, CROSSINGS), FLAT) for _ in self.link.targets]
         return ChainSet(order, chains, flat, np.empty(n))
 
-    def _fill(self, source: int, block: ChainSet, points: Floats, shifts: Floats) -> None:
+    def _fill(self, job: _Block) -> None:
         """Draw the chains of a block from shifted points; find their crossings of a flat sea."""
-        u = shifted(points, shifts)
+        source, block = job.source, job.chains
+        u = shifted(job.points, job.shifts)
         block.audit[:] = u[:, -2]
         law = self.nominals[source]
         component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
-        kernel.make_chains(block.chains, law, self._link.medium, u, component)
+        kernel.make_chains(block.chains, law, self.link.medium, u, component)
         for receiver, out in enumerate(block.flat):
-            scene, raised = self.still_scenes(source, self._link.targets[receiver])
+            scene, raised = self.still_scenes(source, self.link.targets[receiver])
             starts = starts_of(scene.emitter, scene.target)
             flat_crossings(block.chains, starts, scene, raised, out)
 
     def still_scenes(self, source: int, target: Target) -> tuple[Scene, Scene]:
         """Return a source and an aperture over still water, and over water at the ceiling."""
-        link, facets = self._link, (empty_locator(), np.zeros(0, FACET))
+        link, facets = self.link, (empty_locator(), np.zeros(0, FACET))
         sea = _still_water()
         still = Scene(link.emitters[source], target, sea, *facets, link.medium, link.interface)
         return still, still._replace(surface=sea._replace(level=self._ceiling))
 
-    def flat_scores(self, source: int, chains: ChainSet) -> Floats:
+    def scores(self, source: int, chains: ChainSet) -> Floats:
         """Return the scores of chains over still water, shape (receivers, chains)."""
         scores = np.empty((len(chains.flat), len(chains.audit)))
         for receiver, (flat, score) in enumerate(zip(chains.flat, scores, strict=True)):
-            scene, _ = self.still_scenes(source, self._link.targets[receiver])
+            scene, _ = self.still_scenes(source, self.link.targets[receiver])
             flat_contributions(chains.chains, flat, scene, score)
         return scores
 

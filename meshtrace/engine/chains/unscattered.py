@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from meshtrace.engine import crossing
 from meshtrace.engine.chains.gain import is_steep, transmittance
-from meshtrace.engine.crossing import aim_at, corner_shines, straight_shot
 from meshtrace.kernels.facets import corners, normal_at
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
@@ -122,7 +122,7 @@ def disk_overlap(a, b, c, r):
 @outlined
 def _light(x, y, f, shot, scene):
     """Return (light per solid angle, steep) of a crossing on facet f."""
-    m = aim_at(x, y, f, shot, scene)
+    m = crossing.aim_at(x, y, f, shot, scene)
     if not m.ok:
         return 0.0, True
     p = Vec3(x, y, height_on(x, y, f, scene.surface))
@@ -184,7 +184,7 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
     themselves, since images overlap. `stretch` and `lever` bound |dX/dP| of a flat sea and
     |dX/dslope|; `stack` is room for (STACK, 3) integers.
     """
-    shot = straight_shot(0.0, 0.0, scene)
+    shot = crossing.straight_shot(0.0, 0.0, scene)
     depth = -scene.emitter.position.z
     edge = min(max(EDGE * depth, 0.005), 0.1)
     fine = min(edge, BEAM_SHARE * beam_width(scene.emitter) * depth)
@@ -195,12 +195,12 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
         facet = scene.facets[f]
         large = 2.0 * facet.radius > _FEW * edge
         if not large:
-            m = aim_at(facet.x, facet.y, f, shot, scene)
+            m = crossing.aim_at(facet.x, facet.y, f, shot, scene)
             if m.ok:
                 reach = facet.radius * (stretch + lever * facet.curvature)
                 if math.hypot(m.at.x, m.at.y) > scene.target.radius + reach:
                     continue
-            elif not corner_shines(f, shot, scene):
+            elif not crossing.corner_shines(f, shot, scene):
                 continue
         n = math.ceil(2.0 * facet.radius / fine)
         if n <= _FEW:
@@ -260,7 +260,7 @@ def _may_shine(f, nodes, i, j, side, image, shot, scene):
         return False
     if size > image.coarse:
         return not is_reflected(p, size, f, scene)
-    m = aim_at(p.x, p.y, f, shot, scene)
+    m = crossing.aim_at(p.x, p.y, f, shot, scene)
     if m.ok:
         return math.hypot(m.at.x, m.at.y) <= target.radius + size * image.stretch
     return is_lit_corner(f, nodes, i, j, side, shot, scene)
@@ -282,7 +282,7 @@ def push_quarters(stack, top, i, j, side):
 def is_lit_corner(f, nodes, i, j, side, shot, scene):
     """Return whether unscattered light crosses a corner of a part of a facet."""
     for q in nodes_of(f, nodes, i, j, side, scene.surface):
-        if aim_at(q.x, q.y, f, shot, scene).ok:
+        if crossing.aim_at(q.x, q.y, f, shot, scene).ok:
             return True
     return False
 
@@ -372,7 +372,7 @@ def _triangle_gain(f, n, i, j, side, shot, scene):
 @inlined
 def _corner(p, f, shot, scene):
     """Return a corner with its image."""
-    m = aim_at(p.x, p.y, f, shot, scene)
+    m = crossing.aim_at(p.x, p.y, f, shot, scene)
     inside = 0.0
     if m.ok:
         inside = view_margin(p, m.r, m.flight, scene.target, scene.interface.fov)

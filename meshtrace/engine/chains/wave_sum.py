@@ -13,15 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.engine import crossing
 from meshtrace.engine.chains.gain import shot_of, weigh, weight_of
-from meshtrace.engine.crossing import (
-    STEP,
-    differences,
-    is_known,
-    land_sloped,
-    newton_step,
-    straight_shot,
-)
 from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
 from meshtrace.kernels.scene import FLAT_SEA, locate
 from meshtrace.kernels.vectors import Vec3, dot, row
@@ -86,7 +79,7 @@ def _aim_beside(x, y, dx, dy, s, shot, scene):
     """Return the `Aim` of a crossing at (x + dx, y + dy), close to a point of known shape."""
     slope_x, slope_y = s.zx + s.zxx * dx + s.zxy * dy, s.zy + s.zxy * dx + s.zyy * dy
     p = Vec3(x + dx, y + dy, s.z + s.zx * dx + s.zy * dy)
-    return land_sloped(p, slope_x, slope_y, shot, scene)
+    return crossing.land_sloped(p, slope_x, slope_y, shot, scene)
 
 
 @outlined
@@ -96,10 +89,10 @@ def _exact_jacobian(x, y, waves, shot, scene):
     As `aiming.jacobian`; the waves are summed once for all three points.
     """
     shape = shape_at(waves, x, y)
-    return shape.z, differences(
+    return shape.z, crossing.differences(
         _aim_beside(x, y, 0.0, 0.0, shape, shot, scene),
-        _aim_beside(x, y, STEP, 0.0, shape, shot, scene),
-        _aim_beside(x, y, 0.0, STEP, shape, shot, scene),
+        _aim_beside(x, y, crossing.STEP, 0.0, shape, shot, scene),
+        _aim_beside(x, y, 0.0, crossing.STEP, shape, shot, scene),
     )
 
 
@@ -108,7 +101,7 @@ def _exact_newton(x, y, waves, shot, scene):
     """Return (found, x, y): the crossing of the exact surface next to (x, y)."""
     for _ in range(_ITERATIONS):
         _, j = _exact_jacobian(x, y, waves, shot, scene)
-        ok, dx, dy, size = newton_step(j, shot, _STRIDE)
+        ok, dx, dy, size = crossing.newton_step(j, shot, _STRIDE)
         if not ok:
             return False, x, y
         x, y = x - dx, y - dy
@@ -169,11 +162,11 @@ def direct_light(points, starts, waves, scene, found, score):
     facets through which a mesh sends light to the aperture. `found` is room for the crossings.
     """
     for i in range(len(points.weight)):
-        shot = straight_shot(points.disk[i, 0], points.disk[i, 1], scene)
+        shot = crossing.straight_shot(points.disk[i, 0], points.disk[i, 1], scene)
         n = ZERO
         for k in range(len(starts)):
             ok, x, y = _exact_newton(starts[k, 0], starts[k, 1], waves, shot, scene)
-            if ok and not is_known(found, ZERO, n, x, y, shot.branch, _SAME):
+            if ok and not crossing.is_known(found, ZERO, n, x, y, shot.branch, _SAME):
                 found[n].x, found[n].y, found[n].branch = x, y, shot.branch
                 n += 1
                 score[i] += _exact_weight(points, i, x, y, waves, shot, scene)

@@ -16,23 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.bvh import EmbreeIntersector, Intersector
+from meshtrace.engine.bvh import Intersector
 from meshtrace.engine.photons import state as kernel
 from meshtrace.engine.photons.flight import follow
-from meshtrace.engine.setup.arrays import (
-    IDENTITY,
-    NO_GRID,
-    Frame,
-    aperture_arrays,
-    frame_of,
-    grid_arrays,
-    interface_arrays,
-    medium_arrays,
-    source_arrays,
-    surface_arrays,
-    with_raster,
-)
-from meshtrace.engine.setup.options import BLOCK, Analog, Case, IrradianceMap, Record, read_records
+from meshtrace.engine.setup import arrays
+from meshtrace.engine.setup.options import BLOCK, Analog, IrradianceMap, Record, read_records
 from meshtrace.kernels.rays import NO_BVH
 from meshtrace.kernels.sources import FORWARD, N_SCORES
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Fate, Tallies
@@ -112,7 +100,7 @@ class PhotonSums:
 class Setup(NamedTuple):
     """Inputs common to the chunks of one run, in local coordinates, with tallies of no photons."""
 
-    frame: Frame
+    frame: arrays.Frame
     intersector: Intersector
     world: kernel.World
     arrivals: bool
@@ -176,8 +164,8 @@ def run_analog(
     """
     records = read_records(record, options)
     options = options_over(intersector.mesh, options)
-    frame = frame_of(link)
-    if frame != IDENTITY:
+    frame = arrays.frame_of(link)
+    if frame != arrays.IDENTITY:
         intersector = intersector.over(frame.mesh(intersector.mesh))
     recorder = recorder or new_recorder(0, 0)
     inputs = link, frame, intersector, seed, normals, options, unscattered
@@ -191,25 +179,9 @@ def run_analog(
         sums.add(n, tallies)
         if progress is not None:
             progress(n)
-    if frame != IDENTITY:
+    if frame != arrays.IDENTITY:
         recorder.vertex[:] = frame.metres(recorder.vertex)
     return sums
-
-
-def photons_over(
-    case: Case, mesh: TriangleMesh, options: Analog, photons: int, **others: Any
-) -> PhotonSums:
-    """Return the tallies of photons of a case over its mesh; for other options see `run_analog`."""
-    return run_analog(
-        case.link,
-        EmbreeIntersector(mesh, case.threads),
-        options,
-        photons=photons,
-        seed=case.run.seed,
-        normals=case.meshing.normals,
-        threads=case.threads,
-        **others,
-    )
 
 
 def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
@@ -230,7 +202,7 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
 
 def setup_of(
     link: Link,
-    frame: Frame,
+    frame: arrays.Frame,
     intersector: Intersector,
     seed: int,
     normals: str,
@@ -240,9 +212,9 @@ def setup_of(
     recorder: kernel.Recorder | None = None,
 ) -> Setup:
     """Return the inputs of the chunks; the intersector is that of the frame."""
-    surface = surface_arrays(intersector.mesh, normals, link.physics.unresolved)
+    surface = arrays.surface_arrays(intersector.mesh, normals, link.physics.unresolved)
     crest = float(surface.high[2])
-    sources = frame.sources(source_arrays(link, frame.unit * (crest + 1e-3)))
+    sources = frame.sources(arrays.source_arrays(link, frame.unit * (crest + 1e-3)))
     roulette, survival = options.roulette, 0.0
     if roulette is None and link.physics.absorption == "paper":
         roulette, survival = 1e-3, 0.1  # the paper ends no photon in water (E13)
@@ -251,17 +223,17 @@ def setup_of(
         if sources.in_water.all() and link.planes is None:
             depth = frame.unit * max(-z for z in sources.position[:, 2])
             roulette = 0.5 * math.exp(-min(link.water.a * depth, 600.0))
-    medium = frame.medium(medium_arrays(link, frame.unit * crest))
+    medium = frame.medium(arrays.medium_arrays(link, frame.unit * crest))
     limits = options.max_events, options.max_surface_events, unscattered
     world = kernel.World(
         first=0,
         seed=np.uint64(seed),  # numba takes a Python integer for a signed one
         sources=sources,
         surface=surface,
-        grid=grid_arrays(intersector.mesh) if intersector.shortcut else NO_GRID,
-        medium=with_raster(medium, intersector),
-        apertures=frame.apertures(aperture_arrays(link)),
-        interface=interface_arrays(link),
+        grid=arrays.grid_arrays(intersector.mesh) if intersector.shortcut else arrays.NO_GRID,
+        medium=arrays.with_raster(medium, intersector),
+        apertures=frame.apertures(arrays.aperture_arrays(link)),
+        interface=arrays.interface_arrays(link),
         limits=kernel.Limits(roulette, survival, *limits),
         tallies=_no_tallies(link, frame, records.get("irradiance-map")),
         recorder=recorder or new_recorder(0, 0),
@@ -282,7 +254,7 @@ def new_recorder(photons: int, vertices: int) -> kernel.Recorder:
     )
 
 
-def _no_tallies(link: Link, frame: Frame, record: Record | None) -> Tallies:
+def _no_tallies(link: Link, frame: arrays.Frame, record: Record | None) -> Tallies:
     """Return tallies of no photons."""
     planes, grid = link.planes, record if isinstance(record, IrradianceMap) else None
     depths = np.array(planes.depths if planes else ())

@@ -28,38 +28,11 @@ import numpy as np
 from meshtrace.engine.chains.blurred import slope_towards
 from meshtrace.engine.chains.gain import acceptance, forwards, transmittance
 from meshtrace.engine.crossing import Shot, jacobian, land
+from meshtrace.engine.photons import targets
 from meshtrace.engine.photons.guides import drawn_density, guide_of
 from meshtrace.engine.photons.manifold import Drawn, crossings_between
 from meshtrace.engine.photons.state import heading, place
-from meshtrace.engine.photons.targets import (
-    DIRECT,
-    LEAST_DEPTH,
-    REFLECTED,
-    SCATTERED,
-    SPARE,
-    WIDE,
-    WIDE_SHARE,
-    bend_ahead,
-    chance_ahead,
-    collision_chance,
-    crossing_density,
-    facet_below,
-    goal_on,
-    level_over,
-    mixed_phase,
-    scene_to,
-    still_crossing,
-    widths_of,
-)
-from meshtrace.kernels.facets import (
-    drawn_tilt,
-    exposure,
-    is_rough,
-    normal_at,
-    normal_on,
-    plane_distance,
-    tilted,
-)
+from meshtrace.kernels import facets
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.random import Purpose, uniforms
@@ -98,7 +71,7 @@ def _is_clear(p, d, length, facet, world):
     found = first_facet(world.bvh, along(p, d, hair), d)
     if found < 0 or found == facet:
         return True
-    return plane_distance(p, d, found, world.surface) > length - 2.0 * hair
+    return facets.plane_distance(p, d, found, world.surface) > length - 2.0 * hair
 
 
 class Passage(NamedTuple):
@@ -123,7 +96,7 @@ def _through(p, n, g, d, goal, facet, scene, world):
     if scene.target.is_lamp:
         share *= forwards(s.aim, p, facet, s.tilt, world.surface)
     else:
-        share *= exposure(d, n, s.tilt)
+        share *= facets.exposure(d, n, s.tilt)
     if share > 0.0 and world.interface.follow_second_hit:
         if not _is_clear(p, s.aim.r, s.aim.flight, facet, world):
             return dark
@@ -133,8 +106,10 @@ def _through(p, n, g, d, goal, facet, scene, world):
 @outlined
 def _landing(p, n, d, u, v, scene, world):
     """Return (found, goal): where a drawn slope lands the light on the aperture."""
-    tilt = drawn_tilt(world.surface.roughness, u, v)
-    m = land(p, tilted(n, tilt), Shot(minus(p, d), ORIGIN, UP, Vec2(0.0, 0.0), 1.0, tilt), scene)
+    tilt = facets.drawn_tilt(world.surface.roughness, u, v)
+    m = land(
+        p, facets.tilted(n, tilt), Shot(minus(p, d), ORIGIN, UP, Vec2(0.0, 0.0), 1.0, tilt), scene
+    )
     r = scene.target.radius
     return m.ok and m.at.x * m.at.x + m.at.y * m.at.y < r * r, m.at
 
@@ -150,9 +125,9 @@ def _point_density(i, light, world):
 def _score(q, i, light, water, air, world):
     """Score light of a photon on target i."""
     light *= world.joins.target[i].share
-    part = SCATTERED if q.order > 0 else DIRECT
+    part = targets.SCATTERED if q.order > 0 else targets.DIRECT
     if q.reflections > 0:
-        part = REFLECTED
+        part = targets.REFLECTED
     else:
         world.order[i, min(q.order, world.order.shape[1] - 1)] += light
     world.score[q.id - world.first, i, part] += light
@@ -172,14 +147,14 @@ def join_crossing(q, facet, length, chance, world):
     joins, start, d = world.joins, place(q), heading(q)
     p = along(start, d, length)
     g = row(world.surface.face_normals, facet)
-    n = normal_on(p, facet, world.surface)
+    n = facets.normal_on(p, facet, world.surface)
     u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
     weight = q.weight * math.exp(-depth_between(world.medium, start, p, length))
     for i in range(len(joins.target)):
         if q.reflections + 1 < joins.target[i].first:
             continue
-        scene = scene_to(i, world)
-        found, goal = True, goal_on(scene.target, u, v)
+        scene = targets.scene_to(i, world)
+        found, goal = True, targets.goal_on(scene.target, u, v)
         if lot < joins.target[i].sloped:
             found, goal = _landing(p, n, d, u, v, scene, world)
         if not found:
@@ -189,8 +164,10 @@ def join_crossing(q, facet, length, chance, world):
             continue
         own, other = chance * _point_density(i, light, world), 0.0
         if q.density > 0.0:
-            still = still_crossing(start, goal, q.level, scene)
-            other = collision_chance(still.depth, joins) * crossing_density(p.x, p.y, still, joins)
+            still = targets.still_crossing(start, goal, q.level, scene)
+            other = targets.collision_chance(still.depth, joins) * targets.crossing_density(
+                p.x, p.y, still, joins
+            )
             other *= length * length * g.z / (dot(d, g) * scene.target.area * q.density)
         score = weight * light.density * light.share / (own + other)
         _score(q, i, score, q.water + length, light.flight, world)
@@ -204,30 +181,30 @@ def join_collision(q, at_bottom, world):
     """
     joins = world.joins
     q.order += 1
-    q.is_guided = 1 if q.copies + SPARE < len(world.photon) else 0
+    q.is_guided = 1 if q.copies + targets.SPARE < len(world.photon) else 0
     start, q.density = place(q), 0.0
-    q.level = level = level_over(start, world)
+    q.level = level = targets.level_over(start, world)
     if q.reflections + 1 < joins.first:
         return
-    chance = collision_chance(max(level - start.z, LEAST_DEPTH), joins)
+    chance = targets.collision_chance(max(level - start.z, targets.LEAST_DEPTH), joins)
     q.density = 1.0  # until the direction is known
     lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN.value)
     if lot >= chance:
         return
     s, t, wide, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
     r = math.sqrt(-2.0 * math.log(s))
-    if wide < WIDE_SHARE:
-        r *= WIDE
+    if wide < targets.WIDE_SHARE:
+        r *= targets.WIDE
     c, s = on_circle(t)
-    rough = is_rough(world.surface.roughness)
+    rough = facets.is_rough(world.surface.roughness)
     for i in range(len(joins.target)):
         if q.reflections + 1 < joins.target[i].first:
             continue
-        scene = scene_to(i, world)
-        goal = goal_on(scene.target, q.u, q.v)
-        still = still_crossing(start, goal, level, scene)
+        scene = targets.scene_to(i, world)
+        goal = targets.goal_on(scene.target, q.u, q.v)
+        still = targets.still_crossing(start, goal, level, scene)
         if rough:
-            sa, sc = widths_of(still, joins)
+            sa, sc = targets.widths_of(still, joins)
             a, b = r * c * sa, r * s * sc
             x, y = still.x + a * still.ux - b * still.uy, still.y + a * still.uy + b * still.ux
             p = Vec2(x, y)
@@ -245,7 +222,7 @@ def _scattered(w, d, start, at_bottom, world):
     """Return the density of directions [sr-1] behind an event."""
     if at_bottom:
         return max(w.z, 0.0) / math.pi
-    return mixed_phase(d, w, start, world)
+    return targets.mixed_phase(d, w, start, world)
 
 
 @outlined
@@ -255,7 +232,7 @@ def _by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manifold):
         return 0.0, 0.0, 0.0
     joins, start, d = world.joins, place(q), heading(q)
     x, y = at.x, at.y
-    facet = facet_below(x, y, world)
+    facet = targets.facet_below(x, y, world)
     if facet < 0:
         return 0.0, 0.0, 0.0
     p = Vec3(x, y, height_on(x, y, facet, world.surface))
@@ -266,7 +243,7 @@ def _by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manifold):
     facing = dot(w, g)
     if facing <= 0.0:
         return 0.0, 0.0, 0.0
-    n = normal_at(x, y, facet, world.surface)
+    n = facets.normal_at(x, y, facet, world.surface)
     light = _through(p, n, g, w, goal, facet, scene, world)
     if light.share <= 0.0 or not _is_clear(start, w, length, facet, world):
         return 0.0, 0.0, 0.0
@@ -274,10 +251,14 @@ def _by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manifold):
     drawn = turned
     if not at_bottom:
         drawn = drawn_density(w, turned, guide_of(q, world), q, start, world)
-    own = chance * crossing_density(x, y, still, joins) * length * length * g.z
+    own = chance * targets.crossing_density(x, y, still, joins) * length * length * g.z
     own /= facing * scene.target.area
-    bend = bend_ahead(start, w, q.level, world)
-    other = drawn * chance_ahead(start, w, q.level, bend, joins) * _point_density(i, light, world)
+    bend = targets.bend_ahead(start, w, q.level, world)
+    other = (
+        drawn
+        * targets.chance_ahead(start, w, q.level, bend, joins)
+        * _point_density(i, light, world)
+    )
     turned *= math.exp(-depth_between(world.medium, start, p, length))
     return turned * light.density * light.share / (own + other), length, light.flight
 
@@ -293,7 +274,7 @@ def _join_bent(q, i, goal, still, chance, at_bottom, scene, world, manifold):
         if light > 0.0:
             _score(q, i, q.weight * light, q.water + length, flight, world)
     else:
-        drawn = Drawn(world.seed, q.id, q.event, *widths_of(still, world.joins))
+        drawn = Drawn(world.seed, q.id, q.event, *targets.widths_of(still, world.joins))
         for k in range(crossings_between(still, shot, drawn, scene, manifold)):
             root = manifold.roots[k]
             at, facet = Vec2(root.x, root.y), np.int64(root.facet)

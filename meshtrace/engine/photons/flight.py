@@ -25,29 +25,12 @@ from meshtrace.engine.photons.state import (
     steeper_than_waves,
     write_vertex,
 )
-from meshtrace.kernels.facets import (
-    drawn_tilt,
-    exposure,
-    is_rough,
-    normal_on,
-    plane_distance,
-    tilted,
-)
+from meshtrace.kernels import facets, sources
 from meshtrace.kernels.interface import FresnelMode, branches
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import Absorption, absorption_path, collide, sample_free_path
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import UNKNOWN, first_facet, grid_facet
-from meshtrace.kernels.sources import (
-    SKY_SCORE,
-    SUN_SCORE,
-    is_backward,
-    lambert_reflection,
-    launch,
-    launch_back,
-    radiance,
-    sunlight,
-)
 from meshtrace.kernels.tally import Fate, Flight, deposit, score_map, score_planes
 from meshtrace.kernels.vectors import Vec2, Vec3, along, dot, plus, row, scaled, turn
 
@@ -67,9 +50,9 @@ def _free_of_surface(z, d, world):
 def to_sky(q, d, weight, world):
     """Score light that leaves the surface for good and deposit its weight."""
     flight = Flight(place(q), d, math.inf, weight, q.water, q.air)
-    if is_backward(world.back) and (q.water > 0.0 or not world.back.after_water):
-        light = weight * radiance(world.back.sky, d)
-        world.tallies.score[q.id - world.first, SKY_SCORE] += light
+    if sources.is_backward(world.back) and (q.water > 0.0 or not world.back.after_water):
+        light = weight * sources.radiance(world.back.sky, d)
+        world.tallies.score[q.id - world.first, sources.SKY_SCORE] += light
     scored = world.limits.unscattered or q.turned == 1 or q.crossings > 1
     received = scored and score_on_apertures(q, False, flight, world)
     if scored:
@@ -101,10 +84,10 @@ def _roughened(q, n, world):
     exposures, which add up to 2.
     """
     u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE.value)
-    tilt = drawn_tilt(world.surface.roughness, u, v)
-    if 2.0 * w >= exposure(heading(q), n, tilt):
+    tilt = facets.drawn_tilt(world.surface.roughness, u, v)
+    if 2.0 * w >= facets.exposure(heading(q), n, tilt):
         tilt = Vec2(-tilt.x, -tilt.y)
-    return tilted(n, tilt), lot
+    return facets.tilted(n, tilt), lot
 
 
 @inlined
@@ -166,9 +149,9 @@ def cross(q, world):
 def _split(q, in_water, world):
     """Return reflectance, facet normal, both directions and a spare uniform of a crossing."""
     g = row(world.surface.face_normals, q.facet)
-    n = normal_on(place(q), q.facet, world.surface)
+    n = facets.normal_on(place(q), q.facet, world.surface)
     lot = -1.0
-    if g.z > _LEAST_ROUGH and is_rough(world.surface.roughness):
+    if g.z > _LEAST_ROUGH and facets.is_rough(world.surface.roughness):
         n, lot = _roughened(q, n, world)
     side, n1, n2 = 1.0, world.medium.n_water, world.medium.n_air
     if not in_water:
@@ -242,8 +225,8 @@ def scatter(q, world):
     """Apply a collision at the position of a photon."""
     q.event += 1
     if world.back.irradiance > 0.0:
-        light = sunlight(world.back, world.medium, place(q), heading(q), q.weight)
-        world.tallies.score[q.id - world.first, SUN_SCORE] += light
+        light = sources.sunlight(world.back, world.medium, place(q), heading(q), q.weight)
+        world.tallies.score[q.id - world.first, sources.SUN_SCORE] += light
     u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION.value)
     s, weight = collide(world.medium, place(q), q.weight, u_kind, u_theta)
     if weight != q.weight:
@@ -268,7 +251,7 @@ def bounce(q, world):
     set_weight(q, kept, Fate.BOTTOM.value, world)
     q.event += 1
     u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM.value)
-    head(q, lambert_reflection(u_cos, u_phi))
+    head(q, sources.lambert_reflection(u_cos, u_phi))
     q.turned = 1
     record(world.recorder, q, Vertex.BOTTOM)
     return _continue(q, u_path, world)
@@ -281,10 +264,10 @@ _RETRIES = 3
 @inlined
 def _start(q, photon, world):
     """Start a photon at its source."""
-    if is_backward(world.back):
-        p, d, in_water, u_path = launch_back(world.back, world.seed, photon)
+    if sources.is_backward(world.back):
+        p, d, in_water, u_path = sources.launch_back(world.back, world.seed, photon)
     else:
-        p, d, source, u_path = launch(world.sources, world.seed, photon)
+        p, d, source, u_path = sources.launch(world.sources, world.seed, photon)
         in_water = world.sources.in_water[source]
     put(q, p)
     head(q, d)
@@ -385,7 +368,7 @@ def _settle(q, world):
         n = row(world.surface.face_normals, facet)
         # single precision may find the facet that the ray leaves, or its neighbour, from behind
         if (dot(heading(q), n) > 0.0) == (q.in_water == 1):
-            t = max(plane_distance(place(q), heading(q), facet, world.surface), 0.0)
+            t = max(facets.plane_distance(place(q), heading(q), facet, world.surface), 0.0)
     if math.isinf(t):
         fate, length = _settle_miss(q, facet >= 0, world)
         if fate == Fate.LANDED.value:

@@ -15,18 +15,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from meshtrace.engine.photons import targets
 from meshtrace.engine.photons.state import head, heading, place
-from meshtrace.engine.photons.targets import (
-    LEAST_DEPTH,
-    SPARE,
-    angle_between,
-    collision_chance,
-    goal_on,
-    level_over,
-    mixed_phase,
-    scene_to,
-    still_crossing,
-)
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.phase import phase_at, sample_s
 from meshtrace.kernels.random import Purpose, uniforms
@@ -55,7 +45,9 @@ def guide_of(q, world):
     lobe = cone = 0.0
     if q.is_guided == 1:
         if joins.lobe > 0.0:
-            lobe = joins.lobe * collision_chance(max(q.level - start.z, LEAST_DEPTH), joins)
+            lobe = joins.lobe * targets.collision_chance(
+                max(q.level - start.z, targets.LEAST_DEPTH), joins
+            )
         cone = joins.cone
         for i in range(len(joins.target)):
             seen = joins.target[i].seen
@@ -115,7 +107,7 @@ def guide_start(d, p, source, photon, uv, world):
     beam = kind != SourceKind.LED and kind != SourceKind.ISOTROPIC and kind != SourceKind.APERTURE
     if lobe + cone == 0.0 or beam:
         return d, 1.0
-    level = level_over(p, world)
+    level = targets.level_over(p, world)
     lot, u, v, _ = uniforms(world.seed, photon, 0, Purpose.GUIDE.value)
     if lot < lobe:
         way = _way_to(min(int(lot / lobe * n), n - 1), p, level, uv, world)
@@ -132,7 +124,7 @@ def guide_start(d, p, source, photon, uv, world):
     for i in range(n):
         if lobe > 0.0:
             way = _way_to(i, p, level, uv, world)
-            drawn += lobe / n * phase_at(joins.water, angle_between(way, d))
+            drawn += lobe / n * phase_at(joins.water, targets.angle_between(way, d))
     return d, own / drawn
 
 
@@ -147,7 +139,7 @@ def drawn_density(d, own, guide, q, start, world):
     for i in range(n):
         if guide.lobe > 0.0:
             way = _way_to(i, start, q.level, Vec2(q.u, q.v), world)
-            total += guide.lobe / n * mixed_phase(way, d, start, world)
+            total += guide.lobe / n * targets.mixed_phase(way, d, start, world)
     if guide.cone > 0.0:
         total += guide.cone * _cone_density(d, start, world)
     return total
@@ -181,7 +173,7 @@ def redirect(q, s, u_phi, world):
     else:
         axis, edge = _cone_to(aimed - 1 - n, start, world)
         d = turn(axis, u * edge, u_phi)
-    own = mixed_phase(before, d, start, world)
+    own = targets.mixed_phase(before, d, start, world)
     q.density = own
     if guide.lobe + guide.cone > 0.0:
         q.density = drawn_density(d, own, guide, q, start, world)
@@ -192,8 +184,8 @@ def redirect(q, s, u_phi, world):
 @outlined
 def _way_to(i, p, level, uv, world):
     """Return the direction from p to a point of target i through still water."""
-    scene = scene_to(i, world)
-    still = still_crossing(p, goal_on(scene.target, uv.x, uv.y), level, scene)
+    scene = targets.scene_to(i, world)
+    still = targets.still_crossing(p, targets.goal_on(scene.target, uv.x, uv.y), level, scene)
     way = Vec3(still.x - p.x, still.y - p.y, still.depth)
     return scaled(1.0 / norm(way), way)
 
@@ -267,4 +259,4 @@ def copies_of(q, world):
     ratio = ratio_of(q, place(q), world.joins)
     if ratio <= world.joins.window.highest:
         return 1
-    return max(min(int(ratio), _MOST_COPIES, len(world.photon) - SPARE // 2 - q.copies), 1)
+    return max(min(int(ratio), _MOST_COPIES, len(world.photon) - targets.SPARE // 2 - q.copies), 1)

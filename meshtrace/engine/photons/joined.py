@@ -29,19 +29,8 @@ from meshtrace.engine.photons.targets import (
     Joins,
     Window,
 )
-from meshtrace.engine.setup.arrays import (
-    Frame,
-    angle_table,
-    empty_locator,
-    frame_of,
-    grid_arrays,
-    interface_arrays,
-    locator,
-    source_arrays,
-    surface_arrays,
-    with_raster,
-)
-from meshtrace.engine.setup.forced_link import (
+from meshtrace.engine.setup import arrays
+from meshtrace.engine.setup.ends import (
     POINTS_ONLY,
     emitter_of,
     expected_water,
@@ -217,7 +206,7 @@ class JoinedPhotons:
             If the mesh overhangs.
         """
         require_height_field(mesh)
-        frame = frame_of(self.link)
+        frame = arrays.frame_of(self.link)
         local = frame.mesh(mesh)
         given = intersector if local is mesh else None
         intersector = given or EmbreeIntersector(local, 1)
@@ -243,7 +232,7 @@ class JoinedPhotons:
 
     def _world(
         self,
-        frame: Frame,
+        frame: arrays.Frame,
         intersector: EmbreeIntersector,
         start: Emitter | None,
         targets: list[Target],
@@ -252,15 +241,17 @@ class JoinedPhotons:
     ) -> JoinedWorld:
         """Return the inputs of photons from the sources, or backwards from one receiver."""
         link = self.link
-        surface = surface_arrays(intersector.mesh, self._normals, link.physics.unresolved)
+        surface = arrays.surface_arrays(intersector.mesh, self._normals, link.physics.unresolved)
         is_smooth = not is_flat(surface) and max(surface.roughness[:2]) == 0.0
         crest = frame.unit * float(surface.high[2])
-        medium = with_raster(frame.medium(expected_water(link, crest)), intersector)
-        sources = frame.sources(source_arrays(link, crest)) if start is None else _reversed(start)
-        grid = grid_arrays(intersector.mesh)
-        bins, facets, manifold = empty_locator(), np.zeros(0, FACET), None
+        medium = arrays.with_raster(frame.medium(expected_water(link, crest)), intersector)
+        sources = (
+            frame.sources(arrays.source_arrays(link, crest)) if start is None else _reversed(start)
+        )
+        grid = arrays.grid_arrays(intersector.mesh)
+        bins, facets, manifold = arrays.empty_locator(), np.zeros(0, FACET), None
         if is_smooth or not len(grid.x.line):
-            bins = locator(surface, targets)
+            bins = arrays.locator(surface, targets)
         if is_smooth:
             facets = np.empty(len(surface.faces), FACET)
             facet_summary(surface, facets)
@@ -268,7 +259,8 @@ class JoinedPhotons:
         joins = self._joins(surface, bins, facets, sources, targets, share, first, frame)
         none = np.zeros(0, ARRIVAL), np.zeros(1, np.int64)
         return JoinedWorld(
-            0, np.uint64(self.seed), sources, surface, grid, medium, interface_arrays(link), joins,
+            0, np.uint64(self.seed), sources, surface, grid, medium,
+            arrays.interface_arrays(link), joins,
             manifold, _EVENTS, NO_BVH, np.zeros(1 + _COPIES, JOINED_PHOTON),
             np.zeros((0, len(targets), N_PARTS)), np.zeros((len(targets), _ORDERS)), *none,
         )  # fmt: skip
@@ -282,12 +274,12 @@ class JoinedPhotons:
         targets: list[Target],
         share: Floats,
         first: list[int],
-        frame: Frame,
+        frame: arrays.Frame,
     ) -> Joins:
         """Return the targets, and what guides the photons to them."""
         link = self.link
-        water = angle_table(link.water.phase)
-        bubble = angle_table(link.bubbles.phase_function()) if link.bubbles else water
+        water = arrays.angle_table(link.water.phase)
+        bubble = arrays.angle_table(link.bubbles.phase_function()) if link.bubbles else water
         n = surface.vertex_normals
         mesh_slopes = float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
         rough = 0.5 * (surface.roughness.along**2 + surface.roughness.across**2)
@@ -380,7 +372,7 @@ class JoinedPhotons:
             run.arrivals.append(block.arrivals[: block.n_arrivals[0]])
         return run
 
-    def _parts(self, runs: list[_Run], frame: Frame, arrivals: bool) -> JoinedParts:
+    def _parts(self, runs: list[_Run], frame: arrays.Frame, arrivals: bool) -> JoinedParts:
         """Return the gains by receiver: targets of one run, or runs over all lamps."""
         down = self.link.direction == "down"
         axis = 2 if down else 0  # targets of each run, or the one run

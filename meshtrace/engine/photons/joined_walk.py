@@ -22,14 +22,7 @@ from meshtrace.engine.photons.connections import join_collision, join_crossing
 from meshtrace.engine.photons.guides import copies_of, guide_start, importance, redirect, survives
 from meshtrace.engine.photons.state import head, heading, place
 from meshtrace.engine.photons.targets import bend_ahead, chance_ahead, level_over
-from meshtrace.kernels.facets import (
-    drawn_tilt,
-    exposure,
-    is_rough,
-    normal_on,
-    plane_distance,
-    tilted,
-)
+from meshtrace.kernels import facets
 from meshtrace.kernels.interface import branches, reflectance
 from meshtrace.kernels.jit import NO, YES, entry, inlined, outlined
 from meshtrace.kernels.medium import (
@@ -85,7 +78,7 @@ def _facet_ahead(q, world):
         facet = first_facet(world.bvh, along(p, d, max(t - 1e-3 * (1.0 + t), 0.0)), d)
     if facet < 0 or dot(d, row(world.surface.face_normals, facet)) <= 0.0:
         return np.int64(-1), math.inf
-    return facet, max(plane_distance(p, d, facet, world.surface), 0.0)
+    return facet, max(facets.plane_distance(p, d, facet, world.surface), 0.0)
 
 
 @outlined
@@ -94,7 +87,7 @@ def _look_ahead(q, world, manifold):
     if manifold is not None:  # an argument: the rest is not compiled
         return
     joins = world.joins
-    if not is_rough(world.surface.roughness) or q.reflections + 1 < joins.first:
+    if not facets.is_rough(world.surface.roughness) or q.reflections + 1 < joins.first:
         return
     q.bend = bend_ahead(place(q), heading(q), q.level, world)
     if q.order == 0 and q.reflections == 0 and not joins.direct:
@@ -139,7 +132,7 @@ def _stays(q, world):
     """Return whether a photon that meets the surface is followed back into the water."""
     if not world.interface.follow_reflected:
         return False
-    if not is_rough(world.surface.roughness):
+    if not facets.is_rough(world.surface.roughness):
         return True  # `_reflect` plays, by the reflectance itself
     # of the next event: the last one may have played, too
     _, _, lot, _ = uniforms(world.seed, q.id, q.event + 1, Purpose.INTERFACE.value)
@@ -155,13 +148,13 @@ def _stays(q, world):
 def _reflect(q, facet, world):
     """Reflect a photon off a facet; return whether it lives."""
     p, d, g = place(q), heading(q), row(world.surface.face_normals, facet)
-    n, lot = normal_on(p, facet, world.surface), -1.0
-    if g.z > _LEAST_ROUGH and is_rough(world.surface.roughness):
+    n, lot = facets.normal_on(p, facet, world.surface), -1.0
+    if g.z > _LEAST_ROUGH and facets.is_rough(world.surface.roughness):
         u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE.value)
-        tilt = drawn_tilt(world.surface.roughness, u, v)
-        if 2.0 * w >= exposure(d, n, tilt):
+        tilt = facets.drawn_tilt(world.surface.roughness, u, v)
+        if 2.0 * w >= facets.exposure(d, n, tilt):
             tilt = Vec2(-tilt.x, -tilt.y)
-        n = tilted(n, tilt)
+        n = facets.tilted(n, tilt)
     medium = world.medium
     rho, _, reflected = branches(d, n, g, medium.n_water, medium.n_air, world.interface)
     q.event += 1

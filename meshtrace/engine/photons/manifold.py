@@ -24,15 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.crossing import (
-    MARGIN,
-    Search,
-    enumerate_roots,
-    flat_crossing,
-    newton,
-    radius_of,
-    root_from,
-)
+from meshtrace.engine import crossing
 from meshtrace.kernels.facets import Surface, inside_facet
 from meshtrace.kernels.jit import ONE, YES, ZERO, inlined, outlined
 from meshtrace.kernels.random import Purpose, uniforms
@@ -43,7 +35,7 @@ from meshtrace.kernels.vectors import on_circle
 class Manifold(NamedTuple):
     """Search for the crossings of one thread, and its room."""
 
-    search: Search  # for targets without bounds
+    search: crossing.Search  # for targets without bounds
     flat: NDArray[np.void]  # (1,) FLAT
     roots: NDArray[np.void]  # ROOT
 
@@ -73,16 +65,17 @@ def crossings_between(still, shot, drawn, scene, manifold):
     """
     surface, target = scene.surface, scene.target
     side = math.hypot(still.x - shot.start.x, still.y - shot.start.y)
-    move = MARGIN * surface.max_slope * max(still.along, still.across)
+    move = crossing.MARGIN * surface.max_slope * max(still.along, still.across)
     move += (
-        MARGIN * (surface.high[2] - surface.low[2]) * side / still.depth + manifold.search.margin
+        crossing.MARGIN * (surface.high[2] - surface.low[2]) * side / still.depth
+        + manifold.search.margin
     )
     if math.hypot(still.x - target.center.x, still.y - target.center.y) > target.reach + move:
         return ZERO  # outside the field of view for any waves
     if not surface.interpolate:
         return _on_all_facets(still, shot, scene, manifold)
     step = drawn.along + drawn.across
-    found, x, y, facet = root_from(still.x, still.y, step, shot, scene)
+    found, x, y, facet = crossing.root_from(still.x, still.y, step, shot, scene)
     n = ZERO
     if found:
         n = _append(n, x, y, facet, 1.0, shot, manifold)
@@ -122,7 +115,7 @@ def _trial(k, still, step, shot, drawn, scene):
     c, s = on_circle(v)
     a, b = r * c * drawn.along, r * s * drawn.across
     x, y = still.x + a * still.ux - b * still.uy, still.y + a * still.uy + b * still.ux
-    return root_from(x, y, step, shot, scene)
+    return crossing.root_from(x, y, step, shot, scene)
 
 
 @outlined
@@ -133,16 +126,16 @@ def _on_all_facets(still, shot, scene, manifold):
     runs on the plane of every facet.
     """
     search, flat = manifold.search, manifold.flat[0]
-    flat_crossing(flat, still.x, still.y, shot, _raised(shot.start.z + still.depth, scene))
+    crossing.flat_crossing(flat, still.x, still.y, shot, _raised(shot.start.z + still.depth, scene))
     if flat.low <= 0.0:
         return ZERO
-    bounded = Search(
+    bounded = crossing.Search(
         search.audit, search.slope, search.margin, scene.target.reach + search.widest,
-        search.curvature, search.near,
+        search.curvature,
     )  # fmt: skip
-    radius = radius_of(flat, bounded, shot, scene)
+    radius = crossing.radius_of(flat, bounded, shot, scene)
     if still.depth > _CLOSE * search.margin:
-        return enumerate_roots(manifold.roots, ZERO, flat, radius, shot, scene)
+        return crossing.enumerate_roots(manifold.roots, ZERO, flat, radius, shot, scene)
     n, grid, surface = ZERO, scene.locator, scene.surface
     i0, i1, j0, j1 = bins_near(still.x, still.y, radius, grid)
     for i in range(i0, i1 + 1):
@@ -150,7 +143,7 @@ def _on_all_facets(still, shot, scene, manifold):
             for k in range(grid.start[i * grid.ny + j], grid.start[i * grid.ny + j + 1]):
                 f = np.int64(grid.facet[k])
                 if n < len(manifold.roots) and is_first_bin(i, j, i0, j0, f, surface, grid):
-                    found, x, y, _ = newton(still.x, still.y, f, YES, radius, shot, scene)
+                    found, x, y, _ = crossing.newton(still.x, still.y, f, YES, radius, shot, scene)
                     if found and inside_facet(x, y, f, surface):
                         n = _append(n, x, y, f, 1.0, shot, manifold)
     return n

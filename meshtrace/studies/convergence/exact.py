@@ -12,7 +12,7 @@ from meshtrace.engine.chains.sampling import Chains
 from meshtrace.engine.crossing import ROOT
 from meshtrace.engine.forced import ForcedDetection
 from meshtrace.engine.setup.arrays import IDENTITY, Frame
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.errors import Refused
 from meshtrace.kernels.scene import Scene
 from meshtrace.mesh import SurfaceModel, WaveSum

@@ -13,7 +13,7 @@ import numpy as np
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import run_analog
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.models import Floats
 from meshtrace.results.gain import Fate

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, cast
 
 import numpy as np
 
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.errors import Refused, require_array, require_between, require_names
 from meshtrace.models import Floats

@@ -308,7 +308,7 @@ class Study:
         self._steps, self._where = steps, where
         several = realizations > 1
         self.near = Neighbours(
-            self.campaign, realizations, phases=several, fading=several, kept=_KEPT, listed=True
+            self.campaign, realizations, phases=several, fading=several, kept=_KEPT
         )
 
     def gains(self, name: str, *settings: Setting) -> Floats:

@@ -14,7 +14,7 @@ from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.stored import SHIFTS

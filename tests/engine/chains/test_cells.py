@@ -10,7 +10,7 @@ import meshtrace as mt
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains import cells
 from meshtrace.engine.setup.arrays import locator, surface_arrays
-from meshtrace.engine.setup.forced_link import forced_link
+from meshtrace.engine.setup.ends import forced_link
 from meshtrace.kernels.jit import entry
 from meshtrace.kernels.rays import CUT, is_free, shadows
 from meshtrace.kernels.vectors import Vec2, row

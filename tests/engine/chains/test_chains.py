@@ -13,7 +13,7 @@ from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains import sampling as kernel
 from meshtrace.engine.chains.sets import nominal as nominal_of
 from meshtrace.engine.setup.arrays import medium_arrays, with_raster
-from meshtrace.engine.setup.forced_link import emitter_of, target_of
+from meshtrace.engine.setup.ends import emitter_of, target_of
 from meshtrace.kernels.jit import entry
 from meshtrace.kernels.medium import absorption_path, scattering_path
 from meshtrace.kernels.vectors import minus, norm, row

@@ -8,7 +8,7 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy.stats import t as student_t
 
 import meshtrace as mt
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_lines
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea, JonswapSea

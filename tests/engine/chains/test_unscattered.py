@@ -10,7 +10,7 @@ from scipy import integrate
 import meshtrace as mt
 from meshtrace.engine.chains import unscattered as image
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.setup.forced_link import emitter_of
+from meshtrace.engine.setup.ends import emitter_of
 from meshtrace.kernels.jit import entry
 from meshtrace.kernels.sources import intensity
 from meshtrace.kernels.vectors import Vec2, row

@@ -9,7 +9,7 @@ from mc_statistics import sidak, z_test
 import meshtrace as mt
 from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.photons.targets import REFLECTED
-from meshtrace.engine.setup.forced_link import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for, mesh_lines
 from meshtrace.engine.simulate import resolve
 from meshtrace.errors import Refused

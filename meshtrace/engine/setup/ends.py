@@ -8,14 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from meshtrace.engine.setup.arrays import (
-    IDENTITY,
-    Frame,
-    frame_of,
-    interface_arrays,
-    medium_arrays,
-    pattern_of,
-)
+from meshtrace.engine.setup import arrays
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium
@@ -53,7 +46,7 @@ class ForcedLink(NamedTuple):
     receivers, or, for light that goes down, receivers and lamps.
     """
 
-    frame: Frame
+    frame: arrays.Frame
     emitters: list[Emitter]
     power: Floats  # (sources,) shares of the power
     targets: list[Target]
@@ -66,6 +59,11 @@ class ForcedLink(NamedTuple):
     def down(self) -> bool:
         """Whether the chains run against the light."""
         return self.forwards is not None
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Pairs of an emitter and a target."""
+        return list(np.ndindex(len(self.emitters), len(self.targets)))
 
     def receiver(self, emitter: int, target: int) -> int:
         """Return the receiver of a pair."""
@@ -87,7 +85,7 @@ def require_height_field(mesh: TriangleMesh) -> None:
         raise Refused("sea.mesh", found, f"a height field; overhangs need {ANALOG[5:]}")
 
 
-def forced_link(link: Link, frame: Frame | None = None) -> ForcedLink:
+def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
     """Return the link as arrays and numbers, in its own frame unless one is given.
 
     Raises
@@ -98,7 +96,7 @@ def forced_link(link: Link, frame: Frame | None = None) -> ForcedLink:
     require_followable(link)
     power = np.array([t.power_mw for t in link.transmitters])
     medium = expected_water(link, crest=5.0)
-    frame = frame or frame_of(link)
+    frame = frame or arrays.frame_of(link)
     low: tuple[Source | Aperture, ...] = link.transmitters
     if link.direction == "down":
         low = link.receivers
@@ -108,7 +106,7 @@ def forced_link(link: Link, frame: Frame | None = None) -> ForcedLink:
         power / power.sum(),
         _targets(link, frame),
         frame.medium(medium),
-        interface_arrays(link),
+        arrays.interface_arrays(link),
         _forwards(link, frame, frame.medium(medium)) if link.direction == "down" else None,
         tuple(end.size / frame.unit if isinstance(end, Source) else 0.0 for end in low),
     )
@@ -124,7 +122,7 @@ def needs_photons(link: Link) -> tuple[str, object] | None:
     return None
 
 
-def _forwards(link: Link, frame: Frame, medium: Medium) -> Forwards:
+def _forwards(link: Link, frame: arrays.Frame, medium: Medium) -> Forwards:
     """Return lamps and apertures of a downlink, turned upside down."""
     return Forwards(
         [_mirrored(emitter_of(t, frame), "position") for t in link.transmitters],
@@ -143,12 +141,12 @@ def _mirrored(end: Any, place: str) -> Any:
 def crossing_reach(link: Link) -> float:
     """Return the largest distance from `Link.origin` of light that crosses to a receiver [m]."""
     require_followable(link)
-    frame = frame_of(link)
+    frame = arrays.frame_of(link)
     farthest = max(t.reach + math.hypot(t.center.x, t.center.y) for t in _targets(link, frame))
     return frame.unit * farthest
 
 
-def _targets(link: Link, frame: Frame) -> list[Target]:
+def _targets(link: Link, frame: arrays.Frame) -> list[Target]:
     """Return the receivers as numbers, with the reach beyond which light is negligible."""
     water = link.water
     a = water.a if water.layers is None else min(row[1] for row in water.layers)
@@ -180,7 +178,7 @@ def _way_of_light(lamp: AirLamp, end: Aperture, a: float) -> float:
     way = np.geomspace(1e-3, 1e3, 2048) * (height + depth + aside)
     angle = np.arctan2(way, height)
     off = np.maximum(angle - math.radians(lamp.tilt_deg), 0.0)
-    kind, spread = pattern_of(lamp)
+    kind, spread = arrays.pattern_of(lamp)
     light = np.log(np.cos(angle)) - 2.0 * np.log(np.hypot(way, height)) + np.log(way)
     if kind == SourceKind.LED:
         light += spread * np.log(np.maximum(np.cos(off), 1e-300))
@@ -260,13 +258,13 @@ def _require_reversible(link: Link) -> None:
 
 def expected_water(link: Link, crest: float) -> Medium:
     """Return the water; the printed Algorithm 1 acts as b -> albedo b (E5)."""
-    medium = medium_arrays(link, crest)
+    medium = arrays.medium_arrays(link, crest)
     if link.physics.absorption == "paper":
         medium = medium._replace(b=medium.b * link.water.albedo)
     return medium
 
 
-def emitter_of(end: Source | Aperture, frame: Frame = IDENTITY) -> Emitter:
+def emitter_of(end: Source | Aperture, frame: arrays.Frame = arrays.IDENTITY) -> Emitter:
     """Return a source, or an aperture whose light is reversed, as numbers in a frame."""
     position = Vec3(*frame.points(np.array(end.center)).tolist())
     e1, e2 = across(end.axis)
@@ -277,7 +275,7 @@ def emitter_of(end: Source | Aperture, frame: Frame = IDENTITY) -> Emitter:
         area = math.pi * radius**2
         kind = int(SourceKind.APERTURE)
         return Emitter(position, axis, kind, half, 1.0 / view, area * view, radius, e1, e2)
-    kind, spread = pattern_of(end)
+    kind, spread = arrays.pattern_of(end)
     if kind == SourceKind.LED:
         norm = (spread + 1.0) / (2.0 * math.pi)
     elif kind == SourceKind.GAUSSIAN_BEAM:
@@ -296,7 +294,7 @@ def across(axis: Sequence[float] | Floats) -> tuple[Vec3, Vec3]:
     return Vec3(*e1.tolist()), Vec3(*np.cross(axis, e1).tolist())
 
 
-def lamp_target(lamp: AirLamp, link: Link, frame: Frame = IDENTITY) -> Target:
+def lamp_target(lamp: AirLamp, link: Link, frame: arrays.Frame = arrays.IDENTITY) -> Target:
     """Return a lamp in the air as the point that chains from the water aim at."""
     center = Vec3(*frame.points(np.array(lamp.center)).tolist())
     lit = _lit_angle(lamp)
@@ -319,7 +317,7 @@ def lamp_target(lamp: AirLamp, link: Link, frame: Frame = IDENTITY) -> Target:
 
 def _lit_angle(lamp: AirLamp) -> float:
     """Return the angle to the axis of a lamp at which its light has fallen to 1e-7 [rad]."""
-    kind, spread = pattern_of(lamp)
+    kind, spread = arrays.pattern_of(lamp)
     if kind == SourceKind.LED:
         return math.acos(_NEGLIGIBLE ** (1.0 / spread))
     if kind == SourceKind.GAUSSIAN_BEAM:
@@ -327,7 +325,7 @@ def _lit_angle(lamp: AirLamp) -> float:
     return spread
 
 
-def target_of(receiver: Any, frame: Frame = IDENTITY) -> Target:
+def target_of(receiver: Any, frame: arrays.Frame = arrays.IDENTITY) -> Target:
     """Return a receiver as numbers, lengths in the unit of a frame."""
     e1, e2 = across(receiver.axis)
     half = math.radians(receiver.fov_deg) / 2.0
