@@ -28,11 +28,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from meshtrace.kernels.facets import corners, inside_facet, normal_at, tilted
-from meshtrace.kernels.interface import transmit
+from meshtrace.kernels.facets import corners, exposure, inside_facet, normal_at, tilted
+from meshtrace.kernels.interface import FieldOfView, FresnelMode, transmit
 from meshtrace.kernels.jit import NO, YES, inlined, outlined
 from meshtrace.kernels.scene import FLAT_SEA, bins_near, height_on, is_first_bin, locate
-from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, Vec3, along, dot, minus, minus2, scaled
+from meshtrace.kernels.sources import intensity
+from meshtrace.kernels.vectors import (
+    ORIGIN,
+    UP,
+    Vec2,
+    Vec3,
+    along,
+    dot,
+    minus,
+    minus2,
+    norm,
+    row,
+    scaled,
+)
 
 STEP = 1e-5  # [m], displacement of P for the derivatives
 _TOLERANCE = 1e-4  # [m], step of P behind which the error is its square
@@ -460,3 +473,69 @@ def radius_of(flat, search, shot, scene):
     slope = search.slope + math.hypot(shot.tilt.x, shot.tilt.y)
     move = MARGIN * (slope * flat.lever + waves * flat.lift) / max(flat.low, 1e-3)
     return min(move + search.margin, search.widest)
+
+
+@inlined
+def transmittance(m, interface):
+    """Return the transmittance of the surface at a crossing.
+
+    Array twin: `meshtrace.optics.fresnel` and `Whitecaps.transmittance`.
+    """
+    t = (1.0 - m.rho) * interface.foam_transmittance
+    if interface.fresnel == FresnelMode.PAPER_BOTH:
+        t *= 1.0 - m.rho
+    return t
+
+
+@inlined
+def acceptance(m, p, target, fov):
+    """Return the weight of light by its arrival: whether it lies inside the field of view.
+
+    Array twin: `meshtrace.kernels.tally.crosses_aperture`.
+    A lamp that is reached backwards weighs by its intensity over the cosine on its plane.
+    """
+    if target.is_lamp:
+        return intensity(target.lamp, scaled(-1.0, m.r)) / dot(m.r, target.axis)
+    return 1.0 if _is_seen(m, p, target, fov) else 0.0
+
+
+@inlined
+def _is_seen(m, p, target, fov):
+    if fov == FieldOfView.ANGLE:
+        return dot(m.r, target.axis) >= target.cos_half_fov * norm(m.r)
+    reach = target.radius + (target.center.z - p.z) * target.tan_half_fov
+    return (p.x - target.center.x) ** 2 + (p.y - target.center.y) ** 2 < reach * reach
+
+
+@inlined
+def forwards(m, p, facet, tilt, surface):
+    """Return the light that a facet takes from the air, over that of reversed light in the water.
+
+    Array twin: the analog photon from a lamp in the air.
+    A facet g takes |a.g| of the flux from the air and |w.g| of that from the water; bending by the
+    tilted normal s balances with |a.s| and |w.s|. Light from the air, along a, is exposed to tilts.
+    """
+    if facet < 0:
+        return 1.0
+    n, g = normal_at(p.x, p.y, facet, surface), row(surface.face_normals, facet)
+    s = tilted(n, tilt)
+    below, above = dot(m.d, g) * dot(m.r, s), dot(m.r, g) * dot(m.d, s)
+    return exposure(m.r, n, tilt) * above / below if below > 0.0 and above > 0.0 else 0.0
+
+
+@inlined
+def passed(light, m, p, n, facet, tilt, scene):
+    """Return the light that a crossing at P lets pass, by its arrival, transmittance and tilt.
+
+    Array twin: the analog photon.
+    n is the normal of the mesh on a facet, `tilt` the random slope.
+    """
+    light *= acceptance(m, p, scene.target, scene.interface.fov)
+    if light == 0.0:
+        return 0.0
+    light *= transmittance(m, scene.interface)
+    if scene.target.is_lamp:
+        return light * forwards(m, p, facet, tilt, scene.surface)
+    if tilt.x != 0.0 or tilt.y != 0.0:
+        light *= exposure(m.d, n, tilt)
+    return light

@@ -131,8 +131,8 @@ class ForcedDetection:
         top = max(sea.crest, 0.0) / unit
         lowest = min(t.center[2] for t in self.arrays.targets)
         # a chain that ends higher is not looked for; the level must stay below the receivers
-        self._ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
-        self.drawer = ChainDrawer(self.arrays, top, self._ceiling)
+        ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
+        self.drawer = ChainDrawer(self.arrays, top, ceiling)
         self.method: list[choice.Method] = []
         self.scattered_sets = self._draw()
         self._joined = self._joined_photons()
@@ -354,7 +354,7 @@ class ForcedDetection:
     def _reaching(self, mesh: TriangleMesh) -> ForcedDetection:
         """Return chains that reach the mesh; new ones if it is far higher than expected."""
         top = float(mesh.bounds[1, 2])
-        if top <= self._ceiling * self.arrays.frame.unit or "chains" not in self.method:
+        if top <= self.drawer.ceiling * self.arrays.frame.unit or "chains" not in self.method:
             return self
         sea = self.sea._replace(crest=top)
         return ForcedDetection(

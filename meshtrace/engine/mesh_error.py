@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -113,11 +113,14 @@ def relative_mesh_error(
     if arrays.medium.depth_mode == DepthMode.LOCAL:  # whose raster costs more than the light
         clamped = arrays.medium._replace(depth_mode=int(DepthMode.CLAMPED))
         arrays = arrays._replace(medium=clamped)
-    options = mesh.unresolved, normals, link.physics.unresolved
-    patch = _patch(link, mesh, sheet)
-    found, gain = _compare(arrays, patch, *options)
+    tilts: dict[str, Any] = {
+        "unresolved": mesh.unresolved,
+        "normals": normals,
+        "physics": link.physics.unresolved,
+    }
+    found, gain = _compare(arrays, _patch(link, mesh, sheet), **tilts)
     for r in np.flatnonzero(np.isnan(found)):
-        found[r] = _compare(_facing(arrays, int(r)), sheet, *options)[0][r if arrays.down else 0]
+        found[r] = _compare(_facing(arrays, int(r)), sheet, **tilts)[0][r if arrays.down else 0]
     return found, gain
 
 

@@ -87,10 +87,6 @@ class FrozenForced:
         warn_of_chains(base, ForcedDetection(link, SHIFTS, seed, normals, sea=sea))
         self._base, self._seed = base, seed
         self._normals, self._search = normals, search
-        top = max(sea.crest, 0.0) / base.arrays.frame.unit
-        lowest = min(t.center.z for t in base.arrays.targets)
-        self._levels = top, top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
-        self._nominals = ChainDrawer(base.arrays, *self._levels).nominals
         self._nodes: dict[tuple[int, int], tuple[int, int]] = {}
         self._drawn: dict[str, list[list[ChainSet]]] = {}
         self._lock = Lock()
@@ -152,7 +148,7 @@ class FrozenForced:
     ) -> tuple[ForcedLink, AimedChains, list[list[ChainSet]]]:
         """Return the arrays of a link, its surface and its chains."""
         arrays = forced_link(link, self._base.arrays.frame)
-        if len(arrays.emitters) != len(self._nominals):
+        if len(arrays.emitters) != len(self._base.arrays.emitters):
             name = "receiver" if arrays.down else "transmitter"
             raise Refused(name, len(arrays.emitters), f"as many {name}s as in the base link")
         aimed = AimedChains(
@@ -177,7 +173,8 @@ class FrozenForced:
 
     def _draw(self, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
         """Draw the chains of a link by the laws and numbers of the base."""
-        drawer = ChainDrawer(arrays, *self._levels)
+        base = self._base.drawer
+        drawer = ChainDrawer(arrays, base.crest, base.ceiling)
         drawer.nominals = self._stretched(arrays)
 
         def drawn(s: int, like: ChainSet) -> ChainSet:
@@ -189,7 +186,9 @@ class FrozenForced:
     def _stretched(self, arrays: ForcedLink) -> list[Nominal]:
         """Return the laws of the base, with lengths times the ratio of the depths."""
         laws = []
-        pairs = zip(self._nominals, self._base.arrays.emitters, arrays.emitters, strict=True)
+        pairs = zip(
+            self._base.drawer.nominals, self._base.arrays.emitters, arrays.emitters, strict=True
+        )
         for law, before, now in pairs:
             k = now.position.z / before.position.z
             lengths: dict[str, Any] = {"distance": law.distance * k, "step": law.step * k}

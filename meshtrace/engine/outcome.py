@@ -23,13 +23,7 @@ from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.results.gain import (
-    Fate,
-    FateTally,
-    GainResult,
-    ScatteredSamples,
-    bound_where_dark,
-)
+from meshtrace.results.gain import Fate, FateTally, GainResult, ScatteredSamples, bound_where_dark
 from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, standard_error
 from meshtrace.stored import SHIFTS
 
@@ -48,6 +42,14 @@ _SMALL = 0.01  # share of the gain below which its scattered part does not matte
 
 class FewSamplesWarning(UserWarning):
     """Small effective sample size: the error of a gain may exceed its standard error."""
+
+
+def _warn(text: str, category: type[Warning] = DomainWarning) -> None:
+    """Warn at the line that calls the package."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals["__name__"].startswith("meshtrace"):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, category, stacklevel=level)
 
 
 def per_receiver(link: Link, array: Floats) -> Any:
@@ -158,13 +160,12 @@ def lack_of_samples(result: GainResult) -> float:
 
     Beyond 1 the standard error of that gain is uncertain itself.
     """
-    found = [*_scattered(result), *_reflected(result)]
-    return max((_FEW / max(row.effective, 1.0) for _, row in found), default=0.0)
+    return max((_FEW / max(row.effective, 1.0) for _, row in _samples(result)), default=0.0)
 
 
 def warn_of_few(result: GainResult) -> None:
     """Warn of gains with a small effective sample size."""
-    _warn_of_few([*_scattered(result), *_reflected(result)])
+    _warn_of_few(_samples(result))
 
 
 def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
@@ -181,11 +182,10 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
     found = _that_matter(parts.samples_by_receiver(), parts.scattered.mean(axis=1), parts.gain)
     worse = [r for r, method in enumerate(usual.method) if method == "joined"]
     for r in worse:
-        warnings.warn(
+        _warn(
             f"receiver {r}: light arrives by large angles or many scatterings, or from a narrow "
             "beam; scattering chains miss part of it, for which `simulate` uses joined photons",
             FewSamplesWarning,
-            stacklevel=4,
         )
     _warn_of_few([(r, row) for r, row in found if r not in worse])
     if chains.link.physics.reflected == "trace":
@@ -195,30 +195,25 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
 def _warn_of_few(found: list[tuple[int, ScatteredSamples]]) -> None:
     for r, row in found:
         if row.effective < min(_FEW, _FEW_SHARE[row.estimator] * row.samples):
-            warnings.warn(
+            _warn(
                 f"receiver {r}: {row.scored:,} of {row.samples:,} {row.estimator} contribute, "
                 f"effective sample size {row.effective:.0f}: the error may exceed the "
                 "standard error",
                 FewSamplesWarning,
-                stacklevel=5,
             )
 
 
-def _scattered(result: GainResult) -> list[tuple[int, ScatteredSamples]]:
-    """Return the receivers whose scattered light matters, with its samples."""
-    share = np.atleast_1d(0.0 if result.gain_scattered is None else result.gain_scattered)
-    return _that_matter(result.scattered, share, result.gains)
-
-
-def _reflected(result: GainResult) -> list[tuple[int, ScatteredSamples]]:
-    """Return the receivers whose light that is reflected first matters, with its samples."""
-    share = np.atleast_1d(0.0 if result.gain_reflected is None else result.gain_reflected)
-    return _that_matter(result.reflected, share, result.gains)
+def _samples(result: GainResult) -> list[tuple[int, ScatteredSamples]]:
+    """Return the samples of scattered light, and of light that is reflected first."""
+    scattered = _that_matter(result.scattered, result.gain_scattered, result.gains)
+    return scattered + _that_matter(result.reflected, result.gain_reflected, result.gains)
 
 
 def _that_matter(
-    rows: list[ScatteredSamples], share: Floats, gain: Floats
+    rows: list[ScatteredSamples], share: Any, gain: Floats
 ) -> list[tuple[int, ScatteredSamples]]:
+    """Return the receivers for which a share of the gain matters, with its samples."""
+    share = np.atleast_1d(0.0 if share is None else share)
     return [(r, row) for r, row in enumerate(rows) if share[r] > _SMALL * gain[r]]
 
 
@@ -227,11 +222,9 @@ def warn_of_omitted(link: Link, gain: Floats) -> None:
     returned = returned_gain(link)
     for r in np.flatnonzero((returned > LITTLE * gain) & (gain > 0.0)):
         percent = float(f"{100.0 * returned[r] / (gain[r] + returned[r]):.1g}")
-        warnings.warn(
+        _warn(
             f"receiver {r}: about {percent:g} % of the light leaves the water after a reflection "
             'at the surface, which is omitted here: estimator="analog" follows it',
-            DomainWarning,
-            stacklevel=5,
         )
 
 
@@ -244,31 +237,23 @@ def warn_of_mesh(result: GainResult, case: Case, mesh: TriangleMesh) -> None:
         if error > limit:
             cure = "a finer mesh"
             if not isinstance(case.surface, TriangleMesh):
-                cure = f"a spacing below {math.sqrt(limit / error) * _spacing(mesh):.2g} m"
-            warnings.warn(
+                first, second = mesh.vertices[mesh.faces[:, 0]], mesh.vertices[mesh.faces[:, 1]]
+                shortest = float(np.linalg.norm((second - first)[:, :2], axis=1).min())
+                cure = f"a spacing below {math.sqrt(limit / error) * shortest:.2g} m"
+            _warn(
                 f"receiver {r}: the mesh causes an error of about "
                 f"{100.0 * error / result.gains[r]:.2g} % of the gain, more than the standard "
                 f"error: {cure} lowers it",
-                DomainWarning,
-                stacklevel=4,
             )
-
-
-def _spacing(mesh: TriangleMesh) -> float:
-    """Return the length of the shortest edge of a mesh on the plane [m]."""
-    first, second = mesh.vertices[mesh.faces[:, 0], :2], mesh.vertices[mesh.faces[:, 1], :2]
-    return float(np.linalg.norm(second - first, axis=1).min())
 
 
 def warn_of_cut(case: Case, mesh: TriangleMesh) -> None:
     """Warn of a mesh that ends where light would cross to a receiver."""
     cut = cut_share(case.link, mesh, case.run.seed, case.meshing.normals, case.threads)
     for r in np.flatnonzero(cut > LEFT_DOMAIN_WARNING):
-        warnings.warn(
+        _warn(
             f"receiver {r}: the mesh cuts off {100.0 * cut[r]:.2g} % of the light (flat sea; limit "
             f"{100.0 * LEFT_DOMAIN_WARNING:g} %): enlarge extent",
-            DomainWarning,
-            stacklevel=4,
         )
 
 
@@ -313,18 +298,14 @@ def warn_of_lost(result: GainResult) -> None:
     """Warn of analog photons that left the mesh sideways or through holes."""
     left = result.fates["left_domain"].weight
     if left > LEFT_DOMAIN_WARNING:
-        warnings.warn(
+        _warn(
             f"{100.0 * left:.2g} % of the launched weight left the meshed surface sideways (limit "
             f"{100.0 * LEFT_DOMAIN_WARNING:g} %): enlarge extent",
-            DomainWarning,
-            stacklevel=4,
         )
     if result.misses[1]:
-        warnings.warn(
+        _warn(
             f"{result.misses[1]} photons missed the surface inside the mesh twice: the mesh may "
             "have holes",
-            DomainWarning,
-            stacklevel=4,
         )
 
 
@@ -334,10 +315,8 @@ def warn_of_dark_map(result: GainResult, records: Mapping[str, Record]) -> None:
     if not isinstance(grid, options.IrradianceMap) or result.map is None:
         return
     if not result.map.irradiance.any():
-        warnings.warn(
+        _warn(
             f"the map at {grid.height:g} m received none of {result.photons:,} photons: its axis "
             f"{grid.axis} is the direction in which light arrives, within {grid.fov_deg / 2.0:g} "
             "deg; light that goes down needs (0, 0, -1)",
-            DomainWarning,
-            stacklevel=4,
         )

@@ -160,9 +160,10 @@ class ChainSums:
             mean, square = some.parts[SCATTERED], some.square[SCATTERED]
             self._samples[rows], self._scored[rows] = some.photons, some.scored[SCATTERED]
             effective[rows] = some.photons * mean**2 / np.maximum(square, 1e-300)
-        sampled = self._method, self._samples, self._scored, effective
-        photons = found if reflects else None
-        return Parts(self._direct, scattered, orders, counts, *sampled, photons)
+        return Parts(
+            self._direct, scattered, orders, counts, self._method, self._samples, self._scored,
+            effective, photons=found if reflects else None,
+        )  # fmt: skip
 
 
 class Light(NamedTuple):

@@ -279,13 +279,13 @@ def _over(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> list
 
 def _seen(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> Callable[[int], Floats]:
     """Return the function that gives the numbers of the background over a surface, in a row."""
-    run, normals, threads = campaign.run, campaign.meshing.normals, campaign.threads
 
     def over(i: int) -> Floats:
         link = steps.links[i] if steps.links else campaign.link
         surface, time = steps.surface(i)
-        mesh, _ = mesh_for(link, surface, campaign.meshing.replace(time=time))
-        found = background_over(link, mesh, day, photons, run.seed, normals, threads, {})
+        case = Case(link, surface, campaign.run, campaign.meshing.replace(time=time))
+        mesh, _ = mesh_for(link, surface, case.meshing)
+        found = background_over(case, mesh, day, photons, {})
         numbers = found.radiance, found.radiance_stderr, found.acceptance, found.wavelength_nm
         return np.concatenate([found.part_radiance, found.part_radiance_stderr, numbers])
 

@@ -32,14 +32,13 @@ from meshtrace.engine.backward.view import (
     scene_of,
 )
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.engine.setup.options import HasCase, Meshing, Shortcuts, resolve
+from meshtrace.engine.setup.options import Case, HasCase, Meshing, Shortcuts, resolve
 from meshtrace.errors import Refused, require_kind, require_whole, require_word
 from meshtrace.kernels.facets import Surface
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
-from meshtrace.parallel import default_threads
 from meshtrace.results.background import PARTS, Background
 from meshtrace.results.provenance import provenance
 from meshtrace.stored import SHIFTS
@@ -49,13 +48,10 @@ _OFFSET = 1e-5  # start of a ray above its facet, in units of the frame
 _LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets, as in the photon kernels
 
 
-def seen_from_air(
-    link: Link, mesh: TriangleMesh, day: Daylight, photons: int, seed: int, normals: str,
-    threads: int,
-) -> Floats:  # fmt: skip
+def seen_from_air(case: Case, mesh: TriangleMesh, day: Daylight, photons: int) -> Floats:
     """Return the radiances of the parts by shift (shifts, parts) for a receiver in the air."""
-    view = View.of(link, photons, seed)
-    scene = scene_of(link, mesh, day, normals, threads)
+    seed = case.run.seed
+    view, scene = View.of(case.link, photons, seed), scene_of(case, mesh, day)
     parts = follow(scene, view.origins(), view.directions(), view.uniforms[:, 4:], seed)
     parts = parts.reshape(SHIFTS, -1, len(PARTS)).mean(axis=1)
     if day.direct > 0.0:
@@ -65,7 +61,7 @@ def seen_from_air(
             glint = bent_sun(scene, law, view)
             parts[:, GLINT] += day.direct * (1.0 - scene.foam) * glint
     if day.water == "walk":
-        light = walked(link, mesh, day, view, seed, normals, threads, in_water=False)
+        light = walked(case, mesh, day, view, in_water=False)
         parts[:, WATER] += light.sum(axis=1)
     return parts
 
@@ -155,7 +151,7 @@ def _branches(direction: Floats, normal: Floats, n: float) -> tuple[Floats, Floa
 
 
 def _tilted(surface: Surface, hit: Hit, direction: Floats, u: Floats) -> Floats:
-    """Return normals tilted by unresolved slopes, twin of `photon_events._roughened`."""
+    """Return normals tilted by unresolved slopes, twin of `photons.state.bending_normal`."""
     roughness, normal = surface.roughness, hit.normal
     if roughness.along == 0.0 == roughness.across:
         return normal
@@ -243,18 +239,17 @@ def background(
     found, config = mesh_for(case.link, case.surface, case.meshing)
     run = {"photons": photons, "seed": seed, **case.meshing.model_dump()}
     origin = {**provenance(case.link, config, run), "daylight": day.model_dump(mode="json")}
-    inputs = day, photons, seed, case.meshing.normals, default_threads(threads)
-    return background_over(case.link, found, *inputs, origin)
+    case = case._replace(run=case.run.replace(seed=seed, threads=threads))
+    return background_over(case, found, day, photons, origin)
 
 
 def background_over(
-    link: Link, mesh: TriangleMesh, day: Daylight, photons: int, seed: int, normals: str,
-    threads: int, origin: dict[str, Any],
-) -> Background:  # fmt: skip
+    case: Case, mesh: TriangleMesh, day: Daylight, photons: int, origin: dict[str, Any]
+) -> Background:
     """Return the background of the one receiver of a link over a mesh, of checked inputs."""
-    aperture = only_aperture(link)
+    aperture = only_aperture(case.link)
     seen = seen_from_air if aperture.center[2] > 0.0 else seen_from_water
-    by_shift = seen(link, mesh, day, photons, seed, normals, threads)
+    by_shift = seen(case, mesh, day, photons)
     error = math.sqrt(SHIFTS)
     total = by_shift.sum(axis=1)
     sin2 = math.sin(math.radians(0.5 * aperture.fov_deg)) ** 2

@@ -34,7 +34,7 @@ from meshtrace.engine.backward.view import (
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import chunk_tallies, setup_of
 from meshtrace.engine.setup.arrays import frame_of
-from meshtrace.engine.setup.options import Analog
+from meshtrace.engine.setup.options import Analog, Case
 from meshtrace.errors import Refused
 from meshtrace.kernels.sources import Backward
 from meshtrace.kernels.vectors import Vec3
@@ -56,22 +56,19 @@ _FORWARD = math.radians(10.0)
 _WIDE = np.linspace(0.0, math.pi, _ANGLES) > _FORWARD
 
 
-def seen_from_water(
-    link: Link, mesh: TriangleMesh, day: Daylight, photons: int, seed: int, normals: str,
-    threads: int,
-) -> Floats:  # fmt: skip
+def seen_from_water(case: Case, mesh: TriangleMesh, day: Daylight, photons: int) -> Floats:
     """Return the radiances of the parts by shift (shifts, parts) for a receiver in the water.
 
     Sun that reaches the receiver unscattered passes the mesh; scattered sunlight passes still
     water before it.
     """
-    view = View.of(link, photons, seed)
+    view = View.of(case.link, photons, case.run.seed)
     parts = np.zeros((SHIFTS, len(PARTS)))
-    light = walked(link, mesh, day, view, seed, normals, threads, in_water=True)
+    light = walked(case, mesh, day, view, in_water=True)
     parts[:, SKY], parts[:, SUN] = light[:, 0], light[:, 1]
     if day.direct == 0.0:
         return parts
-    scene, depths = scene_of(link, mesh, day, normals, threads), optical_depth(link)
+    scene, depths = scene_of(case, mesh, day), optical_depth(case.link)
     if scene.rough:
         direct = _through_slopes(scene, view, depths)
     else:
@@ -133,10 +130,7 @@ def _through_slopes(scene: SeenSea, view: View, depths: Callable[[Floats], Float
     return solid * seen.reshape(SHIFTS, -1).mean(axis=1) / (math.pi * view.sin2_psi)
 
 
-def walked(
-    link: Link, mesh: TriangleMesh, day: Daylight, view: View, seed: int, normals: str,
-    threads: int, *, in_water: bool,
-) -> Floats:  # fmt: skip
+def walked(case: Case, mesh: TriangleMesh, day: Daylight, view: View, *, in_water: bool) -> Floats:
     """Return the radiance of sky and of scattered sun at a receiver by shift (shifts, 2).
 
     From the air only light that has been in the water counts.
@@ -146,15 +140,17 @@ def walked(
     Refused
         If the water absorbs otherwise than along the way, or the forms are those of the paper.
     """
+    link, threads = case.link, case.threads
     for name, kept in (("absorption", "continuous"), ("snell", "physical")):
         form = getattr(link.physics, name)
         if form != kept:
             raise Refused(f"physics.{name}", form, f"{kept}, for light that is traced backwards")
-    frame, n = frame_of(link), link.water.n / link.n_air
+    n = link.water.n / link.n_air
     bare = link.model_copy(update={"receiver": (), "planes": None})
-    local = EmbreeIntersector(frame.mesh(mesh), threads)
     options = Analog(roulette=1e-3, max_surface_events=100)
-    setup = setup_of(bare, frame, local, seed, normals, options)
+    setup = setup_of(
+        bare, EmbreeIntersector(mesh, threads), options, case.run.seed, case.meshing.normals
+    )
     sun, irradiance = refracted_sun(day, n)
     world, foam = setup.world, setup.world.interface.foam_transmittance
     bubbles = link.bubbles.phase_function() if link.bubbles else link.water.phase

@@ -184,8 +184,7 @@ def _jacobian(gap: Any, u: Floats) -> Floats:
 
 
 def _inverse(m: Floats) -> Floats:
+    """Return the inverses of matrices (n, 2, 2)."""
+    signs = np.array([[1.0, -1.0], [-1.0, 1.0]])
     det = m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] * m[:, 1, 0]
-    out = np.empty_like(m)
-    out[:, 0, 0], out[:, 1, 1] = m[:, 1, 1], m[:, 0, 0]
-    out[:, 0, 1], out[:, 1, 0] = -m[:, 0, 1], -m[:, 1, 0]
-    return out / det[:, None, None]
+    return signs * m[:, ::-1, ::-1].swapaxes(1, 2) / det[:, None, None]

@@ -13,6 +13,7 @@ from meshtrace.daylight.water_leaving import QuasiSingle
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.sets import shifted, sobol_points
 from meshtrace.engine.setup.arrays import frame_of, surface_arrays
+from meshtrace.engine.setup.options import Case
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.facets import Surface
 from meshtrace.link import Link
@@ -116,15 +117,16 @@ class SeenSea(NamedTuple):
         return self.surface.roughness.along > 0.0 or self.surface.roughness.across > 0.0
 
 
-def scene_of(link: Link, mesh: TriangleMesh, day: Daylight, normals: str, threads: int) -> SeenSea:
+def scene_of(case: Case, mesh: TriangleMesh, day: Daylight) -> SeenSea:
     """Return sea and light in the local coordinates of a link."""
+    link = case.link
     local = frame_of(link).mesh(mesh)
     water = None
     if day.water == "quasi-single":
         water = QuasiSingle(link.water, link.bubbles, link.n_air, day)
     return SeenSea(
-        EmbreeIntersector(local, threads),
-        surface_arrays(local, normals, link.physics.unresolved),
+        EmbreeIntersector(local, case.threads),
+        surface_arrays(local, case.meshing.normals, link.physics.unresolved),
         day,
         link.water.n / link.n_air,
         1.0 - link.whitecaps.transmittance if link.whitecaps else 0.0,

@@ -23,16 +23,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.chains import unscattered
-from meshtrace.engine.chains.gain import (
-    Counter,
-    Crossing,
-    is_steep,
-    keep,
-    shot_of,
+from meshtrace.engine.chains.gain import Counter, Crossing, is_steep, keep, shot_of, weight_of
+from meshtrace.engine.crossing import (
+    STEP,
+    Aim,
+    Jacobian,
+    Shot,
+    emission_through,
+    quotients,
     transmittance,
-    weight_of,
 )
-from meshtrace.engine.crossing import STEP, Aim, Jacobian, Shot, emission_through, quotients
 from meshtrace.kernels.facets import corners, exposure, normal_at, slope_tilt
 from meshtrace.kernels.interface import reflectance
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.chains import blurred, unscattered
-from meshtrace.engine.chains.gain import acceptance, is_steep, transmittance
-from meshtrace.engine.crossing import aim_at, straight_shot
+from meshtrace.engine.chains.gain import is_steep
+from meshtrace.engine.crossing import acceptance, aim_at, straight_shot, transmittance
 from meshtrace.kernels.facets import exposure, normal_at
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.jit import entry, inlined, outlined
@@ -183,54 +183,30 @@ def _overlap(a, b, c, x, y, half, poly):
 
 
 @inlined
-def _far_from(x, y, reach, cells):
-    """Return whether a point lies farther than a distance from the map."""
+def _region(cells):
+    """Return the region of all cells."""
     half = 0.5 * cells.n * cells.step
-    dx = max(abs(x - cells.x - half) - half, 0.0)
-    dy = max(abs(y - cells.y - half) - half, 0.0)
-    return dx * dx + dy * dy > reach * reach
+    return unscattered.Region(cells.x + half, cells.y + half, half, 0.0)
 
 
 @entry
 def image_map(scene, cells, stretch, lever, stack, poly, gain):
-    """Add the unscattered light of each cell; `gain` is that of an aperture of the cell's area."""
+    """Add the unscattered gain of each cell, taken as an aperture of the cell's area."""
     shot = straight_shot(0.0, 0.0, scene)
     depth = -scene.emitter.position.z
     edge = min(max(unscattered.EDGE * depth, 0.005), 0.1)
     fine = min(edge, unscattered.BEAM_SHARE * unscattered.beam_width(scene.emitter) * depth)
+    region = _region(cells)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
-        nodes = 1
-        while nodes * fine < 2.0 * facet.radius:
-            nodes *= 2
-        bound = stretch + lever * facet.curvature
-        stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, nodes
-        top = 1
+        image = unscattered.Image(stretch + lever * facet.curvature, 5.0 * edge)
+        nodes, top = unscattered.whole_facet(2.0 * facet.radius / fine, stack)
         while top > 0:
-            top -= 1
-            i, j, side = stack[top, 0], stack[top, 1], stack[top, 2]
-            size = facet.radius * abs(side) / nodes
-            if not _may_shine(f, nodes, i, j, side, size, bound, 5.0 * edge, cells, shot, scene):
-                continue
-            if abs(side) == 1:
+            i, j, side, top = unscattered.next_part(
+                f, nodes, image, region, stack, top, shot, scene
+            )
+            if side != 0:
                 _part_cells(f, nodes, i, j, side, cells, poly, shot, scene, gain)
-                continue
-            top = unscattered.push_quarters(stack, top, i, j, side)
-
-
-@outlined
-def _may_shine(f, nodes, i, j, side, size, bound, coarse, cells, shot, scene):
-    """Return whether unscattered light may reach the map through a part of a facet."""
-    p = unscattered.node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
-    center = scene.target.center
-    if _far_from(p.x - center.x, p.y - center.y, scene.target.reach + size, cells):
-        return False
-    if size > coarse:
-        return not unscattered.is_reflected(p, size, f, scene)
-    m = aim_at(p.x, p.y, f, shot, scene)
-    if m.ok:
-        return not _far_from(m.at.x, m.at.y, size * bound, cells)
-    return unscattered.is_lit_corner(f, nodes, i, j, side, shot, scene)
 
 
 @entry
@@ -249,7 +225,7 @@ def blurred_map(scene, cells, stretch, most, across, rules, gain):
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         reach = scene.target.reach + facet.radius
-        if _far_from(facet.x - center.x, facet.y - center.y, reach, cells):
+        if unscattered.is_beside(facet.x - center.x, facet.y - center.y, reach, _region(cells)):
             continue
         p = Vec3(facet.x, facet.y, facet.z)
         if blurred.is_dark(p, blurred.spatial_radius(facet), dark, scene.emitter):

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
-from meshtrace.kernels.facets import SMOOTH, exposure, normal_at, slope_tilt, tilted
-from meshtrace.kernels.interface import FieldOfView, FresnelMode
+from meshtrace.kernels.facets import SMOOTH, normal_at, slope_tilt
 from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import (
     absorption_path,
@@ -26,7 +25,7 @@ from meshtrace.kernels.medium import (
 )
 from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
 from meshtrace.kernels.sources import intensity
-from meshtrace.kernels.vectors import Vec2, Vec3, along, dot, minus, norm, plus, row, scaled, write
+from meshtrace.kernels.vectors import UP, Vec2, Vec3, along, dot, minus, norm, plus, row, write
 
 _FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, that is much
 _AUDIT_FAILED = 0.25  # share of chains without a solution whose facets are all searched
@@ -315,38 +314,6 @@ def is_steep(m, scene):
 
 
 @inlined
-def transmittance(m, interface):
-    """Return the transmittance of the surface at a crossing.
-
-    Array twin: `meshtrace.optics.fresnel` and `Whitecaps.transmittance`.
-    """
-    t = (1.0 - m.rho) * interface.foam_transmittance
-    if interface.fresnel == FresnelMode.PAPER_BOTH:
-        t *= 1.0 - m.rho
-    return t
-
-
-@inlined
-def acceptance(m, p, target, fov):
-    """Return the weight of light by its arrival: whether it lies inside the field of view.
-
-    Array twin: `meshtrace.kernels.tally.crosses_aperture`.
-    A lamp that is reached backwards weighs by its intensity over the cosine on its plane.
-    """
-    if target.is_lamp:
-        return intensity(target.lamp, scaled(-1.0, m.r)) / dot(m.r, target.axis)
-    return 1.0 if _is_seen(m, p, target, fov) else 0.0
-
-
-@inlined
-def _is_seen(m, p, target, fov):
-    if fov == FieldOfView.ANGLE:
-        return dot(m.r, target.axis) >= target.cos_half_fov * norm(m.r)
-    reach = target.radius + (target.center.z - p.z) * target.tan_half_fov
-    return (p.x - target.center.x) ** 2 + (p.y - target.center.y) ** 2 < reach * reach
-
-
-@inlined
 def weigh(chains, i, x, y, facet, shot, scene):
     """Return the `Crossing` of chain i over (x, y) on a facet."""
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))
@@ -361,38 +328,17 @@ def weight_of(chains, i, p, j, facet, shot, scene):
 
     The random slope is that of `shot`.
     """
-    m, target, tilt = j.aim, scene.target, shot.tilt
-    spread = abs(j.a * j.d - j.b * j.c)
+    m, spread = j.aim, abs(j.a * j.d - j.b * j.c)
     if not j.ok or m.w.z <= -0.999999 or spread == 0.0:
         return 0.0, True
-    seen = acceptance(m, p, target, scene.interface.fov)
-    if seen == 0.0:
+    n = normal_at(p.x, p.y, facet, scene.surface) if facet >= 0 else UP
+    light = crossing.passed(intensity(scene.emitter, m.w), m, p, n, facet, shot.tilt, scene)
+    if light == 0.0:
         return 0.0, True
     solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (abs(m.w.z) * spread)
-    light = seen * intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
-    if target.is_lamp:
-        light *= forwards(m, p, facet, tilt, scene.surface)
-    elif tilt.x != 0.0 or tilt.y != 0.0:
-        light *= exposure(m.d, normal_at(p.x, p.y, facet, scene.surface), tilt)
     w, deep = _transmit(chains, i, m, p, shot.start, scene)
-    area = target.area * scene.emitter.power
+    area = scene.target.area * scene.emitter.power
     return area * light * solid_angle * w * chains.weight[i], deep
-
-
-@inlined
-def forwards(m, p, facet, tilt, surface):
-    """Return the light that a facet takes from the air, over that of reversed light in the water.
-
-    Array twin: the analog photon from a lamp in the air.
-    A facet g takes |a.g| of the flux from the air and |w.g| of that from the water; bending by the
-    tilted normal s balances with |a.s| and |w.s|. Light from the air, along a, is exposed to tilts.
-    """
-    if facet < 0:
-        return 1.0
-    n, g = normal_at(p.x, p.y, facet, surface), row(surface.face_normals, facet)
-    s = tilted(n, tilt)
-    below, above = dot(m.d, g) * dot(m.r, s), dot(m.r, g) * dot(m.d, s)
-    return exposure(m.r, n, tilt) * above / below if below > 0.0 and above > 0.0 else 0.0
 
 
 @inlined

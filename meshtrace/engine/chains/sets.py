@@ -98,7 +98,7 @@ class ChainDrawer:
 
     def __init__(self, link: ForcedLink, crest: float, ceiling: float) -> None:
         self.link = link
-        self._ceiling = ceiling
+        self.crest, self.ceiling = crest, ceiling
         self.nominals = [nominal(link.medium, e, link.targets, crest) for e in link.emitters]
 
     def last_order(self, source: int) -> int:
@@ -189,7 +189,7 @@ class ChainDrawer:
         link, facets = self.link, (empty_locator(), np.zeros(0, FACET))
         sea = _still_water()
         still = Scene(link.emitters[source], target, sea, *facets, link.medium, link.interface)
-        return still, still._replace(surface=sea._replace(level=self._ceiling))
+        return still, still._replace(surface=sea._replace(level=self.ceiling))
 
     def scores(self, source: int, chains: ChainSet) -> Floats:
         """Return the scores of chains over still water, shape (receivers, chains)."""

@@ -6,7 +6,8 @@ import math
 from typing import NamedTuple
 
 from meshtrace.engine import crossing
-from meshtrace.engine.chains.gain import is_steep, transmittance
+from meshtrace.engine.chains.gain import is_steep
+from meshtrace.engine.crossing import transmittance
 from meshtrace.kernels.facets import corners, normal_at
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
@@ -52,6 +53,15 @@ class Image(NamedTuple):
 
     stretch: float  # of the image of a small part
     coarse: float  # [m], size up to which that holds
+
+
+class Region(NamedTuple):
+    """Square with rounded corners, from the centre of an aperture: the aperture, or a map."""
+
+    x: float  # centre [m]
+    y: float
+    half: float  # of the edge [m]
+    radius: float  # of the corners [m]
 
 
 @inlined
@@ -117,16 +127,6 @@ def disk_overlap(a, b, c, r):
     if abs(area) < _ROUNDING * r * r:  # nothing but rounding, whose centroid may lie anywhere
         return 0.0, Vec2(0.0, 0.0)
     return abs(area), Vec2((x0 + x1 + x2) / area, (y0 + y1 + y2) / area)
-
-
-@outlined
-def _light(x, y, f, shot, scene):
-    """Return (light per solid angle, steep) of a crossing on facet f."""
-    m = crossing.aim_at(x, y, f, shot, scene)
-    if not m.ok:
-        return 0.0, True
-    p = Vec3(x, y, height_on(x, y, f, scene.surface))
-    return carried(1.0, p, m, scene), is_steep(m, scene)
 
 
 @inlined
@@ -228,42 +228,78 @@ def beam_width(emitter):
 
 @outlined
 def _large_facet_gain(f, n, image, stack, shot, scene):
-    """Sum the parts of a large facet; subdivide only parts with an image on the aperture.
+    """Sum the parts of a large facet; subdivide only parts with an image on the aperture."""
+    aperture = Region(0.0, 0.0, 0.0, scene.target.radius)
+    gain, steep = 0.0, True
+    nodes, top = whole_facet(n, stack)
+    while top > 0:
+        i, j, side, top = next_part(f, nodes, image, aperture, stack, top, shot, scene)
+        if side != 0:
+            g, s = _triangle_gain(f, nodes, i, j, side, shot, scene)
+            gain, steep = gain + g, steep and s
+    return gain, steep
 
-    A part is a triangle (i, j, side) of the grid of `nodes` per edge, see `_triangle_gain`; its
-    halves are parts again.
+
+@inlined
+def whole_facet(n, stack):
+    """Put a facet on a stack; return the first power of two from n on, and the stack's height.
+
+    Array twin: numpy.log2.
+    A part is a triangle (i, j, side) of the grid of that many `nodes` per edge, see
+    `_triangle_gain`; its halves are parts again.
     """
     nodes = 1
     while nodes < n:
         nodes *= 2
-    gain, steep = 0.0, True
     stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, nodes
-    top = 1
+    return nodes, ONE
+
+
+@outlined
+def next_part(f, nodes, image, region, stack, top, shot, scene):
+    """Return (i, j, side, height of the stack) of the next smallest part that may shine.
+
+    Array twin: all parts of a facet.
+    Parts that may send unscattered light to the region are quartered; side 0: none is left.
+    """
     while top > 0:
         top -= 1
         i, j, side = stack[top, 0], stack[top, 1], stack[top, 2]
         if abs(side) == 1:
-            g, s = _triangle_gain(f, nodes, i, j, side, shot, scene)
-            gain, steep = gain + g, steep and s
-        elif _may_shine(f, nodes, i, j, side, image, shot, scene):
+            return i, j, side, top
+        if _may_shine(f, nodes, i, j, side, image, region, shot, scene):
             top = push_quarters(stack, top, i, j, side)
-    return gain, steep
+    return ZERO, ZERO, ZERO, top
+
+
+@inlined
+def is_beside(x, y, reach, region):
+    """Return whether a point lies farther than a distance from the square of a region.
+
+    Array twin: numpy.maximum.
+    """
+    dx = max(abs(x - region.x) - region.half, 0.0)
+    dy = max(abs(y - region.y) - region.half, 0.0)
+    return dx * dx + dy * dy > reach * reach
 
 
 @outlined
-def _may_shine(f, nodes, i, j, side, image, shot, scene):
-    """Return whether unscattered light may reach the aperture through a part of a facet."""
+def _may_shine(f, nodes, i, j, side, image, region, shot, scene):
+    """Return whether unscattered light may reach a region through a part of a facet."""
     p = node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
     size = scene.facets[f].radius * abs(side) / nodes
-    target = scene.target
-    if math.hypot(p.x - target.center.x, p.y - target.center.y) - size > target.reach:
+    center = scene.target.center
+    if is_beside(p.x - center.x, p.y - center.y, scene.target.reach + size, region):
         return False
     if size > image.coarse:
-        return not is_reflected(p, size, f, scene)
+        return not _is_reflected(p, size, f, scene)
     m = crossing.aim_at(p.x, p.y, f, shot, scene)
     if m.ok:
-        return math.hypot(m.at.x, m.at.y) <= target.radius + size * image.stretch
-    return is_lit_corner(f, nodes, i, j, side, shot, scene)
+        return not is_beside(m.at.x, m.at.y, region.radius + size * image.stretch, region)
+    for q in nodes_of(f, nodes, i, j, side, scene.surface):
+        if crossing.aim_at(q.x, q.y, f, shot, scene).ok:
+            return True
+    return False
 
 
 @inlined
@@ -278,17 +314,8 @@ def push_quarters(stack, top, i, j, side):
     return top
 
 
-@outlined
-def is_lit_corner(f, nodes, i, j, side, shot, scene):
-    """Return whether unscattered light crosses a corner of a part of a facet."""
-    for q in nodes_of(f, nodes, i, j, side, scene.surface):
-        if crossing.aim_at(q.x, q.y, f, shot, scene).ok:
-            return True
-    return False
-
-
 @inlined
-def is_reflected(p, size, f, scene):
+def _is_reflected(p, size, f, scene):
     """Return whether unscattered light is totally reflected all over a part of a facet.
 
     Angles of incidence within `size` of the point p differ from that at p by the angle under
@@ -406,7 +433,11 @@ def _image_light(a, b, c, f, shot, scene):
         return 0.0, True
     # light that is linear in the image has its mean over the overlap at the centroid
     middle3 = along(along(a.p, minus(b.p, a.p), u), minus(c.p, a.p), v)
-    light, steep = _light(middle3.x, middle3.y, f, shot, scene)
+    m = crossing.aim_at(middle3.x, middle3.y, f, shot, scene)
+    if not m.ok:
+        return 0.0, True
+    p = Vec3(middle3.x, middle3.y, height_on(middle3.x, middle3.y, f, scene.surface))
+    light, steep = carried(1.0, p, m, scene), is_steep(m, scene)
     source = scene.emitter.position
     omega = solid_angle(minus(a.p, source), minus(b.p, source), minus(c.p, source))
     return omega * share * light, steep

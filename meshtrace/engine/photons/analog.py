@@ -164,13 +164,13 @@ def run_analog(
     """
     records = read_records(record, options)
     options = options_over(intersector.mesh, options)
-    frame = arrays.frame_of(link)
-    if frame != arrays.IDENTITY:
-        intersector = intersector.over(frame.mesh(intersector.mesh))
     recorder = recorder or new_recorder(0, 0)
-    inputs = link, frame, intersector, seed, normals, options, unscattered
-    setup = setup_of(*inputs, records, recorder)
-    sums = sums or _zero(setup)
+    setup = setup_of(link, intersector, options, seed, normals, unscattered, records, recorder)
+    if sums is None:
+        none, score = setup.world.tallies, np.zeros(setup.n_scores)
+        exact: Any = {name: FixedPointSum(getattr(none, name).shape) for name in _EXACT}
+        counts = none.n_photons.copy(), none.misses.copy()
+        sums = PhotonSums(0, score, score.copy(), *counts, **exact)
     first, end = options.first_photon, options.first_photon + photons
     starts = range(first, end, options.batch_size)
     chunks = ((start, min(start + options.batch_size, end)) for start in starts)
@@ -179,8 +179,7 @@ def run_analog(
         sums.add(n, tallies)
         if progress is not None:
             progress(n)
-    if frame != arrays.IDENTITY:
-        recorder.vertex[:] = frame.metres(recorder.vertex)
+    recorder.vertex[:] = setup.frame.metres(recorder.vertex)
     return sums
 
 
@@ -189,7 +188,12 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
     first, last = span
     room = (last - first) * len(setup.world.apertures.radius) if setup.arrivals else 0
     while True:
-        tallies = _tallies(setup, last - first, room)
+        none = setup.world.tallies
+        tallies = none._replace(
+            score=np.zeros((last - first, setup.n_scores)),
+            arrivals=np.zeros(room, ARRIVAL),
+            **{name: np.zeros_like(getattr(none, name)) for name in _SUMS},
+        )
         with setup.intersector.function() as bvh:
             world = setup.world._replace(first=first, tallies=tallies, bvh=bvh)
             follow(first, last, world._replace(photon=np.zeros(1, kernel.PHOTON)))
@@ -202,16 +206,18 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
 
 def setup_of(
     link: Link,
-    frame: arrays.Frame,
     intersector: Intersector,
+    options: Analog,
     seed: int,
     normals: str,
-    options: Analog,
     unscattered: bool = True,
     records: Mapping[str, Record] = MappingProxyType({}),
     recorder: kernel.Recorder | None = None,
 ) -> Setup:
-    """Return the inputs of the chunks; the intersector is that of the frame."""
+    """Return the inputs of the chunks, in the frame of the link."""
+    frame = arrays.frame_of(link)
+    if frame != arrays.IDENTITY:
+        intersector = intersector.over(frame.mesh(intersector.mesh))
     surface = arrays.surface_arrays(intersector.mesh, normals, link.physics.unresolved)
     crest = float(surface.high[2])
     sources = frame.sources(arrays.source_arrays(link, frame.unit * (crest + 1e-3)))
@@ -224,7 +230,6 @@ def setup_of(
             depth = frame.unit * max(-z for z in sources.position[:, 2])
             roulette = 0.5 * math.exp(-min(link.water.a * depth, 600.0))
     medium = frame.medium(arrays.medium_arrays(link, frame.unit * crest))
-    limits = options.max_events, options.max_surface_events, unscattered
     world = kernel.World(
         first=0,
         seed=np.uint64(seed),  # numba takes a Python integer for a signed one
@@ -234,7 +239,9 @@ def setup_of(
         medium=arrays.with_raster(medium, intersector),
         apertures=frame.apertures(arrays.aperture_arrays(link)),
         interface=arrays.interface_arrays(link),
-        limits=kernel.Limits(roulette, survival, *limits),
+        limits=kernel.Limits(
+            roulette, survival, options.max_events, options.max_surface_events, unscattered
+        ),
         tallies=_no_tallies(link, frame, records.get("irradiance-map")),
         recorder=recorder or new_recorder(0, 0),
         back=FORWARD,
@@ -278,17 +285,3 @@ def _no_tallies(link: Link, frame: arrays.Frame, record: Record | None) -> Talli
         arrivals=np.zeros(0, ARRIVAL),
         n_arrivals=np.zeros(1, np.int64),
     )
-
-
-def _tallies(setup: Setup, photons: int, room: int) -> Tallies:
-    """Return tallies of some photons, with room for arrivals."""
-    none = setup.world.tallies
-    sums = {name: np.zeros_like(getattr(none, name)) for name in _SUMS}
-    score, arrivals = np.zeros((photons, setup.n_scores)), np.zeros(room, ARRIVAL)
-    return none._replace(score=score, arrivals=arrivals, **sums)
-
-
-def _zero(setup: Setup) -> PhotonSums:
-    none, score = setup.world.tallies, np.zeros(setup.n_scores)
-    exact: dict[str, Any] = {name: FixedPointSum(getattr(none, name).shape) for name in _EXACT}
-    return PhotonSums(0, score, score.copy(), none.n_photons.copy(), none.misses.copy(), **exact)

@@ -26,8 +26,15 @@ from typing import NamedTuple
 import numpy as np
 
 from meshtrace.engine.chains.blurred import slope_towards
-from meshtrace.engine.chains.gain import acceptance, forwards, transmittance
-from meshtrace.engine.crossing import Shot, jacobian, land
+from meshtrace.engine.crossing import (
+    Shot,
+    acceptance,
+    forwards,
+    jacobian,
+    land,
+    passed,
+    transmittance,
+)
 from meshtrace.engine.photons import targets
 from meshtrace.engine.photons.guides import drawn_density, guide_of
 from meshtrace.engine.photons.manifold import Drawn, crossings_between
@@ -37,10 +44,7 @@ from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
-from meshtrace.kernels.scene import (
-    FLAT_SEA,
-    height_on,
-)
+from meshtrace.kernels.scene import FLAT_SEA, height_on
 from meshtrace.kernels.vectors import (
     ORIGIN,
     UP,
@@ -89,14 +93,7 @@ def _through(p, n, g, d, goal, facet, scene, world):
     s = slope_towards(p, n, d, d, 0.0, goal, scene)
     if s.density <= 0.0 or dot(d, g) <= 0.0:
         return dark
-    share = acceptance(s.aim, p, scene.target, world.interface.fov)
-    if share <= 0.0:
-        return dark
-    share *= transmittance(s.aim, world.interface)
-    if scene.target.is_lamp:
-        share *= forwards(s.aim, p, facet, s.tilt, world.surface)
-    else:
-        share *= facets.exposure(d, n, s.tilt)
+    share = passed(1.0, s.aim, p, n, facet, s.tilt, scene)
     if share > 0.0 and world.interface.follow_second_hit:
         if not _is_clear(p, s.aim.r, s.aim.flight, facet, world):
             return dark
@@ -208,11 +205,7 @@ def join_collision(q, at_bottom, world):
             a, b = r * c * sa, r * s * sc
             x, y = still.x + a * still.ux - b * still.uy, still.y + a * still.uy + b * still.ux
             p = Vec2(x, y)
-            light, length, flight = _by_slope(
-                p, q, i, goal, still, chance, at_bottom, scene, world, world.manifold
-            )
-            if light > 0.0:
-                _score(q, i, q.weight * light, q.water + length, flight, world)
+            _join_by_slope(p, q, i, goal, still, chance, at_bottom, scene, world, world.manifold)
         else:
             _join_bent(q, i, goal, still, chance, at_bottom, scene, world, world.manifold)
 
@@ -226,15 +219,15 @@ def _scattered(w, d, start, at_bottom, world):
 
 
 @outlined
-def _by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manifold):
-    """Return (light, way in the water, flight) of a crossing over (x, y), see `join_collision`."""
+def _join_by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manifold):
+    """Join an event to target i by the slope at a crossing over (x, y), see `join_collision`."""
     if manifold is not None:
-        return 0.0, 0.0, 0.0
+        return
     joins, start, d = world.joins, place(q), heading(q)
     x, y = at.x, at.y
     facet = targets.facet_below(x, y, world)
     if facet < 0:
-        return 0.0, 0.0, 0.0
+        return
     p = Vec3(x, y, height_on(x, y, facet, world.surface))
     g = row(world.surface.face_normals, facet)
     way = minus(p, start)
@@ -242,11 +235,11 @@ def _by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manifold):
     w = scaled(1.0 / length, way)
     facing = dot(w, g)
     if facing <= 0.0:
-        return 0.0, 0.0, 0.0
+        return
     n = facets.normal_at(x, y, facet, world.surface)
     light = _through(p, n, g, w, goal, facet, scene, world)
     if light.share <= 0.0 or not _is_clear(start, w, length, facet, world):
-        return 0.0, 0.0, 0.0
+        return
     turned = _scattered(w, d, start, at_bottom, world)
     drawn = turned
     if not at_bottom:
@@ -260,7 +253,9 @@ def _by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manifold):
         * _point_density(i, light, world)
     )
     turned *= math.exp(-depth_between(world.medium, start, p, length))
-    return turned * light.density * light.share / (own + other), length, light.flight
+    light_in = turned * light.density * light.share / (own + other)
+    if light_in > 0.0:
+        _score(q, i, q.weight * light_in, q.water + length, light.flight, world)
 
 
 @outlined
@@ -270,44 +265,41 @@ def _join_bent(q, i, goal, still, chance, at_bottom, scene, world, manifold):
     shot = Shot(start, ORIGIN, UP, goal, 1.0, Vec2(0.0, 0.0))
     if manifold is None:  # an argument: the other branch is not compiled
         at = Vec2(still.x, still.y)
-        light, length, flight = _bent(at, FLAT_SEA, q, shot, chance, at_bottom, scene, world)
-        if light > 0.0:
-            _score(q, i, q.weight * light, q.water + length, flight, world)
+        _join_at(at, FLAT_SEA, 1.0, q, i, shot, chance, at_bottom, scene, world)
     else:
         drawn = Drawn(world.seed, q.id, q.event, *targets.widths_of(still, world.joins))
         for k in range(crossings_between(still, shot, drawn, scene, manifold)):
             root = manifold.roots[k]
             at, facet = Vec2(root.x, root.y), np.int64(root.facet)
-            light, length, flight = _bent(at, facet, q, shot, chance, at_bottom, scene, world)
-            light *= root.multiplicity
-            if light > 0.0:
-                _score(q, i, q.weight * light, q.water + length, flight, world)
+            _join_at(at, facet, root.multiplicity, q, i, shot, chance, at_bottom, scene, world)
 
 
 @outlined
-def _bent(at, facet, q, shot, chance, at_bottom, scene, world):
-    """Return (light, way in the water, flight) of a crossing that refracts light to the goal."""
+def _join_at(at, facet, multiplicity, q, i, shot, chance, at_bottom, scene, world):
+    """Join an event to target i by a crossing that refracts its light to the goal."""
     start, d = place(q), heading(q)
     j = jacobian(at.x, at.y, facet, shot, scene)
     m, spread = j.aim, abs(j.a * j.d - j.b * j.c)
     if not j.ok or spread == 0.0 or m.w.z == 0.0:
-        return 0.0, 0.0, 0.0
+        return
     p = Vec3(at.x, at.y, height_on(at.x, at.y, facet, world.surface))
     light = acceptance(m, p, scene.target, world.interface.fov)
     if light <= 0.0:
-        return 0.0, 0.0, 0.0
+        return
     if facet >= 0:
         g = row(world.surface.face_normals, facet)
         if dot(m.w, g) <= 0.0 or dot(m.r, g) <= 0.0:
-            return 0.0, 0.0, 0.0
+            return
         if scene.target.is_lamp:
             light *= forwards(m, p, facet, shot.tilt, world.surface)
         if not _is_clear(start, m.w, m.length, facet, world):
-            return 0.0, 0.0, 0.0
+            return
         if world.interface.follow_second_hit and not _is_clear(p, m.r, m.flight, facet, world):
-            return 0.0, 0.0, 0.0
+            return
     solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (abs(m.w.z) * spread)
     light *= scene.target.area * solid_angle * transmittance(m, world.interface) / chance
     light *= _scattered(m.w, d, start, at_bottom, world)
     light *= math.exp(-depth_between(world.medium, start, p, m.length))
-    return light, m.length, m.flight
+    light *= multiplicity
+    if light > 0.0:
+        _score(q, i, q.weight * light, q.water + m.length, m.flight, world)

@@ -14,6 +14,7 @@ from meshtrace.engine.photons.state import (
     GOES_ON,
     Miss,
     Vertex,
+    bending_normal,
     head,
     heading,
     place,
@@ -32,10 +33,9 @@ from meshtrace.kernels.medium import Absorption, absorption_path, collide, sampl
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import UNKNOWN, first_facet, grid_facet
 from meshtrace.kernels.tally import Fate, Flight, deposit, score_map, score_planes
-from meshtrace.kernels.vectors import Vec2, Vec3, along, dot, plus, row, scaled, turn
+from meshtrace.kernels.vectors import Vec3, along, dot, plus, row, scaled, turn
 
 _OFFSET = 1e-5  # [m], distance of a ray's start from the facet that it leaves
-_LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets, those of jets are smooth
 
 
 @inlined
@@ -74,20 +74,6 @@ def _record_flight(q, flight, received, world):
         t = max((world.apertures.center[0, 2] - p.z) / d.z, 0.0)
     what = Vertex.RECEIVED if received else Vertex.LANDED
     write_vertex(world.recorder, q.id, along(p, d, t), flight.weight, what)
-
-
-@outlined
-def _roughened(q, n, world):
-    """Return a normal tilted by the slopes that the mesh leaves out, and a spare uniform.
-
-    A tilt t and its opposite are equally common; the light picks one of the two by their
-    exposures, which add up to 2.
-    """
-    u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE.value)
-    tilt = facets.drawn_tilt(world.surface.roughness, u, v)
-    if 2.0 * w >= facets.exposure(heading(q), n, tilt):
-        tilt = Vec2(-tilt.x, -tilt.y)
-    return facets.tilted(n, tilt), lot
 
 
 @inlined
@@ -148,11 +134,7 @@ def cross(q, world):
 @inlined
 def _split(q, in_water, world):
     """Return reflectance, facet normal, both directions and a spare uniform of a crossing."""
-    g = row(world.surface.face_normals, q.facet)
-    n = facets.normal_on(place(q), q.facet, world.surface)
-    lot = -1.0
-    if g.z > _LEAST_ROUGH and facets.is_rough(world.surface.roughness):
-        n, lot = _roughened(q, n, world)
+    g, n, lot = bending_normal(q, q.facet, world)
     side, n1, n2 = 1.0, world.medium.n_water, world.medium.n_air
     if not in_water:
         side, n1, n2 = -1.0, n2, n1
@@ -276,14 +258,6 @@ def _start(q, photon, world):
     q.id, q.event, q.crossings, q.facet = photon, 0, 0, -1
     q.in_water, q.retry, q.turned, q.outcome = int(in_water), 0, 0, -1
     record(world.recorder, q, Vertex.SOURCE)
-
-
-@inlined
-def _end(q, fate, world):
-    """End a photon: deposit the rest of its weight and count it."""
-    deposit(world.tallies, fate, q.weight)
-    world.tallies.n_photons[q.outcome if q.outcome >= 0 else fate] += 1
-    record(world.recorder, q, Vertex.END)
 
 
 @inlined
@@ -438,4 +412,6 @@ def follow(first, last, world):
             if fate == GOES_ON:
                 q.facet = _facet_ahead(q, world)
                 fate = _settle(q, world)
-        _end(q, fate, world)
+        deposit(world.tallies, fate, q.weight)
+        world.tallies.n_photons[q.outcome if q.outcome >= 0 else fate] += 1
+        record(world.recorder, q, Vertex.END)

@@ -44,7 +44,7 @@ from meshtrace.errors import Described, Refused
 from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.phase import AngleTable
 from meshtrace.kernels.rays import NO_BVH
-from meshtrace.kernels.scene import FACET, Emitter, Locator, Target, facet_summary
+from meshtrace.kernels.scene import FACET, Emitter, Target, facet_summary
 from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link
@@ -215,8 +215,8 @@ class JoinedPhotons:
             # sorted, so that results do not depend on the order of the receivers
             order = sorted(range(len(link.receivers)), key=lambda i: repr(link.receivers[i]))
             targets = [target_of(link.receivers[i], frame) for i in order]
-            first = [self._first[i] for i in order]
-            world = self._world(frame, intersector, None, targets, np.ones(len(targets)), first)
+            ends = _Ends(targets, np.ones(len(order)), [self._first[i] for i in order])
+            world = self._world(frame, intersector, None, ends)
             parts = self._parts([self._follow(world, intersector, arrivals)], frame, arrivals)
             return parts.of(np.argsort(order))
         power = np.array([t.power_mw for t in link.transmitters])
@@ -224,9 +224,8 @@ class JoinedPhotons:
         runs = []
         for end, scored in zip(link.receivers, self._first, strict=True):
             emitter = emitter_of(end, frame)
-            share = emitter.power * power / power.sum()
-            firsts = [scored] * len(lamps)
-            world = self._world(frame, intersector, emitter, lamps, share, firsts)
+            ends = _Ends(lamps, emitter.power * power / power.sum(), [scored] * len(lamps))
+            world = self._world(frame, intersector, emitter, ends)
             runs.append(self._follow(world, intersector, arrivals))
         return self._parts(runs, frame, arrivals)
 
@@ -235,9 +234,7 @@ class JoinedPhotons:
         frame: arrays.Frame,
         intersector: EmbreeIntersector,
         start: Emitter | None,
-        targets: list[Target],
-        share: Floats,
-        first: list[int],
+        ends: _Ends,
     ) -> JoinedWorld:
         """Return the inputs of photons from the sources, or backwards from one receiver."""
         link = self.link
@@ -251,31 +248,22 @@ class JoinedPhotons:
         grid = arrays.grid_arrays(intersector.mesh)
         bins, facets, manifold = arrays.empty_locator(), np.zeros(0, FACET), None
         if is_smooth or not len(grid.x.line):
-            bins = arrays.locator(surface, targets)
+            bins = arrays.locator(surface, ends.targets)
         if is_smooth:
             facets = np.empty(len(surface.faces), FACET)
             facet_summary(surface, facets)
-            manifold = _manifold(surface, facets, bins)
-        joins = self._joins(surface, bins, facets, sources, targets, share, first, frame)
-        none = np.zeros(0, ARRIVAL), np.zeros(1, np.int64)
+            room = np.zeros(1, FLAT), np.zeros(ROOTS, ROOT)
+            manifold = Manifold(search_extent(surface, facets, bins), *room)
+        joins = self._joins(surface, sources, ends, frame)._replace(locator=bins, facets=facets)
+        n = len(ends.targets)
         return JoinedWorld(
             0, np.uint64(self.seed), sources, surface, grid, medium,
-            arrays.interface_arrays(link), joins,
-            manifold, _EVENTS, NO_BVH, np.zeros(1 + _COPIES, JOINED_PHOTON),
-            np.zeros((0, len(targets), N_PARTS)), np.zeros((len(targets), _ORDERS)), *none,
+            arrays.interface_arrays(link), joins, manifold, _EVENTS, NO_BVH,
+            np.zeros(1 + _COPIES, JOINED_PHOTON), np.zeros((0, n, N_PARTS)),
+            np.zeros((n, _ORDERS)), np.zeros(0, ARRIVAL), np.zeros(1, np.int64),
         )  # fmt: skip
 
-    def _joins(
-        self,
-        surface: Surface,
-        bins: Locator,
-        facets: NDArray[np.void],
-        sources: Sources,
-        targets: list[Target],
-        share: Floats,
-        first: list[int],
-        frame: arrays.Frame,
-    ) -> Joins:
+    def _joins(self, surface: Surface, sources: Sources, ends: _Ends, frame: arrays.Frame) -> Joins:
         """Return the targets, and what guides the photons to them."""
         link = self.link
         water = arrays.angle_table(link.water.phase)
@@ -297,15 +285,15 @@ class JoinedPhotons:
                 True, math.sqrt(a / diffusion), length, _BOUNDARY * diffusion, _HIGHEST, 0.0
             )
         spread = _SPREAD * math.sqrt(rough + mesh_slopes)
-        if rough > 0.0 and not window.diffuse and self._is_aimed(sources, targets, spread):
+        if rough > 0.0 and not window.diffuse and self._is_aimed(sources, ends.targets, spread):
             kept = _kept(water, link.water.n / link.n_air, spread)
             kappa = a + b * (1.0 - kept)
             window = window._replace(kappa=kappa, highest=_AIMED_HIGHEST, bent=_BENT)
-        rows = np.zeros(len(targets), TARGET)
+        rows = np.zeros(len(ends.targets), TARGET)
         blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across
         blur *= (link.water.n / link.n_air - 1.0) ** 2
-        rows["first"] = first
-        for row, target, part in zip(rows, targets, share, strict=True):
+        rows["first"] = ends.first
+        for row, target, part in zip(rows, ends.targets, ends.share, strict=True):
             _fill(row, target, part, 1.0 / (a + b))
             if not target.is_lamp and rough > 0.0:
                 sloped = target.area / (target.area + blur * target.center.z**2)
@@ -314,9 +302,11 @@ class JoinedPhotons:
         decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
         lobe = _LOBE if still else 0.0 if window.bent > 0.0 else _ROUGH_LOBE
         cone = 0.0 if window.diffuse else _CONE
-        started = _START if min(first) == 1 else 0.0
-        ends = rows, min(first), self._direct, water, bubble, bins, facets
-        return Joins(*ends, spread, decay, often * b, often, started, lobe, cone, window)
+        first = min(ends.first)
+        return Joins(
+            rows, first, self._direct, water, bubble, arrays.empty_locator(), np.zeros(0, FACET),
+            spread, decay, often * b, often, _START if first == 1 else 0.0, lobe, cone, window,
+        )  # fmt: skip
 
     def _is_aimed(self, sources: Sources, targets: list[Target], spread: float) -> bool:
         """Return whether random slopes bend most of the unscattered light to the targets.
@@ -399,6 +389,14 @@ class JoinedPhotons:
         return JoinedParts(n, groups / per_group, orders / n, *counts, rows)
 
 
+class _Ends(NamedTuple):
+    """Ends that the photons of a run are joined to."""
+
+    targets: list[Target]
+    share: Floats  # factors on their scores
+    first: list[int]  # crossing from which on each is scored
+
+
 class _Run(NamedTuple):
     """Sums over the photons of one run."""
 
@@ -412,12 +410,6 @@ class _Run(NamedTuple):
 def is_flat(surface: Surface) -> bool:
     """Return whether a surface is level still water."""
     return bool(surface.low[2] == surface.high[2] and surface.max_slope == 0.0)
-
-
-def _manifold(surface: Surface, facets: NDArray[np.void], bins: Locator) -> Manifold:
-    """Return the search over smooth waves."""
-    room = np.zeros(1, FLAT), np.zeros(ROOTS, ROOT)
-    return Manifold(search_extent(surface, facets, bins), *room)
 
 
 def _own(manifold: Manifold | None) -> Manifold | None:

@@ -20,7 +20,7 @@ import numpy as np
 
 from meshtrace.engine.photons.connections import join_collision, join_crossing
 from meshtrace.engine.photons.guides import copies_of, guide_start, importance, redirect, survives
-from meshtrace.engine.photons.state import head, heading, place
+from meshtrace.engine.photons.state import bending_normal, head, heading, place
 from meshtrace.engine.photons.targets import bend_ahead, chance_ahead, level_over
 from meshtrace.kernels import facets
 from meshtrace.kernels.interface import branches, reflectance
@@ -41,7 +41,6 @@ from meshtrace.kernels.vectors import Vec2, along, dot, row
 
 _HAIR = 1e-5  # [m], distance of a ray's start from the facet that it leaves
 _LEANING = 2.0
-_LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets
 
 
 @inlined
@@ -147,14 +146,8 @@ def _stays(q, world):
 @outlined
 def _reflect(q, facet, world):
     """Reflect a photon off a facet; return whether it lives."""
-    p, d, g = place(q), heading(q), row(world.surface.face_normals, facet)
-    n, lot = facets.normal_on(p, facet, world.surface), -1.0
-    if g.z > _LEAST_ROUGH and facets.is_rough(world.surface.roughness):
-        u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE.value)
-        tilt = facets.drawn_tilt(world.surface.roughness, u, v)
-        if 2.0 * w >= facets.exposure(d, n, tilt):
-            tilt = Vec2(-tilt.x, -tilt.y)
-        n = facets.tilted(n, tilt)
+    p, d = place(q), heading(q)
+    g, n, lot = bending_normal(q, facet, world)
     medium = world.medium
     rho, _, reflected = branches(d, n, g, medium.n_water, medium.n_air, world.interface)
     q.event += 1

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.photons.manifold import Manifold
+from meshtrace.engine.photons.state import UNDER_WAY
 from meshtrace.kernels.facets import Surface
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.jit import inlined, outlined
@@ -31,17 +32,7 @@ from meshtrace.kernels.vectors import (
 
 JOINED_PHOTON = np.dtype(
     [
-        ("x", float),  # position [m]
-        ("y", float),
-        ("z", float),
-        ("dx", float),  # direction
-        ("dy", float),
-        ("dz", float),
-        ("weight", float),
-        ("free", float),  # way to the next collision [m]
-        ("water", float),  # path in the water [m]
-        ("id", np.int64),
-        ("event", np.int64),
+        *UNDER_WAY,
         ("order", np.int64),  # scatterings and reflections by the bottom
         ("reflections", np.int64),  # by the surface
         ("level", float),  # of the surface above its last event [m]

@@ -14,14 +14,7 @@ from meshtrace.errors import Described, DomainWarning, Refused
 from meshtrace.link import Link
 from meshtrace.link.link import Footprint
 from meshtrace.link.sources import WaterSource
-from meshtrace.mesh import (
-    MeshSource,
-    Plane,
-    SurfaceModel,
-    TriangleMesh,
-    WaveSum,
-    require_surface,
-)
+from meshtrace.mesh import MeshSource, Plane, SurfaceModel, TriangleMesh, WaveSum, require_surface
 from meshtrace.models import Floats
 
 GAIN_SPACING = 0.45
