@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused, require_kind
-from meshtrace.kernels.facets import Triangles, corners, facet_hits
+from meshtrace.kernels.interface import Triangles, corners, facet_hits
 from meshtrace.kernels.jit import allocating_entry, config
 from meshtrace.kernels.rays import RAY_WORDS, Bvh, Word, aligned_rays, bvh_of, cast
 from meshtrace.kernels.vectors import cross, dot, minus, row

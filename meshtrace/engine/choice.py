@@ -256,7 +256,9 @@ def returned_gain(link: Link) -> Floats:
     down = link.direction == "down"
     scale = (water.n / link.n_air) ** 2 if down else 1.0
     total = sum(t.power_mw for t in link.transmitters)
-    diffuse_reflectance = _diffuse_reflectance(water.n, link.n_air)
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    mu = 0.5 * (nodes + 1.0)  # of diffuse light from below: reflectance 0.47 at n = 1.33
+    diffuse_reflectance = float((weights * mu * fresnel_reflectance(mu, water.n, link.n_air)).sum())
     out = albedo * (1.0 - diffuse_reflectance) / (1.0 - albedo * diffuse_reflectance)
     for (i, end), source in product(enumerate(receivers), link.transmitters):
         low_end: Any = end if down else source
@@ -275,13 +277,6 @@ def returned_gain(link: Link) -> Floats:
             place = rays[:, :2] * ((depth + below) / rays[:, 2:]) + low_end.position
             gain[i] += _etendue(low_end) * float(sent @ _seen(high_end, place, low))
     return gain
-
-
-def _diffuse_reflectance(n_water: float, n_air: float) -> float:
-    """Return the reflectance of the surface for diffuse light from below, 0.47 at n = 1.33."""
-    nodes, weights = np.polynomial.legendre.leggauss(64)
-    mu = 0.5 * (nodes + 1.0)
-    return float((weights * mu * fresnel_reflectance(mu, n_water, n_air)).sum())
 
 
 def _mean(rows: list[tuple[float, float, float]], depth: float) -> tuple[float, float]:

@@ -28,8 +28,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from meshtrace.kernels.facets import corners, exposure, inside_facet, normal_at, tilted
-from meshtrace.kernels.interface import FieldOfView, FresnelMode, transmit
+from meshtrace.kernels.interface import (
+    FieldOfView,
+    FresnelMode,
+    corners,
+    exposure,
+    inside_facet,
+    normal_at,
+    tilted,
+    transmit,
+)
 from meshtrace.kernels.jit import NO, YES, inlined, outlined
 from meshtrace.kernels.scene import FLAT_SEA, bins_near, height_on, is_first_bin, locate
 from meshtrace.kernels.sources import intensity

@@ -8,21 +8,10 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
+from meshtrace.engine import outcome
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.mesh_error import with_mesh_error
-from meshtrace.engine.outcome import FewSamplesWarning as FewSamplesWarning
-from meshtrace.engine.outcome import (
-    analog_result,
-    forced_result,
-    lack_of_samples,
-    warn_of_cut,
-    warn_of_dark_map,
-    warn_of_few,
-    warn_of_lost,
-    warn_of_mesh,
-    warn_of_omitted,
-)
 from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
 from meshtrace.engine.photons.analog import options_over, run_analog
 from meshtrace.engine.setup.ends import crossing_reach, require_height_field
@@ -154,13 +143,13 @@ def _simulated(
             sums = run_analog(
                 case.link, intersector, run.estimator, photons=run.photons, **case.how, **followed
             )
-            found = analog_result(case.link, sums, origin, records)
+            found = outcome.analog_result(case.link, sums, origin, records)
             result = found if result is None else merge([result, found])
         else:
             forced = ForcedDetection(case.link, run.photons, **case.how, sea=TypicalSea.of([mesh]))
             parts = forced.evaluate(mesh)
             arrivals = forced.arrivals(mesh) if "arrivals" in records else None
-            result = forced_result(case._replace(run=run), mesh, parts, origin, arrivals)
+            result = outcome.forced_result(case._replace(run=run), mesh, parts, origin, arrivals)
         run = _further(case.run, result)
     assert result is not None
     return _checked(result, case, mesh, records)
@@ -170,16 +159,16 @@ def _checked(
     result: GainResult, case: Case, mesh: TriangleMesh, records: dict[str, Record]
 ) -> GainResult:
     """Return a result with the error of its mesh, and warn of what it leaves out."""
-    warn_of_few(result)
+    outcome.warn_of_few(result)
     if isinstance(case.run.estimator, Analog):
-        warn_of_lost(result)
-        warn_of_dark_map(result, records)
+        outcome.warn_of_lost(result)
+        outcome.warn_of_dark_map(result, records)
         return result
     result = with_mesh_error(result, case, mesh)
-    warn_of_mesh(result, case, mesh)
+    outcome.warn_of_mesh(result, case, mesh)
     if result.gain_reflected is None and case.link.physics.reflected == "trace":
-        warn_of_omitted(case.link, result.gains)
-    warn_of_cut(case, mesh)
+        outcome.warn_of_omitted(case.link, result.gains)
+    outcome.warn_of_cut(case, mesh)
     return result
 
 
@@ -210,7 +199,7 @@ def _further(run: Run, result: GainResult) -> Run | None:
     with np.errstate(divide="ignore", invalid="ignore"):
         # no hit yet is no result, not a gain of 0 +- 0
         error = np.where(result.gains > 0.0, result.stderrs / result.gains, math.inf)
-    lack = max(float(np.max(error)) ** 2 / run.rtol**2, lack_of_samples(result))
+    lack = max(float(np.max(error)) ** 2 / run.rtol**2, outcome.lack_of_samples(result))
     n, options = result.photons, run.estimator
     if lack <= 1.0 or n >= options.most_photons:
         return None

@@ -21,7 +21,7 @@ from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from meshtrace.kernels.facets import inside_facet, plane_distance
+from meshtrace.kernels.interface import inside_facet, plane_distance
 from meshtrace.kernels.jit import config, entry, inlined, outlined
 from meshtrace.kernels.vectors import along, row, write
 

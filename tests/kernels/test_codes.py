@@ -2,9 +2,11 @@
 
 import ast
 import sys
+from pathlib import Path
 
 import pytest
 
+import meshtrace
 from meshtrace.kernels.jit import kernel_files
 
 KERNELS = [path for path in kernel_files() if path.stem != "bvh"]
@@ -46,11 +48,13 @@ def test_codes_index_arrays_and_return_as_numbers(path, codes):
 
 @pytest.mark.parametrize("path", BESIDE, ids=lambda path: f"{path.parent.name}/{path.stem}")
 def test_kernels_beside_their_drivers_know_numba_numpy_and_kernels(path):
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    found = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
-    names = {a.name for node in found if isinstance(node, ast.Import) for a in node.names}
-    names |= {node.module for node in found if isinstance(node, ast.ImportFrom)}
-    kernels = {".".join(("meshtrace", *p.parts[-2:])).removesuffix(".py") for p in KERNELS}
-    kernels |= {f"meshtrace.engine.{'.'.join(p.parts[-2:])}".removesuffix(".py") for p in KERNELS}
-    allowed = kernels | {"numba", "numpy", "numpy.typing"} | set(sys.stdlib_module_names)
-    assert names <= allowed
+    root = Path(meshtrace.__file__).parents[1]
+    kernels = {".".join(p.relative_to(root).with_suffix("").parts) for p in KERNELS}
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            whole = {f"{node.module}.{alias.name}" for alias in node.names}
+            names |= whole if whole <= kernels else {node.module}
+    assert names <= kernels | {"numba", "numpy", "numpy.typing"} | set(sys.stdlib_module_names)

@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 
 from meshtrace.engine.setup.arrays import surface_arrays
-from meshtrace.kernels.facets import (
+from meshtrace.kernels.interface import (
     Roughness,
     Triangles,
     barycentrics,

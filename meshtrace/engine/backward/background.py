@@ -3,7 +3,7 @@
 From a receiver in the air rays follow the mirror direction over up to eight reflections; at each of
 them the sun is connected by the density of the slopes that the mesh leaves out (`daylight.glint`),
 or, over a mesh that leaves none out, by the points of the mesh that mirror it exactly
-(`sun_points`). For a receiver in the water see `submerged`.
+(`view.bent_sun`). For a receiver in the water see `submerged`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from meshtrace.daylight.glint import connected_glint
 from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight
 from meshtrace.daylight.patterns import sky_radiance
 from meshtrace.engine.backward.submerged import seen_from_water, walked
-from meshtrace.engine.backward.sun_points import Reflection, bent_sun
 from meshtrace.engine.backward.view import (
     FOAM,
     GLINT,
@@ -25,8 +24,10 @@ from meshtrace.engine.backward.view import (
     SUN,
     WATER,
     Hit,
+    Reflection,
     SeenSea,
     View,
+    bent_sun,
     first_hits,
     only_aperture,
     scene_of,
@@ -34,18 +35,16 @@ from meshtrace.engine.backward.view import (
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Case, HasCase, Meshing, Shortcuts, resolve
 from meshtrace.errors import Refused, require_kind, require_whole, require_word
-from meshtrace.kernels.facets import Surface
+from meshtrace.kernels.interface import split_rays
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.results.background import PARTS, Background
 from meshtrace.results.provenance import provenance
 from meshtrace.stored import SHIFTS
 
 _BOUNCES = 8
 _OFFSET = 1e-5  # start of a ray above its facet, in units of the frame
-_LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets, as in the photon kernels
 
 
 def seen_from_air(case: Case, mesh: TriangleMesh, day: Daylight, photons: int) -> Floats:
@@ -97,7 +96,9 @@ def follow(scene: SeenSea, origin: Floats, direction: Floats, u: Floats, seed: i
         if scene.day.direct > 0.0 and scene.rough:
             out[rays, GLINT] += weight * _glint(scene, hit, view)
         draws = u[rays] if bounce == 0 else rng.random((len(u), 3))[rays]
-        rho, mirrored, refracted = _split(scene, hit, view, draws)
+        rho, (mirrored, refracted) = np.empty(len(rays)), np.empty((2, len(rays), 3))
+        normals, rough = (hit.normal, hit.facet_normal), scene.surface.roughness
+        split_rays(direction[at_sea], *normals, draws, rough, scene.n, rho, mirrored, refracted)
         if scene.water is not None:
             light = scene.water.upwelling(-refracted) / scene.n**2
             out[rays, WATER] += weight * (1.0 - rho) * light
@@ -127,47 +128,6 @@ def _glint(scene: SeenSea, hit: Hit, view: Floats) -> Floats:
     out = np.zeros(len(view))
     out[lit[~shadow]] = glint[lit[~shadow]]
     return scene.day.direct * out
-
-
-def _split(scene: SeenSea, hit: Hit, view: Floats, u: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return reflectance and both directions of rays, twin of `kernels.interface.branches`."""
-    direction = -view
-    normal = _tilted(scene.surface, hit, direction, u)
-    rho, mirrored, refracted = _branches(direction, normal, scene.n)
-    wrong = np.einsum("ij,ij->i", mirrored, hit.facet_normal) <= 0.0
-    wrong |= np.einsum("ij,ij->i", direction, normal) >= 0.0
-    if wrong.any():
-        again = _branches(direction[wrong], hit.facet_normal[wrong], scene.n)
-        rho[wrong], mirrored[wrong], refracted[wrong] = again
-    return rho, mirrored, refracted
-
-
-def _branches(direction: Floats, normal: Floats, n: float) -> tuple[Floats, Floats, Floats]:
-    cos_i = np.clip(-np.einsum("ij,ij->i", direction, normal), 0.0, 1.0)
-    mirrored = direction + 2.0 * cos_i[:, None] * normal
-    cos_t = np.sqrt(1.0 - (1.0 - cos_i**2) / n**2)
-    refracted = direction / n + (cos_i / n - cos_t)[:, None] * normal
-    return fresnel_reflectance(cos_i, 1.0, n), mirrored, refracted
-
-
-def _tilted(surface: Surface, hit: Hit, direction: Floats, u: Floats) -> Floats:
-    """Return normals tilted by unresolved slopes, twin of `photons.state.bending_normal`."""
-    roughness, normal = surface.roughness, hit.normal
-    if roughness.along == 0.0 == roughness.across:
-        return normal
-    r, phi = np.sqrt(-2.0 * np.log(u[:, 0])), 2.0 * math.pi * u[:, 1]
-    along, across = roughness.along * r * np.cos(phi), roughness.across * r * np.sin(phi)
-    tilt = np.stack(
-        [roughness.cos * along - roughness.sin * across,
-         roughness.sin * along + roughness.cos * across], axis=1
-    )  # fmt: skip
-    facing = np.einsum("ij,ij->i", direction, normal)
-    shown = 1.0 - normal[:, 2] * np.einsum("ij,ij->i", direction[:, :2], tilt) / facing
-    tilt[2.0 * u[:, 2] >= np.clip(shown, 0.0, 2.0)] *= -1.0
-    tilt[hit.facet_normal[:, 2] <= _LEAST_ROUGH] = 0.0
-    out = normal.copy()
-    out[:, :2] -= tilt * normal[:, 2:]
-    return out / np.linalg.norm(out, axis=1, keepdims=True)
 
 
 def background(

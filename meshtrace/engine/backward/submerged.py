@@ -20,12 +20,13 @@ import numpy as np
 
 from meshtrace.daylight.glint import slope_density, slopes_of
 from meshtrace.daylight.light import Daylight
-from meshtrace.engine.backward.sun_points import Refraction, bent_sun
 from meshtrace.engine.backward.view import (
     SKY,
     SUN,
+    Refraction,
     SeenSea,
     View,
+    bent_sun,
     cone,
     first_hits,
     only_aperture,
@@ -149,8 +150,9 @@ def walked(case: Case, mesh: TriangleMesh, day: Daylight, view: View, *, in_wate
     bare = link.model_copy(update={"receiver": (), "planes": None})
     options = Analog(roulette=1e-3, max_surface_events=100)
     setup = setup_of(
-        bare, EmbreeIntersector(mesh, threads), options, case.run.seed, case.meshing.normals
-    )
+        bare, EmbreeIntersector(mesh, threads), options, case.run.seed, case.meshing.normals,
+        frame=frame_of(link),
+    )  # fmt: skip
     sun, irradiance = refracted_sun(day, n)
     world, foam = setup.world, setup.world.interface.foam_transmittance
     bubbles = link.bubbles.phase_function() if link.bubbles else link.water.phase

@@ -18,8 +18,7 @@ from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request
 from meshtrace.engine.crossing import ROOT, Search
 from meshtrace.engine.setup.arrays import locator, surface_arrays, with_raster
 from meshtrace.engine.setup.ends import ForcedLink, forced_link
-from meshtrace.kernels.facets import Roughness, Surface
-from meshtrace.kernels.interface import Direction, Snell
+from meshtrace.kernels.interface import Direction, Roughness, Snell, Surface
 from meshtrace.kernels.medium import DepthMode
 from meshtrace.kernels.rays import BESIDE, CUT, shadows
 from meshtrace.kernels.scene import FACET, Emitter, Locator, Scene, Target, facet_summary
@@ -288,10 +287,13 @@ class AimedChains:
 
     def bounds_of(self, scene: Scene) -> tuple[float, float]:
         """Return bounds on the change of a landing point with its crossing, and with a slope."""
-        n, height = scene.medium.n_water / scene.medium.n_air, scene.target.center[2]
+        n = scene.medium.n_water / scene.medium.n_air
+        height = scene.target.center[2] + self._waves
         depth = max(-scene.emitter.position[2] - self._waves, 0.1)
-        stretch = 1.5 * (1.0 + n * (height + self._waves) / depth)
-        return stretch, 1.5 * _lever(n, scene.target, self._waves)
+        sin_t = min(scene.target.sin_widest, 0.98 * min(n, 1.0))
+        cos_t, cos_i = math.sqrt(1.0 - sin_t**2), math.sqrt(1.0 - (sin_t / n) ** 2)
+        lever = height * abs(n * cos_i / cos_t - 1.0) / cos_t**2
+        return 1.5 * (1.0 + n * height / depth), 1.5 * lever
 
     def _seen(self, gain: Floats, doubtful: NDArray[np.intp], source: int, receiver: int) -> Floats:
         """Return gains without those of doubtful facets with a centroid hidden from either end."""
@@ -357,14 +359,6 @@ def _disk_rule(rings: int, around: int) -> tuple[Floats, Floats]:
 def on_disk(center: Vec3, end: Emitter | Target, disk: Floats) -> Floats:
     """Return the points of an emitter or target that belong to points of the unit disk."""
     return np.asarray(center) + end.radius * disk @ np.array([end.e1, end.e2])
-
-
-def _lever(n: float, target: Target, waves: float) -> float:
-    """Return a bound on the displacement of the landing point by a unit of slope."""
-    sin_t = min(target.sin_widest, 0.98 * min(n, 1.0))
-    cos_t = math.sqrt(1.0 - sin_t**2)
-    cos_i = math.sqrt(1.0 - (sin_t / n) ** 2)
-    return (target.center[2] + waves) * abs(n * cos_i / cos_t - 1.0) / cos_t**2
 
 
 def compile_evaluation(link: Link, mesh: TriangleMesh, normals: str = "vertex") -> None:

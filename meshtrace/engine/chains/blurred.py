@@ -22,19 +22,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.engine import crossing
 from meshtrace.engine.chains import unscattered
 from meshtrace.engine.chains.gain import Counter, Crossing, is_steep, keep, shot_of, weight_of
-from meshtrace.engine.crossing import (
-    STEP,
-    Aim,
-    Jacobian,
-    Shot,
-    emission_through,
-    quotients,
-    transmittance,
-)
-from meshtrace.kernels.facets import corners, exposure, normal_at, slope_tilt
-from meshtrace.kernels.interface import reflectance
+from meshtrace.kernels.interface import corners, exposure, normal_at, reflectance, slope_tilt
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.scene import height_on, locate
@@ -78,7 +69,7 @@ class Slope(NamedTuple):
     across: float
     tilt: Vec2  # the slope, along x and y
     density: float  # of landing points [m-2], exposure left out
-    aim: Aim
+    aim: crossing.Aim
 
 
 @inlined
@@ -115,7 +106,7 @@ def slope_towards(p, n, w, d, length, goal, scene):
     big, r, flight = _normal_to(p, d, goal, scene)
     size = norm(big)
     cos_i, cos_t = dot(big, d) / size, dot(big, r) / size
-    aim = Aim(False, goal, w, d, r, 1.0, length, flight)
+    aim = crossing.Aim(False, goal, w, d, r, 1.0, length, flight)
     none = Slope(math.inf, math.inf, Vec2(0.0, 0.0), 0.0, aim)
     if big.z <= 0.0 or cos_t <= 0.0 or dot(r, scene.target.axis) <= 1e-9:
         return none
@@ -133,7 +124,7 @@ def slope_towards(p, n, w, d, length, goal, scene):
     det -= (a.y * big.z - big.y * a.z) * (b.x * big.z - big.x * b.z)
     density = math.exp(-0.5 * square) / (2.0 * math.pi * roughness.along * roughness.across)
     rho = reflectance(cos_i, cos_t, scene.medium.n_water, scene.medium.n_air)
-    aim = Aim(True, goal, w, d, r, rho, length, flight)
+    aim = crossing.Aim(True, goal, w, d, r, rho, length, flight)
     return Slope(u.x, u.y, tilt, density * k * k * abs(det), aim)
 
 
@@ -395,7 +386,7 @@ def _part_gain(f, n, i, j, side, disk, scene):
         s = slope_towards(middle, normal, w, w, part.length, goal, scene)
         if s.density > 0.0:
             share = 1.0 if margin > near else _share_in_view(p, q, r, goal, scene)
-            share *= exposure(w, normal, s.tilt) * transmittance(s.aim, scene.interface)
+            share *= exposure(w, normal, s.tilt) * crossing.transmittance(s.aim, scene.interface)
             if scene.mirrored and share > 0.0:
                 share *= math.exp(-unscattered.straight_depth(middle, s.aim, source, scene))
             total += disk.shares[k] * s.density * share
@@ -483,8 +474,8 @@ def _density(flat, x, y, branch, spread, scene):
 def _weigh_sloped(chains, i, flat, x, y, facet, shot, spread, scene):
     """Return the `Crossing` of chain i over (x, y): its light over the density of the point."""
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))
-    ok, length, w, d = emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
-    none = Aim(False, shot.goal, w, d, UP, 1.0, length, 0.0)
+    ok, length, w, d = crossing.emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
+    none = crossing.Aim(False, shot.goal, w, d, UP, 1.0, length, 0.0)
     nothing = Crossing(0.0, True, none, p, shot.start)
     if facet < 0 or not ok or dot(d, row(scene.surface.face_normals, facet)) <= 0.0:
         return nothing
@@ -493,12 +484,12 @@ def _weigh_sloped(chains, i, flat, x, y, facet, shot, spread, scene):
     density = _density(flat, x, y, shot.branch, spread, scene)
     if s.density == 0.0 or density == 0.0:
         return nothing
-    ok_x, w_x = _emission_at(x + STEP, y, facet, shot, scene)
-    ok_y, w_y = _emission_at(x, y + STEP, facet, shot, scene)
-    turns = quotients(w, w_x, w_y)
+    ok_x, w_x = _emission_at(x + crossing.STEP, y, facet, shot, scene)
+    ok_y, w_y = _emission_at(x, y + crossing.STEP, facet, shot, scene)
+    turns = crossing.quotients(w, w_x, w_y)
     # a scattering closer to the surface than a step has no derivative
-    j = Jacobian(ok_x and ok_y, s.aim, density / s.density, 0.0, 0.0, 1.0, *turns)
-    shot = Shot(shot.start, shot.q, shot.v, shot.goal, shot.branch, s.tilt)
+    j = crossing.Jacobian(ok_x and ok_y, s.aim, density / s.density, 0.0, 0.0, 1.0, *turns)
+    shot = crossing.Shot(shot.start, shot.q, shot.v, shot.goal, shot.branch, s.tilt)
     weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
     return Crossing(weight, is_steep(s.aim, scene) and deep, s.aim, p, shot.start)
 
@@ -507,5 +498,5 @@ def _weigh_sloped(chains, i, flat, x, y, facet, shot, spread, scene):
 def _emission_at(x, y, facet, shot, scene):
     """Return (ok, direction of emission) through the plane of a facet over (x, y)."""
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))
-    ok, _, w, _ = emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
+    ok, _, w, _ = crossing.emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
     return ok, w

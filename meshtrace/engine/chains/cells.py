@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from meshtrace.engine.chains import blurred, unscattered
 from meshtrace.engine.chains.gain import is_steep
 from meshtrace.engine.crossing import acceptance, aim_at, straight_shot, transmittance
-from meshtrace.kernels.facets import exposure, normal_at
-from meshtrace.kernels.interface import FieldOfView
+from meshtrace.kernels.interface import FieldOfView, exposure, normal_at
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.rays import is_free

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
-from meshtrace.kernels.facets import SMOOTH, normal_at, slope_tilt
+from meshtrace.kernels.interface import SMOOTH, normal_at, slope_tilt
 from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import (
     absorption_path,

@@ -18,7 +18,7 @@ from meshtrace.engine.crossing import FLAT
 from meshtrace.engine.setup.arrays import empty_locator, surface_arrays
 from meshtrace.engine.setup.ends import ForcedLink
 from meshtrace.errors import Refused
-from meshtrace.kernels.facets import Surface
+from meshtrace.kernels.interface import Surface
 from meshtrace.kernels.medium import DepthMode, Medium
 from meshtrace.kernels.scene import FACET, Emitter, Scene, Target
 from meshtrace.mesh import TriangleMesh

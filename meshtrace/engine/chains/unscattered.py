@@ -8,8 +8,7 @@ from typing import NamedTuple
 from meshtrace.engine import crossing
 from meshtrace.engine.chains.gain import is_steep
 from meshtrace.engine.crossing import transmittance
-from meshtrace.kernels.facets import corners, normal_at
-from meshtrace.kernels.interface import FieldOfView
+from meshtrace.kernels.interface import FieldOfView, corners, normal_at
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.scene import height_on

@@ -213,9 +213,10 @@ def setup_of(
     unscattered: bool = True,
     records: Mapping[str, Record] = MappingProxyType({}),
     recorder: kernel.Recorder | None = None,
+    frame: arrays.Frame | None = None,
 ) -> Setup:
-    """Return the inputs of the chunks, in the frame of the link."""
-    frame = arrays.frame_of(link)
+    """Return the inputs of the chunks, in the frame of the link unless one is given."""
+    frame = frame or arrays.frame_of(link)
     if frame != arrays.IDENTITY:
         intersector = intersector.over(frame.mesh(intersector.mesh))
     surface = arrays.surface_arrays(intersector.mesh, normals, link.physics.unresolved)

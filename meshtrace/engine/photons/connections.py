@@ -25,21 +25,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from meshtrace.engine import crossing
 from meshtrace.engine.chains.blurred import slope_towards
-from meshtrace.engine.crossing import (
-    Shot,
-    acceptance,
-    forwards,
-    jacobian,
-    land,
-    passed,
-    transmittance,
-)
 from meshtrace.engine.photons import targets
 from meshtrace.engine.photons.guides import drawn_density, guide_of
 from meshtrace.engine.photons.manifold import Drawn, crossings_between
 from meshtrace.engine.photons.state import heading, place
-from meshtrace.kernels import facets
+from meshtrace.kernels import interface
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.random import Purpose, uniforms
@@ -75,7 +67,7 @@ def _is_clear(p, d, length, facet, world):
     found = first_facet(world.bvh, along(p, d, hair), d)
     if found < 0 or found == facet:
         return True
-    return facets.plane_distance(p, d, found, world.surface) > length - 2.0 * hair
+    return interface.plane_distance(p, d, found, world.surface) > length - 2.0 * hair
 
 
 class Passage(NamedTuple):
@@ -93,7 +85,7 @@ def _through(p, n, g, d, goal, facet, scene, world):
     s = slope_towards(p, n, d, d, 0.0, goal, scene)
     if s.density <= 0.0 or dot(d, g) <= 0.0:
         return dark
-    share = passed(1.0, s.aim, p, n, facet, s.tilt, scene)
+    share = crossing.passed(1.0, s.aim, p, n, facet, s.tilt, scene)
     if share > 0.0 and world.interface.follow_second_hit:
         if not _is_clear(p, s.aim.r, s.aim.flight, facet, world):
             return dark
@@ -103,9 +95,12 @@ def _through(p, n, g, d, goal, facet, scene, world):
 @outlined
 def _landing(p, n, d, u, v, scene, world):
     """Return (found, goal): where a drawn slope lands the light on the aperture."""
-    tilt = facets.drawn_tilt(world.surface.roughness, u, v)
-    m = land(
-        p, facets.tilted(n, tilt), Shot(minus(p, d), ORIGIN, UP, Vec2(0.0, 0.0), 1.0, tilt), scene
+    tilt = interface.drawn_tilt(world.surface.roughness, u, v)
+    m = crossing.land(
+        p,
+        interface.tilted(n, tilt),
+        crossing.Shot(minus(p, d), ORIGIN, UP, Vec2(0.0, 0.0), 1.0, tilt),
+        scene,
     )
     r = scene.target.radius
     return m.ok and m.at.x * m.at.x + m.at.y * m.at.y < r * r, m.at
@@ -144,7 +139,7 @@ def join_crossing(q, facet, length, chance, world):
     joins, start, d = world.joins, place(q), heading(q)
     p = along(start, d, length)
     g = row(world.surface.face_normals, facet)
-    n = facets.normal_on(p, facet, world.surface)
+    n = interface.normal_on(p, facet, world.surface)
     u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
     weight = q.weight * math.exp(-depth_between(world.medium, start, p, length))
     for i in range(len(joins.target)):
@@ -193,7 +188,7 @@ def join_collision(q, at_bottom, world):
     if wide < targets.WIDE_SHARE:
         r *= targets.WIDE
     c, s = on_circle(t)
-    rough = facets.is_rough(world.surface.roughness)
+    rough = interface.is_rough(world.surface.roughness)
     for i in range(len(joins.target)):
         if q.reflections + 1 < joins.target[i].first:
             continue
@@ -236,7 +231,7 @@ def _join_by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manif
     facing = dot(w, g)
     if facing <= 0.0:
         return
-    n = facets.normal_at(x, y, facet, world.surface)
+    n = interface.normal_at(x, y, facet, world.surface)
     light = _through(p, n, g, w, goal, facet, scene, world)
     if light.share <= 0.0 or not _is_clear(start, w, length, facet, world):
         return
@@ -262,7 +257,7 @@ def _join_by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manif
 def _join_bent(q, i, goal, still, chance, at_bottom, scene, world, manifold):
     """Join an event to target i by all crossings without random slopes, see `join_collision`."""
     start = place(q)
-    shot = Shot(start, ORIGIN, UP, goal, 1.0, Vec2(0.0, 0.0))
+    shot = crossing.Shot(start, ORIGIN, UP, goal, 1.0, Vec2(0.0, 0.0))
     if manifold is None:  # an argument: the other branch is not compiled
         at = Vec2(still.x, still.y)
         _join_at(at, FLAT_SEA, 1.0, q, i, shot, chance, at_bottom, scene, world)
@@ -278,12 +273,12 @@ def _join_bent(q, i, goal, still, chance, at_bottom, scene, world, manifold):
 def _join_at(at, facet, multiplicity, q, i, shot, chance, at_bottom, scene, world):
     """Join an event to target i by a crossing that refracts its light to the goal."""
     start, d = place(q), heading(q)
-    j = jacobian(at.x, at.y, facet, shot, scene)
+    j = crossing.jacobian(at.x, at.y, facet, shot, scene)
     m, spread = j.aim, abs(j.a * j.d - j.b * j.c)
     if not j.ok or spread == 0.0 or m.w.z == 0.0:
         return
     p = Vec3(at.x, at.y, height_on(at.x, at.y, facet, world.surface))
-    light = acceptance(m, p, scene.target, world.interface.fov)
+    light = crossing.acceptance(m, p, scene.target, world.interface.fov)
     if light <= 0.0:
         return
     if facet >= 0:
@@ -291,13 +286,13 @@ def _join_at(at, facet, multiplicity, q, i, shot, chance, at_bottom, scene, worl
         if dot(m.w, g) <= 0.0 or dot(m.r, g) <= 0.0:
             return
         if scene.target.is_lamp:
-            light *= forwards(m, p, facet, shot.tilt, world.surface)
+            light *= crossing.forwards(m, p, facet, shot.tilt, world.surface)
         if not _is_clear(start, m.w, m.length, facet, world):
             return
         if world.interface.follow_second_hit and not _is_clear(p, m.r, m.flight, facet, world):
             return
     solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (abs(m.w.z) * spread)
-    light *= scene.target.area * solid_angle * transmittance(m, world.interface) / chance
+    light *= scene.target.area * solid_angle * crossing.transmittance(m, world.interface) / chance
     light *= _scattered(m.w, d, start, at_bottom, world)
     light *= math.exp(-depth_between(world.medium, start, p, m.length))
     light *= multiplicity

@@ -26,7 +26,7 @@ from meshtrace.engine.photons.state import (
     steeper_than_waves,
     write_vertex,
 )
-from meshtrace.kernels import facets, sources
+from meshtrace.kernels import interface, sources
 from meshtrace.kernels.interface import FresnelMode, branches
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import Absorption, absorption_path, collide, sample_free_path
@@ -342,7 +342,7 @@ def _settle(q, world):
         n = row(world.surface.face_normals, facet)
         # single precision may find the facet that the ray leaves, or its neighbour, from behind
         if (dot(heading(q), n) > 0.0) == (q.in_water == 1):
-            t = max(facets.plane_distance(place(q), heading(q), facet, world.surface), 0.0)
+            t = max(interface.plane_distance(place(q), heading(q), facet, world.surface), 0.0)
     if math.isinf(t):
         fate, length = _settle_miss(q, facet >= 0, world)
         if fate == Fate.LANDED.value:

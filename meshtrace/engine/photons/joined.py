@@ -29,19 +29,10 @@ from meshtrace.engine.photons.targets import (
     Joins,
     Window,
 )
-from meshtrace.engine.setup import arrays
-from meshtrace.engine.setup.ends import (
-    POINTS_ONLY,
-    emitter_of,
-    expected_water,
-    lamp_target,
-    require_followable,
-    require_height_field,
-    target_of,
-)
+from meshtrace.engine.setup import arrays, ends
 from meshtrace.engine.setup.options import BLOCK
 from meshtrace.errors import Described, Refused
-from meshtrace.kernels.facets import Surface
+from meshtrace.kernels.interface import Surface
 from meshtrace.kernels.phase import AngleTable
 from meshtrace.kernels.rays import NO_BVH
 from meshtrace.kernels.scene import FACET, Emitter, Target, facet_summary
@@ -171,13 +162,13 @@ class JoinedPhotons:
         first: int | Sequence[int] = 1,
         direct: bool = False,
     ) -> None:
-        require_followable(link)
+        ends.require_followable(link)
         for name, kept in _SWITCHES.items():
             if getattr(link.physics, name) != kept:
                 raise Refused(f"physics.{name}", getattr(link.physics, name), f'"{kept}"')
         for path, item in link.items():
             if isinstance(item, AirLamp) and item.size > 0.0:  # they are points to the photons
-                raise Refused(path, Described(f"a radius of {item.size:g} m"), POINTS_ONLY)
+                raise Refused(path, Described(f"a radius of {item.size:g} m"), ends.POINTS_ONLY)
         self.link, self.photons, self.seed = link, photons, seed
         self._normals, self._threads = normals, threads
         self._first = [int(k) for k in np.broadcast_to(first, len(link.receivers))]
@@ -205,7 +196,7 @@ class JoinedPhotons:
         Refused
             If the mesh overhangs.
         """
-        require_height_field(mesh)
+        ends.require_height_field(mesh)
         frame = arrays.frame_of(self.link)
         local = frame.mesh(mesh)
         given = intersector if local is mesh else None
@@ -214,18 +205,20 @@ class JoinedPhotons:
         if link.direction == "up":
             # sorted, so that results do not depend on the order of the receivers
             order = sorted(range(len(link.receivers)), key=lambda i: repr(link.receivers[i]))
-            targets = [target_of(link.receivers[i], frame) for i in order]
-            ends = _Ends(targets, np.ones(len(order)), [self._first[i] for i in order])
-            world = self._world(frame, intersector, None, ends)
+            targets = [ends.target_of(link.receivers[i], frame) for i in order]
+            to = _Ends(targets, np.ones(len(order)), [self._first[i] for i in order])
+            world = self._world(frame, intersector, None, to)
             parts = self._parts([self._follow(world, intersector, arrivals)], frame, arrivals)
             return parts.of(np.argsort(order))
         power = np.array([t.power_mw for t in link.transmitters])
-        lamps = [lamp_target(t, link, frame) for t in link.transmitters if isinstance(t, AirLamp)]
+        lamps = [
+            ends.lamp_target(t, link, frame) for t in link.transmitters if isinstance(t, AirLamp)
+        ]
         runs = []
         for end, scored in zip(link.receivers, self._first, strict=True):
-            emitter = emitter_of(end, frame)
-            ends = _Ends(lamps, emitter.power * power / power.sum(), [scored] * len(lamps))
-            world = self._world(frame, intersector, emitter, ends)
+            emitter = ends.emitter_of(end, frame)
+            to = _Ends(lamps, emitter.power * power / power.sum(), [scored] * len(lamps))
+            world = self._world(frame, intersector, emitter, to)
             runs.append(self._follow(world, intersector, arrivals))
         return self._parts(runs, frame, arrivals)
 
@@ -234,28 +227,28 @@ class JoinedPhotons:
         frame: arrays.Frame,
         intersector: EmbreeIntersector,
         start: Emitter | None,
-        ends: _Ends,
+        to: _Ends,
     ) -> JoinedWorld:
         """Return the inputs of photons from the sources, or backwards from one receiver."""
         link = self.link
         surface = arrays.surface_arrays(intersector.mesh, self._normals, link.physics.unresolved)
         is_smooth = not is_flat(surface) and max(surface.roughness[:2]) == 0.0
         crest = frame.unit * float(surface.high[2])
-        medium = arrays.with_raster(frame.medium(expected_water(link, crest)), intersector)
+        medium = arrays.with_raster(frame.medium(ends.expected_water(link, crest)), intersector)
         sources = (
             frame.sources(arrays.source_arrays(link, crest)) if start is None else _reversed(start)
         )
         grid = arrays.grid_arrays(intersector.mesh)
         bins, facets, manifold = arrays.empty_locator(), np.zeros(0, FACET), None
         if is_smooth or not len(grid.x.line):
-            bins = arrays.locator(surface, ends.targets)
+            bins = arrays.locator(surface, to.targets)
         if is_smooth:
             facets = np.empty(len(surface.faces), FACET)
             facet_summary(surface, facets)
             room = np.zeros(1, FLAT), np.zeros(ROOTS, ROOT)
             manifold = Manifold(search_extent(surface, facets, bins), *room)
-        joins = self._joins(surface, sources, ends, frame)._replace(locator=bins, facets=facets)
-        n = len(ends.targets)
+        joins = self._joins(surface, sources, to, frame)._replace(locator=bins, facets=facets)
+        n = len(to.targets)
         return JoinedWorld(
             0, np.uint64(self.seed), sources, surface, grid, medium,
             arrays.interface_arrays(link), joins, manifold, _EVENTS, NO_BVH,
@@ -263,7 +256,7 @@ class JoinedPhotons:
             np.zeros((n, _ORDERS)), np.zeros(0, ARRIVAL), np.zeros(1, np.int64),
         )  # fmt: skip
 
-    def _joins(self, surface: Surface, sources: Sources, ends: _Ends, frame: arrays.Frame) -> Joins:
+    def _joins(self, surface: Surface, sources: Sources, to: _Ends, frame: arrays.Frame) -> Joins:
         """Return the targets, and what guides the photons to them."""
         link = self.link
         water = arrays.angle_table(link.water.phase)
@@ -285,15 +278,15 @@ class JoinedPhotons:
                 True, math.sqrt(a / diffusion), length, _BOUNDARY * diffusion, _HIGHEST, 0.0
             )
         spread = _SPREAD * math.sqrt(rough + mesh_slopes)
-        if rough > 0.0 and not window.diffuse and self._is_aimed(sources, ends.targets, spread):
+        if rough > 0.0 and not window.diffuse and self._is_aimed(sources, to.targets, spread):
             kept = _kept(water, link.water.n / link.n_air, spread)
             kappa = a + b * (1.0 - kept)
             window = window._replace(kappa=kappa, highest=_AIMED_HIGHEST, bent=_BENT)
-        rows = np.zeros(len(ends.targets), TARGET)
+        rows = np.zeros(len(to.targets), TARGET)
         blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across
         blur *= (link.water.n / link.n_air - 1.0) ** 2
-        rows["first"] = ends.first
-        for row, target, part in zip(rows, ends.targets, ends.share, strict=True):
+        rows["first"] = to.first
+        for row, target, part in zip(rows, to.targets, to.share, strict=True):
             _fill(row, target, part, 1.0 / (a + b))
             if not target.is_lamp and rough > 0.0:
                 sloped = target.area / (target.area + blur * target.center.z**2)
@@ -302,7 +295,7 @@ class JoinedPhotons:
         decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
         lobe = _LOBE if still else 0.0 if window.bent > 0.0 else _ROUGH_LOBE
         cone = 0.0 if window.diffuse else _CONE
-        first = min(ends.first)
+        first = min(to.first)
         return Joins(
             rows, first, self._direct, water, bubble, arrays.empty_locator(), np.zeros(0, FACET),
             spread, decay, often * b, often, _START if first == 1 else 0.0, lobe, cone, window,

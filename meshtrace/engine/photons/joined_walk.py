@@ -22,7 +22,7 @@ from meshtrace.engine.photons.connections import join_collision, join_crossing
 from meshtrace.engine.photons.guides import copies_of, guide_start, importance, redirect, survives
 from meshtrace.engine.photons.state import bending_normal, head, heading, place
 from meshtrace.engine.photons.targets import bend_ahead, chance_ahead, level_over
-from meshtrace.kernels import facets
+from meshtrace.kernels import interface
 from meshtrace.kernels.interface import branches, reflectance
 from meshtrace.kernels.jit import NO, YES, entry, inlined, outlined
 from meshtrace.kernels.medium import (
@@ -77,7 +77,7 @@ def _facet_ahead(q, world):
         facet = first_facet(world.bvh, along(p, d, max(t - 1e-3 * (1.0 + t), 0.0)), d)
     if facet < 0 or dot(d, row(world.surface.face_normals, facet)) <= 0.0:
         return np.int64(-1), math.inf
-    return facet, max(facets.plane_distance(p, d, facet, world.surface), 0.0)
+    return facet, max(interface.plane_distance(p, d, facet, world.surface), 0.0)
 
 
 @outlined
@@ -86,7 +86,7 @@ def _look_ahead(q, world, manifold):
     if manifold is not None:  # an argument: the rest is not compiled
         return
     joins = world.joins
-    if not facets.is_rough(world.surface.roughness) or q.reflections + 1 < joins.first:
+    if not interface.is_rough(world.surface.roughness) or q.reflections + 1 < joins.first:
         return
     q.bend = bend_ahead(place(q), heading(q), q.level, world)
     if q.order == 0 and q.reflections == 0 and not joins.direct:
@@ -131,7 +131,7 @@ def _stays(q, world):
     """Return whether a photon that meets the surface is followed back into the water."""
     if not world.interface.follow_reflected:
         return False
-    if not facets.is_rough(world.surface.roughness):
+    if not interface.is_rough(world.surface.roughness):
         return True  # `_reflect` plays, by the reflectance itself
     # of the next event: the last one may have played, too
     _, _, lot, _ = uniforms(world.seed, q.id, q.event + 1, Purpose.INTERFACE.value)

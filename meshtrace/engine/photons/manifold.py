@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
-from meshtrace.kernels.facets import Surface, inside_facet
+from meshtrace.kernels.interface import Surface, inside_facet
 from meshtrace.kernels.jit import ONE, YES, ZERO, inlined, outlined
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.scene import Scene, bins_near, is_first_bin

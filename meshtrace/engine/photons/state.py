@@ -8,15 +8,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.facets import Surface, drawn_tilt, exposure, is_rough, normal_on, tilted
-from meshtrace.kernels.interface import Interface
+from meshtrace.kernels.interface import (
+    Interface,
+    Surface,
+    normal_on,
+    roughened,
+    takes_slopes,
+)
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import Bvh, Grid
 from meshtrace.kernels.sources import Backward, Sources
 from meshtrace.kernels.tally import Apertures, Fate, Tallies, deposit, score_apertures
-from meshtrace.kernels.vectors import Vec2, Vec3, row, write
+from meshtrace.kernels.vectors import Vec3, row, write
 
 UNDER_WAY = [
     ("x", float),  # position [m]
@@ -68,8 +73,6 @@ class Miss(IntEnum):
     CAST_AGAIN = 0
     GIVEN_UP = 1
 
-
-_LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets, those of jets are smooth
 
 GOES_ON = -1  # else a function returns the fate that ends the photon
 
@@ -195,25 +198,11 @@ def steeper_than_waves(d, surface):
 def bending_normal(q, facet, world):
     """Return (facet normal, normal that bends light, spare uniform or -1) where a photon crosses.
 
-    Array twin: `meshtrace.engine.backward.background`.
+    Array twin: `roughened`.
     """
     g = row(world.surface.face_normals, facet)
     n = normal_on(place(q), facet, world.surface)
-    if g.z > _LEAST_ROUGH and is_rough(world.surface.roughness):
-        n, lot = _roughened(q, n, world)
-        return g, n, lot
+    if takes_slopes(g, world.surface.roughness):
+        u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE.value)
+        return g, roughened(heading(q), n, u, v, w, world.surface.roughness), lot
     return g, n, -1.0
-
-
-@outlined
-def _roughened(q, n, world):
-    """Return a normal tilted by the slopes that the mesh leaves out, and a spare uniform.
-
-    A tilt t and its opposite are equally common; the light picks one of the two by their
-    exposures, which add up to 2.
-    """
-    u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE.value)
-    tilt = drawn_tilt(world.surface.roughness, u, v)
-    if 2.0 * w >= exposure(heading(q), n, tilt):
-        tilt = Vec2(-tilt.x, -tilt.y)
-    return tilted(n, tilt), lot

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from meshtrace.engine.photons.manifold import Manifold
 from meshtrace.engine.photons.state import UNDER_WAY
-from meshtrace.kernels.facets import Surface
-from meshtrace.kernels.interface import Interface
+from meshtrace.kernels.interface import Interface, Surface
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import Medium, scattering_coefficients
 from meshtrace.kernels.phase import AngleTable, phase_at

@@ -18,8 +18,7 @@ import numpy as np
 
 from meshtrace.engine.bvh import Intersector
 from meshtrace.errors import Described, Refused
-from meshtrace.kernels.facets import SMOOTH, Roughness, Surface
-from meshtrace.kernels.interface import Direction, FieldOfView, FresnelMode, Interface, Snell
+from meshtrace.kernels import interface
 from meshtrace.kernels.medium import Absorption, DepthMode, Medium
 from meshtrace.kernels.phase import SMALLEST_ANGLE, AngleTable
 from meshtrace.kernels.rays import Axis, Grid, is_grid
@@ -111,34 +110,34 @@ def _code(codes: type[IntEnum], name: str) -> int:
     return int(codes[name.upper().replace("-", "_")])
 
 
-def surface_arrays(mesh: TriangleMesh, normals: str, unresolved: str = "none") -> Surface:
+def surface_arrays(mesh: TriangleMesh, normals: str, unresolved: str = "none") -> interface.Surface:
     """Return the mesh as arrays; `normals` is "vertex" or "facet".
 
     `unresolved` is `Physics.unresolved`: whether the slopes that the mesh leaves out tilt it.
     """
     low, high = mesh.bounds
-    roughness = SMOOTH
+    roughness = interface.SMOOTH
     if unresolved == "tilt" and mesh.unresolved is not None:
         missing = mesh.unresolved.vertex if normals == "vertex" else mesh.unresolved.facet
         wind = math.radians(mesh.unresolved.direction_deg)
-        roughness = Roughness(
+        roughness = interface.Roughness(
             math.sqrt(missing[0]), math.sqrt(missing[1]), math.cos(wind), math.sin(wind)
         )
     arrays = mesh.vertices, mesh.faces, mesh.face_normals, mesh.vertex_normals
-    return Surface(*arrays, low, high, mesh.max_slope, normals == "vertex", roughness)
+    return interface.Surface(*arrays, low, high, mesh.max_slope, normals == "vertex", roughness)
 
 
-def interface_arrays(link: Link) -> Interface:
+def interface_arrays(link: Link) -> interface.Interface:
     """Return the switches of the surface crossing."""
     p = link.physics
-    return Interface(
-        snell=_code(Snell, p.snell),
-        direction=_code(Direction, p.direction),
-        fresnel=_code(FresnelMode, p.fresnel),
+    return interface.Interface(
+        snell=_code(interface.Snell, p.snell),
+        direction=_code(interface.Direction, p.direction),
+        fresnel=_code(interface.FresnelMode, p.fresnel),
         follow_reflected=p.reflected == "trace",
         follow_second_hit=p.second_hit == "trace",
         foam_transmittance=link.whitecaps.transmittance if link.whitecaps else 1.0,
-        fov=_code(FieldOfView, p.fov),
+        fov=_code(interface.FieldOfView, p.fov),
     )
 
 
@@ -303,7 +302,7 @@ def empty_locator() -> Locator:
     return Locator(0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64), np.zeros(0, np.int32))
 
 
-def locator(surface: Surface, targets: Sequence[Target]) -> Locator:
+def locator(surface: interface.Surface, targets: Sequence[Target]) -> Locator:
     """Return bins over the part of the surface that the receivers can see."""
     pad = 2.0
     low = [min(t.center[i] - t.reach - pad for t in targets) for i in range(2)]

@@ -98,16 +98,22 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
     medium = expected_water(link, crest=5.0)
     frame = frame or arrays.frame_of(link)
     low: tuple[Source | Aperture, ...] = link.transmitters
+    forwards, water = None, frame.medium(medium)
     if link.direction == "down":
         low = link.receivers
+        forwards = Forwards(
+            [_mirrored(emitter_of(t, frame), "position") for t in link.transmitters],
+            [_mirrored(target_of(r, frame), "center") for r in link.receivers],
+            water._replace(n_water=water.n_air, n_air=water.n_water),
+        )
     return ForcedLink(
         frame,
         [emitter_of(end, frame) for end in low],
         power / power.sum(),
         _targets(link, frame),
-        frame.medium(medium),
+        water,
         arrays.interface_arrays(link),
-        _forwards(link, frame, frame.medium(medium)) if link.direction == "down" else None,
+        forwards,
         tuple(end.size / frame.unit if isinstance(end, Source) else 0.0 for end in low),
     )
 
@@ -120,15 +126,6 @@ def needs_photons(link: Link) -> tuple[str, object] | None:
     if link.water.bottom_depth is not None:
         return "water.bottom_depth", link.water.bottom_depth
     return None
-
-
-def _forwards(link: Link, frame: arrays.Frame, medium: Medium) -> Forwards:
-    """Return lamps and apertures of a downlink, turned upside down."""
-    return Forwards(
-        [_mirrored(emitter_of(t, frame), "position") for t in link.transmitters],
-        [_mirrored(target_of(r, frame), "center") for r in link.receivers],
-        medium._replace(n_water=medium.n_air, n_air=medium.n_water),
-    )
 
 
 def _mirrored(end: Any, place: str) -> Any:

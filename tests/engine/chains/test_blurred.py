@@ -13,7 +13,7 @@ import meshtrace as mt
 from meshtrace.engine.chains.aimed import _disk_nodes, _disk_rule
 from meshtrace.engine.chains.blurred import slope_towards, whitened
 from meshtrace.engine.crossing import land_sloped, straight_shot
-from meshtrace.kernels.facets import Roughness, slope_tilt
+from meshtrace.kernels.interface import Roughness, slope_tilt
 from meshtrace.kernels.vectors import Vec2, Vec3, minus, norm, scaled
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea
