@@ -10,11 +10,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import meshtrace as mt
+from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.setup.options import resolve
 from meshtrace.fading import resolve_band
 from meshtrace.surfaces import Band, Elfouhaily, FlatSea, JonswapSea, SinusoidalSea, SpectralSea
-from meshtrace.transport.case import resolve
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import mesh_for
 
 CLEAR = mt.Water(a=0.114, b=0.037)
 COASTAL = mt.Water(a=0.179, b=0.219)

@@ -25,11 +25,11 @@ import numpy as np
 from estimator_links import LINKS, Case, mesh_of
 
 import meshtrace as mt
+from meshtrace.engine.choice import chain_pilot, pilot
+from meshtrace.engine.forced import ForcedDetection, TypicalSea
+from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.errors import Refused
 from meshtrace.stored import SHIFTS
-from meshtrace.transport.choice import chain_pilot, pilot
-from meshtrace.transport.forced import ForcedDetection, TypicalSea
-from meshtrace.transport.joined import JoinedPhotons
 
 KEPT = Path(__file__).with_name("estimators.json")
 PAGE = Path(__file__).with_name("estimators.md")
@@ -226,9 +226,9 @@ def _pilot_variance(link: mt.Link) -> list[float]:
     rows = []
     for seed in range(4):
         forced = ForcedDetection(link, SHIFTS, seed, scattered="chains")
-        emitters, targets = len(forced.arrays.emitters), len(forced.arrays.targets)
+        emitters = len(forced.arrays.emitters)
         pilots = [
-            pilot(forced.drawer, s, (seed, s), partial(forced.drawer.flat_scores, s), targets, 1)
+            pilot(forced.drawer, s, (seed, s), partial(forced.drawer.scores, s), 1)
             for s in range(emitters)
         ]
         found = chain_pilot(pilots, forced.arrays)

@@ -24,9 +24,10 @@ settings.register_profile("dev", _profile, max_examples=10)
 settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
 # first, so that no worker is left with one of their files at the end
-LONGEST = ("viz", "transport", "studies", "drills")
+LONGEST = ("viz", "engine", "studies", "drills")
 
-GOLDEN = Path(__file__).parent / "cli" / "golden"
+TESTS = Path(__file__).parent
+GOLDEN = TESTS / "cli" / "golden"
 
 
 def pytest_addoption(parser):
@@ -45,7 +46,7 @@ def pytest_collection_modifyitems(items):
                 item.add_marker("slow")
         if any(name in vars(item.module) for name in ("z_test", "chi2_test", "sidak")):
             item.add_marker("statistical")
-    items.sort(key=lambda item: item.path.parent.name not in LONGEST)
+    items.sort(key=lambda item: item.path.relative_to(TESTS).parts[0] not in LONGEST)
 
 
 @pytest.fixture
@@ -88,3 +89,46 @@ def default_link():
     import meshtrace as mt
 
     return mt.Link()
+
+
+@pytest.fixture
+def rng():
+    """Return a generator of random numbers with a fixed seed."""
+    import numpy as np
+
+    return np.random.default_rng(1)
+
+
+@pytest.fixture(scope="session")
+def small_mesh():
+    """Return a sinusoid of 0.1 m over |x|, |y| <= 6 m, in triangles of 0.5 m."""
+    from meshtrace.surfaces import SinusoidalSea
+
+    sea = SinusoidalSea(amplitude=0.1, wavelength=2.0, phase=0.4, direction_deg=30.0)
+    return sea.mesh(extent=6.0, spacing=0.5)
+
+
+@pytest.fixture(scope="session")
+def medium(default_link):
+    """Return the arrays of the default water without bubbles."""
+    from meshtrace.engine.setup.arrays import medium_arrays
+
+    return medium_arrays(default_link)
+
+
+@pytest.fixture(scope="session")
+def scene_of():
+    """Return a function of link, mesh and normals that makes a `Scene`, as forced detection does."""
+    from meshtrace.engine.forced import ForcedDetection
+
+    def make(link, mesh, normals="vertex"):
+        forced = ForcedDetection(link, 32, 1, normals, scattered="chains")
+        return forced.over(mesh).scene(forced.arrays.emitters[0], forced.arrays.targets[0])
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def scene(scene_of, small_mesh, default_link):
+    """Return the scene of the default link over the small mesh."""
+    return scene_of(default_link, small_mesh)

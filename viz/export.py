@@ -19,11 +19,11 @@ from vtkmodules.vtkIOXML import (
     vtkXMLUnstructuredGridWriter,
 )
 
+from meshtrace.engine.paths import PhotonPaths, Vertex
 from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.coverage import CoverageMap
-from meshtrace.transport.paths import PhotonPaths, Vertex
 
 from .checks import checked
 from .stage import Scene

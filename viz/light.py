@@ -7,10 +7,10 @@ from typing import Any, Literal
 import numpy as np
 import pyvista as pv
 
+from meshtrace.engine.paths import PhotonPaths, Vertex
 from meshtrace.errors import Refused
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.coverage import CoverageMap
-from meshtrace.transport.paths import PhotonPaths, Vertex
 
 from .checks import checked
 from .export import surface_sampler, to_pyvista

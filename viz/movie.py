@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.daylight.light import Daylight
+from meshtrace.engine.paths import PhotonPaths
 from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.fading.resolving import resolve_band
 from meshtrace.files import atomic
@@ -25,7 +26,6 @@ from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.light_pattern import light_pattern
 from meshtrace.studies.series import time_series
-from meshtrace.transport.paths import PhotonPaths
 
 from .checks import checked
 from .plots_gain import plot_gain_series

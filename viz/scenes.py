@@ -11,14 +11,14 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from meshtrace.daylight.light import Daylight
+from meshtrace.engine.paths import PhotonPaths
+from meshtrace.engine.simulate import trace_paths
 from meshtrace.errors import Described, Refused, require_whole, require_word
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult
 from meshtrace.studies.coverage import coverage_map
-from meshtrace.transport.paths import PhotonPaths
-from meshtrace.transport.simulate import trace_paths
 
 from .checks import check_values, checked
 from .light import PathColor, add_coverage, add_footprint, add_paths, select_paths

@@ -13,6 +13,9 @@ import numpy as np
 import pyvista as pv
 
 from meshtrace.daylight.light import Daylight
+from meshtrace.engine.paths import PhotonPaths
+from meshtrace.engine.setup.options import Meshing
+from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused, require_whole, require_writable
 from meshtrace.files import atomic
 from meshtrace.link import Link
@@ -20,9 +23,6 @@ from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult
 from meshtrace.results.series import GainSeries
-from meshtrace.transport.options import Meshing
-from meshtrace.transport.paths import PhotonPaths
-from meshtrace.transport.simulate import simulate
 
 from .checks import checked
 from .export import export_scene

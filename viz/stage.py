@@ -11,13 +11,13 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pyvista as pv
 
+from meshtrace.engine.paths import PhotonPaths
 from meshtrace.errors import Refused, require_array
 from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.link.sources import Source
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
-from meshtrace.transport.paths import PhotonPaths
 
 from .checks import checked
 from .style import FONT_FILE, INK, PALETTE, SKY, SLIDE

@@ -19,7 +19,7 @@ from scipy import fft
 from meshtrace.daylight.glint import connected_glint
 from meshtrace.daylight.light import Daylight
 from meshtrace.daylight.patterns import sky_radiance
-from meshtrace.kernels.facets import Roughness
+from meshtrace.kernels.interface import Roughness
 from meshtrace.link import Link, Whitecaps
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.fresnel import fresnel_reflectance

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from meshtrace.daylight.light import Daylight
+from meshtrace.engine.backward.background import background
 from meshtrace.link import Link
 from meshtrace.results.coverage import relative_errors
 from meshtrace.studies.coverage import coverage_map
 from meshtrace.studies.series import ensemble
-from meshtrace.transport.backward import background
 
 _RUN = sys.executable, "-m", "meshtrace", "run"
 

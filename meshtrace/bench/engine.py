@@ -14,17 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.bvh import EmbreeIntersector
-from meshtrace.bvh.embree import CopiedScene, Scene
+from meshtrace.engine.bvh import CopiedScene, EmbreeIntersector, RayScene
+from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
+from meshtrace.engine.photons.analog import run_analog
+from meshtrace.engine.setup.arrays import frame_of
+from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_for
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.tallies import standard_error
 from meshtrace.studies.campaign import campaign_of, mean, stderr
-from meshtrace.transport.analog import run_analog
-from meshtrace.transport.forced import MANY_SEAS, ForcedDetection, TypicalSea
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.frame import frame_of
-from meshtrace.transport.meshing import FADING_SPACING, mesh_for
 
 _CHUNK = 8192  # rays
 
@@ -73,7 +72,7 @@ def best_of(
     return best
 
 
-def replay(scene: Scene, rays: Rays) -> None:
+def replay(scene: RayScene, rays: Rays) -> None:
     """Cast recorded chunks of rays."""
     for chunk in rays:
         scene.run(*chunk)

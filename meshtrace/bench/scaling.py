@@ -10,13 +10,13 @@ from time import perf_counter, thread_time
 from typing import Any
 
 from meshtrace.bench.engine import best_of
-from meshtrace.bvh import EmbreeIntersector
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.forced import ForcedDetection, TypicalSea
+from meshtrace.engine.photons.analog import run_analog
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import default_threads, job_times
 from meshtrace.scenario import Scenario
-from meshtrace.transport.analog import run_analog
-from meshtrace.transport.forced import ForcedDetection, TypicalSea
 
 
 def counts_up_to(most: int) -> list[int]:

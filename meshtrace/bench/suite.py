@@ -13,14 +13,14 @@ from typing import Any
 from meshtrace.bench.answers import background_light, coverage_cost, first_run, realization
 from meshtrace.bench.engine import analog_rate, figure_of_merit, new_sea, resolved_sea
 from meshtrace.bench.scaling import thread_scaling, worker_scaling
+from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import Band, Elfouhaily, SpectralSea
 from meshtrace.tables import text_table
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import mesh_for
 
 
 def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dict[str, Any]:

@@ -11,10 +11,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
+from meshtrace.engine.chains.aimed import compile_evaluation
 from meshtrace.models import import_modules, modules_of
 from meshtrace.parallel import default_threads
 from meshtrace.scenario import Scenario
-from meshtrace.transport.aimed import compile_evaluation
 
 
 @contextmanager

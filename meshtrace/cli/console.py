@@ -48,11 +48,13 @@ def kernels_are_compiled(estimator: str) -> bool:
 
     Forced detection has one slow kernel for seas with random slopes and one for other surfaces.
     """
-    from meshtrace.kernels import blurred, chain_gain, jit, photon
+    from meshtrace.engine.chains import blurred, gain
+    from meshtrace.engine.photons import flight
+    from meshtrace.kernels import jit
 
     slowest = {
-        "forced": (chain_gain.contributions, blurred.blurred_contributions),
-        "analog": (photon.follow,),
+        "forced": (gain.contributions, blurred.blurred_contributions),
+        "analog": (flight.follow,),
     }
     return any(jit.is_compiled(kernel) for kernel in slowest[estimator])
 

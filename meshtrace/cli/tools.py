@@ -201,11 +201,11 @@ def _content(file: Path) -> object:
 @app.command()
 def warm() -> None:
     """Compile the kernels of both estimators, and keep them for later runs."""
+    from meshtrace.engine.simulate import simulate
     from meshtrace.kernels.jit import folder
     from meshtrace.link import Link, Physics, Receiver
     from meshtrace.optics.water import Water
     from meshtrace.surfaces import JonswapSea
-    from meshtrace.transport.simulate import simulate
 
     start, sea = time.perf_counter(), JonswapSea()
     runs: list[tuple[Link, Literal["forced", "analog"]]] = [

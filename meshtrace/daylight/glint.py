@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from meshtrace.kernels.facets import Roughness
+from meshtrace.kernels.interface import Roughness
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
 

@@ -17,7 +17,7 @@ from meshtrace.daylight.spectrum import (
     sun_position,
 )
 from meshtrace.errors import Refused, require_real, require_whole, require_word
-from meshtrace.kernels.sky import Sky
+from meshtrace.kernels.sources import Sky
 from meshtrace.models import Finite, Model, NonNegative
 from meshtrace.optics.directions import unit_vector
 

@@ -5,7 +5,7 @@ chi from the sun,
 
     L = (p + a e^(b / cos z)) (f + c e^(d chi) + e cos^2 chi),
 
-so that one kernel (`meshtrace.kernels.sky`) evaluates every one of them.
+so that one kernel (`meshtrace.kernels.sources`) evaluates every one of them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from meshtrace.errors import require_word
-from meshtrace.kernels.sky import LEAST_COS, Sky
+from meshtrace.kernels.sources import LEAST_COS, Sky
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.models import Floats
 from meshtrace.optics.directions import unit_vector
@@ -73,7 +73,7 @@ def sky(pattern: str, diffuse: float, sun_zenith_deg: float, sun_azimuth_deg: fl
 
 
 def sky_radiance(sky: Sky, directions: Floats) -> Floats:
-    """Return the radiance of the sky, array twin of `kernels.sky.radiance`.
+    """Return the radiance of the sky, array twin of `kernels.sources.radiance`.
 
     Parameters
     ----------

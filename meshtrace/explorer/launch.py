@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 
+from meshtrace.engine.setup.options import resolve
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.scenario import Scenario
 from meshtrace.scenario.seas import wind_of
-from meshtrace.transport.case import resolve
 
 LOCAL = "127.0.0.1"
 

@@ -18,6 +18,7 @@ from trame.app.core import AVAILABLE_SERVERS, get_server
 from trame_vtk.modules.vtk import HELPERS_PER_SERVER
 from yarl import URL
 
+from meshtrace.engine.paths import PhotonPaths
 from meshtrace.errors import Refused, one_line
 from meshtrace.explorer import code, layout, readings, stages
 from meshtrace.explorer.controls import BY_NAME, CHOICES
@@ -27,7 +28,6 @@ from meshtrace.explorer.session import STAGES, Session
 from meshtrace.explorer.state import State
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.scenario import Scenario
-from meshtrace.transport.paths import PhotonPaths
 
 _ASSETS = Path(__file__).with_name("assets")
 _SCENE_PERIOD = 0.05  # shortest time between two scenes while a control moves [s]

@@ -10,12 +10,12 @@ import pyvista as pv
 from matplotlib import colormaps
 from matplotlib.colors import to_rgb
 
+from meshtrace.engine.paths import PhotonPaths
 from meshtrace.explorer.state import State
 from meshtrace.link.sources import AirLamp, WaterSource
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.coverage import CoverageMap
-from meshtrace.transport.paths import PhotonPaths
 from meshtrace.viz import parts
 from meshtrace.viz.light import select_paths
 from meshtrace.viz.scenes import wind_of

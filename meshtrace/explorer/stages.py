@@ -19,6 +19,12 @@ import numpy as np
 from meshtrace.comms.background import warn_of_background, with_background
 from meshtrace.comms.budget import link_budget
 from meshtrace.comms.ook import OokLink
+from meshtrace.engine.backward.background import background
+from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
+from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.setup.options import Analog
+from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused, one_line
 from meshtrace.explorer.state import State
 from meshtrace.fading import (
@@ -34,12 +40,6 @@ from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult
 from meshtrace.studies.campaign import Steps, campaign_of
 from meshtrace.studies.coverage import coverage_map
-from meshtrace.transport.backward import background
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import mesh_for
-from meshtrace.transport.options import Analog
-from meshtrace.transport.paths import PhotonPaths, received_paths, record_paths
-from meshtrace.transport.simulate import simulate
 
 Check = Callable[..., None]
 

@@ -1,8 +1,17 @@
-"""Rays cast by the C interface of Embree, or by a function with the same signature."""
+"""Facets that rays meet: by the C interface of Embree, on the grid of a height field, in bins.
+
+`first_facet` casts a ray by Embree, or by a function with its signature. `grid_facet` finds the
+facet that steep light meets on a height field over a grid without ray casting: a ray that climbs or
+falls much faster than the steepest facet meets a height field once, and Newton steps from cell to
+cell find that point. A point close to an edge is left to Embree: the facet that single precision
+would choose there is not known, and results are the same bit for bit with and without this
+shortcut. `is_free` and `shadows` walk over the bins of a locator.
+"""
 
 from __future__ import annotations
 
 import ctypes
+import math
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -12,8 +21,9 @@ from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from meshtrace.kernels.jit import config, entry, inlined
-from meshtrace.kernels.vectors import write
+from meshtrace.kernels.interface import inside_facet, plane_distance
+from meshtrace.kernels.jit import config, entry, inlined, outlined
+from meshtrace.kernels.vectors import along, row, write
 
 RAY_WORDS = 32
 """Words of 4 bytes for an `RTCRayHit`, of which Embree 4.4 has 24 with its padding."""
@@ -131,3 +141,208 @@ def first_facet(bvh, p, d):
     _prepare(ray, word)
     _call(bvh.intersect, bvh.scene, ray.ctypes.data)
     return np.int64(word[Word.FACET.value])
+
+
+FREE, CUT, BESIDE = range(3)
+"""Outcomes for a path; one beside the bins has to be checked by other means."""
+
+_HAIR = 1e-4  # by which a path is shortened at its ends, over 1 + its length
+
+
+@entry
+def shadows(origins, directions, lengths, surface, grid, outcome):
+    """Write whether the surface cuts straight paths off, `FREE`, `CUT` or `BESIDE`.
+
+    Array twin: `EmbreeIntersector.intersect`.
+    A path may start or end on the surface: it is shortened by a hair at both ends. Only its part
+    between the lowest trough and the highest crest is searched.
+    """
+    for i in range(len(lengths)):
+        p, d, hair = row(origins, i), row(directions, i), _HAIR * (1.0 + lengths[i])
+        first, last = _between(p.z, d.z, hair, lengths[i] - 2.0 * hair, surface)
+        outcome[i] = FREE if first >= last else _walk(p, d, first, last, surface, grid)
+
+
+@outlined
+def is_free(p, d, length, surface, grid):
+    """Return whether a straight path is free, over bins that hold all facets.
+
+    Array twin: `shadows`.
+    """
+    hair = _HAIR * (1.0 + length)
+    first, last = _between(p.z, d.z, hair, length - 2.0 * hair, surface)
+    edge = 1e-9 * grid.step
+    for o, s, low, n in ((p.x, d.x, grid.x, grid.nx), (p.y, d.y, grid.y, grid.ny)):
+        a, b = low + edge, low + n * grid.step - edge
+        if s != 0.0:
+            t, u = (a - o) / s, (b - o) / s
+            first, last = max(first, min(t, u)), min(last, max(t, u))
+        elif not a <= o <= b:
+            return True
+    return first >= last or _walk(p, d, first, last, surface, grid) != CUT
+
+
+@inlined
+def _between(z, rise, first, last, surface):
+    """Return the part of a path that lies between the lowest trough and the highest crest."""
+    low, high = surface.low[2], surface.high[2]
+    if rise == 0.0:
+        return first, (last if low <= z <= high else -math.inf)
+    a, b = (low - z) / rise, (high - z) / rise
+    return max(first, min(a, b)), min(last, max(a, b))
+
+
+@outlined
+def _walk(p, d, first, last, surface, grid):
+    """Return the outcome for the part first <= t <= last of a path, column by column of bins."""
+    a, b = along(p, d, first), along(p, d, last)
+    west, east = (min(a.x, b.x) - grid.x) / grid.step, (max(a.x, b.x) - grid.x) / grid.step
+    south, north = (min(a.y, b.y) - grid.y) / grid.step, (max(a.y, b.y) - grid.y) / grid.step
+    if west < 0.0 or south < 0.0 or east >= grid.nx or north >= grid.ny:
+        return BESIDE
+    for i in range(math.floor(west), math.floor(east) + 1):
+        t0, t1 = first, last
+        if d.x != 0.0:
+            enter = (grid.x + i * grid.step - p.x) / d.x
+            leave = (grid.x + (i + 1) * grid.step - p.x) / d.x
+            t0, t1 = max(t0, min(enter, leave)), min(t1, max(enter, leave))
+        y0, y1 = p.y + t0 * d.y, p.y + t1 * d.y
+        j0 = max(math.floor((min(y0, y1) - grid.y) / grid.step - 1e-6), 0)
+        j1 = min(math.floor((max(y0, y1) - grid.y) / grid.step + 1e-6), grid.ny - 1)
+        for j in range(j0, j1 + 1):
+            cell = i * grid.ny + j
+            for k in range(grid.start[cell], grid.start[cell + 1]):
+                f = np.int64(grid.facet[k])
+                t = plane_distance(p, d, f, surface)
+                if first <= t <= last:
+                    q = along(p, d, t)
+                    if inside_facet(q.x, q.y, f, surface):
+                        return CUT
+    return FREE
+
+
+UNKNOWN = np.int64(-2)
+"""Facet of a ray that the intersector must answer."""
+
+_STEPS = 8  # cells visited at most
+
+
+class Axis(NamedTuple):
+    """Increasing grid lines, and for equal bins the line at or before each."""
+
+    line: NDArray[np.float64]  # (n,) the last one replaced by infinity
+    per_edge: NDArray[np.float64]  # (n - 1,) [m-1]
+    guide: NDArray[np.int64]  # (bins,) no bin has more than one line inside
+    per_bin: float  # [m-1]
+
+
+class Grid(NamedTuple):
+    """Height field on a tensor grid, cut as by `meshtrace.surfaces.triangulate`."""
+
+    x: Axis
+    y: Axis
+    level: float  # height of the first guess [m]
+    steep: float  # least squared ratio of vertical to horizontal components of a ray
+    rounding: float  # of a coordinate, relative
+    height: float  # largest coordinate across the grid [m]
+    clear: float  # least distance of the facet [m]
+
+
+@inlined
+def cell_of(axis, x):
+    """Return the index of the grid cell that holds a coordinate, -1 outside.
+
+    Array twin: numpy.searchsorted.
+    """
+    at = (x - axis.line[0]) * axis.per_bin
+    if not 0.0 <= at < len(axis.guide):
+        return -1
+    i = axis.guide[int(at)]
+    return i + np.int64(axis.line[i + 1] <= x)
+
+
+@inlined
+def grid_facet(grid, vertices, p, d):
+    """Return the facet that a ray meets, `UNKNOWN` if it is not steep or passes close to an edge.
+
+    Array twin: `BruteForceIntersector`.
+    """
+    if d.z * d.z < grid.steep * (d.x * d.x + d.y * d.y):
+        return UNKNOWN
+    ny = len(grid.y.line)
+    t = (grid.level - p.z) / d.z
+    i, j = cell_of(grid.x, p.x + t * d.x), cell_of(grid.y, p.y + t * d.y)
+    if i < 0 or j < 0:
+        return UNKNOWN
+    t = (vertices[i * ny + j, 2] - p.z) / d.z
+    for _ in range(_STEPS):
+        x, y, z = p.x + t * d.x, p.y + t * d.y, p.z + t * d.z
+        i, j = cell_of(grid.x, x), cell_of(grid.y, y)
+        if i < 0 or j < 0:
+            return UNKNOWN
+        # the diagonal is u = v, in odd cells after a reflection of u; without branches, of which
+        # half would be predicted wrongly
+        odd = (i + j) & 1
+        sign, left = 1.0 - 2.0 * odd, i * ny + j
+        a, b = left + odd * ny, left + (1 - odd) * ny
+        za, zb, zc, zd = vertices[a, 2], vertices[b, 2], vertices[b + 1, 2], vertices[a + 1, 2]
+        per_x, per_y = grid.x.per_edge[i], grid.y.per_edge[j]
+        u = odd + sign * (x - grid.x.line[i]) * per_x
+        v = (y - grid.y.line[j]) * per_y
+        du, dv = sign * d.x * per_x, d.y * per_y
+        first = u > v
+        rise_u = zb - za if first else zc - zd
+        rise_v = zc - zb if first else zd - za
+        step = (za + u * rise_u + v * rise_v - z) / (d.z - du * rise_u - dv * rise_v)
+        t += step
+        u, v = u + step * du, v + step * dv
+        inside = min(min(u, 1.0 - u), min(v, 1.0 - v))
+        inside = min(inside, u - v if first else v - u)
+        margin = grid.rounding * (abs(x) + abs(y) + grid.height) * max(per_x, per_y)
+        if inside > margin:
+            facet = 2 * (left - i) + np.int64(u <= v)
+            return facet if t > grid.clear else UNKNOWN
+        if inside > -margin:
+            return UNKNOWN
+    return UNKNOWN
+
+
+@inlined
+def facet_over(grid, x, y):
+    """Return the facet of a grid over (x, y), -1 outside.
+
+    Array twin: `scene.locate`.
+    """
+    i, j = cell_of(grid.x, x), cell_of(grid.y, y)
+    if i < 0 or j < 0:
+        return np.int64(-1)
+    u = (x - grid.x.line[i]) * grid.x.per_edge[i]
+    v = (y - grid.y.line[j]) * grid.y.per_edge[j]
+    if (i + j) & 1:
+        u = 1.0 - u
+    return 2 * (i * (len(grid.y.line) - 1) + j) + np.int64(u <= v)
+
+
+@entry
+def is_grid(vertices, faces, nx, ny):
+    """Return whether a mesh is a height field on an nx by ny tensor grid, cut as by `triangulate`.
+
+    Array twin: `grid_faces`.
+    """
+    for i in range(nx):
+        for j in range(ny):
+            a = i * ny + j
+            if vertices[a, 0] != vertices[i * ny, 0] or vertices[a, 1] != vertices[j, 1]:
+                return False
+            if i == nx - 1 or j == ny - 1:
+                continue
+            b, c, d = a + ny, a + ny + 1, a + 1
+            f = 2 * (i * (ny - 1) + j)
+            even = (i + j) % 2 == 0
+            if faces[f, 0] != a or faces[f, 1] != b or faces[f, 2] != (c if even else d):
+                return False
+            if faces[f + 1, 0] != (a if even else b) or faces[f + 1, 1] != c:
+                return False
+            if faces[f + 1, 2] != d:
+                return False
+    return True

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.facets import Surface, corners, inside_facet
-from meshtrace.kernels.interface import Interface
+from meshtrace.kernels.interface import Interface, Surface, corners, inside_facet
 from meshtrace.kernels.jit import entry, inlined
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.vectors import Vec2, Vec3, row

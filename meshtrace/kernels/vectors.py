@@ -197,12 +197,3 @@ def turn(d, s, u_phi):
     )
     # rounding drifts by 1e-16 a turn; thousands of turns must stay on the unit sphere
     return scaled(1.5 - 0.5 * dot(out, out), out)
-
-
-@inlined
-def angle_between(a, b):
-    """Return the angle between two vectors, exact for small ones.
-
-    Array twin: arctan2 of the norms of the cross and the scalar product.
-    """
-    return math.atan2(norm(cross(a, b)), dot(a, b))

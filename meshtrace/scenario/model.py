@@ -10,6 +10,10 @@ from pydantic import ValidationInfo, field_validator
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
+from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.setup.options import Analog, Case, Estimator, Meshing, Run, run_keys
+from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused, require_keys, require_kind
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -28,11 +32,6 @@ from meshtrace.scenario.files import (
 )
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.scenario.tables import Table, as_table, plain, validated
-from meshtrace.transport.case import Case
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import mesh_for
-from meshtrace.transport.options import Analog, Estimator, Meshing, Run, run_keys
-from meshtrace.transport.simulate import simulate
 from meshtrace.uav.airframe import Uav
 
 

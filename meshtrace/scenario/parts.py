@@ -12,6 +12,7 @@ from typing import Any, get_args
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.ook_setup import Preset
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.errors import Refused, is_number, require_keys, require_word
 from meshtrace.link import Link, Physics, Whitecaps
 from meshtrace.models import Model
@@ -19,7 +20,6 @@ from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
 from meshtrace.optics.phase import FournierForand
 from meshtrace.optics.water import Water
 from meshtrace.scenario.tables import Table, as_table, plain, validated, without_shared_wind
-from meshtrace.transport.forced_link import crossing_reach
 from meshtrace.uav.airframe import UAVS, Uav
 
 DEFAULT_WIND_SPEED = 5.0

@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike
 from meshtrace.comms.background import DARK, occupancy, with_background
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
+from meshtrace.engine.backward.background import background, background_over
+from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.setup.options import Case
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea
@@ -25,9 +28,6 @@ from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of
 from meshtrace.studies.series import in_flight
 from meshtrace.studies.store import Store
-from meshtrace.transport.backward import background, background_over
-from meshtrace.transport.case import Case
-from meshtrace.transport.meshing import mesh_for
 from meshtrace.uav.airframe import Flight
 
 _MOST_SEAS = 16  # of the mean background of an ensemble
@@ -279,13 +279,13 @@ def _over(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> list
 
 def _seen(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> Callable[[int], Floats]:
     """Return the function that gives the numbers of the background over a surface, in a row."""
-    run, normals, threads = campaign.run, campaign.meshing.normals, campaign.threads
 
     def over(i: int) -> Floats:
         link = steps.links[i] if steps.links else campaign.link
         surface, time = steps.surface(i)
-        mesh, _ = mesh_for(link, surface, campaign.meshing.replace(time=time))
-        found = background_over(link, mesh, day, photons, run.seed, normals, threads, {})
+        case = Case(link, surface, campaign.run, campaign.meshing.replace(time=time))
+        mesh, _ = mesh_for(link, surface, case.meshing)
+        found = background_over(case, mesh, day, photons, {})
         numbers = found.radiance, found.radiance_stderr, found.acceptance, found.wavelength_nm
         return np.concatenate([found.part_radiance, found.part_radiance_stderr, numbers])
 

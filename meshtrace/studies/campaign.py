@@ -11,6 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
+from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_for, surface_config
+from meshtrace.engine.setup.options import Case, Forced, Meshing, Run, resolve
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
@@ -22,11 +26,6 @@ from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.cluster import Cluster
 from meshtrace.studies.store import Store, digest_of
-from meshtrace.transport.case import Case, resolve
-from meshtrace.transport.forced import MANY_SEAS, ForcedDetection, TypicalSea
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import FADING_SPACING, mesh_for, surface_config
-from meshtrace.transport.options import Forced, Meshing, Run
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
 

@@ -13,6 +13,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.chains.maps import unscattered_map
+from meshtrace.engine.outcome import (
+    FewSamplesWarning,
+    analog_result,
+    irradiance_map,
+    largest_weight,
+    warn_of_dark_map,
+    warn_of_lost,
+)
+from meshtrace.engine.photons.analog import FixedPointSum, PhotonSums, run_analog
+from meshtrace.engine.setup.meshing import mesh_for, surface_config
+from meshtrace.engine.setup.options import Analog, Case, IrradianceMap, resolve
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -21,19 +34,6 @@ from meshtrace.results.coverage import CoverageMap, relative_errors
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
 from meshtrace.studies.store import Item, Kept, Store
-from meshtrace.transport.analog import FixedPointSum, Sums, photons_over
-from meshtrace.transport.case import Case, resolve
-from meshtrace.transport.coverage import unscattered_map
-from meshtrace.transport.meshing import mesh_for, surface_config
-from meshtrace.transport.options import Analog, IrradianceMap
-from meshtrace.transport.outcome import (
-    FewSamplesWarning,
-    analog_result,
-    irradiance_map,
-    largest_weight,
-    warn_of_dark_map,
-    warn_of_lost,
-)
 
 _FIRST_PHOTONS = 2**20  # at most, before the first comparison with `rtol`
 _MOST_AT_ONCE = 16.0  # times the photons: an error of few hits is uncertain itself
@@ -225,10 +225,10 @@ class _Mapped:
         self,
         done: int,
         photons: int,
-        sums: Sums | None,
+        sums: PhotonSums | None,
         kept: Kept,
         progress: Callable[[int], None] | None,
-    ) -> Sums:
+    ) -> PhotonSums:
         """Follow more photons at each time, and add their tallies to those of all times."""
         for i, time in enumerate(self._times):
             first = self._options.first_photon + len(self._times) * done + i * photons
@@ -238,15 +238,17 @@ class _Mapped:
                 if progress is not None:
                     progress(photons)
                 continue
-            sums = photons_over(
-                self._case, self._mesh(time), self._options.replace(first_photon=first), photons,
-                record=[self._grid], unscattered=self._image is None, sums=sums, progress=progress,
+            case, options = self._case, self._options.replace(first_photon=first)
+            sums = run_analog(
+                case.link, EmbreeIntersector(self._mesh(time), case.threads), options,
+                photons=photons, record=[self._grid], unscattered=self._image is None, sums=sums,
+                progress=progress, **case.how,
             )  # fmt: skip
             kept.keep(key, *_packed(sums))
         assert sums is not None
         return sums
 
-    def _gain(self, sums: Sums) -> tuple[Floats, Floats]:
+    def _gain(self, sums: PhotonSums) -> tuple[Floats, Floats]:
         """Return gain and standard error of the cells."""
         area = np.pi * self._receiver.radius**2
         found = irradiance_map(self._grid, sums)
@@ -280,7 +282,7 @@ class _Mapped:
         return np.where(gain > 0.0, np.nan, gain + 2.0 * stderr + 3.0 * most / photons)
 
 
-def _packed(sums: Sums) -> tuple[Floats, str]:
+def _packed(sums: PhotonSums) -> tuple[Floats, str]:
     """Return all tallies as one row of 64-bit numbers, and their shapes and types as text."""
     arrays: dict[str, NDArray[Any]] = {}
     for name, value in vars(sums).items():
@@ -292,7 +294,7 @@ def _packed(sums: Sums) -> tuple[Floats, str]:
     return np.concatenate(rows), json.dumps(about)
 
 
-def _unpacked(item: Item) -> Sums:
+def _unpacked(item: Item) -> PhotonSums:
     """Return the tallies of a row, see `_packed`."""
     found: dict[str, Any] = {}
     start = 0
@@ -305,7 +307,7 @@ def _unpacked(item: Item) -> Sums:
             vars(found.setdefault(name, FixedPointSum(tuple(shape))))[part] = array
         else:
             found[name] = array if shape else int(array)
-    return Sums(**found)
+    return PhotonSums(**found)
 
 
 def _lacking(gain: Floats, stderr: Floats, rtol: float, photons: int) -> int:

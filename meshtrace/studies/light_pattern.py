@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
+from meshtrace.engine.setup.meshing import GAIN_SPACING
+from meshtrace.engine.setup.options import Run, resolve
 from meshtrace.errors import Described, Refused, require_between, require_real
 from meshtrace.link import IsotropicSource, Led, Link, Receiver
 from meshtrace.mesh import WaveSum
@@ -17,9 +19,6 @@ from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.provenance import provenance
 from meshtrace.surfaces import Surface
-from meshtrace.transport.case import resolve
-from meshtrace.transport.meshing import GAIN_SPACING
-from meshtrace.transport.options import Run
 
 _RAYS = 5.0  # over the edge of a cell: fewer show as lines in the dark
 _ROWS = 2**18  # rays that are refracted at a time

@@ -10,6 +10,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from meshtrace.engine.forced import MANY_SEAS, TypicalSea
+from meshtrace.engine.neighbours import FrozenForced, Light
+from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines, require_cover
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
@@ -17,10 +21,6 @@ from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign, same
-from meshtrace.transport.forced import MANY_SEAS, TypicalSea
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.frozen import FrozenForced, Light
-from meshtrace.transport.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines, require_cover
 
 Result = TypeVar("Result")
 
@@ -44,8 +44,6 @@ class Neighbours:
         Meshes of the first surfaces that stay in memory.
     around : Link, optional
         The link that all meshes cover, by default the base link.
-    listed : bool
-        Whether facets near the crossings of the base are listed, see `FrozenForced`.
     """
 
     def __init__(
@@ -57,13 +55,11 @@ class Neighbours:
         fading: bool = False,
         kept: int = 1,
         around: Link | None = None,
-        listed: bool = False,
     ) -> None:
         self.campaign, self.seas = campaign, seas
-        self._options = {"phases": phases, "fading": fading, "kept": kept, "around": around,
-                         "listed": listed}  # fmt: skip
+        self._options = {"phases": phases, "fading": fading, "kept": kept, "around": around}
         self._name = secrets.token_hex(8)
-        self._phases, self._fading, self._listed = phases, fading, listed
+        self._phases, self._fading = phases, fading
         self._around = around or campaign.link
         self._lines: dict[str, Any] = {}
         if isinstance(campaign.surface, SurfaceModel):
@@ -86,7 +82,6 @@ class Neighbours:
             campaign.run.seed,
             TypicalSea.of(self._meshes, MANY_SEAS if self._fading else 1.0),
             campaign.meshing.normals,
-            meshes=self._meshes if self._listed else (),
         )
 
     def _meshed(self, surface: Any, i: int) -> TriangleMesh:

@@ -24,6 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.comms.background import DARK
+from meshtrace.engine.backward.background import background
+from meshtrace.engine.setup.options import Forced
 from meshtrace.errors import MISSING, Described, Refused, require_keys, require_whole
 from meshtrace.fields import FIELDS, attrs
 from meshtrace.kernels.random import realization_seed
@@ -41,8 +43,6 @@ from meshtrace.studies.background import RAYS, checked_daylight, error_rate, tra
 from meshtrace.studies.campaign import same
 from meshtrace.studies.cluster import DEFAULT_TIMEOUT, Cluster, error_text, require_dask
 from meshtrace.studies.store import Item, Store
-from meshtrace.transport.backward import background
-from meshtrace.transport.options import Forced
 
 if TYPE_CHECKING:
     import xarray as xr

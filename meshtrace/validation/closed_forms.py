@@ -13,6 +13,7 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from meshtrace.engine.simulate import simulate
 from meshtrace.errors import DomainWarning
 from meshtrace.link import IrradiancePlanes, Led, Link, Physics, Receiver, Sun
 from meshtrace.mesh import TriangleMesh
@@ -22,7 +23,6 @@ from meshtrace.optics.phase import FournierForand, HenyeyGreenstein
 from meshtrace.optics.water import Water
 from meshtrace.surfaces import FlatSea, Jonswap
 from meshtrace.surfaces.statistics import hs
-from meshtrace.transport.simulate import simulate
 from meshtrace.validation.check import Check, exact
 
 

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.link import Led, Link, Physics, Receiver
 from meshtrace.mesh import SurfaceModel, WaveSum
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
-from meshtrace.transport.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.validation.check import Check, exact
 
 CHAINS, QUICK_CHAINS, SERIES_CHAINS = 16_384, 4096, 2048

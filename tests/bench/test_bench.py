@@ -25,11 +25,11 @@ from meshtrace.bench import (
     worker_scaling,
 )
 from meshtrace.bench.scaling import counts_up_to, makespan
+from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.parallel import job_times, ordered_map
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import mesh_for
 
 LINK = mt.Link()
 SEA = JonswapSea(seed=3, waves="paper")

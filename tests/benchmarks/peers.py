@@ -23,12 +23,11 @@ from naive import HAS_OPEN3D, caster, naive_gain
 
 import meshtrace as mt
 from meshtrace.bench.engine import RayRecorder
-from meshtrace.bvh import EmbreeIntersector
-from meshtrace.bvh.embree import CopiedScene
+from meshtrace.engine.bvh import CopiedScene, EmbreeIntersector
+from meshtrace.engine.photons.analog import run_analog
 from meshtrace.results.tallies import standard_error
 from meshtrace.surfaces import JonswapSea
 from meshtrace.tables import text_table
-from meshtrace.transport.analog import run_analog
 
 LINK = mt.Link(
     physics=mt.Physics(unresolved="none"),

@@ -14,9 +14,9 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.bench import figure_of_merit, new_sea, resolved_sea
+from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.surfaces import Band, Elfouhaily, JonswapSea, SpectralSea
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import mesh_for
 
 SEA = JonswapSea(wind_speed=13.0, seed=7, waves="paper")
 CHAINS = 1024  # for 1 % in every realization

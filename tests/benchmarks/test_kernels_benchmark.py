@@ -11,9 +11,9 @@ from throughput import SMOOTH, default_mesh, measure_against_plain, peak_memory
 
 import meshtrace as mt
 from meshtrace.bench import analog_rate
-from meshtrace.bvh import EmbreeIntersector
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.photons.analog import run_analog
 from meshtrace.surfaces import FlatSea
-from meshtrace.transport.analog import run_analog
 
 PHOTONS = 500_000
 

@@ -15,10 +15,10 @@ from plain_tracer import plain_gain
 
 import meshtrace as mt
 from meshtrace.bench import best_of
-from meshtrace.bvh import EmbreeIntersector
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.photons.analog import run_analog
+from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.transport.analog import run_analog
-from meshtrace.transport.meshing import mesh_for
 
 SMOOTH = mt.Link(physics=mt.Physics(unresolved="none"))
 

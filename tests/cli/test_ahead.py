@@ -15,7 +15,10 @@ pytestmark = pytest.mark.process
 SAME = """
 import sys
 from meshtrace.cli.ahead import main
-from meshtrace.kernels import blurred, chain_gain, scene, unscattered
+from meshtrace.engine.chains import blurred
+from meshtrace.engine.chains import gain as chain_gain
+from meshtrace.engine.chains import unscattered
+from meshtrace.kernels import scene
 from meshtrace.scenario import Scenario
 
 main(sys.argv[1])

@@ -11,9 +11,9 @@ from command_line import meshtrace, refusal
 
 import meshtrace as mt
 from meshtrace import cli
+from meshtrace.engine.setup.options import Estimator
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea
-from meshtrace.transport.options import Estimator
 
 ANALOG = ["--estimator", "analog", "--photons", "5000"]
 
@@ -121,7 +121,7 @@ def test_kernels_once_compiled_are_found(monkeypatch, estimator):
 
 
 def test_seas_with_random_slopes_need_one_kernel_of_forced_detection(monkeypatch):
-    from meshtrace.kernels import blurred
+    from meshtrace.engine.chains import blurred
 
     only = blurred.blurred_contributions
     monkeypatch.setattr("meshtrace.kernels.jit.is_compiled", lambda kernel: kernel is only)

@@ -9,11 +9,11 @@ import pytest
 from mc_statistics import z_test
 
 import meshtrace as mt
+from meshtrace.engine.backward.submerged import blurred_phase
 from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.optics.phase import FournierForand
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.transport.submerged import blurred_phase
 
 REFERENCE = json.loads(
     (Path(__file__).parents[1] / "data/daylight_downlink_reference.json").read_text()

@@ -221,7 +221,8 @@ def test_an_unreadable_cache_folder_counts_as_empty(monkeypatch):
     """The home of another user: once an error of the command."""
     from pathlib import Path
 
-    from meshtrace.kernels import chain_gain, jit
+    from meshtrace.engine.chains import gain as chain_gain
+    from meshtrace.kernels import jit
 
     def denied(self, pattern):
         raise PermissionError(13, "Permission denied", str(self))

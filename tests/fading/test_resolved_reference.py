@@ -11,8 +11,8 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
+from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.surfaces import FlatSea, resolved_sea
-from meshtrace.transport.forced import ForcedDetection, TypicalSea
 
 REFERENCE = json.loads(
     (Path(__file__).parents[1] / "data" / "real_seas_reference.json").read_text()

@@ -51,7 +51,7 @@ def test_a_larger_aperture_needs_fewer_waves():
     assert band(radius=0.5) < 0.7 * band()
 
 
-@pytest.mark.filterwarnings("ignore:receiver 0:meshtrace.transport.outcome.FewSamplesWarning")
+@pytest.mark.filterwarnings("ignore:receiver 0:meshtrace.engine.outcome.FewSamplesWarning")
 def test_runs_store_the_number():
     link = mt.Link(receiver=mt.Receiver(radius=0.5))
     number = band(radius=0.5)

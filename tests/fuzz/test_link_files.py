@@ -7,13 +7,13 @@ from drills.hostile import places
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from meshtrace.engine.setup.options import Meshing, run_keys
 from meshtrace.link import Aperture, Physics, Source
 from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.optics.phase import PhaseFunction
 from meshtrace.optics.water import WATER_TYPES, Water
 from meshtrace.scenario import KEYS, Scenario, ScenarioError
 from meshtrace.surfaces import Spectrum, Spreading, Surface
-from meshtrace.transport.options import Meshing, run_keys
 
 WORDS = [
     "paper",

@@ -1,11 +1,17 @@
 """Codes of kernels as numba before 0.68 takes them."""
 
 import ast
+import sys
 from pathlib import Path
 
 import pytest
 
-KERNELS = sorted((Path(__file__).parents[2] / "meshtrace" / "kernels").glob("*.py"))
+import meshtrace
+from meshtrace.kernels.jit import kernel_files
+
+KERNELS = [path for path in kernel_files() if path.stem != "bvh"]
+"""Those of the intersectors know the mesh."""
+BESIDE = [path for path in KERNELS if path.parent.name != "kernels"]
 
 
 def parts(tree):
@@ -38,3 +44,17 @@ def codes():
 def test_codes_index_arrays_and_return_as_numbers(path, codes):
     tree = ast.parse(path.read_text(encoding="utf-8"))
     assert [member for part in parts(tree) for member in members(part, codes)] == []
+
+
+@pytest.mark.parametrize("path", BESIDE, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_kernels_beside_their_drivers_know_numba_numpy_and_kernels(path):
+    root = Path(meshtrace.__file__).parents[1]
+    kernels = {".".join(p.relative_to(root).with_suffix("").parts) for p in KERNELS}
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            whole = {f"{node.module}.{alias.name}" for alias in node.names}
+            names |= whole if whole <= kernels else {node.module}
+    assert names <= kernels | {"numba", "numpy", "numpy.typing"} | set(sys.stdlib_module_names)

@@ -131,7 +131,8 @@ def python(code, **changes):
 
 def test_kernels_run_as_plain_python_for_debuggers():
     code = (
-        "from meshtrace.kernels import aiming, jit; f = jit.entry(lambda x: 2.0 * x);"
+        "import meshtrace.engine.crossing; from meshtrace.kernels import jit;"
+        "f = jit.entry(lambda x: 2.0 * x);"
         "print(f(1.0), jit.is_compiled(f))"
     )
     assert python(code, NUMBA_DISABLE_JIT="1")[0] == "2.0 True"
@@ -141,8 +142,8 @@ def test_kernels_run_as_plain_python_for_debuggers():
 def test_a_home_that_cannot_be_written_is_no_obstacle():
     """Nor may numba's own cache look for a folder, which is fatal where it finds none."""
     code = (
-        "import meshtrace.surfaces, meshtrace.kernels.photon\n"
-        "from meshtrace.bvh import BruteForceIntersector\n"
+        "import meshtrace.surfaces, meshtrace.engine.photons.flight\n"
+        "from meshtrace.engine.bvh import BruteForceIntersector\n"
         "from meshtrace.mesh import TriangleMesh\n"
         "mesh = TriangleMesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])\n"
         "print(*BruteForceIntersector(mesh).intersect([(0.2, 0.2, 1)], [(0, 0, -1)]).facet)\n"

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from meshtrace.kernels.facets import (
+from meshtrace.engine.setup.arrays import surface_arrays
+from meshtrace.kernels.interface import (
     Roughness,
     Triangles,
     barycentrics,
@@ -19,7 +20,6 @@ from meshtrace.kernels.facets import (
 from meshtrace.kernels.vectors import Vec3, along, row, write
 from meshtrace.mesh import TriangleMesh
 from meshtrace.surfaces import JonswapSea
-from meshtrace.transport.arrays import surface_arrays
 
 
 @njit

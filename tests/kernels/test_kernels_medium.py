@@ -8,12 +8,12 @@ from mc_statistics import ALPHA, chi2_test, sidak
 from numba import njit
 
 import meshtrace as mt
-from meshtrace.bvh import EmbreeIntersector
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.setup.arrays import medium_arrays, with_raster
 from meshtrace.kernels import medium as kernel
 from meshtrace.kernels.random import uniforms
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.surfaces import FlatSea, SinusoidalSea
-from meshtrace.transport.arrays import medium_arrays, with_raster
 
 LAYERS = ((0.0, 0.05, 0.3), (2.0, 0.05, 0.1), (2.5, 0.4, 0.8), (8.0, 0.2, 0.1))
 LAYERED = mt.Water(layers=LAYERS)

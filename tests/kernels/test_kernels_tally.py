@@ -7,11 +7,11 @@ import pytest
 from numba import njit
 
 import meshtrace as mt
+from meshtrace.engine.photons.analog import FixedPointSum
+from meshtrace.engine.setup.arrays import aperture_arrays, medium_arrays
 from meshtrace.kernels import tally as kernel
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.vectors import UP, Vec3, row
-from meshtrace.transport.analog import FixedPointSum
-from meshtrace.transport.arrays import aperture_arrays, medium_arrays
 
 
 @njit

@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 
 from meshtrace.kernels import jit
-from meshtrace.kernels.linking import Part, Whole
+from meshtrace.kernels.jit import Part, Whole
 
 
 @jit.outlined

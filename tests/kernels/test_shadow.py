@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.bvh import BruteForceIntersector, EmbreeIntersector
-from meshtrace.kernels.shadow import BESIDE, CUT, FREE, shadows
+from meshtrace.engine.bvh import BruteForceIntersector, EmbreeIntersector
+from meshtrace.engine.setup.arrays import locator, surface_arrays
+from meshtrace.engine.setup.ends import forced_link
+from meshtrace.kernels.rays import BESIDE, CUT, FREE, shadows
 from meshtrace.surfaces import SinusoidalSea
-from meshtrace.transport.arrays import locator, surface_arrays
-from meshtrace.transport.forced_link import forced_link
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.engine.setup.options import Estimator
 from meshtrace.errors import Refused
 from meshtrace.optics.phase import MixturePhase, Petzold
 from meshtrace.optics.water import Water
@@ -23,7 +24,6 @@ from meshtrace.surfaces import (
     TiltedPlane,
     Tma,
 )
-from meshtrace.transport.options import Estimator
 
 
 def read(text, **options):
@@ -164,7 +164,7 @@ def test_a_water_type_is_refused_where_it_was_not_measured():
     assert given == Water(a=0.179, b=0.219, phase=Petzold(water="coastal"))
 
 
-@pytest.mark.filterwarnings("ignore::meshtrace.transport.outcome.FewSamplesWarning")
+@pytest.mark.filterwarnings("ignore::meshtrace.engine.outcome.FewSamplesWarning")
 def test_gains_bits_and_maps_state_the_water_and_its_source():
     scenario = read("wind_speed = 0.0\n[water]\ntype = 'jerlov-IB'")
     line = "a 0.0227, b 0.0644 m-1 at 470 nm: jerlov-IB (Solonenko and Mobley 2015)"

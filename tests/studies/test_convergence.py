@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import meshtrace as mt
 from meshtrace import cli
-from meshtrace.kernels.wave_sum import shape_at
+from meshtrace.engine.chains.wave_sum import shape_at
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS

@@ -9,12 +9,12 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy import stats
 
 import meshtrace as mt
+from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.setup.options import Analog
 from meshtrace.results.coverage import CoverageMap, place_of_highest, relative_errors
 from meshtrace.studies import coverage as room
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import mesh_for
-from meshtrace.transport.options import Analog
 
 STEP, EXTENT = 0.2, 0.5
 SMOOTH = mt.Physics(unresolved="none")

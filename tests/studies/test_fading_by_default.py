@@ -33,7 +33,7 @@ DAY = mt.Daylight.clear_sky(40.0, wavelength_nm=470.0)
 HALF_ANGLE = {"transmitter.half_angle_deg": (5.0, 20.0)}
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore::meshtrace.transport.outcome.FewSamplesWarning"),
+    pytest.mark.filterwarnings("ignore::meshtrace.engine.outcome.FewSamplesWarning"),
     pytest.mark.filterwarnings("ignore:waves:UserWarning"),
 ]
 

@@ -9,12 +9,12 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
+from meshtrace.engine.neighbours import FrozenForced
 from meshtrace.kernels.random import realization_seed
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.neighbours import error_of, without_each
 from meshtrace.studies.sensitivity.parameters import Setting, parameters
 from meshtrace.surfaces import Band, FlatSea, JonswapSea
-from meshtrace.transport.frozen import FrozenForced
 
 REFERENCE = json.loads(
     (Path(__file__).parents[1] / "data" / "sensitivity_reference.json").read_text()

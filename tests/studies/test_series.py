@@ -9,12 +9,12 @@ from typer.testing import CliRunner
 
 import meshtrace as mt
 from meshtrace.cli import app
+from meshtrace.engine.forced import ForcedDetection, TypicalSea
+from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, resolved_sea
-from meshtrace.transport.forced import ForcedDetection, TypicalSea
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import mesh_for
 
 SEA = JonswapSea(wind_speed=13.0, seed=3, mss="band", waves="paper")
 TILTED = JonswapSea(wind_speed=13.0, seed=3, waves="paper")

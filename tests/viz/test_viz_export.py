@@ -6,8 +6,8 @@ import pyvista as pv
 
 import meshtrace as mt
 from meshtrace import viz
+from meshtrace.engine.paths import PhotonPaths, Vertex
 from meshtrace.surfaces import FlatSea, SinusoidalSea
-from meshtrace.transport.paths import PhotonPaths, Vertex
 from meshtrace.viz.export import surface_sampler
 
 SEA = SinusoidalSea(amplitude=0.3, wavelength=6.0)

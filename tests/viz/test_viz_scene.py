@@ -8,8 +8,8 @@ from matplotlib.colors import to_rgb
 
 import meshtrace as mt
 from meshtrace import viz
+from meshtrace.engine.paths import PhotonPaths
 from meshtrace.surfaces import FlatSea, JonswapSea, TiltedPlane
-from meshtrace.transport.paths import PhotonPaths
 from meshtrace.viz.parts import cone_rim, rotation_from_z
 from meshtrace.viz.stage import ROOM, round_length, round_range
 from meshtrace.viz.style import FATE_COLORS, LED_COLOR

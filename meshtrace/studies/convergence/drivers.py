@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.setup.options import Meshing
 from meshtrace.errors import Described, Refused, require_whole, require_word
 from meshtrace.kernels.random import realization_seed
 from meshtrace.models import Floats
@@ -29,8 +31,6 @@ from meshtrace.studies.convergence.meshes import (
 )
 from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.studies.store import Store
-from meshtrace.transport.meshing import mesh_for
-from meshtrace.transport.options import Meshing
 
 if TYPE_CHECKING:
     from meshtrace.link import Link

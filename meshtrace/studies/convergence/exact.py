@@ -7,18 +7,18 @@ from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
+from meshtrace.engine.chains import wave_sum as analytic
+from meshtrace.engine.chains.sampling import Chains
+from meshtrace.engine.crossing import ROOT
+from meshtrace.engine.forced import ForcedDetection
+from meshtrace.engine.setup.arrays import IDENTITY, Frame
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.errors import Refused
-from meshtrace.kernels import wave_sum as analytic
-from meshtrace.kernels.chains import Chains
-from meshtrace.kernels.crossings import ROOT
 from meshtrace.kernels.scene import Scene
 from meshtrace.mesh import SurfaceModel, WaveSum
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.convergence.meshes import nested_mesh, probes
-from meshtrace.transport.forced import ForcedDetection
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.frame import IDENTITY, Frame
 
 _QUADRATURE_ERROR = 1e-5  # relative, of the unscattered light through the exact surface
 

@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from meshtrace.bvh import EmbreeIntersector
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.forced import ForcedDetection, TypicalSea
+from meshtrace.engine.photons.analog import run_analog
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.models import Floats
 from meshtrace.results.gain import Fate
@@ -18,9 +21,6 @@ from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.convergence.exact import Reference, over_waves
 from meshtrace.studies.convergence.meshes import Costs, Normals, Progress, Unresolved, probes
-from meshtrace.transport.analog import run_analog
-from meshtrace.transport.forced import ForcedDetection, TypicalSea
-from meshtrace.transport.forced_link import crossing_reach
 
 if TYPE_CHECKING:
     from meshtrace.link import Link

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, cast
 
 import numpy as np
 
+from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.errors import Refused, require_array, require_between, require_names
 from meshtrace.models import Floats
-from meshtrace.transport.forced_link import crossing_reach
-from meshtrace.transport.meshing import mesh_for
 
 if TYPE_CHECKING:
     from meshtrace.link import Link

@@ -11,6 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.engine.backward.view import only_aperture
+from meshtrace.engine.neighbours import Light
+from meshtrace.engine.setup.meshing import surface_config
+from meshtrace.engine.setup.options import Meshing
 from meshtrace.errors import Described, Refused, require_array, require_real
 from meshtrace.link import Link
 from meshtrace.models import Floats
@@ -19,10 +23,6 @@ from meshtrace.studies.campaign import Campaign, same
 from meshtrace.studies.neighbours import Neighbours, has_moments, moments
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting
 from meshtrace.studies.store import digest_of
-from meshtrace.transport.frozen import Light
-from meshtrace.transport.meshing import surface_config
-from meshtrace.transport.options import Meshing
-from meshtrace.transport.view import only_aperture
 
 WATER = ("water.a", "water.b")
 SCALE = "scale"

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.errors import Refused, require_keys, require_names, require_pair
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -27,7 +28,6 @@ from meshtrace.studies.inference.result import Inference
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.store import Store
 from meshtrace.surfaces import FlatSea
-from meshtrace.transport.meshing import surface_config
 
 DEFAULT_CHAINS = 4096
 """Chains of the prediction of each measurement."""

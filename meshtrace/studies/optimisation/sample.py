@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from meshtrace.engine.neighbours import Light
 from meshtrace.errors import Refused
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Led, Link
@@ -18,7 +19,6 @@ from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign, same
 from meshtrace.studies.neighbours import Neighbours
 from meshtrace.studies.store import digest_of
-from meshtrace.transport.frozen import Light
 from meshtrace.uav.airframe import Uav
 from meshtrace.uav.wind import Dryden
 

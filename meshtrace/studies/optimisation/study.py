@@ -12,6 +12,7 @@ import numpy as np
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.ook_setup import Preset
+from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.errors import (
     Described,
     Refused,
@@ -35,7 +36,6 @@ from meshtrace.studies.optimisation.sample import REWEIGHED, Aircraft, Sample
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.quantities import FADES
 from meshtrace.studies.store import Store
-from meshtrace.transport.meshing import surface_config
 from meshtrace.uav.airframe import Uav
 from meshtrace.uav.wind import Dryden
 

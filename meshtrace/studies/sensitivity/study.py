@@ -14,6 +14,8 @@ import numpy as np
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.ook_setup import Preset
+from meshtrace.engine.neighbours import Light
+from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.errors import Described, Refused, require_between, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea, TriangleMesh
@@ -34,8 +36,6 @@ from meshtrace.studies.sensitivity.parameters import Parameter, Setting, paramet
 from meshtrace.studies.sensitivity.quantities import FADES, Of, Quantity
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
 from meshtrace.studies.store import Store
-from meshtrace.transport.frozen import Light
-from meshtrace.transport.meshing import surface_config
 
 DEFAULT_CHAINS = 8192
 """Chains of a study of sensitivities."""
@@ -308,7 +308,7 @@ class Study:
         self._steps, self._where = steps, where
         several = realizations > 1
         self.near = Neighbours(
-            self.campaign, realizations, phases=several, fading=several, kept=_KEPT, listed=True
+            self.campaign, realizations, phases=several, fading=several, kept=_KEPT
         )
 
     def gains(self, name: str, *settings: Setting) -> Floats:

@@ -1,0 +1,1 @@
+"""Background light: photons followed from the receiver to the sky and the sun."""

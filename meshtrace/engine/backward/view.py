@@ -1,0 +1,348 @@
+"""View of a receiver: sea and daylight as its rays meet them, and points that bend the sun to it.
+
+A mesh without unresolved slopes bends a point of the sun to a receiver at separate points. On a
+facet the slope s_m of its interpolated normal and the slope s_r that bends the sun to the receiver
+are equal there; the irradiance of the receiver is
+
+    E_r = E sum F cos(theta_y) / (R^2 |det d(s_m - s_r) / d(x, y)|)
+
+with F = rho / (4 cos^4 b) for reflection, and (1 - rho) n^2 cos(theta_a) cos(theta_w) /
+(cos^4 b (n cos(theta_w) - cos(theta_a))^2) for refraction into the water. Each point of the disk
+takes its own point of the sun, neighbours opposite ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.daylight.glint import slopes_of
+from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight
+from meshtrace.daylight.water_leaving import QuasiSingle
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.chains.sets import shifted, sobol_points
+from meshtrace.engine.setup.arrays import frame_of, surface_arrays
+from meshtrace.engine.setup.options import Case
+from meshtrace.errors import Described, Refused
+from meshtrace.kernels.interface import Surface
+from meshtrace.link import Link
+from meshtrace.link.receivers import Aperture
+from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.results.background import PARTS
+from meshtrace.stored import SHIFTS
+
+SKY, GLINT, WATER, FOAM, SUN = range(len(PARTS))
+
+
+class View(NamedTuple):
+    """Receiver in local coordinates: disk, line of sight, field of view, and its points."""
+
+    center: Floats
+    axis: Floats  # line of sight, from the receiver
+    radius: float
+    sin2_psi: float  # of half the field of view
+    uniforms: Floats  # (rays, 7): disk, cone, tilt of the first reflection
+
+    @classmethod
+    def of(cls, link: Link, points: int, seed: int) -> View:
+        """Return the view of a link's aperture, in local coordinates."""
+        aperture, frame = only_aperture(link), frame_of(link)
+        psi = math.radians(0.5 * aperture.fov_deg)
+        axis, center = -np.array(aperture.axis), frame.points(np.array(aperture.center))
+        uniforms = shifted(*sobol_points(7, points // SHIFTS, (seed, 19)))
+        return cls(center, axis, aperture.radius / frame.unit, math.sin(psi) ** 2, uniforms)
+
+    def origins(self) -> Floats:
+        """Return points on the disk (rays, 3)."""
+        r, phi = self.radius * np.sqrt(self.uniforms[:, 0]), 2 * math.pi * self.uniforms[:, 1]
+        e1, e2 = _across(self.axis)
+        return self.center + np.outer(r * np.cos(phi), e1) + np.outer(r * np.sin(phi), e2)
+
+    def directions(self) -> Floats:
+        """Return directions (rays, 3) by the cosine law inside the field of view."""
+        return cone(self.axis, self.sin2_psi * self.uniforms[:, 2], self.uniforms[:, 3])
+
+    def accepted(self, directions: Floats) -> Floats:
+        """Return cosines at the disk (rays,) of directions from it; 0 outside of the view."""
+        cosine = directions @ self.axis
+        return np.where((cosine > 0.0) & (1.0 - cosine**2 <= self.sin2_psi), cosine, 0.0)
+
+    def share_of_disk(self, towards: Floats, radius: float) -> float:
+        """Return the share of a disk of small angular radius [rad] that lies in a wider view.
+
+        That of two circles in a plane: (r^2 a + R^2 b - d r sin a) / (pi r^2) with the angles a
+        and b that half of their common chord spans from either centre.
+        """
+        psi = math.asin(math.sqrt(self.sin2_psi))
+        apart = math.acos(max(-1.0, min(1.0, float(towards @ self.axis))))
+        if apart >= psi + radius:
+            return 0.0
+        if apart <= psi - radius:
+            return 1.0
+        a = math.acos((apart**2 + radius**2 - psi**2) / (2.0 * apart * radius))
+        b = math.acos((apart**2 + psi**2 - radius**2) / (2.0 * apart * psi))
+        common = radius**2 * a + psi**2 * b - apart * radius * math.sin(a)
+        return common / (math.pi * radius**2)
+
+
+def cone(axis: Floats, sin2: Floats, u_phi: Floats) -> Floats:
+    """Return directions (n, 3) at squared sines sin2 and azimuths 2 pi u_phi about an axis."""
+    s, phi = np.sqrt(sin2), 2.0 * math.pi * u_phi
+    e1, e2 = _across(axis)
+    out = np.outer(s * np.cos(phi), e1) + np.outer(s * np.sin(phi), e2)
+    return out + np.outer(np.sqrt(1.0 - sin2), axis)
+
+
+def _across(axis: Floats) -> tuple[Floats, Floats]:
+    """Return two unit vectors across an axis and each other."""
+    aside = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    e1 = np.cross(axis, aside)
+    e1 /= np.linalg.norm(e1)
+    return e1, np.cross(axis, e1)
+
+
+def only_aperture(link: Link) -> Aperture:
+    """Return the aperture of a link that has one, or refuse."""
+    if len(link.receivers) != 1:
+        raise Refused("receiver", Described(f"{len(link.receivers)} apertures"), "one aperture")
+    return link.receivers[0]
+
+
+class SeenSea(NamedTuple):
+    """Sea and light that the rays of a view meet."""
+
+    intersector: EmbreeIntersector
+    surface: Surface
+    day: Daylight
+    n: float  # index of the water over that of the air
+    foam: float  # share of the surface
+    water: QuasiSingle | None
+    second_hits: bool
+
+    @property
+    def rough(self) -> bool:
+        """Whether the mesh leaves out slopes."""
+        return self.surface.roughness.along > 0.0 or self.surface.roughness.across > 0.0
+
+
+def scene_of(case: Case, mesh: TriangleMesh, day: Daylight) -> SeenSea:
+    """Return sea and light in the local coordinates of a link."""
+    link = case.link
+    local = frame_of(link).mesh(mesh)
+    water = None
+    if day.water == "quasi-single":
+        water = QuasiSingle(link.water, link.bubbles, link.n_air, day)
+    return SeenSea(
+        EmbreeIntersector(local, case.threads),
+        surface_arrays(local, case.meshing.normals, link.physics.unresolved),
+        day,
+        link.water.n / link.n_air,
+        1.0 - link.whitecaps.transmittance if link.whitecaps else 0.0,
+        water,
+        link.physics.second_hit == "trace",
+    )
+
+
+class Hit(NamedTuple):
+    """Points where rays meet the sea: facet normal, and normal for the bending of light."""
+
+    point: Floats
+    facet_normal: Floats
+    normal: Floats
+
+
+def first_hits(
+    scene: SeenSea, origin: Floats, direction: Floats, *, below: bool = False
+) -> tuple[Hit, NDArray[np.bool_]]:
+    """Return the hits of rays on the sea, level beyond the mesh, and the mask of rays with one.
+
+    Rays come from the air, or from `below`.
+    """
+    side = -1.0 if below else 1.0
+    hits, surface = scene.intersector.intersect(origin, direction), scene.surface
+    facet = hits.facet
+    facet_normal = surface.face_normals[facet]
+    on_mesh = (facet >= 0) & (side * np.einsum("ij,ij->i", facet_normal, direction) < 0.0)
+    level = -origin[:, 2] / np.where(direction[:, 2] == 0.0, math.inf, direction[:, 2])
+    distance = np.where(on_mesh, hits.distance, np.maximum(level, 0.0))
+    point = origin + distance[:, None] * direction
+    normal = facet_normal
+    if surface.interpolate:
+        a, b, c = (surface.vertex_normals[surface.faces[facet, i]] for i in range(3))
+        u, v = (np.where(on_mesh, w, 0.0)[:, None] for w in (hits.u, hits.v))
+        normal = (1.0 - u - v) * a + u * b + v * c
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    up = np.array([0.0, 0.0, 1.0])
+    facet_normal = np.where(on_mesh[:, None], facet_normal, up)
+    normal = np.where(on_mesh[:, None], normal, up)
+    behind = side * np.einsum("ij,ij->i", normal, direction) >= 0.0
+    normal[behind] = facet_normal[behind]
+    return Hit(point, facet_normal, normal), on_mesh | (side * direction[:, 2] < 0.0)
+
+
+_POINTS = 4  # of the aperture in each shift
+_STEPS = 6  # of Newton's method
+_CURVED = 0.5  # largest bend of a gap over a facet, in units of its range
+_SUN_RADIUS = math.radians(SUN_RADIUS_DEG)
+_STEP = 1e-4  # of the derivatives, in barycentrics
+
+
+class Reflection(NamedTuple):
+    """Reflection into the air."""
+
+    sun: Floats
+    n: float
+
+    def normal(self, light: Floats) -> Floats:
+        """Return light + sun."""
+        return light + self.sun
+
+    def strength(self, light: Floats) -> Floats:
+        """Return rho / (4 cos^4 b)."""
+        mirror = self.normal(light)
+        mirror /= np.linalg.norm(mirror, axis=-1, keepdims=True)
+        cos_i = np.clip(np.einsum("...i,...i", light, mirror), 0.0, 1.0)
+        return fresnel_reflectance(cos_i, 1.0, self.n) / (4.0 * mirror[..., 2] ** 4)
+
+
+class Refraction(NamedTuple):
+    """Refraction into the water."""
+
+    sun: Floats
+    n: float
+
+    def normal(self, light: Floats) -> Floats:
+        """Return -n light - sun."""
+        return -self.n * light - self.sun
+
+    def strength(self, light: Floats) -> Floats:
+        """Return (1 - rho) n^2 cos cos / (cos^4 b (n cos - cos)^2), 0 behind the critical angle."""
+        bend = self.normal(light)
+        length = np.linalg.norm(bend, axis=-1)  # n cos(theta_w) - cos(theta_a)
+        bend = bend / length[..., None]
+        cos_a, cos_w = bend @ self.sun, -np.einsum("...i,...i", light, bend)
+        lit = (cos_a > 0.0) & (cos_w > 0.0) & (bend[..., 2] > 0.0)
+        through = 1.0 - fresnel_reflectance(np.clip(cos_a, 0.0, 1.0), 1.0, self.n)
+        slope = np.where(lit, bend[..., 2], 1.0) ** 4
+        return np.where(lit, through * self.n**2 * cos_a * cos_w / (slope * length**2), 0.0)
+
+
+Bending = Reflection | Refraction
+
+
+def bent_sun(
+    scene: SeenSea, law: Bending, view: View, depths: Callable[[Floats], Floats] | None = None
+) -> Floats:
+    """Return the mean radiance of bent sun over the irradiance of the sun, by shift (shifts,).
+
+    Shadows of the sun by other waves are left out, and so is light bent twice. Under water
+    `depths(points)` are vertical optical depths.
+    """
+    surface, per_shift = scene.surface, len(view.uniforms) // SHIFTS
+    chosen = (per_shift * np.arange(SHIFTS)[:, None] + np.arange(min(_POINTS, per_shift))).ravel()
+    every = np.arange(len(surface.faces))
+    nearest = np.linalg.norm(surface.vertices - view.center, axis=1).min()
+    turns = view.radius / nearest + _SUN_RADIUS
+    slack = 2.0 * turns * law.n / (law.n - 1.0)  # s_r turns by less over both disks
+    near = np.flatnonzero(_may_vanish(_corner_gaps(surface, every, law, view.center), slack))
+    points = view.origins()[chosen]
+    laws = [law._replace(sun=sun) for sun in _suns(law.sun, view.uniforms[chosen, 2:4])]
+    found = [
+        _irradiance(scene, near, one, view, point, depths)
+        for one, point in zip(laws, points, strict=True)
+    ]
+    return np.array(found).reshape(SHIFTS, -1).mean(axis=1) / (math.pi * view.sin2_psi)
+
+
+def _suns(middle: Floats, u: Floats) -> Floats:
+    """Return a point of the sun's disk for each row of u (n, 2); pairs are opposite."""
+    odd = np.arange(len(u)) % 2
+    u = u[np.arange(len(u)) - odd]
+    return cone(middle, math.sin(_SUN_RADIUS) ** 2 * u[:, 0], u[:, 1] + 0.5 * odd)
+
+
+def _corner_gaps(surface: Surface, facets: Any, law: Bending, point: Floats) -> Floats:
+    """Return s_m - s_r at the corners of facets (facets, 3, 2) for a point of the aperture."""
+    corner = surface.vertices[surface.faces[facets]]
+    light = point - corner
+    light /= np.linalg.norm(light, axis=-1, keepdims=True)
+    return slopes_of(_normals(surface, facets)) - _slopes(law, light)
+
+
+def _slopes(law: Bending, light: Floats) -> Floats:
+    """Return the slopes that bend the sun into directions; where none does, one beyond reach."""
+    normal = law.normal(light)
+    upright = normal[..., 2:] > 1e-6
+    return np.where(upright, slopes_of(np.where(upright, normal, 1.0)), 1e6)
+
+
+def _normals(surface: Surface, facets: Any) -> Floats:
+    """Return the normals at the corners of facets (facets, 3, 3)."""
+    if surface.interpolate:
+        return surface.vertex_normals[surface.faces[facets]]
+    return np.repeat(surface.face_normals[facets][:, None], 3, axis=1)
+
+
+def _may_vanish(gaps: Floats, slack: Floats | float) -> NDArray[np.bool_]:
+    """Return whether both components of gaps at the corners may vanish on a facet."""
+    low, high = gaps.min(axis=1), gaps.max(axis=1)
+    margin = _CURVED * (high - low) + slack
+    return np.asarray(((low <= margin) & (high >= -margin)).all(axis=1))
+
+
+def _irradiance(
+    scene: SeenSea, facets: NDArray[np.int64], law: Bending, view: View, point: Floats, depths: Any
+) -> float:
+    """Return the irradiance of bent sun at a point of the aperture, over that of the sun."""
+    surface = scene.surface
+    facets = facets[_may_vanish(_corner_gaps(surface, facets, law, point), 0.0)]
+    corner, normals = surface.vertices[surface.faces[facets]], _normals(surface, facets)
+
+    def gap(u: Floats) -> Floats:
+        light = point - _blend(u, corner)
+        light /= np.linalg.norm(light, axis=-1, keepdims=True)
+        return slopes_of(_blend(u, normals)) - _slopes(law, light)
+
+    u = np.full((len(facets), 2), 1.0 / 3.0)
+    with np.errstate(all="ignore"):
+        for _ in range(_STEPS):
+            u = u - np.einsum("nij,nj->ni", _inverse(_jacobian(gap, u)), gap(u))
+        inside = (u >= 0.0).all(axis=1) & (u.sum(axis=1) < 1.0)
+        inside &= np.abs(gap(u)).max(axis=1) < 1e-9
+        det = np.abs(np.linalg.det(_jacobian(gap, u)[inside]))
+    if not inside.any():
+        return 0.0
+    edges = corner[inside][:, 1:, :2] - corner[inside][:, :1, :2]
+    det = det / np.abs(np.linalg.det(edges))
+    place = _blend(u, corner)[inside]
+    distance = np.linalg.norm(point - place, axis=1)
+    light = (point - place) / distance[:, None]
+    first = scene.intersector.intersect(np.broadcast_to(point, light.shape), -light).distance
+    seen = first > distance * (1.0 - 1e-3)
+    light_in = law.strength(light) * view.accepted(-light) / (distance**2 * det)
+    if depths is not None:
+        light_in = light_in * np.exp(-depths(place) / np.abs(light[:, 2]))
+    return float(light_in[seen].sum())
+
+
+def _blend(u: Floats, corners: Floats) -> Floats:
+    share = np.concatenate([1.0 - u.sum(axis=1, keepdims=True), u], axis=1)
+    return np.asarray(np.einsum("ni,nij->nj", share, corners))
+
+
+def _jacobian(gap: Any, u: Floats) -> Floats:
+    steps = _STEP * np.eye(2)
+    return np.stack([(gap(u + s) - gap(u - s)) / (2.0 * _STEP) for s in steps], axis=-1)
+
+
+def _inverse(m: Floats) -> Floats:
+    """Return the inverses of matrices (n, 2, 2)."""
+    signs = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    det = m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] * m[:, 1, 0]
+    return signs * m[:, ::-1, ::-1].swapaxes(1, 2) / det[:, None, None]

@@ -1,0 +1,387 @@
+"""Ray-mesh intersection: Embree, by its C interface or by embreex; brute force, its reference.
+
+All return the first facet along each ray only: the point, its barycentrics and the normal follow
+in double precision from the corners of the facet, so that the single precision of Embree decides
+only between neighbours at an edge.
+
+embreex copies a mesh facet by facet in Python and its wheel holds the library of Embree. Through
+ctypes that library reads the arrays where they are. Where it is not found, lacks a function or
+reports an error, embreex takes its place with the same hits.
+
+References
+----------
+Intel, "Embree API reference", version 4.4, https://github.com/RenderKit/embree.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import warnings
+import weakref
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from importlib import metadata
+from itertools import pairwise
+from typing import Any, NamedTuple, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meshtrace.errors import Described, Refused, require_kind
+from meshtrace.kernels.interface import Triangles, corners, facet_hits
+from meshtrace.kernels.jit import allocating_entry, config
+from meshtrace.kernels.rays import RAY_WORDS, Bvh, Word, aligned_rays, bvh_of, cast
+from meshtrace.kernels.vectors import cross, dot, minus, row
+from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.parallel import default_threads, ordered_map
+
+_TRIANGLES = 0  # RTC_GEOMETRY_TYPE_TRIANGLE
+_INDEX, _VERTEX = 0, 1  # RTC_BUFFER_TYPE_*
+_UINT3, _FLOAT3 = 0x5003, 0x9003  # RTC_FORMAT_*
+_ROBUST = 1 << 2  # RTC_SCENE_FLAG_ROBUST
+_ROW = 12  # bytes of three numbers
+_BLOCK = 64  # rays
+
+_POINTER, _UINT, _SIZE = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
+_FUNCTIONS: dict[str, tuple[Any, ...]] = {  # result, arguments
+    "rtcNewDevice": (_POINTER, ctypes.c_char_p),
+    "rtcGetDeviceError": (_UINT, _POINTER),
+    "rtcNewScene": (_POINTER, _POINTER),
+    "rtcSetSceneFlags": (None, _POINTER, _UINT),
+    "rtcNewGeometry": (_POINTER, _POINTER, _UINT),
+    "rtcSetSharedGeometryBuffer": (
+        *(None, _POINTER, _UINT, _UINT, _UINT),
+        *(_POINTER, _SIZE, _SIZE, _SIZE),
+    ),
+    "rtcCommitGeometry": (None, _POINTER),
+    "rtcAttachGeometry": (_UINT, _POINTER, _POINTER),
+    "rtcReleaseGeometry": (None, _POINTER),
+    "rtcCommitScene": (None, _POINTER),
+    "rtcReleaseScene": (None, _POINTER),
+    "rtcIntersect1": (None, _POINTER, _POINTER, _POINTER),
+}
+
+
+class RayScene(Protocol):
+    """Interface of a scene."""
+
+    def run(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> NDArray[np.int32]:
+        """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
+        ...
+
+
+class Library(NamedTuple):
+    """The library of Embree and its one device: devices are costly, scenes are not."""
+
+    functions: Any
+    device: int
+    intersect: int  # address of rtcIntersect1
+
+
+def new_scene(vertices: Floats, faces: NDArray[np.integer[Any]]) -> RayScene:
+    """Return a committed scene of a mesh in robust mode, in single precision."""
+    found = library()
+    if found is not None:
+        try:
+            return SharedScene(found, vertices, faces)
+        except OSError as error:
+            warnings.warn(f"{error}; embreex is used, which is slower", stacklevel=2)
+    return CopiedScene(vertices, faces)
+
+
+@cache
+def library() -> Library | None:
+    """Return the library in the wheel of embreex, None if it cannot be used from here."""
+    if config.DISABLE_JIT:  # rays are cast by compiled code
+        return None
+    try:
+        import embreex.rtcore  # noqa: F401 - loads what the library depends on
+
+        files = metadata.files("embreex") or []
+        names = (f for f in files if "embree4" in f.name and f.suffix != ".py")
+        functions = ctypes.CDLL(str(next(names).locate()))
+        for name, (result, *arguments) in _FUNCTIONS.items():
+            function = getattr(functions, name)
+            function.restype, function.argtypes = result, arguments
+        device = functions.rtcNewDevice(None)
+        intersect = ctypes.cast(functions.rtcIntersect1, _POINTER).value
+    except (ImportError, OSError, AttributeError, StopIteration):  # any platform
+        return None
+    return Library(functions, device, intersect) if device and intersect else None
+
+
+class SharedScene:
+    """Scene of the C interface over the arrays of the mesh, without a copy.
+
+    Raises
+    ------
+    OSError
+        If Embree reports an error.
+    """
+
+    def __init__(self, found: Library, vertices: Floats, faces: NDArray[np.integer[Any]]) -> None:
+        rtc = found.functions
+        # Embree may read 16 bytes at the last vertex
+        corners = np.zeros((len(vertices) + 1, 3), np.float32)
+        corners[:-1] = vertices
+        indices = np.ascontiguousarray(faces, np.int32)
+        rtc.rtcGetDeviceError(found.device)  # clears an older one
+        scene = rtc.rtcNewScene(found.device)
+        if not scene:
+            raise OSError("Embree made no scene")
+        # the arrays live as long as the scene that reads them
+        self._release = weakref.finalize(self, _release, rtc, scene, corners, indices)
+        rtc.rtcSetSceneFlags(scene, _ROBUST)
+        geometry = rtc.rtcNewGeometry(found.device, _TRIANGLES)
+        for kind, form, array, n in (
+            (_VERTEX, _FLOAT3, corners, len(vertices)),
+            (_INDEX, _UINT3, indices, len(indices)),
+        ):
+            start = array.ctypes.data
+            rtc.rtcSetSharedGeometryBuffer(geometry, kind, 0, form, start, 0, _ROW, n)
+        rtc.rtcCommitGeometry(geometry)
+        rtc.rtcAttachGeometry(scene, geometry)
+        rtc.rtcReleaseGeometry(geometry)
+        rtc.rtcCommitScene(scene)
+        code = rtc.rtcGetDeviceError(found.device)
+        if code:
+            self._release()
+            raise OSError(f"error {code} of Embree")
+        self.function = found.intersect, scene
+        """Address of the function that casts a ray, and its first argument."""
+
+    def run(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> NDArray[np.int32]:
+        """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
+        out = np.empty(len(origins), np.int32)
+        block = aligned_rays(_BLOCK)
+        rays = np.ascontiguousarray(origins), np.ascontiguousarray(directions)
+        cast(*self.function, block, block.view(np.int32), *rays, out)
+        return out
+
+
+def _release(rtc: Any, scene: int, *arrays: NDArray[Any]) -> None:
+    """Release a scene; its arrays are arguments so that they live until then."""
+    rtc.rtcReleaseScene(scene)
+
+
+@cache
+def _device() -> Any:
+    """Return the one device of embreex."""
+    from embreex.rtcore import EmbreeDevice
+
+    return EmbreeDevice()
+
+
+class CopiedScene:
+    """Scene of embreex, with a copy of the mesh."""
+
+    def __init__(self, vertices: Floats, faces: NDArray[np.integer[Any]]) -> None:
+        from embreex.mesh_construction import TriangleMesh as EmbreeMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        self._scene = EmbreeScene(_device(), robust=True)
+        EmbreeMesh(self._scene, vertices.astype(np.float32), faces.astype(np.int32, copy=False))
+        # the first query commits the scene, which must not happen in two threads at once
+        self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
+
+    def run(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> NDArray[np.int32]:
+        """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
+        return self._scene.run(origins, directions)
+
+
+class Hits(NamedTuple):
+    """First intersections of rays with a mesh.
+
+    Attributes
+    ----------
+    facet : ndarray of int32, shape (n,)
+        Index of the facet, -1 for a miss.
+    distance : ndarray, shape (n,)
+        Distance along the ray [m], inf for a miss.
+    u, v : ndarray, shape (n,)
+        Barycentrics of the point: (1 - u - v) p0 + u p1 + v p2; nan for a miss.
+    """
+
+    facet: NDArray[np.int32]
+    distance: Floats
+    u: Floats
+    v: Floats
+
+
+class Intersector(ABC):
+    """Acceleration structure over a triangle mesh, as the tracers use it.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The surface.
+    """
+
+    shortcut = False  # whether facets may be found without it where the answer is known
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        require_kind(mesh, TriangleMesh, "mesh")
+        self.mesh = mesh
+
+    def over(self, mesh: TriangleMesh) -> Self:
+        """Return an intersector of the same kind over another mesh."""
+        return type(self)(mesh)
+
+    @abstractmethod
+    def facets(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> NDArray[np.int32]:
+        """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
+
+    @contextmanager
+    def function(self) -> Iterator[Bvh]:
+        """Return `facets` as a C function for the kernels of one thread.
+
+        An error that `facets` raises is raised at the end.
+        """
+        errors: list[Exception] = []
+
+        def first(scene: int, address: int, _: int) -> None:
+            ray = np.ctypeslib.as_array((ctypes.c_float * RAY_WORDS).from_address(address))
+            start, way = ray[Word.ORIGIN :][:3], ray[Word.DIRECTION :][:3]
+            try:
+                ray.view(np.int32)[Word.FACET] = self.facets(start[None], way[None])[0]
+            except Exception as error:
+                errors.append(error)
+
+        kept = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(first)
+        yield bvh_of(int(ctypes.cast(kept, ctypes.c_void_p).value or 0), 0)
+        if errors:
+            raise errors[0]
+
+    def intersect(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
+        """Return the first hit of each ray."""
+        o = np.ascontiguousarray(origins, dtype=np.float64)
+        d = np.ascontiguousarray(directions, dtype=np.float64)
+        for name, array in (("origins", o), ("directions", d)):
+            if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
+                raise Refused(name, Described(f"shape {array.shape}"), "finite (n, 3)")
+        if o.shape != d.shape:
+            other = Described(f"shape {d.shape}")
+            raise Refused("directions", other, f"that of origins, {o.shape}")
+        facet = self.facets(o.astype(np.float32), d.astype(np.float32))
+        triangles = Triangles(self.mesh.vertices, self.mesh.faces, self.mesh.face_normals)
+        distance, u, v = facet_hits(facet, o, d, triangles)
+        return Hits(facet, distance, u, v)
+
+
+class EmbreeIntersector(Intersector):
+    """Embree BVH over a triangle mesh, in robust mode.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The surface; its corners are copied in single precision.
+    threads : int, optional
+        Threads that `intersect` spreads its rays over; all cores by default.
+
+    Notes
+    -----
+    Rays are answered one by one without the GIL, so chunks in threads scale. Packets of 16 rays
+    (`rtcIntersect16`) take as long per ray as single ones, in any order of the rays. A moving sea
+    is a new intersector for each time step.
+    """
+
+    shortcut = True
+
+    def __init__(self, mesh: TriangleMesh, threads: int | None = None) -> None:
+        super().__init__(mesh)
+        self.threads = default_threads(threads)
+        self._scene = new_scene(mesh.vertices, mesh.faces)
+
+    def over(self, mesh: TriangleMesh) -> Self:
+        """Return an intersector of the same kind over another mesh."""
+        return type(self)(mesh, self.threads)
+
+    def facets(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> NDArray[np.int32]:
+        """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
+        return self._scene.run(origins, directions)
+
+    @contextmanager
+    def function(self) -> Iterator[Bvh]:
+        """Return the function of Embree for the kernels of one thread."""
+        if type(self).facets is EmbreeIntersector.facets and isinstance(self._scene, SharedScene):
+            yield bvh_of(*self._scene.function)
+            return
+        with super().function() as python:
+            yield python
+
+    def intersect(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
+        """Return the first hit of each ray, rays spread over the threads.
+
+        Parameters
+        ----------
+        origins, directions : array_like, shape (n, 3)
+            Rays; directions need not be unit vectors, distances are in their length.
+        """
+        o, d = np.asarray(origins, dtype=float), np.asarray(directions, dtype=float)
+        if self.threads == 1 or len(o) < 2 * self.threads:
+            return super().intersect(o, d)
+        bounds = np.linspace(0, len(o), self.threads + 1, dtype=int)
+        chunks, hits = (slice(*ends) for ends in pairwise(bounds)), super().intersect
+        parts = ordered_map(lambda chunk: hits(o[chunk], d[chunk]), chunks, self.threads)
+        return Hits(*(np.concatenate(field) for field in zip(*parts, strict=True)))
+
+
+class BruteForceIntersector(Intersector):
+    """Brute force: every ray against every facet in double precision, the reference of tests."""
+
+    def facets(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> NDArray[np.int32]:
+        """Return the first facet of each ray, -1 for a miss; thread-safe."""
+        rays = origins.astype(np.float64), directions.astype(np.float64)
+        return _first_facets(*rays, self.mesh.vertices, self.mesh.faces)
+
+
+@allocating_entry
+def _first_facets(
+    origins: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+) -> NDArray[np.int32]:
+    """Return the nearest facet of each ray by Moller and Trumbore (1997).
+
+    Array twin: `EmbreeIntersector.facets`, of which this is the reference, in double precision and
+    without bounding volumes.
+    """
+    out = np.full(len(origins), -1, np.int32)
+    for i in range(len(origins)):
+        o, d = row(origins, i), row(directions, i)
+        nearest = np.inf
+        for f in range(len(faces)):
+            a, b, c = corners(vertices, f, faces)
+            e1, e2, s = minus(b, a), minus(c, a), minus(o, a)
+            p = cross(d, e2)
+            det = dot(e1, p)
+            if det == 0.0:
+                continue
+            u = dot(s, p) / det
+            if u < 0.0 or u > 1.0:
+                continue
+            q = cross(s, e1)
+            v = dot(d, q) / det
+            if v < 0.0 or u + v > 1.0:
+                continue
+            t = dot(e2, q) / det
+            if 0.0 <= t < nearest:
+                nearest = t
+                out[i] = f
+    return out

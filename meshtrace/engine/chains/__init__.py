@@ -1,0 +1,1 @@
+"""Unscattered light, and scattering chains rotated to end at the receiver."""

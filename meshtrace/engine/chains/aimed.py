@@ -1,0 +1,385 @@
+"""Chains aimed over one surface: crossings, weights, and shadowing by waves."""
+
+from __future__ import annotations
+
+import math
+from functools import cache, cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.chains import blurred
+from meshtrace.engine.chains import gain as kernel
+from meshtrace.engine.chains import unscattered as image
+from meshtrace.engine.chains.gain import Counter, direct_crossings
+from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request
+from meshtrace.engine.crossing import ROOT, Search
+from meshtrace.engine.setup.arrays import locator, surface_arrays, with_raster
+from meshtrace.engine.setup.ends import ForcedLink, forced_link
+from meshtrace.kernels.interface import Direction, Roughness, Snell, Surface
+from meshtrace.kernels.medium import DepthMode
+from meshtrace.kernels.rays import BESIDE, CUT, shadows
+from meshtrace.kernels.scene import FACET, Emitter, Locator, Scene, Target, facet_summary
+from meshtrace.kernels.vectors import Vec3
+from meshtrace.link import Link
+from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+
+SearchMode = Literal["usual", "thorough"]
+
+ROOTS = 64  # crossings of one chain at most
+_NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's, that blurs
+_POINT = 0.5  # radius of an aperture over the blur, up to which four points stand for it
+_WIDEST = 20.0  # radius of an aperture over the blur: a wider one takes too many points
+_SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
+_AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
+
+
+class Aimed(NamedTuple):
+    """Score of each chain of a set, and its unblocked arrivals if they are kept."""
+
+    score: Floats
+    arrivals: NDArray[np.void]  # ARRIVAL
+
+
+class AimedChains:
+    """Chains over one surface, in the local frame of the link.
+
+    Parameters
+    ----------
+    link : ForcedLink
+        The link.
+    mesh : TriangleMesh
+        The surface [m].
+    intersector : EmbreeIntersector, optional
+        Its Embree scene, made when a path has to be checked.
+    normals : {"vertex", "facet"}
+        Normals interpolated from the corners, or those of the facets.
+    unresolved : str
+        `Physics.unresolved`.
+    search : {"usual", "thorough"}
+        "thorough" asks every facet for crossings of every chain; "usual" does so for a share of
+        the chains, which count by its inverse: unbiased, with noise of its own.
+    """
+
+    def __init__(
+        self,
+        link: ForcedLink,
+        mesh: TriangleMesh,
+        intersector: EmbreeIntersector | None = None,
+        normals: str = "vertex",
+        unresolved: str = "none",
+        search: SearchMode = "usual",
+    ) -> None:
+        self.link = link
+        self._mesh = link.frame.mesh(mesh)
+        self._given = intersector if self._mesh is mesh else None
+        self._normals = normals
+        self._search_mode = search
+        self.surface: Surface = surface_arrays(self._mesh, normals, unresolved)
+        rough = self.surface.roughness
+        self.rough = rough.along > 0.0 or rough.across > 0.0
+        self.blurred = self._blurs()
+        self.facets = np.empty(len(mesh.faces), FACET)
+        facet_summary(self.surface, self.facets)
+        self.medium = link.medium
+        if self.medium.depth_mode == DepthMode.LOCAL:
+            self.medium = with_raster(self.medium, self._intersector)
+        self.locator = locator(self.surface, link.targets)
+        self.counters = np.zeros(len(Counter), np.int64)
+        self.nodes: dict[tuple[int, int], tuple[int, int]] = {}  # quadratures of the apertures
+        self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
+
+    @cached_property
+    def _intersector(self) -> EmbreeIntersector:
+        return self._given or EmbreeIntersector(self._mesh, 1)
+
+    def _blurs(self) -> bool:
+        """Return whether random slopes are wide enough for an integration over them.
+
+        Refraction has to be physical: the slope between two directions is then known.
+        """
+        interface, rough = self.link.interface, self.surface.roughness
+        physical = (interface.snell, interface.direction) == (Snell.PHYSICAL, Direction.VECTOR)
+        narrowest = min(rough.along, rough.across)
+        return physical and narrowest > _NARROWEST * math.sqrt(self._mesh_slopes)
+
+    @cached_property
+    def _mesh_slopes(self) -> float:
+        """Mean square slope of the mesh, of one component."""
+        n = self.surface.vertex_normals
+        return float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
+
+    @cached_property
+    def spread(self) -> Roughness:
+        """Proposal law of the slopes, wider than that of the sea to bound the weights."""
+        rough, mesh = self.surface.roughness, self._mesh_slopes
+        along, across = (_SPREAD * math.hypot(s, math.sqrt(mesh)) for s in rough[:2])
+        return rough._replace(along=along, across=across)
+
+    @property
+    def centroids(self) -> Floats:
+        """Centroids of the facets, shape (m, 3)."""
+        return np.stack([self.facets[name] for name in ("x", "y", "z")], axis=1)
+
+    @cached_property
+    def _mirrored(self) -> tuple[Surface, NDArray[np.void]]:
+        """The surface upside down, with facets in the same order, and their summary."""
+        flip = np.array([1.0, 1.0, -1.0])
+        s = self.surface
+        surface = s._replace(
+            vertices=s.vertices * flip,
+            faces=np.ascontiguousarray(s.faces[:, ::-1]),
+            face_normals=-s.face_normals * flip,
+            vertex_normals=-s.vertex_normals * flip,
+            low=np.array([s.low[0], s.low[1], -s.high[2]]),
+            high=np.array([s.high[0], s.high[1], -s.low[2]]),
+        )
+        facets = np.empty(len(s.faces), FACET)
+        facet_summary(surface, facets)
+        return surface, facets
+
+    def _forwards(self, emitter: int, target: int, at: Vec3 | None) -> Scene:
+        """Return the scene in which unscattered light runs from the source to the receiver.
+
+        A source in the water may be moved to a point.
+        """
+        link, forwards = self.link, self.link.forwards
+        start = link.emitters[emitter]
+        if at is not None:
+            start = start._replace(position=at)
+        scene = self.scene(start, link.targets[target])
+        if forwards is None:
+            return scene
+        surface, facets = self._mirrored
+        n = forwards.medium
+        return scene._replace(
+            emitter=forwards.emitters[target],
+            target=forwards.targets[emitter],
+            surface=surface,
+            facets=facets,
+            medium=self.medium._replace(n_water=n.n_water, n_air=n.n_air),
+            mirrored=True,
+        )
+
+    def scene(self, emitter: Emitter, target: Target) -> Scene:
+        """Return one source, the surface and one aperture as the kernels take them."""
+        facets, medium, interface = self.facets, self.medium, self.link.interface
+        return Scene(emitter, target, self.surface, self.locator, facets, medium, interface)
+
+    def search_of(self, target: Target) -> Search:
+        """Return the extent of the search for roots."""
+        extent = self._extent
+        return extent._replace(widest=target.reach + extent.widest)
+
+    @cached_property
+    def _extent(self) -> Search:
+        extent = search_extent(self.surface, self.facets, self.locator)
+        return extent._replace(audit=1.0) if self._search_mode == "thorough" else extent
+
+    def score(self, source: int, receiver: int, chains: ChainSet) -> Floats:
+        """Return the score of each chain of a set, from a source to a receiver."""
+        return self.aim(source, receiver, chains).score
+
+    def scores(self, source: int, chains: ChainSet) -> Floats:
+        """Return the scores of chains, shape (receivers, chains)."""
+        found = np.empty((len(self.link.targets), len(chains.audit)))
+        for receiver, score in enumerate(found):
+            score[:] = self.aim(source, receiver, chains).score
+        return found
+
+    def aim(self, source: int, receiver: int, chains: ChainSet, keep: bool = False) -> Aimed:
+        """Return the score of each chain of a set and, if `keep`, its unblocked arrivals."""
+        emitter, target = self.link.emitters[source], self.link.targets[receiver]
+        n = len(chains.audit)
+        most = 2 * n + 64
+        out = kernel.Output(
+            score=np.zeros(n),
+            doubtful=np.empty(most, kernel.DOUBT),
+            rays=np.empty(most * (chains.order + 2), kernel.RAY),
+            arrivals=np.empty(most if keep else 0, kernel.ARRIVAL),
+            counters=np.zeros(len(Counter), np.int64),
+            roots=np.zeros(ROOTS, ROOT),
+        )
+        scene, flat = self.scene(emitter, target), chains.flat[receiver]
+        if self.blurred:
+            found = blurred.blurred_contributions(chains.chains, flat, self.spread, scene, out)
+        else:
+            search = self.search_of(target)
+            found = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
+        n_doubt, n_rays, n_arrivals = found
+        arrivals = out.arrivals[:n_arrivals]
+        if n_doubt:
+            cut = np.zeros(n_doubt, bool)
+            rays = out.rays[:n_rays]
+            ways = (np.ascontiguousarray(rays[name]) for name in ("origin", "direction", "length"))
+            blocked = self._cut(*ways)
+            cut[rays["crossing"][blocked]] = True
+            clear = out.doubtful[:n_doubt][~cut]
+            np.add.at(out.score, clear["chain"], clear["weight"])
+            out.counters[Counter.BLOCKED] += int(cut.sum())
+            arrivals = arrivals[(arrivals["doubt"] < 0) | ~cut[arrivals["doubt"]]]
+        self.counters += out.counters
+        return Aimed(out.score, arrivals)
+
+    def _cut(self, origins: Floats, directions: Floats, lengths: Floats) -> NDArray[np.bool_]:
+        """Return the straight paths that the surface blocks.
+
+        A path that starts or ends on the surface is shortened by a hair at both ends. Paths
+        outside the region that the receivers see are checked by Embree.
+        """
+        outcome = np.empty(len(lengths), np.int64)
+        shadows(origins, directions, lengths, self.surface, self.locator, outcome)
+        cut, beside = outcome == CUT, np.flatnonzero(outcome == BESIDE)
+        if len(beside):
+            hair = 1e-4 * (1.0 + lengths[beside])
+            start = origins[beside] + hair[:, None] * directions[beside]
+            hits = self._intersector.intersect(start, directions[beside])
+            cut[beside] = hits.distance < lengths[beside] - 3.0 * hair
+        return cut
+
+    def direct_gains(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats | None:
+        """Return the unscattered gain through each facet, without noise.
+
+        From the centre of the source, or from the point `at`. None where it has to be sampled:
+        random slopes are too narrow to be integrated over, for the mesh or for the aperture.
+        """
+        if not self.rough:
+            return self.facet_gains(source, receiver, at)
+        if not self.blurred:
+            return None
+        scene = self._forwards(source, receiver, at)
+        blur = self._blur(scene)
+        if blur > _WIDEST:
+            return None
+        gain = np.zeros(len(self._mesh.faces))
+        doubtful = np.zeros(len(gain), bool)
+        nodes = self.nodes.setdefault((source, receiver), _disk_nodes(blur))
+        stack = np.empty((image.STACK, 3), np.int64)
+        blurred.blurred_gain(scene, blurred.Disk(*_disk_rule(*nodes)), stack, gain, doubtful)
+        return self._seen(gain, np.flatnonzero(doubtful), source, receiver)
+
+    def _blur(self, scene: Scene) -> float:
+        """Return the radius of the aperture over the width of the light of one facet on it."""
+        target, n = scene.target, scene.medium.n_water / scene.medium.n_air
+        lever = abs(n - 1.0) * max(target.center[2] - float(scene.surface.high[2]), 1e-6)
+        return float(target.radius / (lever * min(self.surface.roughness[:2])))
+
+    def take_points(self, source: int, receiver: int) -> None:
+        """Take one point for an aperture over which blurred light does not change.
+
+        That suffices for the ratio of the light through two meshes.
+        """
+        if self.blurred and self._blur(self._forwards(source, receiver, None)) <= _POINT:
+            self.nodes[source, receiver] = 1, 1
+
+    def facet_gains(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats:
+        """Return the unscattered gain through each facet."""
+        scene = self._forwards(source, receiver, at)
+        stretch, lever = self.bounds_of(scene)
+        gain = np.zeros(len(self._mesh.faces))
+        doubtful = np.zeros(len(gain), bool)
+        stack = np.empty((image.STACK, 3), np.int64)
+        image.image_gain(scene, 1.5 * stretch, lever, stack, gain, doubtful)
+        return self._seen(gain, np.flatnonzero(doubtful), source, receiver)
+
+    def bounds_of(self, scene: Scene) -> tuple[float, float]:
+        """Return bounds on the change of a landing point with its crossing, and with a slope."""
+        n = scene.medium.n_water / scene.medium.n_air
+        height = scene.target.center[2] + self._waves
+        depth = max(-scene.emitter.position[2] - self._waves, 0.1)
+        sin_t = min(scene.target.sin_widest, 0.98 * min(n, 1.0))
+        cos_t, cos_i = math.sqrt(1.0 - sin_t**2), math.sqrt(1.0 - (sin_t / n) ** 2)
+        lever = height * abs(n * cos_i / cos_t - 1.0) / cos_t**2
+        return 1.5 * (1.0 + n * height / depth), 1.5 * lever
+
+    def _seen(self, gain: Floats, doubtful: NDArray[np.intp], source: int, receiver: int) -> Floats:
+        """Return gains without those of doubtful facets with a centroid hidden from either end."""
+        if not len(doubtful):
+            return gain
+        centroid = self.centroids[doubtful]
+        for end in (self.link.emitters[source].position, self.link.targets[receiver].center):
+            way = centroid - np.asarray(end)
+            length = np.linalg.norm(way, axis=1)
+            start = np.tile(np.asarray(end), (len(way), 1))
+            gain[doubtful[self._cut(start, way / length[:, None], length)]] = 0.0
+        return gain
+
+    def direct_paths(
+        self, source: int, receiver: int, facets: NDArray[np.intp], disk: Floats
+    ) -> Floats:
+        """Return (n, 3, 3): source, crossing and landing of unscattered light near facets."""
+        emitter, target = self.link.emitters[source], self.link.targets[receiver]
+        found, crossings = np.zeros(len(facets), bool), np.zeros((len(facets), 3))
+        direct_crossings(
+            disk, self.centroids[facets], self.scene(emitter, target), found, crossings
+        )
+        paths = np.empty((len(facets), 3, 3))
+        paths[:, 0] = on_disk(emitter.position, emitter, disk)
+        paths[:, 1] = crossings
+        paths[:, 2] = on_disk(target.center, target, disk)
+        return paths[found]
+
+
+def search_extent(surface: Surface, facets: NDArray[np.void], bins: Locator) -> Search:
+    """Return the extent of the search for roots, `widest` beyond the reach of a target."""
+    near = facets[bins.facet] if len(bins.facet) else facets
+    return Search(
+        audit=_AUDITED if surface.interpolate else 1.0,
+        slope=surface.max_slope,
+        margin=2.0 * float(near["radius"].max()),
+        widest=1.0,
+        curvature=float(near["curvature"].max()),
+    )
+
+
+def _disk_nodes(blur: float) -> tuple[int, int]:
+    """Return the rings, and the nodes of each, for 1e-3 of the light of a Gaussian spot.
+
+    The standard deviation of the spot, anywhere on the unit disk, is 1 / blur.
+    """
+    if blur <= _POINT:
+        return 1, 4
+    return math.ceil(1.0 + 1.05 * blur), math.ceil(4.0 + 1.9 * blur)
+
+
+@cache
+def _disk_rule(rings: int, around: int) -> tuple[Floats, Floats]:
+    """Return quadrature points and weights on the unit disk, with rings at Gauss's nodes."""
+    nodes, weights = np.polynomial.legendre.leggauss(rings)
+    azimuth = 2.0 * math.pi * (np.arange(around) + 0.5 * (np.arange(rings)[:, None] % 2)) / around
+    circle = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
+    points = np.sqrt(0.5 * (nodes + 1.0))[:, None, None] * circle
+    shares = np.repeat(0.5 * weights / around, around)
+    return points.reshape(-1, 2), shares
+
+
+def on_disk(center: Vec3, end: Emitter | Target, disk: Floats) -> Floats:
+    """Return the points of an emitter or target that belong to points of the unit disk."""
+    return np.asarray(center) + end.radius * disk @ np.array([end.e1, end.e2])
+
+
+def compile_evaluation(link: Link, mesh: TriangleMesh, normals: str = "vertex") -> None:
+    """Compile the kernels that evaluate chains of a link over a mesh, in the order of their use.
+
+    Those that draw chains take as long to compile: a second process can take its share.
+
+    Parameters
+    ----------
+    link, mesh
+        Link and surface of a later run, which choose between the kernels.
+    normals : {"vertex", "facet"}
+        Normals interpolated from the corners, or those of the facets.
+
+    Raises
+    ------
+    Refused
+        If forced detection does not follow the link.
+    """
+    arrays = forced_link(link)
+    none = ChainDrawer(arrays, 0.0, 0.0).empty(Request(source=0, order=1, per_shift=0, key=()))
+    aimed = AimedChains(arrays, mesh, None, normals, link.physics.unresolved)
+    aimed.direct_gains(0, 0)
+    aimed.score(0, 0, none)

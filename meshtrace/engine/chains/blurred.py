@@ -1,0 +1,526 @@
+"""Light through a surface with random slopes, by integration over the slopes.
+
+Light that arrives at a crossing P with the direction d leaves it towards a point x of an aperture
+if the normal of the surface is parallel to n_w d - n_a r, r the direction from P to x. That slope
+s*(P, x) is unique, so the light at x is the density of the random slopes at s* - s(P), times
+|det ds*/dx|, s(P) the slope of the mesh: no search for roots, no caustics. This is refraction by
+microfacets [1]_, their normals distributed by Gaussian slopes [2]_.
+
+References
+----------
+.. [1] B. Walter, S. R. Marschner, H. Li and K. E. Torrance, "Microfacet models for refraction
+   through rough surfaces", Eurographics Symposium on Rendering (2007),
+   doi:10.2312/EGWR/EGSR07/195-206.
+.. [2] C. Cox and W. Munk, J. Opt. Soc. Am. 44, 838 (1954), doi:10.1364/JOSA.44.000838.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.engine import crossing
+from meshtrace.engine.chains import unscattered
+from meshtrace.engine.chains.gain import Counter, Crossing, is_steep, keep, shot_of, weight_of
+from meshtrace.kernels.interface import corners, exposure, normal_at, reflectance, slope_tilt
+from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
+from meshtrace.kernels.medium import depth_between
+from meshtrace.kernels.scene import height_on, locate
+from meshtrace.kernels.sources import SourceKind, intensity
+from meshtrace.kernels.vectors import (
+    UP,
+    Vec2,
+    Vec3,
+    along,
+    blend,
+    dot,
+    dot2,
+    minus,
+    minus2,
+    norm,
+    plus,
+    row,
+    scaled,
+)
+
+MOST_SLOPE = 7.0  # standard deviations beyond which a slope does not occur
+PART_SLOPE = 0.7  # standard deviations by which the slope may change over a part of a facet
+PART_BEAM = 0.2  # longest edge of a part over the width of the beam
+RIM_BEAM = 0.02  # the same where a beam with a sharp rim ends
+DARK = 41.5  # -ln of the intensity, over that on the axis, that counts as none
+MOST_PARTS = 48
+"""Parts along an edge of a facet of a map; facets with more are too large for the blur."""
+
+_FEW = 16  # parts along an edge: facets of more are cut where light may cross
+_FINE = 1.5  # parts of facets of several: few neighbours of the same cut cancel errors at edges
+_FINER = 4.0  # parts of those of more than a few: no neighbours of the same cut do
+_FINEST = 1.0 / 64.0  # of the longest edge, at the edge of the field of view
+_NEAR = 2.0  # sizes of a part within which the edge of the field of view may cross it
+_NODES = np.int64(2**24)  # finest cut of an edge
+
+
+class Slope(NamedTuple):
+    """Random slope that refracts light to a point, in standard deviations, and its density."""
+
+    along: float
+    across: float
+    tilt: Vec2  # the slope, along x and y
+    density: float  # of landing points [m-2], exposure left out
+    aim: crossing.Aim
+
+
+@inlined
+def whitened(roughness, tilt):
+    """Return a slope along and across the wind in standard deviations.
+
+    Array twin: the inverse of `slope_tilt`.
+    """
+    return Vec2(
+        (roughness.cos * tilt.x + roughness.sin * tilt.y) / roughness.along,
+        (roughness.cos * tilt.y - roughness.sin * tilt.x) / roughness.across,
+    )
+
+
+@inlined
+def _normal_to(p, d, goal, scene):
+    """Return (N, r, flight); N = n_w d - n_a r is normal to the facet that refracts to a point."""
+    target, medium = scene.target, scene.medium
+    at = along(along(target.center, target.e1, goal.x), target.e2, goal.y)
+    way = minus(at, p)
+    flight = norm(way)
+    r = scaled(1.0 / flight, way)
+    big = along(scaled(medium.n_water, d), r, -medium.n_air)
+    return scaled(-1.0, big) if scene.mirrored else big, r, flight
+
+
+@outlined
+def slope_towards(p, n, w, d, length, goal, scene):
+    """Return the `Slope` that refracts light at P to a point of the aperture's plane.
+
+    Array twin: `aiming.land` of the tilted normal, and its derivatives by the tilt.
+    n is the normal of the mesh, w the direction of emission, d that of arrival.
+    """
+    big, r, flight = _normal_to(p, d, goal, scene)
+    size = norm(big)
+    cos_i, cos_t = dot(big, d) / size, dot(big, r) / size
+    aim = crossing.Aim(False, goal, w, d, r, 1.0, length, flight)
+    none = Slope(math.inf, math.inf, Vec2(0.0, 0.0), 0.0, aim)
+    if big.z <= 0.0 or cos_t <= 0.0 or dot(r, scene.target.axis) <= 1e-9:
+        return none
+    tilt = Vec2(n.x / n.z - big.x / big.z, n.y / n.z - big.y / big.z)
+    roughness = scene.surface.roughness
+    u = whitened(roughness, tilt)
+    square = u.x * u.x + u.y * u.y
+    if square > MOST_SLOPE * MOST_SLOPE:
+        return none
+    # dr/dx = (e - r (r.e)) / flight for either axis e of the aperture
+    k = scene.medium.n_air / (flight * big.z * big.z)
+    a = along(scene.target.e1, r, -dot(r, scene.target.e1))
+    b = along(scene.target.e2, r, -dot(r, scene.target.e2))
+    det = (a.x * big.z - big.x * a.z) * (b.y * big.z - big.y * b.z)
+    det -= (a.y * big.z - big.y * a.z) * (b.x * big.z - big.x * b.z)
+    density = math.exp(-0.5 * square) / (2.0 * math.pi * roughness.along * roughness.across)
+    rho = reflectance(cos_i, cos_t, scene.medium.n_water, scene.medium.n_air)
+    aim = crossing.Aim(True, goal, w, d, r, rho, length, flight)
+    return Slope(u.x, u.y, tilt, density * k * k * abs(det), aim)
+
+
+class Disk(NamedTuple):
+    """Quadrature over an aperture."""
+
+    points: NDArray[np.float64]  # (n, 2) of the unit disk
+    shares: NDArray[np.float64]  # (n,) of its area
+
+
+@entry
+def blurred_gain(scene, disk, stack, gain, doubtful):
+    """Write the unscattered gain of each facet, with a flag for possible shadowing by waves.
+
+    `stack` is room for (STACK, 3) integers.
+
+    Array twin: chains without scatterings.
+    gain = int dOmega I exp(-tau) int_A dx p(s* - s) |det ds*/dx| E T over the facet, E its
+    exposure. A facet is cut into parts over which the slope s* - s changes by a fraction of its
+    standard deviation, and light by a fraction of its own.
+    """
+    dark = dark_angle(scene.emitter)
+    for f in range(len(scene.surface.faces)):
+        if is_lit(f, ONE, ZERO, ZERO, ONE, dark, scene):
+            gain[f], steep = _facet_light(f, dark, disk, stack, scene)
+            doubtful[f] = gain[f] > 0.0 and not steep
+
+
+@inlined
+def dark_angle(emitter):
+    """Return the angle to the axis of a source beyond which it sends no light [rad].
+
+    Array twin: `intensity`.
+    """
+    if emitter.kind == SourceKind.LED:
+        return math.acos(math.exp(-DARK / max(emitter.spread, 1e-3)))
+    if emitter.kind == SourceKind.GAUSSIAN_BEAM:
+        return emitter.spread * math.sqrt(0.5 * DARK)
+    return math.pi if emitter.kind == SourceKind.ISOTROPIC else emitter.spread
+
+
+@inlined
+def spatial_radius(facet):
+    """Return the largest distance of a facet's points from its centroid [m].
+
+    Array twin: numpy.linalg.norm over corners.
+    """
+    return facet.radius * math.sqrt(1.0 + facet.slope_x**2 + facet.slope_y**2)
+
+
+@inlined
+def is_dark(p, h, dark, emitter):
+    """Return whether no light of a source passes within a distance h of P.
+
+    Array twin: `intensity`. `dark` is the `dark_angle`.
+    """
+    length = norm(minus(p, emitter.position))
+    return h < length and _off_axis(p, emitter) > dark + math.asin(h / length)
+
+
+@outlined
+def is_lit(f, nodes, i, j, side, dark, scene):
+    """Return whether random slopes may send light through a part (i, j, side) of a facet.
+
+    Array twin: `_part_gain` of its parts.
+    The bounds hold for any size: within a distance h of its centre directions turn by at
+    most h / (D - h), D the distance of the source or of the aperture, so that the normal
+    N = n_w d - n_a r which refracts to the aperture changes by at most `turn`.
+    """
+    target, facet = scene.target, scene.facets[f]
+    p = unscattered.node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
+    h = spatial_radius(facet) * abs(side) / nodes
+    way = minus(p, scene.emitter.position)
+    length = norm(way)
+    big, _, flight = _normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
+    wide = h + target.radius
+    if is_dark(p, h, dark, scene.emitter):
+        return False
+    if h >= length or wide >= flight:
+        return True
+    medium, rough = scene.medium, scene.surface.roughness
+    turn = medium.n_water * h / (length - h) + medium.n_air * wide / (flight - wide)
+    if big.z + turn <= 0.0:  # also where N is antiparallel to the normal
+        return False
+    n = normal_at(p.x, p.y, f, scene.surface)
+    u = whitened(rough, Vec2(n.x / n.z * big.z - big.x, n.y / n.z * big.z - big.y))
+    bend = 2.0 * h * facet.curvature
+    steep = math.hypot(n.x, n.y) / n.z + bend
+    slack = (turn * math.sqrt(1.0 + steep * steep) + bend * (abs(big.z) + turn)) / min(
+        rough.along, rough.across
+    )
+    return math.hypot(u.x, u.y) <= MOST_SLOPE * (big.z + turn) + slack
+
+
+@outlined
+def _facet_light(f, dark, disk, stack, scene):
+    """Return (gain, steep) of a facet; parts that need many parts of their own are quartered."""
+    total, steep = 0.0, True
+    stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, _NODES
+    top = 1
+    while top > 0:
+        top -= 1
+        i, j, side = stack[top, 0], stack[top, 1], stack[top, 2]
+        n = _parts_along(f, i, j, side, scene)
+        if abs(side) < _NODES:
+            n *= _FINER
+            if not is_lit(f, _NODES, i, j, side, dark, scene):
+                continue
+        if n > _FEW and abs(side) > 1:
+            top = unscattered.push_quarters(stack, top, i, j, side)
+            continue
+        m = math.ceil(min(n, float(_FEW)))
+        if m > 1 and abs(side) == _NODES:
+            m = math.ceil(_FINE * n)
+        for k in range(m):
+            for q in range(2 * (m - k) - 1):
+                x, y, z = unscattered.part_of_row(k, q)
+                # part (x, y, z) of m along the edges of the part (i, j, side)
+                x, y, z = m * i + x * side, m * j + y * side, z * side
+                g, s = _part_gain(f, m * _NODES, x, y, z, disk, scene)
+                total += g
+                steep = steep and s
+    return total, steep
+
+
+@outlined
+def _parts_along(f, i, j, side, scene):
+    """Return the number of parts, along an edge, into which a part of a facet has to be cut."""
+    emitter, facet = scene.emitter, scene.facets[f]
+    share = abs(side) / _NODES
+    p = unscattered.node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
+    h = spatial_radius(facet) * share
+    beam = PART_BEAM
+    if emitter.kind == SourceKind.TOP_HAT_BEAM and _is_rim(p, h, emitter):
+        beam = RIM_BEAM
+    edge = beam * unscattered.beam_width(emitter) * -emitter.position.z
+    margin, flight = _margin(p, Vec2(0.0, 0.0), scene)
+    if margin < -_NEAR * (h + scene.target.radius):
+        return 1.0
+    view = unscattered.view_radius(flight, scene.target, scene.interface.fov)  # everywhere, see `_FINER`
+    edge = min(edge, max(unscattered.VIEW_SHARE * view, _FINEST * edge))
+    change = _change(f, *unscattered.nodes_of(f, _NODES, i, j, side, scene.surface), scene)
+    if change > _FEW * PART_SLOPE:
+        change = min(change, _largest_change(f, p, h, scene))
+    return max(change / PART_SLOPE, 2.0 * facet.radius * share / edge, 1.0)
+
+
+@outlined
+def _largest_change(f, p, h, scene):
+    """Return the variation of the slope to any point of the aperture within h of P.
+
+    For parts from which slopes refract light to the rim of an aperture, but not to its centre.
+    They are at most s = `MOST_SLOPE` standard deviations steeper than the facet, so that the
+    normal N has N_z >= |N_xy| / s there, and d(N_xy / N_z) <= sqrt(1 + s^2) |dN| / N_z.
+    """
+    rough, medium, target = scene.surface.roughness, scene.medium, scene.target
+    way = minus(p, scene.emitter.position)
+    length = norm(way)
+    big, _, flight = _normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
+    nearest = max(flight - h - target.radius, 0.1 * flight)
+    n = normal_at(p.x, p.y, f, scene.surface)
+    bend = 2.0 * h * scene.facets[f].curvature
+    s = MOST_SLOPE * max(rough.along, rough.across) + math.hypot(n.x, n.y) / n.z + bend
+    across = math.hypot(big.x, big.y) - medium.n_air * target.radius / nearest
+    least = max(across, 0.1 * abs(medium.n_water - medium.n_air)) / s
+    turn = 2.0 * h * (medium.n_water / max(length - h, 0.1 * length) + medium.n_air / nearest)
+    return (turn * math.sqrt(1.0 + s * s) / least + bend) / min(rough.along, rough.across)
+
+
+@inlined
+def _margin(p, goal, scene):
+    """Return `view_margin` and distance of light from P to a point of the aperture."""
+    target = scene.target
+    way = minus(along(along(target.center, target.e1, goal.x), target.e2, goal.y), p)
+    flight = norm(way)
+    r = scaled(1.0 / flight, way)
+    return unscattered.view_margin(p, r, flight, target, scene.interface.fov), flight
+
+
+@outlined
+def _share_in_view(p, q, r, goal, scene):
+    """Return the share of a triangle from which a point of the aperture sees light.
+
+    Array twin: fine meshes in the tests.
+    The edge of the field of view is taken for a straight line.
+    """
+    a, b, c = _margin(p, goal, scene)[0], _margin(q, goal, scene)[0], _margin(r, goal, scene)[0]
+    seen = ZERO + (a >= 0.0) + (b >= 0.0) + (c >= 0.0)
+    if seen == 0 or seen == 3:
+        return seen / 3.0
+    if (a >= 0.0) == (c >= 0.0):
+        a, b, c = b, c, a
+    elif (a >= 0.0) == (b >= 0.0):
+        a, b, c = c, a, b
+    corner = a * a / ((a - b) * (a - c))
+    return corner if seen == 1 else 1.0 - corner
+
+
+@inlined
+def _is_rim(p, h, emitter):
+    """Return whether the rim of a beam may pass within a distance h of P."""
+    seen = math.asin(min(h / norm(minus(p, emitter.position)), 1.0))
+    return abs(_off_axis(p, emitter) - emitter.spread) <= seen
+
+
+@inlined
+def _off_axis(p, emitter):
+    way = minus(p, emitter.position)
+    return math.acos(min(max(dot(way, emitter.axis) / norm(way), -1.0), 1.0))
+
+
+@outlined
+def slope_change(f, scene):
+    """Return the variation of the slope to the aperture between the corners of a facet.
+
+    Array twin: see `slope_towards`.
+    In standard deviations; infinite if no slope refracts light to the aperture at a corner.
+    """
+    return _change(f, *corners(scene.surface.vertices, f, scene.surface.faces), scene)
+
+
+@inlined
+def _change(f, p, q, r, scene):
+    u, v, w = _needed(p, f, scene), _needed(q, f, scene), _needed(r, f, scene)
+    a, b, c = minus2(u, v), minus2(v, w), minus2(w, u)
+    square = max(dot2(a, a), dot2(b, b), dot2(c, c))
+    return math.sqrt(square) if square < math.inf else math.inf
+
+
+@inlined
+def _needed(p, f, scene):
+    """Return the random slope at P on a facet that refracts light to the centre of the aperture."""
+    n = normal_at(p.x, p.y, f, scene.surface)
+    way = minus(p, scene.emitter.position)
+    big, _, _ = _normal_to(p, scaled(1.0 / norm(way), way), Vec2(0.0, 0.0), scene)
+    if big.z <= 0.0:
+        return Vec2(math.inf, math.inf)
+    tilt = Vec2(n.x / n.z - big.x / big.z, n.y / n.z - big.y / big.z)
+    return whitened(scene.surface.roughness, tilt)
+
+
+class LitPart(NamedTuple):
+    """Part of a facet in the light of the source."""
+
+    middle: Vec3  # [m]
+    normal: Vec3
+    w: Vec3  # direction from the source
+    length: float  # from the source [m]
+    omega: float  # solid angle at the source [sr]
+    light: float  # intensity towards the middle [sr-1], 0 behind the facet
+
+
+@inlined
+def lit_part(f, n, i, j, side, scene):
+    """Return the part with the corners `nodes_of`."""
+    surface, source = scene.surface, scene.emitter.position
+    p, q, r = unscattered.nodes_of(f, n, i, j, side, surface)
+    p, q, r = minus(p, source), minus(q, source), minus(r, source)
+    way = blend(1.0 / 3.0, 1.0 / 3.0, p, q, r)
+    length = norm(way)
+    w = scaled(1.0 / length, way)
+    middle = plus(source, way)
+    normal = normal_at(middle.x, middle.y, f, surface)
+    facing = dot(w, row(surface.face_normals, f))
+    light = intensity(scene.emitter, w) if facing > 0.0 else 0.0
+    return LitPart(middle, normal, w, length, unscattered.solid_angle(p, q, r), light)
+
+
+@outlined
+def _part_gain(f, n, i, j, side, disk, scene):
+    """Return (gain, steep) of a part of a facet, see `lit_part`."""
+    part = lit_part(f, n, i, j, side, scene)
+    middle, normal, w, light = part.middle, part.normal, part.w, part.light
+    total, steep = 0.0, True
+    radius, source = scene.target.radius, scene.emitter.position
+    margin, _ = _margin(middle, Vec2(0.0, 0.0), scene)
+    p, q, r = unscattered.nodes_of(f, n, i, j, side, scene.surface)
+    near = _NEAR * (max(norm(minus(p, middle)), norm(minus(q, r))) + radius)
+    if light == 0.0 or margin < -near:
+        return 0.0, True
+    for k in range(len(disk.points)):
+        goal = Vec2(radius * disk.points[k, 0], radius * disk.points[k, 1])
+        s = slope_towards(middle, normal, w, w, part.length, goal, scene)
+        if s.density > 0.0:
+            share = 1.0 if margin > near else _share_in_view(p, q, r, goal, scene)
+            share *= exposure(w, normal, s.tilt) * crossing.transmittance(s.aim, scene.interface)
+            if scene.mirrored and share > 0.0:
+                share *= math.exp(-unscattered.straight_depth(middle, s.aim, source, scene))
+            total += disk.shares[k] * s.density * share
+            steep = steep and is_steep(s.aim, scene)
+    if total == 0.0:
+        return 0.0, True
+    if not scene.mirrored:
+        light *= math.exp(-depth_between(scene.medium, source, middle, part.length))
+    return scene.target.area * light * part.omega * total, steep
+
+
+@entry
+def blurred_contributions(chains, flat, spread, scene, out):
+    """Write the contribution of each chain to the aperture.
+
+    Returns (doubtful crossings, rays, arrivals).
+
+    Array twin: `chain_gain.contributions`, which finds the crossings of a chosen slope.
+    Here the crossing is chosen, as that of a flat sea moved by slopes of the law `spread`, and the
+    slope follows: one evaluation a crossing. Crossings that several flat ones may lead to count
+    by the sum of their densities.
+    """
+    counts = ZERO, ZERO, ZERO
+    for i in range(len(chains.last)):
+        if flat[i, 0].branch == 0.0:
+            out.counters[Counter.NO_FLAT.value] += 1
+        for k in range(len(flat[i])):
+            if flat[i, k].branch == 0.0:
+                break
+            light = sloped_crossing(chains, i, flat[i], k, spread, scene)
+            if light.weight <= 0.0:
+                continue
+            out.counters[Counter.SOLVED.value] += 1
+            counts = keep(chains, i, light.weight, light, counts, scene, out)
+    return counts
+
+
+@inlined
+def _lifted(flat, scene):
+    """Return a crossing of the flat sea, raised to the height of the surface there."""
+    facet = locate(scene.locator, scene.surface, flat.x, flat.y)
+    rise = 0.0
+    if facet >= 0:
+        rise = height_on(flat.x, flat.y, facet, scene.surface) - flat.level
+    return flat.x + flat.h1 * rise, flat.y + flat.h2 * rise
+
+
+@inlined
+def sloped_crossing(chains, i, flat, k, spread, scene):
+    """Return the `Crossing` of chain i that is proposed for crossing k of the flat sea."""
+    x, y = _proposed(flat[k], chains.tilt[i, 0], chains.tilt[i, 1], spread, scene)
+    facet = locate(scene.locator, scene.surface, x, y)
+    shot = shot_of(chains, i, scene, flat[k].branch, scene.surface.roughness)
+    return _weigh_sloped(chains, i, flat, x, y, facet, shot, spread, scene)
+
+
+@inlined
+def _proposed(flat, first, second, spread, scene):
+    """Return the crossing of the flat sea displaced by a standard normal slope."""
+    x, y = _lifted(flat, scene)
+    s = slope_tilt(spread, first, second)
+    return x + flat.m11 * s.x + flat.m12 * s.y, y + flat.m21 * s.x + flat.m22 * s.y
+
+
+@outlined
+def _density(flat, x, y, branch, spread, scene):
+    """Return the density of the proposed crossings at (x, y) [m-2], on one branch."""
+    total = 0.0
+    for k in range(len(flat)):
+        if flat[k].branch == 0.0:
+            break
+        det = flat[k].m11 * flat[k].m22 - flat[k].m12 * flat[k].m21
+        if flat[k].branch != branch or det == 0.0:
+            continue
+        x0, y0 = _lifted(flat[k], scene)
+        dx, dy = (x - x0) / det, (y - y0) / det
+        s = Vec2(flat[k].m22 * dx - flat[k].m12 * dy, flat[k].m11 * dy - flat[k].m21 * dx)
+        u = whitened(spread, s)
+        law = math.exp(-0.5 * (u.x * u.x + u.y * u.y))
+        total += law / (2.0 * math.pi * spread.along * spread.across * abs(det))
+    return total
+
+
+@outlined
+def _weigh_sloped(chains, i, flat, x, y, facet, shot, spread, scene):
+    """Return the `Crossing` of chain i over (x, y): its light over the density of the point."""
+    p = Vec3(x, y, height_on(x, y, facet, scene.surface))
+    ok, length, w, d = crossing.emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
+    none = crossing.Aim(False, shot.goal, w, d, UP, 1.0, length, 0.0)
+    nothing = Crossing(0.0, True, none, p, shot.start)
+    if facet < 0 or not ok or dot(d, row(scene.surface.face_normals, facet)) <= 0.0:
+        return nothing
+    n = normal_at(x, y, facet, scene.surface)
+    s = slope_towards(p, n, w, d, length, shot.goal, scene)
+    density = _density(flat, x, y, shot.branch, spread, scene)
+    if s.density == 0.0 or density == 0.0:
+        return nothing
+    ok_x, w_x = _emission_at(x + crossing.STEP, y, facet, shot, scene)
+    ok_y, w_y = _emission_at(x, y + crossing.STEP, facet, shot, scene)
+    turns = crossing.quotients(w, w_x, w_y)
+    # a scattering closer to the surface than a step has no derivative
+    j = crossing.Jacobian(ok_x and ok_y, s.aim, density / s.density, 0.0, 0.0, 1.0, *turns)
+    shot = crossing.Shot(shot.start, shot.q, shot.v, shot.goal, shot.branch, s.tilt)
+    weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
+    return Crossing(weight, is_steep(s.aim, scene) and deep, s.aim, p, shot.start)
+
+
+@inlined
+def _emission_at(x, y, facet, shot, scene):
+    """Return (ok, direction of emission) through the plane of a facet over (x, y)."""
+    p = Vec3(x, y, height_on(x, y, facet, scene.surface))
+    ok, _, w, _ = crossing.emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
+    return ok, w

@@ -1,0 +1,360 @@
+"""Unscattered light at the cells of a map: images of the parts of every facet."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.engine.chains import blurred, unscattered
+from meshtrace.engine.chains.gain import is_steep
+from meshtrace.engine.crossing import acceptance, aim_at, straight_shot, transmittance
+from meshtrace.kernels.interface import FieldOfView, exposure, normal_at
+from meshtrace.kernels.jit import entry, inlined, outlined
+from meshtrace.kernels.medium import depth_between
+from meshtrace.kernels.rays import is_free
+from meshtrace.kernels.scene import Scene, Target, height_on
+from meshtrace.kernels.vectors import Vec2, Vec3, along, cross2, minus, minus2, norm, scaled
+
+_ROUNDING = 1e-12  # share of an image
+_MOST_SLOPE = 5.0  # standard deviations: 4e-6 of the light meets larger random slopes
+_BENT = 1.25  # slopes are not quite linear in the landing point
+_AT_EDGE = 8  # points along a cell at the edge of the field of view
+
+
+class Cells(NamedTuple):
+    """Square cells of a plane, from the centre of an aperture."""
+
+    x: float  # corner [m]
+    y: float
+    step: float  # edge [m]
+    n: int  # along each axis
+
+
+class Box(NamedTuple):
+    """Range of cells, both ends included, and the points along each that resolve their light."""
+
+    west: int
+    east: int
+    south: int
+    north: int
+    across: int
+
+
+class Rules(NamedTuple):
+    """Gauss's rules over the unit interval about 0, with k points in row k - 1."""
+
+    nodes: NDArray[np.float64]  # (m, m)
+    shares: NDArray[np.float64]  # (m, m)
+
+
+@inlined
+def _moved(scene, x, y):
+    """Return a scene with the aperture displaced in its plane."""
+    t = scene.target
+    center = Vec3(t.center.x + x, t.center.y + y, t.center.z)
+    return Scene(scene.emitter, Target(center, *t[1:]), *scene[2:])
+
+
+@inlined
+def _cell_of(x, low, cells):
+    return math.floor(min(max((x - low) / cells.step, -1.0), cells.n + 0.0))
+
+
+@outlined
+def _clip(poly, n, axis, bound, sign, out):
+    """Clip a polygon to a half plane; return the number of its corners."""
+    m = 0
+    for k in range(n):
+        j = k + 1 if k + 1 < n else 0
+        a, b = sign * (poly[k, axis] - bound), sign * (poly[j, axis] - bound)
+        if a >= 0.0:
+            out[m, 0], out[m, 1] = poly[k, 0], poly[k, 1]
+            m += 1
+        if (a > 0.0 and b < 0.0) or (a < 0.0 and b > 0.0):
+            t = a / (a - b)
+            out[m, 0] = poly[k, 0] + t * (poly[j, 0] - poly[k, 0])
+            out[m, 1] = poly[k, 1] + t * (poly[j, 1] - poly[k, 1])
+            m += 1
+    return m
+
+
+@inlined
+def _moments(poly, n):
+    """Return signed area and centroid of a polygon."""
+    area, mx, my = 0.0, 0.0, 0.0
+    if n < 3:
+        return area, Vec2(mx, my)
+    ox, oy = poly[0, 0], poly[0, 1]
+    for k in range(1, n - 1):
+        ax, ay = poly[k, 0] - ox, poly[k, 1] - oy
+        bx, by = poly[k + 1, 0] - ox, poly[k + 1, 1] - oy
+        s = 0.5 * (ax * by - ay * bx)
+        area, mx, my = area + s, mx + s * (ax + bx) / 3.0, my + s * (ay + by) / 3.0
+    if area == 0.0:
+        return 0.0, Vec2(ox, oy)
+    return area, Vec2(ox + mx / area, oy + my / area)
+
+
+@outlined
+def _free(p, m, scene):
+    """Return whether no wave cuts unscattered light before or behind its crossing."""
+    source = scene.emitter.position
+    if not is_free(source, m.d, m.length, scene.surface, scene.locator):
+        return False
+    if not scene.interface.follow_second_hit:
+        return True
+    return is_free(p, m.r, m.flight, scene.surface, scene.locator)
+
+
+@outlined
+def _light(x, y, f, cell, shot, scene):
+    """Return the light per solid angle of a crossing that lands in a cell."""
+    m = aim_at(x, y, f, shot, scene)
+    if not m.ok:
+        return 0.0
+    p = Vec3(x, y, height_on(x, y, f, scene.surface))
+    light = acceptance(m, p, _moved(scene, cell.x, cell.y).target, scene.interface.fov)
+    if light == 0.0 or not (is_steep(m, scene) or _free(p, m, scene)):
+        return 0.0
+    return unscattered.carried(light, p, m, scene)
+
+
+@outlined
+def _part_cells(f, n, i, j, side, cells, poly, shot, scene, gain):
+    """Add the light of the part (i, j, side) of a facet to the cells that its image meets.
+
+    Array twin: `unscattered.image_gain` of one aperture.
+    """
+    p, q, r = unscattered.nodes_of(f, n, i, j, side, scene.surface)
+    a = aim_at(p.x, p.y, f, shot, scene)
+    b = aim_at(q.x, q.y, f, shot, scene)
+    c = aim_at(r.x, r.y, f, shot, scene)
+    if not (a.ok and b.ok and c.ok):
+        return
+    west = _cell_of(min(a.at.x, b.at.x, c.at.x), cells.x, cells)
+    east = _cell_of(max(a.at.x, b.at.x, c.at.x), cells.x, cells)
+    south = _cell_of(min(a.at.y, b.at.y, c.at.y), cells.y, cells)
+    north = _cell_of(max(a.at.y, b.at.y, c.at.y), cells.y, cells)
+    source, one = scene.emitter.position, west == east and south == north
+    omega = unscattered.solid_angle(minus(p, source), minus(q, source), minus(r, source))
+    for k in range(max(west, 0), min(east, cells.n - 1) + 1):
+        x = cells.x + (k + 0.5) * cells.step
+        for m in range(max(south, 0), min(north, cells.n - 1) + 1):
+            y = cells.y + (m + 0.5) * cells.step
+            share, u, v = 1.0, 1.0 / 3.0, 1.0 / 3.0
+            if not one:
+                share, u, v = _overlap(a.at, b.at, c.at, x, y, 0.5 * cells.step, poly)
+            if share > 0.0:
+                # light that is linear in the image has its mean over the overlap at the centroid
+                at = along(along(p, minus(q, p), u), minus(r, p), v)
+                light = _light(at.x, at.y, f, Vec2(x, y), shot, scene)
+                gain[k, m] += omega * share * light
+
+
+@outlined
+def _overlap(a, b, c, x, y, half, poly):
+    """Return (share, u, v): the share of a triangle on a cell, and barycentrics of its centroid.
+
+    Array twin: Monte Carlo areas in the tests.
+    The image at a caustic, a point or a line, lies in the cell of its first corner.
+    """
+    ab, ac = minus2(b, a), minus2(c, a)
+    det = cross2(ab, ac)
+    if abs(det) < 1e-14:
+        share = 1.0 if abs(a.x - x) <= half and abs(a.y - y) <= half else 0.0
+        return share, 1.0 / 3.0, 1.0 / 3.0
+    poly[0, 0, 0], poly[0, 0, 1] = a.x, a.y
+    poly[0, 1, 0], poly[0, 1, 1] = b.x, b.y
+    poly[0, 2, 0], poly[0, 2, 1] = c.x, c.y
+    n = _clip(poly[0], 3, 0, x - half, 1.0, poly[1])
+    n = _clip(poly[1], n, 0, x + half, -1.0, poly[0])
+    n = _clip(poly[0], n, 1, y - half, 1.0, poly[1])
+    n = _clip(poly[1], n, 1, y + half, -1.0, poly[0])
+    area, center = _moments(poly[0], n)
+    share = 2.0 * abs(area) / abs(det)
+    if share < _ROUNDING:
+        return 0.0, 1.0 / 3.0, 1.0 / 3.0
+    middle = minus2(center, a)
+    return share, cross2(middle, ac) / det, cross2(ab, middle) / det
+
+
+@inlined
+def _region(cells):
+    """Return the region of all cells."""
+    half = 0.5 * cells.n * cells.step
+    return unscattered.Region(cells.x + half, cells.y + half, half, 0.0)
+
+
+@entry
+def image_map(scene, cells, stretch, lever, stack, poly, gain):
+    """Add the unscattered gain of each cell, taken as an aperture of the cell's area."""
+    shot = straight_shot(0.0, 0.0, scene)
+    depth = -scene.emitter.position.z
+    edge = min(max(unscattered.EDGE * depth, 0.005), 0.1)
+    fine = min(edge, unscattered.BEAM_SHARE * unscattered.beam_width(scene.emitter) * depth)
+    region = _region(cells)
+    for f in range(len(scene.surface.faces)):
+        facet = scene.facets[f]
+        image = unscattered.Image(stretch + lever * facet.curvature, 5.0 * edge)
+        nodes, top = unscattered.whole_facet(2.0 * facet.radius / fine, stack)
+        while top > 0:
+            i, j, side, top = unscattered.next_part(
+                f, nodes, image, region, stack, top, shot, scene
+            )
+            if side != 0:
+                _part_cells(f, nodes, i, j, side, cells, poly, shot, scene, gain)
+
+
+@entry
+def blurred_map(scene, cells, stretch, most, across, rules, gain):
+    """Add the unscattered light of each cell through a surface with random slopes.
+
+    Returns False if a facet has to be cut into more than `most` parts along an edge. `across`
+    points along a cell resolve any of its light but that at the edge of the field of view.
+
+    Array twin: `blurred.blurred_gain` of one aperture.
+    """
+    shot = straight_shot(0.0, 0.0, scene)
+    edge = blurred.PART_BEAM * unscattered.beam_width(scene.emitter) * -scene.emitter.position.z
+    source, center = scene.emitter.position, scene.target.center
+    dark = blurred.dark_angle(scene.emitter)
+    for f in range(len(scene.surface.faces)):
+        facet = scene.facets[f]
+        reach = scene.target.reach + facet.radius
+        if unscattered.is_beside(facet.x - center.x, facet.y - center.y, reach, _region(cells)):
+            continue
+        p = Vec3(facet.x, facet.y, facet.z)
+        if blurred.is_dark(p, blurred.spatial_radius(facet), dark, scene.emitter):
+            continue
+        m = aim_at(p.x, p.y, f, shot, scene)
+        x, y = (m.at.x, m.at.y) if m.ok else (0.0, 0.0)
+        size = 2.0 * facet.radius * stretch
+        box = _lit_cells(p, minus(p, source), m, f, size, across, cells, scene)
+        if box.west > box.east or box.south > box.north:
+            continue
+        change = blurred.slope_change(f, _moved(scene, x, y))
+        if math.isinf(change) and not m.ok:
+            change = 0.0  # light is reflected there
+        parts = max(change / blurred.PART_SLOPE, 2.0 * facet.radius / edge, 1.0)
+        if parts > most:
+            return False
+        n = math.ceil(parts)
+        for i in range(n):
+            for k in range(2 * (n - i) - 1):
+                _blurred_part(f, n, *unscattered.part_of_row(i, k), box, cells, rules, scene, gain)
+    return True
+
+
+@outlined
+def _lit_cells(p, way, m, f, size, most, cells, scene):
+    """Return the `Box` of the cells that random slopes may light through a facet.
+
+    Array twin: none, a bound.
+    The box about the ellipse of the largest slopes, for slopes linear in the landing point.
+    """
+    whole = Box(0, cells.n - 1, 0, cells.n - 1, most)
+    length = norm(way)
+    w, step = scaled(1.0 / length, way), 0.05 * m.flight
+    n = normal_at(p.x, p.y, f, scene.surface)
+    if not m.ok:
+        return (
+            _reached(p, n, w, length, size, most, cells, scene)
+            if most < blurred.MOST_SLOPE
+            else whole
+        )
+    o = blurred.slope_towards(p, n, w, w, length, m.at, scene)
+    a = blurred.slope_towards(p, n, w, w, length, Vec2(m.at.x + step, m.at.y), scene)
+    b = blurred.slope_towards(p, n, w, w, length, Vec2(m.at.x, m.at.y + step), scene)
+    if not (o.density > 0.0 and a.density > 0.0 and b.density > 0.0):
+        return whole
+    g11, g12 = (a.along - o.along) / step, (b.along - o.along) / step
+    g21, g22 = (a.across - o.across) / step, (b.across - o.across) / step
+    det = g11 * g22 - g12 * g21
+    if det == 0.0:
+        return whole
+    reach = _BENT * _MOST_SLOPE / abs(det)
+    dx = reach * math.sqrt(g12 * g12 + g22 * g22) + size
+    dy = reach * math.sqrt(g11 * g11 + g21 * g21) + size
+    square = g11 * g11 + g12 * g12 + g21 * g21 + g22 * g22
+    steepest = math.sqrt(0.5 * (square + math.sqrt(max(square * square - 4.0 * det * det, 0.0))))
+    return Box(
+        max(_cell_of(m.at.x - dx, cells.x, cells), 0),
+        min(_cell_of(m.at.x + dx, cells.x, cells), cells.n - 1),
+        max(_cell_of(m.at.y - dy, cells.y, cells), 0),
+        min(_cell_of(m.at.y + dy, cells.y, cells), cells.n - 1),
+        min(math.ceil(cells.step * steepest), most),
+    )
+
+
+@outlined
+def _reached(p, n, w, length, size, most, cells, scene):
+    """Return the `Box` of the cells whose centres some random slope lights through a facet.
+
+    Array twin: none, a bound.
+    Cells are narrower than all slopes that occur: none is lit between two centres alone.
+    """
+    pad = math.ceil(size / cells.step)
+    west, east, south, north = cells.n, -1, cells.n, -1
+    for i in range(cells.n):
+        for j in range(cells.n):
+            at = Vec2(cells.x + (i + 0.5) * cells.step, cells.y + (j + 0.5) * cells.step)
+            if blurred.slope_towards(p, n, w, w, length, at, scene).density > 0.0:
+                west, east = min(west, i - pad), max(east, i + pad)
+                south, north = min(south, j - pad), max(north, j + pad)
+    last = cells.n - 1
+    return Box(max(west, 0), min(east, last), max(south, 0), min(north, last), most)
+
+
+@outlined
+def _blurred_part(f, n, i, j, side, box, cells, rules, scene, gain):
+    """Add the light of a part of a facet, blurred by random slopes, to the cells of a box.
+
+    Array twin: see `blurred_map`.
+    """
+    part = blurred.lit_part(f, n, i, j, side, scene)
+    if part.light == 0.0:
+        return
+    tau = depth_between(scene.medium, scene.emitter.position, part.middle, part.length)
+    light = part.light * math.exp(-tau) * part.omega
+    light *= cells.step * cells.step
+    for k in range(box.west, box.east + 1):
+        x = cells.x + (k + 0.5) * cells.step
+        for m in range(box.south, box.north + 1):
+            y = cells.y + (m + 0.5) * cells.step
+            across = box.across
+            if _at_edge(part.middle, x, y, cells, scene):
+                across = max(across, min(4 * across, _AT_EDGE))
+            gain[k, m] += light * _blur(part, x, y, cells, across, rules, scene)
+
+
+@inlined
+def _at_edge(p, x, y, cells, scene):
+    """Return whether the edge of the field of view passes through a cell seen from a crossing."""
+    target, half = scene.target, 0.75 * cells.step
+    dx, dy, dz = x + target.center.x - p.x, y + target.center.y - p.y, target.center.z - p.z
+    side = math.hypot(dx, dy)
+    sine = math.sqrt(1.0 - target.cos_half_fov**2)
+    if scene.interface.fov == FieldOfView.ANGLE:
+        return abs(side * target.cos_half_fov - dz * sine) < half
+    return abs(side - target.radius - dz * target.tan_half_fov) < half
+
+
+@outlined
+def _blur(part, x, y, cells, across, rules, scene):
+    """Return the mean light of a cell through a part of a facet, over that of the part."""
+    total, target = 0.0, _moved(scene, x, y).target
+    middle, normal, w = part.middle, part.normal, part.w
+    nodes, shares = rules.nodes[across - 1], rules.shares[across - 1]
+    for k in range(across * across):
+        i, j = k // across, k % across
+        goal = Vec2(x + cells.step * nodes[i], y + cells.step * nodes[j])
+        s = blurred.slope_towards(middle, normal, w, w, part.length, goal, scene)
+        if s.density > 0.0:
+            share = acceptance(s.aim, middle, target, scene.interface.fov)
+            if share > 0.0 and (is_steep(s.aim, scene) or _free(middle, s.aim, scene)):
+                share *= exposure(w, normal, s.tilt) * transmittance(s.aim, scene.interface)
+                total += shares[i] * shares[j] * s.density * share
+    return total

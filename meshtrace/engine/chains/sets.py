@@ -1,0 +1,301 @@
+"""Sets of chains: number by order, collisions, and crossings of a flat sea."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import cache, lru_cache
+from itertools import chain
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.engine.chains import sampling as kernel
+from meshtrace.engine.chains.gain import flat_contributions, flat_crossings
+from meshtrace.engine.chains.sampling import Chains, Nominal
+from meshtrace.engine.crossing import FLAT
+from meshtrace.engine.setup.arrays import empty_locator, surface_arrays
+from meshtrace.engine.setup.ends import ForcedLink
+from meshtrace.errors import Refused
+from meshtrace.kernels.interface import Surface
+from meshtrace.kernels.medium import DepthMode, Medium
+from meshtrace.kernels.scene import FACET, Emitter, Scene, Target
+from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.parallel import ordered_map
+from meshtrace.stored import SHIFTS
+
+_TAIL = 1e-7  # orders whose share of a Poisson law is smaller together are left out
+_MAX_ORDER = 72
+_MOST_CROWDED = 4.0  # density of collisions near the surface over the mean: chains fill the way
+_MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
+_MOST_KEPT = 2**15  # numbers in a set of points that is kept for the next surface: 256 kB
+_BLOCK = 1024  # chains of a block for one thread, about
+CROSSINGS = 4  # of a flat sea, kept for each chain
+_MIXTURE = np.array([0.1, 0.4, 0.15, 0.12, 0.1, 0.08, 0.05])  # free paths, stretched ways
+_FITTED = 0.8  # share of fitted chains in turbid water
+_STRETCH = np.array([0.0, 0.015, 0.05, 0.15, 0.4, 1.0])  # from the shortest way to the longest
+_LONGEST_WAY = 1.3, 6.0  # smallest and largest of the longest way, over the shortest
+
+TURBID = 4.0
+"""Scatterings expected on the way, from which water is turbid: chains are fitted to the way."""
+
+
+class ChainSet(NamedTuple):
+    """Chains of one order from one source, and their crossings of a flat sea."""
+
+    order: int
+    chains: Chains
+    flat: list[NDArray[np.void]]  # by receiver, (n, crossings) FLAT
+    audit: Floats
+
+    def blocks(self) -> list[ChainSet]:
+        """Return the chains in blocks of whole shifts, for threads."""
+        n = len(self.audit)
+        per_shift = n // SHIFTS
+        step = per_shift * max(_BLOCK // per_shift, 1)
+        if step >= n:
+            return [self]
+        return [self.rows(slice(first, first + step)) for first in range(0, n, step)]
+
+    def rows(self, rows: slice) -> ChainSet:
+        """Return some of the chains."""
+        arrays: Any = (array[rows] for array in self.chains)
+        chains = Chains(*arrays)
+        return ChainSet(self.order, chains, [f[rows] for f in self.flat], self.audit[rows])
+
+
+class Request(NamedTuple):
+    """Chains of one order from a source, `per_shift` for each shift of the points."""
+
+    source: int
+    order: int
+    per_shift: int
+    key: tuple[int, ...]
+
+
+class _Block(NamedTuple):
+    """Chains to be drawn by one thread from the points of some shifts."""
+
+    source: int
+    chains: ChainSet
+    points: Floats
+    shifts: Floats
+
+
+class ChainDrawer:
+    """Sampler of the chains of a link.
+
+    Parameters
+    ----------
+    link : ForcedLink
+        The link.
+    crest, ceiling : float
+        Height up to which collisions are expected, and above which chains do not end; in the
+        unit of the link's frame.
+    """
+
+    def __init__(self, link: ForcedLink, crest: float, ceiling: float) -> None:
+        self.link = link
+        self.crest, self.ceiling = crest, ceiling
+        self.nominals = [nominal(link.medium, e, link.targets, crest) for e in link.emitters]
+
+    def last_order(self, source: int) -> int:
+        """Return the highest order of the chains from a source; refuse too dense water.
+
+        Beyond it a Poisson law of the scatterings has less than 1e-7.
+        """
+        from scipy.stats import poisson
+
+        medium, expected = self.link.medium, self.nominals[source]
+        b = medium.layer_b.mean() if medium.layered else medium.b
+        most = 1.2 * max(expected.expected, b * expected.distance + float(medium.bubble_path[-1]))
+        if b == 0.0 and medium.bubble_path[-1] == 0.0:
+            return 0
+        if poisson.sf(_MAX_ORDER, 1.2 * expected.expected) > _MOST_LEFT_OUT:
+            raise Refused(
+                "water",
+                f"{expected.expected:.3g} scatterings expected on the way to the surface",
+                f'nearly all light within {_MAX_ORDER}; else estimator="analog"',
+            )
+        upper = float(expected.density[len(expected.density) // 2 :].max()) * expected.distance
+        if medium.layered and upper > _MOST_CROWDED and expected.expected > 2.0:
+            raise Refused(
+                "water.layers",
+                f"{expected.expected:.3g} scatterings expected, {upper:.3g} times as dense near "
+                "the surface as on average",
+                f"up to {_MOST_CROWDED:g}; light that wanders in a thin turbid layer needs "
+                'estimator="analog"',
+            )
+        return int(min(max(poisson.isf(_TAIL, most), 1), _MAX_ORDER))
+
+    def draw(self, source: int, order: int, per_shift: int, key: tuple[int, ...]) -> ChainSet:
+        """Return chains of one order, `per_shift` for each shift of the points."""
+        request = Request(source, order, per_shift, key)
+        chains = self.empty(request)
+        for job in self._jobs(request, chains):
+            self._fill(job)
+        return chains
+
+    def draw_all(self, requests: Sequence[Request], threads: int = 1) -> list[ChainSet]:
+        """Return sets of chains; the threads share their blocks."""
+        sets = [self.empty(request) for request in requests]
+        jobs = chain.from_iterable(map(self._jobs, requests, sets))
+        for _ in ordered_map(self._fill, jobs, threads):
+            pass
+        return sets
+
+    def _jobs(self, request: Request, chains: ChainSet) -> Iterator[_Block]:
+        """Yield the blocks of a set of chains with their points."""
+        points, shifts = points_of(request)
+        first = 0
+        for block in chains.blocks():
+            n = len(block.audit) // request.per_shift
+            yield _Block(request.source, block, points, shifts[first : first + n])
+            first += n
+
+    def empty(self, request: Request) -> ChainSet:
+        """Return room for a set of chains."""
+        n, order = SHIFTS * request.per_shift, request.order
+        chains = Chains(
+            vertex=np.empty((n, order, 3)),
+            kind=np.zeros((n, order), np.int8),
+            last=np.empty((n, 3)),
+            path=np.empty(n),
+            weight=np.empty(n),
+            disk=np.empty((n, 2)),
+            tail=np.empty((n, 3)),
+            tilt=np.empty((n, 2)),
+        )
+        flat = [np.zeros((n, CROSSINGS), FLAT) for _ in self.link.targets]
+        return ChainSet(order, chains, flat, np.empty(n))
+
+    def _fill(self, job: _Block) -> None:
+        """Draw the chains of a block from shifted points; find their crossings of a flat sea."""
+        source, block = job.source, job.chains
+        u = shifted(job.points, job.shifts)
+        block.audit[:] = u[:, -2]
+        law = self.nominals[source]
+        component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
+        kernel.make_chains(block.chains, law, self.link.medium, u, component)
+        for receiver, out in enumerate(block.flat):
+            scene, raised = self.still_scenes(source, self.link.targets[receiver])
+            starts = starts_of(scene.emitter, scene.target)
+            flat_crossings(block.chains, starts, scene, raised, out)
+
+    def still_scenes(self, source: int, target: Target) -> tuple[Scene, Scene]:
+        """Return a source and an aperture over still water, and over water at the ceiling."""
+        link, facets = self.link, (empty_locator(), np.zeros(0, FACET))
+        sea = _still_water()
+        still = Scene(link.emitters[source], target, sea, *facets, link.medium, link.interface)
+        return still, still._replace(surface=sea._replace(level=self.ceiling))
+
+    def scores(self, source: int, chains: ChainSet) -> Floats:
+        """Return the scores of chains over still water, shape (receivers, chains)."""
+        scores = np.empty((len(chains.flat), len(chains.audit)))
+        for receiver, (flat, score) in enumerate(zip(chains.flat, scores, strict=True)):
+            scene, _ = self.still_scenes(source, self.link.targets[receiver])
+            flat_contributions(chains.chains, flat, scene, score)
+        return scores
+
+
+def points_of(request: Request) -> tuple[Floats, Floats]:
+    """Return the points of a set of chains and their shifts, kept if they are few."""
+    width = kernel.DIMENSIONS * request.order + 6
+    few = request.per_shift * width <= _MOST_KEPT
+    return (_kept_points if few else sobol_points)(width, request.per_shift, request.key)
+
+
+def sobol_points(width: int, per_shift: int, key: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """Return Sobol points of the unit cube, (per_shift, width), and their random shifts."""
+    from scipy.stats import qmc
+
+    rng = np.random.default_rng(key)
+    size = math.ceil(math.log2(max(per_shift, 2)))
+    points = qmc.Sobol(width, scramble=True, rng=rng).random_base2(size)[:per_shift]
+    return points, rng.random((SHIFTS, 1, width))
+
+
+_kept_points = lru_cache(maxsize=64)(sobol_points)
+
+
+def shifted(points: Floats, shifts: Floats) -> Floats:
+    """Return the points of each shift in turn, inside of the unit cube."""
+    u = (points[None] + shifts) % 1.0
+    return np.clip(u.reshape(-1, u.shape[-1]), 1e-12, 1.0 - 1e-12)
+
+
+@cache
+def _still_water() -> Surface:
+    """Return a piece of still water."""
+    return surface_arrays(flat_mesh(-np.ones(2), np.ones(2)), "facet")
+
+
+def nominal(medium: Medium, emitter: Emitter, targets: list[Target], crest: float) -> Nominal:
+    """Return the expected collisions along the straight way to the highest crest.
+
+    The way is the shortest one to any of the targets.
+    """
+    depth = crest - emitter.position[2]
+    n = medium.n_water / medium.n_air
+    x, y, _ = emitter.position
+    offset = min(
+        depth / (depth + n * t.center[2]) * math.hypot(t.center[0] - x, t.center[1] - y)
+        for t in targets
+    )
+    distance = math.hypot(depth, offset)
+    slant = max(
+        math.hypot(depth, math.hypot(t.center[0] - x, t.center[1] - y) + t.reach) for t in targets
+    )
+    longest = min(max(slant / distance, _LONGEST_WAY[0]), _LONGEST_WAY[1])
+    nodes = 513
+    height = np.linspace(0.0, 1.0, nodes) * depth
+    below = depth - height
+    b = np.interp(below / medium.layer_step, np.arange(len(medium.layer_b)), medium.layer_b)
+    if not medium.layered:
+        b = np.full(nodes, medium.b)
+    # chains are turned and waves rise: points a little higher must be likely enough
+    at = (np.maximum(below - 0.3, 0.0) - medium.bubble_start) / medium.bubble_step
+    b_bub = np.interp(at, np.arange(len(medium.bubble_b)), medium.bubble_b, right=0.0)
+    total = np.maximum(b + b_bub, 1e-12)
+    step = distance / (nodes - 1)
+    cumulative = np.concatenate([[0.0], np.cumsum(0.5 * step * (total[1:] + total[:-1]))])
+    c = max(medium.a + float(b.mean()), 1e-3 / distance)
+    uniform = not medium.layered and medium.depth_mode == DepthMode.NONE
+    turbid = uniform and float(cumulative[-1]) >= TURBID
+    fitted = _FITTED if turbid else 0.0
+    return Nominal(
+        distance,
+        c,
+        step,
+        cumulative / cumulative[-1],
+        total / cumulative[-1],
+        np.where(total > 0.0, b_bub / total, 0.0),
+        float(cumulative[-1]),
+        1.0 + (longest - 1.0) * _STRETCH,
+        np.append((1.0 - fitted) * _MIXTURE, fitted),
+    )
+
+
+def flat_mesh(low: Floats, high: Floats) -> TriangleMesh:
+    """Return a flat sea of two facets between two corners (x, y)."""
+    (x0, y0), (x1, y1) = low, high
+    corners = [(x0, y0, 0.0), (x1, y0, 0.0), (x1, y1, 0.0), (x0, y1, 0.0)]
+    return TriangleMesh(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+def starts_of(emitter: Emitter, target: Target) -> Floats:
+    """Return the starts (x, y) of the search for flat crossings, the likely one first.
+
+    Light that arrives flatter than 60 degrees crosses far out, where Newton comes from anywhere.
+    """
+    rx, ry = target.center[:2]
+    sx, sy = emitter.position[:2]
+    rows = [(rx, ry), (0.5 * (rx + sx), 0.5 * (ry + sy)), (sx, sy)]
+    reach = min(target.reach, 2.0 * (target.center[2] + 2.0))
+    for radius in (0.3, 0.8):
+        for azimuth in np.arange(6) * math.pi / 3.0 + radius:
+            far = radius * reach
+            rows.append((rx + far * math.cos(azimuth), ry + far * math.sin(azimuth)))
+    return np.array(rows)

@@ -1,0 +1,442 @@
+"""Unscattered light: image of every facet on the aperture plane."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from meshtrace.engine import crossing
+from meshtrace.engine.chains.gain import is_steep
+from meshtrace.engine.crossing import transmittance
+from meshtrace.kernels.interface import FieldOfView, corners, normal_at
+from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
+from meshtrace.kernels.medium import depth_between
+from meshtrace.kernels.scene import height_on
+from meshtrace.kernels.sources import SourceKind, intensity
+from meshtrace.kernels.vectors import (
+    Vec2,
+    Vec3,
+    along,
+    blend,
+    cross,
+    cross2,
+    dot,
+    dot2,
+    minus,
+    minus2,
+    norm,
+)
+
+EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the depth
+
+_ROUNDING = 1e-13  # of the disk's radius squared
+BEAM_SHARE = 0.03  # longest edge of a part over the width of the beam: its light is near linear
+VIEW_SHARE = 0.06  # the same over the radius of the field of view, at its edge
+_FINEST = 1.0 / 64.0  # of the longest edge
+_FEW = 16  # parts along an edge: facets of more are cut where the light crosses
+STACK = 128
+"""Parts of a large facet that wait to be cut."""
+
+
+class Corner(NamedTuple):
+    """Corner of a part of a facet, and its image."""
+
+    ok: bool
+    p: Vec3  # [m]
+    at: Vec2  # landing point in the plane of the aperture [m]
+    inside: float  # see `view_margin`
+
+
+class Image(NamedTuple):
+    """Bounds on the image of a part of a facet."""
+
+    stretch: float  # of the image of a small part
+    coarse: float  # [m], size up to which that holds
+
+
+class Region(NamedTuple):
+    """Square with rounded corners, from the centre of an aperture: the aperture, or a map."""
+
+    x: float  # centre [m]
+    y: float
+    half: float  # of the edge [m]
+    radius: float  # of the corners [m]
+
+
+@inlined
+def solid_angle(a, b, c):
+    """Return the solid angle of a triangle seen from the origin.
+
+    Array twin: van Oosterom and Strackee (1983), eq. 8, in numpy.
+    """
+    la, lb, lc = norm(a), norm(b), norm(c)
+    triple = dot(a, cross(b, c))
+    return 2.0 * math.atan2(
+        abs(triple), la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
+    )
+
+
+@inlined
+def _sector(p, q, r):
+    """Return signed area and first moments of the sector of the disk r between two rays."""
+    angle = math.atan2(cross2(p, q), dot2(p, q))
+    s, t = r / math.hypot(p.x, p.y), r / math.hypot(q.x, q.y)
+    k = r * r / 3.0
+    return 0.5 * r * r * angle, k * (t * q.y - s * p.y), k * (s * p.x - t * q.x)
+
+
+@inlined
+def _edge_part(a, b, r):
+    """Return signed area and moments common to the disk r and the triangle (origin, a, b)."""
+    d = minus2(b, a)
+    d2 = dot2(d, d)
+    if d2 == 0.0 or a.x * b.y == a.y * b.x:
+        return 0.0, 0.0, 0.0
+    shift = dot2(a, d)
+    disc = shift * shift - d2 * (a.x * a.x + a.y * a.y - r * r)
+    if disc <= 0.0:
+        return _sector(a, b, r)
+    root = math.sqrt(disc)
+    t0, t1 = max((-shift - root) / d2, 0.0), min((-shift + root) / d2, 1.0)
+    if t0 >= t1:
+        return _sector(a, b, r)
+    p, q = Vec2(a.x + t0 * d.x, a.y + t0 * d.y), Vec2(a.x + t1 * d.x, a.y + t1 * d.y)
+    area = 0.5 * cross2(p, q)
+    mx, my = area * (p.x + q.x) / 3.0, area * (p.y + q.y) / 3.0
+    if t0 > 0.0:
+        s, sx, sy = _sector(a, p, r)
+        area, mx, my = area + s, mx + sx, my + sy
+    if t1 < 1.0:
+        s, sx, sy = _sector(q, b, r)
+        area, mx, my = area + s, mx + sx, my + sy
+    return area, mx, my
+
+
+@inlined
+def disk_overlap(a, b, c, r):
+    """Return area and centroid of the overlap of a triangle and the disk r about the origin.
+
+    Array twin: Monte Carlo areas in the tests.
+    Green's theorem: the sum over the edges of the signed parts seen from the origin.
+    """
+    a0, x0, y0 = _edge_part(a, b, r)
+    a1, x1, y1 = _edge_part(b, c, r)
+    a2, x2, y2 = _edge_part(c, a, r)
+    area = a0 + a1 + a2
+    if abs(area) < _ROUNDING * r * r:  # nothing but rounding, whose centroid may lie anywhere
+        return 0.0, Vec2(0.0, 0.0)
+    return abs(area), Vec2((x0 + x1 + x2) / area, (y0 + y1 + y2) / area)
+
+
+@inlined
+def view_margin(p, r, flight, target, fov):
+    """Return how far a crossing at P lies inside the field of view [m]; negative outside.
+
+    Array twin: its sign is that of `meshtrace.kernels.tally.crosses_aperture`.
+    r is the direction in the air.
+    """
+    if fov == FieldOfView.ANGLE:
+        angle = math.acos(min(max(dot(r, target.axis), -1.0), 1.0))
+        return flight * (math.acos(target.cos_half_fov) - angle)
+    reach = target.radius + (target.center.z - p.z) * target.tan_half_fov
+    return reach - math.hypot(p.x - target.center.x, p.y - target.center.y)
+
+
+@inlined
+def view_radius(height, target, fov):
+    """Return the radius of the field of view at a distance along its axis [m].
+
+    Array twin: none, a scale.
+    """
+    if fov == FieldOfView.ANGLE:
+        return height * math.sqrt(max(1.0 - target.cos_half_fov**2, 0.0))
+    return target.radius + height * target.tan_half_fov
+
+
+@inlined
+def carried(light, p, m, scene):
+    """Return accepted light times intensity and transmittance of surface and water."""
+    light *= intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
+    return light * math.exp(-straight_depth(p, m, scene.emitter.position, scene))
+
+
+@inlined
+def straight_depth(p, m, source, scene):
+    """Return the optical depth of unscattered light that crosses at P.
+
+    Array twin: `meshtrace.kernels.medium` along straight ways in the tests.
+    In a mirrored scene the water lies behind the crossing, at the heights -z.
+    """
+    if scene.mirrored:
+        q, end = Vec3(p.x, p.y, -p.z), along(p, m.r, m.flight)
+        return depth_between(scene.medium, q, Vec3(end.x, end.y, -end.z), m.flight)
+    return depth_between(scene.medium, source, p, m.length)
+
+
+@entry
+def image_gain(scene, stretch, lever, stack, gain, doubtful):
+    """Write the unscattered gain of each facet, with a flag for possible shadowing by waves.
+
+    Array twin: quadrature over the aperture with the analytic sinusoid.
+    The image of a part of a facet is taken for a triangle: its gain is the light in its solid
+    angle times the share of the image that lies on the disk. Folds and caustics count
+    themselves, since images overlap. `stretch` and `lever` bound |dX/dP| of a flat sea and
+    |dX/dslope|; `stack` is room for (STACK, 3) integers.
+    """
+    shot = crossing.straight_shot(0.0, 0.0, scene)
+    depth = -scene.emitter.position.z
+    edge = min(max(EDGE * depth, 0.005), 0.1)
+    fine = min(edge, BEAM_SHARE * beam_width(scene.emitter) * depth)
+    height = scene.target.center.z - scene.surface.high[2]
+    view = VIEW_SHARE * view_radius(height, scene.target, scene.interface.fov)
+    fine = min(fine, max(view, _FINEST * edge))
+    for f in range(len(scene.surface.faces)):
+        facet = scene.facets[f]
+        large = 2.0 * facet.radius > _FEW * edge
+        if not large:
+            m = crossing.aim_at(facet.x, facet.y, f, shot, scene)
+            if m.ok:
+                reach = facet.radius * (stretch + lever * facet.curvature)
+                if math.hypot(m.at.x, m.at.y) > scene.target.radius + reach:
+                    continue
+            elif not crossing.corner_shines(f, shot, scene):
+                continue
+        n = math.ceil(2.0 * facet.radius / fine)
+        if n <= _FEW:
+            gain[f], steep = _facet_gain(f, n, shot, scene)
+        else:
+            # light into the denser side is nowhere stretched more than at normal incidence
+            coarse = math.inf if scene.mirrored else 5.0 * edge
+            image = Image(stretch + lever * facet.curvature, coarse)
+            gain[f], steep = _large_facet_gain(f, n, image, stack, shot, scene)
+        doubtful[f] = gain[f] > 0.0 and not steep
+
+
+@inlined
+def beam_width(emitter):
+    """Return the angular scale of the intensity of a source [rad].
+
+    Array twin: none, a scale.
+    """
+    if emitter.kind == SourceKind.LED:
+        return 1.0 / math.sqrt(max(emitter.spread, 1.0))
+    if emitter.kind == SourceKind.ISOTROPIC:
+        return 1.0
+    return 0.5 * emitter.spread
+
+
+@outlined
+def _large_facet_gain(f, n, image, stack, shot, scene):
+    """Sum the parts of a large facet; subdivide only parts with an image on the aperture."""
+    aperture = Region(0.0, 0.0, 0.0, scene.target.radius)
+    gain, steep = 0.0, True
+    nodes, top = whole_facet(n, stack)
+    while top > 0:
+        i, j, side, top = next_part(f, nodes, image, aperture, stack, top, shot, scene)
+        if side != 0:
+            g, s = _triangle_gain(f, nodes, i, j, side, shot, scene)
+            gain, steep = gain + g, steep and s
+    return gain, steep
+
+
+@inlined
+def whole_facet(n, stack):
+    """Put a facet on a stack; return the first power of two from n on, and the stack's height.
+
+    Array twin: numpy.log2.
+    A part is a triangle (i, j, side) of the grid of that many `nodes` per edge, see
+    `_triangle_gain`; its halves are parts again.
+    """
+    nodes = 1
+    while nodes < n:
+        nodes *= 2
+    stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, nodes
+    return nodes, ONE
+
+
+@outlined
+def next_part(f, nodes, image, region, stack, top, shot, scene):
+    """Return (i, j, side, height of the stack) of the next smallest part that may shine.
+
+    Array twin: all parts of a facet.
+    Parts that may send unscattered light to the region are quartered; side 0: none is left.
+    """
+    while top > 0:
+        top -= 1
+        i, j, side = stack[top, 0], stack[top, 1], stack[top, 2]
+        if abs(side) == 1:
+            return i, j, side, top
+        if _may_shine(f, nodes, i, j, side, image, region, shot, scene):
+            top = push_quarters(stack, top, i, j, side)
+    return ZERO, ZERO, ZERO, top
+
+
+@inlined
+def is_beside(x, y, reach, region):
+    """Return whether a point lies farther than a distance from the square of a region.
+
+    Array twin: numpy.maximum.
+    """
+    dx = max(abs(x - region.x) - region.half, 0.0)
+    dy = max(abs(y - region.y) - region.half, 0.0)
+    return dx * dx + dy * dy > reach * reach
+
+
+@outlined
+def _may_shine(f, nodes, i, j, side, image, region, shot, scene):
+    """Return whether unscattered light may reach a region through a part of a facet."""
+    p = node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
+    size = scene.facets[f].radius * abs(side) / nodes
+    center = scene.target.center
+    if is_beside(p.x - center.x, p.y - center.y, scene.target.reach + size, region):
+        return False
+    if size > image.coarse:
+        return not _is_reflected(p, size, f, scene)
+    m = crossing.aim_at(p.x, p.y, f, shot, scene)
+    if m.ok:
+        return not is_beside(m.at.x, m.at.y, region.radius + size * image.stretch, region)
+    for q in nodes_of(f, nodes, i, j, side, scene.surface):
+        if crossing.aim_at(q.x, q.y, f, shot, scene).ok:
+            return True
+    return False
+
+
+@inlined
+def push_quarters(stack, top, i, j, side):
+    """Push the four parts (i, j, side) of a part on a stack; return its height."""
+    half = side // 2
+    for k in range(4):
+        stack[top, 0] = i + (half if k in (1, 3) else 0)
+        stack[top, 1] = j + (half if k in (2, 3) else 0)
+        stack[top, 2] = -half if k == 3 else half
+        top += 1
+    return top
+
+
+@inlined
+def _is_reflected(p, size, f, scene):
+    """Return whether unscattered light is totally reflected all over a part of a facet.
+
+    Angles of incidence within `size` of the point p differ from that at p by the angle under
+    which the source sees the part, and by the bend of the interpolated normals.
+    """
+    facet, way = scene.facets[f], minus(p, scene.emitter.position)
+    slope = math.hypot(facet.slope_x, facet.slope_y)
+    seen = size * math.sqrt(1.0 + slope * slope) / norm(way)
+    n = normal_at(p.x, p.y, f, scene.surface)
+    if seen >= 1.0 or dot(way, n) <= 0.0:
+        return False
+    critical = math.asin(min(scene.medium.n_air / scene.medium.n_water, 1.0))
+    bend = 2.0 * facet.curvature * size
+    return math.acos(dot(way, n) / norm(way)) > critical + math.asin(seen) + bend
+
+
+@outlined
+def _facet_gain(f, n, shot, scene):
+    """Sum the parts of a facet cut into n^2 triangles."""
+    gain, steep = 0.0, True
+    for i in range(n):
+        for k in range(2 * (n - i) - 1):
+            g, s = _triangle_gain(f, n, *part_of_row(i, k), shot, scene)
+            gain, steep = gain + g, steep and s
+    return gain, steep
+
+
+@inlined
+def part_of_row(i, k):
+    """Return (i, j, side) of part k of row i of a facet: parts of either side in turn."""
+    odd = k % 2
+    return i + odd, k // 2 + odd, ONE - 2 * odd
+
+
+@inlined
+def node(f, n, i, j, surface):
+    """Return the point (i, j) of the n parts along two edges of a facet.
+
+    Array twin: barycentrics (i / n, j / n).
+    """
+    a, b, c = corners(surface.vertices, f, surface.faces)
+    return blend(i / n, j / n, a, b, c)
+
+
+@inlined
+def nodes_of(f, n, i, j, side, surface):
+    """Return the nodes (i, j), (i + side, j), (i, j + side) of a part of a facet."""
+    p, q = node(f, n, i, j, surface), node(f, n, i + side, j, surface)
+    return p, q, node(f, n, i, j + side, surface)
+
+
+@outlined
+def _triangle_gain(f, n, i, j, side, shot, scene):
+    """Return (gain, steep) of the part with the corners `nodes_of`, inside the field of view.
+
+    A part is cut at the edge of the field of view, a straight line between its corners.
+    """
+    p, q, r = nodes_of(f, n, i, j, side, scene.surface)
+    a, b = _corner(p, f, shot, scene), _corner(q, f, shot, scene)
+    c = _corner(r, f, shot, scene)
+    if not (a.ok and b.ok and c.ok):
+        return 0.0, True
+    first, second, third = a.inside >= 0.0, b.inside >= 0.0, c.inside >= 0.0
+    seen = ZERO + first + second + third
+    if seen == 3:
+        return _image_light(a, b, c, f, shot, scene)
+    if seen == 0:
+        return 0.0, True
+    if first == third:
+        a, b, c = b, c, a
+    elif first == second:
+        a, b, c = c, a, b
+    ab, ac = _at_edge(a, b), _at_edge(a, c)
+    if seen == 1:
+        return _image_light(a, ab, ac, f, shot, scene)
+    one, steep = _image_light(ab, b, c, f, shot, scene)
+    other, flat = _image_light(ab, c, ac, f, shot, scene)
+    return one + other, steep and flat
+
+
+@inlined
+def _corner(p, f, shot, scene):
+    """Return a corner with its image."""
+    m = crossing.aim_at(p.x, p.y, f, shot, scene)
+    inside = 0.0
+    if m.ok:
+        inside = view_margin(p, m.r, m.flight, scene.target, scene.interface.fov)
+    return Corner(m.ok, p, m.at, inside)
+
+
+@inlined
+def _at_edge(a, b):
+    """Return the corner at the edge of the field of view between two others."""
+    t = a.inside / (a.inside - b.inside)
+    off = minus2(b.at, a.at)
+    at = Vec2(a.at.x + t * off.x, a.at.y + t * off.y)
+    return Corner(True, along(a.p, minus(b.p, a.p), t), at, 0.0)
+
+
+@outlined
+def _image_light(a, b, c, f, shot, scene):
+    """Return (gain, steep) of the light of a triangle on facet f that lands on the aperture."""
+    ab, ac = minus2(b.at, a.at), minus2(c.at, a.at)
+    det = cross2(ab, ac)
+    radius = scene.target.radius
+    u = v = 1.0 / 3.0
+    if abs(det) < 1e-14:  # a caustic: the image is a point or a line
+        share = 1.0 if dot2(a.at, a.at) <= radius * radius else 0.0
+    else:
+        area, center = disk_overlap(a.at, b.at, c.at, radius)
+        share = 2.0 * area / abs(det)
+        middle = minus2(center, a.at)
+        u, v = cross2(middle, ac) / det, cross2(ab, middle) / det
+    if share == 0.0:
+        return 0.0, True
+    # light that is linear in the image has its mean over the overlap at the centroid
+    middle3 = along(along(a.p, minus(b.p, a.p), u), minus(c.p, a.p), v)
+    m = crossing.aim_at(middle3.x, middle3.y, f, shot, scene)
+    if not m.ok:
+        return 0.0, True
+    p = Vec3(middle3.x, middle3.y, height_on(middle3.x, middle3.y, f, scene.surface))
+    light, steep = carried(1.0, p, m, scene), is_steep(m, scene)
+    source = scene.emitter.position
+    omega = solid_angle(minus(a.p, source), minus(b.p, source), minus(c.p, source))
+    return omega * share * light, steep

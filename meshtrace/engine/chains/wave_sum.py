@@ -1,0 +1,172 @@
+"""Aiming over the exact sum of waves, the limit of its meshes.
+
+Crossings found on a mesh of the same sea are the starts; Newton moves each to where the light
+crosses the exact surface, and the exact slopes and curvatures weigh it there.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.engine import crossing
+from meshtrace.engine.chains.gain import shot_of, weigh, weight_of
+from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
+from meshtrace.kernels.scene import FLAT_SEA, locate
+from meshtrace.kernels.vectors import Vec3, dot, row
+
+_TOLERANCE = 1e-8  # [m]: separates crossings that lie close together at a caustic
+_SAME = 1e-6  # [m], crossings nearer to each other are one
+_ITERATIONS = 40
+_STRIDE = 0.5  # [m], longest step of Newton
+
+
+class Moved(IntEnum):
+    """Counted outcomes of the displacement of a crossing."""
+
+    MOVED = 0
+    LOST = 1
+    MERGED = 2
+
+
+class Waves(NamedTuple):
+    """Plane waves at one instant, z = sum a cos(phase - kx x - ky y)."""
+
+    amplitude: NDArray[np.float64]  # (n,) [m]
+    kx: NDArray[np.float64]  # (n,) [rad m-1]
+    ky: NDArray[np.float64]
+    phase: NDArray[np.float64]  # (n,) at the origin and this instant [rad]
+
+
+class Shape(NamedTuple):
+    """Elevation [m], slopes and second derivatives [m-1] of the sea at a point."""
+
+    z: float
+    zx: float
+    zy: float
+    zxx: float
+    zxy: float
+    zyy: float
+
+
+@outlined
+def shape_at(waves, x, y):
+    """Return the `Shape` at (x, y).
+
+    Array twin: `meshtrace.surfaces.waves.sum_elevation` and its derivatives.
+    All six in one pass: sine and cosine are the cost.
+    """
+    z = zx = zy = zxx = zxy = zyy = 0.0
+    for i in range(len(waves.amplitude)):
+        kx, ky = waves.kx[i], waves.ky[i]
+        angle = waves.phase[i] - kx * x - ky * y
+        c, s = waves.amplitude[i] * math.cos(angle), waves.amplitude[i] * math.sin(angle)
+        z += c
+        zx += kx * s
+        zy += ky * s
+        zxx -= kx * kx * c
+        zxy -= kx * ky * c
+        zyy -= ky * ky * c
+    return Shape(z, zx, zy, zxx, zxy, zyy)
+
+
+@inlined
+def _aim_beside(x, y, dx, dy, s, shot, scene):
+    """Return the `Aim` of a crossing at (x + dx, y + dy), close to a point of known shape."""
+    slope_x, slope_y = s.zx + s.zxx * dx + s.zxy * dy, s.zy + s.zxy * dx + s.zyy * dy
+    p = Vec3(x + dx, y + dy, s.z + s.zx * dx + s.zy * dy)
+    return crossing.land_sloped(p, slope_x, slope_y, shot, scene)
+
+
+@outlined
+def _exact_jacobian(x, y, waves, shot, scene):
+    """Return (z, `Jacobian`) of a crossing over (x, y).
+
+    As `aiming.jacobian`; the waves are summed once for all three points.
+    """
+    shape = shape_at(waves, x, y)
+    return shape.z, crossing.differences(
+        _aim_beside(x, y, 0.0, 0.0, shape, shot, scene),
+        _aim_beside(x, y, crossing.STEP, 0.0, shape, shot, scene),
+        _aim_beside(x, y, 0.0, crossing.STEP, shape, shot, scene),
+    )
+
+
+@outlined
+def _exact_newton(x, y, waves, shot, scene):
+    """Return (found, x, y): the crossing of the exact surface next to (x, y)."""
+    for _ in range(_ITERATIONS):
+        _, j = _exact_jacobian(x, y, waves, shot, scene)
+        ok, dx, dy, size = crossing.newton_step(j, shot, _STRIDE)
+        if not ok:
+            return False, x, y
+        x, y = x - dx, y - dy
+        if size < _TOLERANCE:
+            return True, x, y
+    return False, x, y
+
+
+@outlined
+def _exact_weight(chains, i, x, y, waves, shot, scene):
+    """Return |A| I(w) W / |det dX/dOmega| of chain i through a crossing of the exact surface.
+
+    As `weigh` on a mesh, with slopes and curvatures of the waves.
+    """
+    z, j = _exact_jacobian(x, y, waves, shot, scene)
+    return weight_of(chains, i, Vec3(x, y, z), j, FLAT_SEA, shot, scene)[0]
+
+
+@entry
+def move_crossings(chains, arrivals, waves, scene, score, counters):
+    """Add the contribution of each chain through the exact surface to `score`.
+
+    Array twin: meshes of vanishing spacing.
+    Each arrival over the mesh is moved to the exact crossing next to it, and its weight changed
+    in proportion, which keeps the multiplicity on the mesh. `arrivals` comes back with the
+    crossings moved. The mesh has no random slopes: the sum of waves leaves none out.
+    """
+    for k in range(len(arrivals)):
+        a = arrivals[k]
+        i, x, y = a.chain, a.point[0], a.point[1]
+        forward = dot(row(chains.tail, i), row(chains.last, i))
+        branch = 1.0 if a.water - chains.path[i] + forward >= 0.0 else -1.0
+        shot = shot_of(chains, i, scene, branch, scene.surface.roughness)
+        facet = locate(scene.locator, scene.surface, x, y)
+        meshed = 0.0
+        if facet >= 0:
+            meshed = weigh(chains, i, x, y, facet, shot, scene).weight
+        found, x, y = _exact_newton(x, y, waves, shot, scene)
+        if not found or meshed == 0.0:
+            counters[Moved.LOST.value] += 1
+            continue
+        a.point[0], a.point[1] = x, y
+        if k > 0 and arrivals[k - 1].chain == i:
+            before = arrivals[k - 1].point
+            if abs(before[0] - x) + abs(before[1] - y) < _SAME:
+                counters[Moved.MERGED.value] += 1
+                continue
+        counters[Moved.MOVED.value] += 1
+        score[i] += a.weight * _exact_weight(chains, i, x, y, waves, shot, scene) / meshed
+
+
+@entry
+def direct_light(points, starts, waves, scene, found, score):
+    """Write the unscattered light at each point, over all crossings.
+
+    Array twin: rays traced forwards, in the tests.
+    `points` are chains without scatterings. Newton starts from every (x, y) of `starts`: the
+    facets through which a mesh sends light to the aperture. `found` is room for the crossings.
+    """
+    for i in range(len(points.weight)):
+        shot = crossing.straight_shot(points.disk[i, 0], points.disk[i, 1], scene)
+        n = ZERO
+        for k in range(len(starts)):
+            ok, x, y = _exact_newton(starts[k, 0], starts[k, 1], waves, shot, scene)
+            if ok and not crossing.is_known(found, ZERO, n, x, y, shot.branch, _SAME):
+                found[n].x, found[n].y, found[n].branch = x, y, shot.branch
+                n += 1
+                score[i] += _exact_weight(points, i, x, y, waves, shot, scene)

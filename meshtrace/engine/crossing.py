@@ -1,0 +1,549 @@
+"""The point of the surface that sends light from one point to another: a specular manifold walk.
+
+The unknown is not the direction but the point P where the light crosses the surface. For any P
+there is one emission direction w whose minimal rotation R(w) (e_z to w) carries the chain's
+open segment through P, in closed form: R turns about a horizontal axis, so it keeps the
+components along that axis, and the distance |P| from the source fixes the point of the segment.
+From P on Snell's law gives the landing point X(P). Newton steps on a facet's plane solve
+X(P) = x; two small displacements of P give dX/dP and dw/dP together, hence dX/dOmega.
+
+A history rotated to end at its detector is known as the track-rotation estimator [1]_, the path
+through a refracting mesh with interpolated normals from single scattering [2]_.
+
+Light that leaves the source along a straight way is a chain without a scattering. `newton` finds
+one crossing from a start, `enumerate_roots` all near that of a flat sea, facet by facet.
+
+References
+----------
+.. [1] TREEDE, program IAEA0833 of the NEA Data Bank.
+.. [2] B. Walter, S. Zhao, N. Holzschuch and K. Bala, "Single scattering in refractive media with
+   triangle mesh boundaries", ACM Transactions on Graphics 28 (2009),
+   doi:10.1145/1531326.1531398.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from meshtrace.kernels.interface import (
+    FieldOfView,
+    FresnelMode,
+    corners,
+    exposure,
+    inside_facet,
+    normal_at,
+    tilted,
+    transmit,
+)
+from meshtrace.kernels.jit import NO, YES, inlined, outlined
+from meshtrace.kernels.scene import FLAT_SEA, bins_near, height_on, is_first_bin, locate
+from meshtrace.kernels.sources import intensity
+from meshtrace.kernels.vectors import (
+    ORIGIN,
+    UP,
+    Vec2,
+    Vec3,
+    along,
+    dot,
+    minus,
+    minus2,
+    norm,
+    row,
+    scaled,
+)
+
+STEP = 1e-5  # [m], displacement of P for the derivatives
+_TOLERANCE = 1e-4  # [m], step of P behind which the error is its square
+_ITERATIONS = 12
+
+FLAT = np.dtype(
+    [
+        ("x", float),
+        ("y", float),
+        ("branch", float),  # see `Shot`; 0: no crossing
+        ("low", float),  # smallest and largest stretch of dX/dP
+        ("high", float),
+        ("lever", float),  # |dX / dslope| [m]
+        ("lift", float),  # |dX / dz|
+        ("level", float),  # height of the flat sea [m]
+        ("m11", float),  # dP / dslope [m]
+        ("m12", float),
+        ("m21", float),
+        ("m22", float),
+        ("h1", float),  # dP / dz
+        ("h2", float),
+    ]
+)
+"""A crossing of a flat sea, and its displacement by slopes and heights."""
+
+
+class Shot(NamedTuple):
+    """The open segment of a chain and the point aimed at."""
+
+    start: Vec3  # of the chain
+    q: Vec3  # last vertex, relative to the start
+    v: Vec3  # direction
+    goal: Vec2  # point in the plane of the aperture [m]
+    branch: float  # +1 or -1, see `emission_through`
+    tilt: Vec2  # slopes on top of those of the mesh
+
+
+class Aim(NamedTuple):
+    """One evaluation of the map from crossing point to landing point."""
+
+    ok: bool
+    at: Vec2  # landing point in the plane of the aperture, from its centre [m]
+    w: Vec3  # emission direction
+    d: Vec3  # direction in the water at the crossing
+    r: Vec3  # direction in the air
+    rho: float
+    length: float  # of the open segment [m]
+    flight: float  # in the air [m]
+
+
+class Jacobian(NamedTuple):
+    """The map near a crossing: dX/dP = ((a, b), (c, d)), d(w_x, w_y)/dP = ((wa, wb), (wc, wd))."""
+
+    ok: bool
+    aim: Aim
+    a: float
+    b: float
+    c: float
+    d: float
+    wa: float
+    wb: float
+    wc: float
+    wd: float
+
+
+@inlined
+def emission_through(q, v, p, branch):
+    """Return (ok, t, w, d): emission direction w of the chain through P, and its direction d there.
+
+    Array twin: `tests/engine/test_crossing.py` builds R(w) and compares R (q + t v) with P.
+    P is relative to the source. `branch` +1 is the forward intersection of the open segment
+    with the sphere of radius |P|, -1 the near one, which exists when q lies outside.
+    """
+    qv = dot(q, v)
+    disc = qv * qv - dot(q, q) + p.x * p.x + p.y * p.y + p.z * p.z
+    if disc < 0.0:
+        return False, 0.0, UP, v
+    t = -qv + branch * math.sqrt(disc)
+    if t <= 0.0:
+        return False, 0.0, UP, v
+    y = along(q, v, t)
+    hx, hy = p.x - y.x, p.y - y.y
+    h = math.sqrt(hx * hx + hy * hy)
+    if h < 1e-14:
+        return p.z * y.z > 0.0, t, UP, v
+    kx, ky = -hy / h, hx / h  # horizontal axis of the rotation
+    shift = kx * y.x + ky * y.y
+    a = Vec3(y.x - shift * kx, y.y - shift * ky, y.z)  # parts of y and P across the axis
+    b = Vec3(p.x - shift * kx, p.y - shift * ky, p.z)
+    square = dot(a, a)
+    if square < 1e-20:
+        return False, 0.0, UP, v
+    cos_phi = dot(a, b) / square
+    # k . (a x b) with k horizontal
+    sin_phi = (kx * (a.y * b.z - a.z * b.y) + ky * (a.z * b.x - a.x * b.z)) / square
+    kv = (kx * v.x + ky * v.y) * (1.0 - cos_phi)
+    d = Vec3(
+        v.x * cos_phi + ky * v.z * sin_phi + kx * kv,
+        v.y * cos_phi - kx * v.z * sin_phi + ky * kv,
+        v.z * cos_phi + (kx * v.y - ky * v.x) * sin_phi,
+    )
+    return True, t, Vec3(ky * sin_phi, -kx * sin_phi, cos_phi), d
+
+
+@inlined
+def land(p, n, shot, scene):
+    """Return the `Aim` of a crossing at P with unit normal n.
+
+    Array twin: `tests/engine/test_crossing.py`, against rays traced forwards.
+    """
+    target, medium = scene.target, scene.medium
+    ok, length, w, d = emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
+    cos_i = dot(d, n)
+    cos_t, rho, r = -1.0, 1.0, ORIGIN
+    if ok and cos_i > 0.0:
+        cos_i = min(cos_i, 1.0)
+        cos_t, rho, r = transmit(d, n, cos_i, medium.n_water, medium.n_air, scene.interface)
+    facing = dot(r, target.axis)
+    if cos_t <= 0.0 or facing <= 1e-9:
+        return Aim(False, Vec2(0.0, 0.0), w, d, r, rho, length, 0.0)
+    way = minus(target.center, p)
+    flight = dot(way, target.axis) / facing
+    off = minus(scaled(flight, r), way)
+    at = Vec2(dot(off, target.e1), dot(off, target.e2))
+    return Aim(flight > 0.0, at, w, d, r, rho, length, flight)
+
+
+@inlined
+def land_sloped(p, slope_x, slope_y, shot, scene):
+    """Return the `Aim` of a crossing at P of a surface with these slopes.
+
+    Array twin: see `land`.
+    """
+    scale = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+    return land(p, Vec3(-slope_x * scale, -slope_y * scale, scale), shot, scene)
+
+
+@inlined
+def aim_at(x, y, facet, shot, scene):
+    """Return the `Aim` of a crossing over (x, y) on the plane of a facet.
+
+    Array twin: see `land`.
+    Interpolated normals are continued beyond the facet, so that the map for Newton is smooth.
+    """
+    p = Vec3(x, y, height_on(x, y, facet, scene.surface))  # first: the rest waits for it
+    n = UP
+    if facet >= 0:
+        n = normal_at(x, y, facet, scene.surface)
+        if shot.tilt.x != 0.0 or shot.tilt.y != 0.0:
+            n = tilted(n, shot.tilt)
+    return land(p, n, shot, scene)
+
+
+@inlined
+def quotients(m, a, b):
+    """Return ((dx, dx), (dy, dy)) over a step along x, where m becomes a, and along y, b."""
+    h = 1.0 / STEP
+    return (a.x - m.x) * h, (b.x - m.x) * h, (a.y - m.y) * h, (b.y - m.y) * h
+
+
+@inlined
+def differences(m, a, b):
+    """Return the `Jacobian` of `Aim` m from those a step along x (a) and along y (b)."""
+    ok = m.ok and a.ok and b.ok
+    return Jacobian(ok, m, *quotients(m.at, a.at, b.at), *quotients(m.w, a.w, b.w))
+
+
+@outlined
+def jacobian(x, y, facet, shot, scene):
+    """Return the `Jacobian` at a crossing point, by forward differences.
+
+    Array twin: central differences of `aim_at` in the tests.
+    A step of 1e-5 m leaves a relative error of some 1e-6, far below any Monte Carlo error.
+    """
+    return differences(
+        aim_at(x, y, facet, shot, scene),
+        aim_at(x + STEP, y, facet, shot, scene),
+        aim_at(x, y + STEP, facet, shot, scene),
+    )
+
+
+@outlined
+def flat_crossing(flat, x, y, shot, scene):
+    """Write the `FLAT` record of a crossing of the flat sea at height `scene.surface.level`.
+
+    Array twin: finite differences of `land` in the tests.
+    It bounds the crossings of the same chain on a wavy sea.
+    """
+    j = jacobian(x, y, FLAT_SEA, shot, scene)
+    total = j.a * j.a + j.b * j.b + j.c * j.c + j.d * j.d
+    det = j.a * j.d - j.b * j.c
+    high = math.sqrt(0.5 * (total + math.sqrt(max(total * total - 4.0 * det * det, 0.0))))
+    level = scene.surface.level
+    h = 1.0 / STEP
+    px, py = _moved(land_sloped(Vec3(x, y, level), STEP, 0.0, shot, scene), j.aim, h)
+    qx, qy = _moved(land_sloped(Vec3(x, y, level), 0.0, STEP, shot, scene), j.aim, h)
+    rx, ry = _moved(land_sloped(Vec3(x, y, level + STEP), 0.0, 0.0, shot, scene), j.aim, h)
+    k = 1.0 / det if det != 0.0 else 0.0
+    flat.x, flat.y, flat.branch, flat.level = x, y, shot.branch, level
+    flat.low, flat.high = abs(det) / high if high > 0.0 else 0.0, high
+    flat.lever = math.sqrt(px * px + py * py + qx * qx + qy * qy)
+    flat.lift = math.hypot(rx, ry)
+    flat.m11, flat.m12 = -(j.d * px - j.b * py) * k, -(j.d * qx - j.b * qy) * k
+    flat.m21, flat.m22 = -(j.a * py - j.c * px) * k, -(j.a * qy - j.c * qx) * k
+    flat.h1, flat.h2 = -(j.d * rx - j.b * ry) * k, -(j.a * ry - j.c * rx) * k
+
+
+@inlined
+def _moved(moved, m, h):
+    return (moved.at.x - m.at.x) * h, (moved.at.y - m.at.y) * h
+
+
+@inlined
+def newton_step(j, shot, longest):
+    """Return (ok, step along x and y limited to `longest`, size before that) [m].
+
+    Array twin: numpy.linalg.solve.
+    """
+    det = j.a * j.d - j.b * j.c
+    if not j.ok or det == 0.0:
+        return False, 0.0, 0.0, 0.0
+    f = minus2(j.aim.at, shot.goal)
+    x, y = (j.d * f.x - j.b * f.y) / det, (j.a * f.y - j.c * f.x) / det
+    size = math.sqrt(x * x + y * y)
+    if size > longest:
+        x, y = x * longest / size, y * longest / size
+    return True, x, y, size
+
+
+@outlined
+def newton(x, y, facet, fixed, longest, shot, scene):
+    """Return (found, x, y, facet): the crossing that lands on a point of the aperture.
+
+    Array twin: `enumerate_roots`, which looks at every facet.
+    `fixed` keeps the facet (-1: flat sea); else the facet follows the point. Steps are limited
+    to `longest` [m]. Between facets the derivatives jump: a point that does not settle is handed
+    to the enumeration by the caller.
+    """
+    for _ in range(_ITERATIONS):
+        ok, dx, dy, size = newton_step(jacobian(x, y, facet, shot, scene), shot, longest)
+        if not ok:
+            return False, x, y, facet
+        x, y = x - dx, y - dy
+        if size < _TOLERANCE:
+            return True, x, y, facet
+        if not fixed:
+            facet = locate(scene.locator, scene.surface, x, y)
+            if facet < 0:
+                return False, x, y, facet
+    return False, x, y, facet
+
+
+MARGIN = 1.3  # on first-order bounds, for the higher orders
+
+ROOT = np.dtype(
+    [
+        ("x", float),
+        ("y", float),
+        ("branch", float),
+        ("facet", np.int64),
+        ("multiplicity", float),  # number of crossings that it stands for
+    ]
+)
+"""A crossing of the surface that lands on the point aimed at."""
+
+
+@inlined
+def is_known(roots, first, last, x, y, branch, tolerance):
+    """Return whether a crossing is one of the records first <= k < last.
+
+    Array twin: numpy.abs of differences.
+    """
+    for k in range(first, last):
+        r = roots[k]
+        if r.branch == branch and abs(r.x - x) + abs(r.y - y) < tolerance:
+            return True
+    return False
+
+
+@outlined
+def enumerate_roots(roots, n, flat, radius, shot, scene):
+    """Append every crossing near a flat-sea crossing that lands on the point; return the number.
+
+    Array twin: the roots of the analytic sinusoid in the tests.
+    Every facet within `radius` is searched.
+    """
+    grid = scene.locator
+    i0, i1, j0, j1 = bins_near(flat.x, flat.y, radius, grid)
+    for i in range(i0, i1 + 1):
+        for j in range(j0, j1 + 1):
+            for k in range(grid.start[i * grid.ny + j], grid.start[i * grid.ny + j + 1]):
+                f = np.int64(grid.facet[k])
+                if _may_hold(scene.facets[f], flat, shot.tilt):
+                    if is_first_bin(i, j, i0, j0, f, scene.surface, grid):
+                        n = _facet_roots(roots, n, f, flat, shot, scene)
+    return n
+
+
+@inlined
+def _may_hold(facet, flat, tilt):
+    """Return whether a crossing may lie on a facet, to first order.
+
+    The flat crossing moves by dP/dslope and dP/dz; half of the move is left for the
+    higher orders, and the facet's size grows by its curvature.
+    """
+    sx, sy = facet.slope_x + tilt.x, facet.slope_y + tilt.y
+    dz = facet.z - flat.level
+    mx, my = flat.m11 * sx + flat.m12 * sy, flat.m21 * sx + flat.m22 * sy
+    hx, hy = flat.h1 * dz, flat.h2 * dz
+    move = abs(mx) + abs(my) + abs(hx) + abs(hy)
+    bend = abs(flat.m11) + abs(flat.m12) + abs(flat.m21) + abs(flat.m22)
+    reach = 0.5 * move + 2.0 * facet.radius * (1.0 + bend * facet.curvature)
+    ex, ey = flat.x + mx + hx - facet.x, flat.y + my + hy - facet.y
+    return ex * ex + ey * ey <= reach * reach
+
+
+@outlined
+def corner_shines(f, shot, scene):
+    """Return whether light leaves the water at a corner of a facet, but not at its centroid.
+
+    Array twin: fine meshes of the same water in the tests.
+    """
+    for p in corners(scene.surface.vertices, f, scene.surface.faces):
+        if aim_at(p.x, p.y, f, shot, scene).ok:
+            return True
+    return False
+
+
+@outlined
+def _facet_roots(roots, n, f, flat, shot, scene):
+    """Add the roots on facet f.
+
+    If its centroid lands farther from the point than |dX/dP| of a curved surface could bring
+    over the facet's size, it holds none. Where a fold of the map runs through a facet there
+    may be two: Newton starts from its corners too.
+    """
+    facet = scene.facets[f]
+    x, y = facet.x, facet.y
+    m = aim_at(x, y, f, shot, scene)
+    bend = flat.lever * facet.curvature
+    if m.ok:
+        spread = MARGIN * facet.radius * (flat.high + bend)
+        if math.hypot(m.at.x - shot.goal.x, m.at.y - shot.goal.y) > spread:
+            return n
+    elif not corner_shines(f, shot, scene):
+        return n
+    first = n
+    n = _root_on(roots, n, first, x, y, f, shot, scene)
+    if not m.ok or (scene.surface.interpolate and bend > 0.5 * flat.high):
+        for p in corners(scene.surface.vertices, f, scene.surface.faces):
+            n = _root_on(roots, n, first, p.x, p.y, f, shot, scene)
+    return n
+
+
+@inlined
+def _root_on(roots, n, first, x, y, f, shot, scene):
+    found, x, y, _ = newton(x, y, f, YES, 2.0 * scene.facets[f].radius, shot, scene)
+    if not found or not inside_facet(x, y, f, scene.surface):
+        return n
+    return add_root(roots, n, first, x, y, f, shot.branch, 1.0)
+
+
+@inlined
+def add_root(roots, n, first, x, y, facet, branch, multiplicity):
+    """Append a crossing unless it is one of those from `first` on; return their number.
+
+    Array twin: list.append.
+    """
+    if n == len(roots) or is_known(roots, first, n, x, y, branch, 1e-6):
+        return n
+    r = roots[n]
+    r.x, r.y, r.branch, r.facet, r.multiplicity = x, y, branch, facet, multiplicity
+    return n + 1
+
+
+class Search(NamedTuple):
+    """Extent of the search for roots on one surface."""
+
+    audit: float  # share of chains whose facets are all searched; 1 for faceted normals
+    slope: float  # steepest slope of the surface
+    margin: float  # [m], size of the facets
+    widest: float  # [m], no crossing lies farther from the flat one
+    curvature: float  # largest change of slope along an edge of the facets [m-1]
+
+
+@inlined
+def start_of(emitter, u, v):
+    """Return the start of a chain: the source, or a point (u, v) of the unit disk on its disk."""
+    if emitter.radius == 0.0:
+        return emitter.position
+    side = along(emitter.position, emitter.e1, emitter.radius * u)
+    return along(side, emitter.e2, emitter.radius * v)
+
+
+@inlined
+def straight_shot(u, v, scene):
+    """Return the unscattered light that belongs to a point (u, v) of the unit disk."""
+    goal = Vec2(scene.target.radius * u, scene.target.radius * v)
+    return Shot(start_of(scene.emitter, u, v), ORIGIN, UP, goal, 1.0, Vec2(0.0, 0.0))
+
+
+@inlined
+def root_from(x0, y0, radius, shot, scene):
+    """Return (found, x, y, facet): the crossing that Newton finds from a point.
+
+    Array twin: `enumerate_roots`, which searches every facet.
+    """
+    found, x, y, facet = False, x0, y0, locate(scene.locator, scene.surface, x0, y0)
+    start = facet
+    for step in (0.5, 0.1):  # the second time more carefully
+        if start >= 0 and not found:
+            found, x, y, facet = newton(x0, y0, start, NO, step * radius, shot, scene)
+            found = found and inside_facet(x, y, facet, scene.surface)
+    return found, x, y, facet
+
+
+@inlined
+def radius_of(flat, search, shot, scene):
+    """Return the largest distance of crossings of the wavy sea from a flat one [m].
+
+    Array twin: `enumerate_roots` over all of the sea finds no others.
+    """
+    surface = scene.surface
+    waves = max(abs(surface.high[2] - flat.level), abs(surface.low[2] - flat.level))
+    slope = search.slope + math.hypot(shot.tilt.x, shot.tilt.y)
+    move = MARGIN * (slope * flat.lever + waves * flat.lift) / max(flat.low, 1e-3)
+    return min(move + search.margin, search.widest)
+
+
+@inlined
+def transmittance(m, interface):
+    """Return the transmittance of the surface at a crossing.
+
+    Array twin: `meshtrace.optics.fresnel` and `Whitecaps.transmittance`.
+    """
+    t = (1.0 - m.rho) * interface.foam_transmittance
+    if interface.fresnel == FresnelMode.PAPER_BOTH:
+        t *= 1.0 - m.rho
+    return t
+
+
+@inlined
+def acceptance(m, p, target, fov):
+    """Return the weight of light by its arrival: whether it lies inside the field of view.
+
+    Array twin: `meshtrace.kernels.tally.crosses_aperture`.
+    A lamp that is reached backwards weighs by its intensity over the cosine on its plane.
+    """
+    if target.is_lamp:
+        return intensity(target.lamp, scaled(-1.0, m.r)) / dot(m.r, target.axis)
+    return 1.0 if _is_seen(m, p, target, fov) else 0.0
+
+
+@inlined
+def _is_seen(m, p, target, fov):
+    if fov == FieldOfView.ANGLE:
+        return dot(m.r, target.axis) >= target.cos_half_fov * norm(m.r)
+    reach = target.radius + (target.center.z - p.z) * target.tan_half_fov
+    return (p.x - target.center.x) ** 2 + (p.y - target.center.y) ** 2 < reach * reach
+
+
+@inlined
+def forwards(m, p, facet, tilt, surface):
+    """Return the light that a facet takes from the air, over that of reversed light in the water.
+
+    Array twin: the analog photon from a lamp in the air.
+    A facet g takes |a.g| of the flux from the air and |w.g| of that from the water; bending by the
+    tilted normal s balances with |a.s| and |w.s|. Light from the air, along a, is exposed to tilts.
+    """
+    if facet < 0:
+        return 1.0
+    n, g = normal_at(p.x, p.y, facet, surface), row(surface.face_normals, facet)
+    s = tilted(n, tilt)
+    below, above = dot(m.d, g) * dot(m.r, s), dot(m.r, g) * dot(m.d, s)
+    return exposure(m.r, n, tilt) * above / below if below > 0.0 and above > 0.0 else 0.0
+
+
+@inlined
+def passed(light, m, p, n, facet, tilt, scene):
+    """Return the light that a crossing at P lets pass, by its arrival, transmittance and tilt.
+
+    Array twin: the analog photon.
+    n is the normal of the mesh on a facet, `tilt` the random slope.
+    """
+    light *= acceptance(m, p, scene.target, scene.interface.fov)
+    if light == 0.0:
+        return 0.0
+    light *= transmittance(m, scene.interface)
+    if scene.target.is_lamp:
+        return light * forwards(m, p, facet, tilt, scene.surface)
+    if tilt.x != 0.0 or tilt.y != 0.0:
+        light *= exposure(m.d, n, tilt)
+    return light

@@ -1,0 +1,419 @@
+"""Forced detection: scattering chains rotated to land on the aperture.
+
+Everything random about a photon except its emission direction is drawn; then the directions
+that land it on a random point x of the aperture are solved for. With K scatterings
+
+    h_K = E[ |A| sum_{w: X_K(w) = x} I(w) W_K(w) / |det dX_K / dOmega(w)| ],   h = sum_K h_K.
+
+K = 0 is deterministic (`chains.unscattered`); every K >= 1 has its own chains. The points are
+randomly shifted Sobol points: the mean of each shift is an unbiased estimate of its own, and
+the scatter of the shifts gives the standard error.
+
+The chains do not depend on the surface: one set serves every frame of a moving sea.
+
+Where chains are the worse estimator the scattered light is that of joined photons
+(`meshtrace.engine.photons.joined`); so is light that the surface reflects first, where it counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import cached_property, partial
+from itertools import islice
+from operator import call
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from meshtrace.engine import choice, parts
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.chains.aimed import AimedChains, SearchMode
+from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request, flat_mesh, points_of
+from meshtrace.engine.photons.joined import JoinedPhotons
+from meshtrace.engine.setup import ends
+from meshtrace.errors import Described, Refused
+from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.vectors import Vec3
+from meshtrace.link import Link
+from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
+from meshtrace.models import Floats
+from meshtrace.parallel import ordered_map, paced
+from meshtrace.results.tallies import Arrivals
+from meshtrace.stored import SHIFTS
+
+Scattered = Literal["auto", "chains", "joined"]
+
+MANY_SEAS = 1.5
+"""Margin of a typical sea for those that are not known yet: they may be higher."""
+
+_PER_CHAIN, _REFLECTED_PER_CHAIN = 8, 2  # joined photons; light reflected first alone
+_STILL_CHAINS = 8  # unscattered, of each shift, over still water
+_MOST_CHAINS = 2**22  # 1 kB each, and more with their order
+_CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is summed
+_CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
+_UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
+
+
+class TypicalSea(NamedTuple):
+    """What forced detection knows of the surfaces before it sees them.
+
+    Parameters
+    ----------
+    crest : float
+        Height up to which collisions are expected [m]: about the highest crest of the surfaces.
+        Unbiased for any value; a good one saves chains.
+    unresolved : UnresolvedSlopes, optional
+        Random slopes, with which the estimators are compared.
+    """
+
+    crest: float = 0.0
+    unresolved: UnresolvedSlopes | None = None
+
+    @classmethod
+    def of(cls, meshes: Iterable[TriangleMesh], margin: float = 1.0) -> TypicalSea:
+        """Return the typical sea of some surfaces, its crest by a margin above the highest."""
+        found = [(float(mesh.bounds[1, 2]), mesh.unresolved) for mesh in meshes]
+        return cls(margin * max(crest for crest, _ in found), found[0][1])
+
+
+class ForcedDetection:
+    """Gain of a link over any surface, by chains and joined photons.
+
+    Parameters
+    ----------
+    link : Link
+        The link; sources on the other side of the surface than the receivers.
+    photons : int
+        Chains in all. Joined photons are eight times as many where scattered light rests on
+        them, else twice: they take a tenth of the time.
+    seed : int
+        Seed of the points and their shifts.
+    normals : {"vertex", "facet"}
+        Normals interpolated from the corners, or those of the facets.
+    threads : int
+        Threads; results do not depend on them.
+    sea : TypicalSea
+        What is known of the surfaces.
+    search : {"usual", "thorough"}
+        Search of crossings, see `AimedChains`.
+    scattered : {"auto", "chains", "joined"}
+        Estimator of the scattered light; "auto" compares pilots over still water, with random
+        slopes, for each receiver, see `meshtrace.engine.choice`. With "chains" light that the
+        surface reflects first is omitted.
+
+    Raises
+    ------
+    Refused
+        If the link has a feature that only the analog estimator follows.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        photons: int,
+        seed: int,
+        normals: str = "vertex",
+        threads: int = 1,
+        sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
+        search: SearchMode = "usual",
+        scattered: Scattered = "auto",
+    ) -> None:
+        if not SHIFTS <= photons <= _MOST_CHAINS:
+            allowed = f"an integer {SHIFTS} <= photons <= {_MOST_CHAINS} for forced detection"
+            raise Refused("photons", photons, allowed)
+        self.link = link
+        self.arrays = ends.forced_link(link)
+        self.photons, self.seed, self.normals, self.threads = photons, seed, normals, threads
+        self.sea, self.search, self.wanted = sea, search, scattered
+        unit = self.arrays.frame.unit
+        top = max(sea.crest, 0.0) / unit
+        lowest = min(t.center[2] for t in self.arrays.targets)
+        # a chain that ends higher is not looked for; the level must stay below the receivers
+        ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
+        self.drawer = ChainDrawer(self.arrays, top, ceiling)
+        self.method: list[choice.Method] = []
+        self.scattered_sets = self._draw()
+        self._joined = self._joined_photons()
+
+    def _draw(self) -> list[list[ChainSet]]:
+        """Choose the estimator of each receiver; return the chains by source.
+
+        Pilots over still water compare the estimators and allot the chains to the orders.
+        """
+        link, threads = self.arrays, self.threads
+        sources, receivers = range(len(link.emitters)), len(self.link.receivers)
+        self._light: Floats | None = None
+        self.method = ["joined"] * receivers
+        try:
+            beyond = ends.needs_photons(self.link)
+            if beyond is not None:
+                raise Refused(*beyond, ends.POINTS_ONLY)
+            self._pilots = self._pilots_over(self.drawer)
+        except Refused as refused:  # a feature, or too many orders, for chains
+            if self.wanted == "chains":
+                raise
+            try:
+                self._photons(SHIFTS, range(receivers))
+            except Refused:  # a form as published
+                raise refused from None
+            return [[] for _ in sources]
+        self._light = self._still_gain()
+        self.method = self._compare()
+        if "chains" not in self.method:
+            return [[] for _ in sources]
+        requests = self._requests()
+        pairs = list(zip(requests, self.drawer.draw_all(requests, threads), strict=True))
+        return [[chains for request, chains in pairs if request.source == s] for s in sources]
+
+    def _pilots_over(self, over: ChainDrawer | AimedChains) -> list[choice.Pilot]:
+        """Return the pilots of the chains from each source over still water, or over a surface."""
+        found = []
+        for s in range(len(self.arrays.emitters)):
+            score = partial(over.scores, s)
+            found.append(choice.pilot(self.drawer, s, self._seed(s), score, self.threads))
+        return found
+
+    def _requests(self) -> list[Request]:
+        """Return the chains of each source and order, allotted by the pilots."""
+        link, kept = self.arrays, np.array([m == "chains" for m in self.method])
+        photons, emitters = self.photons, len(link.emitters)
+        # a common factor of the gain does not matter for one receiver
+        together = len(kept) > 1 and not link.down
+        light = self._light if together and self._light is not None else np.ones(len(kept))
+        share = photons if link.down else max(photons // emitters, SHIFTS)
+        requests = []
+        for s, found in enumerate(self._pilots):
+            if not link.down:
+                found, seen = found.of(kept), light[kept]
+            elif kept[s]:
+                found, seen = found.joined(link.power), light[s : s + 1]
+            else:
+                continue
+            counts = choice.allotment(share, self.drawer.nominals[s].expected, found, seen)
+            key = self._seed(s)
+            requests += [Request(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
+        return requests
+
+    def _seed(self, emitter: int) -> tuple[int, int]:
+        """Return the seed of the chains of an emitter: receivers have the same in any order."""
+        return self.seed, 0 if self.arrays.down else emitter
+
+    def _still_gain(self) -> Floats:
+        """Return the gain of each receiver over still water."""
+        rows = []
+        for s, found in enumerate(self._pilots):
+            unscattered = self.drawer.draw(s, 0, _STILL_CHAINS, (*self._seed(s), 0, 3))
+            scores = self.drawer.scores(s, unscattered)
+            rows.append(found.mean.sum(axis=1) + scores.mean(axis=1))
+        return self.arrays.by_receiver(np.array(rows))
+
+    def _compare(self) -> list[choice.Method]:
+        """Return the estimator of each receiver."""
+        receivers = range(len(self.link.receivers))
+        scatters = any(len(p.chains) for p in self._pilots)
+        if self.wanted == "joined":
+            return ["joined"] * len(receivers)
+        if self.wanted == "chains" or not scatters:
+            return ["chains"] * len(receivers)
+        sea, pilots = self.flat(), self._pilots
+        if self.sea.unresolved is not None and self.link.physics.unresolved == "tilt":
+            sea = replace(sea, unresolved=self.sea.unresolved)
+            aimed = self.over(sea)
+            pilots = self._pilots_over(aimed)
+        found = choice.chain_pilot(pilots, self.arrays)
+        if choice.is_clear(found).all():
+            return ["chains"] * len(receivers)
+        try:
+            photons = self._photons(choice.PILOT_PHOTONS, receivers)
+        except Refused:  # a feature that joined photons do not follow
+            return ["chains"] * len(receivers)
+        return choice.choose(found, choice.ScatteredPilot.of(photons.evaluate(sea)), self.expected)
+
+    @property
+    def expected(self) -> float:
+        """Scatterings expected on the way to the surface, the most of all sources."""
+        return max(law.expected for law in self.drawer.nominals)
+
+    def _photons(self, photons: int, receivers: Iterable[int], first: int = 1) -> JoinedPhotons:
+        """Return joined photons to some receivers; `first` counts for those that chains serve."""
+        rows = list(receivers)
+        some = tuple(self.link.receivers[r] for r in rows)
+        link = self.link.model_copy(update={"receiver": some})
+        crossings = [1 if self.method[r] == "joined" else first for r in rows]
+        return JoinedPhotons(link, photons, self.seed, self.normals, self.threads, first=crossings)
+
+    def _joined_photons(self) -> JoinedPhotons | None:
+        """Return the photons of the light that chains do not bring, None where it is little."""
+        rows = [r for r, method in enumerate(self.method) if method == "joined"]
+        self.reflects = self.wanted != "chains" and self._reflected_counts(bool(rows))
+        photons = (_PER_CHAIN if rows else _REFLECTED_PER_CHAIN) * self.photons
+        try:
+            if self.reflects:
+                return self._photons(photons, range(len(self.method)), first=2)
+            return self._photons(photons, rows) if rows else None
+        except Refused:  # forms as published, which chains follow
+            if rows:
+                raise
+            self.reflects = False
+            return None
+
+    def _reflected_counts(self, joined: bool) -> bool:
+        """Return whether light that the surface reflects first is worth a measurement."""
+        if self.link.physics.reflected != "trace":
+            return False
+        if joined or self._light is None or self.link.water.bottom_depth is not None:
+            return True
+        return not choice.is_little(choice.returned_gain(self.link), self._light)
+
+    def over(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> AimedChains:
+        """Return the chains aimed over a mesh.
+
+        Raises
+        ------
+        Refused
+            If the mesh overhangs.
+        """
+        ends.require_height_field(mesh)
+        normals, unresolved = self.normals, self.link.physics.unresolved
+        return AimedChains(self.arrays, mesh, intersector, normals, unresolved, self.search)
+
+    def sets(self, aimed: AimedChains) -> list[list[ChainSet]]:
+        """Return the chains by source, with unscattered ones where slopes are random."""
+        if not aimed.rough:
+            return self.scattered_sets
+        pairs = zip(self._unscattered, self.scattered_sets, strict=True)
+        return [[first, *row] for first, row in pairs]
+
+    @cached_property
+    def _unscattered(self) -> list[ChainSet]:
+        """Unscattered chains by source, which differ by their random slopes only."""
+        emitters = len(self.arrays.emitters)
+        per_source = self.photons / (1 if self.arrays.down else emitters)
+        n = max(math.ceil(_UNSCATTERED_SHARE * per_source / SHIFTS), 2)
+        requests = [Request(s, 0, n, (*self._seed(s), 0, 1)) for s in range(emitters)]
+        return self.drawer.draw_all(requests)
+
+    def evaluate(
+        self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None
+    ) -> parts.Parts:
+        """Return the gain over a mesh, in parts."""
+        higher = self._reaching(mesh)
+        if higher is not self:
+            return higher.evaluate(mesh, intersector)
+        aimed = self.over(mesh, intersector)
+        sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets)
+        jobs: list[Any] = [partial(self._direct, aimed, *pair) for pair in self.arrays.pairs]
+        jobs += [partial(aimed.aim, *job) for job in sums.jobs]
+        scores = ordered_map(call, jobs, self.threads, ahead=len(jobs))
+        sampled = sums.add_direct(list(islice(scores, len(self.arrays.pairs))))
+        work = f"{sums.chains:,} chains over one surface"
+        sums.add_chains(list(paced(scores, len(sums.jobs), work)))
+        photons = None if self._joined is None else self._joined.evaluate(mesh, intersector)
+        counts = parts.Counts(sums.chains, *(int(c) for c in aimed.counters))
+        return sums.parts(counts._replace(sampled=sampled), photons, self.reflects)
+
+    def _direct(self, aimed: AimedChains, s: int, r: int) -> Floats:
+        """Return the unscattered gain of a source and a receiver: one number, or one per shift."""
+        if self.arrays.sizes[s] > 0.0:
+            points = self._lamp_points(s)
+            found = np.array([self._from_point(aimed, s, r, p).sum() for p in points])
+            return found.reshape(SHIFTS, -1).mean(axis=1)
+        gains = aimed.direct_gains(s, r)
+        if gains is not None and gains.any():
+            return gains.sum(keepdims=True)
+        # where no facet finds light, chains are asked before it is called dark
+        found = aimed.score(s, r, self._unscattered[s]).reshape(SHIFTS, -1).mean(axis=1)
+        return found if found.any() else found[:1]
+
+    def _from_point(self, aimed: AimedChains, s: int, r: int, point: Floats) -> Floats:
+        """Return the unscattered gain through each facet from a point of an extended source."""
+        gains = aimed.direct_gains(s, r, Vec3(*point.tolist()))
+        if gains is None:
+            narrow = Described(f"a radius of {self.arrays.sizes[s] * self.arrays.frame.unit:g} m")
+            allowed = f"a point source below random slopes this narrow; {ends.ANALOG}"
+            raise Refused("transmitter", narrow, allowed)
+        return gains
+
+    def _lamp_points(self, s: int) -> Floats:
+        """Return points of an extended source, those of each shift in turn."""
+        per_shift = max(self.photons // (_CHAINS_PER_POINT * SHIFTS), 2)
+        points, shifts = points_of(Request(s, -1, per_shift, (self.seed, s, 0, 6)))
+        u = ((points[None] + shifts) % 1.0).reshape(-1, points.shape[1])
+        emitter, size = self.arrays.emitters[s], self.arrays.sizes[s]
+        if emitter.kind == SourceKind.TOP_HAT_BEAM:
+            radius = size * np.sqrt(u[:, 0])
+        else:
+            radius = size * np.sqrt(-0.5 * np.log(np.maximum(u[:, 0], 1e-12)))
+        e1, e2 = (np.array(e) for e in ends.across(emitter.axis))
+        phi = 2.0 * math.pi * u[:, 1:2]
+        circle = np.cos(phi) * e1 + np.sin(phi) * e2
+        return np.array(emitter.position) + radius[:, None] * circle
+
+    def _reaching(self, mesh: TriangleMesh) -> ForcedDetection:
+        """Return chains that reach the mesh; new ones if it is far higher than expected."""
+        top = float(mesh.bounds[1, 2])
+        if top <= self.drawer.ceiling * self.arrays.frame.unit or "chains" not in self.method:
+            return self
+        sea = self.sea._replace(crest=top)
+        return ForcedDetection(
+            self.link, self.photons, self.seed, self.normals, self.threads, sea,
+            self.search, self.wanted,
+        )  # fmt: skip
+
+    def flat(self) -> TriangleMesh:
+        """Return a flat sea larger than the footprint of the light."""
+        far = ends.crossing_reach(self.link) + 10.0 * self.arrays.frame.unit
+        origin = np.array(self.link.origin)
+        return flat_mesh(origin - far, origin + far)
+
+    def arrivals(self, mesh: TriangleMesh) -> Arrivals:
+        """Return the light that arrives; the weights of a receiver add up to its gain.
+
+        Unscattered light without random slopes is one arrival a facet, with shift -1: it has no
+        Monte Carlo error.
+        """
+        higher = self._reaching(mesh)
+        if higher is not self:
+            return higher.arrivals(mesh)
+        aimed, rows = self.over(mesh), [list[Floats]() for _ in self.link.receivers]
+        for e, t in self.arrays.pairs:
+            light = self._light_of(aimed, e, t)
+            row = np.column_stack([light.weight, light.water, light.air, light.shift])
+            rows[self.arrays.receiver(e, t)].append(row)
+        if self._joined is not None:
+            photons = self._joined.evaluate(mesh, arrivals=True).arrivals or []
+            served = [r for r, m in enumerate(self.method) if self.reflects or m == "joined"]
+            for r, row in zip(served, photons, strict=True):
+                rows[r].append(row)
+        whole = [np.insert(row, 0, r, axis=1) for r, found in enumerate(rows) for row in found]
+        return Arrivals.of_rows(np.concatenate(whole))
+
+    def _light_of(self, aimed: AimedChains, e: int, t: int) -> parts.Light:
+        """Return the light of a pair over facets and chains."""
+        chained = self.method[self.arrays.receiver(e, t)] == "chains"
+        rows, sets = list[parts.Light](), self.scattered_sets[e] if chained else []
+        if self.arrays.sizes[e] > 0.0:
+            points = self._lamp_points(e)
+            n = len(points)
+            for i, lamp in enumerate(points):
+                gains = self._from_point(aimed, e, t, lamp)
+                rows.append(parts.direct_light(aimed, e, t, gains, lamp, i * SHIFTS // n, n))
+        elif (found := aimed.direct_gains(e, t)) is not None and found.any():
+            rows.append(parts.direct_light(aimed, e, t, found))
+        else:
+            sets = [self._unscattered[e], *sets]
+        return parts.merged(rows + [parts.chain_light(aimed, e, t, chains) for chains in sets])
+
+
+def cut_share(link: Link, mesh: TriangleMesh, seed: int, normals: str, threads: int) -> Floats:
+    """Return the share of the light of a flat sea that crosses outside a mesh, by receiver."""
+    low, high = mesh.bounds[:, :2]
+    reach = ends.crossing_reach(link) + np.array(link.origin) * [[-1.0], [1.0]]
+    if (low <= -reach[0]).all() and (high >= reach[1]).all():
+        return np.zeros(len(link.receivers))
+    few = ForcedDetection(link, _CUT_CHAINS, seed, normals, threads, TypicalSea.of([mesh]))
+    whole = few.evaluate(few.flat()).gain
+    cut = whole - few.evaluate(flat_mesh(low, high)).gain
+    return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)

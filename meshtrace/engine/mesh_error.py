@@ -1,0 +1,212 @@
+"""Error of a gain by the mesh, from meshes of every second line of it.
+
+Heights are linear and normals interpolated over a facet. A grid of every second line takes no new
+heights. Unscattered light without noise through both tells the error; scattered light crosses at
+many places and angles, which average it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from meshtrace.engine.chains.aimed import AimedChains
+from meshtrace.engine.outcome import per_receiver
+from meshtrace.engine.setup.ends import ForcedLink, forced_link
+from meshtrace.engine.setup.options import Case
+from meshtrace.errors import Refused
+from meshtrace.kernels.medium import DepthMode
+from meshtrace.kernels.scene import Emitter, Target
+from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.vectors import Vec3
+from meshtrace.link import Link
+from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
+from meshtrace.models import Floats
+from meshtrace.results.gain import GainResult
+from meshtrace.surfaces.triangulate import grid_faces, mesh_of_sheet
+
+_DIVISOR = 2.5
+"""Change by every second line over the error: 3 for errors by h^2, 5^(1/2) for random ones by h."""
+
+_SCATTERED = 0.1  # relative error of scattered light over that of unscattered light, at least
+_STARTS = (0, 0), (1, 1), (0, 1), (1, 0)  # first lines of the coarse grids
+_BLURRED = 5e-4  # relative error below which one coarse grid suffices where light is blurred
+_LITTLE = 3e-3  # relative error below which two coarse grids suffice
+_RANDOM_SLOPES = 4.0  # standard deviations: more carry 3e-4 of the light
+_LIT_SLOPES = 4.5  # standard deviations of slopes that `Link.lit_patch` covers
+_BESIDE = 2  # lines beyond the light
+_PLANE = 1e-12  # largest difference of the normals of a plane
+
+
+class _Sheet(NamedTuple):
+    """Points and normals of a grid, shapes (nx, ny, 3)."""
+
+    points: Floats
+    normals: Floats
+
+
+def with_mesh_error(result: GainResult, case: Case, mesh: TriangleMesh) -> GainResult:
+    """Return a result with the error of its gains by the mesh."""
+    relative = relative_mesh_error(case.link, mesh, case.meshing.normals)
+    if relative is None:
+        return result
+    direct, unscattered = relative
+    gain = result.gains
+    ballistic = np.minimum(unscattered, gain)
+    if result.gain_ballistic is not None:
+        ballistic = np.atleast_1d(result.gain_ballistic)
+    # scattered light in clear water has a third of the relative error, in turbid water less
+    share = np.divide(ballistic, gain, out=np.zeros_like(gain), where=gain > 0.0)
+    scattered = np.maximum(0.5 * share, _SCATTERED)
+    error = direct * (ballistic + scattered * np.maximum(gain - ballistic, 0.0))
+    if np.isnan(error).all():
+        return result
+    return replace(result, mesh_error=per_receiver(case.link, error))
+
+
+def relative_mesh_error(
+    link: Link, mesh: TriangleMesh, normals: str = "vertex"
+) -> tuple[Floats, Floats] | None:
+    r"""Estimate the relative error of unscattered light by a mesh.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    mesh : TriangleMesh
+        The mesh of a surface.
+    normals : {"vertex", "facet"}
+        Normals interpolated from the corners, or those of the facets.
+
+    Returns
+    -------
+    tuple of ndarray, shape (receivers,), or None
+        Relative error, nan where no light crosses at any choice of a source, and the unscattered
+        gain. None for a mesh that is no grid, overhangs, or a link that forced detection does not
+        follow.
+
+    Notes
+    -----
+    .. math:: \epsilon = \frac{1}{2.5 G} \sqrt{\overline{(G_i - G)^2}}
+
+    over the gains :math:`G_i` of one, two or four grids of every second line. The truth is the
+    smooth surface through the lines with the same random slopes; all meshes have those of the
+    given one. For surfaces that are smooth on the scale of a facet the change is 3 errors
+    (Richardson's extrapolation), for an aperture or blur smaller than a facet the errors of both
+    meshes are independent, proportional to the spacing, and the change is 5^(1/2) errors.
+
+    A receiver without unscattered light is lit by an isotropic source where its axis points to.
+    """
+    receivers = len(link.receivers)
+    if float(np.ptp(mesh.vertex_normals, axis=0).max()) < _PLANE:
+        return np.zeros(receivers), np.zeros(receivers)
+    sheet = _sheet(mesh)
+    if sheet is None:
+        return None
+    try:
+        arrays = forced_link(link)
+    except Refused:
+        return None
+    if arrays.medium.depth_mode == DepthMode.LOCAL:  # whose raster costs more than the light
+        clamped = arrays.medium._replace(depth_mode=int(DepthMode.CLAMPED))
+        arrays = arrays._replace(medium=clamped)
+    tilts: dict[str, Any] = {
+        "unresolved": mesh.unresolved,
+        "normals": normals,
+        "physics": link.physics.unresolved,
+    }
+    found, gain = _compare(arrays, _patch(link, mesh, sheet), **tilts)
+    for r in np.flatnonzero(np.isnan(found)):
+        found[r] = _compare(_facing(arrays, int(r)), sheet, **tilts)[0][r if arrays.down else 0]
+    return found, gain
+
+
+def _compare(
+    arrays: ForcedLink,
+    sheet: _Sheet,
+    unresolved: UnresolvedSlopes | None,
+    normals: str,
+    physics: str,
+) -> tuple[Floats, Floats]:
+    """Return the relative change of unscattered light over `_DIVISOR`, and the light itself."""
+
+    def over(points: Floats, directions: Floats) -> AimedChains:
+        mesh = mesh_of_sheet(points, directions, unresolved)
+        return AimedChains(arrays, mesh, None, normals, physics)
+
+    aimed = over(*sheet)
+    fine, coarse = _unscattered(aimed), []
+    # sums without blur may agree by chance
+    enough = (_BLURRED if aimed.blurred else -1.0), _LITTLE, -1.0, math.inf
+    for (i, j), little in zip(_STARTS, enough, strict=True):
+        coarse.append(_unscattered(over(*(rows[i::2, j::2] for rows in sheet))))
+        scale = np.maximum(fine, np.mean(coarse, axis=0))
+        change = np.sqrt(np.mean(np.square(np.array(coarse) - fine), axis=0)) / _DIVISOR
+        relative = np.divide(change, scale, out=np.full_like(scale, np.nan), where=scale > 0.0)
+        if not (relative > little).any():
+            break
+    return relative, fine
+
+
+def _unscattered(aimed: AimedChains) -> Floats:
+    """Return the unscattered gain of each receiver, from the centres of the sources.
+
+    Random slopes too narrow to be integrated over are left out.
+    """
+    link = aimed.link
+    gains = np.zeros((len(link.emitters), len(link.targets)))
+    for pair in link.pairs:
+        aimed.take_points(*pair)
+        found = aimed.direct_gains(*pair)
+        gains[pair] = (aimed.facet_gains(*pair) if found is None else found).sum()
+    return link.by_receiver(gains)
+
+
+def _sheet(mesh: TriangleMesh) -> _Sheet | None:
+    """Return the grid of a mesh by `triangulate`; None for another mesh."""
+    ny = int(mesh.faces[0, 1])
+    nx = len(mesh.vertices) // ny if ny > 1 else 0
+    if nx < 4 or ny < 4 or nx * ny != len(mesh.vertices) or not mesh.single_valued:
+        return None
+    if not np.array_equal(mesh.faces, grid_faces(nx, ny)):
+        return None
+    return _Sheet(*(rows.reshape(nx, ny, 3) for rows in (mesh.vertices, mesh.vertex_normals)))
+
+
+def _patch(link: Link, mesh: TriangleMesh, sheet: _Sheet) -> _Sheet:
+    """Return the lines where unscattered light can cross to a receiver."""
+    random = max(mesh.unresolved.vertex) if mesh.unresolved is not None else 0.0
+    steepest = mesh.max_slope + _RANDOM_SLOPES * math.sqrt(random)
+    center, half = link.lit_patch(steepest / _LIT_SLOPES)
+    kept = []
+    for axis in (0, 1):
+        rows = sheet.points[..., axis]
+        low, high = rows.min(axis=1 - axis), rows.max(axis=1 - axis)
+        inside = np.flatnonzero((high >= center[axis] - half) & (low <= center[axis] + half))
+        first, last = (inside[0], inside[-1]) if len(inside) else (0, len(low) - 1)
+        kept.append(slice(max(first - _BESIDE, 0), last + _BESIDE + 1))
+    return _Sheet(*(rows[kept[0], kept[1]] for rows in sheet))
+
+
+def _facing(arrays: ForcedLink, receiver: int) -> ForcedLink:
+    """Return a link whose sources are isotropic and lie where the axis of a receiver points to."""
+    if arrays.forwards is not None:
+        forwards = arrays.forwards
+        emitters = [_moved(e, forwards.targets[receiver]) for e in forwards.emitters]
+        return arrays._replace(forwards=forwards._replace(emitters=emitters))
+    target = arrays.targets[receiver]
+    return arrays._replace(emitters=[_moved(e, target) for e in arrays.emitters], targets=[target])
+
+
+def _moved(emitter: Emitter, target: Target) -> Emitter:
+    """Return an isotropic source below the place to which the axis of a receiver points."""
+    axis, center = target.axis, target.center
+    reach = (center.z - emitter.position.z) / max(axis.z, 0.1)
+    x, y = center.x - reach * axis.x, center.y - reach * axis.y
+    position = Vec3(x, y, emitter.position.z)
+    return emitter._replace(
+        position=position, kind=int(SourceKind.ISOTROPIC), norm=1.0 / (4.0 * math.pi)
+    )

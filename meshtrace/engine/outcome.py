@@ -1,0 +1,322 @@
+"""Results from the sums of the estimators, and their warnings."""
+
+from __future__ import annotations
+
+import math
+import sys
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.choice import LITTLE, returned_gain
+from meshtrace.engine.forced import ForcedDetection, cut_share
+from meshtrace.engine.parts import Parts
+from meshtrace.engine.photons.analog import PhotonSums, run_analog
+from meshtrace.engine.photons.targets import REFLECTED
+from meshtrace.engine.setup import options
+from meshtrace.engine.setup.options import Analog, Case, Record
+from meshtrace.errors import DomainWarning
+from meshtrace.kernels.tally import ARRIVAL
+from meshtrace.link import Link
+from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.results.gain import Fate, FateTally, GainResult, ScatteredSamples, bound_where_dark
+from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, standard_error
+from meshtrace.stored import SHIFTS
+
+LEFT_DOMAIN_WARNING = 1e-4
+MESH_ERROR_WARNING = 3e-3
+"""Share of a gain above which the error of the mesh is warned of."""
+
+_FEW = 100.0  # effective samples below which an error is uncertain itself
+_FEW_SHARE = {"chains": 0.1, "joined photons": 0.15}
+"""Share of the samples below which they are few: a run of few photons is known to be uncertain.
+
+Scores of joined photons have the heavier tails."""
+_BOUND_PHOTONS = 2**18  # analog, where chains bring no light: a bound above gains tells nothing
+_SMALL = 0.01  # share of the gain below which its scattered part does not matter
+
+
+class FewSamplesWarning(UserWarning):
+    """Small effective sample size: the error of a gain may exceed its standard error."""
+
+
+def _warn(text: str, category: type[Warning] = DomainWarning) -> None:
+    """Warn at the line that calls the package."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals["__name__"].startswith("meshtrace"):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, category, stacklevel=level)
+
+
+def per_receiver(link: Link, array: Floats) -> Any:
+    """Return values of the receivers as an array, or as a number for a single receiver."""
+    return array if isinstance(link.receiver, tuple) else float(array[0])
+
+
+def analog_result(
+    link: Link, sums: PhotonSums, origin: dict[str, Any], records: Mapping[str, Record]
+) -> GainResult:
+    """Return the result of analog photons."""
+    n, n_rx = sums.photons, len(link.receivers)
+    mean = sums.score / n
+    stderr = standard_error(sums.score, sums.score_squared, n)
+    weights = sums.ledger.value() / n
+    grid = records.get("irradiance-map")
+    gain = per_receiver(link, mean[:n_rx])
+    return GainResult(
+        gain=gain,
+        gain_stderr=per_receiver(link, stderr[:n_rx]),
+        gain_bound=bound_where_dark(gain, n),
+        photons=n,
+        fates={
+            fate.name.lower(): FateTally(int(sums.count[fate]), float(weights[fate]))
+            for fate in Fate
+        },
+        provenance=origin,
+        misses=(int(sums.misses[0]), int(sums.misses[1])),
+        arrivals=_arrivals(sums) if "arrivals" in records else None,
+        planes=_planes(link, sums, mean[n_rx:], stderr[n_rx:]),
+        map=irradiance_map(grid, sums) if isinstance(grid, options.IrradianceMap) else None,
+    )
+
+
+def forced_result(
+    case: Case,
+    mesh: TriangleMesh,
+    parts: Parts,
+    origin: dict[str, Any],
+    arrivals: Arrivals | None = None,
+) -> GainResult:
+    """Return the result of forced detection over a mesh."""
+    link, photons = case.link, parts.photons
+    extra: dict[str, Any] = {}
+    if photons is not None:
+        extra["gain_reflected"] = per_receiver(link, photons.parts[REFLECTED])
+        extra["gain_reflected_stderr"] = per_receiver(link, photons.stderr[REFLECTED])
+        extra["reflected"] = photons.samples(REFLECTED)
+    return GainResult(
+        gain=per_receiver(link, parts.gain),
+        gain_stderr=per_receiver(link, parts.stderr),
+        gain_bound=_bound_of_dark(case, mesh, parts.gain),
+        photons=case.run.photons,
+        fates={},
+        provenance=origin,
+        gain_ballistic=per_receiver(link, parts.ballistic),
+        gain_scattered=per_receiver(link, parts.scattered.mean(axis=1)),
+        gain_order=parts.orders,
+        chains=parts.counts.by_outcome(),
+        scattered=parts.samples_by_receiver(),
+        arrivals=arrivals,
+        **extra,
+    )
+
+
+def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Any:
+    """Return upper bounds of gains without received light, nan elsewhere; None if all have light.
+
+    The bound is that of analog photons, at least `_BOUND_PHOTONS`, as aimed samples without
+    contributions give none.
+    No photon scores more than w = exp(-a d), d the height of the lowest trough above the end in
+    the water.
+    With mean m and standard error s of the scores of n photons, the bound is m + 2 s + 3 w / n:
+    3 w / n at 95 % confidence (rule of three) where none arrives.
+    """
+    if (gain > 0.0).all():
+        return None
+    most = largest_weight(case.link, float(mesh.bounds[0, 2]))
+    bound = np.full(len(gain), sys.float_info.min)
+    if most > sys.float_info.min:
+        n = max(case.run.photons, _BOUND_PHOTONS)
+        intersector = EmbreeIntersector(mesh, case.threads)
+        options = Analog(roulette=1e-3 * most)
+        sums = run_analog(case.link, intersector, options, photons=n, **case.how)
+        error = standard_error(sums.score, sums.score_squared, n)
+        bound = np.maximum(sums.score / n + 2.0 * error + 3.0 * most / n, bound)
+    return per_receiver(case.link, np.where(gain > 0.0, np.nan, bound))
+
+
+def largest_weight(link: Link, trough: float) -> float:
+    """Return a bound on the weight that absorption leaves on the way between water and air.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    trough : float
+        Height of the lowest trough [m].
+    """
+    water = link.water
+    a = water.a if water.layers is None else min(row[1] for row in water.layers)
+    depth = min(-item.center[2] for _, item in link.items() if item.center[2] < 0.0)
+    return math.exp(-a * max(depth + trough, 0.0))
+
+
+def lack_of_samples(result: GainResult) -> float:
+    """Return the largest ratio of 100 to the effective samples of a scattered gain that counts.
+
+    Beyond 1 the standard error of that gain is uncertain itself.
+    """
+    return max((_FEW / max(row.effective, 1.0) for _, row in _samples(result)), default=0.0)
+
+
+def warn_of_few(result: GainResult) -> None:
+    """Warn of gains with a small effective sample size."""
+    _warn_of_few(_samples(result))
+
+
+def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
+    """Warn of receivers for which chains are the worse estimator, or too few.
+
+    Parameters
+    ----------
+    chains : ForcedDetection
+        The link with scattering chains for every receiver.
+    usual : ForcedDetection
+        The same with the estimators of `simulate`.
+    """
+    parts = chains.evaluate(chains.flat())
+    found = _that_matter(parts.samples_by_receiver(), parts.scattered.mean(axis=1), parts.gain)
+    worse = [r for r, method in enumerate(usual.method) if method == "joined"]
+    for r in worse:
+        _warn(
+            f"receiver {r}: light arrives by large angles or many scatterings, or from a narrow "
+            "beam; scattering chains miss part of it, for which `simulate` uses joined photons",
+            FewSamplesWarning,
+        )
+    _warn_of_few([(r, row) for r, row in found if r not in worse])
+    if chains.link.physics.reflected == "trace":
+        warn_of_omitted(chains.link, parts.gain)
+
+
+def _warn_of_few(found: list[tuple[int, ScatteredSamples]]) -> None:
+    for r, row in found:
+        if row.effective < min(_FEW, _FEW_SHARE[row.estimator] * row.samples):
+            _warn(
+                f"receiver {r}: {row.scored:,} of {row.samples:,} {row.estimator} contribute, "
+                f"effective sample size {row.effective:.0f}: the error may exceed the "
+                "standard error",
+                FewSamplesWarning,
+            )
+
+
+def _samples(result: GainResult) -> list[tuple[int, ScatteredSamples]]:
+    """Return the samples of scattered light, and of light that is reflected first."""
+    scattered = _that_matter(result.scattered, result.gain_scattered, result.gains)
+    return scattered + _that_matter(result.reflected, result.gain_reflected, result.gains)
+
+
+def _that_matter(
+    rows: list[ScatteredSamples], share: Any, gain: Floats
+) -> list[tuple[int, ScatteredSamples]]:
+    """Return the receivers for which a share of the gain matters, with its samples."""
+    share = np.atleast_1d(0.0 if share is None else share)
+    return [(r, row) for r, row in enumerate(rows) if share[r] > _SMALL * gain[r]]
+
+
+def warn_of_omitted(link: Link, gain: Floats) -> None:
+    """Warn where forced detection leaves out more than 0.1 % of a gain > 0."""
+    returned = returned_gain(link)
+    for r in np.flatnonzero((returned > LITTLE * gain) & (gain > 0.0)):
+        percent = float(f"{100.0 * returned[r] / (gain[r] + returned[r]):.1g}")
+        _warn(
+            f"receiver {r}: about {percent:g} % of the light leaves the water after a reflection "
+            'at the surface, which is omitted here: estimator="analog" follows it',
+        )
+
+
+def warn_of_mesh(result: GainResult, case: Case, mesh: TriangleMesh) -> None:
+    """Warn of gains whose error by the mesh exceeds the standard error and 0.3 %."""
+    if result.mesh_error is None:
+        return
+    for r, error in enumerate(np.atleast_1d(result.mesh_error)):
+        limit = max(result.stderrs[r], MESH_ERROR_WARNING * result.gains[r])
+        if error > limit:
+            cure = "a finer mesh"
+            if not isinstance(case.surface, TriangleMesh):
+                first, second = mesh.vertices[mesh.faces[:, 0]], mesh.vertices[mesh.faces[:, 1]]
+                shortest = float(np.linalg.norm((second - first)[:, :2], axis=1).min())
+                cure = f"a spacing below {math.sqrt(limit / error) * shortest:.2g} m"
+            _warn(
+                f"receiver {r}: the mesh causes an error of about "
+                f"{100.0 * error / result.gains[r]:.2g} % of the gain, more than the standard "
+                f"error: {cure} lowers it",
+            )
+
+
+def warn_of_cut(case: Case, mesh: TriangleMesh) -> None:
+    """Warn of a mesh that ends where light would cross to a receiver."""
+    cut = cut_share(case.link, mesh, case.run.seed, case.meshing.normals, case.threads)
+    for r in np.flatnonzero(cut > LEFT_DOMAIN_WARNING):
+        _warn(
+            f"receiver {r}: the mesh cuts off {100.0 * cut[r]:.2g} % of the light (flat sea; limit "
+            f"{100.0 * LEFT_DOMAIN_WARNING:g} %): enlarge extent",
+        )
+
+
+def _arrivals(sums: PhotonSums) -> Arrivals:
+    rows = np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals])
+    return Arrivals(
+        rows["receiver"].astype(np.int64),
+        rows["weight"] / sums.photons,
+        rows["water"],
+        rows["air"],
+        rows["photon"].astype(np.int64) % SHIFTS,
+    )
+
+
+def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> Planes | None:
+    if not link.planes:
+        return None
+    columns = [values[i::4] for values in (mean, stderr) for i in range(4)]
+    radiance = {}
+    if link.planes.n_cosines:
+        flux, photons = sums.radiance.value(), np.full(SHIFTS, sums.photons // SHIFTS)
+        photons[: sums.photons % SHIFTS] += 1
+        error = np.full(flux.shape[1:], np.nan)
+        if sums.photons >= 2 * SHIFTS:
+            groups = flux / photons[:, None, None, None]
+            error = groups.std(axis=0, ddof=1) / np.sqrt(SHIFTS)
+        radiance = Planes.radiance_of(flux.sum(axis=0) / sums.photons, error)
+    return Planes(np.array(link.planes.depths), *columns, **radiance)
+
+
+def irradiance_map(grid: options.IrradianceMap, sums: PhotonSums) -> IrradianceMap:
+    """Return the irradiance of analog photons in the cells of a map."""
+    area = grid.step**2
+    axis = np.asarray(-grid.extent + grid.step * (np.arange(grid.n) + 0.5), np.float64)
+    total, squares = sums.map.value(), sums.map_squared.value()
+    cell = total / sums.photons
+    error = np.sqrt(np.maximum(squares / sums.photons - cell**2, 0.0) / max(sums.photons - 1, 1))
+    return IrradianceMap(axis, axis, cell / area, error / area)
+
+
+def warn_of_lost(result: GainResult) -> None:
+    """Warn of analog photons that left the mesh sideways or through holes."""
+    left = result.fates["left_domain"].weight
+    if left > LEFT_DOMAIN_WARNING:
+        _warn(
+            f"{100.0 * left:.2g} % of the launched weight left the meshed surface sideways (limit "
+            f"{100.0 * LEFT_DOMAIN_WARNING:g} %): enlarge extent",
+        )
+    if result.misses[1]:
+        _warn(
+            f"{result.misses[1]} photons missed the surface inside the mesh twice: the mesh may "
+            "have holes",
+        )
+
+
+def warn_of_dark_map(result: GainResult, records: Mapping[str, Record]) -> None:
+    """Warn of a map that no photon reached, most often as its axis is opposite to the light."""
+    grid = records.get("irradiance-map")
+    if not isinstance(grid, options.IrradianceMap) or result.map is None:
+        return
+    if not result.map.irradiance.any():
+        _warn(
+            f"the map at {grid.height:g} m received none of {result.photons:,} photons: its axis "
+            f"{grid.axis} is the direction in which light arrives, within {grid.fov_deg / 2.0:g} "
+            "deg; light that goes down needs (0, 0, -1)",
+        )

@@ -1,0 +1,247 @@
+"""Gain over one surface by receiver, shift and order, and its light by arrival."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.engine.chains.aimed import Aimed, AimedChains, on_disk
+from meshtrace.engine.chains.sets import ChainSet
+from meshtrace.engine.choice import Method
+from meshtrace.engine.photons.joined import JoinedParts
+from meshtrace.engine.photons.targets import REFLECTED, SCATTERED
+from meshtrace.engine.setup.ends import ForcedLink
+from meshtrace.models import Floats
+from meshtrace.results.gain import ScatteredSamples
+from meshtrace.stored import SHIFTS
+
+
+class Counts(NamedTuple):
+    """Numbers of chains by outcome."""
+
+    chains: int
+    solved: int
+    no_flat: int
+    enumerated: int
+    extra_roots: int
+    blocked: int
+    sampled: int = 0  # pairs of source and receiver whose unscattered light is sampled
+
+    def by_outcome(self) -> dict[str, int]:
+        """Return the numbers by name, `sampled` only where there are any."""
+        return {name: n for name, n in self._asdict().items() if n or name != "sampled"}
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Gain over one surface, in parts.
+
+    Attributes
+    ----------
+    direct : ndarray, shape (receivers, shifts)
+        Unscattered gain of each shift of the points; all the same where it is deterministic.
+    scattered : ndarray, shape (receivers, shifts)
+        Scattered gain of each shift of the points.
+    orders : ndarray, shape (receivers, orders)
+        Scattered gain by the number of scatterings, from 1 on.
+    counts : Counts
+    method : list of {"chains", "joined"}
+        Estimator of the scattered gain of each receiver.
+    samples : ndarray of int, shape (receivers,)
+        Chains or joined photons that the scattered gain rests on.
+    scored : ndarray of int, shape (receivers,)
+        Those that brought light.
+    effective : ndarray, shape (receivers,)
+        Effective number of samples, (sum w)^2 / sum w^2 of their contributions w.
+    photons : JoinedParts, optional
+        Joined photons to all receivers, if light that the surface reflects first was measured.
+    """
+
+    direct: Floats
+    scattered: Floats
+    orders: Floats
+    counts: Counts
+    method: list[Method]
+    samples: NDArray[np.int64]
+    scored: NDArray[np.int64]
+    effective: Floats
+    photons: JoinedParts | None = None
+
+    def samples_by_receiver(self) -> list[ScatteredSamples]:
+        """Return the estimator and the samples of the scattered gain of each receiver."""
+        names = ["chains" if m == "chains" else "joined photons" for m in self.method]
+        rows = zip(names, self.samples, self.scored, self.effective, strict=True)
+        return [ScatteredSamples(name, int(n), int(k), float(e)) for name, n, k, e in rows]
+
+    @property
+    def ballistic(self) -> Floats:
+        """Unscattered gain of each receiver."""
+        return self.direct.mean(axis=1)
+
+    @property
+    def shifts(self) -> Floats:
+        """Gain of each receiver by the shift of the points, shape (receivers, shifts)."""
+        known = self.direct + self.scattered
+        return known if self.photons is None else known + self.photons.groups[REFLECTED]
+
+    @property
+    def gain(self) -> Floats:
+        """Gain of each receiver."""
+        return self.shifts.mean(axis=1)
+
+    @property
+    def stderr(self) -> Floats:
+        """Standard error of the gain of each receiver."""
+        return self.shifts.std(axis=1, ddof=1) / math.sqrt(SHIFTS)
+
+
+class ChainSums:
+    """Sums over chains, by receiver."""
+
+    def __init__(self, link: ForcedLink, method: list[Method], sets: list[list[ChainSet]]) -> None:
+        self._link, self._method = link, method
+        receivers = len(method)
+        self._sets = [
+            (e, t, chains)
+            for e, t in link.pairs
+            for chains in sets[e]
+            if method[link.receiver(e, t)] == "chains"
+        ]
+        self.jobs = [(e, t, block) for e, t, chains in self._sets for block in chains.blocks()]
+        self.chains = sum(len(chains.audit) for row in sets for chains in row)
+        self._orders = max((chains.order for row in sets for chains in row), default=0)
+        self._direct = np.zeros((receivers, SHIFTS))
+        self._scattered = np.zeros((receivers, self._orders, SHIFTS))
+        self._squares = np.zeros(receivers)
+        self._samples, self._scored = np.zeros((2, receivers), np.int64)
+
+    def add_direct(self, gains: Iterable[Floats]) -> int:
+        """Add the unscattered gain of each pair; return the number of sampled ones."""
+        sampled = 0
+        for pair, gain in zip(self._link.pairs, gains, strict=True):
+            self._direct[self._link.receiver(*pair)] += self._link.share(*pair) * gain
+            sampled += len(gain) > 1
+        return sampled
+
+    def add_chains(self, aimed: Iterable[Aimed]) -> None:
+        """Add the scores of each job."""
+        found = iter(aimed)
+        for e, t, chains in self._sets:
+            r, share = self._link.receiver(e, t), self._link.share(e, t)
+            score = np.concatenate([next(found).score for _ in chains.blocks()])
+            means = share * score.reshape(SHIFTS, -1).mean(axis=1)
+            self._scattered[r, chains.order - 1] += means
+            self._samples[r] += len(score)
+            self._scored[r] += np.count_nonzero(score)
+            self._squares[r] += share**2 * np.mean(score**2) / len(score)
+
+    def parts(self, counts: Counts, found: JoinedParts | None, reflects: bool) -> Parts:
+        """Return the gain in parts, with the light of joined photons.
+
+        They are joined to all receivers if `reflects`, else to those that rest on them alone.
+        """
+        scattered, orders = self._scattered.sum(axis=1), self._scattered.mean(axis=2)
+        mean = scattered.mean(axis=1)
+        effective = mean**2 / np.maximum(self._squares, 1e-300)
+        rows = np.flatnonzero([m == "joined" for m in self._method])
+        if found is not None and len(rows):
+            some = found.of(rows) if reflects else found
+            scattered[rows] = some.groups[SCATTERED]
+            seen = np.flatnonzero(some.orders.any(axis=0)).max(initial=0)
+            wide = np.zeros((len(orders), max(orders.shape[1], seen)))
+            wide[:, : orders.shape[1]] = orders
+            wide[rows, :seen] = some.orders[:, 1 : seen + 1]
+            orders = wide
+            mean, square = some.parts[SCATTERED], some.square[SCATTERED]
+            self._samples[rows], self._scored[rows] = some.photons, some.scored[SCATTERED]
+            effective[rows] = some.photons * mean**2 / np.maximum(square, 1e-300)
+        return Parts(
+            self._direct, scattered, orders, counts, self._method, self._samples, self._scored,
+            effective, photons=found if reflects else None,
+        )  # fmt: skip
+
+
+class Light(NamedTuple):
+    """Light that arrives at one receiver, one row an arrival; the weights sum to the gain.
+
+    Unscattered light without random slopes is one row a facet, with shift -1: it has no Monte
+    Carlo error, and belongs to every shift alike.
+    """
+
+    weight: Floats
+    order: NDArray[np.int64]  # number of scatterings
+    water: Floats  # path in the water [m]
+    air: Floats
+    angle: Floats  # to the axis of the receiver [rad]
+    lamp: Floats  # cosine of the emission to the axis of the source
+    shift: NDArray[np.int64]
+
+    def by_shift(self, values: Floats) -> Floats:
+        """Return the sum of the weights times values (n,) of each shift, shape (shifts,)."""
+        light = self.weight * values
+        common = self.shift < 0
+        sums = np.bincount(self.shift[~common], light[~common], minlength=SHIFTS)
+        return light[common].sum() + SHIFTS * sums
+
+
+def merged(rows: list[Light]) -> Light:
+    """Return all light of some rows."""
+    return Light(*map(np.concatenate, zip(*rows, strict=True)))
+
+
+def direct_light(
+    aimed: AimedChains,
+    emitter: int,
+    target: int,
+    gains: Floats,
+    at: Floats | None = None,
+    shift: int = -1,
+    points: int = 1,
+) -> Light:
+    """Return unscattered light by facet, from the point `at` of several of an extended source."""
+    link, unit = aimed.link, aimed.link.frame.unit
+    lit = np.flatnonzero(gains)
+    crossing = aimed.centroids[lit]
+    start = np.array(link.emitters[emitter].position) if at is None else at
+    up, way = crossing - start, np.array(link.targets[target].center) - crossing
+    water, air = (unit * np.linalg.norm(part, axis=1) for part in (up, way))
+    order, shifts = np.zeros(len(lit), np.int64), np.full(len(lit), shift)
+    weight = link.share(emitter, target) * gains[lit] / points
+    return Light(weight, order, water, air, *_angles(link, emitter, target, up, way), shifts)
+
+
+def chain_light(aimed: AimedChains, emitter: int, target: int, chains: ChainSet) -> Light:
+    """Return the arrivals of a set of chains."""
+    link, unit, n = aimed.link, aimed.link.frame.unit, len(chains.audit)
+    found = aimed.aim(emitter, target, chains, keep=True).arrivals
+    end, chain = link.targets[target], found["chain"]
+    way = on_disk(end.center, end, chains.chains.disk[chain]) - found["point"]
+    weight = link.share(emitter, target) * found["weight"] / n
+    water, air = unit * found["water"], unit * found["air"]
+    angles = _angles(link, emitter, target, found["emission"], way)
+    order, shift = np.full(len(found), chains.order), chain // (n // SHIFTS)
+    return Light(weight, order, water, air, *angles, shift)
+
+
+def _angles(
+    arrays: ForcedLink, emitter: int, target: int, start: Floats, end: Floats
+) -> tuple[Floats, Floats]:
+    """Return angles of arrival [rad] and cosines of emission of chains, by their two end segments.
+
+    Chains of light that goes down start at the receiver and end at the lamp.
+    """
+    low, high = arrays.emitters[emitter], arrays.targets[target]
+    first = _cosine(start, low.axis)
+    if arrays.down:
+        return np.arccos(first), _cosine(-end, high.lamp.axis)
+    return np.arccos(_cosine(end, high.axis)), first
+
+
+def _cosine(way: Floats, axis: tuple[float, float, float]) -> Floats:
+    """Return the cosines of the angles of directions (n, 3) to an axis."""
+    return np.clip(way @ np.array(axis) / np.linalg.norm(way, axis=1), -1.0, 1.0)

@@ -1,0 +1,226 @@
+"""Photon paths for visualisation: analog photons and received light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.forced import ForcedDetection, TypicalSea
+from meshtrace.engine.photons.analog import new_recorder, run_analog
+from meshtrace.engine.photons.state import Recorder, Vertex
+from meshtrace.engine.setup.options import BLOCK, Analog
+from meshtrace.errors import Described, Refused
+from meshtrace.link import Link
+from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+
+if TYPE_CHECKING:
+    import xarray as xr
+import math
+
+from meshtrace.engine.chains.aimed import AimedChains, on_disk
+from meshtrace.engine.chains.sampling import Chains
+from meshtrace.kernels.scene import Emitter, Target
+
+
+@dataclass(frozen=True, eq=False)
+class PhotonPaths:
+    """Polylines of photons with their weights.
+
+    Attributes
+    ----------
+    vertex : ndarray, shape (paths, vertices, 3)
+        Positions [m], nan behind the end.
+    weight : ndarray, shape (paths, vertices)
+        Weight with which the photon leaves the vertex.
+    what : ndarray of int8, shape (paths, vertices)
+        `Vertex` codes, -1 behind the end.
+    photon : ndarray of int64, shape (paths,)
+        Photon that a path belongs to; light reflected by the surface starts a new path.
+    """
+
+    vertex: Floats
+    weight: Floats
+    what: NDArray[np.int8]
+    photon: NDArray[np.int64]
+
+    @property
+    def length(self) -> NDArray[np.int64]:
+        """Number of vertices of each path."""
+        return (self.what >= 0).sum(axis=1)
+
+    @property
+    def received(self) -> NDArray[np.bool_]:
+        """Mask of the paths that end in an aperture."""
+        return (self.what == Vertex.RECEIVED).any(axis=1)
+
+    @property
+    def final(self) -> NDArray[np.int8]:
+        """`Vertex` code at the end of each path."""
+        return self.what[np.arange(len(self.what)), self.length - 1]
+
+    def polylines(self) -> tuple[Floats, NDArray[np.int64]]:
+        """Return points (n, 3) and VTK cells: the count of each line before its points."""
+        used = self.what >= 0
+        points = self.vertex[used]
+        cells, start = [], 0
+        for n in self.length:
+            cells.append(np.concatenate([[n], start + np.arange(n)]))
+            start += n
+        return points, np.concatenate(cells) if cells else np.zeros(0, np.int64)
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return the paths as an xarray Dataset."""
+        import xarray as xr
+
+        names = " ".join(v.name.lower() for v in Vertex)
+        flags = {"flag_values": np.array(list(Vertex), np.int8), "flag_meanings": names}
+        return xr.Dataset(
+            {
+                "vertex": (("path", "step", "axis"), self.vertex, {"units": "m"}),
+                "weight": (("path", "step"), self.weight, {"units": "1"}),
+                "what": (("path", "step"), self.what, flags),
+                "photon": ("path", self.photon),
+            },
+            {"axis": ["x", "y", "z"]},
+        )
+
+
+def record_paths(
+    link: Link, mesh: TriangleMesh, n: int, seed: int, normals: str, max_vertices: int
+) -> PhotonPaths:
+    """Return the paths of the first n analog photons; the tallies do not change."""
+    recorder = new_recorder(n, max_vertices)
+    run_analog(
+        link,
+        EmbreeIntersector(mesh, 1),
+        Analog(batch_size=max(-(-n // BLOCK) * BLOCK, BLOCK)),
+        photons=n,
+        seed=seed,
+        normals=normals,
+        recorder=recorder,
+    )
+    return _split(recorder)
+
+
+def _empty(longest: int, photon: NDArray[np.int64]) -> PhotonPaths:
+    """Return paths of photons without vertices."""
+    room = new_recorder(len(photon), longest)
+    return PhotonPaths(room.vertex, room.weight, room.what, photon)
+
+
+def _split(recorder: Recorder) -> PhotonPaths:
+    """Split the records after each flight through the air; reflected light starts a new path."""
+    rows: list[tuple[int, int, int]] = []
+    for i, n in enumerate(recorder.length):
+        codes = recorder.what[i, :n]
+        starts = [0, *np.flatnonzero(codes == Vertex.BRANCH)]
+        for a, b in zip(starts, [*starts[1:], n], strict=True):
+            left = np.flatnonzero((codes[a:b] == Vertex.RECEIVED) | (codes[a:b] == Vertex.LANDED))
+            end = a + left[0] + 1 if len(left) else b
+            if end - a > 1:
+                rows.append((i, int(a), int(end)))
+    longest = max((b - a for _, a, b in rows), default=1)
+    out = _empty(longest, np.array([i for i, _, _ in rows], np.int64))
+    for k, (i, a, b) in enumerate(rows):
+        for name in ("vertex", "weight", "what"):
+            getattr(out, name)[k, : b - a] = getattr(recorder, name)[i, a:b]
+    return out
+
+
+def received_paths(
+    link: Link, mesh: TriangleMesh, n: int, seed: int, normals: str, chains: int = 4096
+) -> PhotonPaths:
+    """Return paths of received light, sampled in proportion to their weight.
+
+    Scattered light is that of chains, also where its gain rests on joined photons.
+    """
+    sea = TypicalSea.of([mesh])
+    forced = ForcedDetection(link, chains, seed, normals, sea=sea, scattered="chains")
+    rows = received_light(forced, mesh, n, np.random.default_rng([seed, 1]))
+    if not rows:
+        dark = Described("no light is received")
+        raise Refused("received_only", dark, "a link that receives some")
+    longest = max(len(points) for points, _ in rows)
+    out = _empty(longest, np.arange(len(rows), dtype=np.int64))
+    for k, (points, weight) in enumerate(rows):
+        m = len(points)
+        out.vertex[k, :m] = points
+        out.weight[k, :m] = weight
+        out.what[k, :m] = Vertex.SCATTER
+        out.what[k, 0] = Vertex.SOURCE
+        if link.direction == "down":
+            out.what[k, 1] = Vertex.SURFACE_IN
+        else:
+            out.what[k, m - 2] = Vertex.SURFACE_OUT
+        out.what[k, m - 1] = Vertex.RECEIVED
+    return out
+
+
+def received_light(
+    forced: ForcedDetection, mesh: TriangleMesh, n: int, rng: np.random.Generator
+) -> list[tuple[Floats, float]]:
+    """Return n paths into the first receiver, sampled in proportion to their weight.
+
+    Each is (points, weight) from the source over its scatterings and the crossing to the
+    aperture; all carry the same share of the gain.
+    """
+    aimed = forced.over(mesh)
+    sets = forced.sets(aimed)
+    link = forced.arrays
+    light: list[float] = []
+    paths: list[Floats] = []
+    for s, power in enumerate(link.power):
+        e, t = (0, s) if link.down else (s, 0)
+        if not aimed.rough:
+            direct, gain = _direct(aimed, e, t, n, rng)
+            paths += list(direct)
+            light += [power * gain / max(len(direct), 1)] * len(direct)
+        for chains in sets[e]:
+            found = aimed.aim(e, t, chains, keep=True).arrivals
+            weight = power * found["weight"] / len(chains.audit)
+            if not weight.sum() > 0.0:
+                continue
+            kept = rng.choice(len(found), min(n, len(found)), p=weight / weight.sum())
+            for k in kept:
+                paths.append(_placed(chains.chains, found[k], link.emitters[e], link.targets[t]))
+            light += [float(weight.sum()) / max(len(kept), 1)] * len(kept)
+    if not paths:
+        return []
+    total = float(sum(light))
+    chosen = rng.choice(len(paths), n, p=np.array(light) / total)
+    with_light = -1 if link.down else 1
+    return [(link.frame.metres(paths[k][::with_light]), total / n) for k in chosen]
+
+
+def _direct(
+    aimed: AimedChains, emitter: int, target: int, n: int, rng: np.random.Generator
+) -> tuple[Floats, float]:
+    """Return about n unscattered paths into the first receiver and their gain."""
+    gains = aimed.facet_gains(emitter, target)
+    lit = np.flatnonzero(gains)
+    if not len(lit):
+        return np.zeros((0, 3, 3)), 0.0
+    facets = rng.choice(lit, n, p=gains[lit] / gains[lit].sum())
+    u = rng.random((n, 2))
+    angle = 2.0 * np.pi * u[:, 1]
+    disk = np.sqrt(u[:, :1]) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return aimed.direct_paths(emitter, target, facets, disk), float(gains.sum())
+
+
+def _placed(chains: Chains, arrival: np.void, emitter: Emitter, target: Target) -> Floats:
+    """Return the points of a chain turned to its emission direction, up to the aperture."""
+    from scipy.spatial.transform import Rotation
+
+    i, w = int(arrival["chain"]), arrival["emission"]
+    axis = np.array([-w[1], w[0], 0.0])
+    sine = np.linalg.norm(axis)
+    angle = math.atan2(sine, w[2])
+    turn = Rotation.from_rotvec(axis * (angle / sine if sine > 0.0 else 0.0))
+    start = on_disk(emitter.position, emitter, chains.disk[i : i + 1])
+    end = on_disk(target.center, target, chains.disk[i : i + 1])
+    return np.vstack([start, turn.apply(chains.vertex[i]) + start, arrival["point"], end])

@@ -1,0 +1,1 @@
+"""Photons followed one by one: analog, or joined to the receivers at every event."""

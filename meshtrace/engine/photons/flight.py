@@ -1,0 +1,417 @@
+"""The analog photon: from the source through the water to the surface and beyond.
+
+`follow` takes photons one after another through flights in the water, crossings of the surface and
+flights in the air until they end. The facet ahead is found on the grid of the mesh where
+`grid_facet` knows it, else by a ray. At the surface light is refracted and reflected; what leaves
+for good is scored at once.
+"""
+
+from __future__ import annotations
+
+import math
+
+from meshtrace.engine.photons.state import (
+    GOES_ON,
+    Miss,
+    Vertex,
+    bending_normal,
+    head,
+    heading,
+    place,
+    put,
+    record,
+    roulette,
+    score_on_apertures,
+    set_weight,
+    steeper_than_waves,
+    write_vertex,
+)
+from meshtrace.kernels import interface, sources
+from meshtrace.kernels.interface import FresnelMode, branches
+from meshtrace.kernels.jit import entry, inlined, outlined
+from meshtrace.kernels.medium import Absorption, absorption_path, collide, sample_free_path
+from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.rays import UNKNOWN, first_facet, grid_facet
+from meshtrace.kernels.tally import Fate, Flight, deposit, score_map, score_planes
+from meshtrace.kernels.vectors import Vec3, along, dot, plus, row, scaled, turn
+
+_OFFSET = 1e-5  # [m], distance of a ray's start from the facet that it leaves
+
+
+@inlined
+def _free_of_surface(z, d, world):
+    """Return whether a path in air cannot meet the surface again."""
+    if not world.interface.follow_second_hit or (d.z > 0.0 and z >= world.surface.high[2]):
+        return True
+    return d.z > 0.0 and steeper_than_waves(d, world.surface)
+
+
+@inlined
+def to_sky(q, d, weight, world):
+    """Score light that leaves the surface for good and deposit its weight."""
+    flight = Flight(place(q), d, math.inf, weight, q.water, q.air)
+    if sources.is_backward(world.back) and (q.water > 0.0 or not world.back.after_water):
+        light = weight * sources.radiance(world.back.sky, d)
+        world.tallies.score[q.id - world.first, sources.SKY_SCORE] += light
+    scored = world.limits.unscattered or q.turned == 1 or q.crossings > 1
+    received = scored and score_on_apertures(q, False, flight, world)
+    if scored:
+        score_map(world.tallies, flight, world.medium)
+    deposit(world.tallies, Fate.RECEIVED.value if received else Fate.LANDED.value, weight)
+    if received:
+        q.outcome = Fate.RECEIVED.value
+    elif q.outcome < 0:
+        q.outcome = Fate.LANDED.value
+    if q.id < len(world.recorder.length):
+        _record_flight(q, flight, received, world)
+
+
+@outlined
+def _record_flight(q, flight, received, world):
+    """Record the point of a path in air at the height of the first aperture."""
+    p, d, t = flight.origin, flight.direction, 1.0
+    if len(world.apertures.radius) > 0 and d.z > 0.0:
+        t = max((world.apertures.center[0, 2] - p.z) / d.z, 0.0)
+    what = Vertex.RECEIVED if received else Vertex.LANDED
+    write_vertex(world.recorder, q.id, along(p, d, t), flight.weight, what)
+
+
+@inlined
+def cross(q, world):
+    """Refract and reflect a photon on facet `q.facet`.
+
+    The part that flies free through the air is scored at once; the part in the water goes on
+    with its weight. Where the air part may meet the surface again one of the two is chosen.
+    """
+    in_water = q.in_water == 1
+    q.crossings += 1
+    foam = world.interface.foam_transmittance
+    if foam < 1.0:
+        deposit(world.tallies, Fate.WHITECAP.value, q.weight * (1.0 - foam))
+        q.weight *= foam
+        if foam == 0.0:
+            return Fate.WHITECAP.value
+    record(world.recorder, q, Vertex.SURFACE_OUT if in_water else Vertex.SURFACE_IN)
+    rho, g, transmitted, reflected, lot = _split(q, in_water, world)
+    if in_water:
+        w_air, w_water = q.weight * (1.0 - rho), q.weight * rho
+        air, water = transmitted, reflected
+    else:
+        w_air, w_water = q.weight * rho, q.weight * (1.0 - rho)
+        air, water = reflected, transmitted
+
+    free = _free_of_surface(q.z, air, world)
+    if world.interface.fresnel != FresnelMode.WEIGHT or not free:
+        u, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
+        if u * (w_air + w_water) < w_air:
+            if world.interface.fresnel == FresnelMode.PAPER_BOTH:
+                # E4: roulette and weight, twice the loss
+                set_weight(q, w_air, Fate.REFLECTED.value, world)
+            w_air, w_water = q.weight, 0.0
+        else:
+            w_air, w_water = 0.0, q.weight
+    q.event += 1
+    q.in_water = int(w_water > 0.0)
+    q.weight = w_water
+    if w_air > 0.0:
+        if not free:
+            q.weight = w_air
+            return _leave(q, air, g, world)
+        to_sky(q, air, w_air, world)
+    if w_water == 0.0:
+        return Fate.LANDED.value
+    if in_water and not world.interface.follow_reflected:
+        return Fate.REFLECTED.value
+    fate = roulette(q, lot, world)
+    if fate != GOES_ON:
+        return fate
+    record(world.recorder, q, Vertex.BRANCH)
+    _, u_path, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
+    q.free = sample_free_path(world.medium, place(q), u_path)
+    return _leave(q, water, scaled(-1.0, g), world)
+
+
+@inlined
+def _split(q, in_water, world):
+    """Return reflectance, facet normal, both directions and a spare uniform of a crossing."""
+    g, n, lot = bending_normal(q, q.facet, world)
+    side, n1, n2 = 1.0, world.medium.n_water, world.medium.n_air
+    if not in_water:
+        side, n1, n2 = -1.0, n2, n1
+    rho, transmitted, reflected = branches(
+        heading(q), scaled(side, n), scaled(side, g), n1, n2, world.interface
+    )
+    return rho, g, transmitted, reflected, lot
+
+
+@outlined
+def _leave(q, d, g, world):
+    """Send a photon off a facet, along d, on the side that g points to."""
+    head(q, d)
+    put(q, along(place(q), g, _OFFSET))
+    if q.in_water == 0:
+        q.free = math.inf
+    if q.crossings >= world.limits.surface_events or q.event >= world.limits.events:
+        return Fate.EVENT_LIMIT.value
+    return GOES_ON
+
+
+@inlined
+def fly_water(q, length, world):
+    """Move a photon in water: absorption along the way, planes and apertures on the way."""
+    p = along(place(q), heading(q), length)
+    a_path = 0.0
+    if world.medium.absorption == Absorption.CONTINUOUS:
+        a_path = absorption_path(world.medium, q.z, p.z, length)
+    if len(world.tallies.planes) > 0 or world.apertures.any_in_water or world.tallies.map_z < 0.0:
+        _score_water(q, length, world)
+    put(q, p)
+    q.water += length
+    if a_path > 0.0:
+        set_weight(q, q.weight * math.exp(-a_path), Fate.ABSORBED.value, world)
+
+
+@inlined
+def lowest(world):
+    """Return a height below every plane, map and aperture in the water."""
+    low = min(world.surface.low[2], world.tallies.map_z)
+    for h in world.tallies.planes:
+        low = min(low, h)
+    for i in range(len(world.apertures.radius)):
+        low = min(low, world.apertures.center[i, 2] - world.apertures.radius[i])
+    return low - 1.0
+
+
+@outlined
+def _score_water(q, length, world):
+    """Score a path in water on planes and apertures; not inlined, most links have none."""
+    flight = Flight(place(q), heading(q), length, q.weight, q.water, q.air)
+    column = len(world.apertures.radius)
+    score_planes(world.tallies, column, q.id - world.first, flight, world.medium)
+    score_on_apertures(q, True, flight, world)
+    if world.tallies.map_z < 0.0:
+        score_map(world.tallies, flight, world.medium)
+
+
+@inlined
+def _continue(q, u_path, world):
+    """Draw the next free path after a collision; end a photon by its limits."""
+    q.free = sample_free_path(world.medium, place(q), u_path)
+    if q.event >= world.limits.events:
+        return Fate.EVENT_LIMIT.value
+    return roulette(q, -1.0, world)
+
+
+@inlined
+def scatter(q, world):
+    """Apply a collision at the position of a photon."""
+    q.event += 1
+    if world.back.irradiance > 0.0:
+        light = sources.sunlight(world.back, world.medium, place(q), heading(q), q.weight)
+        world.tallies.score[q.id - world.first, sources.SUN_SCORE] += light
+    u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION.value)
+    s, weight = collide(world.medium, place(q), q.weight, u_kind, u_theta)
+    if weight != q.weight:
+        set_weight(q, weight, Fate.ABSORBED.value, world)
+        if weight == 0.0:
+            return Fate.ABSORBED.value
+    if s >= 0.0:
+        head(q, turn(heading(q), s, u_phi))
+        q.turned = 1
+        record(world.recorder, q, Vertex.SCATTER)
+    return _continue(q, u_path, world)
+
+
+@outlined
+def bounce(q, world):
+    """Apply the reflection or absorption at the bottom; not inlined, most links have none."""
+    fly_water(q, (world.medium.bottom_z - q.z) / q.dz, world)
+    q.z = world.medium.bottom_z
+    kept = q.weight * world.medium.bottom_albedo
+    if kept == 0.0:
+        return Fate.BOTTOM.value
+    set_weight(q, kept, Fate.BOTTOM.value, world)
+    q.event += 1
+    u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM.value)
+    head(q, sources.lambert_reflection(u_cos, u_phi))
+    q.turned = 1
+    record(world.recorder, q, Vertex.BOTTOM)
+    return _continue(q, u_path, world)
+
+
+_NUDGE = 1e-4  # [m], displacement of a missed ray that is cast again
+_RETRIES = 3
+
+
+@inlined
+def _start(q, photon, world):
+    """Start a photon at its source."""
+    if sources.is_backward(world.back):
+        p, d, in_water, u_path = sources.launch_back(world.back, world.seed, photon)
+    else:
+        p, d, source, u_path = sources.launch(world.sources, world.seed, photon)
+        in_water = world.sources.in_water[source]
+    put(q, p)
+    head(q, d)
+    q.weight, q.water, q.air = 1.0, 0.0, 0.0
+    q.free = sample_free_path(world.medium, p, u_path) if in_water else math.inf
+    q.id, q.event, q.crossings, q.facet = photon, 0, 0, -1
+    q.in_water, q.retry, q.turned, q.outcome = int(in_water), 0, 0, -1
+    record(world.recorder, q, Vertex.SOURCE)
+
+
+@inlined
+def _inside(q, t, surface):
+    """Return whether a photon is over the mesh after a distance t."""
+    x, y = q.x + t * q.dx, q.y + t * q.dy
+    return surface.low[0] <= x <= surface.high[0] and surface.low[1] <= y <= surface.high[1]
+
+
+@inlined
+def _needs_ray(q, world):
+    """Return whether the next flight of a photon may meet the surface."""
+    if q.in_water == 0:
+        return True
+    low = world.surface.low[2]
+    z1 = q.z + q.free * q.dz if q.dz != 0.0 else q.z
+    if z1 < low:
+        return q.z >= low and not steeper_than_waves(heading(q), world.surface)
+    return True
+
+
+@inlined
+def _facet_ahead(q, world):
+    """Return the facet that a photon meets, -1 for none.
+
+    A ray starts at the entry of the photon into the slab of the surface.
+    """
+    if len(world.grid.x.line) > 0 and q.retry == 0:
+        facet = grid_facet(world.grid, world.surface.vertices, place(q), heading(q))
+        if facet != UNKNOWN:
+            return facet
+    t = 0.0
+    if q.in_water == 1 and q.dz > 0.0:
+        t = (world.surface.low[2] - q.z) / q.dz
+    elif q.in_water == 0 and q.dz < 0.0:
+        t = (world.surface.high[2] - q.z) / q.dz
+    t = max(t - 1e-3 * (1.0 + t), 0.0)
+    nudge = _NUDGE * q.retry
+    aside = Vec3(nudge, 0.7 * nudge, -nudge if q.in_water == 1 else nudge)
+    return first_facet(world.bvh, plus(along(place(q), heading(q), t), aside), heading(q))
+
+
+@outlined
+def _settle_miss(q, seen, world):
+    """Return (fate, distance) for a ray that hit no facet from its own side.
+
+    The photon advances by the distance, and by none if its ray is cast again; LANDED means
+    that it left for the sky. A miss is right where the path ends inside the slab, leaves it
+    downwards or lies outside the mesh. `seen`: a facet was met from behind, since the ray
+    started on the wrong side.
+    """
+    t = math.inf
+    low, high = world.surface.low[2], world.surface.high[2]
+    if not seen and q.in_water == 0 and q.dz > 0.0:
+        return Fate.LANDED.value, 0.0
+    if q.in_water == 0:
+        if q.dz < 0.0:
+            t = (low - q.z) / q.dz
+    elif not seen and q.dz < 0.0 and q.z + q.free * q.dz < low:
+        return GOES_ON, (low - q.z) / q.dz + 1e-9
+    elif not seen and q.free < math.inf and q.z + q.free * q.dz <= high:
+        if _inside(q, q.free, world.surface):
+            return GOES_ON, q.free
+    elif q.dz > 0.0:
+        t = (high - q.z) / q.dz
+    if not seen and not (t < math.inf and _inside(q, t, world.surface)):
+        return Fate.LEFT_DOMAIN.value, 0.0
+    if q.retry < _RETRIES:
+        world.tallies.misses[Miss.CAST_AGAIN.value] += 1
+        q.retry += 1
+        return GOES_ON, 0.0
+    world.tallies.misses[Miss.GIVEN_UP.value] += 1
+    return Fate.LEAKED.value, 0.0
+
+
+@inlined
+def _settle(q, world):
+    """Fly to the facet ahead: crossing, collision before it, or a miss."""
+    facet = q.facet
+    t = math.inf
+    if facet >= 0:
+        n = row(world.surface.face_normals, facet)
+        # single precision may find the facet that the ray leaves, or its neighbour, from behind
+        if (dot(heading(q), n) > 0.0) == (q.in_water == 1):
+            t = max(interface.plane_distance(place(q), heading(q), facet, world.surface), 0.0)
+    if math.isinf(t):
+        fate, length = _settle_miss(q, facet >= 0, world)
+        if fate == Fate.LANDED.value:
+            to_sky(q, heading(q), q.weight, world)
+            q.weight = 0.0
+        if fate != GOES_ON or length == 0.0:
+            return fate
+        q.retry = 0
+        if length < q.free:
+            fly_water(q, length, world)
+            q.free -= length
+            return GOES_ON
+    q.retry = 0
+    if q.in_water == 1:
+        fly_water(q, min(t, q.free), world)
+        if q.free < t:
+            return scatter(q, world)
+    else:
+        put(q, along(place(q), heading(q), t))
+        q.air += t
+    return cross(q, world)
+
+
+@inlined
+def _enter_slab(q, world):
+    """End a photon that rises outside the mesh."""
+    if q.in_water == 1 and q.dz > 0.0 and q.z < world.surface.low[2]:
+        t = (world.surface.low[2] - q.z) / q.dz
+        if not _inside(q, t, world.surface):
+            fly_water(q, t, world)
+            return Fate.LEFT_DOMAIN.value
+    return GOES_ON
+
+
+@inlined
+def _move(q, world):
+    """Advance a photon until it needs a ray (GOES_ON) or has ended."""
+    while True:
+        if q.retry > 0 or _needs_ray(q, world):
+            return _enter_slab(q, world)
+        if q.dz < 0.0 and q.z + q.free * q.dz < world.medium.bottom_z:
+            fate = bounce(q, world)
+        elif math.isinf(q.free):  # descends without end: with no bottom only absorption is left
+            low = lowest(world)
+            if q.z > low and q.dz < 0.0:
+                fly_water(q, (low - q.z) / q.dz, world)
+            return Fate.ABSORBED.value if world.medium.a > 0.0 else Fate.DEEP.value
+        else:
+            fly_water(q, q.free, world)
+            fate = scatter(q, world)
+        if fate != GOES_ON:
+            return fate
+
+
+@entry
+def follow(first, last, world):
+    """Follow the photons first <= id < last to their ends.
+
+    Array twin: the plain tracer of `tests/benchmarks`.
+    """
+    q = world.photon[0]
+    for photon in range(first, last):
+        _start(q, photon, world)
+        fate = GOES_ON
+        while fate == GOES_ON:
+            fate = _move(q, world)
+            if fate == GOES_ON:
+                q.facet = _facet_ahead(q, world)
+                fate = _settle(q, world)
+        deposit(world.tallies, fate, q.weight)
+        world.tallies.n_photons[q.outcome if q.outcome >= 0 else fate] += 1
+        record(world.recorder, q, Vertex.END)

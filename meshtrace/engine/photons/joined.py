@@ -1,0 +1,449 @@
+"""Joined photons: followed forwards from the source, and joined to every receiver.
+
+Photons are those of the analog estimator; what they bring to a receiver is not counted where they
+hit it, but expected at every collision and crossing (`photons.connections`). Light that the
+surface reflects first is that of the photons that go on after a reflection. For light that goes
+down photons run backwards, from a receiver in the water to the lamps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.chains.aimed import ROOTS, search_extent
+from meshtrace.engine.crossing import FLAT, ROOT
+from meshtrace.engine.photons.joined_walk import follow_joined
+from meshtrace.engine.photons.manifold import Manifold
+from meshtrace.engine.photons.targets import (
+    JOINED_PHOTON,
+    N_PARTS,
+    TARGET,
+    JoinedWorld,
+    Joins,
+    Window,
+)
+from meshtrace.engine.setup import arrays, ends
+from meshtrace.engine.setup.options import BLOCK
+from meshtrace.errors import Described, Refused
+from meshtrace.kernels.interface import Surface
+from meshtrace.kernels.phase import AngleTable
+from meshtrace.kernels.rays import NO_BVH
+from meshtrace.kernels.scene import FACET, Emitter, Target, facet_summary
+from meshtrace.kernels.sources import SourceKind, Sources
+from meshtrace.kernels.tally import ARRIVAL
+from meshtrace.link import Link
+from meshtrace.link.sources import AirLamp
+from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.parallel import ordered_map
+from meshtrace.results.gain import ScatteredSamples
+from meshtrace.stored import SHIFTS
+
+_ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
+_LEAST_SLOPED = 0.1  # share of an aperture's points by slopes that is worth its time
+_COPIES = 256  # of one photon that wait at a time
+_FREQUENT = 0.7  # collisions on the way up, at least
+_TURBID = 1.0  # b (1 - g) depth beyond which light is diffuse
+_SPREAD = 1.3  # width of the law of crossings, over that of the slopes
+_DECAY = 0.8  # of the chance of a connection, over c, with random slopes or in turbid water
+_START = 0.8  # factor on the next shares for the directions in which photons start
+_LOBE, _ROUGH_LOBE = 0.5, 0.3  # share of directions drawn about the targets
+_CONE = 0.5  # share of those drawn over what the targets see
+_HIGHEST = 2.0  # weight times importance, from which photons are split in turbid water
+_CLEAR_HIGHEST = 1.5
+_AIMED_HIGHEST = 2.0
+_BENT = 0.3  # fall of the importance with the bend of light over random slopes
+_BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
+_EVENTS = 10_000_000  # of a photon and its copies
+_SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
+
+
+@dataclass(frozen=True)
+class JoinedParts:
+    """Gain over one surface from joined photons.
+
+    Attributes
+    ----------
+    photons : int
+        Photons followed; for light that goes down, of each receiver.
+    groups : ndarray, shape (3, receivers, SHIFTS)
+        Unscattered, scattered and first reflected gain of each group of photons; the mean over
+        the groups is the gain.
+    orders : ndarray, shape (receivers, orders)
+        Gain without light reflected first by the number of scatterings, from 0 on; the last holds
+        all beyond.
+    scored : ndarray of int, shape (3, receivers)
+        Photons that brought light of each part.
+    square : ndarray, shape (3, receivers)
+        Mean square score of a photon.
+    arrivals : list of ndarray, shape (arrivals, 4), or None
+        By receiver: weight, path in water, path in air [m] and group.
+    """
+
+    photons: int
+    groups: Floats
+    orders: Floats
+    scored: NDArray[np.int64]
+    square: Floats
+    arrivals: list[Floats] | None = None
+
+    @property
+    def parts(self) -> Floats:
+        """Unscattered, scattered and first reflected gain, shape (3, receivers)."""
+        return self.groups.mean(axis=2)
+
+    def samples(self, part: int) -> list[ScatteredSamples]:
+        """Return the samples of a part of each receiver."""
+        mean, square = self.parts[part], self.square[part]
+        effective = self.photons * mean**2 / np.maximum(square, 1e-300)
+        rows = zip(self.scored[part], effective, strict=True)
+        return [ScatteredSamples("joined photons", self.photons, int(k), float(e)) for k, e in rows]
+
+    def of(self, receivers: NDArray[np.intp]) -> JoinedParts:
+        """Return the parts of some receivers."""
+        rows = None if self.arrivals is None else [self.arrivals[i] for i in receivers]
+        counts = self.scored[:, receivers], self.square[:, receivers]
+        groups, orders = self.groups[:, receivers], self.orders[receivers]
+        return JoinedParts(self.photons, groups, orders, *counts, rows)
+
+    @property
+    def stderr(self) -> Floats:
+        """Standard errors of the parts, shape (3, receivers)."""
+        return self.groups.std(axis=2, ddof=1) / math.sqrt(SHIFTS)
+
+
+class JoinedPhotons:
+    """Joined photons of a link, for any surface.
+
+    Parameters
+    ----------
+    link : Link
+        The link; sources on the other side of the surface than the receivers.
+    photons : int
+        Photons, >= 32; for light that goes down, of each receiver.
+    seed : int
+        Key of the random numbers, 0 <= seed < 2^64.
+    normals : {"vertex", "facet"}
+        Normals interpolated from the corners, or those of the facets.
+    threads : int
+        Threads; results do not depend on them.
+    first : int or sequence of int
+        1, or 2 for light alone that the surface reflects first; of all receivers or of each.
+    direct : bool
+        Score unscattered light, too; only with random slopes.
+
+    Raises
+    ------
+    Refused
+        If the link has a feature that joined photons do not follow.
+
+    Notes
+    -----
+    Over waves without random slopes a collision is joined by all crossings that refract its light
+    to the receiver. Light that the surface reflects, and that meets it again without a collision
+    between, is left out there: 3e-6 of the light that leaves isotropically scattering water over a
+    sinusoid of slope 0.31 and over a sea of 6 m/s.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        photons: int,
+        seed: int,
+        normals: str = "vertex",
+        threads: int = 1,
+        first: int | Sequence[int] = 1,
+        direct: bool = False,
+    ) -> None:
+        ends.require_followable(link)
+        for name, kept in _SWITCHES.items():
+            if getattr(link.physics, name) != kept:
+                raise Refused(f"physics.{name}", getattr(link.physics, name), f'"{kept}"')
+        for path, item in link.items():
+            if isinstance(item, AirLamp) and item.size > 0.0:  # they are points to the photons
+                raise Refused(path, Described(f"a radius of {item.size:g} m"), ends.POINTS_ONLY)
+        self.link, self.photons, self.seed = link, photons, seed
+        self._normals, self._threads = normals, threads
+        self._first = [int(k) for k in np.broadcast_to(first, len(link.receivers))]
+        self._direct = direct
+
+    def evaluate(
+        self,
+        mesh: TriangleMesh,
+        intersector: EmbreeIntersector | None = None,
+        arrivals: bool = False,
+    ) -> JoinedParts:
+        """Return the gain over a mesh in parts.
+
+        Parameters
+        ----------
+        mesh : TriangleMesh
+            The surface.
+        intersector : EmbreeIntersector, optional
+            Embree scene of the mesh, if there is one.
+        arrivals : bool
+            Keep every contribution to the gain with its path lengths.
+
+        Raises
+        ------
+        Refused
+            If the mesh overhangs.
+        """
+        ends.require_height_field(mesh)
+        frame = arrays.frame_of(self.link)
+        local = frame.mesh(mesh)
+        given = intersector if local is mesh else None
+        intersector = given or EmbreeIntersector(local, 1)
+        link = self.link
+        if link.direction == "up":
+            # sorted, so that results do not depend on the order of the receivers
+            order = sorted(range(len(link.receivers)), key=lambda i: repr(link.receivers[i]))
+            targets = [ends.target_of(link.receivers[i], frame) for i in order]
+            to = _Ends(targets, np.ones(len(order)), [self._first[i] for i in order])
+            world = self._world(frame, intersector, None, to)
+            parts = self._parts([self._follow(world, intersector, arrivals)], frame, arrivals)
+            return parts.of(np.argsort(order))
+        power = np.array([t.power_mw for t in link.transmitters])
+        lamps = [
+            ends.lamp_target(t, link, frame) for t in link.transmitters if isinstance(t, AirLamp)
+        ]
+        runs = []
+        for end, scored in zip(link.receivers, self._first, strict=True):
+            emitter = ends.emitter_of(end, frame)
+            to = _Ends(lamps, emitter.power * power / power.sum(), [scored] * len(lamps))
+            world = self._world(frame, intersector, emitter, to)
+            runs.append(self._follow(world, intersector, arrivals))
+        return self._parts(runs, frame, arrivals)
+
+    def _world(
+        self,
+        frame: arrays.Frame,
+        intersector: EmbreeIntersector,
+        start: Emitter | None,
+        to: _Ends,
+    ) -> JoinedWorld:
+        """Return the inputs of photons from the sources, or backwards from one receiver."""
+        link = self.link
+        surface = arrays.surface_arrays(intersector.mesh, self._normals, link.physics.unresolved)
+        is_smooth = not is_flat(surface) and max(surface.roughness[:2]) == 0.0
+        crest = frame.unit * float(surface.high[2])
+        medium = arrays.with_raster(frame.medium(ends.expected_water(link, crest)), intersector)
+        sources = (
+            frame.sources(arrays.source_arrays(link, crest)) if start is None else _reversed(start)
+        )
+        grid = arrays.grid_arrays(intersector.mesh)
+        bins, facets, manifold = arrays.empty_locator(), np.zeros(0, FACET), None
+        if is_smooth or not len(grid.x.line):
+            bins = arrays.locator(surface, to.targets)
+        if is_smooth:
+            facets = np.empty(len(surface.faces), FACET)
+            facet_summary(surface, facets)
+            room = np.zeros(1, FLAT), np.zeros(ROOTS, ROOT)
+            manifold = Manifold(search_extent(surface, facets, bins), *room)
+        joins = self._joins(surface, sources, to, frame)._replace(locator=bins, facets=facets)
+        n = len(to.targets)
+        return JoinedWorld(
+            0, np.uint64(self.seed), sources, surface, grid, medium,
+            arrays.interface_arrays(link), joins, manifold, _EVENTS, NO_BVH,
+            np.zeros(1 + _COPIES, JOINED_PHOTON), np.zeros((0, n, N_PARTS)),
+            np.zeros((n, _ORDERS)), np.zeros(0, ARRIVAL), np.zeros(1, np.int64),
+        )  # fmt: skip
+
+    def _joins(self, surface: Surface, sources: Sources, to: _Ends, frame: arrays.Frame) -> Joins:
+        """Return the targets, and what guides the photons to them."""
+        link = self.link
+        water = arrays.angle_table(link.water.phase)
+        bubble = arrays.angle_table(link.bubbles.phase_function()) if link.bubbles else water
+        n = surface.vertex_normals
+        mesh_slopes = float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
+        rough = 0.5 * (surface.roughness.along**2 + surface.roughness.across**2)
+        depth = max(-item.center[2] for _, item in link.items()) / frame.unit
+        nodes = np.linspace(0.0, depth, 257) * frame.unit
+        a, b = (float(np.mean(x)) * frame.unit for x in link.water.profile(nodes))
+        turned = b * (1.0 - link.water.phase.mean_cosine)
+        often = 1.0
+        if link.physics.absorption == "continuous" and link.physics.free_path != "local_c":
+            often = max(1.0, _FREQUENT / (b * depth)) if b > 0.0 else 1.0
+        window = Window(False, a + turned, 0.0, 0.0, _CLEAR_HIGHEST, 0.0)
+        if turned * depth > _TURBID:
+            diffusion, length = 1.0 / (3.0 * (a + turned)), 1.0 / (a + turned)
+            window = Window(
+                True, math.sqrt(a / diffusion), length, _BOUNDARY * diffusion, _HIGHEST, 0.0
+            )
+        spread = _SPREAD * math.sqrt(rough + mesh_slopes)
+        if rough > 0.0 and not window.diffuse and self._is_aimed(sources, to.targets, spread):
+            kept = _kept(water, link.water.n / link.n_air, spread)
+            kappa = a + b * (1.0 - kept)
+            window = window._replace(kappa=kappa, highest=_AIMED_HIGHEST, bent=_BENT)
+        rows = np.zeros(len(to.targets), TARGET)
+        blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across
+        blur *= (link.water.n / link.n_air - 1.0) ** 2
+        rows["first"] = to.first
+        for row, target, part in zip(rows, to.targets, to.share, strict=True):
+            _fill(row, target, part, 1.0 / (a + b))
+            if not target.is_lamp and rough > 0.0:
+                sloped = target.area / (target.area + blur * target.center.z**2)
+                row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0
+        still = rough == 0.0
+        decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
+        lobe = _LOBE if still else 0.0 if window.bent > 0.0 else _ROUGH_LOBE
+        cone = 0.0 if window.diffuse else _CONE
+        first = min(to.first)
+        return Joins(
+            rows, first, self._direct, water, bubble, arrays.empty_locator(), np.zeros(0, FACET),
+            spread, decay, often * b, often, _START if first == 1 else 0.0, lobe, cone, window,
+        )  # fmt: skip
+
+    def _is_aimed(self, sources: Sources, targets: list[Target], spread: float) -> bool:
+        """Return whether random slopes bend most of the unscattered light to the targets.
+
+        Array twin of `bend_ahead` for the axes of the sources.
+        """
+        n, n_air = self.link.water.n, self.link.n_air
+        beams = (SourceKind.GAUSSIAN_BEAM, SourceKind.TOP_HAT_BEAM)
+        for kind, p, axis, wide in zip(
+            sources.kind, sources.position, sources.axis, sources.spread, strict=True
+        ):
+            if kind not in beams or n * wide > 2.0 * (n - n_air) * spread or axis[2] <= 0.0:
+                return False
+            way = np.array([t.center for t in targets]) - (p - axis * (p[2] / axis[2]))
+            big = n * axis - n_air * way / np.linalg.norm(way, axis=1)[:, None]
+            if not (np.hypot(big[:, 0], big[:, 1]) < 2.0 * spread * big[:, 2]).any():
+                return False
+        return True
+
+    def _follow(self, world: JoinedWorld, intersector: EmbreeIntersector, arrivals: bool) -> _Run:
+        """Return the sums over the photons of one run."""
+        n = len(world.joins.target)
+        spans = [(i, min(i + BLOCK, self.photons)) for i in range(0, self.photons, BLOCK)]
+        counts = np.zeros((n, N_PARTS)), np.zeros((n, N_PARTS))
+        run = _Run(np.zeros((SHIFTS, n, N_PARTS)), *counts, np.zeros((n, _ORDERS)), [])
+
+        def follow(span: tuple[int, int]) -> JoinedWorld:
+            first, last = span
+            room = (last - first) * n if arrivals else 0
+            while True:
+                with intersector.function() as bvh:
+                    block = world._replace(
+                        first=first,
+                        bvh=bvh,
+                        photon=np.zeros_like(world.photon),
+                        manifold=_own(world.manifold),
+                        score=np.zeros((last - first, n, N_PARTS)),
+                        order=np.zeros_like(world.order),
+                        arrivals=np.zeros(room, ARRIVAL),
+                        n_arrivals=np.zeros(1, np.int64),
+                    )
+                    follow_joined(first, last, block)
+                if not arrivals or block.n_arrivals[0] <= room:
+                    return block
+                room = int(block.n_arrivals[0])
+
+        for block in ordered_map(follow, spans, self._threads):
+            for g in range(SHIFTS):  # blocks are whole numbers of groups
+                run.groups[g] += block.score[g::SHIFTS].sum(axis=0)
+            run.scored[:] += np.count_nonzero(block.score, axis=0)
+            run.square[:] += np.einsum("ijk,ijk->jk", block.score, block.score)
+            run.orders[:] += block.order
+            run.arrivals.append(block.arrivals[: block.n_arrivals[0]])
+        return run
+
+    def _parts(self, runs: list[_Run], frame: arrays.Frame, arrivals: bool) -> JoinedParts:
+        """Return the gains by receiver: targets of one run, or runs over all lamps."""
+        down = self.link.direction == "down"
+        axis = 2 if down else 0  # targets of each run, or the one run
+        n, per_group = self.photons, np.bincount(np.arange(self.photons) % SHIFTS, minlength=SHIFTS)
+        groups = np.stack([r.groups for r in runs]).sum(axis=axis)
+        groups = np.moveaxis(groups, (0, 1, 2), (1, 2, 0) if down else (2, 1, 0))
+        scored, square, orders = (
+            np.stack([getattr(r, name) for r in runs]).sum(axis=1 if down else 0)
+            for name in ("scored", "square", "orders")
+        )
+        rows = None
+        if arrivals:
+            found = [np.concatenate(r.arrivals) for r in runs]
+            if not down:
+                found = [found[0][found[0]["receiver"] == i] for i in range(groups.shape[1])]
+            rows = [
+                np.column_stack(
+                    [a["weight"] / (SHIFTS * per_group[a["photon"] % SHIFTS]),
+                     frame.unit * a["water"], frame.unit * a["air"], a["photon"] % SHIFTS]
+                )
+                for a in found
+            ]  # fmt: skip
+        counts = scored.T.astype(np.int64), square.T / n
+        return JoinedParts(n, groups / per_group, orders / n, *counts, rows)
+
+
+class _Ends(NamedTuple):
+    """Ends that the photons of a run are joined to."""
+
+    targets: list[Target]
+    share: Floats  # factors on their scores
+    first: list[int]  # crossing from which on each is scored
+
+
+class _Run(NamedTuple):
+    """Sums over the photons of one run."""
+
+    groups: Floats  # (SHIFTS, targets, parts)
+    scored: Floats  # (targets, parts)
+    square: Floats  # (targets, parts)
+    orders: Floats  # (targets, orders)
+    arrivals: list[NDArray[np.void]]
+
+
+def is_flat(surface: Surface) -> bool:
+    """Return whether a surface is level still water."""
+    return bool(surface.low[2] == surface.high[2] and surface.max_slope == 0.0)
+
+
+def _own(manifold: Manifold | None) -> Manifold | None:
+    """Return a search with room of its own, for another thread."""
+    if manifold is None:
+        return None
+    return Manifold(manifold.search, *(np.zeros_like(room) for room in manifold[1:]))
+
+
+def _kept(phase: AngleTable, n: float, spread: float) -> float:
+    """Return the mean share of its importance that light keeps at a collision."""
+    theta = 0.5 * (phase.edge[1:] + phase.edge[:-1])
+    light = 2.0 * math.pi * phase.beta * np.sin(theta) * np.diff(phase.edge)
+    bend = (n * theta / ((n - 1.0) * spread)) ** 2
+    return float((light / (1.0 + _BENT * bend)).sum() / light.sum())
+
+
+def _reversed(emitter: Emitter) -> Sources:
+    """Return an aperture in the water as the source of photons that run backwards."""
+    return Sources(
+        kind=np.array([emitter.kind], np.int64),
+        position=np.array([emitter.position]),
+        axis=np.array([emitter.axis]),
+        spread=np.array([emitter.spread]),
+        size=np.array([emitter.radius]),
+        in_water=np.array([True]),
+        cum_power=np.array([1.0]),
+    )
+
+
+def _fill(row: np.void, target: Target, share: float, deep: float) -> None:
+    """Write a target as a record; `deep` is the mean free path."""
+    for name in ("center", "axis", "e1", "e2", "area", "radius", "cos_half_fov", "tan_half_fov",
+                 "reach", "sin_widest", "is_lamp"):  # fmt: skip
+        row[name] = getattr(target, name)
+    lamp = target.lamp
+    row["lamp_axis"], row["lamp_kind"] = lamp.axis, lamp.kind
+    row["lamp_spread"], row["lamp_norm"], row["share"] = lamp.spread, lamp.norm, share
+    axis = np.array(lamp.axis) if target.is_lamp else -np.array(target.axis)
+    fall = target.center.z / max(-axis[2], 0.1)
+    row["seen"][:2] = np.array(target.center)[:2] + fall * axis[:2]
+    half = math.acos(target.cos_half_fov)
+    wide = min(fall * math.tan(min(half, 1.4)), target.reach) + target.radius
+    row["seen"][2] = wide + 0.3 * deep

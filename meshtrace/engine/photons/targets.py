@@ -1,0 +1,327 @@
+"""Joined photons and the ends that they are joined to: records, still crossings, chances."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.engine.photons.manifold import Manifold
+from meshtrace.engine.photons.state import UNDER_WAY
+from meshtrace.kernels.interface import Interface, Surface
+from meshtrace.kernels.jit import inlined, outlined
+from meshtrace.kernels.medium import Medium, scattering_coefficients
+from meshtrace.kernels.phase import AngleTable, phase_at
+from meshtrace.kernels.rays import Bvh, Grid, facet_over
+from meshtrace.kernels.scene import Emitter, Locator, Scene, Target, height_on, locate
+from meshtrace.kernels.sources import Sources
+from meshtrace.kernels.vectors import (
+    ORIGIN,
+    TWO_PI,
+    Vec2,
+    Vec3,
+    along,
+    minus,
+    norm,
+    on_circle,
+    scaled,
+)
+
+JOINED_PHOTON = np.dtype(
+    [
+        *UNDER_WAY,
+        ("order", np.int64),  # scatterings and reflections by the bottom
+        ("reflections", np.int64),  # by the surface
+        ("level", float),  # of the surface above its last event [m]
+        ("bend", float),  # of its direction, see `bend_ahead`
+        ("density", float),  # of its direction [sr-1], 0 without a connection at its last event
+        ("importance", float),  # of the start
+        ("u", float),  # numbers of the point of each aperture that its collisions are joined to
+        ("v", float),
+        ("copies", np.int64),  # that wait
+        ("is_guided", np.int64),  # whether copies take directions to the targets
+        ("aimed", np.int64),  # a copy's direction: 0 by the phase function, 1 ... by target
+    ]
+)
+"""A joined photon under way."""
+
+TARGET = np.dtype(
+    [
+        ("center", float, (3,)),
+        ("axis", float, (3,)),
+        ("e1", float, (3,)),
+        ("e2", float, (3,)),
+        ("area", float),
+        ("radius", float),
+        ("cos_half_fov", float),
+        ("tan_half_fov", float),
+        ("reach", float),
+        ("sin_widest", float),
+        ("is_lamp", bool),
+        ("lamp_axis", float, (3,)),
+        ("lamp_kind", np.int64),
+        ("lamp_spread", float),
+        ("lamp_norm", float),
+        ("share", float),  # factor on its scores
+        ("first", np.int64),  # crossing from which on light is scored; 2: reflected first
+        ("sloped", float),  # share of the points that drawn slopes land on, instead of even ones
+        ("seen", float, (3,)),  # point of still water that it sees, and its surroundings [m]
+    ]
+)
+"""An end that photons are joined to, see `meshtrace.kernels.scene.Target`."""
+
+
+class Window(NamedTuple):
+    """Weight window: importance of a place, and the bounds of weight times importance."""
+
+    diffuse: bool  # the flux of diffuse light, else the attenuated view
+    kappa: float  # attenuation of either [m-1]
+    length: float  # transport mean free path [m]
+    beyond: float  # extrapolated boundary [m]
+    highest: float  # weight times importance, over that of the start, from which photons split
+    bent: float  # fall of the importance with the bend of the light at the crossing
+
+
+class Joins(NamedTuple):
+    """Ends that photons are joined to."""
+
+    target: NDArray[np.void]  # (n,) TARGET
+    first: int  # least of the targets' first crossings that are scored
+    direct: bool  # score unscattered light, too
+    water: AngleTable
+    bubble: AngleTable
+    locator: Locator  # of a mesh that is no grid
+    facets: NDArray[np.void]  # FACET; none but for smooth waves
+    spread: float  # standard deviation of the law of slopes
+    decay: float  # of the chance of a connection with the depth [m-1]
+    b: float  # mean rate of collisions [m-1]
+    often: float  # rate of collisions, over that of light
+    start: float  # factor on the next shares for the directions in which photons start
+    lobe: float  # share of directions drawn about the ways to the targets
+    cone: float  # share of those drawn even over the cones to what they see
+    window: Window
+
+
+DIRECT, SCATTERED, REFLECTED = range(3)
+
+N_PARTS = 3
+"""Parts of the light at a target: without an event in the water, scattered, and reflected first."""
+
+WIDE, WIDE_SHARE = 3.0, 0.15  # second part of the law of crossings
+_LEAST_WIDTH = 0.02  # of that law, over the depth of the collision
+LEAST_DEPTH = 1e-3  # [m], of a collision below the surface
+_NEAR = 3.0  # troughs below which depths are those below still water
+_LEAST_ANGLE = 1e-8  # [rad]
+_AHEAD = 4.0  # connections ahead for one that analog photons would have
+_LEAST_BENT = 0.01  # of their chance, where no slope bends the light to a target
+_MOST_BEND = 100.0
+_BENT = 0.1  # of the square of such a slope over its variance
+SPARE = 16  # places for copies at which none is aimed any more
+
+
+class JoinedWorld(NamedTuple):
+    """Everything that the joined photons of a block share."""
+
+    first: int  # id of the first photon
+    seed: np.uint64
+    sources: Sources
+    surface: Surface
+    grid: Grid
+    medium: Medium
+    interface: Interface
+    joins: Joins
+    manifold: Manifold | None  # for smooth waves
+    events: int  # after which a photon is ended
+    bvh: Bvh
+    photon: NDArray[np.void]  # JOINED_PHOTON: the one under way, and copies of it that wait
+    score: NDArray[np.float64]  # (photons, targets, `N_PARTS`)
+    order: NDArray[np.float64]  # (targets, scatterings) of light not reflected first
+    arrivals: NDArray[np.void]  # (capacity,) ARRIVAL
+    n_arrivals: NDArray[np.int64]  # (1,) also those without room
+
+
+@inlined
+def vector_of(a):
+    """Return the components of an array of three."""
+    return Vec3(a[0], a[1], a[2])
+
+
+@inlined
+def scene_to(i, world):
+    """Return the surface with target i; nothing is read of its emitter."""
+    t = world.joins.target[i]
+    kind, spread = t.lamp_kind, t.lamp_spread
+    center, axis = vector_of(t.center), vector_of(t.axis)
+    lamp = Emitter(
+        center, vector_of(t.lamp_axis), kind, spread, t.lamp_norm, 1.0, 0.0, ORIGIN, ORIGIN
+    )
+    target = Target(
+        center, axis, vector_of(t.e1), vector_of(t.e2), t.area, t.radius, t.cos_half_fov,
+        t.tan_half_fov, t.reach, t.sin_widest, t.is_lamp, lamp,
+    )  # fmt: skip
+    joins, surface = world.joins, world.surface
+    bins, facets = joins.locator, joins.facets
+    return Scene(lamp, target, surface, bins, facets, world.medium, world.interface, False)
+
+
+@inlined
+def goal_on(target, u, v):
+    """Return a point of the aperture from two uniforms."""
+    r = target.radius * math.sqrt(u)
+    c, s = on_circle(v)
+    return Vec2(r * c, r * s)
+
+
+@inlined
+def facet_below(x, y, world):
+    """Return the facet over (x, y), -1 beside the mesh."""
+    if len(world.grid.x.line) > 0:
+        return facet_over(world.grid, x, y)
+    return locate(world.joins.locator, world.surface, x, y)
+
+
+@inlined
+def level_over(p, world):
+    """Return the height of the surface over a point near it, and of still water over others."""
+    if p.z < _NEAR * world.surface.low[2] or world.surface.low[2] == world.surface.high[2]:
+        return world.surface.level
+    facet = facet_below(p.x, p.y, world)
+    return height_on(p.x, p.y, facet, world.surface) if facet >= 0 else world.surface.level
+
+
+class Still(NamedTuple):
+    """Crossing of still water on the way to a point, and its displacement by slopes."""
+
+    x: float
+    y: float
+    ux: float  # direction of the way
+    uy: float
+    along: float  # displacement by a slope along the way [m]
+    across: float
+    depth: float
+
+
+@outlined
+def still_crossing(p, goal, level, scene):
+    """Return the `Still` crossing from p to a point of the aperture, at the height of the sea.
+
+    Array twin: `aiming.newton` on the flat sea.
+    Fermat's principle: n sin(theta_w) = sin(theta_a), by Newton in the distance; the levers are
+    the inverse second derivatives of the optical path.
+    """
+    t = scene.target
+    n = scene.medium.n_water / scene.medium.n_air
+    at = along(along(t.center, t.e1, goal.x), t.e2, goal.y)
+    h, z = max(at.z - level, LEAST_DEPTH), max(level - p.z, LEAST_DEPTH)
+    gx, gy = at.x - p.x, at.y - p.y
+    r = math.sqrt(gx * gx + gy * gy)
+    u = r * z / (z + n * h)
+    low, high = 0.0, r
+    for _ in range(20):
+        q = r - u
+        a, b = math.sqrt(u * u + z * z), math.sqrt(q * q + h * h)
+        g = n * u / a - q / b
+        if g > 0.0:
+            high = u
+        else:
+            low = u
+        step = g / (n * z * z / (a * a * a) + h * h / (b * b * b))
+        u -= step
+        if not low <= u <= high:
+            u = 0.5 * (low + high)
+        if abs(step) < 1e-9 * (1e-3 + r):
+            break
+    q = r - u
+    a, b = math.sqrt(u * u + z * z), math.sqrt(q * q + h * h)
+    cos_w, cos_a = z / a, h / b
+    ux, uy = (gx / r, gy / r) if r > 1e-9 else (1.0, 0.0)
+    bend = n * cos_w - cos_a
+    lever = bend / (n * cos_w * cos_w / a + cos_a * cos_a / b)
+    return Still(p.x + u * ux, p.y + u * uy, ux, uy, lever, bend / (n / a + 1.0 / b), z)
+
+
+@inlined
+def widths_of(still, joins):
+    """Return the standard deviations of the law of crossings along and across the way [m]."""
+    least = _LEAST_WIDTH * still.depth
+    return joins.spread * still.along + least, joins.spread * still.across + least
+
+
+@inlined
+def crossing_density(x, y, still, joins):
+    """Return the density of the crossings drawn about that of still water [m-2]."""
+    sa, sc = widths_of(still, joins)
+    dx, dy = x - still.x, y - still.y
+    p = (dx * still.ux + dy * still.uy) / sa
+    q = (dy * still.ux - dx * still.uy) / sc
+    e, wide = p * p + q * q, WIDE * WIDE
+    law = (1.0 - WIDE_SHARE) * math.exp(-0.5 * e) + WIDE_SHARE / wide * math.exp(-0.5 * e / wide)
+    return law / (TWO_PI * sa * sc)
+
+
+@inlined
+def collision_chance(depth, joins):
+    """Return the chance of a connection of a collision: deep ones bring exp(-c depth)."""
+    return min(1.0, 1.5 * math.exp(-joins.decay * depth))
+
+
+@inlined
+def angle_between(d, w):
+    """Return the angle between two directions [rad], at least `_LEAST_ANGLE`.
+
+    By the chord: the cosine of small angles is rounded to 1, and the phase function of water has a
+    pole there. Ways to a point of an aperture agree within the least angle along a way.
+    """
+    chord = 0.5 * norm(minus(d, w))
+    return max(2.0 * math.asin(min(chord, 1.0)), _LEAST_ANGLE)
+
+
+@inlined
+def mixed_phase(d, w, p, world):
+    """Return the phase function of water and bubbles at a point, from d to w [sr-1]."""
+    theta = angle_between(d, w)
+    b, bubbles = scattering_coefficients(world.medium, p)
+    density = phase_at(world.joins.water, theta)
+    if bubbles > 0.0:
+        density = (b * density + bubbles * phase_at(world.joins.bubble, theta)) / (b + bubbles)
+    return density
+
+
+@outlined
+def bend_ahead(p, d, level, world):
+    """Return the squared slope that bends a straight path to a target, over its variance.
+
+    Array twin: `slope_towards` on still water.
+    The least of all targets, `_MOST_BEND` at most, and for a path that leads down.
+    """
+    joins, medium, bend = world.joins, world.medium, _MOST_BEND
+    if d.z <= 0.0:
+        return bend
+    way = max(level - p.z, 0.0) / d.z
+    at = Vec3(p.x + way * d.x, p.y + way * d.y, level)
+    for i in range(len(joins.target)):
+        t = joins.target[i]
+        to = minus(vector_of(t.center), at)
+        flight = norm(to)
+        big = along(scaled(medium.n_water, d), to, -medium.n_air / flight)
+        if big.z > 0.0:
+            soft = medium.n_air * t.radius / flight
+            square = big.x * big.x + big.y * big.y
+            bend = min(bend, square / ((joins.spread * big.z) ** 2 + soft * soft))
+    return bend
+
+
+@inlined
+def chance_ahead(p, d, level, bend, joins):
+    """Return the chance of a connection at the crossing ahead.
+
+    Array twin: none, connections are unbiased for any chance.
+    It falls with the light that arrives there, and with the slopes that bend it to the targets.
+    """
+    if d.z <= 0.0:
+        return 1.0
+    way = max(level - p.z, 0.0) / d.z
+    bent = max(1.0 / (1.0 + (_BENT * bend) ** 2), _LEAST_BENT)
+    return min(1.0, _AHEAD * bent * math.exp(-joins.b * way))

@@ -1,0 +1,390 @@
+"""Conversion of validated models and meshes to NamedTuples of arrays for the kernels.
+
+A link has local coordinates, its own origin and unit of length: tolerances of the kernels and
+single precision of Embree suit lengths of some metres near the origin. A tank of 10 cm and a link
+far from the origin are mapped to it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from enum import IntEnum
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from meshtrace.engine.bvh import Intersector
+from meshtrace.errors import Described, Refused
+from meshtrace.kernels import interface
+from meshtrace.kernels.medium import Absorption, DepthMode, Medium
+from meshtrace.kernels.phase import SMALLEST_ANGLE, AngleTable
+from meshtrace.kernels.rays import Axis, Grid, is_grid
+from meshtrace.kernels.scene import Locator, Target, count_bins, fill_bins
+from meshtrace.kernels.sources import SourceKind, Sources
+from meshtrace.kernels.tally import Apertures
+from meshtrace.link import AirSource, Link, Receiver, Source, WaterSource
+from meshtrace.mesh import FARTHEST, TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.optics.phase import PhaseFunction
+
+# fields of a medium without a raster
+_PER_LENGTH = ("a", "b", "layer_a", "layer_b", "bubble_b", "b_max", "c_max")
+_LENGTHS = ("layer_step", "bubble_start", "bubble_step", "bottom_z")
+
+
+class Frame(NamedTuple):
+    """Origin (x, y) [m] and unit of length [m], a power of two: scaling rounds nothing."""
+
+    x: float
+    y: float
+    unit: float
+
+    def points(self, points: Floats) -> Floats:
+        """Return local coordinates of points [m]."""
+        return (points - np.array([self.x, self.y, 0.0])) / self.unit
+
+    def metres(self, points: Floats) -> Floats:
+        """Return the coordinates [m] of local points."""
+        return points * self.unit + np.array([self.x, self.y, 0.0])
+
+    def mesh(self, mesh: TriangleMesh) -> TriangleMesh:
+        """Return a mesh in local coordinates, with the same normals."""
+        if self == IDENTITY:
+            return mesh
+        local = self.points(mesh.vertices)
+        largest = float(np.abs(local).max())
+        if largest > FARTHEST:
+            far = Described(f"reaches {self.unit * largest:.3g} m from the link")
+            raise Refused("mesh", far, f"at most {self.unit * FARTHEST:.3g} m for its size")
+        return replace(mesh, vertices=local)
+
+    def sources(self, sources: Sources) -> Sources:
+        """Return sources in local coordinates."""
+        return sources._replace(
+            position=self.points(sources.position), size=sources.size / self.unit
+        )
+
+    def apertures(self, apertures: Apertures) -> Apertures:
+        """Return apertures in local coordinates."""
+        return apertures._replace(
+            center=self.points(apertures.center), radius=apertures.radius / self.unit
+        )
+
+    def medium(self, medium: Medium) -> Medium:
+        """Return water without a raster with coefficients per unit of length."""
+        if self == IDENTITY:
+            return medium
+        scaled = {name: getattr(medium, name) * self.unit for name in _PER_LENGTH}
+        lengths = {name: getattr(medium, name) / self.unit for name in _LENGTHS}
+        return medium._replace(**scaled, **lengths)
+
+
+IDENTITY = Frame(0.0, 0.0, 1.0)
+
+
+def frame_of(link: Link) -> Frame:
+    """Return the local frame of a link; the identity for links of ordinary size near the origin."""
+    return Frame(*link.origin, link.unit)
+
+
+_LAYER_NODES = 2049  # of the tables of a layered water
+_CELLS_PER_LOG = 200.0  # of the tables over the scattering angle
+
+_ROUNDING = 128 * 2.0**-24
+"""Relative rounding of coordinates that leaves a facet in single precision in no doubt."""
+
+_SLOPES = 2.0  # steepness of the rays over that of the facets
+_LEAST_STEEP = 0.2  # vertical over horizontal components, above a flat sea
+_MOST_BINS = 2**17
+
+_NONE = Axis(np.zeros(0), np.zeros(0), np.zeros(0, np.int64), 0.0)
+NO_GRID = Grid(_NONE, _NONE, 0.0, np.inf, 0.0, 0.0, 0.0)
+"""Grid that answers no ray."""
+
+
+def _code(codes: type[IntEnum], name: str) -> int:
+    """Return the code of a switch by its name, as a plain integer (faster dispatch in numba)."""
+    return int(codes[name.upper().replace("-", "_")])
+
+
+def surface_arrays(mesh: TriangleMesh, normals: str, unresolved: str = "none") -> interface.Surface:
+    """Return the mesh as arrays; `normals` is "vertex" or "facet".
+
+    `unresolved` is `Physics.unresolved`: whether the slopes that the mesh leaves out tilt it.
+    """
+    low, high = mesh.bounds
+    roughness = interface.SMOOTH
+    if unresolved == "tilt" and mesh.unresolved is not None:
+        missing = mesh.unresolved.vertex if normals == "vertex" else mesh.unresolved.facet
+        wind = math.radians(mesh.unresolved.direction_deg)
+        roughness = interface.Roughness(
+            math.sqrt(missing[0]), math.sqrt(missing[1]), math.cos(wind), math.sin(wind)
+        )
+    arrays = mesh.vertices, mesh.faces, mesh.face_normals, mesh.vertex_normals
+    return interface.Surface(*arrays, low, high, mesh.max_slope, normals == "vertex", roughness)
+
+
+def interface_arrays(link: Link) -> interface.Interface:
+    """Return the switches of the surface crossing."""
+    p = link.physics
+    return interface.Interface(
+        snell=_code(interface.Snell, p.snell),
+        direction=_code(interface.Direction, p.direction),
+        fresnel=_code(interface.FresnelMode, p.fresnel),
+        follow_reflected=p.reflected == "trace",
+        follow_second_hit=p.second_hit == "trace",
+        foam_transmittance=link.whitecaps.transmittance if link.whitecaps else 1.0,
+        fov=_code(interface.FieldOfView, p.fov),
+    )
+
+
+def pattern_of(source: Source) -> tuple[int, float]:
+    """Return the kind of the pattern of a source and its spread, a Lambertian order or [rad]."""
+    spread = getattr(source, "order", None)
+    if spread is None:
+        spread = math.radians(getattr(source, "divergence_deg", 0.0))
+    return _code(SourceKind, source.pattern), float(spread)
+
+
+def source_arrays(link: Link, top: float) -> Sources:
+    """Return the sources; light from the air starts at height `top`, above every wave."""
+    rows = link.transmitters
+    n = len(rows)
+    kind = np.array([pattern_of(t)[0] for t in rows], np.int64)
+    position, axis = np.zeros((n, 3)), np.zeros((n, 3))
+    spread, size = np.array([pattern_of(t)[1] for t in rows]), np.zeros(n)
+    for i, t in enumerate(rows):
+        axis[i], size[i] = t.axis, t.size
+        if not isinstance(t, AirSource):
+            position[i] = t.center
+        else:
+            # a slanted beam is started up-sun, so that it lights the square at still water
+            back = top / axis[i, 2]
+            position[i] = t.position[0] + back * axis[i, 0], t.position[1] + back * axis[i, 1], top
+    in_water = np.array([isinstance(t, WaterSource) for t in rows], bool)
+    power = np.array([t.power_mw for t in rows])
+    share = np.cumsum(power) / power.sum()
+    return Sources(kind, position, axis, spread, size, in_water, share)
+
+
+def aperture_arrays(link: Link) -> Apertures:
+    """Return the apertures."""
+    rows = link.receivers
+    in_water = np.array([not isinstance(r, Receiver) for r in rows], bool)
+    half = np.radians([r.fov_deg for r in rows]) / 2.0
+    with np.errstate(over="ignore"):
+        tan_half = np.tan(half)
+    return Apertures(
+        center=np.array([r.center for r in rows], float).reshape(-1, 3),
+        axis=np.array([r.axis for r in rows], float).reshape(-1, 3),
+        radius=np.array([r.radius for r in rows], float),
+        # a hemisphere must take light that grazes it in spite of rounding
+        cos_half_fov=np.where(half >= math.pi / 2.0, 0.0, np.cos(half)),
+        tan_half_fov=tan_half,
+        in_water=in_water,
+        any_in_water=bool(in_water.any()),
+    )
+
+
+def with_raster(medium: Medium, intersector: Intersector) -> Medium:
+    """Return the medium with the elevations of a mesh, where depths are below the surface."""
+    if medium.depth_mode != DepthMode.LOCAL:
+        return medium
+    return medium._replace(**_raster(intersector))
+
+
+def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
+    """Return the water.
+
+    `crest` is the height up to which bubbles are tabulated where their depth is measured from
+    the mean level; depths below the local surface need `with_raster`.
+    """
+    water, bubbles = link.water, link.bubbles
+    mode, start, step, b_bub = int(DepthMode.NONE), 0.0, 1.0, np.zeros(2)
+    phase_bubble = water.phase.tables()
+    if bubbles is not None:
+        mode = _code(DepthMode, bubbles.depth)
+        step = bubbles.e_folding / 64.0
+        if mode == DepthMode.MEAN_LEVEL:
+            start = -math.ceil(max(crest, 0.0) / step) * step
+        nodes = start + step * np.arange(math.ceil((12.0 * bubbles.e_folding - start) / step) + 1)
+        b_bub = bubbles.b(nodes)
+        b_bub[-1] = 0.0  # below 12 e-foldings there are none
+        phase_bubble = bubbles.phase_function().tables()
+    layer_step, layer_a, layer_b = 1.0, np.full(2, water.a), np.full(2, water.b)
+    if water.layers is not None:
+        layer_step, layer_a, layer_b = _layer_tables(water.layers)
+    b_max = float(layer_b.max() + b_bub.max())
+    return Medium(
+        a=water.a,
+        b=water.b,
+        n_water=water.n,
+        n_air=link.n_air,
+        layered=water.layers is not None,
+        layer_step=layer_step,
+        layer_a=layer_a,
+        layer_b=layer_b,
+        layer_a_path=_integral(layer_a, layer_step),
+        layer_b_path=_integral(layer_b, layer_step),
+        depth_mode=mode,
+        bubble_start=start,
+        bubble_step=step,
+        bubble_b=b_bub,
+        bubble_path=_integral(b_bub, step),
+        b_max=b_max,
+        c_max=b_max + float(layer_a.max()),
+        bottom_z=-math.inf if water.bottom_depth is None else -water.bottom_depth,
+        bottom_albedo=water.bottom_albedo,
+        absorption=_code(Absorption, link.physics.absorption),
+        local_c=link.physics.free_path == "local_c",
+        raster_x=0.0,
+        raster_y=0.0,
+        raster_step=1.0,
+        raster=np.zeros((2, 2)),
+        overhangs=False,
+        raster_low=np.zeros((2, 2)),
+        raster_split=np.zeros((2, 2)),
+        phase_water=water.phase.tables(),
+        phase_bubble=phase_bubble,
+    )
+
+
+def _layer_tables(
+    layers: tuple[tuple[float, float, float], ...],
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return step, a and b of a layered water on a uniform grid of depths from z = 0."""
+    depth, a, b = np.array(layers).T
+    step = max(float(depth[-1]), 1e-3) / (_LAYER_NODES - 1)
+    grid = step * np.arange(_LAYER_NODES)
+    return step, np.interp(grid, depth, a), np.interp(grid, depth, b)
+
+
+def _integral(values: np.ndarray, step: float) -> np.ndarray:
+    """Return the cumulative trapezoidal integral from the first node."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * step * (values[1:] + values[:-1]))])
+
+
+def _raster(intersector: Intersector) -> dict[str, Any]:
+    """Return the elevations of the mesh on a square raster, by vertical rays."""
+    low, high = intersector.mesh.bounds
+    width = float(max(high[0] - low[0], high[1] - low[1]))
+    nodes = int(np.clip(width / 0.25, 16, 256))
+    step = width / (nodes - 1)
+    # a ray aimed at the very rim may miss it
+    x = np.clip(low[0] + step * np.arange(nodes), low[0] + 1e-4, high[0] - 1e-4)
+    y = np.clip(low[1] + step * np.arange(nodes), low[1] + 1e-4, high[1] - 1e-4)
+    gx, gy = np.meshgrid(x, y, indexing="ij")
+
+    def crossing(start: np.ndarray, way: float, beside: np.ndarray | float) -> np.ndarray:
+        """Return the first crossing of the vertical from heights on, `beside` without one."""
+        origins = np.stack([gx, gy, start], axis=-1).reshape(-1, 3)
+        hits = intersector.intersect(origins, np.broadcast_to((0.0, 0.0, way), origins.shape))
+        distance = hits.distance.reshape(gx.shape)
+        return np.where(np.isfinite(distance), start + way * distance, beside)
+
+    top = crossing(np.full(gx.shape, high[2] + 1.0), -1.0, 0.0)
+    raster = {"raster_x": float(low[0]), "raster_y": float(low[1]), "raster_step": step}
+    if intersector.mesh.single_valued:
+        return {**raster, "raster": top}
+    lowest = crossing(np.full(gx.shape, low[2] - 1.0), 1.0, top)
+    above = crossing(lowest + 1e-4, 1.0, lowest)  # the underside of the jet, if there is one
+    below = np.where(above > lowest, lowest, top)
+    split = np.where(above > lowest, 0.5 * (lowest + above), top)
+    layers = {"overhangs": True, "raster_low": below, "raster_split": split}
+    return {**raster, "raster": top, **layers}
+
+
+def empty_locator() -> Locator:
+    """Return the bins of no facets, for a flat sea."""
+    return Locator(0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64), np.zeros(0, np.int32))
+
+
+def locator(surface: interface.Surface, targets: Sequence[Target]) -> Locator:
+    """Return bins over the part of the surface that the receivers can see."""
+    pad = 2.0
+    low = [min(t.center[i] - t.reach - pad for t in targets) for i in range(2)]
+    high = [max(t.center[i] + t.reach + pad for t in targets) for i in range(2)]
+    low = [max(low[i], float(surface.low[i])) for i in range(2)]
+    high = [min(high[i], float(surface.high[i])) for i in range(2)]
+    width = max(high[0] - low[0], high[1] - low[1])
+    step = max(0.1, width / 400.0)
+    nx, ny = (max(math.ceil((high[i] - low[i]) / step), 1) for i in range(2))
+    start, none = np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.int32)
+    grid = Locator(low[0], low[1], step, nx, ny, start, none)
+    bins = np.empty((len(surface.vertices), 2), np.int64)
+    count_bins(surface, grid, bins)
+    np.cumsum(start, out=start)
+    grid = grid._replace(facet=np.empty(start[-1], np.int32))
+    fill_bins(surface, grid, bins, start[:-1].copy())
+    return grid
+
+
+@lru_cache(maxsize=32)
+def angle_table(phase: PhaseFunction) -> AngleTable:
+    """Tabulate a phase function and its integral over the scattering angle.
+
+    Parameters
+    ----------
+    phase : PhaseFunction
+        The phase function.
+
+    Notes
+    -----
+    A cell holds the mean over its solid angle by 4 Gauss points in theta; cells are 0.5 % wide.
+    """
+    log_first = math.log(SMALLEST_ANGLE)
+    cells = math.ceil((math.log(math.pi) - log_first) * _CELLS_PER_LOG)
+    per_log = cells / (math.log(math.pi) - log_first)
+    edge = np.exp(log_first + np.arange(cells + 1) / per_log)
+    edge[-1] = math.pi
+    node, weight = np.polynomial.legendre.leggauss(4)
+    half = 0.5 * np.diff(edge)[:, None]
+    theta = edge[:-1, None] + half * (1.0 + node)
+    solid = weight * np.sin(theta)
+    beta = (phase.pdf(theta) * solid).sum(axis=1) / solid.sum(axis=1)
+    parts = beta * np.diff(edge)
+    tail = np.append(np.cumsum(parts[::-1])[::-1], 0.0)
+    return AngleTable(log_first, per_log, edge, beta, tail)
+
+
+def grid_arrays(mesh: TriangleMesh) -> Grid:
+    """Return the grid of a height field made by `triangulate`, `NO_GRID` for another mesh.
+
+    Facets are found with a margin for the single precision of Embree: they are its facets.
+    """
+    x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
+    ny = int(np.argmax(x != x[0]))  # vertices of the first line; 0 if there is but one
+    nx = len(x) // ny if ny > 1 else 0
+    if nx < 2 or nx * ny != len(x) or len(mesh.faces) != 2 * (nx - 1) * (ny - 1):
+        return NO_GRID
+    if not mesh.single_valued or not is_grid(mesh.vertices, mesh.faces, nx, ny):
+        return NO_GRID
+    lines = x[::ny].copy(), y[:ny].copy()
+    if any((np.diff(line) <= 0.0).any() for line in lines):  # a grid that was turned
+        return NO_GRID
+    along_x, along_y = (_axis(line) for line in lines)
+    if max(len(along_x.guide), len(along_y.guide)) > _MOST_BINS:
+        return NO_GRID
+    low, high = mesh.bounds
+    return Grid(
+        along_x,
+        along_y,
+        level=float(0.5 * (low[2] + high[2])),
+        steep=max(_SLOPES * mesh.max_slope, _LEAST_STEEP) ** 2,
+        rounding=_ROUNDING,
+        height=float(high[2] - low[2] + max(high[2], -low[2])),
+        clear=_ROUNDING * float(np.abs(mesh.bounds).max()),
+    )
+
+
+def _axis(line: Floats) -> Axis:
+    """Return grid lines with bins somewhat narrower than their smallest distance."""
+    edges = np.diff(line)
+    span = float(line[-1] - line[0])
+    bins = min(int(1.01 * span / edges.min()) + 1, _MOST_BINS + 1)
+    starts = line[0] + span * np.arange(bins) / bins
+    guide = np.searchsorted(line, starts, side="right") - 1
+    return Axis(np.append(line[:-1], np.inf), 1.0 / edges, guide.astype(np.int64), bins / span)

@@ -1,0 +1,345 @@
+"""Sources, receivers and water of a link for forced detection, and its restrictions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from meshtrace.engine.setup import arrays
+from meshtrace.errors import Described, Refused
+from meshtrace.kernels.interface import Interface
+from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.scene import Emitter, Target
+from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.vectors import Vec3
+from meshtrace.link import Link, Receiver, Source, WaterReceiver, WaterSource
+from meshtrace.link.receivers import Aperture
+from meshtrace.link.sources import AirLamp
+from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+
+ANALOG = 'else estimator="analog"'
+"""Advice of a refusal."""
+POINTS_ONLY = f"a point source in bottomless water, with these switches of physics; {ANALOG}"
+"""Links that chains follow, for a refusal where joined photons do not."""
+_NEGLIGIBLE = 1e-7  # light at the reach over that straight above the source
+_NARROWEST = 0.1  # [deg], of a lamp: narrower spots are smaller than the parts of a facet
+_REVERSIBLE = ("snell", "direction", "fresnel", "free_path", "fov")
+_ANY_END = Emitter(*(Vec3(0.0, 0.0, 0.0),) * 2, 3, 0.0, 0.0, 1.0, 0.0, *(Vec3(0.0, 0.0, 0.0),) * 2)
+
+
+class Forwards(NamedTuple):
+    """Lamps in the air and apertures in the water, turned upside down."""
+
+    emitters: list[Emitter]
+    targets: list[Target]
+    medium: Medium  # with interchanged indices; its heights are not mirrored
+
+
+class ForcedLink(NamedTuple):
+    """A link as arrays and numbers in its local frame.
+
+    Chains start at the emitters in the water and aim at the targets in the air: sources and
+    receivers, or, for light that goes down, receivers and lamps.
+    """
+
+    frame: arrays.Frame
+    emitters: list[Emitter]
+    power: Floats  # (sources,) shares of the power
+    targets: list[Target]
+    medium: Medium
+    interface: Interface
+    forwards: Forwards | None  # of light that goes down
+    sizes: tuple[float, ...]  # radius of each emitter, in the unit of the frame
+
+    @property
+    def down(self) -> bool:
+        """Whether the chains run against the light."""
+        return self.forwards is not None
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Pairs of an emitter and a target."""
+        return list(np.ndindex(len(self.emitters), len(self.targets)))
+
+    def receiver(self, emitter: int, target: int) -> int:
+        """Return the receiver of a pair."""
+        return emitter if self.down else target
+
+    def share(self, emitter: int, target: int) -> float:
+        """Return the share of the power of the source of a pair."""
+        return float(self.power[target if self.down else emitter])
+
+    def by_receiver(self, values: Floats) -> Floats:
+        """Return the sum over the sources of values (emitters, targets), by share of the power."""
+        return values @ self.power if self.down else self.power @ values
+
+
+def require_height_field(mesh: TriangleMesh) -> None:
+    """Refuse a surface with more than one crossing on a vertical."""
+    if not mesh.single_valued:
+        found = Described(f"overhangs ({mesh.facing_down} facets face down)")
+        raise Refused("sea.mesh", found, f"a height field; overhangs need {ANALOG[5:]}")
+
+
+def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
+    """Return the link as arrays and numbers, in its own frame unless one is given.
+
+    Raises
+    ------
+    Refused
+        If the link has a feature that only the analog estimator follows.
+    """
+    require_followable(link)
+    power = np.array([t.power_mw for t in link.transmitters])
+    medium = expected_water(link, crest=5.0)
+    frame = frame or arrays.frame_of(link)
+    low: tuple[Source | Aperture, ...] = link.transmitters
+    forwards, water = None, frame.medium(medium)
+    if link.direction == "down":
+        low = link.receivers
+        forwards = Forwards(
+            [_mirrored(emitter_of(t, frame), "position") for t in link.transmitters],
+            [_mirrored(target_of(r, frame), "center") for r in link.receivers],
+            water._replace(n_water=water.n_air, n_air=water.n_water),
+        )
+    return ForcedLink(
+        frame,
+        [emitter_of(end, frame) for end in low],
+        power / power.sum(),
+        _targets(link, frame),
+        water,
+        arrays.interface_arrays(link),
+        forwards,
+        tuple(end.size / frame.unit if isinstance(end, Source) else 0.0 for end in low),
+    )
+
+
+def needs_photons(link: Link) -> tuple[str, object] | None:
+    """Return the first field, and its value, that chains do not follow; None if there is none."""
+    for path, item in link.items():
+        if isinstance(item, Source) and item.size > 0.0:
+            return path, Described(f"a radius of {item.size:g} m")
+    if link.water.bottom_depth is not None:
+        return "water.bottom_depth", link.water.bottom_depth
+    return None
+
+
+def _mirrored(end: Any, place: str) -> Any:
+    """Return an emitter or target at the opposite height."""
+    names = (place, "axis", "e1", "e2")
+    turned = {name: getattr(end, name)._replace(z=-getattr(end, name).z) for name in names}
+    return end._replace(**turned)
+
+
+def crossing_reach(link: Link) -> float:
+    """Return the largest distance from `Link.origin` of light that crosses to a receiver [m]."""
+    require_followable(link)
+    frame = arrays.frame_of(link)
+    farthest = max(t.reach + math.hypot(t.center.x, t.center.y) for t in _targets(link, frame))
+    return frame.unit * farthest
+
+
+def _targets(link: Link, frame: arrays.Frame) -> list[Target]:
+    """Return the receivers as numbers, with the reach beyond which light is negligible."""
+    water = link.water
+    a = water.a if water.layers is None else min(row[1] for row in water.layers)
+    targets = []
+    for lamp in link.transmitters:
+        if isinstance(lamp, AirLamp):
+            t = lamp_target(lamp, link, frame)
+            ways = [_way_of_light(lamp, end, a) for end in link.receivers]
+            targets.append(t._replace(reach=min(t.reach, max(ways) / frame.unit)))
+    for end in link.receivers:
+        if isinstance(end, Receiver):
+            t = target_of(end, frame)
+            lit = [
+                math.dist(s.position, end.position) + _lit_radius(s.depth, a) + 4.0 * s.size
+                for s in link.transmitters
+                if isinstance(s, WaterSource)
+            ]
+            targets.append(t._replace(reach=min(t.reach, max(lit) / frame.unit)))
+    return targets
+
+
+def _way_of_light(lamp: AirLamp, end: Aperture, a: float) -> float:
+    """Return the distance from below a lamp beyond which its light to a receiver is negligible [m].
+
+    Beyond it the light on a ring of still water, times exp(-a D) / D^2 with the least distance D
+    from the ring to the receiver, is below 1e-7 of the largest.
+    """
+    height, depth, aside = lamp.height, -end.center[2], math.dist(lamp.position, end.position)
+    way = np.geomspace(1e-3, 1e3, 2048) * (height + depth + aside)
+    angle = np.arctan2(way, height)
+    off = np.maximum(angle - math.radians(lamp.tilt_deg), 0.0)
+    kind, spread = arrays.pattern_of(lamp)
+    light = np.log(np.cos(angle)) - 2.0 * np.log(np.hypot(way, height)) + np.log(way)
+    if kind == SourceKind.LED:
+        light += spread * np.log(np.maximum(np.cos(off), 1e-300))
+    elif kind == SourceKind.GAUSSIAN_BEAM:
+        light -= 2.0 * np.square(off / spread)
+    else:
+        light[off > spread] = -math.inf
+    distance = np.hypot(depth, np.maximum(way - aside, 0.0))
+    light -= a * distance + 2.0 * np.log(distance)
+    seen = np.flatnonzero(light > light.max() + math.log(_NEGLIGIBLE))
+    return float(way[min(seen[-1] + 1, len(way) - 1)])
+
+
+def _lit_radius(depth: float, a: float) -> float:
+    """Return the horizontal distance from a source beyond which its light is negligible [m].
+
+    There exp(-a D) / D^2 has fallen to 1e-7 of its value straight above the source, D the
+    distance of the crossing from the source.
+    """
+    fall = -math.log(_NEGLIGIBLE)
+    low, high = depth, depth * math.exp(0.5 * fall)
+    for _ in range(60):
+        way = 0.5 * (low + high)
+        if a * (way - depth) + 2.0 * math.log(way / depth) < fall:
+            low = way
+        else:
+            high = way
+    return math.sqrt(high**2 - depth**2)
+
+
+def require_followable(link: Link) -> None:
+    """Refuse features that neither chains nor joined photons follow."""
+    down = any(isinstance(t, AirLamp) for t in link.transmitters)
+    source, end = (AirLamp, WaterReceiver) if down else (WaterSource, Receiver)
+    sides = ("air", "water") if down else ("water", "air")
+    for path, item in link.items():
+        if isinstance(item, source):
+            if item.spread_deg < _NARROWEST:
+                angle = Described(f"a half-angle of {item.spread_deg:g} deg")
+                raise Refused(path, angle, f">= {_NARROWEST:g} deg; {ANALOG}")
+        elif isinstance(item, Source):
+            raise Refused(path, Described(item.kind), f"a source in the {sides[0]}; {ANALOG}")
+        elif not isinstance(item, end):
+            raise Refused(path, Described(item.kind), f"a receiver in the {sides[1]}; {ANALOG}")
+        elif down and item.fov_deg < _NARROWEST:
+            allowed = f">= {_NARROWEST:g} deg; {ANALOG}"
+            raise Refused(f"{path}.fov_deg", item.fov_deg, allowed)
+    if not link.receivers:
+        raise Refused("receiver", (), "at least one")
+    if down:
+        _require_reversible(link)
+    if link.planes is not None:
+        raise Refused("planes", Described("given"), f"None; {ANALOG}")
+    if link.bubbles is not None or link.water.layers is not None:
+        for name, paper in (("absorption", "paper"), ("free_path", "local_c")):
+            if getattr(link.physics, name) == paper:
+                allowed = f"the physical form in stratified water; {ANALOG}"
+                raise Refused(f"physics.{name}", paper, allowed)
+
+
+def _require_reversible(link: Link) -> None:
+    """Refuse forms as published that differ between the two directions of light."""
+    default = type(link.physics)()
+    kept = {name: getattr(default, name) for name in _REVERSIBLE}
+    if link.water.layers is not None:
+        kept["absorption"] = default.absorption
+    printed = {n: w for n in kept if (w := getattr(link.physics, n)) in ("paper", "paper_both")}
+    if link.physics.free_path == "local_c":
+        printed["free_path"] = "local_c"
+    if link.physics.fov == "paper_position":
+        printed["fov"] = "paper_position"
+    if printed:
+        names = ", ".join(f'{name} = "{word}"' for name, word in printed.items())
+        allowed = f"the physical forms: those as published are not reversible; {ANALOG}"
+        raise Refused("physics", Described(names), allowed)
+
+
+def expected_water(link: Link, crest: float) -> Medium:
+    """Return the water; the printed Algorithm 1 acts as b -> albedo b (E5)."""
+    medium = arrays.medium_arrays(link, crest)
+    if link.physics.absorption == "paper":
+        medium = medium._replace(b=medium.b * link.water.albedo)
+    return medium
+
+
+def emitter_of(end: Source | Aperture, frame: arrays.Frame = arrays.IDENTITY) -> Emitter:
+    """Return a source, or an aperture whose light is reversed, as numbers in a frame."""
+    position = Vec3(*frame.points(np.array(end.center)).tolist())
+    e1, e2 = across(end.axis)
+    if isinstance(end, Aperture):
+        axis, radius = Vec3(*(-x for x in end.axis)), end.radius / frame.unit
+        half = math.radians(end.fov_deg) / 2.0
+        view = math.pi * math.sin(half) ** 2
+        area = math.pi * radius**2
+        kind = int(SourceKind.APERTURE)
+        return Emitter(position, axis, kind, half, 1.0 / view, area * view, radius, e1, e2)
+    kind, spread = arrays.pattern_of(end)
+    if kind == SourceKind.LED:
+        norm = (spread + 1.0) / (2.0 * math.pi)
+    elif kind == SourceKind.GAUSSIAN_BEAM:
+        norm = 2.0 / (math.pi * spread**2)
+    elif kind == SourceKind.TOP_HAT_BEAM:
+        norm = 1.0 / (2.0 * math.pi * (1.0 - math.cos(spread)))
+    else:
+        norm = 1.0 / (4.0 * math.pi)
+    return Emitter(position, Vec3(*end.axis), kind, spread, norm, 1.0, 0.0, e1, e2)
+
+
+def across(axis: Sequence[float] | Floats) -> tuple[Vec3, Vec3]:
+    """Return two unit vectors across an axis."""
+    e1 = np.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.9 else (1.0, 0.0, 0.0))
+    e1 /= np.linalg.norm(e1)
+    return Vec3(*e1.tolist()), Vec3(*np.cross(axis, e1).tolist())
+
+
+def lamp_target(lamp: AirLamp, link: Link, frame: arrays.Frame = arrays.IDENTITY) -> Target:
+    """Return a lamp in the air as the point that chains from the water aim at."""
+    center = Vec3(*frame.points(np.array(lamp.center)).tolist())
+    lit = _lit_angle(lamp)
+    widest = min(lit + math.radians(lamp.tilt_deg), math.radians(88.0))
+    return Target(
+        center=center,
+        axis=Vec3(0.0, 0.0, 1.0),
+        e1=Vec3(1.0, 0.0, 0.0),
+        e2=Vec3(0.0, 1.0, 0.0),
+        area=(link.water.n / link.n_air) ** 2,
+        radius=0.0,
+        cos_half_fov=max(math.cos(lit), 0.0),
+        tan_half_fov=0.0,
+        reach=min((center.z + 2.0) * math.tan(widest), 200.0),
+        sin_widest=math.sin(widest),
+        is_lamp=True,
+        lamp=emitter_of(lamp, frame),
+    )
+
+
+def _lit_angle(lamp: AirLamp) -> float:
+    """Return the angle to the axis of a lamp at which its light has fallen to 1e-7 [rad]."""
+    kind, spread = arrays.pattern_of(lamp)
+    if kind == SourceKind.LED:
+        return math.acos(_NEGLIGIBLE ** (1.0 / spread))
+    if kind == SourceKind.GAUSSIAN_BEAM:
+        return spread * math.sqrt(-0.5 * math.log(_NEGLIGIBLE))
+    return spread
+
+
+def target_of(receiver: Any, frame: arrays.Frame = arrays.IDENTITY) -> Target:
+    """Return a receiver as numbers, lengths in the unit of a frame."""
+    e1, e2 = across(receiver.axis)
+    half = math.radians(receiver.fov_deg) / 2.0
+    widest = min(half + math.radians(receiver.tilt_deg), math.radians(88.0))
+    center = Vec3(*frame.points(np.array(receiver.center)).tolist())
+    radius = receiver.radius / frame.unit
+    return Target(
+        center=center,
+        axis=Vec3(*receiver.axis),
+        e1=e1,
+        e2=e2,
+        area=math.pi * radius**2,
+        radius=radius,
+        cos_half_fov=0.0 if half >= math.pi / 2.0 else math.cos(half),
+        tan_half_fov=math.tan(min(half, 1.55)),
+        reach=min((abs(center.z) + 2.0) * math.tan(widest), 200.0) + 2.0 * radius,
+        sin_widest=math.sin(widest),
+        is_lamp=False,
+        lamp=_ANY_END,
+    )

@@ -1,1 +1,0 @@
-"""Transport of light through water and surface: analog photons and forced detection."""
