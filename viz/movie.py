@@ -28,7 +28,7 @@ from meshtrace.studies.series import time_series
 from meshtrace.transport.paths import PhotonPaths
 
 from .checks import checked
-from .plots_gain import plot_gain_series
+from .plots import plot_gain_series
 from .scenes import SceneStyle, scene
 from .style import PALETTE, RC, SKY, axis_label, water_map
 
