@@ -118,7 +118,7 @@ def closure(sources: Iterable[Path]) -> list[Path]:
         found.add(path)
         text = path.read_text("utf-8")
         names = {n for pair in _USES.findall(text) for n in re.findall(r"\w+", " ".join(pair))}
-        modules = {_HOMES[name] for name in names if name in _HOMES}
+        modules = {_HOMES.get(name, name) for name in names}
         modules |= {
             n for pair in _MODULES.findall(text) for n in re.findall(r"\w+", " ".join(pair))
         }

@@ -1,3 +1,5 @@
+from . import marks as marks
+from . import style as style
 from .export import export_scene as export_scene
 from .export import save_picture as save_picture
 from .export import save_vtk as save_vtk

@@ -18,7 +18,7 @@ from meshtrace.comms.pulses import Eye
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.models import Floats
-from meshtrace.results.background import Background, BackgroundSeries
+from meshtrace.results.background import PARTS, Background, BackgroundSeries
 from meshtrace.results.coverage import CoverageMap, as_high, place_of_highest
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
 from meshtrace.results.impulse import ImpulseResponse
@@ -497,20 +497,13 @@ def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = 
     -------
     Axes
     """
-    parts = {name: radiance for name, radiance in result.parts.items() if np.any(radiance)}
-    chosen = [list(result.parts).index(name) for name in parts]
-    values, errors = (
-        np.take(found, chosen, axis=-1).T
-        for found in (result.part_radiance, result.part_radiance_stderr)
-    )
-    over = {"time": result.time} if isinstance(result, BackgroundSeries) else {}
-    found = {"background_radiance": values, "background_radiance_stderr": errors}
-    data, ax = dataset(found, part=list(parts), **over), axes(ax)
-    if over:
-        return finished(lines(ax, data, "background_radiance"), ylim=(0.0, None))
-    bars(ax, data, "background_radiance")
+    data = result.to_dataset().assign_coords(part=list(PARTS)).transpose("part", ...)
+    data = data.isel(part=[np.any(radiance) for radiance in result.parts.values()])
+    if isinstance(result, BackgroundSeries):
+        return finished(lines(axes(ax), data, "part_radiance"), ylim=(0.0, None))
+    ax = bars(axes(ax), data, "part_radiance")
     ax.set_title(verbatim(result.light), loc="left")
-    return ax
+    return finished(ax, y="background_radiance")
 
 
 @checked

@@ -58,7 +58,7 @@ def test_code_and_data_count_and_words_do_not(room, tmp_path):
         ("movie", "scenes", "html"),
         ("make_tornado_figure", "plots", "scenes"),
         ("make_explorer_pictures", "page", "plots"),
-        ("gain-depth", "canvas", "movie"),
+        ("gain-depth", "links", "movie"),
         ("surfaces", "scenes", "movie"),
     ],
 )
