@@ -1,16 +1,14 @@
 from . import marks as marks
 from . import style as style
 from .export import export_scene as export_scene
+from .export import save_html as save_html
 from .export import save_picture as save_picture
 from .export import save_vtk as save_vtk
 from .export import to_pyvista as to_pyvista
-from .html import save_html as save_html
 from .light import add_coverage as add_coverage
 from .light import add_footprint as add_footprint
 from .light import add_paths as add_paths
 from .light import select_paths as select_paths
-from .movie import save_light as save_light
-from .movie import save_movie as save_movie
 from .parts import add_bubbles as add_bubbles
 from .parts import add_receiver as add_receiver
 from .parts import add_surface as add_surface
@@ -46,6 +44,8 @@ from .plots_curves import plot_spreading as plot_spreading
 from .plots_curves import plot_sweep as plot_sweep
 from .scenes import SceneStyle as SceneStyle
 from .scenes import scene as scene
+from .show import save_light as save_light
+from .show import save_movie as save_movie
 from .show import view as view
 from .stage import Scene as Scene
 from .stage import Stage as Stage
