@@ -20,7 +20,7 @@ from meshtrace.comms.background import warn_of_background, with_background
 from meshtrace.comms.budget import link_budget
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Described, Refused, one_line
-from meshtrace.explorer.state import State
+from meshtrace.explorer.controls import State
 from meshtrace.fading import (
     Estimate,
     block_length,
