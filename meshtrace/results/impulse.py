@@ -13,6 +13,7 @@ from scipy import constants
 from meshtrace.errors import Described, Refused, require_between, require_finite, require_whole
 from meshtrace.models import Floats
 from meshtrace.results.gain import GainResult
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import SHIFTS, Stored, Variable
 
 _MOST_BINS = 10**7
@@ -132,7 +133,7 @@ def impulse_response(
     return ImpulseResponse(
         edges=bin_width * np.arange(by_group.shape[1] + 1, dtype=np.float64),
         h=by_group.mean(axis=0) / bin_width,
-        h_stderr=by_group.std(axis=0, ddof=1) / np.sqrt(SHIFTS) / bin_width,
+        h_stderr=error_of_groups(by_group) / bin_width,
         first_arrival=first,
         mean_delay=mean,
         mean_delay_stderr=errors[0],

@@ -16,11 +16,16 @@ from meshtrace.stored import Variable, Variables, WithArrays
 
 
 def standard_error(total: Any, squares: Any, n: int) -> Any:
-    """Return the standard error of a mean from sum and sum of squares."""
+    """Return the standard error of the mean of n photons, from sum and sum of squares."""
     if n < 2:
         return np.full_like(np.asarray(total, float), math.nan)
     mean = np.asarray(total) / n
     return np.sqrt(np.maximum(np.asarray(squares) / n - mean**2, 0.0) / (n - 1))
+
+
+def error_of_groups(samples: Floats) -> Floats:
+    """Return the standard error of the mean of independent samples, along the first axis."""
+    return np.asarray(samples.std(axis=0, ddof=1) / math.sqrt(len(samples)))
 
 
 def merged_mean(
