@@ -20,19 +20,9 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
-from trame_vtk.modules.vtk.serializers import (
-    SynchronizationContext,
-    extract_array_hash,
-    initialize_serializers,
-    reference_id,
-    serialize,
-)
+from trame_vtk.modules.vtk import serializers
 from trame_vtk.tools.vtksz2html import write_html
-from vtkmodules.vtkIOXML import (
-    vtkXMLImageDataWriter,
-    vtkXMLPolyDataWriter,
-    vtkXMLUnstructuredGridWriter,
-)
+from vtkmodules import vtkIOXML
 
 from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic
@@ -128,9 +118,9 @@ def _height(source: CoverageMap) -> float:
 
 
 _XML: dict[type[pv.DataSet], Any] = {
-    pv.PolyData: vtkXMLPolyDataWriter,
-    pv.UnstructuredGrid: vtkXMLUnstructuredGridWriter,
-    pv.ImageData: vtkXMLImageDataWriter,
+    pv.PolyData: vtkIOXML.vtkXMLPolyDataWriter,
+    pv.UnstructuredGrid: vtkIOXML.vtkXMLUnstructuredGridWriter,
+    pv.ImageData: vtkIOXML.vtkXMLImageDataWriter,
 }
 _SUFFIXES = {pv.PolyData: (".vtp", ".vtu", ".ply", ".stl"), pv.ImageData: (".vti",)}
 
@@ -341,19 +331,19 @@ def _packed(window: Any) -> bytes:
 
     The export of pyvista does the same but starts a web server.
     """
-    initialize_serializers()
-    context = SynchronizationContext()
+    serializers.initialize_serializers()
+    context = serializers.SynchronizationContext()
     context.set_ignore_last_dependencies(True)
-    state = serialize(None, window, reference_id(window), context, 1)
+    state = serializers.serialize(None, window, serializers.reference_id(window), context, 1)
     camera = window.GetRenderers().GetFirstRenderer().GetActiveCamera()
     state["extra"] = {
-        "vtkRefId": reference_id(window),
+        "vtkRefId": serializers.reference_id(window),
         "centerOfRotation": camera.GetFocalPoint(),
-        "camera": reference_id(camera),
+        "camera": serializers.reference_id(camera),
     }
     arrays = {
         entry["hash"]: {**entry, "content": context.get_cached_data_array(entry["hash"], False)}
-        for entry in extract_array_hash(state)
+        for entry in serializers.extract_array_hash(state)
     }
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file:

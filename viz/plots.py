@@ -34,19 +34,8 @@ from meshtrace.studies.sensitivity.result import Sensitivities
 from meshtrace.studies.sensitivity.swings import swings
 from meshtrace.uav import Route
 
+from . import marks
 from .checks import checked
-from .marks import (
-    axes,
-    band,
-    bars,
-    dataset,
-    density,
-    finished,
-    heat_map,
-    lines,
-    note,
-    scaled,
-)
 from .plots_curves import plot_curves, plot_performance, plot_sweep, plot_winds
 from .style import INK, LED_COLOR, PALETTE, axis_label, label_of, verbatim
 
@@ -125,8 +114,8 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
     most, names = float(gains.max()), [f"receiver {i}" for i in range(len(gains))]
     last = max(np.flatnonzero((gains > _SHOWN * most).any(axis=0)), default=0)
     found = {"gain": np.where(gains > 0.0, gains, np.nan)}
-    data = dataset(found, receiver=names, order=range(gains.shape[1]))
-    ax = bars(axes(ax), data if len(gains) > 1 else data.isel(receiver=0), "gain")
+    data = marks.dataset(found, receiver=names, order=range(gains.shape[1]))
+    ax = marks.bars(marks.axes(ax), data if len(gains) > 1 else data.isel(receiver=0), "gain")
     if most > 0.0:
         ax.set(yscale="log", ylim=(_SHOWN * most, 2.0 * most))
     ax.set_xlim(-0.6, last + 0.6)
@@ -157,7 +146,9 @@ def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
     if not shares:
         raise Refused("result", Described("no fates"), 'a result of estimator="analog"')
     meanings, values = [FATE_MEANING[Fate[name.upper()]] for name in shares], list(shares.values())
-    ax = bars(axes(ax), dataset({"share": values}, fate=meanings), "share", across=True)
+    ax = marks.bars(
+        marks.axes(ax), marks.dataset({"share": values}, fate=meanings), "share", across=True
+    )
     ax.bar_label(ax.containers[0], [f"{v:.2g}" for v in values], padding=3, fontsize=9)  # type: ignore[arg-type]
     decades = 10.0 ** np.arange(np.floor(np.log10(min(values))), 1.0)
     # room for the numbers beside the bars
@@ -225,7 +216,7 @@ def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     origin = getattr(series, "provenance", {})
     if "route" not in origin:
         raise Refused("series", Described("no route"), "a time series along a route")
-    ax, route = axes(ax), Route.model_validate(origin["route"])
+    ax, route = marks.axes(ax), Route.model_validate(origin["route"])
     x, y = route.at(series.time, 1.0).position.T
     ax.plot(*np.transpose(route.positions), zorder=1, **_LINE)
     points = ax.scatter(x, y, c=series.gains[:, 0], s=24, zorder=2)
@@ -234,7 +225,7 @@ def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     link = Link.model_validate(origin["link"])
     places = np.transpose([source.position for source in link.transmitters])
     ax.plot(*places, "*", color=LED_COLOR, mec=INK, ms=12, zorder=1.5, label="source")
-    return finished(ax, "x", "y", aspect="equal")
+    return marks.finished(ax, "x", "y", aspect="equal")
 
 
 @checked
@@ -269,7 +260,7 @@ def plot_gain_pdf(
     """
     gain, laws = _fitted(series, fits)
     edges, found, stderr = fading.gain_pdf(*gain, bins=bins)
-    ax = axes(ax)
+    ax = marks.axes(ax)
     ax.stairs(found, edges, fill=True, color=PALETTE["sky"], alpha=0.45)
     middle = 0.5 * (edges[1:] + edges[:-1])
     ax.errorbar(middle, found, 2.0 * stderr, fmt="none", ecolor=INK, lw=0.9)
@@ -277,8 +268,8 @@ def plot_gain_pdf(
     x = x[x > 0.0]
     for name, fit in laws.items():
         ax.plot(x, fit.law.pdf(x), label=f"{name}, index {fit.scintillation_index:.3g}")
-    note(ax, f"n = {np.size(gain[0])}, bars: ± 2 standard errors")
-    return finished(ax, "gain", "gain_pdf", ylim=(0.0, None))
+    marks.note(ax, f"n = {np.size(gain[0])}, bars: ± 2 standard errors")
+    return marks.finished(ax, "gain", "gain_pdf", ylim=(0.0, None))
 
 
 @checked
@@ -309,15 +300,15 @@ def plot_gain_cdf(
     """
     gain, laws = _fitted(series, fits)
     found = fading.gain_cdf(*gain, n_effective=n_effective)
-    ax = axes(ax)
+    ax = marks.axes(ax)
     look: Any = {"color": INK, "label": "simulated", "drawstyle": "steps-post"}
     (line,) = ax.plot(found.gain, found.probability, **look)
-    band(ax, line, found.low, found.high)
+    marks.band(ax, line, found.low, found.high)
     x = np.linspace(found.gain[0], found.gain[-1], 400)
     for dashes, (name, fit) in zip(("-", "--"), laws.items(), strict=False):
         ax.plot(x, fit.law.cdf(x), dashes, label=name)
-    note(ax, f"n = {len(found.gain)}, band: 95 %")
-    return finished(ax, "gain", "gain_cdf", yscale="log", ylim=(0.5 / len(found.gain), 1.3))
+    marks.note(ax, f"n = {len(found.gain)}, band: 95 %")
+    return marks.finished(ax, "gain", "gain_cdf", yscale="log", ylim=(0.5 / len(found.gain), 1.3))
 
 
 def _fitted(
@@ -365,8 +356,8 @@ def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None
     """
     if statistics.lag is None or statistics.autocorrelation is None:
         raise Refused("statistics", Described("of an ensemble"), "those of a time series")
-    data = dataset({"autocorrelation": statistics.autocorrelation}, lag=statistics.lag)
-    ax = lines(axes(ax), data, "autocorrelation")
+    data = marks.dataset({"autocorrelation": statistics.autocorrelation}, lag=statistics.lag)
+    ax = marks.lines(marks.axes(ax), data, "autocorrelation")
     ax.axhline(np.exp(-1.0), ls="--", **_LINE)
     tau = statistics.coherence_time
     if tau is not None and np.isfinite(tau.value):
@@ -376,8 +367,8 @@ def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None
         label = f"coherence time {tau.value:.3g} s" if finer else f"coherence time < {step:.3g} s"
         ax.axvspan(tau.low, tau.high, color=shade, alpha=0.15, lw=0)
         ax.axvline(tau.value, color=shade, label=label)
-        note(ax, f"samples every {step:.3g} s, band: interval of the coherence time")
-    return finished(ax)
+        marks.note(ax, f"samples every {step:.3g} s, band: interval of the coherence time")
+    return marks.finished(ax)
 
 
 @checked
@@ -409,11 +400,11 @@ def plot_coverage(
     unknown = np.full(gain.shape, np.inf)
     stderr = data["gain_stderr"].to_numpy() if "gain_stderr" in data else unknown
     place, level = place_of_highest(gain, stderr), as_high(gain, stderr).sum()
-    ax, label, shown = axes(ax), axis_label("gain"), gain
+    ax, label, shown = marks.axes(ax), axis_label("gain"), gain
     smooth = gaussian_filter(gain, 1.0, mode="nearest")
     if decibel:
         shown, label = 10.0 * np.log10(np.where(gain > 0.0, gain, np.nan)), f"{label} [dB]"
-    heat_map(ax, x, y, shown, label)
+    marks.heat_map(ax, x, y, shown, label)
     if min(gain.shape) > 2 and smooth.max() > smooth.min():
         below = 10.0 * np.log10(np.maximum(smooth / smooth.max(), 1e-12))
         look: Any = {"colors": "white", "linewidths": 1.0, "linestyles": "-"}
@@ -422,9 +413,9 @@ def plot_coverage(
     if place is not None:
         at = x[place[0]], y[place[1]]
         ax.plot(*at, "*", color=LED_COLOR, mec=INK, ms=11, clip_on=False)
-        note(ax, f"star: highest gain, at x = {at[0]:.3g} m, y = {at[1]:.3g} m")
+        marks.note(ax, f"star: highest gain, at x = {at[0]:.3g} m, y = {at[1]:.3g} m")
     elif np.isfinite(stderr).all() and smooth.max() > 0.0:
-        note(ax, f"highest gain: {level} cells within errors")
+        marks.note(ax, f"highest gain: {level} cells within errors")
     return ax
 
 
@@ -462,24 +453,24 @@ def plot_impulse_response(
         raise Refused("responses", Described("no light"), "responses with light")
     if not 0.0 < decades < 300.0:
         raise Refused("decades", decades, "0 < decades < 300")
-    ax, last = axes(ax), 0.0
+    ax, last = marks.axes(ax), 0.0
     floor = top * 10.0**-decades
     for name, response in named.items():
-        edges, h, error = scaled("delay", response.edges)[0], response.h, response.h_stderr
+        edges, h, error = marks.scaled("delay", response.edges)[0], response.h, response.h_stderr
         known = (error <= _LARGEST_ERROR * h) & (h > 0.0)
         later = np.arange(len(h)) > np.argmax(h)
         known &= np.cumsum(later & ~known) == 0
         shown = np.where(known, np.maximum(h, floor), np.nan)
         spread = f"rms delay spread {1e9 * response.rms_delay_spread:.3g} ns"
         label = f"{name}, {spread}" if name else spread
-        density(ax, edges, shown, error, floor, label)
+        marks.density(ax, edges, shown, error, floor, label)
         last = max(last, float(np.max(edges[1:][known & (h > floor)], initial=0.0)))
     if not last > 0.0:
         raise Refused("responses", Described("single photons alone"), "responses with more light")
-    note(ax, "band: ± 2 standard errors")
+    marks.note(ax, "band: ± 2 standard errors")
     limits: Any = {"xlim": (0.0, last), "ylim": (floor, 2.0 * top)}
-    label = scaled("delay", 0.0)[1]
-    return finished(ax, y="impulse_response", xlabel=label, yscale="log", **limits)
+    label = marks.scaled("delay", 0.0)[1]
+    return marks.finished(ax, y="impulse_response", xlabel=label, yscale="log", **limits)
 
 
 @checked
@@ -500,10 +491,10 @@ def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = 
     data = result.to_dataset().assign_coords(part=list(PARTS)).transpose("part", ...)
     data = data.isel(part=[np.any(radiance) for radiance in result.parts.values()])
     if isinstance(result, BackgroundSeries):
-        return finished(lines(axes(ax), data, "part_radiance"), ylim=(0.0, None))
-    ax = bars(axes(ax), data, "part_radiance")
+        return marks.finished(marks.lines(marks.axes(ax), data, "part_radiance"), ylim=(0.0, None))
+    ax = marks.bars(marks.axes(ax), data, "part_radiance")
     ax.set_title(verbatim(result.light), loc="left")
-    return finished(ax, y="background_radiance")
+    return marks.finished(ax, y="background_radiance")
 
 
 @checked
@@ -523,7 +514,7 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
     """
     if not eye.level.size or not np.isfinite(eye.level).all():
         raise Refused("eye", Described("no levels, or nan"), "an eye of OokLink.eye")
-    ax, time = axes(ax), scaled("delay", eye.time)[0]
+    ax, time = marks.axes(ax), marks.scaled("delay", eye.time)[0]
     floor = eye.level.min()
     for bit, shade, name in ((True, "vermilion", "one"), (False, "blue", "zero")):
         chosen = np.flatnonzero(eye.bits[:, 0] == bit)
@@ -535,10 +526,10 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
         ax.plot([], [], color=color, label=name)
     ax.margins(y=0.12)
     ax.legend(loc="upper left", ncols=2)
-    note(ax, "band: ± 1 standard deviation")
+    marks.note(ax, "band: ± 1 standard deviation")
     title = f"opening {eye.opening:.2f}, Q = {eye.q_factor:.2f}"
     labels = {"xlabel": "time [ns], two bits", "ylabel": "signal over its swing"}
-    return finished(ax, legend=False, title=title, **labels)
+    return marks.finished(ax, legend=False, title=title, **labels)
 
 
 def _cover(x: Floats, low: Floats, high: Floats, color: str) -> PathPatch:
@@ -568,7 +559,7 @@ def plot_comparison(result: Comparison, *, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    ax = bars(axes(ax), result.to_dataset(), "gain_ratio_db", across=True)
+    ax = marks.bars(marks.axes(ax), result.to_dataset(), "gain_ratio_db", across=True)
     ax.axvline(0.0, **_LINE)
     ax.set_xlabel(f"gain over {verbatim(result.names[0])} [dB]")
     return ax
@@ -592,8 +583,8 @@ def plot_duplex(result: Duplex, *, ax: Axes | None = None) -> Axes:
     gains = [series.gains[:, 0] / series.gains[:, 0].mean() for series in (result.up, result.down)]
     name, times = result.up.along, result.up.coordinate
     along = {name: times if name == "time" else range(len(times))}
-    data = dataset({"gain over its mean": gains}, way=["up", "down"], **along)
-    return finished(lines(axes(ax), data, "gain over its mean"), ylim=(0.0, None))
+    data = marks.dataset({"gain over its mean": gains}, way=["up", "down"], **along)
+    return marks.finished(marks.lines(marks.axes(ax), data, "gain over its mean"), ylim=(0.0, None))
 
 
 @checked
@@ -611,7 +602,7 @@ def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes
     -------
     Axes
     """
-    ax = axes(ax)
+    ax = marks.axes(ax)
     for k, kind in enumerate(study.normals):
         fit, percent = study.fits[kind], 100.0 / study.gain[k, -1]
         target = fit.gain.value if study.reference is None else study.anchor[k]
@@ -622,9 +613,9 @@ def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes
         named = f"{kind} normals, mean: order {fit.order.value:.2f}", "", f"{kind} normals, scatter"
         n = 3 if np.isfinite(scatter).any() else 2
         found = {"error": rows[:n], "error_stderr": errors[:n]}
-        data = dataset(found, curve=named[:n], **{study.parameter: study.values})
+        data = marks.dataset(found, curve=named[:n], **{study.parameter: study.values})
         color = list(PALETTE.values())[k]
-        lines(ax, data, "error", ("o", "-", "^--"), (color,), lw=1.0, markersize=5)
+        marks.lines(ax, data, "error", ("o", "-", "^--"), (color,), lw=1.0, markersize=5)
     ax.axhline(100.0 * study.tolerance, color="0.5", lw=0.8, ls=":", label="tolerance")
     ax.set_yscale("log")
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -653,8 +644,8 @@ def plot_fading_convergence(study: FadingConvergence, *, ax: Axes | None = None)
     n = 3 if np.isfinite(study.measured).any() else 2
     found = {"scintillation_index": rows[:n]}
     found |= {"scintillation_index_stderr": errors} if n == 3 else {}
-    data = dataset(found, curve=names[:n], omega_max=study.omega_max)
-    ax = lines(axes(ax), data, "scintillation_index", ("-", "--", "o"))
+    data = marks.dataset(found, curve=names[:n], omega_max=study.omega_max)
+    ax = marks.lines(marks.axes(ax), data, "scintillation_index", ("-", "--", "o"))
     ax.axhline(study.all_waves, ls=":", label="all waves", **_LINE)
     return _over_steps(ax, study.omega_max, yscale="log")
 
@@ -664,7 +655,7 @@ def _over_steps(ax: Axes, values: Floats, **settings: Any) -> Axes:
     ax.set_xscale("log")
     ax.set_xticks(values, [f"{value:g}" for value in values])
     ax.minorticks_off()
-    return finished(ax, **settings)
+    return marks.finished(ax, **settings)
 
 
 @checked
@@ -697,10 +688,10 @@ def plot_tornado(
         "change": [one.change for one in found],
         "change_stderr": [one.stderr for one in found],
     }
-    data = dataset(
+    data = marks.dataset(
         values, name=[name.removesuffix(" 1") for name in names], side=["lower", "higher"]
     )
-    ax = bars(axes(ax), data.transpose(), "change", across=True, beside=False)
+    ax = marks.bars(marks.axes(ax), data.transpose(), "change", across=True, beside=False)
     ax.tick_params(axis="y", labelsize=8)
     ax.axvline(0.0, **_LINE)
     form = ".2e" if s.of == "gain" else ".3g"
@@ -724,11 +715,11 @@ def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    ax = axes(ax)
+    ax = marks.axes(ax)
     ax.plot(o.history[:, 0], o.history[:, -1], "o", ms=4, label="candidates")
     ax.plot(o.values[0], o.cost, "*", ms=12, color="C1", label="best")
     ax.axvspan(*o.flatness[0], color="C1", alpha=0.15, label="within one standard error")
-    return finished(ax, xlabel=label_of(o.variables[0]), ylabel=_COSTS[o.objective])
+    return marks.finished(ax, xlabel=label_of(o.variables[0]), ylabel=_COSTS[o.objective])
 
 
 @checked
@@ -746,9 +737,9 @@ def plot_inference(f: Inference, *, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    numbers, ax = np.arange(1, len(f.measured) + 1), axes(ax)
-    data = dataset({"measured over fitted": f.measured / f.predicted}, measurement=numbers)
-    lines(ax, data, "measured over fitted", ("o",), markersize=6)
+    numbers, ax = np.arange(1, len(f.measured) + 1), marks.axes(ax)
+    data = marks.dataset({"measured over fitted": f.measured / f.predicted}, measurement=numbers)
+    marks.lines(ax, data, "measured over fitted", ("o",), markersize=6)
     ax.axhline(1.0, **_LINE)
     return ax
 
