@@ -6,7 +6,7 @@ Profiles come from netCDF files as the AODN portal and the Argo programme give t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -395,6 +395,12 @@ STAND_INS = (
     "portal or of Argo."
 )
 
+_ALONG = {
+    "temperature": "temperature $T$ [°C]",
+    "salinity": "practical salinity $S$ [psu]",
+    "n_water": "refractive index at 470 nm",
+}
+
 ZENITHS = np.radians(np.linspace(0.0, 40.0, 41))
 
 
@@ -436,36 +442,22 @@ def _distance(p: tuple[float, float], q: tuple[float, float]) -> float:
 def temperature_salinity(setting: Setting) -> FigureOutput:
     """Draw temperature, salinity and refractive index over depth, and the deflection of rays."""
     profiles = profiles_of(setting)
+    data = _dataset(profiles)
     picture, axes = panels(1, 4, width=4.0)
-    depths, offsets, numbers = [], [], []
-    for profile in profiles:
-        depth = min(DEEPEST, float(profile.depth[-1]))
-        offset = np.array([ray_deflection(profile, depth, float(t)).offset for t in ZENITHS])
-        shown = profile.depth <= depth
-        z = profile.depth[shown]
-        axes[0, 0].plot(profile.temperature[shown], z, label=profile.name)
-        axes[0, 1].plot(profile.salinity[shown], z)
-        axes[0, 2].plot(profile.n(z), z)
-        axes[0, 3].plot(np.degrees(ZENITHS), 1e3 * offset)
-        numbers += _numbers(profile, depth, offset)
-        depths.append(depth)
-        offsets.append(offset)
-    _name_axes(axes[0])
+    for ax, (name, label) in zip(axes[0], _ALONG.items(), strict=False):
+        ax.plot(data[name].T, data["depth"], label=data["profile"].values.tolist())
+        ax.set(xlabel=label, ylim=(data["depth"][-1], 0.0))
+    axes[0, 0].set_ylabel(viz.axis_label("depth"))
+    axes[0, 0].legend()
+    axes[0, 2].ticklabel_format(axis="x", useOffset=False)
+    axes[0, 2].locator_params(axis="x", nbins=4)
+    axes[0, 3].plot(np.degrees(ZENITHS), 1e3 * data["offset"].T)
+    ends = {"xlabel": "angle of the ray at the source [°]", "ylabel": "offset at the surface [mm]"}
+    axes[0, 3].set(**ends)
+    rows = zip(profiles, data["start_depth"].values, data["offset"].values, strict=True)
+    numbers = [entry for row_of in rows for entry in _numbers(*row_of)]
     source = "Profiles of the given files." if setting.profiles else STAND_INS
-    data = _dataset(profiles, depths, offsets)
     return FigureOutput(picture, data, numbers, {"source": source})
-
-
-def _name_axes(axes: Any) -> None:
-    axes[0].set(xlabel="temperature $T$ [°C]", ylabel="depth below still water $d$ [m]")
-    axes[1].set(xlabel="practical salinity $S$ [psu]")
-    axes[2].set(xlabel="refractive index at 470 nm")
-    axes[2].ticklabel_format(axis="x", useOffset=False)
-    axes[2].locator_params(axis="x", nbins=4)
-    for ax in axes[:3]:
-        ax.invert_yaxis()
-    axes[3].set(xlabel="angle of the ray at the source [°]", ylabel="offset at the surface [mm]")
-    axes[0].legend()
 
 
 def _numbers(profile: WaterProfile, depth: float, offset: Any) -> list[Entry]:
@@ -479,16 +471,22 @@ def _numbers(profile: WaterProfile, depth: float, offset: Any) -> list[Entry]:
     ]
 
 
-def _dataset(profiles: list[WaterProfile], depths: list[float], offsets: list[Any]) -> xr.Dataset:
-    grid, dims = np.linspace(0.0, min(depths), 101), ("profile", "depth")
+def _dataset(profiles: list[WaterProfile]) -> xr.Dataset:
+    """Return the layers of all profiles on one grid, nan below them, and the offsets of rays."""
+    depths = [min(DEEPEST, float(profile.depth[-1])) for profile in profiles]
+    grid, dims = np.linspace(0.0, max(depths), 101), ("profile", "depth")
+    offsets = [
+        [ray_deflection(profile, depth, float(angle)).offset for angle in ZENITHS]
+        for profile, depth in zip(profiles, depths, strict=True)
+    ]
 
-    def on_grid(values: str) -> list[Any]:
-        return [np.interp(grid, p.depth, getattr(p, values)) for p in profiles]
+    def on_grid(values: Callable[[WaterProfile], Floats]) -> list[Floats]:
+        return [np.interp(grid, p.depth, values(p), right=np.nan) for p in profiles]
 
     variables = {
-        "temperature": (dims, on_grid("temperature"), {"units": "degree_Celsius"}),
-        "salinity": (dims, on_grid("salinity"), {"units": "1"}),
-        "n_water": (dims, [p.n(grid) for p in profiles], {"units": "1"}),
+        "temperature": (dims, on_grid(lambda p: p.temperature), {"units": "degree_Celsius"}),
+        "salinity": (dims, on_grid(lambda p: p.salinity), {"units": "1"}),
+        "n_water": (dims, on_grid(lambda p: p.n(p.depth)), {"units": "1"}),
         "offset": (("profile", "zenith"), offsets, {"units": "m"}),
         "start_depth": ("profile", depths, {"units": "m"}),
     }
