@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 
 from meshtrace.paper import FIGURES
-from meshtrace.paper.index import number_text
+from meshtrace.paper.runner import number_text
 
 HERE = Path(__file__).parent
 FOLDER = HERE / "extra" / "figures"

@@ -14,7 +14,7 @@ import numpy as np
 
 import meshtrace as mt
 from meshtrace.comms.budget import required_gain
-from meshtrace.paper.ber import over_winds
+from meshtrace.paper.ranges import over_winds
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea
 from meshtrace.uav.tilt import h_alpha

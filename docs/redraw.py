@@ -118,7 +118,7 @@ def closure(sources: Iterable[Path]) -> list[Path]:
         found.add(path)
         text = path.read_text("utf-8")
         names = {n for pair in _USES.findall(text) for n in re.findall(r"\w+", " ".join(pair))}
-        modules = {_HOMES[name] for name in names if name in _HOMES}
+        modules = {_HOMES.get(name, name) for name in names}
         modules |= {
             n for pair in _MODULES.findall(text) for n in re.findall(r"\w+", " ".join(pair))
         }
@@ -171,10 +171,10 @@ def stale(job: Job, manifest: dict[str, dict[str, object]]) -> str:
 
 def redraw(job: Job) -> None:
     """Draw the pictures of a job and note their digests."""
-    manifest = read()
     inputs = job.inputs()
-    before: dict[str, str] = manifest.get(job.name, {}).get("files", {})  # type: ignore[assignment]
     files = {path.relative_to(ROOT).as_posix(): digest(path) for path in job.draw()}
+    manifest = read()  # only now: another process may have drawn meanwhile
+    before: dict[str, str] = manifest.get(job.name, {}).get("files", {})  # type: ignore[assignment]
     for name in before.keys() - files.keys():
         (ROOT / name).unlink(missing_ok=True)
     manifest[job.name] = {"inputs": inputs, "files": files}

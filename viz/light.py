@@ -7,7 +7,8 @@ from typing import Any, Literal
 import numpy as np
 import pyvista as pv
 
-from meshtrace.engine.paths import PhotonPaths, Vertex
+from meshtrace.engine.paths import PhotonPaths
+from meshtrace.engine.photons.state import Vertex
 from meshtrace.errors import Refused
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.coverage import CoverageMap

@@ -1,30 +1,23 @@
-"""Plots of variables of datasets over one dimension: media, wave spectra, sweeps, error rates."""
+"""Plots of variables over one dimension: media, wave spectra, sweeps, error rates of links."""
 
 from __future__ import annotations
 
 import itertools
-import math
-from collections.abc import Hashable, Iterator
-from typing import Any
 
 import numpy as np
 import xarray as xr
-from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
 
-from meshtrace.errors import Described, Refused, require_array
+from meshtrace.comms.background import name_of_light
 from meshtrace.fields import FIELDS
-from meshtrace.models import Floats
+from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
 
 from .checks import checked
-from .style import INK, axes, finished, label_of, note, verbatim
+from .marks import along, axes, curves, finished, lines, note, variable
+from .style import INK, label_of, verbatim
 
 BER_SHOWN = (1e-9, 1.0)
 """Limits of the axis of error rates."""
-
-_NAMED = 12
-"""Most curves that are named; of more, every second, third ... is."""
 
 
 @checked
@@ -63,32 +56,7 @@ def plot_curves(
     >>> plot_curves(gain, "gain").get_xlabel()
     'depth below still water $d$ [m]'
     """
-    x, label = _abscissa(data, quantity)
-    curves = list(_curves(data, quantity))
-    ax = axes(ax)
-    every = math.ceil(len(curves) / _NAMED)
-    if every > 1:
-        ax.set_prop_cycle(color=colormaps["viridis"](np.linspace(0.0, 0.95, len(curves))))
-    for i, (name, values, low, high) in enumerate(curves):
-        try:
-            (line,) = ax.plot(x, values, style, markersize=4, label=None if i % every else name)
-        except ValueError as error:
-            raise Refused("style", style, "a line and a marker as in o--") from error
-        if low is not None and high is not None:
-            _draw_limits(ax, line, values, low, high)
-    if f"{quantity}_low" not in data and f"{quantity}_stderr" in data:
-        note(ax, f"{'band' if '-' in style else 'bars'}: ± 2 standard errors")
-    return finished(ax, xlabel=label, ylabel=label_of(quantity))
-
-
-def _draw_limits(ax: Axes, line: Line2D, values: Any, low: Any, high: Any) -> None:
-    """Draw the limits of a line as a band, those of markers without a line as bars."""
-    x, color = line.get_xdata(), line.get_color()
-    if len(values) > 1 and line.get_linestyle() != "None":
-        ax.fill_between(x, low, high, color=color, alpha=0.25, lw=0)
-    else:
-        around = np.maximum([values - low, high - values], 0.0)
-        ax.errorbar(x, values, around, fmt="none", ecolor=color, capsize=3, lw=1.0)
+    return lines(axes(ax), data, quantity, (style,))
 
 
 @checked
@@ -114,12 +82,11 @@ def plot_bubble_profile(
     data: xr.Dataset, *, quantity: str = "b_bub", ax: Axes | None = None
 ) -> Axes:
     """Plot `b_bub` or `n_bubbles` over `depth` [m], which points down; see `plot_curves`."""
-    z, label = _abscissa(data, quantity)
+    z, _ = along(data, quantity)
     ax = axes(ax)
-    for name, values, _, _ in _curves(data, quantity):
+    for name, values, _, _ in curves(data, quantity):
         ax.plot(values, z, label=name)
-    limits = (z.max(), z.min())
-    return finished(ax, xscale="log", xlabel=label_of(quantity), ylabel=label, ylim=limits)
+    return finished(ax, quantity, "depth", xscale="log", ylim=(z.max(), z.min()))
 
 
 @checked
@@ -133,9 +100,8 @@ def plot_spreading(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot directional spreadings `spreading` over `theta` [rad] off the wind."""
     ax = plot_curves(data, "spreading", ax=ax)
     label = r"directional spreading $D(\theta)$ [rad$^{-1}$]"
-    return finished(
-        ax, xlabel=r"direction off the wind $\theta$ [°]", ylabel=label, ylim=(0.0, None)
-    )
+    off = r"direction off the wind $\theta$ [°]"
+    return finished(ax, xlabel=off, ylabel=label, ylim=(0.0, None))
 
 
 @checked
@@ -164,15 +130,16 @@ def plot_sweep(
     if quantity not in data or not data[quantity].ndim or data[quantity].dtype.kind not in "biuf":
         return plot_curves(data, quantity, ax=ax)  # refuses it
     shown, parameters = _over_parameters(data, quantity)
-    along = str(shown[quantity].dims[-1])
-    words = shown[along].to_numpy() if shown[along].dtype.kind not in "iuf" else None
+    name = str(shown[quantity].dims[-1])
+    words = shown[name].to_numpy() if shown[name].dtype.kind not in "iuf" else None
     if words is not None:
-        shown = shown.assign_coords({along: np.arange(len(words))})
+        shown = shown.assign_coords({name: np.arange(len(words))})
     ax = plot_curves(positive(shown, quantity) if log else shown, quantity, style="o-", ax=ax)
     if words is not None:
         ax.set_xticks(np.arange(len(words)), words)
+        ax.set_xlabel(verbatim(name))
     if any("." in name or name in FIELDS for name in parameters):  # others have names as values
-        ax.legend(title="\n".join(map(label_of, parameters)))
+        ax.get_legend().set_title("\n".join(map(label_of, parameters)))  # type: ignore[union-attr]
     if quantity == "ber":
         error_rates(ax, shown, 1e-3)
     if quantity in data and "light" in data[quantity].attrs:
@@ -197,17 +164,17 @@ def _over_parameters(data: xr.Dataset, quantity: str) -> tuple[xr.Dataset, list[
     def use(name: str) -> tuple[bool, bool]:
         return found.sizes[name] > 1, found[name].dtype.kind in "iuf"
 
-    along = max(reversed(dims), key=use)
-    others = [name for name in dims if name != along and found.sizes[name] > 1]
-    found = found.squeeze([n for n in dims if n not in (along, *others)], drop=True)
+    last = max(reversed(dims), key=use)
+    others = [name for name in dims if name != last and found.sizes[name] > 1]
+    found = found.squeeze([n for n in dims if n not in (last, *others)], drop=True)
     if not others:
         return found, []
     names = [
         ", ".join(f"{v:g}" if isinstance(v, float) else str(v) for v in point)
         for point in itertools.product(*(found[name].to_numpy().tolist() for name in others))
     ]
-    curves = found.transpose(*others, along).stack(curve=others, create_index=False)
-    return curves.transpose("curve", along).assign_coords(curve=names), others
+    stacked = found.transpose(*others, last).stack(curve=others, create_index=False)
+    return stacked.transpose("curve", last).assign_coords(curve=names), others
 
 
 @checked
@@ -227,8 +194,8 @@ def error_rates(ax: Axes, data: xr.Dataset, limit: float) -> Axes:
     Rates below the axis, where whole curves may be, are triangles at its end; a line without
     markers of which a part is shown has none.
     """
-    x, (least, _), marked = _abscissa(data, "ber")[0], BER_SHOWN, False
-    for line, (_, values, _, _) in zip(list(ax.get_lines()), _curves(data, "ber"), strict=False):
+    x, (least, _), marked = along(data, "ber")[0], BER_SHOWN, False
+    for line, (_, values, _, _) in zip(list(ax.get_lines()), curves(data, "ber"), strict=False):
         below = np.asarray(values < least)
         if line.get_marker() == "None" and not below.all():
             continue
@@ -236,57 +203,78 @@ def error_rates(ax: Axes, data: xr.Dataset, limit: float) -> Axes:
         ax.plot(low, np.full(len(low), least), "v", color=line.get_color(), ms=5, clip_on=False)
     if marked:
         ax.plot([], [], "v", color=INK, ms=5, label="below 1e-9")
-        legend = ax.get_legend()
-        ax.legend(title=legend.get_title().get_text() if legend else None)
     ax.axhline(limit, color=INK, lw=0.8, ls="--")
-    return finished(ax, legend=False, yscale="log", ylim=BER_SHOWN)
+    return finished(ax, legend=marked, yscale="log", ylim=BER_SHOWN)
+
+
+@checked
+def plot_performance(
+    performance: LinkPerformance, *, quantity: str = "ber", ax: Axes | None = None
+) -> Axes:
+    """Plot a quantity of a link over depth with its confidence band, one curve for each bit rate.
+
+    A link of one depth is drawn over the bit rates.
+
+    Parameters
+    ----------
+    performance : LinkPerformance
+        Of `link_performance`.
+    quantity : str
+        "ber", "outage", "received_power", "gain" or another estimate of it.
+    ax : matplotlib Axes, optional
+        Axes to draw on. The light is written above, the status of the
+        calibration below.
+
+    Returns
+    -------
+    Axes
+    """
+    data = _by_rate(performance.to_dataset().transpose("bit_rate", "depth"))
+    shown = positive(data, quantity)
+    ax = finished(plot_curves(shown, quantity, style="o-", ax=ax), legend=False, yscale="log")
+    if quantity == "ber":
+        error_rates(ax, data, performance.limit)
+    if len(performance.depths) == 1:
+        ax.set_title(f"depth {performance.depths[0]:g} m", loc="left")
+    if f"{quantity}_low" in shown:
+        seas = performance.provenance["realizations"]
+        light = verbatim(name_of_light(performance.light))
+        band = f"n = {seas} seas, band: {100.0 * performance.confidence:g} %"
+        note(ax, f"{band}, background light: {light}")
+    below = performance.status, (0.0, -0.17)
+    ax.annotate(*below, xycoords="axes fraction", fontsize=7.5, va="top", wrap=True)
+    return ax
+
+
+def plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:
+    """Plot the bit error rate over depth, one curve for each wind, of the first bit rate.
+
+    At one depth it is drawn over wind, one curve for each bit rate.
+    """
+    data, first = result.to_dataset(), result.performances[0]
+    title = f"background light: {verbatim(name_of_light(first.light))}"
+    if len(first.depths) == 1:
+        data = _by_rate(data.isel(depth=0, drop=True).transpose("bit_rate", "wind_speed"))
+        title = f"depth {first.depths[0]:g} m, {title}"
+    else:
+        data = data.isel(bit_rate=0, drop=True).transpose("wind_speed", "depth")
+        data = data.assign_coords(wind_speed=[f"{u:g} m/s" for u in result.wind_speeds])
+        title = f"{first.bit_rates[0] / 1e6:g} Mbit/s, {title}"
+    ax = plot_curves(positive(data, "ber"), "ber", style="o-", ax=ax)
+    ax.set_title(title)
+    return error_rates(ax, data, first.limit)
+
+
+def _by_rate(data: xr.Dataset) -> xr.Dataset:
+    """Return a dataset with curves named by bit rate, or over the bit rate at a single depth."""
+    if data.sizes.get("depth") == 1:
+        return data.isel(depth=0, drop=True)
+    return data.assign_coords(bit_rate=[f"{r / 1e6:g} Mbit/s" for r in data["bit_rate"].values])
 
 
 def positive(data: xr.Dataset, quantity: str) -> xr.Dataset:
     """Return a dataset for a logarithmic axis: nan for 0; a lower limit of 0 is below the axis."""
-    values = _variable(data, quantity)
+    values = variable(data, quantity)
     shown = data.assign({quantity: values.where(values > 0.0)})
     low = f"{quantity}_low"
     return shown.assign({low: data[low].clip(min=1e-300)}) if low in data else shown
-
-
-def _curves(data: xr.Dataset, quantity: str) -> Iterator[tuple[Any, ...]]:
-    """Yield name, values, lower and upper limit of each curve."""
-    values, dims = data[quantity], data[quantity].dims
-    kinds = [kind for kind in ("low", "high", "stderr") if f"{quantity}_{kind}" in data]
-    limits = {kind: _variable(data, f"{quantity}_{kind}", dims) for kind in kinds}
-    low, high = limits.get("low"), limits.get("high")
-    if "stderr" in limits:
-        low, high = (values + s * limits["stderr"] for s in (-2.0, 2.0))
-    if values.ndim == 1:
-        yield None, values, low, high
-        return
-    by = values.dims[0]
-    for i, name in enumerate(data[by].to_numpy()):
-        lines = (None if a is None else a.isel({by: i}) for a in (values, low, high))
-        yield verbatim(name), *lines
-
-
-def _abscissa(data: xr.Dataset, quantity: str) -> tuple[Floats, str]:
-    """Return the last dimension as shown, angles in degrees and powers in dBm, and its label."""
-    along = str(_variable(data, quantity).dims[-1])
-    x = require_array(data[along].to_numpy(), along, "numbers along the axis")
-    field = FIELDS.get(along)
-    if field is not None and field.units == "rad":
-        return np.degrees(x), f"{field.long_name} ${field.symbol}$ [°]"
-    if field is not None and along == "received_power":
-        return 10.0 * np.log10(x / 1e-3), f"{field.long_name} [dBm]"
-    if along == "bit_rate":
-        return x / 1e6, "bit rate [Mbit/s]"
-    return x, label_of(along)
-
-
-def _variable(data: xr.Dataset, name: str, dims: tuple[Hashable, ...] = ()) -> xr.DataArray:
-    """Return a variable of numbers, of some dimensions or of any one or two."""
-    found = data.get(name)
-    if found is None or (found.dims != dims if dims else found.ndim not in (1, 2)):
-        allowed = f"a variable over {dims}" if dims else "a variable of one or two dimensions"
-        raise Refused(name, None if found is None else found.dims, allowed)
-    if found.dtype.kind not in "biuf" or not found.size:
-        raise Refused(name, Described(f"{found.size} values of {found.dtype}"), "numbers")
-    return found

@@ -1,34 +1,353 @@
-"""Output of a scene: a window, a picture, a web page, a movie or files."""
+"""Output of a scene: a window, pictures, movies of a moving sea and of its light."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pyvista as pv
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.paths import PhotonPaths
 from meshtrace.engine.setup.options import Meshing
 from meshtrace.engine.simulate import simulate
-from meshtrace.errors import Described, Refused, require_whole, require_writable
+from meshtrace.errors import Described, Refused, require_finite, require_whole, require_writable
+from meshtrace.fading.resolving import resolve_band
 from meshtrace.files import atomic
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
+from meshtrace.parallel import paced
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult
 from meshtrace.results.series import GainSeries
+from meshtrace.studies.light_pattern import light_pattern
+from meshtrace.studies.series import time_series
 
 from .checks import checked
-from .export import export_scene
-from .html import save_html
-from .movie import natural_rate, save_light, save_movie
+from .export import export_scene, save_html
+from .marks import seen_from_above
+from .plots import plot_gain_series
 from .scenes import RECEIVED_SHOWN, SceneStyle, scene
+from .style import PALETTE, RC, SKY, axis_label, water_map
+
+SIZE = (1280, 640)
+"""Pixels of a movie of a scene; multiples of 16, as encoders need them."""
+
+LIGHT_SIZE = (960, 464)
+"""Pixels of a movie of the light pattern."""
+
+_SCENE_SHARE = 0.64
+_BRIGHTEST = 4.0  # end of the colours of the light, in means
+_STEEPEST = 2.5  # end of the colours of the sea, in standard deviations of the slope
+_LIGHT_QUALITY = 4.0  # of the encoder: fine caustics that move leave little to predict
+_CELLS = 150  # over the half-width of the map
+
+
+@checked
+def save_movie(
+    link: Link,
+    sea: MeshSource,
+    times: ArrayLike,
+    path: str | Path,
+    *,
+    gain: GainSeries | None = None,
+    frame_rate: float | None = None,
+    photons: int = 1024,
+    paths: PhotonPaths | int | None = None,
+    received: PhotonPaths | int | None = None,
+    coverage: CoverageMap | int | None = None,
+    seed: int = 1,
+    daylight: Daylight | None = None,
+    quality: float = 8.0,
+    style: SceneStyle = SceneStyle(),  # noqa: B008
+    progress: Callable[[int], None] | None = None,
+) -> Path:
+    """Write a movie of a moving sea, with the gain so far drawn beside it.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    sea : MeshSource
+        The sea; one whose band is left open is that of `time_series`, with all waves that make
+        the light of the link fade.
+    times : array_like, shape (n,)
+        Times of the frames [s], n >= 2.
+    path : path
+        File, .mp4 or .gif.
+    gain : GainSeries, optional
+        Gain at these times; computed if not given.
+    frame_rate : float, optional
+        Frames per second of the movie; by default those at which the sea moves at natural speed.
+    photons, seed : int
+        Chains and seed of a gain that is computed here, and seed of the paths.
+    daylight, paths, received, coverage, style
+        As in `scene`; a `color_limit` common to all frames by default.
+    quality : float
+        Quality of the pictures of an .mp4, 0 ... 10; a file grows by a tenth or a third per step.
+    progress : callable, optional
+        Called with 1 after each frame.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    Refused
+        If the suffix is not .mp4 or .gif, there are fewer than two times, or the gain has other
+        times.
+    """
+    path, times = Path(path), require_finite(times, "times", "two times or more")
+    if len(times) < 2:
+        raise Refused("times", times.tolist(), "two times or more")
+    if frame_rate is None:
+        frame_rate = natural_rate(times)
+    options = writer_options(path, frame_rate, quality)
+    sea = resolve_band(link, sea, fading=True)
+    gain = gain or time_series(link, sea, times, photons=photons, seed=seed)
+    if not np.array_equal(gain.coordinate, times):
+        raise Refused("gain", Described("at other times"), "a series at the times of the frames")
+    heights = sea.mesh(float(times[0]), extent=20.0, spacing=1.0).vertices[:, 2]
+    limit = style.color_limit or 1.2 * float(np.abs(heights).max()) or None
+    frame = _GainFrame(gain)
+    style = replace(style, color_limit=limit, off_screen=True, window_size=frame.scene_size)
+    light: Any = {"paths": paths, "received": received, "coverage": coverage}
+    light |= {"seed": seed, "daylight": daylight, "style": style}
+
+    def frames() -> Iterator[NDArray[np.uint8]]:
+        plotter = None
+        try:
+            for time in map(float, times):
+                plotter = scene(link, sea, time=time, **light, plotter=plotter)
+                yield frame.draw(np.asarray(plotter.screenshot(return_img=True)), time)
+        finally:
+            if plotter is not None:
+                plotter.close()
+
+    return _write_movie(path, frames(), len(times), options, progress)
+
+
+@checked
+def save_light(
+    link: Link,
+    sea: Any,
+    path: str | Path,
+    times: ArrayLike = (0.0,),
+    *,
+    extent: float | None = None,
+    step: float | None = None,
+    frame_rate: float = 10.0,
+    progress: Callable[[int], None] | None = None,
+) -> Path:
+    """Write a picture or a movie of the light pattern on the plane of the receiver.
+
+    The sea is shown by its slope along x over the patch that the light crosses, the light by its
+    gain over the mean.
+
+    Parameters
+    ----------
+    link, sea
+        As in `meshtrace.light_pattern`.
+    path : path
+        File, .png for the first time, .mp4 or .gif for all.
+    times : array_like, shape (n,)
+        Times of the frames [s], n >= 2 in a movie.
+    extent, step : float, optional
+        Half-width of the map and edge of its cells [m]; by default 0.4 of the receiver's height,
+        in 300 by 300 cells.
+    frame_rate : float
+        Frames per second of the movie.
+    progress : callable, optional
+        Called with 1 after each frame.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    Refused
+        If the suffix is another, a movie has fewer than two times, or as in
+        `meshtrace.light_pattern`.
+    """
+    path, at = Path(path), require_finite(times, "times", "(n,) times [s]")
+    still = path.suffix == ".png"
+    options = writer_options(path, frame_rate, _LIGHT_QUALITY, (".png",))
+    if len(at) < (1 if still else 2):
+        raise Refused("times", Described(f"shape {at.shape}"), "(n,) with n >= 2, or a .png")
+    extent = 0.4 * link.only_receiver.height if extent is None else extent
+    size: Any = {"extent": extent, "step": extent / _CELLS if step is None else step}
+
+    if still:
+        with atomic(path) as temporary:
+            first = float(at[0])
+            pattern = light_pattern(link, sea, **size, time=first)
+            _LightFrame(link, sea, pattern, first).figure.savefig(temporary, dpi=130)
+        return path
+
+    def frames() -> Iterator[NDArray[np.uint8]]:
+        frame = None
+        for time in map(float, at):
+            pattern = light_pattern(link, sea, **size, time=time)
+            frame = frame or _LightFrame(link, sea, pattern, time)
+            yield frame.draw(pattern, time)
+
+    return _write_movie(path, frames(), len(at), options, progress)
+
+
+def natural_rate(times: NDArray[np.float64]) -> float:
+    """Return the frames per second that show times [s] at natural speed."""
+    step = float(np.diff(times).mean())
+    if not step > 0.0:
+        raise Refused("times", times.tolist(), "increasing times, or a frame rate")
+    return 1.0 / step
+
+
+def writer_options(
+    path: Path, frame_rate: float, quality: float = 8.0, stills: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """Return the options of imageio for a movie, none for a still picture; refuse other files."""
+    if path.suffix in stills:
+        return {}
+    if not frame_rate > 0.0:
+        raise Refused("frame_rate", frame_rate, "> 0 frames per second")
+    if path.suffix == ".gif":
+        return {"duration": 1000.0 / frame_rate, "loop": 0}
+    if path.suffix == ".mp4":
+        crf = ["-crf", str(round(51 - 5.1 * quality)), "-preset", "slow"]
+        return {"fps": frame_rate, "quality": None, "output_params": crf}
+    raise Refused("path", str(path), f"a file name in {', '.join((*stills, '.mp4'))} or .gif")
+
+
+def _write_movie(
+    path: Path,
+    frames: Iterable[NDArray[np.uint8]],
+    total: int,
+    options: dict[str, Any],
+    progress: Callable[[int], None] | None,
+) -> Path:
+    """Write a number of frames (height, width, 3) as a movie."""
+    from imageio import v2 as imageio
+
+    with atomic(path) as temporary, imageio.get_writer(temporary, **options) as writer:
+        for frame in paced(frames, total, f"{total:,} frames"):
+            writer.append_data(frame)  # type: ignore[attr-defined]
+            if progress is not None:
+                progress(1)
+    return path
+
+
+def _figure(size: tuple[int, int], dpi: int) -> Figure:
+    """Return a figure of a size [pixel] with a canvas of its own."""
+    figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, facecolor=SKY)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _pixels(figure: Figure) -> NDArray[np.uint8]:
+    """Return the pixels (height, width, 3) of a figure."""
+    canvas: Any = figure.canvas
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+class _GainFrame:
+    """Figure with the scene on the left and the gain up to its time on the right."""
+
+    @mpl.rc_context(RC)
+    def __init__(self, gain: GainSeries) -> None:
+        width, height = SIZE
+        self.scene_size = (round(_SCENE_SHARE * width), height)
+        self._figure = figure = _figure(SIZE, 100)
+        figure.set_layout_engine("none")
+        left = figure.add_axes((0.0, 0.0, _SCENE_SHARE, 1.0))
+        left.axis("off")
+        self._image = left.imshow(np.full((height, self.scene_size[0], 3), 255, np.uint8))
+        right = figure.add_axes((_SCENE_SHARE + 0.085, 0.16, 0.96 - _SCENE_SHARE - 0.085, 0.7))
+        right.set_facecolor(SKY)
+        plot_gain_series(gain, ax=right)
+        for text in list(right.texts):  # the title takes its place
+            text.remove()
+        self._times = gain.coordinate
+        self._gain = gain.gains[:, 0]
+        for earlier in (*right.lines, *right.collections):
+            earlier.set_alpha(0.15)
+        (self._past,) = right.plot([], [], color=PALETTE["blue"], lw=1.8)
+        (self._mark,) = right.plot([], [], "o", color=PALETTE["vermilion"], markersize=9)
+        self._now = right.axvline(self._times[0], color=PALETTE["vermilion"], lw=0.8)
+        self._title = right.set_title("")
+
+    def draw(self, picture: NDArray[np.uint8], time: float) -> NDArray[np.uint8]:
+        """Return the pixels (height, width, 3) of one frame."""
+        gain = float(np.interp(time, self._times, self._gain))
+        past = self._times <= time
+        self._image.set_data(picture)
+        self._past.set_data(self._times[past], self._gain[past])
+        self._mark.set_data([time], [gain])
+        self._now.set_xdata([time, time])
+        self._title.set_text(f"t = {time:.2f} s, gain = {gain:.2e}")
+        return _pixels(self._figure)
+
+
+class _LightFrame:
+    """Figure with the slope of the sea on the left and the light on the right."""
+
+    @mpl.rc_context(RC)
+    def __init__(self, link: Link, sea: Any, pattern: CoverageMap, time: float) -> None:
+        depth, height = getattr(link.transmitters[0], "depth", 1.0), link.only_receiver.height
+        share = depth / (depth + link.water.n / link.n_air * height)
+        source = np.array(link.transmitters[0].position)
+        self.sea, self.mean = sea, float(pattern.gain.mean())
+        corner = [np.array([c[0], c[-1]]) for c in (pattern.x, pattern.y)]
+        lines = [s + share * (c - s) for s, c in zip(source, corner, strict=True)]
+        self.axes = [np.linspace(line[0], line[1], 400) for line in lines]
+        slope = self._slope(time)
+        limit = _STEEPEST * float(slope.std()) or 0.1
+        self.figure = _figure(LIGHT_SIZE, 80)
+        left, right = self.figure.subplots(1, 2)
+        parts = (
+            (left, slope, lines, water_map(), (-limit, limit), axis_label("slope_x")),
+            (right, pattern.gain / self.mean, corner, "inferno", (0.0, _BRIGHTEST),
+             "gain of unscattered light over its mean"),
+        )  # fmt: skip
+        self._images = [self._show(*part) for part in parts]
+        left.set_title("surface where the light crosses")
+        self._title = right.set_title(f"light {height:g} m above the sea")
+
+    def _slope(self, time: float) -> NDArray[np.float64]:
+        _, normals = self.sea.sheet(*self.axes, time)
+        return np.asarray(-normals[..., 0] / normals[..., 2])
+
+    def _show(self, ax: Any, values: Any, corner: Any, colors: Any, limits: Any, label: str) -> Any:
+        (x0, x1), (y0, y1) = corner
+        image = ax.imshow(
+            values.T, origin="lower", extent=(x0, x1, y0, y1), cmap=colors,
+            vmin=limits[0], vmax=limits[1], interpolation="bilinear",
+        )  # fmt: skip
+        extend = "max" if limits[0] == 0.0 else "both"
+        self.figure.colorbar(image, ax=ax, label=label, extend=extend, shrink=0.78, aspect=18)
+        seen_from_above(ax)
+        return image
+
+    def draw(self, pattern: CoverageMap, time: float) -> NDArray[np.uint8]:
+        """Return the pixels (height, width, 3) of one frame."""
+        self._images[0].set_data(self._slope(time).T)
+        self._images[1].set_data((pattern.gain / self.mean).T)
+        self._title.set_text(f"light above the sea, t = {time:.2f} s")
+        return _pixels(self.figure)
+
 
 SUFFIXES = {
     "screenshot": (".png",),

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
 from cycler import cycler
-from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.font_manager import findfont
-from matplotlib.ticker import MaxNLocator
 
 from meshtrace.errors import one_line, require_word
 from meshtrace.fields import FIELDS
@@ -83,49 +81,6 @@ RC: Any = {
 def use_style() -> None:
     """Set the defaults of matplotlib to the style of the gallery."""
     mpl.rcParams.update(RC)
-
-
-def axes(ax: Axes | None) -> Axes:
-    """Return the given axes, or the axes of a new figure."""
-    if ax is not None:
-        return ax
-    import matplotlib.pyplot as plt
-
-    # not in the context: in a notebook the first figure turns the interactive mode on, without
-    # which later ones are not shown, and the context would turn it off again
-    figure = plt.figure(figsize=RC["figure.figsize"], layout="constrained")
-    with mpl.rc_context(RC):
-        return figure.subplots()
-
-
-def finished(
-    ax: Axes, *, legend: bool = True, no_grid: Literal["", "x", "y"] = "", **settings: Any
-) -> Axes:
-    """Return axes with labels, scales and limits, and with a legend if there are names.
-
-    `no_grid` is the axis, "x" or "y", without grid lines, as that of names and counts.
-    """
-    ax.set(**settings)
-    if legend and ax.get_legend_handles_labels()[1]:
-        ax.legend()
-    if no_grid:
-        ax.grid(axis=no_grid, visible=False)
-    return ax
-
-
-def note(ax: Axes, text: str) -> None:
-    """Write a short explanation above the right end of axes."""
-    ax.annotate(text, (1.0, 1.01), xycoords="axes fraction", ha="right", va="bottom", fontsize=8)
-
-
-def draw_map(ax: Axes, x: Any, y: Any, values: Any, label: str, **options: Any) -> None:
-    """Draw values (x, y) in colours over equal axes [m], with a colour bar."""
-    image = ax.pcolormesh(x, y, values.T, shading="nearest", rasterized=True, **options)
-    ax.figure.colorbar(image, ax=ax, label=label)
-    ax.set(aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
-    ax.grid(visible=False)
 
 
 @checked

@@ -72,9 +72,8 @@ def figures(
 
     Finished figures are kept; an interrupted run resumes.
     """
-    from meshtrace.paper.records import INDEX
-    from meshtrace.paper.registry import FIGURES, Setting
-    from meshtrace.paper.runner import make_figures
+    from meshtrace.paper import FIGURES, Setting, make_figures
+    from meshtrace.paper.runner import INDEX
 
     if names:
         typer.echo("\n".join(FIGURES))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_hex
@@ -12,10 +12,9 @@ from trame.widgets import html, vtk
 from trame.widgets import vuetify3 as v3
 from trame_client.widgets.core import AbstractElement
 
-from meshtrace.explorer.controls import CONTROLS, Control, slider_range
+from meshtrace.explorer.controls import CONTROLS, Control, State, slider_range
 from meshtrace.explorer.readings import BITS
 from meshtrace.explorer.scene import SCATTERED_COLOR, UNSCATTERED_COLOR, LiveScene
-from meshtrace.explorer.state import State
 from meshtrace.link import Link
 from meshtrace.viz.style import LED_COLOR, RECEIVER_COLOR, water_map
 
@@ -67,19 +66,6 @@ class SceneView(vtk.VtkLocalView):
             self.server.protocol.publish("trame.vtk.delta", changes)
 
 
-class Actions(Protocol):
-    """Actions of the buttons."""
-
-    def show_text(self, kind: str) -> None:
-        """Show the link as text."""
-
-    def make_map(self) -> None:
-        """Make the coverage map."""
-
-    def seek(self, time: float) -> None:
-        """Show a time."""
-
-
 def _part(name: str, **options: Any) -> AbstractElement:
     """Add one of the components of assets/page.js."""
     events = [key for key in options if key in _EVENTS]
@@ -87,7 +73,7 @@ def _part(name: str, **options: Any) -> AbstractElement:
     return AbstractElement(f"mt-{name}", __properties=props, __events=events, **options)
 
 
-def build(server: Any, window: Any, actions: Actions, link: Link) -> Any:
+def build(server: Any, window: Any, actions: Any, link: Link) -> Any:
     """Build the page of a server; return the view of the render window."""
     values = {control.name: server.state[control.name] for control in CONTROLS}
     with VAppLayout(server), html.Div(classes="mt-page"):
@@ -103,7 +89,7 @@ def build(server: Any, window: Any, actions: Actions, link: Link) -> Any:
     return view
 
 
-def _head(actions: Actions) -> None:
+def _head(actions: Any) -> None:
     with html.Div(classes="mt-head"):
         html.H1("meshtrace explorer")
         html.Span("{{ title }}", classes="mt-name")
@@ -196,7 +182,7 @@ def _views(link: Link) -> None:
         )  # fmt: skip
 
 
-def _readings(actions: Actions) -> None:
+def _readings(actions: Any) -> None:
     with html.Div(classes="mt-right"):
         with html.Div(classes="mt-card"):
             html.H2("Channel gain")

@@ -21,11 +21,10 @@ from yarl import URL
 from meshtrace.engine.paths import PhotonPaths
 from meshtrace.errors import Refused, one_line
 from meshtrace.explorer import code, layout, readings, stages
-from meshtrace.explorer.controls import BY_NAME, CHOICES
+from meshtrace.explorer.controls import BY_NAME, CHOICES, State
 from meshtrace.explorer.door import guard, new_token, policy
 from meshtrace.explorer.scene import LiveScene
 from meshtrace.explorer.session import STAGES, Session
-from meshtrace.explorer.state import State
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.scenario import Scenario
 

@@ -11,7 +11,7 @@ from matplotlib import colormaps
 from matplotlib.colors import to_rgb
 
 from meshtrace.engine.paths import PhotonPaths
-from meshtrace.explorer.state import State
+from meshtrace.explorer.controls import State
 from meshtrace.link.sources import AirLamp, WaterSource
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats

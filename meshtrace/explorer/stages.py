@@ -6,7 +6,6 @@ steps, which raises where a newer move has made the answer useless.
 
 from __future__ import annotations
 
-import math
 import threading
 import warnings
 from collections.abc import Callable, Iterator
@@ -26,7 +25,7 @@ from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Analog
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused, one_line
-from meshtrace.explorer.state import State
+from meshtrace.explorer.controls import State
 from meshtrace.fading import (
     Estimate,
     block_length,
@@ -38,6 +37,7 @@ from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.studies.campaign import Steps, campaign_of
 from meshtrace.studies.coverage import coverage_map
 
@@ -258,7 +258,7 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
     gain = np.empty(FADING_FRAMES)
     for i, found in enumerate(campaign.each(Steps("time", times, surface))):
         by_shift = found[0, 0, 0]
-        mean, error = by_shift.mean(), by_shift.std(ddof=1) / math.sqrt(len(by_shift))
+        mean, error = by_shift.mean(), error_of_groups(by_shift)
         gain[i] = np.nan if error > _MOST_ERROR * mean else mean
         if (i + 1) % _SHOWN_EVERY == 0 and i + 1 < FADING_FRAMES:
             yield _series(times[: i + 1], gain[: i + 1], duration)

@@ -1,19 +1,81 @@
-"""Links of the paper in a wind, with correct physics or the forms as published, and their means."""
+"""Links of the paper by wind, correct or as published, their means, and panels to draw them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, Literal, NamedTuple
 
+import matplotlib as mpl
 import numpy as np
+import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 import meshtrace as mt
+from meshtrace import viz
 from meshtrace.errors import Refused
-from meshtrace.kernels.random import realization_seed
-from meshtrace.models import Floats
-from meshtrace.paper.registry import Number, Setting
-from meshtrace.scenario import Scenario
-from meshtrace.surfaces.bands import PAPER_BANDS
-from meshtrace.uav.airframe import UAVS
+from meshtrace.paper.registry import Entry, Floats, Number, Setting, row
+from meshtrace.uav import UAVS
+
+WIND_COLORS = {
+    0.0: viz.style.PALETTE["black"],
+    5.0: viz.style.PALETTE["blue"],
+    13.0: viz.style.PALETTE["vermilion"],
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Draw in the style of the gallery, independent of the user's settings."""
+    with mpl.rc_context(viz.style.RC):
+        yield
+
+
+def panels(
+    rows: int = 1, columns: int = 1, *, width: float = 5.2, height: float = 3.9, **options: Any
+) -> tuple[Figure, Any]:
+    """Return a figure off screen and its axes (rows, columns); sizes of a panel in inches."""
+    picture = Figure(figsize=(columns * width, rows * height), layout="constrained")
+    FigureCanvasAgg(picture)
+    return picture, picture.subplots(rows, columns, squeeze=False, **options)
+
+
+def form_panels(**options: Any) -> tuple[Figure, dict[Form, Any]]:
+    """Return a figure and its axes by form: correct physics beside the forms as published."""
+    picture, axes = panels(1, len(FORMS), **options)
+    for ax, form in zip(axes[0], FORMS, strict=True):
+        ax.set_title(FORM_NAMES[form])
+    return picture, dict(zip(FORMS, axes[0], strict=True))
+
+
+def mark_printed(ax: Any, x: Sequence[float], y: Sequence[float]) -> None:
+    """Mark published numbers with stars."""
+    look: Any = {
+        "color": viz.style.PALETTE["orange"],
+        "markeredgecolor": viz.style.INK,
+        "markersize": 13,
+    }
+    ax.plot(x, y, "*", zorder=5, label="printed", **look)
+
+
+def wind_name(speed: float) -> str:
+    """Return the name of a wind in legends."""
+    return "flat sea" if speed == 0.0 else f"{speed:g} m/s"
+
+
+def wind_lines(ax: Any, data: xr.Dataset, quantity: str, style: str = "-") -> Any:
+    """Draw a quantity over (wind_speed, along), a curve in its colour for each wind."""
+    winds = data["wind_speed"].values.tolist()
+    named = data.assign_coords(wind_speed=[wind_name(u) for u in winds])
+    shown, colors = named.transpose("wind_speed", ...), [WIND_COLORS[u] for u in winds]
+    return viz.marks.lines(ax, shown, quantity, (style,), colors)
+
+
+def wind_rows(key: str, numbers: Mapping[tuple[Form, float], Number | float]) -> list[Entry]:
+    """Return a row of rows.toml for each rough sea, of numbers by form and wind."""
+    return [row(key, [numbers[form, u] for form in FORMS], wind=wind_name(u), u=u) for u in ROUGH]
+
 
 Form = Literal["physical", "paper"]
 WINDS = (0.0, 5.0, 13.0)
@@ -58,7 +120,7 @@ class Mean(NamedTuple):
         return Number(quotient.value, float(quotient.value * error))
 
 
-def scenario(wind: float, form: Form, **tables: Any) -> Scenario:
+def scenario(wind: float, form: Form, **tables: Any) -> mt.Scenario:
     """Return the paper's link and sea in a wind.
 
     Parameters
@@ -70,15 +132,15 @@ def scenario(wind: float, form: Form, **tables: Any) -> Scenario:
     **tables
         Keys of a link file that replace those of the paper's link.
     """
-    waves = "paper" if wind in PAPER_BANDS else "scaled"
+    waves = "paper" if wind in ROUGH else "scaled"
     sea = {"waves": waves, **tables.pop("sea", {})}
     config: dict[str, Any] = {"wind_speed": wind, "physics": form, "sea": sea, **tables}
     if wind == 0.0:
         config |= {"whitecaps": "none", "bubbles": {"model": "none"}, "sea": {"spectrum": "flat"}}
-    return Scenario.from_config(config)
+    return mt.Scenario.from_config(config)
 
 
-def forced(wind: float, form: Form, **tables: Any) -> Scenario:
+def forced(wind: float, form: Form, **tables: Any) -> mt.Scenario:
     """Return the link for forced detection: that of the published forms is without bubbles.
 
     Their free paths through bubbles (E6) need the analog estimator: see `bubble_factor`.
@@ -137,7 +199,7 @@ def bubble_factor(wind: float, form: Form, setting: Setting, analog: int, **tabl
     pair = [scenario(wind, form, **given), scenario(wind, form, **given, **clear)]
     gains = np.empty((BUBBLE_SEAS, 2))
     for i in range(BUBBLE_SEAS):
-        seed = realization_seed(setting.seed, i)
+        seed = int(np.random.SeedSequence([setting.seed, i]).generate_state(1)[0])
         options: Any = {"estimator": "analog", "photons": analog, "threads": setting.threads}
         for j, made in enumerate(pair):
             sea = made.surface.with_seed(seed)

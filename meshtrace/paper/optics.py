@@ -10,14 +10,11 @@ import numpy as np
 import xarray as xr
 
 import meshtrace as mt
+from meshtrace import viz
 from meshtrace.fields import attrs
-from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
-from meshtrace.paper.canvas import WIND_COLORS, dataset, panels, wind_name
-from meshtrace.paper.links import ROUGH
-from meshtrace.paper.registry import FigureOutput, Setting, row
-from meshtrace.viz import plot_bubble_profile, plot_phase_cdf
-from meshtrace.viz.style import INK, PALETTE
+from meshtrace.paper.links import ROUGH, WIND_COLORS, panels, wind_name
+from meshtrace.paper.registry import FigureOutput, Floats, Setting, row
 
 NODES = 500
 """Even grid of angles from 0 to 180 degrees on which the distances of two CDFs are taken."""
@@ -53,7 +50,7 @@ def ff_cdf(setting: Setting) -> FigureOutput:
     left, right = axes[0]
     shown = np.array(list(curves.values()))[:, 1:]
     coords = {"form": list(curves), "theta": theta[1:]}
-    plot_phase_cdf(xr.Dataset({"phase_cdf": (("form", "theta"), shown)}, coords), ax=left)
+    viz.plot_phase_cdf(xr.Dataset({"phase_cdf": (("form", "theta"), shown)}, coords), ax=left)
     for line, (width, dashes) in zip(left.lines, ((5.0, "-"), (1.7, "-"), (1.7, ":")), strict=True):
         line.set(linewidth=width, linestyle=dashes)
     left.lines[0].set_alpha(0.35)
@@ -99,7 +96,7 @@ def snell(setting: Setting) -> FigureOutput:
         (right, "vermilion", "-", r"default, $n_1 \sin\theta_i = n_2 \sin\theta_t$"),
         (printed, "green", "--", "printed, $n_1$ and $n_2$ exchanged"),
     ):
-        ax.plot(degrees, np.degrees(values), dashes, color=PALETTE[color], label=label)
+        ax.plot(degrees, np.degrees(values), dashes, color=viz.style.PALETTE[color], label=label)
     ax.set(xlabel=incidence, ylabel=r"angle of refraction $\theta_t$ [°]")
     ax.legend(loc="upper left")
     axes[0, 2].plot(degrees, share)
@@ -130,23 +127,36 @@ def _refracted(angle: Floats, n: float) -> Floats:
 
 
 def _draw_rays(ax: Any, n: float) -> None:
-    ax.axhspan(-1.0, 0.0, color=PALETTE["sky"], alpha=0.25, lw=0)
-    ax.axhline(0.0, color=INK, lw=1.0)
+    ax.axhspan(-1.0, 0.0, color=viz.style.PALETTE["sky"], alpha=0.25, lw=0)
+    ax.axhline(0.0, color=viz.style.INK, lw=1.0)
     for degrees in (10.0, 20.0, 30.0, 40.0, 55.0):
         angle = np.radians(degrees)
         x0 = -np.tan(angle)
-        ax.plot([x0, 0.0], [-1.0, 0.0], color=PALETTE["blue"], lw=1.2)
+        ax.plot([x0, 0.0], [-1.0, 0.0], color=viz.style.PALETTE["blue"], lw=1.2)
         theta = float(_refracted(np.array([angle]), n)[0])
         if np.isfinite(theta):
-            ax.plot([0.0, np.sin(theta)], [0.0, np.cos(theta)], color=PALETTE["vermilion"], lw=1.6)
+            ax.plot(
+                [0.0, np.sin(theta)],
+                [0.0, np.cos(theta)],
+                color=viz.style.PALETTE["vermilion"],
+                lw=1.6,
+            )
         else:
-            ax.plot([0.0, -x0], [0.0, -1.0], color=PALETTE["blue"], lw=0.9, ls=":")
+            ax.plot([0.0, -x0], [0.0, -1.0], color=viz.style.PALETTE["blue"], lw=0.9, ls=":")
         wrong = np.arcsin(np.sin(angle) / n)
-        ax.plot([0.0, np.sin(wrong)], [0.0, np.cos(wrong)], color=PALETTE["green"], lw=1.2, ls="--")
-    ax.annotate("", (0.0, 1.0), (0.0, -1.0), arrowprops={"arrowstyle": "->", "color": INK})
-    ax.text(-0.03, 1.0, "normal", ha="right", va="top", color=INK)
-    ax.text(-1.45, 0.06, "air, $n_2 = 1$", color=INK)
-    ax.text(-1.45, -0.12, f"water, $n_1 = {n:g}$", color=INK)
+        ax.plot(
+            [0.0, np.sin(wrong)],
+            [0.0, np.cos(wrong)],
+            color=viz.style.PALETTE["green"],
+            lw=1.2,
+            ls="--",
+        )
+    ax.annotate(
+        "", (0.0, 1.0), (0.0, -1.0), arrowprops={"arrowstyle": "->", "color": viz.style.INK}
+    )
+    ax.text(-0.03, 1.0, "normal", ha="right", va="top", color=viz.style.INK)
+    ax.text(-1.45, 0.06, "air, $n_2 = 1$", color=viz.style.INK)
+    ax.text(-1.45, -0.12, f"water, $n_1 = {n:g}$", color=viz.style.INK)
     ax.set(xlim=(-1.5, 1.5), ylim=(-1.0, 1.05), aspect="equal", xticks=[], yticks=[])
     ax.grid(visible=False)
 
@@ -159,7 +169,7 @@ def bubble_density(setting: Setting) -> FigureOutput:
 def bubble_scattering(setting: Setting) -> FigureOutput:
     """Draw the scattering coefficient of the Hall-Novarini population."""
     output = _bubbles("b_bub", mt.HallNovarini.b)
-    output.picture.axes[0].axvline(mt.Water().b, color=INK, ls=":", lw=1.0)
+    output.picture.axes[0].axvline(mt.Water().b, color=viz.style.INK, ls=":", lw=1.0)
     return output
 
 
@@ -169,12 +179,12 @@ def _bubbles(name: str, quantity: Callable[..., Floats]) -> FigureOutput:
     depth = coords["depth"]
     bubbles = [[mt.HallNovarini(wind_speed=u, **form) for u in ROUGH] for form in forms.values()]
     values = np.array([[quantity(one, depth) for one in pair] for pair in bubbles])
-    data = dataset({name: values}, **coords)
+    data = viz.marks.dataset({name: values}, **coords)
     curves = data.stack(curve=("form", "wind_speed")).transpose("curve", "depth")
     names = [f"{wind_name(u)}, {form}" for form in forms for u in ROUGH]
     picture, axes = panels()
     shown = curves.drop_vars(("curve", "form", "wind_speed")).assign_coords(curve=names)
-    ax = plot_bubble_profile(shown, quantity=name, ax=axes[0, 0])
+    ax = viz.plot_bubble_profile(shown, quantity=name, ax=axes[0, 0])
     for i, line in enumerate(ax.lines):
         line.set(color=WIND_COLORS[ROUGH[i % 2]], linestyle="-" if i < 2 else "--")
     ax.set_xlim(values.max() * 1e-8, values.max() * 3.0)

@@ -18,8 +18,8 @@ from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.models import Floats
-from meshtrace.results.variables import StoredArrays, Variable
 from meshtrace.scenario import Scenario
+from meshtrace.stored import Stored, Variable
 from meshtrace.studies.background import (
     background_over_seas,
     error_rate,
@@ -34,7 +34,7 @@ _DECIBEL = 10.0 / math.log(10.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(StoredArrays):
+class Comparison(Stored):
     """Gains of several links and their differences from the first one.
 
     Attributes

@@ -18,8 +18,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from browser import chromium, until
 
 from meshtrace.explorer import stages
+from meshtrace.explorer.controls import State
 from meshtrace.explorer.scene import LiveScene
-from meshtrace.explorer.state import State
 from meshtrace.scenario import Scenario
 
 PARTS = ("CPU of the first gain", "CPU of a new scene", "CPU of a scene in time")

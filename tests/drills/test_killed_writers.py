@@ -150,23 +150,21 @@ def writer(name, gain, viz, monkeypatch):
     if name.partition(".")[0] in ("sea", "paths", "map"):
         source = {"sea": mesh, "paths": paths, "map": coverage}[name.partition(".")[0]]
         return lambda path: viz.save_vtk(source, path), vtk
-    import meshtrace.viz.export as export
-    import meshtrace.viz.html as html
-    import meshtrace.viz.movie as movies
+    from meshtrace.viz import export, show
 
     camera = _Camera()
     if name == "view.png":
         return lambda path: export.save_picture.__wrapped__(camera, path), picture
     if name == "view.html":
         monkeypatch.setattr(
-            html, "_exported", lambda plotter: f"<title></title><body>{'x' * 10**6}</body></html>"
+            export, "_exported", lambda plotter: f"<title></title><body>{'x' * 10**6}</body></html>"
         )
-        return lambda path: html.save_html.__wrapped__(camera, path), page
+        return lambda path: export.save_html.__wrapped__(camera, path), page
     times = np.arange(3.0)
     ones = np.ones(3)
     series = mt.GainSeries("time", times, ones, ones, ones, 0.0)
-    monkeypatch.setattr(movies, "scene", lambda *_, **__: camera)
-    return lambda path: movies.save_movie(mt.Link(), FlatSea(), times, path, gain=series), movie
+    monkeypatch.setattr(show, "scene", lambda *_, **__: camera)
+    return lambda path: show.save_movie(mt.Link(), FlatSea(), times, path, gain=series), movie
 
 
 NAMES = ["gain.nc", "record.json", "sea.vtp", "sea.ply", "sea.vtu", "paths.vtp", "map.vti",

@@ -5,7 +5,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.engine.bvh import BruteForceIntersector
-from meshtrace.engine.paths import Vertex
+from meshtrace.engine.photons.state import Vertex
 from meshtrace.optics.fresnel import refract
 from meshtrace.surfaces import FlatSea, JonswapSea
 

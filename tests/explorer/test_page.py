@@ -15,8 +15,8 @@ from browser import chromium, until
 from PIL import Image
 
 import meshtrace as mt
+from meshtrace.explorer.controls import State
 from meshtrace.explorer.stages import CHAINS
-from meshtrace.explorer.state import State
 from meshtrace.scenario import Scenario
 
 pytestmark = [pytest.mark.browser, pytest.mark.process, pytest.mark.thorough]

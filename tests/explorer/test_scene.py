@@ -7,8 +7,8 @@ import pytest
 from vtkmodules.vtkCommonCore import vtkObject
 
 from meshtrace.explorer import stages
+from meshtrace.explorer.controls import State
 from meshtrace.explorer.scene import LiveScene
-from meshtrace.explorer.state import State
 from meshtrace.scenario import Scenario
 from meshtrace.viz.style import water_map
 

@@ -10,9 +10,9 @@ import meshtrace as mt
 from meshtrace.comms.budget import link_budget
 from meshtrace.errors import Refused
 from meshtrace.explorer import readings, stages
+from meshtrace.explorer.controls import State
 from meshtrace.explorer.session import Session
 from meshtrace.explorer.stages import Failed
-from meshtrace.explorer.state import State
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import JonswapSea
 

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.explorer.code import as_python, as_toml
-from meshtrace.explorer.controls import BY_NAME, CHOICES, CONTROLS, GIVEN, slider_range
+from meshtrace.explorer.controls import BY_NAME, CHOICES, CONTROLS, GIVEN, State, slider_range
 from meshtrace.explorer.launch import scenario_of
-from meshtrace.explorer.state import State
 from meshtrace.scenario import Scenario
 
 # control, value in the units of the page, what the scenario then holds

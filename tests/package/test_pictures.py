@@ -53,13 +53,13 @@ def test_code_and_data_count_and_words_do_not(room, tmp_path):
 @pytest.mark.parametrize(
     ("name", "used", "unused"),
     [
-        ("spectra", "plots_curves", "movie"),
-        ("coverage", "plots_gain", "plots_study"),
-        ("movie", "scenes", "plots_study"),
-        ("make_tornado_figure", "plots_study", "scenes"),
-        ("make_explorer_pictures", "page", "plots_study"),
-        ("gain-depth", "canvas", "movie"),
-        ("surfaces", "scenes", "movie"),
+        ("spectra", "plots_curves", "show"),
+        ("coverage", "plots", "links"),
+        ("movie", "scenes", "links"),
+        ("make_tornado_figure", "plots", "scenes"),
+        ("make_explorer_pictures", "page", "plots"),
+        ("gain-depth", "links", "show"),
+        ("surfaces", "scenes", "show"),
     ],
 )
 def test_a_picture_depends_on_the_modules_that_draw_it(room, name, used, unused):

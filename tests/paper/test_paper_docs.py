@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from meshtrace.paper import FIGURES
-from meshtrace.paper.index import write_index
 from meshtrace.paper.registry import load
+from meshtrace.paper.runner import write_index
 
 DOCS = Path(__file__).parents[2] / "docs"
 FOLDER = DOCS / "extra" / "figures"

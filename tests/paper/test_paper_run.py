@@ -12,9 +12,8 @@ from typer.testing import CliRunner
 
 from meshtrace import cli
 from meshtrace.paper import FIGURES, Setting, make_figures
-from meshtrace.paper.index import number_text
 from meshtrace.paper.registry import load
-from meshtrace.paper.runner import key
+from meshtrace.paper.runner import key, number_text
 
 CHEAP = ("ff-cdf", "bubble-density", "stations")
 
@@ -124,6 +123,7 @@ def test_without_the_viz_extra_one_line_says_how_to_install_it(tmp_path, monkeyp
         monkeypatch.delitem(sys.modules, module)
     for module in [m for m in sys.modules if m.split(".")[:2] == ["meshtrace", "viz"]]:
         monkeypatch.delitem(sys.modules, module)
+    monkeypatch.delattr("meshtrace.viz", raising=False)
     real = __import__("importlib.util", fromlist=["find_spec"]).find_spec
     monkeypatch.setattr(
         "importlib.util.find_spec", lambda name, *a: None if name == "pyvista" else real(name, *a)

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from meshtrace.optics.water import quan_fry
-from meshtrace.paper.profiles import (
+from meshtrace.paper.water import (
     WaterProfile,
     depth_of_pressure,
     load_profiles,

@@ -6,7 +6,8 @@ import pyvista as pv
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.engine.paths import PhotonPaths, Vertex
+from meshtrace.engine.paths import PhotonPaths
+from meshtrace.engine.photons.state import Vertex
 from meshtrace.surfaces import FlatSea, SinusoidalSea
 from meshtrace.viz.export import surface_sampler
 

@@ -8,7 +8,7 @@ from test_viz_movie import frames_of
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.viz.movie import LIGHT_SIZE as SIZE
+from meshtrace.viz.show import LIGHT_SIZE as SIZE
 
 SHARP = mt.Link(physics={"unresolved": "none"})
 SEA = JonswapSea(wind_speed=5.0, omega_max=8.0, seed=3)

@@ -13,8 +13,8 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.fading import resolve_band
 from meshtrace.surfaces import FlatSea, JonswapSea, MeshSequence, resolved_sea
-from meshtrace.viz import movie
-from meshtrace.viz.movie import SIZE
+from meshtrace.viz import show
+from meshtrace.viz.show import SIZE
 
 LINK, SEA = mt.Link(), JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)
 TIMES = np.array([0.0, 0.5, 1.0])
@@ -81,8 +81,8 @@ def test_a_movie_shows_the_sea_of_its_series(tmp_path, monkeypatch):
         seen.append(sea)
         return mt.time_series(link, sea, times, **options)
 
-    monkeypatch.setattr(movie, "scene", stop)
-    monkeypatch.setattr(movie, "time_series", series)
+    monkeypatch.setattr(show, "scene", stop)
+    monkeypatch.setattr(show, "time_series", series)
     wide = mt.Link(receiver=mt.Receiver(radius=0.5))
     with pytest.raises(StopAsyncIteration):
         viz.save_movie(wide, JonswapSea(), [0.0, 0.1], tmp_path / "a.gif", photons=64)
@@ -102,7 +102,7 @@ def test_a_movie_of_meshes_from_files(tmp_path, monkeypatch):
             tmp_path / f"sea_{i}.ply"
         )
     sea = MeshSequence(str(tmp_path / "sea_*.ply"), frame_rate=2.0)
-    monkeypatch.setattr(movie, "scene", stop)
+    monkeypatch.setattr(show, "scene", stop)
     with pytest.raises(StopAsyncIteration):
         viz.save_movie(LINK, sea, TIMES, tmp_path / "a.gif", gain=GAIN)
     assert limits == [pytest.approx(0.12)]
@@ -115,12 +115,12 @@ def test_digits_of_the_gallery_are_those_of_their_time(tmp_path):
     quality = float(re.search(r"quality=([\d.]+)", script.read_text("utf-8")).group(1))
     times = np.arange(30) / 20.0
     gain = 1e-4 * (1.0 + 0.3 * np.sin(3.0 * times))
-    frame = movie._GainFrame(mt.GainSeries("time", times, gain, 0.01 * gain, gain, 1e-7))
+    frame = show._GainFrame(mt.GainSeries("time", times, gain, 0.01 * gain, gain, 1e-7))
     width, height = frame.scene_size
     scene = np.full((height, width, 3), 180, np.uint8)
     drawn = [frame.draw(scene, float(t)) for t in times]
     path = tmp_path / "a.mp4"
-    movie._write_movie(path, drawn, len(drawn), movie.writer_options(path, 20.0, quality), None)
+    show._write_movie(path, drawn, len(drawn), show.writer_options(path, 20.0, quality), None)
     title = np.s_[60:85, 960:1200]
     changes = [np.abs(b[title].astype(int) - a[title]).max() for a, b in pairwise(drawn)]
     assert min(changes) > 150

@@ -238,6 +238,32 @@ def test_every_kind_of_result_has_a_plot():
         viz.plot(3)
 
 
+def test_powers_are_in_dbm_along_an_axis_and_in_watts_across_it():
+    data = one("received_power", "depth", [5.0, 10.0], [1e-9, 1e-10])
+    assert viz.plot_curves(data, "received_power").get_ylabel().endswith("[W]")
+    data = one("ber", "received_power", [1e-10, 1e-9], [1e-2, 1e-3])
+    assert viz.plot_ber(data).get_xlabel().endswith("[dBm]")
+
+
+def test_labels_fit_beside_the_axes_and_long_legends_beside_them():
+    data = one("part_radiance", "time", [0.0, 1.0], [1e-3, 2e-3])
+    first, second = viz.plot_curves(data, "part_radiance").get_ylabel().split("\n")
+    assert max(len(first), len(second)) < len(viz.axis_label("part_radiance"))
+    assert second.endswith("[W m$^{-2}$ sr$^{-1}$ nm$^{-1}$]")
+    gains = {f"{i} m": np.array([2.0, 1.0]) + i for i in range(10)}
+    ax = viz.plot_curves(several("gain", "depth", np.array([5.0, 10.0]), gains), "gain")
+    ax.figure.canvas.draw()
+    assert ax.get_legend().get_window_extent().x0 >= ax.get_window_extent().x1
+    ax = viz.plot_sweep(several("gain", "depth", np.array([5.0, 10.0]), gains))
+    ax.figure.canvas.draw()
+    assert ax.get_legend().get_window_extent().x0 >= ax.get_window_extent().x1
+
+
+def test_names_along_an_axis_are_those_of_the_parameter():
+    words = xr.Dataset({"gain": ("sea.spectrum", [1.0, 2.0])}, {"sea.spectrum": ["flat", "tma"]})
+    assert viz.plot_sweep(words).get_xlabel() == "sea.spectrum"  # not its density [m2 s rad-1]
+
+
 def test_orders_of_scattering():
     found = mt.simulate(mt.Link(), mt.surfaces.FlatSea(), photons=64)
     heights = [bar.get_height() for bar in viz.plot(found).patches]
@@ -265,11 +291,11 @@ def test_convergence_shows_the_errors_and_the_law_of_a_study():
         fits={"vertex": law}, tolerance=1e-3,
     )  # fmt: skip
     ax = viz.plot_convergence(study)
-    assert legend(ax) == ["tolerance", "vertex normals, mean: order 2.00"]
+    assert legend(ax) == ["vertex normals, mean: order 2.00", "tolerance"]
     law = next(curve for curve in ax.get_lines() if curve.get_linestyle() == "-")
     percent = 100.0 / study.gain[0, -1]
     np.testing.assert_allclose(law.get_ydata(), percent * 5e-5 * spacing**2)
-    assert ax.get_xlabel() == "mesh spacing [m]"
+    assert ax.get_xlabel() == viz.axis_label("spacing")
 
 
 def test_impulse_response():
@@ -349,7 +375,7 @@ def test_performance_over_depth():
     shallow = replace(performance, depths=(24.0,), figures=performance.figures[:2])
     ax = viz.plot_performance(shallow)
     np.testing.assert_array_equal(line(ax), ([5.0, 10.0], shallow.estimates("ber")[0, :, 0]))
-    assert ax.get_xlabel() == "bit rate [Mbit/s]"
+    assert ax.get_xlabel() == "bit rate $R_b$ [Mbit/s]"
 
 
 def test_plots_draw_on_given_axes_and_leave_defaults_alone():

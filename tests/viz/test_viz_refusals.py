@@ -149,7 +149,7 @@ def check(name, arguments, folder):
 
 
 def functions():
-    private = {"Scene", "Stage", "use_style", "water_map"}
+    private = {"Scene", "Stage", "marks", "style", "use_style", "water_map"}
     return sorted(set(viz.__all__) - private)
 
 

@@ -10,9 +10,8 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.mesh import TriangleMesh
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.viz.movie import natural_rate
 from meshtrace.viz.scenes import caption
-from meshtrace.viz.show import FRAME_RATE
+from meshtrace.viz.show import FRAME_RATE, natural_rate
 from meshtrace.viz.style import FATE_COLORS
 from meshtrace.viz.water import (
     CLOUD_RGB,

@@ -264,7 +264,9 @@ def _parts_along(f, i, j, side, scene):
     margin, flight = _margin(p, Vec2(0.0, 0.0), scene)
     if margin < -_NEAR * (h + scene.target.radius):
         return 1.0
-    view = unscattered.view_radius(flight, scene.target, scene.interface.fov)  # everywhere, see `_FINER`
+    view = unscattered.view_radius(
+        flight, scene.target, scene.interface.fov
+    )  # everywhere, see `_FINER`
     edge = min(edge, max(unscattered.VIEW_SHARE * view, _FINEST * edge))
     change = _change(f, *unscattered.nodes_of(f, _NODES, i, j, side, scene.surface), scene)
     if change > _FEW * PART_SLOPE:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.backward.view import only_aperture
-from meshtrace.engine.neighbours import Light
+from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.engine.setup.options import Meshing
 from meshtrace.errors import Described, Refused, require_array, require_real

@@ -9,13 +9,12 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from meshtrace.models import Floats
-from meshtrace.results.variables import Variable
-from meshtrace.studies.stored_fields import StoredFields
+from meshtrace.stored import Stored, Variable
 from meshtrace.tables import text_table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Inference(StoredFields):
+class Inference(Stored):
     """Unknown parameters of a link from measured gains.
 
     Attributes

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from meshtrace.engine.neighbours import Light
+from meshtrace.engine.parts import Light
 from meshtrace.errors import Refused
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Led, Link

@@ -14,7 +14,7 @@ import numpy as np
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.ook_setup import Preset
-from meshtrace.engine.neighbours import Light
+from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.errors import Described, Refused, require_between, require_whole
 from meshtrace.link import Link

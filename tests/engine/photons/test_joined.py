@@ -11,7 +11,7 @@ from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.photons.targets import REFLECTED
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for, mesh_lines
-from meshtrace.engine.simulate import resolve
+from meshtrace.engine.setup.options import resolve
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, JonswapSea
 

@@ -1,0 +1,289 @@
+"""Grammar of plots: axes from the names and units of variables, and five marks to draw on them.
+
+Lines, bands, bars, maps and densities, of which all plots of results and of the paper consist.
+Dimensions, coordinates, limits and standard errors of a dataset decide what is drawn: the last
+dimension is along the axis, the coordinate of the one before names curves or groups of bars.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+import textwrap
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import ArrayLike
+
+from meshtrace.errors import Described, Refused, require_array
+from meshtrace.fields import FIELDS, attrs
+from meshtrace.models import Floats
+
+from .style import INK, RC, axis_label, label_of, verbatim
+
+_SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
+    "rad": (np.degrees, "°"),
+    "received_power": (lambda watt: 10.0 * np.log10(watt / 1e-3), "dBm"),
+    "bit_rate": (lambda rate: rate / 1e6, "Mbit/s"),
+    "delay": (lambda seconds: 1e9 * seconds, "ns"),
+}
+"""Units along axes other than those of the variables, by name or unit."""
+
+_LONGEST = 52  # characters of a label beside axes
+_BESIDE = 8  # names of a legend that stands beside the axes
+_NAMED = 12  # most curves that are named; of more, every second, third ... is
+
+
+# ---- axes ------------------------------------------------------------------------------------
+
+
+def axes(ax: Axes | None) -> Axes:
+    """Return the given axes, or the axes of a new figure."""
+    if ax is not None:
+        return ax
+    import matplotlib.pyplot as plt
+
+    # not in the context: in a notebook the first figure turns the interactive mode on, without
+    # which later ones are not shown, and the context would turn it off again
+    figure = plt.figure(figsize=RC["figure.figsize"], layout="constrained")
+    with mpl.rc_context(RC):
+        return figure.subplots()
+
+
+def scaled(name: str, values: ArrayLike) -> tuple[Floats, str]:
+    """Return values of a variable as an axis shows them, and the label of that axis."""
+    array = np.asarray(values)
+    field = FIELDS.get(name)
+    scale = "rad" if field is not None and field.units == "rad" else name
+    if field is None or scale not in _SCALES:
+        return array, label_of(name)
+    transform, unit = _SCALES[scale]
+    return transform(array), f"{field.long_name} ${field.symbol}$ [{unit}]"
+
+
+def finished(ax: Axes, x: str = "", y: str = "", *, legend: bool = True, **settings: Any) -> Axes:
+    """Return axes with labels, scales and limits, and with a legend if there are names.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+        Axes with all their marks.
+    x, y : str
+        Names of variables, whose labels the axes get.
+    legend : bool
+        Draw a legend, beside the axes if it is long.
+    **settings
+        Of `Axes.set`.
+    """
+    for side, name in (("xlabel", x), ("ylabel", y)):
+        settings |= {side: label_of(name)} if name else {}
+    ax.set(**settings)
+    ax.set_ylabel(wrapped(ax.get_ylabel()))
+    named = len(ax.get_legend_handles_labels()[1])
+    if legend and named:
+        old = ax.get_legend()
+        title = old.get_title().get_text() if old else None
+        beside: Any = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+        ax.legend(title=title, **(beside if named > _BESIDE else {}))
+    return ax
+
+
+def wrapped(label: str) -> str:
+    """Return a long label in two lines; TeX and units stay whole."""
+    shown = re.sub(r"\\\w+|[${}^_\\]", "", label)
+    if len(shown) <= _LONGEST:
+        return label
+    whole = re.sub(r"\[.*\]|\$[^$]*\$", lambda part: part[0].replace(" ", "\0"), label)
+    return "\n".join(textwrap.wrap(whole, round(0.6 * len(label)))).replace("\0", " ")
+
+
+def note(ax: Axes, text: str) -> None:
+    """Write a short explanation above the right end of axes, once."""
+    if text not in (one.get_text() for one in ax.texts):
+        place: Any = {"xycoords": "axes fraction", "ha": "right", "va": "bottom"}
+        ax.annotate(text, (1.0, 1.01), fontsize=8, **place)
+
+
+# ---- data ------------------------------------------------------------------------------------
+
+
+def dataset(variables: dict[str, Any], **coords: Any) -> xr.Dataset:
+    """Return variables over all coordinates; registered names get their attributes."""
+
+    def attributes(name: str) -> dict[str, str]:
+        known = name in FIELDS or name.removesuffix("_stderr") in FIELDS
+        return attrs(name) if known else {}
+
+    return xr.Dataset(
+        {name: (tuple(coords), values, attributes(name)) for name, values in variables.items()},
+        {name: (name, list(values), attributes(name)) for name, values in coords.items()},
+    )
+
+
+def variable(data: xr.Dataset, name: str, dims: tuple[Hashable, ...] = ()) -> xr.DataArray:
+    """Return a variable of numbers, of some dimensions or of any one or two."""
+    found = data.get(name)
+    if found is None or (found.dims != dims if dims else found.ndim not in (1, 2)):
+        allowed = f"a variable over {dims}" if dims else "a variable of one or two dimensions"
+        raise Refused(name, None if found is None else found.dims, allowed)
+    if found.dtype.kind not in "biuf" or not found.size:
+        raise Refused(name, Described(f"{found.size} values of {found.dtype}"), "numbers")
+    return found
+
+
+def along(data: xr.Dataset, quantity: str) -> tuple[Floats, str]:
+    """Return the last dimension of a variable as an axis shows it, and the label of that axis."""
+    name = str(variable(data, quantity).dims[-1])
+    return scaled(name, require_array(data[name].to_numpy(), name, "numbers along the axis"))
+
+
+def curves(data: xr.Dataset, quantity: str) -> Iterator[tuple[Any, ...]]:
+    """Yield name, values, lower and upper limit of each curve or group of bars."""
+    values, dims = variable(data, quantity), data[quantity].dims
+    kinds = [kind for kind in ("low", "high", "stderr") if f"{quantity}_{kind}" in data]
+    limits = {kind: variable(data, f"{quantity}_{kind}", dims) for kind in kinds}
+    low, high = limits.get("low"), limits.get("high")
+    if "stderr" in limits:
+        low, high = (values + s * limits["stderr"] for s in (-2.0, 2.0))
+    if values.ndim == 1:
+        yield None, *(None if a is None else a.to_numpy() for a in (values, low, high))
+        return
+    by = values.dims[0]
+    for i, name in enumerate(data[by].to_numpy()):
+        rows = (None if a is None else a.isel({by: i}).to_numpy() for a in (values, low, high))
+        yield verbatim(name), *rows
+
+
+# ---- marks -----------------------------------------------------------------------------------
+
+
+def lines(
+    ax: Axes,
+    data: xr.Dataset,
+    quantity: str,
+    styles: Sequence[str] = ("-",),
+    colors: Sequence[Any] = (),
+    **look: Any,
+) -> Axes:
+    """Draw the curves of a variable with their limits; a name without text is not in the legend.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+        Axes to draw on.
+    data : xarray.Dataset
+        With `quantity` over one or two dimensions.
+    quantity : str
+        Name of the variable. Between its limits, or within two standard errors, lines have a band
+        and markers without a line bars.
+    styles, colors : sequence
+        Of the curves in turn.
+    **look
+        Of `Axes.plot`.
+    """
+    x, label = along(data, quantity)
+    found = list(curves(data, quantity))
+    every = math.ceil(len(found) / _NAMED)
+    if every > 1:
+        ax.set_prop_cycle(color=colormaps["viridis"](np.linspace(0.0, 0.95, len(found))))
+    rows = zip(found, itertools.cycle(styles), itertools.cycle(colors or (None,)), strict=False)
+    for i, ((name, values, low, high), style, color) in enumerate(rows):
+        options: Any = {"markersize": 4, "label": None if i % every else name or None, **look}
+        try:
+            (line,) = ax.plot(x, values, style, **options, **({"color": color} if color else {}))
+        except ValueError as error:
+            raise Refused("style", style, "a line and a marker as in o--") from error
+        if low is not None and high is not None:
+            band(ax, line, low, high)
+    if f"{quantity}_low" not in data and f"{quantity}_stderr" in data:
+        note(ax, f"{'band' if '-' in styles[0] else 'bars'}: ± 2 standard errors")
+    if data[data[quantity].dims[-1]].dtype.kind in "iu":
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    return finished(ax, y=quantity, xlabel=label)
+
+
+def band(ax: Axes, line: Line2D, low: Any, high: Any) -> None:
+    """Draw the limits of a curve as a band, those of markers without a line as bars."""
+    x, y, color = line.get_xdata(), np.asarray(line.get_ydata()), line.get_color()
+    if y.size > 1 and line.get_linestyle() != "None":
+        steps = line.get_drawstyle().partition("steps-")[2] or None
+        ax.fill_between(x, low, high, step=steps, color=color, alpha=0.25, lw=0)  # type: ignore[arg-type]
+    elif np.isfinite(low).any():
+        around = np.maximum([y - low, high - y], 0.0)
+        ax.errorbar(x, y, around, fmt="none", ecolor=color, capsize=3, lw=1.0)
+
+
+def bars(
+    ax: Axes, data: xr.Dataset, quantity: str, *, across: bool = False, beside: bool = True
+) -> Axes:
+    """Draw the values of a variable as bars with whiskers of two standard errors; nan is none.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+        Axes to draw on.
+    data : xarray.Dataset
+        With `quantity` over names or counts, or groups of them.
+    quantity : str
+        Name of the variable.
+    across : bool
+        Draw horizontal bars, the first on top.
+    beside : bool
+        Draw groups beside each other, else from one line.
+    """
+    groups, names = list(curves(data, quantity)), str(data[quantity].dims[-1])
+    room = 0.8 / len(groups) if beside else 0.8
+    for i, (name, values, _, high) in enumerate(groups):
+        shift = (i - 0.5 * (len(groups) - 1)) * room if beside else 0.0
+        (known,) = np.isfinite(values).nonzero()
+        (ax.barh if across else ax.bar)(known + shift, values[known], room, label=name)
+        if high is not None:
+            places, spans = (known + shift, values[known]), (high - values)[known]
+            where = places[::-1] if across else places
+            errors = {"xerr" if across else "yerr": spans}
+            ax.errorbar(*where, **errors, fmt="none", ecolor=INK, elinewidth=1.0, capsize=3)
+    axis, words = ax.yaxis if across else ax.xaxis, data[names].to_numpy()
+    counts = words.dtype.kind in "iu"
+    if not counts:
+        texts = ("\n".join(map(verbatim, str(word).split("\n"))) for word in words)
+        axis.set_ticks(np.arange(len(words)), list(texts))
+    if across:
+        ax.invert_yaxis()
+    if f"{quantity}_stderr" in data:
+        note(ax, "bars: ± 2 standard errors")
+    ax.grid(axis="y" if across else "x", visible=False)
+    labels = (quantity, "") if across else (names if counts else "", quantity)
+    return finished(ax, *labels)
+
+
+def heat_map(ax: Axes, x: Any, y: Any, values: Any, label: str, **options: Any) -> Any:
+    """Draw values (x, y) in colours over equal axes [m], with a colour bar."""
+    image = ax.pcolormesh(x, y, values.T, shading="nearest", rasterized=True, **options)
+    ax.figure.colorbar(image, ax=ax, label=label)
+    seen_from_above(ax)
+    return image
+
+
+def seen_from_above(ax: Axes) -> Axes:
+    """Return axes of places: x and y [m] at one scale, with round numbers and no grid."""
+    ax.set(aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+    ax.grid(visible=False)
+    return ax
+
+
+def density(ax: Axes, edges: Any, values: Any, stderr: Any, least: float, label: str) -> None:
+    """Draw a histogram as an outline, with a band of two standard errors above a least value."""
+    steps = ax.stairs(values, edges, lw=1.5, label=label)
+    low, high = (np.maximum(values + s * stderr, least) for s in (-2.0, 2.0))
+    shade: Any = {"color": steps.get_edgecolor(), "alpha": 0.25, "lw": 0}
+    ax.stairs(high, edges, baseline=low, fill=True, **shade)
