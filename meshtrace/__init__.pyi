@@ -28,7 +28,6 @@ from .link import UniformSky as UniformSky
 from .link import WaterAperture as WaterAperture
 from .link import WaterReceiver as WaterReceiver
 from .link import Whitecaps as Whitecaps
-from .link.link import in_wind as in_wind
 from .mesh import MeshSource as MeshSource
 from .mesh import SurfaceModel as SurfaceModel
 from .mesh import TriangleMesh as TriangleMesh
@@ -69,7 +68,6 @@ from .studies.optimisation import Optimum as Optimum
 from .studies.optimisation import optimize as optimize
 from .studies.performance.link_performance import depth_sweep as depth_sweep
 from .studies.performance.link_performance import link_performance as link_performance
-from .studies.performance.operating_point import Realizations as Realizations
 from .studies.performance.tables import DepthSweep as DepthSweep
 from .studies.performance.tables import LinkPerformance as LinkPerformance
 from .studies.sensitivity import Sensitivities as Sensitivities

@@ -48,7 +48,7 @@ _CELLS = 150  # over the half-width of the map
 @checked
 def save_movie(
     link: Link,
-    sea: MeshSource,
+    surface: MeshSource,
     times: ArrayLike,
     path: str | Path,
     *,
@@ -70,8 +70,8 @@ def save_movie(
     ----------
     link : Link
         The link.
-    sea : MeshSource
-        The sea; one whose band is left open is that of `time_series`, with all waves that make
+    surface : MeshSource
+        The sea, by default with the waves of `time_series`: all that make
         the light of the link fade.
     times : array_like, shape (n,)
         Times of the frames [s], n >= 2.
@@ -107,11 +107,11 @@ def save_movie(
     if frame_rate is None:
         frame_rate = natural_rate(times)
     options = writer_options(path, frame_rate, quality)
-    sea = resolve_band(link, sea, fading=True)
-    gain = gain or time_series(link, sea, times, photons=photons, seed=seed)
+    surface = resolve_band(link, surface, fading=True)
+    gain = gain or time_series(link, surface, times, photons=photons, seed=seed)
     if not np.array_equal(gain.coordinate, times):
         raise Refused("gain", Described("at other times"), "a series at the times of the frames")
-    heights = sea.mesh(float(times[0]), extent=20.0, spacing=1.0).vertices[:, 2]
+    heights = surface.mesh(float(times[0]), extent=20.0, spacing=1.0).vertices[:, 2]
     limit = style.color_limit or 1.2 * float(np.abs(heights).max()) or None
     frame = _GainFrame(gain)
     style = replace(style, color_limit=limit, off_screen=True, window_size=frame.scene_size)
@@ -122,7 +122,7 @@ def save_movie(
         plotter = None
         try:
             for time in map(float, times):
-                plotter = scene(link, sea, time=time, **light, plotter=plotter)
+                plotter = scene(link, surface, time=time, **light, plotter=plotter)
                 yield frame.draw(np.asarray(plotter.screenshot(return_img=True)), time)
         finally:
             if plotter is not None:
@@ -134,7 +134,7 @@ def save_movie(
 @checked
 def save_light(
     link: Link,
-    sea: Any,
+    surface: Any,
     path: str | Path,
     times: ArrayLike = (0.0,),
     *,
@@ -150,7 +150,7 @@ def save_light(
 
     Parameters
     ----------
-    link, sea
+    link, surface
         As in `meshtrace.light_pattern`.
     path : path
         File, .png for the first time, .mp4 or .gif for all.
@@ -186,15 +186,15 @@ def save_light(
     if still:
         with atomic(path) as temporary:
             first = float(at[0])
-            pattern = light_pattern(link, sea, **size, time=first)
-            _LightFrame(link, sea, pattern, first).figure.savefig(temporary, dpi=130)
+            pattern = light_pattern(link, surface, **size, time=first)
+            _LightFrame(link, surface, pattern, first).figure.savefig(temporary, dpi=130)
         return path
 
     def frames() -> Iterator[NDArray[np.uint8]]:
         frame = None
         for time in map(float, at):
-            pattern = light_pattern(link, sea, **size, time=time)
-            frame = frame or _LightFrame(link, sea, pattern, time)
+            pattern = light_pattern(link, surface, **size, time=time)
+            frame = frame or _LightFrame(link, surface, pattern, time)
             yield frame.draw(pattern, time)
 
     return _write_movie(path, frames(), len(at), options, progress)

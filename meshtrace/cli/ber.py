@@ -73,6 +73,7 @@ def ber(
     """Evaluate a link in each wind."""
     from meshtrace.mesh import RandomSea
     from meshtrace.studies.performance.tables import DepthSweep
+    from meshtrace.uav.airframe import Flight
 
     given = {"detector.preset": preset, "uav.preset": uav, **light.changes()}
     given |= {"run.photons": photons, "run.seed": seed, "run.threads": threads}
@@ -83,10 +84,14 @@ def ber(
         realizations = 50 if "depths" in asked else 200
     many = [coupled or isinstance(s.surface, RandomSea) for s in scenarios]
     seas = sum(realizations if m else 1 for m in many) * len(asked.get("depths", [0]))
-    asked |= {"realizations": realizations, "coupled": coupled}
+    asked["realizations"] = realizations
+    flights = [Flight(s.uav, coupled=True) if coupled and s.uav else None for s in scenarios]
+    if coupled and None in flights:
+        raise Refused("--coupled", True, "with an aircraft that tilts the receiver")
     with progress(seas, as_json, study.doing, study.kernels) as (_, advance):
         found = [
-            (s.wind_speed, study.functions[0](s, progress=advance, **asked)) for s in scenarios
+            (s.wind_speed, study.functions[0](s, flight=flight, progress=advance, **asked))
+            for s, flight in zip(scenarios, flights, strict=True)
         ]
     if as_json:
         typer.echo(json.dumps([_plain(*one) for one in found], allow_nan=False))

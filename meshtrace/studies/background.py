@@ -6,8 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,10 +23,10 @@ from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of
 from meshtrace.studies.series import in_flight
-from meshtrace.studies.store import Store
 from meshtrace.transport.backward import background, background_over
 from meshtrace.transport.case import Case
 from meshtrace.transport.meshing import mesh_for
+from meshtrace.transport.options import RunOptions, require_options
 from meshtrace.uav.airframe import Flight
 
 _MOST_SEAS = 16  # of the mean background of an ensemble
@@ -42,13 +41,9 @@ def background_series(
     times: ArrayLike | None = None,
     *,
     photons: int = 1024,
-    seed: int | None = None,
     flight: Flight | None = None,
-    spacing: float | None = None,
-    extent: float | None = None,
-    threads: int | None = None,
-    store: str | Path | None = None,
     workers: int | str | None = None,
+    **run: Unpack[RunOptions],
 ) -> BackgroundSeries:
     """Return the background of a receiver over a moving sea, with the flicker of glint.
 
@@ -67,8 +62,10 @@ def background_series(
     flight : Flight, optional
         Aircraft that tilts a receiver in the air; with equal seeds and times it has the tilts of
         `time_series`.
-    seed, spacing, extent, threads, store, workers
-        As in `time_series`.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
+    **run
+        Options of the run, see `RunOptions`.
 
     Returns
     -------
@@ -85,9 +82,8 @@ def background_series(
     keeps its mean but is smoother than in nature.
     """
     require_whole(photons, SHIFTS, 10_000_000, "photons")
-    given: dict[str, Any] = {"seed": seed, "spacing": spacing, "extent": extent, "threads": threads}
-    kept = Store(store, "background_series")
-    campaign = campaign_of(link, surface, fading=True, store=kept, workers=workers, **given)
+    require_options(run, RunOptions)
+    campaign = campaign_of(link, surface, "background_series", fading=True, workers=workers, **run)
     day = light_of(campaign, day)
     if day is None:
         raise Refused("day", None, "a Daylight")
@@ -130,7 +126,7 @@ def background_over_seas(
     An aircraft tilts the receiver over each: along a coupled flight, else by independent gusts.
     The standard errors hold the spread of the surfaces, and that of the rays they have in common.
     """
-    found = _over(campaign, _steps(campaign, seas, flight), day, RAYS)
+    found = _over(campaign._replace(progress=None), _steps(campaign, seas, flight), day, RAYS)
     if len(found) == 1:
         return found[0]
     parts = np.array([f.part_radiance for f in found])

@@ -6,8 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Unpack
 
 import numpy as np
 import xarray as xr
@@ -27,8 +26,8 @@ from meshtrace.studies.background import (
     transmission_of,
 )
 from meshtrace.studies.campaign import Campaign, campaign_of, mean, stderr
-from meshtrace.studies.store import Store
 from meshtrace.tables import text_table
+from meshtrace.transport.options import StudyOptions
 
 _DECIBEL = 10.0 / math.log(10.0)
 
@@ -168,14 +167,8 @@ def compare(
     surface: MeshSource | None = None,
     *,
     realizations: int = 1,
-    photons: int | None = None,
-    seed: int | None = None,
-    normals: Literal["vertex", "facet"] | None = None,
-    threads: int | None = None,
     daylight: Daylight | None = None,
-    store: str | Path | None = None,
-    workers: int | str | None = None,
-    progress: Callable[[int], None] | None = None,
+    **run: Unpack[StudyOptions],
 ) -> Comparison:
     """Compare the gains of links over common seas with common chains.
 
@@ -188,20 +181,11 @@ def compare(
     surface : MeshSource, optional
         The sea; by default that of each scenario, or a JONSWAP sea of the wind of each link.
     realizations : int
-        Realizations of the sea, 1 to 10 000 000.
-    photons : int, optional
-        Chains of each link, 2048 by default.
-    seed, normals, threads
-        As in `ensemble`; realization 0 of a single one has the seed of the sea.
+        Realizations of the sea, 1 to 10 000 000; a single one has the seed of the sea.
     daylight : Daylight, optional
         Light above all links; by default that of each scenario.
-    store : path, optional
-        File that keeps finished realizations: a second call with the same arguments resumes the
-        first.
-    workers : int or str, optional
-        Processes in place of threads, or the address or file of a running dask scheduler.
-    progress : callable, optional
-        Called with 1 after each realization of each link.
+    **run
+        Options of the run, see `StudyOptions`; progress is by realization of each link.
 
     Returns
     -------
@@ -220,30 +204,26 @@ def compare(
     the chains, for several from the scatter over the seas.
 
     Bit error rates are those of the receiver of each scenario ("physical" without one), averaged
-    over the seas, with the mean background over up to 16 of them. For these a sea whose band was
-    left open has all waves that make the light of each link fade (`fading.resolve_band`).
+    over the seas, with the mean background over up to 16 of them. For several seas the mesh then
+    holds all waves that make the light of each link fade, unless `waves` of the meshing says
+    otherwise.
     """
     if not isinstance(links, Mapping) or len(links) < 2:
         found = sorted(links) if isinstance(links, Mapping) else Described(type(links).__name__)
         raise Refused("links", found, "a mapping of two or more names to links")
     require_whole(realizations, 1, 10_000_000, "realizations")
     lit = daylight is not None or any(getattr(link, "daylight", None) for link in links.values())
-    options: dict[str, Any] = {
-        "photons": photons, "seed": seed, "normals": normals, "threads": threads,
-        "store": Store(store, "compare"),
-        "workers": workers,
-    }  # fmt: skip
     each = {}
     for name, link in links.items():
         try:
-            resolved = campaign_of(link, surface, fading=lit and realizations > 1, **options)
+            resolved = campaign_of(link, surface, "compare", lit and realizations > 1, **run)
             count = len(resolved.link.receivers)
             if count != 1:
                 raise Refused("receiver", Described(f"{count} receivers"), "one receiver")
         except Refused as error:
             raise error.inside("links", str(name)) from None
         each[str(name)] = resolved.of(resolved.link, str(name))
-    samples = _samples(each, realizations, progress)
+    samples = _samples(each, realizations)
     days = [light_of(one, daylight) for one in each.values()]
     origin = [
         one.provenance(realizations=realizations)
@@ -280,9 +260,7 @@ def _under_light(
     return replace(found, **dict(zip(names, np.array(rows).T, strict=True)))
 
 
-def _samples(
-    each: dict[str, Campaign], realizations: int, progress: Callable[[int], None] | None
-) -> Floats:
+def _samples(each: dict[str, Campaign], realizations: int) -> Floats:
     """Return the gains of the links by group of chains over one sea, or by sea over several.
 
     Links over equal seas, with equal chains, have common meshes.
@@ -296,8 +274,8 @@ def _samples(
     for one in campaigns:
         still = one.in_time(np.array([one.meshing.time]))
         steps = one.realizations(realizations) if realizations > 1 else still
-        tick = progress and partial(_of_each, progress, len(one.links))
-        gain = one.gains(steps, tick)["gain"].isel(receiver=0)
+        tick = one.progress and partial(_of_each, one.progress, len(one.links))
+        gain = one._replace(progress=tick).gains(steps)["gain"].isel(receiver=0)
         samples = mean(gain, "shift") if realizations > 1 else gain.isel(time=0)
         rows.append(samples.to_numpy())
     return np.concatenate(rows)

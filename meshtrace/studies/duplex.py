@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 import xarray as xr
@@ -26,7 +24,7 @@ from meshtrace.results.series import GainSeries
 from meshtrace.stored import Stored
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.series import gain_series
-from meshtrace.studies.store import Store
+from meshtrace.transport.options import StudyOptions
 
 
 class JointOutage(NamedTuple):
@@ -140,19 +138,11 @@ class Duplex(Stored):
 def duplex(
     up: Link,
     down: Link,
-    sea: MeshSource,
+    surface: MeshSource,
     times: ArrayLike | None = None,
     *,
     realizations: int | None = None,
-    photons: int | None = None,
-    seed: int | None = None,
-    normals: Literal["vertex", "facet"] | None = None,
-    extent: float | None = None,
-    spacing: float | None = None,
-    threads: int | None = None,
-    store: str | Path | None = None,
-    workers: int | str | None = None,
-    progress: Callable[[int], None] | None = None,
+    **run: Unpack[StudyOptions],
 ) -> Duplex:
     """Return the gains of an uplink and a downlink over the same surfaces, by forced detection.
 
@@ -161,23 +151,14 @@ def duplex(
     up, down : Link
         Links of one receiver each: a source in the water and a receiver in the air, and a lamp in
         the air and a receiver in the water.
-    sea : MeshSource
-        The sea: moving, or with random phases. A sea whose band is left open has all waves that
-        make the light of either link fade (`fading.resolve_band`).
+    surface : MeshSource
+        The sea: moving, or with random phases.
     times : array_like, shape (n,), optional
         Times [s] of a moving sea.
     realizations : int, optional
         Number of realizations of a random sea, in place of the times.
-    photons : int, optional
-        Chains of each direction, common to all surfaces; 2048 by default.
-    seed : int, optional
-        Seed of the chains and of the realizations, 1 by default.
-    normals, extent, spacing, threads
-        As in `simulate`; the result does not depend on the threads.
-    store, workers
-        As in `ensemble`.
-    progress : callable, optional
-        Called with 1 after each surface.
+    **run
+        Options of the run, see `StudyOptions`; chains are those of each direction.
 
     Returns
     -------
@@ -191,7 +172,8 @@ def duplex(
 
     Notes
     -----
-    Each surface is one mesh for both directions, fine where the light of either crosses.
+    Each surface is one mesh for both directions, fine where the light of either crosses. Unless
+    `waves` of the meshing says otherwise, it holds all waves that make the light of either fade.
 
     Examples
     --------
@@ -201,17 +183,13 @@ def duplex(
     >>> len(both.up.gain), len(both.down.gain)
     (3, 3)
     """
-    options: dict[str, Any] = {
-        "photons": photons, "seed": seed, "normals": normals, "extent": extent,
-        "spacing": spacing, "threads": threads, "store": Store(store, "duplex"), "workers": workers,
-    }  # fmt: skip
     pair = []
     for name, link in (("up", up), ("down", down)):
         require_kind(link, Link, name)
         if link.direction != name or len(link.receivers) != 1:
             found = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
             raise Refused(name, found, f"a link with one receiver and direction {name}")
-        pair.append(campaign_of(link, sea, fading=True, **options))
+        pair.append(campaign_of(link, surface, "duplex", fading=True, **run))
     finest = max((one.surface for one in pair), key=lambda s: getattr(s, "omega_max", 0) or 0)
     campaign = pair[0]._replace(links={"up": up, "down": down}, surface=finest)
     if (times is None) == (realizations is None):
@@ -220,8 +198,8 @@ def duplex(
         steps = campaign.in_time(require_finite(times, "times", "finite times (n,) [s], n >= 1"))
     else:
         require_whole(realizations, 1, 10_000_000, "realizations")
-        steps = campaign.realizations(int(realizations or 0), "sea")
-    gains = campaign.gains(steps, progress, probed=1)
+        steps = campaign.realizations(int(realizations or 0))
+    gains = campaign.gains(steps, probed=1)
     of_up, of_down = (gain_series(campaign, gains, name) for name in campaign.links)
     first, second = of_up.gains[:, 0], of_down.gains[:, 0]
     constant = len(first) < 2 or min(np.ptp(first), np.ptp(second)) == 0.0

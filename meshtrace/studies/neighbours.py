@@ -34,6 +34,7 @@ class Neighbours:
     ----------
     campaign : Campaign
         The base link, its surface and options; a surface that is a mesh is taken as it is.
+        Progress is left to the study.
     seas : int
         Surfaces.
     phases : bool
@@ -59,7 +60,7 @@ class Neighbours:
         around: Link | None = None,
         listed: bool = False,
     ) -> None:
-        self.campaign, self.seas = campaign, seas
+        self.campaign, self.seas = campaign._replace(progress=None), seas
         self._options = {"phases": phases, "fading": fading, "kept": kept, "around": around,
                          "listed": listed}  # fmt: skip
         self._name = secrets.token_hex(8)
@@ -122,16 +123,11 @@ class Neighbours:
         return list(ordered_map(evaluate, range(self.seas), self.campaign.threads))
 
     def over(
-        self,
-        evaluate: Callable[[int], Floats],
-        steps: int,
-        name: str,
-        progress: Callable[[int], None] | None = None,
-        **identity: Any,
+        self, evaluate: Callable[[int], Floats], steps: int, name: str, **identity: Any
     ) -> Floats:
         """Return the numbers of steps of a loop, stacked; see `Campaign.over`."""
         known = {"seas": self.seas, **identity}
-        found = self.campaign.over(partial(same, evaluate), range(steps), name, known, progress)
+        found = self.campaign.over(partial(same, evaluate), range(steps), name, known)
         return np.array(list(found))
 
 

@@ -6,7 +6,8 @@ The models are the keys of [run] and [sea] in link files and the provenance of r
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self, TypedDict
 
 from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
@@ -168,6 +169,44 @@ class Shortcuts(TypedDict, total=False):
     roulette: float | None
 
 
+class RunOptions(TypedDict, total=False):
+    """Options of a run as keywords of a study: `StudyOptions` without chains and workers."""
+
+    seed: int | None
+    mesh: Meshing | None
+    threads: int | None
+    store: str | Path | None
+    progress: Callable[[int], None] | None
+
+
+class StudyOptions(RunOptions, total=False):
+    """Options of a run as keywords of a study of many surfaces.
+
+    Those that are not given are those of the scenario, or else the defaults below.
+
+    Parameters
+    ----------
+    photons : int, optional
+        Chains, common to all surfaces; 2048 by default.
+    seed : int, optional
+        Seed of the random numbers; 1 by default. Realization i of a sea has the phases of
+        `numpy.random.SeedSequence([seed, i])`.
+    mesh : Meshing, optional
+        Time, resolution and waves of the surface.
+    threads : int, optional
+        Threads, all cores by default; the result does not depend on them.
+    store : path, optional
+        File that keeps finished steps: a second call with the same arguments resumes the first.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
+    progress : callable, optional
+        Called with 1 after each step.
+    """
+
+    photons: int | None
+    workers: int | str | None
+
+
 class Run(Model, frozen=True):
     """Estimator, number of photons, seed and threads of a run.
 
@@ -236,6 +275,13 @@ class Run(Model, frozen=True):
         rest = self.model_dump(mode="json", exclude={"estimator"})
         own = self.estimator.model_dump(mode="json")
         return {"estimator": own.pop("kind"), **rest, **own}
+
+
+def require_options(given: Mapping[str, Any], kind: type[RunOptions]) -> None:
+    """Refuse options of a study other than those of a kind."""
+    for name in Meshing.model_fields.keys() & given.keys():
+        raise Refused(name, given[name], f"mesh=Meshing({name}=...)")
+    require_keys(given, kind.__annotations__)
 
 
 def run_keys() -> list[str]:

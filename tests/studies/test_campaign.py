@@ -11,7 +11,7 @@ from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 
 SEA = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
 WAVE = SinusoidalSea(amplitude=0.05, wavelength=3.0)
-FEW = {"photons": 64, "seed": 5, "extent": 4.0, "spacing": 0.2, "threads": 1}
+FEW = {"photons": 64, "seed": 5, "mesh": mt.Meshing(extent=4.0, spacing=0.2), "threads": 1}
 LINKS = {"a": mt.Link(), "b": mt.Link().replace("water.b", 0.1)}
 
 
@@ -43,7 +43,7 @@ def test_links_have_one_mesh_for_each_surface(monkeypatch):
     mt.duplex(mt.Link(), mt.Link().mirrored(), WAVE, np.arange(3.0), **FEW)
     assert len(made) == 3
     made.clear()
-    mt.compare({"a": LINKS["a"], "b": mt.in_wind(mt.Link(), 10.0)}, photons=64, threads=1)
+    mt.compare({"a": LINKS["a"], "b": mt.Link().in_wind(10.0)}, photons=64, threads=1)
     assert len(made) == 2  # over seas of their own
 
 

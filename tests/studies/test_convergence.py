@@ -242,7 +242,10 @@ def test_slope_variance_is_approached(study):
 
 def test_random_slopes_stand_for_waves_left_out():
     # long waves alone bend light little: the slopes that they lack spread it out of the aperture
-    bands, few = (1.0, 1.2, 1.4, 1.6), {"photons": 2048, "realizations": 1, "spacing": 0.5}
+    bands, few = (
+        (1.0, 1.2, 1.4, 1.6),
+        {"photons": 2048, "realizations": 1, "mesh": mt.Meshing(spacing=0.5)},
+    )
     sea = JonswapSea(wind_speed=13.0, waves="paper")
     bare, rough = (
         band_limit_study(LINK, sea, bands, unresolved=word, **few) for word in ("none", "tilt")
@@ -290,7 +293,9 @@ def test_time_steps_converge():
     # a trapezoidal mean over a whole period of a smooth function leaves nothing
     period = 2.0 * math.pi / float(WAVE.components.omega[0])
     steps = [period / n for n in (4, 8, 16, 32)]
-    study = time_step_study(LINK, WAVE, steps, duration=period, photons=64, spacing=0.1)
+    study = time_step_study(
+        LINK, WAVE, steps, duration=period, photons=64, mesh=mt.Meshing(spacing=0.1)
+    )
     assert study.gain.shape == (1, 4)
     assert abs(study.gain[0, -2] / study.gain[0, -1] - 1.0) < 1e-4
     ratio = study.scatter[0, 1:-1] / study.scatter[0, 2:]
@@ -301,7 +306,7 @@ def test_time_steps_converge():
 def test_wider_bands_add_to_the_same_waves():
     sea = JonswapSea(wind_speed=5.0, waves="paper")
     study = band_limit_study(
-        LINK, sea, (2.0, 3.0, 4.0, 5.0), realizations=2, photons=64, spacing=0.5
+        LINK, sea, (2.0, 3.0, 4.0, 5.0), realizations=2, photons=64, mesh=mt.Meshing(spacing=0.5)
     )
     assert study.values.tolist() == [2.0, 3.0, 4.0, 5.0]
     assert (np.diff(study.slope_variance[0]) > 0.0).all()

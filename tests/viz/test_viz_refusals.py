@@ -80,7 +80,7 @@ def sound(scene):
         "plot_inference": {"f": mt.infer(rows, LINK, ["water.a"], **few)},
         "plot_background": {"result": mt.background(LINK, FLAT, mt.Daylight.overcast(), **few)},
         "plot_duplex": {"result": mt.duplex(LINK, down, JonswapSea(waves="paper"), [0.0, 1.0],
-                                            spacing=0.5, **few)},
+                                            mesh=mt.Meshing(spacing=0.5), **few)},
         "plot_fading_convergence": {"study": None},
         "plot_route": {"series": mt.time_series(LINK, FLAT, [0.0, 1.0], route=route, **few)},
         "plot_convergence": {"study": None},

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 import numpy as np
 
@@ -17,9 +16,9 @@ from meshtrace.fields import attrs
 from meshtrace.models import Floats
 from meshtrace.stored import Stored
 from meshtrace.studies.campaign import Campaign, campaign_of
-from meshtrace.studies.convergence.meshes import Progress, descending, positive
+from meshtrace.studies.convergence.meshes import descending, positive
 from meshtrace.studies.series import over_realizations
-from meshtrace.studies.store import Store
+from meshtrace.transport.options import StudyOptions
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -115,14 +114,8 @@ def fading_study(
     omega_max: Sequence[float] = DEFAULT_BANDS,
     *,
     realizations: int = 0,
-    photons: int | None = None,
-    seed: int | None = None,
-    spacing: float | None = None,
     tolerance: float = WITHIN,
-    threads: int | None = None,
-    store: str | Path | None = None,
-    workers: int | str | None = None,
-    progress: Progress | None = None,
+    **run: Unpack[StudyOptions],
 ) -> FadingConvergence:
     """Study the dependence of the scintillation index on the shortest waves of a random sea.
 
@@ -137,12 +130,10 @@ def fading_study(
         At least four highest frequencies [rad s-1].
     realizations : int
         Seas of each band over which the index is measured as well; 0, the default, measures none.
-    photons, seed, threads, store, workers, progress
-        As in `ensemble`.
-    spacing : float, optional
-        Spacing of the meshes [m]; by default that of an ensemble.
     tolerance : float
         Relative error of the index at the recommended frequency.
+    **run
+        Options of the run, see `StudyOptions`.
 
     Returns
     -------
@@ -161,11 +152,7 @@ def fading_study(
     values = descending("omega_max", omega_max)[::-1]
     require_whole(realizations, 0, 1_000_000, "realizations")
     tolerance = positive("tolerance", tolerance)
-    campaign = campaign_of(
-        link, surface, photons=photons, seed=seed, spacing=spacing, threads=threads,
-        store=Store(store, "fading_study"),
-        workers=workers,
-    )  # fmt: skip
+    campaign = campaign_of(link, surface, "fading_study", **run)
     link = campaign.link
     sea = getattr(campaign.sea, "short_waves", campaign.sea)
     campaign = campaign._replace(surface=sea)
@@ -177,7 +164,7 @@ def fading_study(
         recommended = math.nan
     measured = np.full((len(values), 2), math.nan)
     for i, limit in enumerate(values if realizations else ()):
-        measured[i] = _measured(campaign, limit, realizations, progress)
+        measured[i] = _measured(campaign, limit, realizations)
     return FadingConvergence(
         omega_max=np.array(values),
         with_tilts=np.array(both[0]),
@@ -191,14 +178,12 @@ def fading_study(
     )
 
 
-def _measured(
-    campaign: Campaign, omega_max: float, realizations: int, progress: Progress | None
-) -> tuple[float, float]:
+def _measured(campaign: Campaign, omega_max: float, realizations: int) -> tuple[float, float]:
     """Return the index of unscattered light over an ensemble, and its standard error."""
     sea: Any = campaign.sea
     campaign = campaign.of(campaign.link, f"up to {omega_max!r} rad/s")
     campaign = campaign._replace(surface=sea.model_copy(update={"omega_max": omega_max}))
-    gain = over_realizations(campaign, realizations, progress).gain_ballistic
+    gain = over_realizations(campaign, realizations).gain_ballistic
     rng = np.random.default_rng(campaign.run.seed)
     drawn = rng.integers(0, realizations, (_BOOTSTRAPS, realizations))
     indices = [sample.var(ddof=1) / sample.mean() ** 2 for sample in (gain, *gain[drawn])]

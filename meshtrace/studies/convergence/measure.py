@@ -17,7 +17,7 @@ from meshtrace.results.gain import Fate
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.convergence.exact import Reference, over_waves
-from meshtrace.studies.convergence.meshes import Costs, Normals, Progress, Unresolved, probes
+from meshtrace.studies.convergence.meshes import Costs, Normals, Unresolved, probes
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection, TypicalSea
 from meshtrace.transport.forced_link import crossing_reach
@@ -108,7 +108,6 @@ class CommonChains:
         cases: Iterable[Case],
         steps: int,
         recorded: dict[str, Any],
-        progress: Progress | None,
         photons: int = ANALOG_PHOTONS,
     ) -> Stacked:
         """Return the gains over the meshes of a study: as many repeats of each step, in order.
@@ -125,7 +124,7 @@ class CommonChains:
         chosen = {"kinds": list(self.kinds), "receiver": self.receiver}
         identity = {**recorded, **chosen, "physics": self.link.physics.model_dump(mode="json")}
         setup = partial(_measuring, self, jobs, photons)
-        rows = campaign.over(setup, range(len(jobs)), "meshes", identity, progress, "meshes")
+        rows = campaign.over(setup, range(len(jobs)), "meshes", identity, "meshes")
         by_case = np.stack(list(rows), axis=1)  # (kinds, cases, numbers)
         found = by_case.reshape(len(by_case), steps, -1, by_case.shape[-1])
         samples, (ballistic, *means) = found[..., :SHIFTS], np.moveaxis(found[..., SHIFTS:], -1, 0)

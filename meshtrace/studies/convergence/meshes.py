@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, NamedTuple, cast
 
 import numpy as np
@@ -22,7 +22,6 @@ _PROBES = 64  # per axis: where slopes are compared
 
 Normals = Literal["vertex", "facet"]
 Unresolved = Literal["tilt", "none"]
-Progress = Callable[[int], None]
 Parameter = Literal["spacing", "time_step", "omega_max"]
 
 UNITS: dict[Parameter, str] = {"spacing": "m", "time_step": "s", "omega_max": "rad s-1"}

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
@@ -25,9 +24,9 @@ from meshtrace.studies.inference.model import (
 )
 from meshtrace.studies.inference.result import Inference
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
-from meshtrace.studies.store import Store
 from meshtrace.surfaces import FlatSea
 from meshtrace.transport.meshing import surface_config
+from meshtrace.transport.options import RunOptions, require_options
 
 DEFAULT_CHAINS = 4096
 """Chains of the prediction of each measurement."""
@@ -48,11 +47,9 @@ def infer(
     unknown: Sequence[str] = ("water.a", "water.b", SCALE),
     prior: Mapping[str, tuple[float, float]] | None = None,
     *,
-    sea: MeshSource | TriangleMesh | None = None,
+    surface: MeshSource | TriangleMesh | None = None,
     photons: int = DEFAULT_CHAINS,
-    seed: int = 1,
-    threads: int | None = None,
-    store: str | Path | None = None,
+    **run: Unpack[RunOptions],
 ) -> Inference:
     """Return unknown parameters of a link from measured gains.
 
@@ -68,16 +65,12 @@ def infer(
         Keys of the link, and "scale" for a common factor of all measurements.
     prior : mapping of str to (mean, std), optional
         Independent knowledge of unknowns.
-    sea : MeshSource or TriangleMesh, optional
+    surface : MeshSource or TriangleMesh, optional
         The surface; still water by default, or that of the scenario.
     photons : int
         Chains of each prediction.
-    seed : int
-        Seed, the same for all predictions.
-    threads : int, optional
-        Threads, all cores by default; the result does not depend on them.
-    store : path, optional
-        As in `ensemble`; it keeps predictions.
+    **run
+        Options of the run, see `RunOptions`: progress by prediction.
 
     Returns
     -------
@@ -120,10 +113,10 @@ def infer(
     '0.11'
     """
     data = read_measurements(measurements)
-    if sea is None and not isinstance(link, Scenario):
-        sea = FlatSea()
-    options: Any = {"photons": photons, "seed": seed, "threads": threads}
-    campaign = campaign_of(link, sea, several=False, store=Store(store, "infer"), **options)
+    if surface is None and not isinstance(link, Scenario):
+        surface = FlatSea()
+    require_options(run, RunOptions)
+    campaign = campaign_of(link, surface, "infer", several=False, photons=photons, **run)
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
     setting = Setting(campaign.link, campaign.surface, None)
@@ -135,10 +128,8 @@ def infer(
     unknowns = [_SCALE if name == SCALE else next(of_link) for name in names]
     fit = _Fit(data, names, unknowns, _priors(prior, names, unknowns))
     fit.model = Model(campaign, data.keys, found)
-    origin = provenance(
-        campaign.link, surface_config(campaign.surface), {"photons": photons, "seed": seed}
-    )
-    return fit.result(origin)
+    options = {"photons": photons, "seed": campaign.run.seed}
+    return fit.result(provenance(campaign.link, surface_config(campaign.surface), options))
 
 
 class _Prior(NamedTuple):

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Unpack, get_args
 
 import numpy as np
 
@@ -27,17 +26,16 @@ from meshtrace.models import Floats
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import held_light
-from meshtrace.studies.campaign import Campaign, campaign_of, wind_over
+from meshtrace.studies.campaign import DEFAULT_CHAINS, Campaign, campaign_of
 from meshtrace.studies.neighbours import error_of
 from meshtrace.studies.optimisation.objectives import Custom, Goal, Objective
 from meshtrace.studies.optimisation.result import Optimum, Validation
 from meshtrace.studies.optimisation.sample import REWEIGHED, Aircraft, Sample
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.quantities import FADES
-from meshtrace.studies.store import Store
 from meshtrace.transport.meshing import surface_config
-from meshtrace.uav.airframe import Uav
-from meshtrace.uav.wind import Dryden
+from meshtrace.transport.options import RunOptions, require_options
+from meshtrace.uav.airframe import Flight
 
 Method = Literal["auto", "bounded", "cobyqa", "global"]
 
@@ -52,26 +50,21 @@ _FOV = "receiver.fov_deg"
 
 def optimize(
     link: Link | Scenario,
-    sea: MeshSource | TriangleMesh | None = None,
+    surface: MeshSource | TriangleMesh | None = None,
     over: Mapping[str, tuple[float, float]] | None = None,
     objective: Objective | Custom = "outage",
     constraints: Sequence[Callable[[Link], float]] = (),
     hover_std: tuple[float, float] = (0.0, 0.0),
-    uav: Uav | None = None,
-    realizations: int = 64,
-    photons: int = 2048,
-    method: Method = "auto",
-    seed: int | None = None,
     *,
-    wind: Dryden | None = None,
+    flight: Flight | None = None,
+    realizations: int = 64,
+    photons: int = DEFAULT_CHAINS,
+    method: Method = "auto",
     ook: OokLink | Preset | None = "physical",
     bit_rate: float | None = None,
     limit: float = 1e-3,
     quantile: float = 0.01,
-    threads: int | None = None,
-    store: str | Path | None = None,
-    progress: Callable[[int], None] | None = None,
-    **options: Any,
+    **run: Unpack[RunOptions],
 ) -> Optimum:
     """Return the best link within bounds.
 
@@ -79,10 +72,8 @@ def optimize(
     ----------
     link : Link or Scenario
         The start, with one receiver and, if that is in the water, one lamp.
-    sea : MeshSource or TriangleMesh, optional
-        The surface, by default as for `simulate`. For the outage and the range over several seas
-        one whose band is left open has all waves that make the light of the start fade
-        (`fading.resolve_band`); gain and margin are means and need none of them.
+    surface : MeshSource or TriangleMesh, optional
+        The surface, by default as for `simulate`.
     over : mapping of str to (low, high)
         Variables by their keys in a link file, such as receiver.fov_deg, with bounds.
     objective : {"outage", "gain", "range", "margin"} or callable
@@ -93,8 +84,8 @@ def optimize(
         Functions of the link that are >= 0 where it is allowed.
     hover_std : (float, float)
         Standard deviations of the place of the end in the air along x and y [m].
-    uav : Uav, optional
-        Airframe that tilts the end in the air; a fixed mount unless `uav.gimbal`.
+    flight : Flight, optional
+        Aircraft that tilts the end in the air; a fixed mount unless `uav.gimbal`.
     realizations : int
         Seas, each with 12 places; over a surface without random phases the number of places.
     photons : int
@@ -102,10 +93,6 @@ def optimize(
     method : {"auto", "bounded", "cobyqa", "global"}
         Method of the search. "bounded" takes one variable, "cobyqa" up to six, with constraints,
         "global" is differential evolution; "auto" is the first of them that fits.
-    seed : int, optional
-        Seed of seas, places, tilts and chains, 1 by default or that of the scenario.
-    wind : Dryden, optional
-        Wind at the aircraft, by default that over the sea.
     ook : OokLink or preset, optional
         Transmission, for all but the gain.
     bit_rate : float, optional
@@ -114,14 +101,9 @@ def optimize(
         Largest bit error rate of a working link.
     quantile : float
         Quantile of the gain for "outage".
-    threads : int, optional
-        Threads, all cores by default; the result does not depend on them.
-    store : path, optional
-        File that keeps the gains of candidates, which another objective uses again.
-    progress : callable, optional
-        Called with 1 after each candidate.
-    **options
-        Fields of `Meshing`.
+    **run
+        Options of the run, see `RunOptions`: progress by candidate. The store keeps the gains of
+        candidates, which another objective uses again.
 
     Returns
     -------
@@ -138,7 +120,9 @@ def optimize(
     so that the cost is a deterministic, nearly smooth function. The optimum of a sample is
     optimistic: `validation` compares it with the start on fresh ones. Fields of view come from
     the angles of arrival of one run, and half angles from its directions of emission. Under the
-    daylight of a scenario all candidates have the background of the start.
+    daylight of a scenario all candidates have the background of the start. Unless `waves` of the
+    meshing says otherwise, meshes hold all waves that make the light of the start fade for the
+    outage and the range over several seas; gain and margin need none of the short ones.
 
     Examples
     --------
@@ -149,21 +133,20 @@ def optimize(
     >>> o.notes[0]
     'transmitter.half_angle_deg is at the bound 3'
     """
-    given = {"photons": photons, "seed": seed, "threads": threads, **options}
+    require_options(run, RunOptions)
     fading = realizations > 1 and objective in FADES
-    campaign = campaign_of(
-        link, sea, fading, several=False, store=Store(store, "optimize"), **given
-    )
+    campaign = campaign_of(link, surface, "optimize", fading, several=False, photons=photons, **run)
     require_whole(realizations, 1, 100_000, "realizations")
     require_between(quantile, 0.0, 1.0, "quantile")
     require_between(limit, 0.0, 0.5, "limit")
-    require_kind(uav, Uav | None, "uav")
-    require_kind(wind, Dryden | None, "wind")
+    require_kind(flight, Flight | None, "flight")
+    if flight is None and isinstance(link, Scenario) and link.uav is not None:
+        flight = Flight(link.uav)
+    flight = flight and flight.checked()
     if not (isinstance(constraints, list | tuple) and all(map(callable, constraints))):
         raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")
-    if isinstance(link, Scenario):
-        uav = uav or link.uav
-        ook = link.detector if link.detector is not None and ook == "physical" else ook
+    if isinstance(link, Scenario) and link.detector is not None and ook == "physical":
+        ook = link.detector
     electronics = None
     if ook is not None:
         electronics = OokLink.of_link(campaign.link, ook, bit_rate)
@@ -174,10 +157,9 @@ def optimize(
         electronics, light = held_light(electronics, campaign.case, day, str(objective))
     goal = Goal(objective, quantile, electronics, limit)
     variables, bounds = _variables(campaign, over)
-    if uav is not None and wind is None:
-        wind = wind_over(campaign.surface, campaign.link, "wind")
-    aircraft = Aircraft(_stds(hover_std), uav, wind)
-    search = _Search(campaign, goal, variables, bounds, realizations, aircraft, progress)
+    wind = None if flight is None else campaign.wind_of(flight)
+    aircraft = Aircraft(_stds(hover_std), flight and flight.uav, wind)
+    search = _Search(campaign, goal, variables, bounds, realizations, aircraft)
     found = search.optimum(tuple(constraints), method)
     return replace(found, notes=(*found.notes, f"background light: {light}")) if light else found
 
@@ -221,10 +203,9 @@ class _Search:
         bounds: Floats,
         realizations: int,
         aircraft: Aircraft,
-        progress: Callable[[int], None] | None,
     ) -> None:
         self._campaign, self._goal, self._variables = campaign, goal, variables
-        self._bounds, self._progress = bounds, progress
+        self._bounds = bounds
         self._log = np.array([not p.absolute for p in variables]) & (bounds[:, 0] > 0.0)
         names = [p.name for p in variables]
         self._widest = float(bounds[names.index(_FOV), 1]) if _FOV in names else None
@@ -278,8 +259,8 @@ class _Search:
         key = tuple(values.tolist())
         if key not in self._history:
             self._history[key] = self._costs(values)
-            if self._progress is not None:
-                self._progress(1)
+            if self._campaign.progress is not None:
+                self._campaign.progress(1)
         return float(self._history[key][0])
 
     def optimum(self, constraints: tuple[Callable[[Link], float], ...], method: str) -> Optimum:

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import pairwise
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
@@ -33,9 +32,9 @@ from meshtrace.studies.neighbours import (
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.quantities import FADES, Of, Quantity
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
-from meshtrace.studies.store import Store
 from meshtrace.transport.frozen import Light
 from meshtrace.transport.meshing import surface_config
+from meshtrace.transport.options import StudyOptions
 
 DEFAULT_CHAINS = 8192
 """Chains of a study of sensitivities."""
@@ -52,22 +51,16 @@ _EDGE_STEP = 0.01  # relative, of the field of view, for unscattered light
 
 def sensitivities(
     link: Link | Scenario,
-    sea: MeshSource | TriangleMesh | None = None,
+    surface: MeshSource | TriangleMesh | None = None,
     wrt: Sequence[str] | None = None,
     of: Of = "gain",
     *,
     realizations: int = 1,
-    photons: int | None = None,
-    seed: int | None = None,
     ook: OokLink | Preset | None = "physical",
     step: float | None = None,
     limit: float = 1e-3,
     bit_rate: float | None = None,
-    threads: int | None = None,
-    store: str | Path | None = None,
-    workers: int | str | None = None,
-    progress: Callable[[int], None] | None = None,
-    **options: Any,
+    **run: Unpack[StudyOptions],
 ) -> Sensitivities:
     """Return the derivatives of a quantity of a link by its parameters.
 
@@ -76,10 +69,8 @@ def sensitivities(
     link : Link or Scenario
         The link; of several receivers the first counts. A scenario also gives the sea and, unless
         `ook` is another one, the electronics.
-    sea : MeshSource or TriangleMesh, optional
-        The surface, by default as for `simulate`. For the error rate, the outage and the range
-        over several seas one whose band is left open has all waves that make the light fade
-        (`fading.resolve_band`); gain and margin are means and need none of them.
+    surface : MeshSource or TriangleMesh, optional
+        The surface, by default as for `simulate`.
     wrt : sequence of str, optional
         Parameters by their keys in a link file, such as "water.a" and "receiver.position.0"; by
         default all continuous ones. Those are keys of the link, and of the sea if its band does
@@ -90,10 +81,6 @@ def sensitivities(
         `limit`; with `ook=None` it is the depth of the link, at a fixed gain.
     realizations : int
         Seas; 1 is the sea as it is, more have their own phases.
-    photons : int, optional
-        Chains, common to all evaluations, 8192 by default.
-    seed : int, optional
-        Seed, 1 by default.
     ook : OokLink or {"physical", "paper", "paper-ranges"}, optional
         Transmission, for all but the gain.
     step : float, optional
@@ -103,16 +90,8 @@ def sensitivities(
         Largest bit error rate of a working link.
     bit_rate : float, optional
         Bit rate R_b [bit s-1], by default that of the transmission.
-    threads : int, optional
-        Threads, all cores by default; the result does not depend on them.
-    store : path, optional
-        File that keeps finished gains: a second call with the same arguments resumes the first.
-    workers : int or str, optional
-        Processes in place of threads, or the address or file of a running dask scheduler.
-    progress : callable, optional
-        Called with 1 after each parameter.
-    **options
-        Fields of `Meshing`: `time`, `extent`, `spacing`, `normals`.
+    **run
+        Options of the run, see `StudyOptions`: 8192 chains by default, progress by parameter.
 
     Returns
     -------
@@ -143,7 +122,9 @@ def sensitivities(
     stretched with the depth. Over seas without random slopes the crossings of neighbours are
     searched on facets near those of the base, with the digits of the search of every facet. Light
     that the surface reflects back is not included. Under the daylight of a scenario all links have
-    the background of the first one.
+    the background of the first one. Unless `waves` of the meshing says otherwise, meshes hold
+    all waves that make the light fade for the error rate, the outage and the range over several
+    seas; gain and margin are means and need none of the short ones.
 
     Examples
     --------
@@ -153,13 +134,11 @@ def sensitivities(
     >>> [round(row.elasticity, 2) for row in s.table]
     [-1.14, -0.08]
     """
-    given = {"photons": photons, "seed": seed, "threads": threads, **options}
-    if photons is None and not isinstance(link, Scenario):
-        given["photons"] = DEFAULT_CHAINS
     fading = realizations > 1 and of in FADES and (of != "range" or ook is not None)
     require_whole(realizations, 1, 100_000, "realizations")
-    kept = Store(store, "sensitivities")
-    campaign = campaign_of(link, sea, fading, several=False, store=kept, workers=workers, **given)
+    campaign = campaign_of(
+        link, surface, "sensitivities", fading, several=False, chains=DEFAULT_CHAINS, **run
+    )
     if realizations > 1 and not isinstance(campaign.surface, RandomSea):
         kind = getattr(campaign.surface, "kind", type(campaign.surface).__name__)
         raise Refused("realizations", realizations, f"1 over a surface of kind {kind}")
@@ -182,7 +161,7 @@ def sensitivities(
         names += parameters(setting, [depth], None, normals)
     study = Study(setting, campaign, realizations, quantity, default)
     with np.errstate(divide="ignore"):
-        found = [study.derivatives(p, progress) for p in names]
+        found = [study.derivatives(p, campaign.progress) for p in names]
     return replace(_result(study, found, asked), light=light)
 
 
