@@ -23,7 +23,7 @@ from meshtrace.mesh import MeshSource
 from meshtrace.parallel import paced
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.series import GainSeries
-from meshtrace.studies.light_pattern import light_pattern
+from meshtrace.studies.caustics import light_pattern
 from meshtrace.studies.series import time_series
 from meshtrace.transport.paths import PhotonPaths
 

@@ -10,15 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
 from meshtrace.comms.background import name_of_light
-from meshtrace.studies.comparison import Comparison
+from meshtrace.studies.comparison import Comparison, Duplex
 from meshtrace.studies.convergence.fading import FadingConvergence
 from meshtrace.studies.convergence.study import ConvergenceStudy
-from meshtrace.studies.duplex import Duplex
-from meshtrace.studies.inference.result import Inference
-from meshtrace.studies.optimisation.result import Optimum
+from meshtrace.studies.inference.study import Inference
+from meshtrace.studies.optimisation.study import Optimum
 from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
 from meshtrace.studies.sensitivity.result import Sensitivities
-from meshtrace.studies.sensitivity.swings import swings
+from meshtrace.studies.sensitivity.study import swings
 
 from .checks import checked
 from .plots_curves import error_rates, plot_curves, positive

@@ -363,7 +363,7 @@ def wind_over(sea: Any, link: Link, name: str) -> Dryden:
 
 def campaign_of(
     link: Link | Scenario,
-    surface: MeshSource | TriangleMesh | None,
+    surface: MeshSource | TriangleMesh | None = None,
     study: str = "",
     fading: bool = False,
     *,

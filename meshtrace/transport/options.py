@@ -17,6 +17,17 @@ from meshtrace.models import Family, Finite, Model
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces.bands import Band, MeshWaves
 
+__all__ = [
+    "Analog",
+    "Arrivals",
+    "Forced",
+    "IrradianceMap",
+    "Meshing",
+    "Run",
+    "RunOptions",
+    "StudyOptions",
+]
+
 BLOCK = 4096
 """Photons whose scores are added first: fixed, so that sums do not depend on the chunks."""
 

@@ -473,7 +473,7 @@ SWEEP = {"parameters": {"transmitter.depth": [5.0, 10.0], "wind_speed": [5.0, 9.
 
 def _sweep(path, gain):
     """Open a store, filled with a gain where it waits for one, and return its gains."""
-    from meshtrace.studies import sweep as module
+    from meshtrace.studies import sweeps as module
 
     original = module.Cluster.map
 
@@ -513,7 +513,7 @@ def studies(random, folder):
     """Study files with values replaced, or letters."""
     import tomli_w
 
-    from meshtrace.studies import sweep as module
+    from meshtrace.studies import sweeps as module
 
     table = {"realizations": 2, "photons": 32, "seed": 1, "rtol": 0.1, **SWEEP}
     config = {"wind_speed": 5.0, "transmitter": {"depth": 5.0}, "sweep": table}

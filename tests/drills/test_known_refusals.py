@@ -11,7 +11,7 @@ from meshtrace.comms import budget, capacity, decisions, devices
 from meshtrace.errors import Refused
 from meshtrace.paper import profiles
 from meshtrace.results.gain import bound_where_dark
-from meshtrace.studies.sensitivity import swings
+from meshtrace.studies import swings
 from meshtrace.surfaces import FlatSea
 
 CORNERS = [(-9.0, -9.0, 0.0), (9.0, -9.0, 0.0), (9.0, 9.0, 0.0)]

@@ -15,7 +15,7 @@ from meshtrace import cli, fading
 from meshtrace.errors import Refused
 from meshtrace.results import load
 from meshtrace.scenario import Scenario
-from meshtrace.studies.convergence import FadingConvergence, fading_study
+from meshtrace.studies import FadingConvergence, fading_study
 from meshtrace.surfaces import Elfouhaily, FlatSea, JonswapSea, SpectralSea, resolved_sea
 
 SEA = SpectralSea(

@@ -12,7 +12,7 @@ from test_link_files import damaged, examples, numbers, plausible, values
 pytest.importorskip("distributed")
 
 from meshtrace.scenario import ScenarioError
-from meshtrace.studies import sweep as batch
+from meshtrace.studies import sweeps as batch
 
 KEYS = [
     "wind_speed",

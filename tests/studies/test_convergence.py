@@ -16,17 +16,20 @@ from meshtrace.kernels.wave_sum import shape_at
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.convergence import (
+from meshtrace.studies import (
     ConvergenceStudy,
-    Costs,
     band_limit_study,
     convergence_study,
     time_step_study,
 )
-from meshtrace.studies.convergence.exact import waves_at
-from meshtrace.studies.convergence.fit import fit_law
-from meshtrace.studies.convergence.measure import CommonChains
-from meshtrace.studies.convergence.meshes import nested_mesh, placement_shifts
+from meshtrace.studies.convergence.measure import (
+    CommonChains,
+    Costs,
+    nested_mesh,
+    placement_shifts,
+    waves_at,
+)
+from meshtrace.studies.convergence.study import fit_law
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 
 LINK = mt.Link()

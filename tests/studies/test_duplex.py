@@ -71,7 +71,7 @@ def test_a_duplex_is_stored(both, tmp_path):
         (UP, UP, WAVE, {"times": [0.0]}, "^down: 1 receivers, direction up"),
         (UP, DOWN, WAVE, {}, "^times: "),
         (UP, DOWN, WAVE, {"times": [0.0], "realizations": 2}, "^times: "),
-        (UP, DOWN, FlatSea(), {"realizations": 2}, "^sea: FlatSea"),
+        (UP, DOWN, FlatSea(), {"realizations": 2}, "^surface: FlatSea"),
     ],
 )
 def test_other_pairs_are_refused(up, down, sea, options, text):

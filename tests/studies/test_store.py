@@ -18,7 +18,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.errors import Refused
-from meshtrace.studies.convergence import fading_study
+from meshtrace.studies import fading_study
 from meshtrace.studies.store import Kept, Store, is_store, locked
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, resolved_sea
 

@@ -13,17 +13,23 @@ from meshtrace.errors import Described, Refused, require_whole, require_word
 from meshtrace.kernels.random import realization_seed
 from meshtrace.models import Floats
 from meshtrace.studies.campaign import Campaign, campaign_of
-from meshtrace.studies.convergence import meshes
-from meshtrace.studies.convergence.exact import Reference, wave_sum
-from meshtrace.studies.convergence.measure import CommonChains, Stacked, spread
-from meshtrace.studies.convergence.meshes import (
+from meshtrace.studies.convergence.measure import (
+    CommonChains,
     Costs,
     Normals,
+    Parameter,
+    Reference,
+    Stacked,
     Unresolved,
     crest_of,
+    descending,
+    multiple_of,
     nested_mesh,
+    normal_kinds,
     placement_shifts,
     positive,
+    spread,
+    wave_sum,
 )
 from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.transport.meshing import mesh_for
@@ -112,7 +118,7 @@ def convergence_study(
     >>> 1.6 < study.fits["vertex"].order.value < 2.2
     True
     """
-    values = meshes.descending("spacings", spacings)
+    values = descending("spacings", spacings)
     positive("tolerance", tolerance)
     require_whole(placements, 1, 100_000, "placements")
     if reference not in ("analytic", None):
@@ -173,7 +179,7 @@ def band_limit_study(
     The mean square slope of a spectrum with an omega^-5 tail grows as log omega_max: without
     random slopes for the waves left out (`unresolved="tilt"`) this study has no limit.
     """
-    values = meshes.descending("omega_max", omega_max)[::-1]
+    values = descending("omega_max", omega_max)[::-1]
     positive("tolerance", tolerance)
     require_whole(realizations, 1, 100_000, "realizations")
     campaign = campaign_of(link, surface, "band_limit_study", **run)
@@ -232,12 +238,12 @@ def time_step_study(
         `gain` is the mean over the series (trapezoidal rule), `scatter` the rms error of
         linear interpolation between its times.
     """
-    values = meshes.descending("steps", steps)
+    values = descending("steps", steps)
     positive("tolerance", tolerance)
     finest = 0.5 * values[-1]
-    strides = [meshes.multiple_of("steps", value / finest) for value in values]
+    strides = [multiple_of("steps", value / finest) for value in values]
     duration = 8.0 * values[0] if duration is None else positive("duration", duration)
-    n = meshes.multiple_of("duration", duration / finest)
+    n = multiple_of("duration", duration / finest)
     for value, stride in zip(values, strides, strict=True):
         if n % stride:
             raise Refused("duration", duration, f"multiples of the step {value:g} s")
@@ -274,13 +280,13 @@ def _chains(
 ) -> CommonChains:
     """Return the chains of a study, for crests no higher than those of the highest sea."""
     require_word(unresolved, ("tilt", "none"), "unresolved")
-    kinds, run = meshes.normal_kinds(normals), campaign.run
+    kinds, run = normal_kinds(normals), campaign.run
     crest = crest_of(campaign.link, highest or campaign.sea, campaign.meshing.time)
     return CommonChains(campaign.link, run.photons, run.seed, kinds, receiver, crest, unresolved)
 
 
 def _study(
-    parameter: meshes.Parameter,
+    parameter: Parameter,
     values: list[float],
     campaign: Campaign,
     chains: CommonChains,

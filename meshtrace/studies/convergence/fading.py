@@ -16,7 +16,7 @@ from meshtrace.fields import attrs
 from meshtrace.models import Floats
 from meshtrace.stored import Stored
 from meshtrace.studies.campaign import Campaign, campaign_of
-from meshtrace.studies.convergence.meshes import descending, positive
+from meshtrace.studies.convergence.measure import descending, positive
 from meshtrace.studies.series import over_realizations
 from meshtrace.transport.options import StudyOptions
 
