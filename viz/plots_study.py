@@ -237,7 +237,7 @@ def plot_tornado(
         Of `sensitivities`; each end of a bar is a run with the chains of the study.
     change : float or mapping of str to (low, high)
         Relative change to either side, or the values of some parameters, see
-        `studies.sensitivity.swings`.
+        `studies.swings`.
     ax : matplotlib Axes, optional
         Axes to draw on.
 
