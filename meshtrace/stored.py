@@ -6,26 +6,30 @@ all its bytes, which other readers ignore. It is encoded in memory and replaced 
 
 from __future__ import annotations
 
-import abc
 import hashlib
 import html
 import io
 import json
 import mmap
 import struct
+from collections.abc import Callable, Collection, Iterator
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused, one_line, reason_of, show
+from meshtrace.fields import attrs
 from meshtrace.files import atomic
 
 if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT_VERSION = 2
-"""Version of the files; those of version 1 (meshtrace 0.1) are read, too."""
+"""Version of the files; others are refused."""
 
 SHIFTS = 32
 """Independent groups from which standard errors come: shifts of chains, photon ids modulo 32."""
@@ -50,23 +54,89 @@ _HOMES = {
 }
 """Modules of the results by kind, imported when a file asks for them."""
 
+Variables = dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, str]]]
+
 _MARK = b"meshtrace-sha256"
 _TRAILER = len(_MARK) + hashlib.sha256().digest_size
 _HEAP, _HEAP_OBJECT = b"GCOL\x01\0\0\0", struct.Struct("<H6xQ")
 _ALLOWED = "an undamaged netCDF file"
 
 
-class Stored(abc.ABC):
+class Variable(NamedTuple):
+    """Dimensions of an array, its rule for merging and its name in files.
+
+    A dimension in braces is the value of that field; values with fewer dimensions have the first
+    ones. A mean merges together with its standard error, which has no separate rule.
+    """
+
+    dims: str
+    rule: Callable[..., Any] | None = None
+    name: str = ""
+
+
+class WithArrays:
+    """Base of the dataclasses with fields of type ``Annotated[array, Variable(...)]``.
+
+    Fields whose type is another such class, or None, have their arrays in the same dataset.
+    """
+
+    @classmethod
+    def _described(cls) -> Iterator[tuple[str, str, Variable]]:
+        """Yield attribute, name in files and description of each array."""
+        for attribute, hint in get_type_hints(cls, include_extras=True).items():
+            for variable in getattr(hint, "__metadata__", ()):
+                yield attribute, variable.name or attribute, variable
+
+    @classmethod
+    def _parts(cls) -> Iterator[tuple[str, Any]]:
+        """Yield attribute and class of each field with arrays of its own."""
+        for attribute, hint in get_type_hints(cls).items():
+            for kind in get_args(hint):
+                if isinstance(kind, type) and issubclass(kind, WithArrays):
+                    yield attribute, kind
+
+    def to_variables(self) -> Variables:
+        """Return the arrays by their names in files, with dimensions and attributes."""
+        found: Variables = {}
+        for attribute, name, variable in self._described():
+            value, dims = getattr(self, attribute), variable.dims.format(**vars(self)).split()
+            if value is not None:
+                array = np.atleast_1d(value) if dims else np.asarray(value)
+                found[name] = (tuple(dims[: array.ndim]), array, attrs(name))
+        for attribute, _ in self._parts():
+            part = getattr(self, attribute)
+            found |= {} if part is None else part.to_variables()
+        return found
+
+    @classmethod
+    def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
+        """Return the fields that a dataset holds: numbers, arrays, tuples of texts."""
+        found: dict[str, Any] = {}
+        for attribute, name, _ in cls._described():
+            if name in data.variables:
+                value = data[name].to_numpy()
+                texts = value.dtype.kind in "OUT"
+                found[attribute] = tuple(map(str, value)) if texts else value
+                if not value.ndim:
+                    found[attribute] = value.item()
+        for attribute, kind in cls._parts():
+            fields = kind.arrays(data)
+            found[attribute] = kind(**fields) if fields else None
+        return found
+
+
+class Stored(WithArrays):
     """Result with a text, a notebook table, a Dataset and a file.
 
-    Subclasses are frozen dataclasses (`repr=False`) with a `kind`, a `title` and the abstract
-    methods below.
+    Subclasses are frozen dataclasses (`repr=False`) with a `kind` and a `title`. Fields described
+    by a `Variable` become variables of the dataset, those named in `_attributes` its attributes.
     """
 
     kind: ClassVar[str] = ""
     title: ClassVar[str] = ""
     provenance: Any
 
+    _attributes: ClassVar[Collection[str]] = ()
     _classes: ClassVar[dict[str, type[Stored]]] = {}
 
     def __init_subclass__(cls) -> None:
@@ -74,22 +144,34 @@ class Stored(abc.ABC):
         if cls.kind:
             Stored._classes[cls.kind] = cls
 
-    @abc.abstractmethod
     def summary(self) -> str:
-        """Return the result as text for a terminal."""
+        """Return the numbers with their standard errors and units as text for a terminal."""
+        lines, found = [self._headline()], self.to_variables()
+        for name, (dims, value, about) in found.items():
+            if not dims and not name.endswith("_stderr"):
+                error = f" +- {found[f'{name}_stderr'][1]:.1g}" if f"{name}_stderr" in found else ""
+                text = f"{value:.6g}{error} {about['units']}".removesuffix(" 1")
+                lines.append(f"  {name.replace('_', ' '):<20} {text}")
+        return "\n".join(lines + self._origin_lines())
 
-    @abc.abstractmethod
     def _headline(self) -> str:
         """Return the most important numbers as one line."""
+        raise NotImplementedError
 
-    @abc.abstractmethod
     def _content(self) -> xr.Dataset:
         """Return the Dataset without kind, version and provenance."""
+        import xarray as xr
+
+        return xr.Dataset(self.to_variables(), attrs={n: _plain(self, n) for n in self._attributes})
 
     @classmethod
-    @abc.abstractmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> Self:
-        """Return the result of a dataset of this kind."""
+        """Return the result of a dataset of this kind; attributes that it lacks have defaults."""
+        fields, hints = cls.arrays(data), get_type_hints(cls)
+        for name in cls._attributes:
+            if name in data.attrs:
+                fields[name] = _typed(data.attrs[name], hints[name])
+        return cls(**{**fields, "provenance": provenance})
 
     def _origin_lines(self) -> list[str]:
         """Return the texts that come from the provenance; a file is refused without them."""
@@ -108,8 +190,6 @@ class Stored(abc.ABC):
 
     def to_dataset(self) -> xr.Dataset:
         """Return the result as an xarray Dataset with units and provenance."""
-        import numpy as np
-
         return self._content().assign_attrs(
             title=self.title,
             kind=self.kind,
@@ -162,6 +242,24 @@ class Stored(abc.ABC):
             If the file is damaged, or of another kind or format.
         """
         return cls.from_dataset(read_dataset(path), str(path))
+
+
+def _plain(result: Stored, name: str) -> Any:
+    """Return a field as an attribute of a file: numbers and texts as they are, others as JSON."""
+    value = getattr(result, name)
+    numbers = isinstance(value, tuple) and all(isinstance(v, int | float) for v in value)
+    return list(value) if numbers else value if np.isscalar(value) else json.dumps(value)
+
+
+def _typed(value: Any, hint: Any) -> Any:
+    """Return an attribute of a file as a value of a type."""
+    from pydantic import TypeAdapter
+
+    if isinstance(value, str) and hint is not str:
+        value = json.loads(value)
+    return TypeAdapter(hint).validate_python(
+        np.asarray(value).tolist() if hasattr(value, "dtype") else value
+    )
 
 
 def load(path: str | Path) -> Stored:

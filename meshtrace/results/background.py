@@ -9,7 +9,7 @@ import numpy as np
 
 from meshtrace.errors import Refused
 from meshtrace.models import Floats
-from meshtrace.results.variables import StoredArrays, Variable
+from meshtrace.stored import Stored, Variable
 
 PARTS = ("sky", "glint", "water", "foam", "sun")
 """Parts of the background, in the order of `Background.part_radiance`.
@@ -20,7 +20,7 @@ sun seen directly. Under water: "sky" and "sun" through the surface, scattered l
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Background(StoredArrays):
+class Background(Stored):
     """Radiance of the background, averaged over aperture and field of view of a receiver.
 
     Attributes
@@ -118,7 +118,7 @@ class Background(StoredArrays):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BackgroundSeries(StoredArrays):
+class BackgroundSeries(Stored):
     """Background of a receiver over a moving sea, with the same rays at all times.
 
     Attributes

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
-from meshtrace.results.variables import StoredArrays, Variable
+from meshtrace.stored import Stored, Variable
 
 _DARK = 0.01  # of the highest gain, below which errors are relative to it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CoverageMap(StoredArrays):
+class CoverageMap(Stored):
     """Gain of a receiver at each place of its plane.
 
     Attributes

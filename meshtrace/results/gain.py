@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
@@ -16,9 +16,8 @@ from meshtrace.fields import attrs
 from meshtrace.kernels.tally import Fate
 from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
-from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, Tally, merged_mean
-from meshtrace.results.variables import Variable, WithArrays
-from meshtrace.stored import Stored
+from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, merged, merged_mean
+from meshtrace.stored import Stored, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -79,12 +78,11 @@ CHAIN_MEANING = {
 }
 
 _MATTERS = 0.5  # error of the mesh over the standard error: the two together are 12 % larger
-_EACH = Variable("receiver")
-_TALLIES: dict[str, type[Tally]] = {"arrivals": Arrivals, "planes": Planes, "map": IrradianceMap}
+_EACH, _MEAN = Variable("receiver"), Variable("receiver", merged_mean)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GainResult(WithArrays, Stored):
+class GainResult(Stored):
     """Channel gain of one link over one surface.
 
     Attributes
@@ -128,7 +126,7 @@ class GainResult(WithArrays, Stored):
         Irradiance on a plane in the air.
     """
 
-    gain: Annotated[Values, _EACH]
+    gain: Annotated[Values, _MEAN]
     gain_stderr: Annotated[Values, _EACH]
     photons: int
     fates: dict[str, FateTally]
@@ -151,6 +149,10 @@ class GainResult(WithArrays, Stored):
     kind: ClassVar[str] = "gain"
     title: ClassVar[str] = "meshtrace channel gain"
 
+    _attributes: ClassVar[tuple[str, ...]] = (
+        "photons", "misses", "chains", "scattered", "reflected",
+    )  # fmt: skip
+
     @property
     def gains(self) -> Floats:
         """Gain of each receiver as an array, shape (receivers,)."""
@@ -167,16 +169,17 @@ class GainResult(WithArrays, Stored):
         with np.errstate(divide="ignore"):
             return like(self.gain, 10.0 * np.log10(self.gains))
 
-    @property
-    def _rows(self) -> Iterator[tuple[float, float, float]]:
-        """Yield gain, standard error and upper bound, or nan, of each receiver."""
-        bounds = np.full(len(self.gains), np.nan) if self.gain_bound is None else self.gain_bound
-        return zip(self.gains, self.stderrs, np.atleast_1d(bounds), strict=True)
+    def _each(self, name: str) -> list[float]:
+        """Return a field for each receiver, nan where it is None."""
+        value = getattr(self, name)
+        found = np.full(len(self.gains), np.nan) if value is None else np.atleast_1d(value)
+        return [float(one) for one in found]
 
     def _headline(self) -> str:
+        rows = zip(self.gains, self.stderrs, self._each("gain_bound"), strict=True)
         parts = [
             self._dark(bound) if bound > 0.0 else f"gain {gain:.4e} +- {stderr:.1e}"
-            for gain, stderr, bound in self._rows
+            for gain, stderr, bound in rows
         ]
         shown = parts[:4] + [f"{len(parts) - 4} more"] * (len(parts) > 4)
         return ", ".join([*shown, self._samples])
@@ -210,14 +213,13 @@ class GainResult(WithArrays, Stored):
         if wall_time is not None:
             count += f" in {wall_time:.2f} s"
         lines = [*self._gain_lines(verbose), *self._origin_lines(), _line("samples", count)]
+        cast, lost = self.misses
+        if self.fates and (verbose or lost):
+            lines.append(_line("misses", f"{cast:,} rays cast again, {lost:,} lost"))
         if self.fates:
-            cast, lost = self.misses
-            if verbose or lost:
-                lines.append(_line("misses", f"{cast:,} rays cast again, {lost:,} lost"))
             lines += ["", f"{'fate':<12}{'photons':>15}{'weight %':>12}  meaning"]
-            for name, (photons, weight) in self.fates.items():
-                if not (photons or weight or verbose):
-                    continue
+        for name, (photons, weight) in self.fates.items():
+            if photons or weight or verbose:
                 meaning = FATE_MEANING[Fate[name.upper()]]
                 lines.append(f"{name:<12}{photons:>15,}{100.0 * weight:>12.4g}  {meaning}")
         if verbose and self.chains.get("chains"):
@@ -226,16 +228,13 @@ class GainResult(WithArrays, Stored):
                 lines.append(f"{name:<12}{number:>15,}  {CHAIN_MEANING.get(name, name)}")
         return "\n".join(lines)
 
-    @property
-    def _mesh_errors(self) -> Floats:
-        """Error by the mesh of each gain, nan where it is not known."""
-        unknown = np.full(len(self.gains), np.nan)
-        return unknown if self.mesh_error is None else np.atleast_1d(self.mesh_error)
-
     def _gain_lines(self, verbose: bool) -> list[str]:
         """Return gain and errors of each receiver; that of the mesh where it matters."""
         lines = []
-        for i, (gain, stderr, bound) in enumerate(self._rows):
+        names = "gain", "gain_stderr", "gain_bound", "mesh_error"
+        parts = "gain_ballistic", "gain_reflected"
+        columns = zip(*(self._each(name) for name in (*names, *parts)), strict=True)
+        for i, (gain, stderr, bound, of_mesh, direct, reflected) in enumerate(columns):
             name = "channel gain" if np.ndim(self.gain) == 0 else f"channel gain [{i}]"
             if not gain > 0.0:
                 dark = f"{self._dark(bound)} at 95 % confidence" if bound > 0.0 else "dark"
@@ -245,17 +244,13 @@ class GainResult(WithArrays, Stored):
             lines.append(_line(name, f"{gain:.4e}  ({10.0 * math.log10(gain):.3f} dB optical)"))
             errors = f"{stderr:.1e}  ({percent:.2g} %, {decibel:.2g} dB)"
             lines.append(_line("standard error", errors))
-            of_mesh = self._mesh_errors[i]
             if of_mesh > _MATTERS * stderr or (verbose and of_mesh >= 0.0):
                 text = f"{of_mesh:.1e}  ({100.0 * of_mesh / gain:.2g} %)"
                 lines.append(_line("error of the mesh", text))
             if self.gain_ballistic is not None:
-                direct = np.atleast_1d(self.gain_ballistic)[i]
-                scattered = 100.0 * (1.0 - direct / gain)
-                text = f"{direct:.4e} unscattered; scattered {scattered:.1f} %"
+                text = f"{direct:.4e} unscattered; scattered {100.0 * (1.0 - direct / gain):.1f} %"
                 if self.gain_reflected is not None:
-                    returned = 100.0 * np.atleast_1d(self.gain_reflected)[i] / gain
-                    text += f", of which reflected first {returned:.2g} %"
+                    text += f", of which reflected first {100.0 * reflected / gain:.2g} %"
                 lines.append(_line("", text))
             if self.scattered:
                 by = self.scattered[i]
@@ -264,29 +259,28 @@ class GainResult(WithArrays, Stored):
         return lines
 
     def _content(self) -> xr.Dataset:
-        import xarray as xr
-
-        variables: dict[str, Any] = dict(self.variables())
-        coords: dict[str, Any] = {"receiver": np.arange(len(self.gains))}
+        data = super()._content().assign_attrs(scalar=int(np.ndim(self.gain) == 0))
         if self.fates:
-            photons, weight = zip(*self.fates.values(), strict=True)
             codes = np.array([Fate[name.upper()] for name in self.fates], np.int8)
             flags = {"flag_values": codes, "flag_meanings": " ".join(self.fates)}
-            coords["fate"] = ("fate", codes, flags)
-            variables["fate_photons"] = ("fate", np.array(photons, np.int64), attrs("fate_photons"))
-            variables["fate_weight"] = ("fate", np.array(weight), attrs("fate_weight"))
-        for name in _TALLIES:
-            tally = getattr(self, name)
-            variables.update(tally.variables() if tally is not None else {})
-        about = {
-            "photons": self.photons,
-            "misses": list(self.misses),
-            "chains": json.dumps(self.chains),
-            "scattered": json.dumps(self.scattered),
-            "reflected": json.dumps(self.reflected),
-            "scalar": int(np.ndim(self.gain) == 0),
-        }
-        return xr.Dataset(variables, coords, about)
+            data.coords["fate"] = ("fate", codes, flags)
+            for name in FateTally._fields:
+                column = np.array([getattr(tally, name) for tally in self.fates.values()])
+                data[f"fate_{name}"] = ("fate", column, attrs(f"fate_{name}"))
+        return data.assign_coords(receiver=np.arange(len(self.gains)))
+
+    @classmethod
+    def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
+        """Return the fields that a dataset holds; those of a single receiver are numbers."""
+        found, fates = super().arrays(data), {}
+        if data.attrs["scalar"]:
+            each = {name for name, _, variable in cls._described() if variable.dims == "receiver"}
+            found |= {name: float(found[name][0]) for name in each & found.keys()}
+        if "fate" in data.coords:
+            columns = (data[f"fate_{name}"].values.tolist() for name in FateTally._fields)
+            names = data["fate"].attrs["flag_meanings"].split()
+            fates = dict(zip(names, map(FateTally, *columns), strict=True))
+        return {**found, "fates": fates}
 
     def _origin_lines(self) -> list[str]:
         """Return estimator, sea and wind of a run."""
@@ -301,33 +295,6 @@ class GainResult(WithArrays, Stored):
         text = f"{provenance['run']['estimator']} estimator, {surface['kind']} sea{wind}{band}"
         water = [_line("water", water_of(provenance))] if link else []
         return [*water, _line("run", text)]
-
-    @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> GainResult:
-        single = float(data["gain"][0]) if data.attrs["scalar"] else np.empty(0)
-        values = cls.arrays(data)
-        fates = {}
-        if "fate" in data.coords:
-            names = data["fate"].attrs["flag_meanings"].split()
-            columns = (data[f"fate_{name}"].values.tolist() for name in FateTally._fields)
-            tallies = (FateTally(*row) for row in zip(*columns, strict=True))
-            fates = dict(zip(names, tallies, strict=True))
-        cast, lost = (int(number) for number in data.attrs["misses"])
-        samples = {
-            name: [ScatteredSamples(*row) for row in json.loads(data.attrs.get(name, "[]"))]
-            for name in ("scattered", "reflected")
-        }
-        return cls(
-            **{n: v if n == "gain_order" else like(single, v) for n, v in values.items()},
-            photons=int(data.attrs["photons"]),
-            fates=fates,
-            provenance=provenance,
-            misses=(cast, lost),
-            chains=json.loads(data.attrs["chains"]),
-            scattered=samples["scattered"],
-            reflected=samples["reflected"],
-            **{name: tally.read(data) for name, tally in _TALLIES.items()},  # type: ignore[arg-type]
-        )
 
 
 def like(gain: Values, array: Any) -> Any:
@@ -383,29 +350,21 @@ def merge(results: Sequence[GainResult]) -> GainResult:
         raise Refused("results", Described("photon ids overlap"), "disjoint runs")
     n = np.array([r.photons for r in results])
     total = int(n.sum())
-    gains, stderrs = merged_mean([r.gains for r in results], [r.stderrs for r in results], n)
-    gain = like(first.gain, gains)
+    means = merged(results, n)
     fates = {}
     for name in first.fates:
         photons = sum(r.fates[name].photons for r in results)
         weight = sum(r.fates[name].weight * r.photons for r in results) / total
         fates[name] = FateTally(photons, weight)
     run = {"photons": total, "photon_ranges": [list(span) for span in ranges]}
-    tallies: dict[str, Any] = {
-        name: tally.merged([getattr(r, name) for r in results], n)
-        for name, tally in _TALLIES.items()
-        if getattr(first, name) is not None
-    }
     return replace(
         first,
-        gain=gain,
-        gain_stderr=like(gain, stderrs),
-        gain_bound=bound_where_dark(gain, total),
+        gain_bound=bound_where_dark(means["gain"], total),
         photons=total,
         fates=fates,
         provenance={**first.provenance, "run": {**first.provenance["run"], **run}},
         misses=(sum(r.misses[0] for r in results), sum(r.misses[1] for r in results)),
-        **tallies,
+        **means,
     )
 
 

@@ -13,8 +13,7 @@ from scipy import constants
 from meshtrace.errors import Described, Refused, require_between, require_finite, require_whole
 from meshtrace.models import Floats
 from meshtrace.results.gain import GainResult
-from meshtrace.results.variables import StoredArrays, Variable
-from meshtrace.stored import SHIFTS
+from meshtrace.stored import SHIFTS, Stored, Variable
 
 _MOST_BINS = 10**7
 SPEED_OF_LIGHT = constants.c
@@ -22,7 +21,7 @@ SPEED_OF_LIGHT = constants.c
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ImpulseResponse(StoredArrays):
+class ImpulseResponse(Stored):
     """Impulse response of a channel, h(t) in gain per second.
 
     Attributes
@@ -59,20 +58,8 @@ class ImpulseResponse(StoredArrays):
     title: ClassVar[str] = "meshtrace impulse response"
 
     def _headline(self) -> str:
-        return f"rms delay spread {self.rms_delay_spread:.4g} s, {len(self.weight)} arrivals"
-
-    def summary(self) -> str:
-        """Return delays and their standard errors as text for a terminal."""
-        return "\n".join(
-            [
-                f"impulse response of {len(self.weight):,} arrivals",
-                f"  gain                 {self.weight.sum():.4e}",
-                f"  first arrival        {self.first_arrival:.6g} s",
-                f"  mean delay           {self.mean_delay:.4g} +- {self.mean_delay_stderr:.1g} s",
-                f"  rms delay spread     {self.rms_delay_spread:.4g} +- "
-                f"{self.rms_delay_spread_stderr:.1g} s",
-            ]
-        )
+        spread = f"rms delay spread {self.rms_delay_spread:.4g} s"
+        return f"impulse response of {len(self.weight):,} arrivals, {spread}"
 
     def transfer_function(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return H(f) = sum w exp(-2 pi i f t) / sum w at frequencies [Hz]; H(0) = 1."""

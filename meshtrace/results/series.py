@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from meshtrace.errors import Refused, require_whole
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.stored import Stored
+from meshtrace.stored import Stored, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _FEW = 50  # gains shown in place of statistics
 _MOST_NOISE = 0.05  # fraction of the variance below which noise is not reported
-_VARIABLES = ("gain", "gain_stderr", "gain_ballistic")
+_EACH = Variable("{along} receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,9 +44,9 @@ class GainSeries(Stored):
 
     along: Literal["time", "realization"]
     coordinate: NDArray[Any]
-    gain: Floats
-    gain_stderr: Floats
-    gain_ballistic: Floats
+    gain: Annotated[Floats, _EACH]
+    gain_stderr: Annotated[Floats, _EACH]
+    gain_ballistic: Annotated[Floats, _EACH]
     mean_stderr: Any
     provenance: dict[str, Any] = field(default_factory=dict)
 
@@ -161,22 +161,19 @@ class GainSeries(Stored):
             return "\n".join([*lines, f"no fading statistics: {error}"])
 
     def _content(self) -> xr.Dataset:
-        import xarray as xr
-
-        dims = (self.along,) if self.gain.ndim == 1 else (self.along, "receiver")
-        variables = {name: (dims, getattr(self, name), attrs(name)) for name in _VARIABLES}
         about = attrs("time") if self.along == "time" else {"long_name": "seed of the phases"}
-        coordinates = {self.along: (self.along, self.coordinate, about)}
-        return xr.Dataset(variables, coordinates, {"mean_stderr": self.mean_stderrs})
+        data = super()._content().assign_coords({self.along: (self.along, self.coordinate, about)})
+        return data.assign_attrs(mean_stderr=self.mean_stderrs)
 
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> GainSeries:
         along: Literal["time", "realization"] = "time" if "time" in data.dims else "realization"
         mean_stderr = np.atleast_1d(data.attrs["mean_stderr"])
+        single = data["gain"].ndim == 1
         return cls(
             along=along,
             coordinate=data[along].to_numpy(),
-            **{name: data[name].to_numpy() for name in _VARIABLES},
-            mean_stderr=float(mean_stderr[0]) if data["gain"].ndim == 1 else mean_stderr,
+            **cls.arrays(data),
+            mean_stderr=float(mean_stderr[0]) if single else mean_stderr,
             provenance=provenance,
         )

@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.results.variables import Variable, Variables, WithArrays
-
-if TYPE_CHECKING:
-    import xarray as xr
+from meshtrace.stored import Variable, Variables, WithArrays
 
 
 def standard_error(total: Any, squares: Any, n: int) -> Any:
@@ -33,10 +30,10 @@ def merged_mean(
     total = int(n.sum())
     mean = shared_mean(means, n)
     square = sum(
-        k / total * (m**2 + (0.0 if k < 2 else s**2 * (k - 1)))
+        k / total * (m * m + (0.0 if k < 2 else s * s * (k - 1)))
         for m, s, k in zip(means, errors, n, strict=True)
     )
-    return mean, np.sqrt(np.maximum(square - mean**2, 0.0) / max(total - 1, 1))
+    return mean, np.sqrt(np.maximum(square - mean * mean, 0.0) / max(total - 1, 1))
 
 
 def shared_mean(means: Sequence[Floats], n: NDArray[np.int64]) -> Floats:
@@ -60,32 +57,29 @@ _CELLS = "map_axis_x map_axis_y"
 
 
 class Tally(WithArrays):
-    """Arrays with names, dimensions and merging rules; subclasses are dataclasses of them."""
+    """Arrays of a run beside its gains; subclasses are dataclasses of them."""
 
     def __repr__(self) -> str:
-        shapes = (f"{name} {array.shape}" for name, (_, array, _) in self.variables().items())
+        shapes = (f"{name} {array.shape}" for name, (_, array, _) in self.to_variables().items())
         return f"<{type(self).__name__}: {', '.join(shapes)}>"
 
-    @classmethod
-    def read(cls, data: xr.Dataset) -> Self | None:
-        """Return the tally of a dataset, None if it has none."""
-        found = cls.arrays(data)
-        return cls(**found) if found else None
 
-    @classmethod
-    def merged(cls, parts: Sequence[Self], n: NDArray[np.int64]) -> Self:
-        """Return the tally of all photons of several runs of n photons."""
-        found: dict[str, Any] = {}
-        for name, _, variable in cls._described():
-            values = [getattr(part, name) for part in parts]
-            if values[0] is None:
-                continue
-            if variable.rule is merged_mean:
-                errors = [getattr(part, f"{name}_stderr") for part in parts]
-                found[name], found[f"{name}_stderr"] = merged_mean(values, errors, n)
-            elif variable.rule is not None:
-                found[name] = variable.rule(values, n)
-        return cls(**found)
+def merged(runs: Sequence[WithArrays], n: NDArray[np.int64]) -> dict[str, Any]:
+    """Return the fields of all photons of several runs of n photons, by the rules of the arrays."""
+    found: dict[str, Any] = {}
+    for name, _, variable in runs[0]._described():
+        values = [getattr(run, name) for run in runs]
+        if variable.rule is merged_mean and values[0] is not None:
+            errors = [getattr(run, f"{name}_stderr") for run in runs]
+            both = (v if v.ndim else v.item() for v in merged_mean(values, errors, n))
+            found[name], found[f"{name}_stderr"] = both
+        elif variable.rule is not None and values[0] is not None:
+            found[name] = variable.rule(values, n)
+    for name, kind in runs[0]._parts():
+        parts = [getattr(run, name) for run in runs]
+        if parts[0] is not None:
+            found[name] = kind(**merged(parts, n))
+    return found
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -165,9 +159,9 @@ class Planes(Tally):
     cosine_edges: Annotated[Floats | None, Variable("cosine_edge", _common)] = None
     azimuth_edges: Annotated[Floats | None, Variable("azimuth_edge", _common)] = None
 
-    def variables(self) -> Variables:
+    def to_variables(self) -> Variables:
         """Return the arrays by their names in files, with the centres of the radiance bins."""
-        found = super().variables()
+        found = super().to_variables()
         for name in ("cosine", "azimuth"):
             edges = getattr(self, f"{name}_edges")
             if edges is not None:

@@ -26,9 +26,8 @@ from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.models import Floats
 from meshtrace.results.series import GainSeries
-from meshtrace.results.variables import StoredArrays, Variable
 from meshtrace.scenario import Scenario
-from meshtrace.stored import Stored
+from meshtrace.stored import Stored, Variable
 from meshtrace.studies.background import (
     background_over_seas,
     error_rate,
@@ -44,7 +43,7 @@ _DECIBEL = 10.0 / math.log(10.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(StoredArrays):
+class Comparison(Stored):
     """Gains of several links and their differences from the first one.
 
     Attributes
@@ -67,7 +66,7 @@ class Comparison(StoredArrays):
         without daylight.
     """
 
-    names: tuple[str, ...]
+    names: Annotated[tuple[str, ...], Variable("link", name="link")]
     gain: Annotated[Floats, Variable("link")]
     gain_stderr: Annotated[Floats, Variable("link")]
     difference: Annotated[Floats, Variable("link", name="gain_difference")]
@@ -163,14 +162,6 @@ class Comparison(StoredArrays):
             )
         ]
         return text_table(rows, ("link", "background [W m-2 sr-1 nm-1]", "BER", "light"))
-
-    def _content(self) -> xr.Dataset:
-        return super()._content().assign_coords(link=list(self.names))
-
-    @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> Comparison:
-        names = tuple(data["link"].values.tolist())
-        return cls(names, **cls.arrays(data), provenance=provenance)
 
 
 def compare(

@@ -40,7 +40,7 @@ def assert_same(a, b):
     for name in ("arrivals", "planes", "map"):
         assert (getattr(a, name) is None) == (getattr(b, name) is None)
         if getattr(a, name) is not None:
-            one, other = getattr(a, name).variables(), getattr(b, name).variables()
+            one, other = getattr(a, name).to_variables(), getattr(b, name).to_variables()
             assert one.keys() == other.keys()
             for key, (dims, values, _) in one.items():
                 assert other[key][0] == dims

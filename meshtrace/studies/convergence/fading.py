@@ -5,24 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Unpack
 
 import numpy as np
 
 from meshtrace.errors import Refused, require_whole
 from meshtrace.fading.resolving import WITHIN, fading_band
 from meshtrace.fading.spectral import scintillation_of_spectrum
-from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.stored import Stored
+from meshtrace.stored import Stored, Variable
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.convergence.measure import descending, positive
 from meshtrace.studies.series import over_realizations
 from meshtrace.transport.options import StudyOptions
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from meshtrace.link import Link
     from meshtrace.mesh import SurfaceModel
     from meshtrace.scenario import Scenario
@@ -31,8 +28,6 @@ DEFAULT_BANDS = (4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 64.0, 128.0)
 """Highest frequencies of a study [rad s-1]."""
 
 _BOOTSTRAPS = 400
-_INDICES = ("with_tilts", "band_alone", "measured", "measured_stderr")
-_NUMBERS = ("all_waves", "tolerance", "recommended")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,18 +52,19 @@ class FadingConvergence(Stored):
         Versions, configuration and seeds.
     """
 
-    omega_max: Floats
-    with_tilts: Floats
-    band_alone: Floats
+    omega_max: Annotated[Floats, Variable("omega_max")]
+    with_tilts: Annotated[Floats, Variable("omega_max")]
+    band_alone: Annotated[Floats, Variable("omega_max")]
     all_waves: float
-    measured: Floats
-    measured_stderr: Floats
+    measured: Annotated[Floats, Variable("omega_max")]
+    measured_stderr: Annotated[Floats, Variable("omega_max")]
     tolerance: float
     recommended: float
     provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "fading-convergence"
     title: ClassVar[str] = "meshtrace fading over the band of waves"
+    _attributes: ClassVar[tuple[str, ...]] = ("all_waves", "tolerance", "recommended")
 
     def _headline(self) -> str:
         percent = 100.0 * self.tolerance
@@ -92,20 +88,6 @@ class FadingConvergence(Stored):
             lines.append(line if math.isnan(found) else f"{line}{found:>12.4g}{stderr:>9.2g}")
         lines.append(f"{'all waves':>18}{self.all_waves:>12.4g}{self.all_waves:>12.4g}")
         return "\n".join([*lines, self._headline()])
-
-    def _content(self) -> xr.Dataset:
-        import xarray as xr
-
-        index = attrs("scintillation_index")
-        variables = {name: ("omega_max", getattr(self, name), index) for name in _INDICES}
-        coordinates = {"omega_max": ("omega_max", self.omega_max, {"units": "rad s-1"})}
-        return xr.Dataset(variables, coordinates, {name: getattr(self, name) for name in _NUMBERS})
-
-    @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> FadingConvergence:
-        fields: dict[str, Any] = {name: data[name].to_numpy() for name in ("omega_max", *_INDICES)}
-        fields |= {name: float(data.attrs[name]) for name in _NUMBERS}
-        return cls(**fields, provenance=provenance)
 
 
 def fading_study(

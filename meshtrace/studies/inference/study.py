@@ -14,8 +14,8 @@ from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.provenance import provenance
-from meshtrace.results.variables import Variable
 from meshtrace.scenario import Scenario
+from meshtrace.stored import Stored, Variable
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.inference.model import (
     SCALE,
@@ -25,7 +25,6 @@ from meshtrace.studies.inference.model import (
     read_measurements,
 )
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
-from meshtrace.studies.stored_fields import StoredFields
 from meshtrace.surfaces import FlatSea
 from meshtrace.tables import text_table
 from meshtrace.transport.meshing import surface_config
@@ -33,7 +32,7 @@ from meshtrace.transport.options import RunOptions, require_options
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Inference(StoredFields):
+class Inference(Stored):
     """Unknown parameters of a link from measured gains.
 
     Attributes
@@ -77,7 +76,7 @@ class Inference(StoredFields):
 
     kind: ClassVar[str] = "inference"
     title: ClassVar[str] = "meshtrace inference"
-    _attributes: ClassVar[dict[str, type]] = {"weakest": str, "chi2": float, "degrees": int}
+    _attributes: ClassVar[tuple[str, ...]] = ("weakest", "chi2", "degrees")
 
     @property
     def value(self) -> dict[str, float]:

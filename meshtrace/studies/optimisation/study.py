@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Unpack, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Unpack, get_args
 
 import numpy as np
 
@@ -20,13 +20,12 @@ from meshtrace.errors import (
     require_whole,
     require_word,
 )
-from meshtrace.fields import attrs
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
-from meshtrace.stored import Stored
+from meshtrace.stored import Stored, Variable
 from meshtrace.studies.background import held_light
 from meshtrace.studies.campaign import DEFAULT_CHAINS, Campaign, campaign_of
 from meshtrace.studies.neighbours import error_of
@@ -40,7 +39,7 @@ from meshtrace.transport.options import RunOptions, require_options
 from meshtrace.uav.airframe import Flight
 
 if TYPE_CHECKING:
-    import xarray as xr
+    pass
 
 
 class Validation(NamedTuple):
@@ -69,8 +68,6 @@ class Optimum(Stored):
 
     Attributes
     ----------
-    best : Link
-        The best link.
     objective : str
         "gain", "outage", "range", "margin" or "custom".
     value : float
@@ -94,26 +91,31 @@ class Optimum(Stored):
     notes : tuple of str
         Variables at a bound, and whether there is an improvement.
     provenance : dict
-        Versions and configuration.
+        Versions and configuration, with the best link.
     """
 
-    best: Link
     objective: str
-    value: float
-    stderr: float
+    value: Annotated[float, Variable("", name="quantity")]
+    stderr: Annotated[float, Variable("", name="quantity_stderr")]
     cost: float
-    variables: tuple[str, ...]
-    values: Floats
-    start: Floats
-    bounds: Floats
-    flatness: Floats
-    history: Floats
+    variables: Annotated[tuple[str, ...], Variable("variable", name="variable")]
+    values: Annotated[Floats, Variable("variable", name="optimum_value")]
+    start: Annotated[Floats, Variable("variable", name="optimum_start")]
+    bounds: Annotated[Floats, Variable("variable end", name="optimum_bounds")]
+    flatness: Annotated[Floats, Variable("variable end", name="optimum_flatness")]
+    history: Annotated[Floats, Variable("candidate column", name="optimum_history")]
     validation: Validation
     notes: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "optimum"
     title: ClassVar[str] = "meshtrace optimum"
+    _attributes: ClassVar[tuple[str, ...]] = ("objective", "cost", "validation", "notes")
+
+    @property
+    def best(self) -> Link:
+        """The best link."""
+        return Link.model_validate(self.provenance["best"])
 
     def _headline(self) -> str:
         shown = ", ".join(
@@ -144,52 +146,6 @@ class Optimum(Stored):
             *self.notes,
         ]
         return "\n".join(lines)
-
-    def _content(self) -> xr.Dataset:
-        import xarray as xr
-
-        data = {
-            "optimum_value": ("variable", self.values),
-            "optimum_start": ("variable", self.start),
-            "optimum_bounds": (("variable", "end"), self.bounds),
-            "optimum_flatness": (("variable", "end"), self.flatness),
-            "optimum_history": (("candidate", "variable"), self.history[:, :-1]),
-            "optimum_cost": ("candidate", self.history[:, -1]),
-            "quantity": ((), self.value),
-            "quantity_stderr": ((), self.stderr),
-        }
-        found = xr.Dataset(data, {"variable": list(self.variables)})
-        for name in found.variables:
-            found[name].attrs.update(attrs(str(name)))
-        return found.assign_attrs(
-            objective=self.objective,
-            best=self.best.model_dump_json(),
-            cost=self.cost,
-            notes="\n".join(self.notes),
-            **{f"validation_{k}": float(v) for k, v in self.validation._asdict().items()},
-        )
-
-    @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> Optimum:
-        best, start, difference, error, improved = (
-            float(data.attrs[f"validation_{key}"]) for key in Validation._fields
-        )
-        return cls(
-            best=Link.model_validate_json(data.attrs["best"]),
-            objective=data.attrs["objective"],
-            value=float(data["quantity"]),
-            stderr=float(data["quantity_stderr"]),
-            cost=float(data.attrs["cost"]),
-            variables=tuple(str(name) for name in data["variable"].values),
-            values=data["optimum_value"].values,
-            start=data["optimum_start"].values,
-            bounds=data["optimum_bounds"].values,
-            flatness=data["optimum_flatness"].values,
-            history=np.column_stack([data["optimum_history"].values, data["optimum_cost"].values]),
-            validation=Validation(best, start, difference, error, bool(improved)),
-            notes=tuple(data.attrs["notes"].splitlines()),
-            provenance=provenance,
-        )
 
 
 Method = Literal["auto", "bounded", "cobyqa", "global"]
@@ -528,8 +484,8 @@ class _Search:
         error_of_value = goal.error(cost, stderr)
         value = goal.quantity(link, cost, self._sample.groups)
         options = {**campaign.run.to_config(), **campaign.meshing.model_dump()}
+        origin = provenance(campaign.link, surface_config(campaign.surface), options)
         return Optimum(
-            best=link,
             objective=goal.name,
             value=value,
             stderr=stderr if math.isnan(error_of_value) else error_of_value,
@@ -542,5 +498,5 @@ class _Search:
             history=tried,
             validation=Validation(quantities[0], quantities[1], difference, error, improved),
             notes=tuple(notes),
-            provenance=provenance(campaign.link, surface_config(campaign.surface), options),
+            provenance=origin | {"best": link.model_dump(mode="json")},
         )

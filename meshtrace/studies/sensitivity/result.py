@@ -12,8 +12,7 @@ import numpy as np
 from meshtrace.errors import Refused, require_keys, require_real
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.results.variables import Variable
-from meshtrace.studies.stored_fields import StoredFields
+from meshtrace.stored import Stored, Variable
 from meshtrace.tables import text_table
 
 if TYPE_CHECKING:
@@ -98,7 +97,7 @@ class Table(tuple[Row, ...]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sensitivities(StoredFields):
+class Sensitivities(Stored):
     """Sensitivities of a quantity of a link.
 
     Attributes
@@ -131,7 +130,7 @@ class Sensitivities(StoredFields):
 
     kind: ClassVar[str] = "sensitivity"
     title: ClassVar[str] = "meshtrace sensitivities"
-    _attributes: ClassVar[dict[str, type]] = {"of": str, "unit": str, "light": str}
+    _attributes: ClassVar[tuple[str, ...]] = ("of", "unit", "light")
 
     def _headline(self) -> str:
         largest = max(self.table, key=lambda row: abs(np.nan_to_num(row.elasticity)))
