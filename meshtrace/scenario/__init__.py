@@ -4,8 +4,6 @@ A scenario is everything that one run depends on. This is the only package that 
 with `meshtrace.surfaces`, by late imports.
 """
 
-from meshtrace.errors import LARGEST
-from meshtrace.errors import Refused as ScenarioError
 from meshtrace.scenario.files import KEYS, parse_setting
 from meshtrace.scenario.model import Scenario
 from meshtrace.scenario.parts import DEFAULT_WIND_SPEED
@@ -15,11 +13,9 @@ from meshtrace.transport.options import Meshing, Run
 __all__ = [
     "DEFAULT_WIND_SPEED",
     "KEYS",
-    "LARGEST",
     "MeshFile",
     "Meshing",
     "Run",
     "Scenario",
-    "ScenarioError",
     "parse_setting",
 ]

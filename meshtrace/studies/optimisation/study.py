@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Unpack, get_args
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Unpack, get_args
 
 import numpy as np
 
@@ -30,16 +30,13 @@ from meshtrace.studies.background import held_light
 from meshtrace.studies.campaign import DEFAULT_CHAINS, Campaign, campaign_of
 from meshtrace.studies.neighbours import error_of
 from meshtrace.studies.optimisation.objectives import Custom, Goal, Objective
-from meshtrace.studies.optimisation.sample import REWEIGHED, Aircraft, Sample
+from meshtrace.studies.optimisation.sample import REWEIGHED, Sample
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.quantities import FADES
 from meshtrace.tables import text_table
 from meshtrace.transport.meshing import surface_config
 from meshtrace.transport.options import RunOptions, require_options
 from meshtrace.uav.airframe import Flight
-
-if TYPE_CHECKING:
-    pass
 
 
 class Validation(NamedTuple):
@@ -268,19 +265,12 @@ def optimize(
         electronics, light = held_light(electronics, campaign.case, day, str(objective))
     goal = Goal(objective, quantile, electronics, limit)
     variables, bounds = _variables(campaign, over)
-    wind = None if flight is None else campaign.wind_of(flight)
-    aircraft = Aircraft(_stds(hover_std), flight and flight.uav, wind)
-    search = _Search(campaign, goal, variables, bounds, realizations, aircraft)
+    spread = require_pair(hover_std, "hover_std", "two numbers >= 0 [m]")
+    if min(spread) < 0.0:
+        raise Refused("hover_std", hover_std, "two numbers >= 0 [m]")
+    search = _Search(campaign, goal, variables, bounds, (realizations, spread, flight))
     found = search.optimum(tuple(constraints), method)
     return replace(found, notes=(*found.notes, f"background light: {light}")) if light else found
-
-
-def _stds(hover_std: Any) -> tuple[float, float]:
-    """Return the checked standard deviations of the place."""
-    pair = require_pair(hover_std, "hover_std", "two numbers >= 0 [m]")
-    if min(pair) < 0.0:
-        raise Refused("hover_std", hover_std, "two numbers >= 0 [m]")
-    return pair
 
 
 def _variables(
@@ -312,8 +302,7 @@ class _Search:
         goal: Goal,
         variables: list[Parameter],
         bounds: Floats,
-        realizations: int,
-        aircraft: Aircraft,
+        sampled: tuple[int, tuple[float, float], Flight | None],
     ) -> None:
         self._campaign, self._goal, self._variables = campaign, goal, variables
         self._bounds = bounds
@@ -325,7 +314,7 @@ class _Search:
             turned = ()
         if campaign.link.direction == "down":  # facets are as wide as the spot of a lamp in the air
             turned = tuple(name for name in turned if name == _FOV)
-        self._options = realizations, aircraft, turned
+        self._options = *sampled, turned
         self._sample = self._new_sample(campaign.run.seed)
         self._history: dict[tuple[float, ...], Floats] = {}
         base = np.array([p.base for p in variables])
