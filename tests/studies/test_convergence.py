@@ -24,7 +24,6 @@ from meshtrace.studies import (
 )
 from meshtrace.studies.convergence.measure import (
     CommonChains,
-    Costs,
     nested_mesh,
     placement_shifts,
     waves_at,
@@ -188,7 +187,7 @@ def study_of_law(h, order, scatter=0.0):
     flat = np.zeros((1, len(h)))
     return ConvergenceStudy(
         "spacing", h, ("vertex",), samples, samples.mean(axis=3), flat + scatter * h, flat, flat,
-        Costs(flat, flat, flat),
+        *(flat, flat, flat),
     )  # fmt: skip
 
 

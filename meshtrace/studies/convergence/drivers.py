@@ -15,9 +15,7 @@ from meshtrace.models import Floats
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.convergence.measure import (
     CommonChains,
-    Costs,
     Normals,
-    Parameter,
     Reference,
     Stacked,
     Unresolved,
@@ -265,7 +263,7 @@ def time_step_study(
         np.stack([_time_mean(ballistic, s) for s in strides], axis=1)[:, :, None],
         np.broadcast_to(frames.slope_variance, shape),
         np.broadcast_to(frames.total_reflection, shape),
-        Costs(*(np.broadcast_to(seconds, shape) for seconds in frames.costs)),
+        *(np.broadcast_to(seconds, shape) for seconds in frames[4:]),
     )
     scatter = np.stack([_interpolation_error(each, s) for s in strides], axis=1)
     return _study("time_step", values, campaign, chains, found, scatter, tolerance, None, recorded)
@@ -286,7 +284,7 @@ def _chains(
 
 
 def _study(
-    parameter: Parameter,
+    parameter: str,
     values: list[float],
     campaign: Campaign,
     chains: CommonChains,

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeGuard, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeGuard, cast
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from meshtrace.kernels.scene import Scene
 from meshtrace.mesh import SurfaceModel, WaveSum
 from meshtrace.models import Floats
 from meshtrace.results.gain import Fate
-from meshtrace.stored import SHIFTS
+from meshtrace.stored import SHIFTS, Variable, WithArrays
 from meshtrace.studies.campaign import Campaign
 from meshtrace.transport.analog import run_analog
 from meshtrace.transport.forced import ForcedDetection, TypicalSea
@@ -44,17 +45,7 @@ _PROBES = 64  # per axis: where slopes are compared
 
 Normals = Literal["vertex", "facet"]
 Unresolved = Literal["tilt", "none"]
-Parameter = Literal["spacing", "time_step", "omega_max"]
-
-UNITS: dict[Parameter, str] = {"spacing": "m", "time_step": "s", "omega_max": "rad s-1"}
-
-
-class Costs(NamedTuple):
-    """Seconds that one surface took, by kind of normals and step."""
-
-    mesh: Floats
-    bvh: Floats
-    evaluation: Floats
+UNITS = {"spacing": "m", "time_step": "s", "omega_max": "rad s-1"}
 
 
 def descending(name: str, values: Sequence[float]) -> list[float]:
@@ -141,7 +132,9 @@ class Stacked(NamedTuple):
     ballistic: Floats  # (kinds, steps, repeats)
     slope_variance: Floats  # (kinds, steps)
     total_reflection: Floats  # (kinds, steps)
-    costs: Costs
+    mesh_time: Floats  # [s] of one surface (kinds, steps)
+    bvh_time: Floats
+    evaluation_time: Floats
 
 
 class CommonChains:
@@ -233,7 +226,7 @@ class CommonChains:
         if not samples.mean(axis=(2, 3)).all():
             raise Refused("gain", Described("no light received"), "light at every step")
         slopes, reflected, *seconds = (column.mean(axis=2) for column in means)
-        return Stacked(samples, ballistic, slopes, reflected, Costs(*seconds))
+        return Stacked(samples, ballistic, slopes, reflected, *seconds)
 
 
 def _measuring(chains: CommonChains, jobs: list[Case], photons: int) -> Callable[[int], Floats]:
@@ -283,14 +276,27 @@ def spread(gain: Floats) -> Floats:
 _QUADRATURE_ERROR = 1e-5  # relative, of the unscattered light through the exact surface
 
 
-class Reference(NamedTuple):
-    """The gain over the exact surface, with the chains of the study."""
+@dataclass(frozen=True)
+class Reference(WithArrays):
+    """The gain over the exact surface, with the chains of the study.
 
-    samples: Floats  # (shifts,) gain of each shift of the chains
-    ballistic: float
-    quadrature_error: float  # of the unscattered gain
-    slope_variance: float
-    lost: int  # crossings of the mesh next to which Newton found none of the exact surface
+    Attributes
+    ----------
+    samples : ndarray, shape (shifts,)
+        Gain by shift of the chains.
+    ballistic, quadrature_error : float
+        Unscattered gain, and its error.
+    slope_variance : float
+        Mean square slope.
+    lost : int
+        Crossings of the mesh next to which Newton found none of the exact surface.
+    """
+
+    samples: Annotated[Floats, Variable("shift", name="exact_samples")]
+    ballistic: Annotated[float, Variable("", name="exact_gain_ballistic")]
+    quadrature_error: Annotated[float, Variable("", name="exact_quadrature_error")]
+    slope_variance: Annotated[float, Variable("", name="exact_mss")]
+    lost: Annotated[int, Variable("", name="exact_lost")]
 
     @property
     def gain(self) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
@@ -13,12 +13,10 @@ from scipy.optimize import brentq
 from meshtrace.fading import Estimate
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.stored import Stored
+from meshtrace.stored import Stored, Variable
 from meshtrace.studies.convergence.measure import (
     UNITS,
-    Costs,
     Normals,
-    Parameter,
     Reference,
     positive,
 )
@@ -138,16 +136,6 @@ def stderr(samples: Floats) -> Floats:
     return samples.std(axis=-1, ddof=1) / math.sqrt(samples.shape[-1])
 
 
-# fields of the reference in order: name in files after "exact_", registered name of its metadata
-_EXACT = {
-    "samples": ("samples", "gain"),
-    "ballistic": ("gain_ballistic", "gain_ballistic"),
-    "quadrature_error": ("quadrature_error", ""),
-    "slope_variance": ("mss", "mss"),
-    "lost": ("lost", ""),
-}
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class ConvergenceStudy(Stored):
     """Gain of one link against a parameter of the discretisation.
@@ -171,8 +159,8 @@ class ConvergenceStudy(Stored):
     slope_variance, total_reflection : ndarray, shape (kinds, n)
         Mean square slope that light meets; share of the photons arriving from below that are
         totally reflected. nan unless requested.
-    costs : Costs
-        Seconds for mesh, BVH and gain of one surface.
+    mesh_time, bvh_time, evaluation_time : ndarray, shape (kinds, n)
+        Time for mesh, BVH and gain of one surface [s].
     reference : Reference or None
         The exact surface.
     tolerance : float
@@ -181,21 +169,24 @@ class ConvergenceStudy(Stored):
         Versions, configuration and seeds.
     """
 
-    parameter: Parameter
+    parameter: str
     values: Floats
-    normals: tuple[Normals, ...]
-    samples: Floats
-    ballistic: Floats
-    scatter: Floats
-    slope_variance: Floats
-    total_reflection: Floats
-    costs: Costs
+    normals: Annotated[tuple[Normals, ...], Variable("normals")]
+    samples: Annotated[Floats, Variable("normals {parameter} repeat shift")]
+    ballistic: Annotated[Floats, Variable("normals {parameter} repeat", name="samples_ballistic")]
+    scatter: Annotated[Floats, Variable("normals {parameter}")]
+    slope_variance: Annotated[Floats, Variable("normals {parameter}", name="mss")]
+    total_reflection: Annotated[Floats, Variable("normals {parameter}")]
+    mesh_time: Annotated[Floats, Variable("normals {parameter}")]
+    bvh_time: Annotated[Floats, Variable("normals {parameter}")]
+    evaluation_time: Annotated[Floats, Variable("normals {parameter}")]
     reference: Reference | None = None
     tolerance: float = 1e-3
     provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "convergence"
     title: ClassVar[str] = "meshtrace convergence"
+    _attributes: ClassVar[tuple[str, ...]] = ("parameter", "tolerance")
 
     @property
     def step(self) -> Floats:
@@ -294,62 +285,28 @@ class ConvergenceStudy(Stored):
         return dict(zip(self.normals, values, strict=True))
 
     def _content(self) -> xr.Dataset:
-        import xarray as xr
-
         dims, one = ("normals", self.parameter), {"units": "1"}
-        variables: dict[str, Any] = {
+        found: dict[str, Any] = {
             "gain": (dims, self.gain, attrs("gain")),
             "gain_stderr": (dims, self.gain_stderr, attrs("gain_stderr")),
             "gain_ballistic": (dims, self.ballistic.mean(axis=2), attrs("gain_ballistic")),
-            "mss": (dims, self.slope_variance, attrs("mss")),
-            "samples": ((*dims, "repeat", "shift"), self.samples, attrs("gain")),
-            "samples_ballistic": ((*dims, "repeat"), self.ballistic, attrs("gain_ballistic")),
             "recommended": ("normals", list(self.recommended().values())),
         }
-        for name in ("difference", "difference_stderr", "scatter", "error", "total_reflection"):
-            variables[name] = (dims, getattr(self, name), one)
-        for name, seconds in self.costs._asdict().items():
-            variables[f"{name}_time"] = (dims, seconds, {"units": "s"})
+        for name in ("difference", "difference_stderr", "error"):
+            found[name] = (dims, getattr(self, name), one)
         for name in ("order", "gain"):
             limits = np.array([getattr(self.fits[kind], name) for kind in self.normals])
-            variables[f"fitted_{name}"] = (("normals", "limit"), limits, one)
+            found[f"fitted_{name}"] = (("normals", "limit"), limits, one)
         if self.reference is not None:
-            variables["exact_gain"] = ((), self.reference.gain, attrs("gain"))
-            for name, (stored, registered) in _EXACT.items():
-                value = getattr(self.reference, name)
-                kind = attrs(registered) if registered else one
-                variables[f"exact_{stored}"] = ("shift" if np.ndim(value) else (), value, kind)
-        coordinates = {
-            "normals": list(self.normals),
-            "limit": ["value", "low", "high"],
-            self.parameter: (self.parameter, self.values, {"units": UNITS[self.parameter]}),
-        }
-        about = {"parameter": self.parameter, "tolerance": self.tolerance}
-        return xr.Dataset(variables, coordinates, about)
+            found["exact_gain"] = ((), self.reference.gain, attrs("gain"))
+        steps = (self.parameter, self.values, {"units": UNITS[self.parameter]})
+        known = {"limit": ["value", "low", "high"], self.parameter: steps}
+        return super()._content().assign(found).assign_coords(known)
 
     @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> ConvergenceStudy:
-        parameter, reference = data.attrs["parameter"], None
-        if "exact_samples" in data:
-            found = {name: data[f"exact_{stored}"] for name, (stored, _) in _EXACT.items()}
-            exact: dict[str, Any] = {
-                name: v.to_numpy() if v.dims else v.item() for name, v in found.items()
-            }
-            reference = Reference(**exact)
-        return cls(
-            parameter=parameter,
-            values=data[parameter].to_numpy(),
-            normals=tuple(data["normals"].values.tolist()),
-            samples=data["samples"].to_numpy(),
-            ballistic=data["samples_ballistic"].to_numpy(),
-            scatter=data["scatter"].to_numpy(),
-            slope_variance=data["mss"].to_numpy(),
-            total_reflection=data["total_reflection"].to_numpy(),
-            costs=Costs(*(data[f"{name}_time"].to_numpy() for name in Costs._fields)),
-            reference=reference,
-            tolerance=float(data.attrs["tolerance"]),
-            provenance=provenance,
-        )
+    def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
+        """Return the fields that a dataset holds."""
+        return super().arrays(data) | {"values": data[data.attrs["parameter"]].to_numpy()}
 
     def _headline(self) -> str:
         found = ", ".join(f"{kind} {self._recommended(kind)}" for kind in self.normals)
@@ -381,7 +338,11 @@ class ConvergenceStudy(Stored):
             ("total refl.", ">12", ".5f", self.total_reflection[k]),
             *(
                 (f"{name} s", ">8", ".3f", seconds[k])
-                for name, seconds in zip(("mesh", "BVH", "gain"), self.costs, strict=True)
+                for name, seconds in (
+                    ("mesh", self.mesh_time),
+                    ("BVH", self.bvh_time),
+                    ("gain", self.evaluation_time),
+                )
             ),
         ]
         lines = ["".join(format(head, width.replace("+", "")) for head, width, _, _ in columns)]

@@ -81,8 +81,8 @@ class Optimum(Stored):
     bounds, flatness : ndarray, shape (n, 2)
         Bounds, and the interval of each variable in which the cost is within one standard error
         of the best.
-    history : ndarray, shape (m, n + 1)
-        Variables and cost of all candidates, in their order.
+    candidates, costs : ndarray, shape (m, n) and (m,)
+        Variables of all candidates in their order, and what was minimised.
     validation : Validation
         Comparison on fresh seeds.
     notes : tuple of str
@@ -100,7 +100,8 @@ class Optimum(Stored):
     start: Annotated[Floats, Variable("variable", name="optimum_start")]
     bounds: Annotated[Floats, Variable("variable end", name="optimum_bounds")]
     flatness: Annotated[Floats, Variable("variable end", name="optimum_flatness")]
-    history: Annotated[Floats, Variable("candidate column", name="optimum_history")]
+    candidates: Annotated[Floats, Variable("candidate variable", name="optimum_history")]
+    costs: Annotated[Floats, Variable("candidate", name="optimum_cost")]
     validation: Validation
     notes: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
@@ -108,6 +109,11 @@ class Optimum(Stored):
     kind: ClassVar[str] = "optimum"
     title: ClassVar[str] = "meshtrace optimum"
     _attributes: ClassVar[tuple[str, ...]] = ("objective", "cost", "validation", "notes")
+
+    @property
+    def history(self) -> Floats:
+        """Variables and cost of all candidates, shape (m, n + 1)."""
+        return np.column_stack([self.candidates, self.costs])
 
     @property
     def best(self) -> Link:
@@ -454,7 +460,7 @@ class _Search:
     def _result(self, best: Floats, cost: float, stderr: float) -> Optimum:
         """Return the optimum with its validation on fresh seeds."""
         campaign, goal, link = self._campaign, self._goal, self._link(best)
-        tried = np.array([[*k, v[0]] for k, v in self._history.items()])
+        tried = dict(self._history)  # those of the flat intervals come later
         flatness = self._flat(best, cost, stderr)
         fresh = self._new_sample((campaign.run.seed + _FRESH) % 2**64)
         notes, new, old = [], self._costs(best, fresh), self._costs(self._start, fresh)
@@ -484,7 +490,8 @@ class _Search:
             start=self._start,
             bounds=self._bounds,
             flatness=flatness,
-            history=tried,
+            candidates=np.array(list(tried)),
+            costs=np.array([found[0] for found in tried.values()]),
             validation=Validation(quantities[0], quantities[1], difference, error, improved),
             notes=tuple(notes),
             provenance=origin | {"best": link.model_dump(mode="json")},
