@@ -103,8 +103,8 @@ def test_range():
 
 @pytest.mark.thorough
 def test_seas_and_tilts_are_common_and_fresh_ones_are_not():
-    sea, uav = JonswapSea(wind_speed=5.0), mt.Uav()
-    options = dict(realizations=2, photons=64, uav=uav, hover_std=(0.5, 0.5))
+    sea, flight = JonswapSea(wind_speed=5.0), mt.Flight()
+    options = dict(realizations=2, photons=64, flight=flight, hover_std=(0.5, 0.5))
     o = mt.optimize(mt.Link(), sea, {ANGLE: (8.0, 14.0)}, "gain", **options)
     again = mt.optimize(mt.Link(), sea, {ANGLE: (8.0, 14.0)}, "gain", threads=1, **options)
     assert np.array_equal(o.history, again.history)
