@@ -11,7 +11,7 @@ from typer import Option
 
 from meshtrace.cli.console import finite, progress
 from meshtrace.cli.made import Study
-from meshtrace.cli.options import AsJson, Chains, Changes, LinkFile, Output, Seed, Threads
+from meshtrace.cli.options import AsJson, Changes, LinkFile, Output, Seed, Threads
 from meshtrace.cli.outputs import check_output, save
 from meshtrace.cli.reading import numbers
 from meshtrace.errors import Refused
@@ -65,7 +65,6 @@ def ber(
     coupled: bool = Option(False, "--coupled", help="Apply the tilt to every photon."),
     output: Output = None,
     as_json: AsJson = False,
-    photons: Chains = "2048",
     seed: Seed = None,
     threads: Threads = None,
     changes: Changes,
@@ -76,7 +75,7 @@ def ber(
     from meshtrace.uav.airframe import Flight
 
     given = {"detector.preset": preset, "uav.preset": uav, **light.changes()}
-    given |= {"run.photons": photons, "run.seed": seed, "run.threads": threads}
+    given |= {"run.seed": seed, "run.threads": threads}
     speeds = [None] if winds is None else numbers("--wind", winds)
     scenarios = [changes.scenario(link, given | {"wind_speed": speed}) for speed in speeds]
     check_output(output, link)
