@@ -10,7 +10,7 @@ import numpy as np
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.studies.convergence import fading_study
+from meshtrace.studies import fading_study
 from meshtrace.surfaces import Elfouhaily, SpectralSea
 
 CURVE = tuple(np.geomspace(3.0, 128.0, 25))

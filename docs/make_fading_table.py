@@ -64,7 +64,7 @@ def table() -> str:
     link = mt.Link()
     for wind, omega_max, mss, spacing, n in CASES:
         sea = sea_of(wind, omega_max, mss)
-        series = mt.ensemble(link, n, sea, photons=512, spacing=spacing)
+        series = mt.ensemble(link, n, sea, photons=512, mesh=mt.Meshing(spacing=spacing))
         statistics = series.fading(test_resamples=0)
         si = statistics.scintillation_index
         focus, full = paraxial(link, sea, series.coordinate)

@@ -85,7 +85,7 @@ def excess() -> Iterator[str]:
     yield "| printed range | Mbit/s | sea | channel gain | needed (loss-free, PC) | too bright by |"
     yield "|---|---|---|---|---|---|"
     for depth, rate, speed in ((47.0, 1e6, 13.0), (43.0, 5e6, 0.0), (36.0, 1e7, 0.0)):
-        link = mt.in_wind(mt.Link(transmitter=mt.Led(depth=depth)), speed)
+        link = mt.Link(transmitter=mt.Led(depth=depth)).in_wind(speed)
         gain = mt.simulate(link, FlatSea(), photons=20_000)
         needed = required_gain(mt.OokLink.preset("paper", bit_rate=rate), 1e-3)
         decibel = 10.0 * np.log10(gain.gain / needed)
@@ -102,22 +102,22 @@ def flight() -> Iterator[str]:
     yield "| receiver | tilt beyond 30 deg | mean gain | average BER, 1 Mbit/s | outage at 1e-3 |"
     yield "|---|---|---|---|---|"
     link, gusts = (
-        mt.in_wind(mt.Link(transmitter=mt.Led(depth=40.0)), 13.0),
+        mt.Link(transmitter=mt.Led(depth=40.0)).in_wind(13.0),
         mt.Dryden(wind_speed=13.0),
     )
     frames, step = 100, 5.0
     flown = mt.Uav().simulate_flight(gusts, step * np.arange(frames), seed=1)
     coupled_share = float(np.mean(flown.tilt.angle > np.radians(30.0)))
     cases = {
-        "on a gimbal": {"uav": mt.Uav(gimbal=True)},
-        "fixed, factor h_alpha": {"uav": mt.Uav()},
-        "fixed, coupled": {"uav": mt.Uav(), "coupled": True, "time_step": step},
+        "on a gimbal": mt.Flight(mt.Uav(gimbal=True)),
+        "fixed, factor h_alpha": mt.Flight(),
+        "fixed, coupled": mt.Flight(coupled=True, time_step=step),
     }
-    for name, options in cases.items():
+    for name, flight in cases.items():
         done = mt.link_performance(
-            link, wind_speed=13.0, bit_rate=1e6, realizations=frames, seed=1, **options
+            link, wind_speed=13.0, bit_rate=1e6, realizations=frames, seed=1, flight=flight
         )
-        f, coupled = done.at(), "coupled" in options
+        f, coupled = done.at(), flight.coupled
         share = coupled_share if coupled else float(np.mean(done.fades[0].h_alpha == 0.0))
         yield (
             f"| {name} | {100.0 * share:.2f} % | {f.gain.value:.3e} | {f.ber.value:.1e} "

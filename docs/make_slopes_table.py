@@ -60,7 +60,7 @@ CASES = {
 def means(study: Study, sea: JonswapSea, spacing: float, unresolved: str) -> Floats:
     """Return the mean gain of each batch of seas."""
     link = study.link.model_copy(update={"physics": mt.Physics(unresolved=unresolved)})
-    options = {"photons": CHAINS, "spacing": spacing, "extent": study.extent}
+    options = {"photons": CHAINS, "mesh": mt.Meshing(spacing=spacing, extent=study.extent)}
     return np.array(
         [
             mt.ensemble(link, study.seas, sea, seed=batch, **options).gain.mean()

@@ -1,10 +1,30 @@
-"""Embree-backed triangle-mesh Monte Carlo ray tracing of light that crosses a wavy sea."""
+"""Embree-backed triangle-mesh Monte Carlo ray tracing of light that crosses a wavy sea.
 
+The names below are those of most programs; all others are in the groups, such as `optics.Petzold`.
+"""
+
+from importlib import import_module
 from typing import Any
 
 import lazy_loader
 
-_attribute, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_attribute, _, _ = lazy_loader.attach_stub(__name__, __file__)
+
+__all__ = [  # noqa: RUF022, by subject
+    # one link, many links
+    "simulate", "ensemble", "time_series", "coverage_map", "background", "link_performance",
+    "compare", "sensitivities", "sweep", "explore",
+    # descriptions
+    "Link", "Led", "AirLed", "Receiver", "WaterReceiver", "Water", "JonswapSea", "FlatSea",
+    "Meshing", "Daylight", "OokLink", "Flight", "Scenario", "Refused",
+    # groups of further names
+    "sources", "receivers", "physics", "optics", "surfaces", "daylight", "uav", "options",
+    "results", "fading", "comms", "studies", "viz",
+]  # fmt: skip
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
 
 
 def __getattr__(name: str) -> Any:
@@ -12,4 +32,6 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("meshtrace")
+    if name == "options":
+        return import_module("meshtrace.engine.setup.options")
     return _attribute(name)

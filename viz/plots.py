@@ -24,14 +24,12 @@ from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
 from meshtrace.results.impulse import ImpulseResponse
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import Stored
-from meshtrace.studies.comparison import Comparison
+from meshtrace.studies.comparison import Comparison, Duplex
 from meshtrace.studies.convergence.fading import FadingConvergence
 from meshtrace.studies.convergence.study import ConvergenceStudy
-from meshtrace.studies.duplex import Duplex
-from meshtrace.studies.inference.result import Inference
-from meshtrace.studies.optimisation.result import Optimum
-from meshtrace.studies.sensitivity.result import Sensitivities
-from meshtrace.studies.sensitivity.swings import swings
+from meshtrace.studies.inference.study import Inference
+from meshtrace.studies.optimisation.study import Optimum
+from meshtrace.studies.sensitivity.study import Sensitivities, swings
 from meshtrace.uav import Route
 
 from . import marks
@@ -673,7 +671,7 @@ def plot_tornado(
         Of `sensitivities`; each end of a bar is a run with the chains of the study.
     change : float or mapping of str to (low, high)
         Relative change to either side, or the values of some parameters, see
-        `studies.sensitivity.swings`.
+        `studies.swings`.
     ax : matplotlib Axes, optional
         Axes to draw on.
 

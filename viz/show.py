@@ -29,7 +29,7 @@ from meshtrace.parallel import paced
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult
 from meshtrace.results.series import GainSeries
-from meshtrace.studies.light_pattern import light_pattern
+from meshtrace.studies.caustics import light_pattern
 from meshtrace.studies.series import time_series
 
 from .checks import checked
@@ -55,7 +55,7 @@ _CELLS = 150  # over the half-width of the map
 @checked
 def save_movie(
     link: Link,
-    sea: MeshSource,
+    surface: MeshSource,
     times: ArrayLike,
     path: str | Path,
     *,
@@ -77,8 +77,8 @@ def save_movie(
     ----------
     link : Link
         The link.
-    sea : MeshSource
-        The sea; one whose band is left open is that of `time_series`, with all waves that make
+    surface : MeshSource
+        The sea, by default with the waves of `time_series`: all that make
         the light of the link fade.
     times : array_like, shape (n,)
         Times of the frames [s], n >= 2.
@@ -114,11 +114,11 @@ def save_movie(
     if frame_rate is None:
         frame_rate = natural_rate(times)
     options = writer_options(path, frame_rate, quality)
-    sea = resolve_band(link, sea, fading=True)
-    gain = gain or time_series(link, sea, times, photons=photons, seed=seed)
+    surface = resolve_band(link, surface, fading=True)
+    gain = gain or time_series(link, surface, times, photons=photons, seed=seed)
     if not np.array_equal(gain.coordinate, times):
         raise Refused("gain", Described("at other times"), "a series at the times of the frames")
-    heights = sea.mesh(float(times[0]), extent=20.0, spacing=1.0).vertices[:, 2]
+    heights = surface.mesh(float(times[0]), extent=20.0, spacing=1.0).vertices[:, 2]
     limit = style.color_limit or 1.2 * float(np.abs(heights).max()) or None
     frame = _GainFrame(gain)
     style = replace(style, color_limit=limit, off_screen=True, window_size=frame.scene_size)
@@ -129,7 +129,7 @@ def save_movie(
         plotter = None
         try:
             for time in map(float, times):
-                plotter = scene(link, sea, time=time, **light, plotter=plotter)
+                plotter = scene(link, surface, time=time, **light, plotter=plotter)
                 yield frame.draw(np.asarray(plotter.screenshot(return_img=True)), time)
         finally:
             if plotter is not None:
@@ -141,7 +141,7 @@ def save_movie(
 @checked
 def save_light(
     link: Link,
-    sea: Any,
+    surface: Any,
     path: str | Path,
     times: ArrayLike = (0.0,),
     *,
@@ -157,7 +157,7 @@ def save_light(
 
     Parameters
     ----------
-    link, sea
+    link, surface
         As in `meshtrace.light_pattern`.
     path : path
         File, .png for the first time, .mp4 or .gif for all.
@@ -193,15 +193,15 @@ def save_light(
     if still:
         with atomic(path) as temporary:
             first = float(at[0])
-            pattern = light_pattern(link, sea, **size, time=first)
-            _LightFrame(link, sea, pattern, first).figure.savefig(temporary, dpi=130)
+            pattern = light_pattern(link, surface, **size, time=first)
+            _LightFrame(link, surface, pattern, first).figure.savefig(temporary, dpi=130)
         return path
 
     def frames() -> Iterator[NDArray[np.uint8]]:
         frame = None
         for time in map(float, at):
-            pattern = light_pattern(link, sea, **size, time=time)
-            frame = frame or _LightFrame(link, sea, pattern, time)
+            pattern = light_pattern(link, surface, **size, time=time)
+            frame = frame or _LightFrame(link, surface, pattern, time)
             yield frame.draw(pattern, time)
 
     return _write_movie(path, frames(), len(at), options, progress)
@@ -305,11 +305,11 @@ class _LightFrame:
     """Figure with the slope of the sea on the left and the light on the right."""
 
     @mpl.rc_context(RC)
-    def __init__(self, link: Link, sea: Any, pattern: CoverageMap, time: float) -> None:
+    def __init__(self, link: Link, surface: Any, pattern: CoverageMap, time: float) -> None:
         depth, height = getattr(link.transmitters[0], "depth", 1.0), link.only_receiver.height
         share = depth / (depth + link.water.n / link.n_air * height)
         source = np.array(link.transmitters[0].position)
-        self.sea, self.mean = sea, float(pattern.gain.mean())
+        self.surface, self.mean = surface, float(pattern.gain.mean())
         corner = [np.array([c[0], c[-1]]) for c in (pattern.x, pattern.y)]
         lines = [s + share * (c - s) for s, c in zip(source, corner, strict=True)]
         self.axes = [np.linspace(line[0], line[1], 400) for line in lines]
@@ -327,7 +327,7 @@ class _LightFrame:
         self._title = right.set_title(f"light {height:g} m above the sea")
 
     def _slope(self, time: float) -> NDArray[np.float64]:
-        _, normals = self.sea.sheet(*self.axes, time)
+        _, normals = self.surface.sheet(*self.axes, time)
         return np.asarray(-normals[..., 0] / normals[..., 2])
 
     def _show(self, ax: Any, values: Any, corner: Any, colors: Any, limits: Any, label: str) -> Any:

@@ -149,7 +149,7 @@ def worker_scaling(
     scenario : Scenario
         Link and random sea.
     realizations : int
-        Seas, in tasks of `meshtrace.studies.sweep.BLOCK`.
+        Seas, in tasks of `meshtrace.studies.sweeps.BLOCK`.
     chains : int
         Chains of every gain.
     rounds : int
@@ -169,7 +169,7 @@ def worker_scaling(
     """
     from meshtrace.studies.campaign import same
     from meshtrace.studies.cluster import Cluster
-    from meshtrace.studies.sweep import Study
+    from meshtrace.studies.sweeps import Study
 
     def run(workers: int, n: int = realizations) -> None:
         study = Study(scenario.to_toml(), {}, n, None, chains, seed=1)

@@ -11,7 +11,7 @@ from typer import Option
 
 from meshtrace.cli.console import finite, progress
 from meshtrace.cli.made import Study
-from meshtrace.cli.options import AsJson, Chains, Changes, LinkFile, Output, Seed, Threads
+from meshtrace.cli.options import AsJson, Changes, LinkFile, Output, Seed, Threads
 from meshtrace.cli.outputs import check_output, save
 from meshtrace.cli.reading import numbers
 from meshtrace.errors import Refused
@@ -65,7 +65,6 @@ def ber(
     coupled: bool = Option(False, "--coupled", help="Apply the tilt to every photon."),
     output: Output = None,
     as_json: AsJson = False,
-    photons: Chains = "2048",
     seed: Seed = None,
     threads: Threads = None,
     changes: Changes,
@@ -73,9 +72,10 @@ def ber(
     """Evaluate a link in each wind."""
     from meshtrace.mesh import RandomSea
     from meshtrace.studies.performance.tables import DepthSweep
+    from meshtrace.uav.airframe import Flight
 
     given = {"detector.preset": preset, "uav.preset": uav, **light.changes()}
-    given |= {"run.photons": photons, "run.seed": seed, "run.threads": threads}
+    given |= {"run.seed": seed, "run.threads": threads}
     speeds = [None] if winds is None else numbers("--wind", winds)
     scenarios = [changes.scenario(link, given | {"wind_speed": speed}) for speed in speeds]
     check_output(output, link)
@@ -83,10 +83,14 @@ def ber(
         realizations = 50 if "depths" in asked else 200
     many = [coupled or isinstance(s.surface, RandomSea) for s in scenarios]
     seas = sum(realizations if m else 1 for m in many) * len(asked.get("depths", [0]))
-    asked |= {"realizations": realizations, "coupled": coupled}
+    asked["realizations"] = realizations
+    flights = [Flight(s.uav, coupled=True) if coupled and s.uav else None for s in scenarios]
+    if coupled and None in flights:
+        raise Refused("--coupled", True, "with an aircraft that tilts the receiver")
     with progress(seas, as_json, study.doing, study.kernels) as (_, advance):
         found = [
-            (s.wind_speed, study.functions[0](s, progress=advance, **asked)) for s in scenarios
+            (s.wind_speed, study.functions[0](s, flight=flight, progress=advance, **asked))
+            for s, flight in zip(scenarios, flights, strict=True)
         ]
     if as_json:
         typer.echo(json.dumps([_plain(*one) for one in found], allow_nan=False))

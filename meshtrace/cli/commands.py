@@ -68,7 +68,7 @@ def converge(
     case: Case,
 ) -> None:
     """Refine the mesh, the time step or the band of waves."""
-    from meshtrace.studies.convergence.exact import is_wave_sum
+    from meshtrace.studies.convergence.measure import is_wave_sum
 
     require_word(what, ("gain", "fading"), "--what")
     scenario = case.scenario(link)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, is_dataclass
 from functools import cached_property
 from importlib import import_module
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, get_args
 
 import typer
 from typer.core import TyperCommand
@@ -134,8 +134,7 @@ def _names(study: Study, name: str) -> list[str]:
 def _option(study: Study, name: str) -> _Option:
     """Return the option of a parameter, described by the first function that has it."""
     functions = [one for one in study.functions if name in defaults(one)]
-    annotation = inspect.signature(functions[0]).parameters[name].annotation
-    reader, choices = reader_of(annotation, functions[0].__globals__)
+    reader, choices = reader_of(_annotation(functions[0], name), functions[0].__globals__)
     text, names = _help(study, functions[0], name), _names(study, name)
     text += f": {', '.join(choices[:-1])} or {choices[-1]}" if choices else ""
     text += f"{reader.note}."
@@ -171,16 +170,37 @@ def _typed(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+def _run_options(function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the annotations of the options `**run` of a study."""
+    run = inspect.signature(function).parameters.get("run")
+    if run is None:
+        return {}
+    (kind,) = get_args(eval(run.annotation, function.__globals__))
+    return dict(kind.__annotations__)
+
+
+def _annotation(function: Callable[..., Any], name: str) -> str:
+    """Return the annotation of a parameter or of an option of the run."""
+    given = inspect.signature(function).parameters
+    of_run = _run_options(function)
+    return str(of_run[name].__forward_arg__ if name in of_run else given[name].annotation)
+
+
 def sentences(function: Callable[..., Any]) -> dict[str, str]:
-    """Return the first sentence about each parameter in a numpydoc docstring."""
-    section = _SECTION.search(f"{inspect.getdoc(function)}\n")
-    return {
-        name: re.split(r"(?<=\.) ", one_line(text), maxsplit=1)[0]
-        for names, text in _ENTRY.findall(section[1] if section else "")
-        for name in names.split(", ")
-    }
+    """Return the first sentence about each parameter, and each option of the run, in docstrings."""
+    from meshtrace.engine.setup.options import StudyOptions
+
+    found: dict[str, str] = {}
+    for described in (StudyOptions, function) if _run_options(function) else (function,):
+        section = _SECTION.search(f"{inspect.getdoc(described)}\n")
+        for names, text in _ENTRY.findall(section[1] if section else ""):
+            first = re.split(r"(?<=\.) ", one_line(text), maxsplit=1)[0]
+            found |= dict.fromkeys(names.split(", "), first)
+    return found
 
 
 def defaults(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the parameters of a function with their defaults."""
-    return {name: p.default for name, p in inspect.signature(function).parameters.items()}
+    """Return the parameters of a function and its options of the run, with their defaults."""
+    given = inspect.signature(function).parameters.items()
+    found = {name: p.default for name, p in given if name != "run"}
+    return found | dict.fromkeys(_run_options(function))

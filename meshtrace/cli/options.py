@@ -18,7 +18,6 @@ LinkFile = Annotated[
 ]
 Output = Annotated[Path | None, Option("--output", "-o", help="Write the result as netCDF.")]
 AsJson = Annotated[bool, Option("--json", help="Print the result as JSON, without progress bar.")]
-Chains = Annotated[str, Option("--photons", metavar="N", help="Chains, shared by all seas.")]
 Wind = Annotated[str | None, Option("--wind", metavar="U", help="Wind speed at 10 m [m/s].")]
 Plot = Annotated[Path | None, Option("--plot", metavar="A.PNG", help="Draw the result.")]
 Seed = Annotated[str | None, Option(metavar="N", help="Seed of the random numbers.")]

@@ -190,7 +190,7 @@ def _content(file: Path) -> object:
     from meshtrace.studies.store import is_store
 
     if is_store(file):
-        from meshtrace.studies.sweep import read_store
+        from meshtrace.studies.sweeps import read_store
 
         return read_store(file)
     data = read_dataset(file)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from meshtrace.errors import Described, Refused, require_kind, require_real
+from meshtrace.errors import Described, Refused, require_real
 from meshtrace.link.physics import Physics, Whitecaps
 from meshtrace.link.receivers import (
     AnyAperture,
@@ -408,12 +408,6 @@ class Link(Model, frozen=True):
         middle = 0.5 * (crossings.min(axis=0) + crossings.max(axis=0))
         half = float(np.abs(crossings - middle).max())
         return (float(middle[0]), float(middle[1])), half, float(np.abs(places - middle).max())
-
-
-def in_wind(link: Link, wind_speed: float) -> Link:
-    """Return a link with the whitecaps and bubbles of a wind, see `Link.in_wind`."""
-    require_kind(link, Link, "link")
-    return link.in_wind(wind_speed)
 
 
 def _power_of_two(size: float) -> float:

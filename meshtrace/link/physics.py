@@ -9,6 +9,11 @@ from pydantic import Field
 from meshtrace.errors import require_word
 from meshtrace.models import Model
 
+__all__ = [
+    "Physics",
+    "Whitecaps",
+]
+
 
 class Whitecaps(Model, frozen=True):
     """Foam on the surface, opaque: T_u = 1 - W multiplies every crossing once.

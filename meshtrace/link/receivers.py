@@ -12,6 +12,13 @@ from meshtrace.errors import Refused
 from meshtrace.models import Family, Finite, Model, Position, Positive
 from meshtrace.optics.directions import unit_vector
 
+__all__ = [
+    "IrradiancePlanes",
+    "Receiver",
+    "WaterAperture",
+    "WaterReceiver",
+]
+
 
 class Aperture(
     Family,

@@ -11,6 +11,19 @@ from pydantic import BeforeValidator, Field, SerializeAsAny
 from meshtrace.models import Family, Finite, Model, NonNegative, Position, Positive
 from meshtrace.optics.directions import unit_vector
 
+__all__ = [
+    "AirBeam",
+    "AirLed",
+    "AirTopHatBeam",
+    "CardioidalSky",
+    "GaussianBeam",
+    "IsotropicSource",
+    "Led",
+    "Sun",
+    "TopHatBeam",
+    "UniformSky",
+]
+
 
 class Source(
     Family,

@@ -1,3 +1,12 @@
 """Results of runs: gains, series, maps, impulse responses, and their files."""
 
+from meshtrace.results.background import Background as Background
+from meshtrace.results.background import BackgroundSeries as BackgroundSeries
+from meshtrace.results.coverage import CoverageMap as CoverageMap
+from meshtrace.results.gain import Fate as Fate
+from meshtrace.results.gain import GainResult as GainResult
+from meshtrace.results.gain import merge as merge
+from meshtrace.results.impulse import ImpulseResponse as ImpulseResponse
+from meshtrace.results.impulse import impulse_response as impulse_response
+from meshtrace.results.series import GainSeries as GainSeries
 from meshtrace.stored import load as load

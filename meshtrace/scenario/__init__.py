@@ -5,8 +5,6 @@ with `meshtrace.surfaces`, by late imports.
 """
 
 from meshtrace.engine.setup.options import Meshing, Run
-from meshtrace.errors import LARGEST
-from meshtrace.errors import Refused as ScenarioError
 from meshtrace.scenario.files import KEYS, parse_setting
 from meshtrace.scenario.model import Scenario
 from meshtrace.scenario.parts import DEFAULT_WIND_SPEED
@@ -15,11 +13,9 @@ from meshtrace.scenario.seas import MeshFile
 __all__ = [
     "DEFAULT_WIND_SPEED",
     "KEYS",
-    "LARGEST",
     "MeshFile",
     "Meshing",
     "Run",
     "Scenario",
-    "ScenarioError",
     "parse_setting",
 ]

@@ -6,8 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +16,7 @@ from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.backward.background import background, background_over
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.engine.setup.options import Case
+from meshtrace.engine.setup.options import Case, RunOptions, require_options
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea
@@ -27,7 +26,6 @@ from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of
 from meshtrace.studies.series import in_flight
-from meshtrace.studies.store import Store
 from meshtrace.uav.airframe import Flight
 
 _MOST_SEAS = 16  # of the mean background of an ensemble
@@ -42,13 +40,9 @@ def background_series(
     times: ArrayLike | None = None,
     *,
     photons: int = 1024,
-    seed: int | None = None,
     flight: Flight | None = None,
-    spacing: float | None = None,
-    extent: float | None = None,
-    threads: int | None = None,
-    store: str | Path | None = None,
     workers: int | str | None = None,
+    **run: Unpack[RunOptions],
 ) -> BackgroundSeries:
     """Return the background of a receiver over a moving sea, with the flicker of glint.
 
@@ -67,8 +61,10 @@ def background_series(
     flight : Flight, optional
         Aircraft that tilts a receiver in the air; with equal seeds and times it has the tilts of
         `time_series`.
-    seed, spacing, extent, threads, store, workers
-        As in `time_series`.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
+    **run
+        Options of the run, see `RunOptions`.
 
     Returns
     -------
@@ -85,9 +81,8 @@ def background_series(
     keeps its mean but is smoother than in nature.
     """
     require_whole(photons, SHIFTS, 10_000_000, "photons")
-    given: dict[str, Any] = {"seed": seed, "spacing": spacing, "extent": extent, "threads": threads}
-    kept = Store(store, "background_series")
-    campaign = campaign_of(link, surface, fading=True, store=kept, workers=workers, **given)
+    require_options(run, RunOptions)
+    campaign = campaign_of(link, surface, "background_series", fading=True, workers=workers, **run)
     day = light_of(campaign, day)
     if day is None:
         raise Refused("day", None, "a Daylight")
@@ -130,7 +125,7 @@ def background_over_seas(
     An aircraft tilts the receiver over each: along a coupled flight, else by independent gusts.
     The standard errors hold the spread of the surfaces, and that of the rays they have in common.
     """
-    found = _over(campaign, _steps(campaign, seas, flight), day, RAYS)
+    found = _over(campaign._replace(progress=None), _steps(campaign, seas, flight), day, RAYS)
     if len(found) == 1:
         return found[0]
     parts = np.array([f.part_radiance for f in found])

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_for, surface_config
-from meshtrace.engine.setup.options import Case, Forced, Meshing, Run, resolve
+from meshtrace.engine.setup.options import (
+    Case,
+    Forced,
+    Meshing,
+    Run,
+    StudyOptions,
+    require_options,
+    resolve,
+)
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
@@ -92,6 +100,8 @@ class Campaign(NamedTuple):
         Processes that evaluate the surfaces; threads of this one by default.
     store : Store
         File that keeps finished surfaces.
+    progress : callable, optional
+        Called with 1 after each step.
     """
 
     links: Mapping[str, Link]
@@ -101,6 +111,7 @@ class Campaign(NamedTuple):
     scenario: Scenario | None = None
     cluster: Cluster | None = None
     store: Store = Store()
+    progress: Callable[[int], None] | None = None
 
     @property
     def link(self) -> Link:
@@ -167,17 +178,17 @@ class Campaign(NamedTuple):
         sea = self.surface
         return Steps("time", times, lambda i: (sea, float(times[i])), links)
 
-    def realizations(self, n: int, name: str = "surface") -> Steps:
+    def realizations(self, n: int) -> Steps:
         """Return n realizations of the sea.
 
         Raises
         ------
         Refused
-            If the sea has no random phases; `name` is that of the argument.
+            If the sea has no random phases.
         """
         sea, time = self.surface, self.meshing.time
         if not isinstance(sea, RandomSea):
-            raise Refused(name, Described(type(sea).__name__), "a sea with random phases")
+            raise Refused("surface", Described(type(sea).__name__), "a sea with random phases")
         seeds = np.array([realization_seed(self.run.seed, i) for i in range(n)], np.int64)
         return Steps("realization", seeds, lambda i: (sea.with_seed(int(seeds[i])), time))
 
@@ -193,7 +204,6 @@ class Campaign(NamedTuple):
         steps: Sequence[Any],
         name: str,
         identity: Mapping[str, Any],
-        progress: Callable[[int], None] | None = None,
         work: str = "seas",
     ) -> Iterator[Floats]:
         """Yield the numbers of each step in order: kept ones, and others as they are computed.
@@ -210,8 +220,6 @@ class Campaign(NamedTuple):
             Name of the loop in the store.
         identity : mapping
             What the numbers depend on besides `identity` of the campaign.
-        progress : callable, optional
-            Called with 1 after each step.
         work : str
             Name of the steps, for the announcement.
         """
@@ -227,8 +235,8 @@ class Campaign(NamedTuple):
                         if i % _TRIM_EVERY == 0:
                             trim_memory()
                     yield ready.pop(step) if step in ready else kept[step].numbers
-                    if progress is not None:
-                        progress(1)
+                    if self.progress is not None:
+                        self.progress(1)
 
     def _computed(self, setup: Setup, steps: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         """Yield the number of each step and its numbers, on a cluster as they finish."""
@@ -243,24 +251,17 @@ class Campaign(NamedTuple):
 
     @property
     def alone(self) -> Campaign:
-        """The campaign without store and cluster, as a worker has it: with one thread."""
+        """The campaign without store, cluster and progress; that of a worker has one thread."""
         run = self.run if self.cluster is None else self.run.replace(threads=1)
-        return self._replace(run=run, scenario=None, cluster=None, store=Store())
+        return self._replace(run=run, scenario=None, cluster=None, store=Store(), progress=None)
 
-    def each(
-        self,
-        steps: Steps,
-        progress: Callable[[int], None] | None = None,
-        probed: int = _PROBED,
-    ) -> Iterator[Floats]:
+    def each(self, steps: Steps, probed: int = _PROBED) -> Iterator[Floats]:
         """Yield the gains over each surface, and their unscattered parts, as they are computed.
 
         Parameters
         ----------
         steps : Steps
             The surfaces.
-        progress : callable, optional
-            Called with 1 after each surface.
         probed : int
             Surfaces whose crests the chains expect; the first one under a link that moves.
 
@@ -271,19 +272,14 @@ class Campaign(NamedTuple):
         setup = partial(_gains, self.alone, steps, probed)
         name = f"gains of {', '.join(self.links)}"
         identity = {"steps": steps.identity(), "probed": probed}
-        return self.over(setup, range(len(steps.labels)), name, identity, progress)
+        return self.over(setup, range(len(steps.labels)), name, identity)
 
-    def gains(
-        self,
-        steps: Steps,
-        progress: Callable[[int], None] | None = None,
-        probed: int = _PROBED,
-    ) -> xr.Dataset:
+    def gains(self, steps: Steps, probed: int = _PROBED) -> xr.Dataset:
         """Return the gains over all surfaces.
 
         Parameters
         ----------
-        steps, progress, probed
+        steps, probed
             As in `each`.
 
         Returns
@@ -297,7 +293,7 @@ class Campaign(NamedTuple):
 
         n, receivers = len(steps.labels), len(self.link.receivers)
         found = np.empty((2, len(self.links), n, receivers, SHIFTS))
-        for i, numbers in enumerate(self.each(steps, progress, probed)):
+        for i, numbers in enumerate(self.each(steps, probed)):
             found[:, :, i] = numbers
         dims = ("link", steps.along, "receiver", "shift")
         return xr.Dataset(
@@ -375,45 +371,48 @@ def wind_over(sea: Any, link: Link, name: str) -> Dryden:
 def campaign_of(
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,
+    study: str = "",
     fading: bool = False,
     *,
     several: bool = True,
-    store: Store = Store(),  # noqa: B008 - keeps nothing
-    workers: int | str | None = None,
-    **options: Any,
+    chains: int = DEFAULT_CHAINS,
+    **run: Unpack[StudyOptions],
 ) -> Campaign:
     """Return the campaign of a link over a sea, checked.
 
     Parameters
     ----------
     link : Link or Scenario
-        A link, or a scenario from which everything that is None follows.
+        A link, or a scenario from which all that is not given follows.
     surface : MeshSource or TriangleMesh, optional
         The sea; by default that of the scenario, or that of the link's wind.
+    study : str
+        Name in a store.
     fading : bool
-        Whether the answer of the study is about fading: a sea whose band was left open then has
-        all waves that make the light of the link fade (`fading.resolve_band`).
+        Whether the answer of the study is about fading: unless `waves` of the meshing or of the sea
+        say otherwise, the sea has all waves that make the light of the link fade.
     several : bool
         Whether the study needs a sea, and a single mesh is refused.
-    store : Store
-        File that keeps finished steps.
-    workers : int or str, optional
-        Processes, or the address of a dask scheduler, see `Cluster`; by default threads.
-    **options
-        Fields of `Run` and `Meshing`.
+    chains : int
+        Chains of a link that are not given.
+    **run
+        See `StudyOptions`.
 
     Raises
     ------
     Refused
-        If an option is out of range, or the surface is no sea.
+        If an option is unknown or out of range, or the surface is no sea.
     """
-    given = {name: value for name, value in options.items() if value is not None}
+    require_options(run, StudyOptions)
+    options: dict[str, Any] = {name: value for name, value in run.items() if value is not None}
+    store, progress = Store(options.pop("store", None), study), options.pop("progress", None)
+    workers = options.pop("workers", None)
     scenario = link if isinstance(link, Scenario) else None
     if scenario is None:
-        given = {"photons": DEFAULT_CHAINS, **given}
+        options = {"photons": chains, **options}
     elif several and surface is None and isinstance(scenario.surface, MeshFile):
         raise Refused("sea.mesh", scenario.surface.file, "a sea model")
-    case = resolve(link, surface, fading, **given)
+    case = resolve(link, surface, fading, **options)
     if not isinstance(case.run.estimator, Forced):
         allowed = f"forced{', over many seas' if several else ''}"
         raise Refused("run.estimator", "analog", allowed)
@@ -421,4 +420,4 @@ def campaign_of(
         raise Refused("surface", Described(type(case.surface).__name__), "a sea (MeshSource)")
     cluster = None if workers is None else Cluster(workers).checked()
     links = {"link": case.link}
-    return Campaign(links, case.surface, case.run, case.meshing, scenario, cluster, store)
+    return Campaign(links, case.surface, case.run, case.meshing, scenario, cluster, store, progress)

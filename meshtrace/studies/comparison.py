@@ -1,4 +1,4 @@
-"""Gains of several links over common seas, and the errors of their differences."""
+"""Gains of several links, or of both directions of one, over common seas."""
 
 from __future__ import annotations
 
@@ -6,18 +6,27 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from meshtrace.comms.background import DARK, warn_of_background, with_background
 from meshtrace.daylight.light import Daylight
-from meshtrace.errors import Described, Refused, require_whole
+from meshtrace.engine.setup.options import StudyOptions
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_finite,
+    require_kind,
+    require_real,
+    require_whole,
+)
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.models import Floats
+from meshtrace.results.series import GainSeries
 from meshtrace.scenario import Scenario
 from meshtrace.stored import Stored, Variable
 from meshtrace.studies.background import (
@@ -27,7 +36,7 @@ from meshtrace.studies.background import (
     transmission_of,
 )
 from meshtrace.studies.campaign import Campaign, campaign_of, mean, stderr
-from meshtrace.studies.store import Store
+from meshtrace.studies.series import gain_series
 from meshtrace.tables import text_table
 
 _DECIBEL = 10.0 / math.log(10.0)
@@ -57,7 +66,7 @@ class Comparison(Stored):
         without daylight.
     """
 
-    names: tuple[str, ...]
+    names: Annotated[tuple[str, ...], Variable("link", name="link")]
     gain: Annotated[Floats, Variable("link")]
     gain_stderr: Annotated[Floats, Variable("link")]
     difference: Annotated[Floats, Variable("link", name="gain_difference")]
@@ -154,28 +163,14 @@ class Comparison(Stored):
         ]
         return text_table(rows, ("link", "background [W m-2 sr-1 nm-1]", "BER", "light"))
 
-    def _content(self) -> xr.Dataset:
-        return super()._content().assign_coords(link=list(self.names))
-
-    @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> Comparison:
-        names = tuple(data["link"].values.tolist())
-        return cls(names, **cls.arrays(data), provenance=provenance)
-
 
 def compare(
     links: Mapping[str, Link | Scenario],
     surface: MeshSource | None = None,
     *,
     realizations: int = 1,
-    photons: int | None = None,
-    seed: int | None = None,
-    normals: Literal["vertex", "facet"] | None = None,
-    threads: int | None = None,
     daylight: Daylight | None = None,
-    store: str | Path | None = None,
-    workers: int | str | None = None,
-    progress: Callable[[int], None] | None = None,
+    **run: Unpack[StudyOptions],
 ) -> Comparison:
     """Compare the gains of links over common seas with common chains.
 
@@ -188,20 +183,11 @@ def compare(
     surface : MeshSource, optional
         The sea; by default that of each scenario, or a JONSWAP sea of the wind of each link.
     realizations : int
-        Realizations of the sea, 1 to 10 000 000.
-    photons : int, optional
-        Chains of each link, 2048 by default.
-    seed, normals, threads
-        As in `ensemble`; realization 0 of a single one has the seed of the sea.
+        Realizations of the sea, 1 to 10 000 000. A single one has the seed of the sea.
     daylight : Daylight, optional
         Light above all links; by default that of each scenario.
-    store : path, optional
-        File that keeps finished realizations: a second call with the same arguments resumes the
-        first.
-    workers : int or str, optional
-        Processes in place of threads, or the address or file of a running dask scheduler.
-    progress : callable, optional
-        Called with 1 after each realization of each link.
+    **run
+        Options of the run, see `StudyOptions`; progress is by realization of each link.
 
     Returns
     -------
@@ -220,30 +206,26 @@ def compare(
     the chains, for several from the scatter over the seas.
 
     Bit error rates are those of the receiver of each scenario ("physical" without one), averaged
-    over the seas, with the mean background over up to 16 of them. For these a sea whose band was
-    left open has all waves that make the light of each link fade (`fading.resolve_band`).
+    over the seas, with the mean background over up to 16 of them. For several seas the mesh then
+    holds all waves that make the light of each link fade, unless `waves` of the meshing says
+    otherwise.
     """
     if not isinstance(links, Mapping) or len(links) < 2:
         found = sorted(links) if isinstance(links, Mapping) else Described(type(links).__name__)
         raise Refused("links", found, "a mapping of two or more names to links")
     require_whole(realizations, 1, 10_000_000, "realizations")
     lit = daylight is not None or any(getattr(link, "daylight", None) for link in links.values())
-    options: dict[str, Any] = {
-        "photons": photons, "seed": seed, "normals": normals, "threads": threads,
-        "store": Store(store, "compare"),
-        "workers": workers,
-    }  # fmt: skip
     each = {}
     for name, link in links.items():
         try:
-            resolved = campaign_of(link, surface, fading=lit and realizations > 1, **options)
+            resolved = campaign_of(link, surface, "compare", lit and realizations > 1, **run)
             count = len(resolved.link.receivers)
             if count != 1:
                 raise Refused("receiver", Described(f"{count} receivers"), "one receiver")
         except Refused as error:
             raise error.inside("links", str(name)) from None
         each[str(name)] = resolved.of(resolved.link, str(name))
-    samples = _samples(each, realizations, progress)
+    samples = _samples(each, realizations)
     days = [light_of(one, daylight) for one in each.values()]
     origin = [
         one.provenance(realizations=realizations)
@@ -280,9 +262,7 @@ def _under_light(
     return replace(found, **dict(zip(names, np.array(rows).T, strict=True)))
 
 
-def _samples(
-    each: dict[str, Campaign], realizations: int, progress: Callable[[int], None] | None
-) -> Floats:
+def _samples(each: dict[str, Campaign], realizations: int) -> Floats:
     """Return the gains of the links by group of chains over one sea, or by sea over several.
 
     Links over equal seas, with equal chains, have common meshes.
@@ -296,8 +276,8 @@ def _samples(
     for one in campaigns:
         still = one.in_time(np.array([one.meshing.time]))
         steps = one.realizations(realizations) if realizations > 1 else still
-        tick = progress and partial(_of_each, progress, len(one.links))
-        gain = one.gains(steps, tick)["gain"].isel(receiver=0)
+        tick = one.progress and partial(_of_each, one.progress, len(one.links))
+        gain = one._replace(progress=tick).gains(steps)["gain"].isel(receiver=0)
         samples = mean(gain, "shift") if realizations > 1 else gain.isel(time=0)
         rows.append(samples.to_numpy())
     return np.concatenate(rows)
@@ -307,3 +287,183 @@ def _of_each(progress: Callable[[int], None], links: int, n: int) -> None:
     """Report a surface once for each link."""
     for _ in range(links):
         progress(n)
+
+
+class JointOutage(NamedTuple):
+    """Shares of the surfaces with gains below their thresholds.
+
+    Attributes
+    ----------
+    up, down : float
+        Outage of each direction.
+    both, either : float
+        Outage of both at once, and of at least one.
+    independent : float
+        Outage of both at once if the fades were independent, up times down.
+    """
+
+    up: float
+    down: float
+    both: float
+    either: float
+    independent: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Duplex(Stored):
+    """Gains of an uplink and a downlink over the same surfaces.
+
+    Attributes
+    ----------
+    up, down : GainSeries
+        Gains of each direction, over the same times or realizations.
+    correlation : float
+        Pearson's correlation of the gains of both directions; nan if one of them is constant.
+    provenance : dict
+        Configuration of each direction.
+    """
+
+    up: GainSeries
+    down: GainSeries
+    correlation: float
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    kind: ClassVar[str] = "duplex"
+    title: ClassVar[str] = "meshtrace gains of both directions"
+
+    @property
+    def correlation_stderr(self) -> float:
+        """Standard error of the correlation r of n independent surfaces, (1 - r^2) / sqrt(n - 1).
+
+        Surfaces of a time series are correlated: the error is then larger.
+        """
+        return float((1.0 - self.correlation**2) / math.sqrt(max(len(self.up.gain) - 1, 1)))
+
+    def outage(self, up_gain: float, down_gain: float) -> JointOutage:
+        """Return the outage of each direction, and of both.
+
+        Parameters
+        ----------
+        up_gain, down_gain : float
+            Least gain of each direction with a connection, >= 0.
+        """
+        for name, value in (("up_gain", up_gain), ("down_gain", down_gain)):
+            if not 0.0 <= require_real(value, name, "a gain >= 0") < math.inf:
+                raise Refused(name, value, "a gain >= 0")
+        up, down = self.up.gain < up_gain, self.down.gain < down_gain
+        alone = float(up.mean()), float(down.mean())
+        both, either = float((up & down).mean()), float((up | down).mean())
+        return JointOutage(*alone, both, either, alone[0] * alone[1])
+
+    def _headline(self) -> str:
+        means = f"up {self.up.gain.mean():.4e}, down {self.down.gain.mean():.4e}"
+        return f"{len(self.up.gain)} surfaces, {means}, correlation {self.correlation:.3f}"
+
+    def summary(self) -> str:
+        """Return mean, scintillation index and joint fades below half of the mean as text."""
+        lines = []
+        for name, series in (("up", self.up), ("down", self.down)):
+            gain = series.gain
+            index = gain.var(ddof=1) / gain.mean() ** 2 if gain.any() else math.nan
+            lines.append(
+                f"{name:<6} mean gain {gain.mean():.4e} +- {series.mean_stderr:.1e}, "
+                f"scintillation index {index:.3g}"
+            )
+        half = self.outage(0.5 * float(self.up.gain.mean()), 0.5 * float(self.down.gain.mean()))
+        lines += [
+            f"correlation of the gains   {self.correlation:.3f} +- {self.correlation_stderr:.2g}",
+            f"below half of the mean     up {half.up:.3g}, down {half.down:.3g}, both "
+            f"{half.both:.3g} (independent: {half.independent:.3g}), either {half.either:.3g}",
+        ]
+        return "\n".join(lines)
+
+    def _content(self) -> xr.Dataset:
+        parts = []
+        for name, series in (("up", self.up), ("down", self.down)):
+            data = series._content()
+            data.attrs = {f"{name}_{key}": value for key, value in data.attrs.items()}
+            parts.append(data.rename({key: f"{name}_{key}" for key in data.data_vars}))
+        merged = xr.merge(parts, combine_attrs="no_conflicts")
+        return merged.assign_attrs(correlation=self.correlation)
+
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any) -> Duplex:
+        series = []
+        for name in ("up", "down"):
+            columns = {key: f"{name}_{key}" for key in ("gain", "gain_stderr", "gain_ballistic")}
+            part = data[list(columns.values())].rename({new: old for old, new in columns.items()})
+            part.attrs = {"mean_stderr": data.attrs[f"{name}_mean_stderr"]}
+            series.append(GainSeries._restored(part, provenance[name]))
+        return cls(series[0], series[1], float(data.attrs["correlation"]), provenance)
+
+
+def duplex(
+    up: Link,
+    down: Link,
+    surface: MeshSource,
+    times: ArrayLike | None = None,
+    *,
+    realizations: int | None = None,
+    **run: Unpack[StudyOptions],
+) -> Duplex:
+    """Return the gains of an uplink and a downlink over the same surfaces, by forced detection.
+
+    Parameters
+    ----------
+    up, down : Link
+        Links of one receiver each: a source in the water and a receiver in the air, and a lamp in
+        the air and a receiver in the water.
+    surface : MeshSource
+        The sea: moving, or with random phases.
+    times : array_like, shape (n,), optional
+        Times [s] of a moving sea.
+    realizations : int, optional
+        Number of realizations of a random sea, in place of the times.
+    **run
+        Options of the run, see `StudyOptions`; chains are those of each direction.
+
+    Returns
+    -------
+    Duplex
+
+    Raises
+    ------
+    Refused
+        If a link has another direction or several receivers, an option is out of range, or
+        neither or both of `times` and `realizations` are given.
+
+    Notes
+    -----
+    Each surface is one mesh for both directions, fine where the light of either crosses. Unless
+    `waves` of the meshing says otherwise, it holds all waves that make the light of either fade.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> both = mt.duplex(mt.Link(), mt.Link().mirrored(), mt.surfaces.sea_in_wind(5.0),
+    ...                  realizations=3, photons=256)
+    >>> len(both.up.gain), len(both.down.gain)
+    (3, 3)
+    """
+    pair = []
+    for name, link in (("up", up), ("down", down)):
+        require_kind(link, Link, name)
+        if link.direction != name or len(link.receivers) != 1:
+            found = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
+            raise Refused(name, found, f"a link with one receiver and direction {name}")
+        pair.append(campaign_of(link, surface, "duplex", fading=True, **run))
+    finest = max((one.surface for one in pair), key=lambda s: getattr(s, "omega_max", 0) or 0)
+    campaign = pair[0]._replace(links={"up": up, "down": down}, surface=finest)
+    if (times is None) == (realizations is None):
+        raise Refused("times", times, "times, or a number of realizations")
+    if times is not None:
+        steps = campaign.in_time(require_finite(times, "times", "finite times (n,) [s], n >= 1"))
+    else:
+        require_whole(realizations, 1, 10_000_000, "realizations")
+        steps = campaign.realizations(int(realizations or 0))
+    gains = campaign.gains(steps, probed=1)
+    of_up, of_down = (gain_series(campaign, gains, name) for name in campaign.links)
+    first, second = of_up.gains[:, 0], of_down.gains[:, 0]
+    constant = len(first) < 2 or min(np.ptp(first), np.ptp(second)) == 0.0
+    correlation = math.nan if constant else float(np.corrcoef(first, second)[0, 1])
+    return Duplex(of_up, of_down, correlation, gains.attrs["provenance"])

@@ -7,8 +7,7 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,14 @@ from meshtrace.engine.outcome import (
 )
 from meshtrace.engine.photons.analog import FixedPointSum, PhotonSums, run_analog
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
-from meshtrace.engine.setup.options import Analog, Case, IrradianceMap, resolve
+from meshtrace.engine.setup.options import (
+    Analog,
+    Case,
+    IrradianceMap,
+    RunOptions,
+    require_options,
+    resolve,
+)
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -49,11 +55,7 @@ def coverage_map(
     times: Sequence[float] | None = None,
     photons: int = 4_000_000,
     rtol: float | None = None,
-    seed: int | None = None,
-    normals: Literal["vertex", "facet"] | None = None,
-    threads: int | None = None,
-    store: str | Path | None = None,
-    progress: Callable[[int], None] | None = None,
+    **run: Unpack[RunOptions],
 ) -> CoverageMap:
     r"""Return the gain over the plane of the receiver.
 
@@ -81,12 +83,9 @@ def coverage_map(
         Relative standard error > 0 to reach in every cell by more photons; unscattered light is
         exact where its image is known. Cells darker than a hundredth of the highest gain reach
         `rtol` of that.
-    seed, normals, threads
-        As in `simulate`.
-    store : path, optional
-        File that keeps the photons of each time, which a smaller `rtol` uses again.
-    progress : callable, optional
-        Called with the number of photons followed since its last call.
+    **run
+        Options of the run, see `RunOptions`. The store keeps the photons of each time, which a
+        smaller `rtol` uses again; progress is by the photons followed since the last call.
 
     Returns
     -------
@@ -116,8 +115,9 @@ def coverage_map(
     for the cells, some forms as published).
     With `rtol` dark cells have an upper bound, `gain_bound`.
     """
-    given = {"seed": seed, "normals": normals, "threads": threads}
-    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    require_options(run, RunOptions)
+    options: dict[str, Any] = {name: value for name, value in run.items() if value is not None}
+    store, progress = options.pop("store", None), options.pop("progress", None)
     case = resolve(link, surface, **options)
     kinds = (Receiver, WaterReceiver)
     receiver = next((r for r in case.link.receivers if isinstance(r, kinds)), None)

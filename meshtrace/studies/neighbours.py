@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import secrets
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, fields
 from functools import cached_property, partial
 from typing import Any, TypeVar
 
@@ -28,6 +29,7 @@ Result = TypeVar("Result")
 _WIDER = 1.2  # reach of meshes over that of a link: its neighbours lie within
 
 
+@dataclass(eq=False)
 class Neighbours:
     """Gains and light of links near one link over the same surfaces.
 
@@ -35,6 +37,7 @@ class Neighbours:
     ----------
     campaign : Campaign
         The base link, its surface and options; a surface that is a mesh is taken as it is.
+        Progress is left to the study.
     seas : int
         Surfaces.
     phases : bool
@@ -45,33 +48,33 @@ class Neighbours:
         Meshes of the first surfaces that stay in memory.
     around : Link, optional
         The link that all meshes cover, by default the base link.
+    name : str
+        Name by which a worker knows them again.
     """
 
-    def __init__(
-        self,
-        campaign: Campaign,
-        seas: int = 1,
-        *,
-        phases: bool = False,
-        fading: bool = False,
-        kept: int = 1,
-        around: Link | None = None,
-    ) -> None:
-        self.campaign, self.seas = campaign, seas
-        self._options = {"phases": phases, "fading": fading, "kept": kept, "around": around}
-        self._name = secrets.token_hex(8)
-        self._phases, self._fading = phases, fading
-        self._around = around or campaign.link
+    campaign: Campaign
+    seas: int = 1
+    phases: bool = False
+    fading: bool = False
+    kept: int = 1
+    around: Link | None = None
+    name: str = field(default_factory=lambda: secrets.token_hex(8))
+
+    def __post_init__(self) -> None:
+        self.campaign = campaign = self.campaign._replace(progress=None)
+        self._around = self.around or campaign.link
         self._lines: dict[str, Any] = {}
         if isinstance(campaign.surface, SurfaceModel):
             inputs = self._around, campaign.surface, campaign.meshing
-            spacing = FADING_SPACING if fading else GAIN_SPACING
+            spacing = FADING_SPACING if self.fading else GAIN_SPACING
             self._lines = mesh_lines(*inputs, _WIDER * crossing_reach(self._around), spacing)
-        self._meshes = [self._meshed(campaign.surface, i) for i in range(min(seas, kept))]
+        first = range(min(self.seas, self.kept))
+        self._meshes = [self._meshed(campaign.surface, i) for i in first]
 
     def __reduce__(self) -> Any:
         """Return the description from which a worker makes them, once for all loops of a study."""
-        return _made, (self._name, self.campaign.alone, self.seas, self._options)
+        given = {f.name: getattr(self, f.name) for f in fields(self)}
+        return _made, ({**given, "campaign": self.campaign.alone},)
 
     @cached_property
     def frozen(self) -> FrozenForced:
@@ -81,7 +84,7 @@ class Neighbours:
             campaign.link,
             campaign.run.photons,
             campaign.run.seed,
-            TypicalSea.of(self._meshes, MANY_SEAS if self._fading else 1.0),
+            TypicalSea.of(self._meshes, MANY_SEAS if self.fading else 1.0),
             campaign.meshing.normals,
         )
 
@@ -89,7 +92,7 @@ class Neighbours:
         """Return the mesh of a surface with the phases of realization i."""
         campaign, mesh = self.campaign, surface
         if not isinstance(mesh, TriangleMesh):
-            if self._phases:
+            if self.phases:
                 mesh = mesh.with_seed(realization_seed(campaign.run.seed, i))
             mesh = mesh.mesh(campaign.meshing.time, **self._lines)
         require_cover(self._around, mesh)
@@ -118,28 +121,23 @@ class Neighbours:
         return list(ordered_map(evaluate, range(self.seas), self.campaign.threads))
 
     def over(
-        self,
-        evaluate: Callable[[int], Floats],
-        steps: int,
-        name: str,
-        progress: Callable[[int], None] | None = None,
-        **identity: Any,
+        self, evaluate: Callable[[int], Floats], steps: int, name: str, **identity: Any
     ) -> Floats:
         """Return the numbers of steps of a loop, stacked; see `Campaign.over`."""
         known = {"seas": self.seas, **identity}
-        found = self.campaign.over(partial(same, evaluate), range(steps), name, known, progress)
+        found = self.campaign.over(partial(same, evaluate), range(steps), name, known)
         return np.array(list(found))
 
 
 _last: dict[str, Neighbours] = {}
 
 
-def _made(name: str, campaign: Campaign, seas: int, options: dict[str, Any]) -> Neighbours:
+def _made(given: dict[str, Any]) -> Neighbours:
     """Return the neighbours of a study in a worker; the last ones are kept."""
-    if name not in _last:
+    if given["name"] not in _last:
         _last.clear()
-        _last[name] = Neighbours(campaign, seas, **options)
-    return _last[name]
+        _last[given["name"]] = Neighbours(**given)
+    return _last[given["name"]]
 
 
 def has_moments(link: Link) -> bool:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
 from meshtrace.fading.resolving import band_fading
 from meshtrace.link import Link
@@ -18,7 +17,6 @@ from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of, mean, stderr
-from meshtrace.studies.store import Store
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.route import Route
 
@@ -37,26 +35,16 @@ def time_series(
     *,
     flight: Flight | None = None,
     route: Route | None = None,
-    photons: int | None = None,
-    seed: int | None = None,
-    normals: Literal["vertex", "facet"] | None = None,
-    extent: float | None = None,
-    spacing: float | None = None,
-    threads: int | None = None,
-    store: str | Path | None = None,
-    workers: int | str | None = None,
-    progress: Callable[[int], None] | None = None,
+    **run: Unpack[StudyOptions],
 ) -> GainSeries:
     """Return the gain over a moving sea, by forced detection with one set of chains.
 
     Parameters
     ----------
     link : Link or Scenario
-        The link, or a scenario: `time_series(scenario, times)`. Options that are not given are
-        those of the scenario.
+        The link, or a scenario: `time_series(scenario, times)`.
     surface : MeshSource, optional
-        The sea, whose phases stay while time moves its waves, or meshes in time. A sea whose band
-        is left open has all waves that make the light of the link fade (`fading.resolve_band`).
+        The sea, whose phases stay while time moves its waves, or meshes in time.
     times : array_like, shape (n,)
         Times [s]; evenly spaced with a flight.
     flight : Flight, optional
@@ -65,18 +53,8 @@ def time_series(
         in the pattern of the lamp.
     route : Route, optional
         Waypoints of the receiver, or the lamp of a downlink, whose own position they replace.
-    photons : int, optional
-        Chains, common to all times; 2048 by default.
-    seed : int, optional
-        Seed of the chains and of the gusts, 1 by default.
-    normals, extent, spacing, threads
-        As in `simulate`; the result does not depend on the threads.
-    store : path, optional
-        File that keeps finished times: a second call with the same arguments resumes the first.
-    workers : int or str, optional
-        Processes in place of threads, or the address or file of a running dask scheduler.
-    progress : callable, optional
-        Called with 1 after each time.
+    **run
+        Options of the run, see `StudyOptions`.
 
     Returns
     -------
@@ -90,7 +68,8 @@ def time_series(
     Notes
     -----
     All times share the chains: the Monte Carlo noise is common to them and cancels in
-    differences.
+    differences. Unless `waves` of the meshing says otherwise, the mesh holds all waves that make
+    the light of the link fade.
 
     From 50 gains on, the provenance holds the closed form of the scintillation index of unscattered
     light (`fading.band_fading`), which `GainSeries.summary` prints beside the measured one, and a
@@ -114,29 +93,22 @@ def time_series(
     """
     if times is None and not isinstance(surface, MeshSource):
         surface, times = None, surface
-    campaign = campaign_of(
-        link, surface, fading=True, photons=photons, seed=seed, normals=normals, extent=extent,
-        spacing=spacing, threads=threads, store=Store(store, "time_series"), workers=workers,
-    )  # fmt: skip
+    campaign = campaign_of(link, surface, "time_series", fading=True, **run)
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
     require_kind(flight, Flight | None, "flight")
     require_kind(route, Route | None, "route")
     flight = flight and flight.checked()
-    if campaign.scenario is not None and campaign.scenario.meshing.time != 0.0:
-        raise Refused("sea.time", campaign.scenario.meshing.time, "0 with times")
-    series = over_times(campaign, at, flight, progress, route)
+    if campaign.meshing.time != 0.0:
+        raise Refused("sea.time", campaign.meshing.time, "0 with times")
+    series = over_times(campaign, at, flight, route)
     return series if flight or route else _beside_closed_form(campaign, series)
 
 
 def over_times(
-    campaign: Campaign,
-    times: Floats,
-    flight: Flight | None = None,
-    progress: Callable[[int], None] | None = None,
-    route: Route | None = None,
+    campaign: Campaign, times: Floats, flight: Flight | None = None, route: Route | None = None
 ) -> GainSeries:
     """Return the gains at times (n,) [s] of a campaign, see `time_series`."""
-    gains = campaign.gains(in_flight(campaign, times, flight, route), progress)
+    gains = campaign.gains(in_flight(campaign, times, flight, route))
     more = campaign.of_flight(flight) if flight else {}
     if route is not None:
         more["route"] = route.model_dump(mode="json")
@@ -145,48 +117,26 @@ def over_times(
 
 def ensemble(
     link: Link | Scenario,
-    n_realizations: int,
+    realizations: int,
     surface: SurfaceModel | None = None,
     *,
     wind_speed: float | None = None,
-    photons: int | None = None,
-    seed: int | None = None,
-    normals: Literal["vertex", "facet"] | None = None,
-    time: float | None = None,
-    extent: float | None = None,
-    spacing: float | None = None,
-    threads: int | None = None,
-    store: str | Path | None = None,
-    workers: int | str | None = None,
-    progress: Callable[[int], None] | None = None,
+    **run: Unpack[StudyOptions],
 ) -> GainSeries:
     """Return the gains over independent realizations of a sea, by forced detection.
 
     Parameters
     ----------
     link : Link or Scenario
-        The link, or a scenario; options that are not given are those of the scenario.
-    n_realizations : int
+        The link, or a scenario.
+    realizations : int
         Realizations, each with its own random phases.
     surface : SurfaceModel with seed, optional
-        The sea; by default that of `wind_speed`. A sea whose band is left open has all waves that
-        make the light of the link fade (`fading.resolve_band`).
+        The sea; by default that of `wind_speed`.
     wind_speed : float, optional
         Wind of the default sea [m s-1]: that of the link's bubbles or whitecaps, or 5.
-    photons : int, optional
-        Chains, common to all realizations; 2048 by default.
-    seed : int, optional
-        Seed of the chains, 1 by default, and, by `numpy.random.SeedSequence([seed, i])`, of the
-        phases of realization i.
-    normals, time, extent, spacing, threads
-        As in `simulate`; the result does not depend on the threads.
-    store : path, optional
-        File that keeps finished realizations: a second call with the same arguments resumes the
-        first.
-    workers : int or str, optional
-        Processes in place of threads, or the address or file of a running dask scheduler.
-    progress : callable, optional
-        Called with 1 after each realization.
+    **run
+        Options of the run, see `StudyOptions`.
 
     Returns
     -------
@@ -194,28 +144,25 @@ def ensemble(
 
     Notes
     -----
+    Unless `waves` of the meshing says otherwise, the mesh holds all waves that make the light of
+    the link fade.
+
     From 50 gains on, the provenance holds the closed form of the scintillation index of unscattered
     light (`fading.band_fading`), which `GainSeries.summary` prints beside the measured one, and a
     warning is issued if the band of waves omits more than a tenth of the fading.
     """
-    require_whole(n_realizations, 1, 10_000_000, "n_realizations")
+    require_whole(realizations, 1, 10_000_000, "realizations")
     if surface is None and wind_speed is not None:
         from meshtrace.surfaces import sea_in_wind
 
         surface = sea_in_wind(wind_speed)
-    campaign = campaign_of(
-        link, surface, fading=True, photons=photons, seed=seed, normals=normals, time=time,
-        extent=extent, spacing=spacing, threads=threads,
-        store=Store(store, "ensemble"), workers=workers,
-    )  # fmt: skip
-    return _beside_closed_form(campaign, over_realizations(campaign, n_realizations, progress))
+    campaign = campaign_of(link, surface, "ensemble", fading=True, **run)
+    return _beside_closed_form(campaign, over_realizations(campaign, realizations))
 
 
-def over_realizations(
-    campaign: Campaign, n_realizations: int, progress: Callable[[int], None] | None = None
-) -> GainSeries:
-    """Return the gains over random phases of a campaign, see `ensemble`."""
-    return gain_series(campaign, campaign.gains(campaign.realizations(n_realizations), progress))
+def over_realizations(campaign: Campaign, n: int) -> GainSeries:
+    """Return the gains over n random phases of a campaign, see `ensemble`."""
+    return gain_series(campaign, campaign.gains(campaign.realizations(n)))
 
 
 def closed_form(link: Link, sea: Any, n: int, level: int = 3) -> dict[str, Any]:

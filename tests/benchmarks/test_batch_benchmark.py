@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from meshtrace.studies.sweep import sweep
+from meshtrace.studies.sweeps import sweep
 
 pytest.importorskip("distributed")
 

@@ -48,7 +48,8 @@ def test_sunlight_under_a_passing_wave(depth):
     )
     # half of 24 phases: crests on either side of the receiver are alike
     times = (np.arange(12) + 0.5) / 24.0 * 2.0 * math.pi / math.sqrt(9.81 * k)
-    series = mt.background_series(link, sea, day, times, photons=128, spacing=0.05, extent=2.0)
+    fine = mt.Meshing(spacing=0.05, extent=2.0)
+    series = mt.background_series(link, sea, day, times, photons=128, mesh=fine)
     # the disk of the sun takes 0.4 % at 10 m
     assert series.scintillation_index == pytest.approx(wanted["SI"], rel=2e-2)
 

@@ -129,13 +129,13 @@ def _calls():
     from meshtrace import surfaces
 
     link, sea = mt.Link(), surfaces.JonswapSea(wind_speed=5.0, seed=7, waves="paper")
-    grid = {"spacing": 0.5, "threads": 1}
+    grid = {"mesh": mt.Meshing(spacing=0.5), "threads": 1}
     run = {"link": link, "surface": sea, "photons": 32, "seed": 1, "time": 0.0, **grid}
-    many = {"link": link, "sea": sea, "surface": sea, "photons": 32, "seed": 1, **grid}
+    many = {"link": link, "surface": sea, "photons": 32, "seed": 1, **grid}
     down = mt.Link(transmitter=mt.AirLed(), receiver=mt.WaterReceiver())
     day = mt.Daylight(direct=1.4, diffuse=0.3)
     rows = [{"transmitter.depth": d, "gain": 1e-5, "stderr": 1e-6} for d in (5.0, 10.0)]
-    flat = {**run, "surface": surfaces.FlatSea(), "sea": surfaces.FlatSea()}
+    flat = {**run, "surface": surfaces.FlatSea()}
     corners = [(-50.0, -50.0, 0.0), (50.0, -50.0, 0.0), (50.0, 50.0, 0.0), (-50.0, 50.0, 0.0)]
     return [
         (mt.Water, {"a": 0.1, "b": 0.03}),
@@ -176,7 +176,7 @@ def _calls():
         *[(mt.simulate, run)] * 6,
         *[(mt.simulate, {**run, "estimator": "analog", "rtol": 0.5, "max_events": 1000})] * 3,
         *[(mt.time_series, {**many, "times": [0.0, 0.5]})] * 3,
-        *[(mt.ensemble, {**many, "n_realizations": 2})] * 2,
+        *[(mt.ensemble, {**many, "realizations": 2})] * 2,
         (mt.trace_paths, {"link": link, "surface": sea, "n": 4, "seed": 1}),
         (mt.link_performance, {**many, "bit_rate": 5e6, "realizations": 2}),
         (mt.coverage_map, {**many, "step": 5.0, "extent": 5.0}),
@@ -187,9 +187,13 @@ def arguments(random, folder):
     """Python calls with one or two arguments replaced."""
     import inspect
 
+    from meshtrace.engine.setup.options import StudyOptions
+
     function, sound = random.choice(_calls())
     if not inspect.isclass(function):
-        sound = {k: v for k, v in sound.items() if k in inspect.signature(function).parameters}
+        known = [*inspect.signature(function).parameters]
+        known += StudyOptions.__annotations__ if "run" in known else ()
+        sound = {k: v for k, v in sound.items() if k in known}
     given = dict(sound)
     names = sorted(sound)
     for name in random.sample(names, min(len(names), random.choice([1, 1, 2]))):
@@ -469,7 +473,7 @@ SWEEP = {"parameters": {"transmitter.depth": [5.0, 10.0], "wind_speed": [5.0, 9.
 
 def _sweep(path, gain):
     """Open a store, filled with a gain where it waits for one, and return its gains."""
-    from meshtrace.studies import sweep as module
+    from meshtrace.studies import sweeps as module
 
     original = module.Cluster.map
 
@@ -509,7 +513,7 @@ def studies(random, folder):
     """Study files with values replaced, or letters."""
     import tomli_w
 
-    from meshtrace.studies import sweep as module
+    from meshtrace.studies import sweeps as module
 
     table = {"realizations": 2, "photons": 32, "seed": 1, "rtol": 0.1, **SWEEP}
     config = {"wind_speed": 5.0, "transmitter": {"depth": 5.0}, "sweep": table}

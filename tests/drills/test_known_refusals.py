@@ -11,7 +11,7 @@ from meshtrace.comms import budget, capacity, decisions, devices
 from meshtrace.errors import Refused
 from meshtrace.paper import profiles
 from meshtrace.results.gain import bound_where_dark
-from meshtrace.studies.sensitivity import swings
+from meshtrace.studies import swings
 from meshtrace.surfaces import FlatSea
 
 CORNERS = [(-9.0, -9.0, 0.0), (9.0, -9.0, 0.0), (9.0, 9.0, 0.0)]
@@ -26,7 +26,7 @@ CALLS = {
     "times": lambda: mt.time_series(LINK, SEA, "x"),
     "bit_rate": lambda: mt.link_performance(LINK, SEA, bit_rate=np.array("x")),
     "realizations": lambda: mt.link_performance(LINK, SEA, realizations=""),
-    "flight.uav": lambda: mt.link_performance(LINK, SEA, uav="x", realizations=2),
+    "flight.uav": lambda: mt.link_performance(LINK, SEA, flight=mt.Flight("x"), realizations=2),
     "n": lambda: mt.trace_paths(LINK, SEA, n=np.array("x")),
     "mesh.faces": lambda: mt.TriangleMesh(CORNERS, [[0, 1, 2**63]]),
     "mesh.vertices": lambda: mt.TriangleMesh({}, [[0, 1, 2]]),
@@ -69,13 +69,11 @@ METHODS = [
     ("wind", lambda: UAV.simulate_flight(None, TIMES, 1)),
     ("mesh", lambda: mt.EmbreeIntersector(None)),
     ("mesh", lambda: mt.BruteForceIntersector("x")),
-    ("link", lambda: mt.in_wind((), 5.0)),
-    ("link", lambda: mt.in_wind(None, 5.0)),
-    ("wind_speed", lambda: mt.in_wind(LINK, np.array([0.0, 2.0]))),
+    ("wind_speed", lambda: LINK.in_wind(np.array([0.0, 2.0]))),
     ("path", lambda: LINK.replace(np.array(["a", "b"]), 1.0)),
     ("changes", lambda: mt.Scenario.from_toml("", changes=(0.0, 0.0))),
     ("provenance", lambda: mt.Scenario.from_provenance([[1.0]])),
-    ("over", lambda: mt.depth_sweep(LINK, over=np.zeros((2, 2)))),
+    ("realizations", lambda: mt.depth_sweep(LINK, realizations=np.zeros((2, 2)))),
     ("duration", lambda: mt.time_step_study(LINK, SEA_OF_WAVES, (1, 2, 4, 8), duration=10**400)),
     ("results", lambda: mt.merge({"a": 1})),
     ("results[0]", lambda: mt.merge([1])),
@@ -150,7 +148,7 @@ METHODS = [
     ("whitecaps.wind_speed", lambda: mt.Link(whitecaps={"wind_speed": 31.0})),
     ("profile", lambda: mt.Dryden(profile="log")),
     ("surface", lambda: mt.sensitivities(LINK, 1.0, ["water.a"])),
-    ("surface", lambda: mt.infer(ROWS, LINK, ["water.a"], sea=len)),
+    ("surface", lambda: mt.infer(ROWS, LINK, ["water.a"], surface=len)),
     ("surface", lambda: mt.optimize(LINK, True, OVER, "gain")),
     ("wrt", lambda: mt.sensitivities(LINK, SEA, 90.0)),
     ("step", lambda: mt.sensitivities(LINK, SEA, ["water.a"], step=1e30)),

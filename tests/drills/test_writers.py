@@ -185,7 +185,7 @@ SWEEP = "[sweep]\nphotons = 64\nrtol = 0.5\n[sweep.parameters]\nwind_speed = [3.
 def test_killed_sweeps_leave_a_store_that_goes_on(tmp_path):
     """Kill the client at random times: the same command finishes, and its gains are those of one."""
     pytest.importorskip("distributed")
-    from meshtrace.studies.sweep import read_store
+    from meshtrace.studies.sweeps import read_store
 
     random = Random("sweep")
     study = tmp_path / "study.toml"

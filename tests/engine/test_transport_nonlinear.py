@@ -5,7 +5,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.errors import Refused
-from meshtrace.studies import convergence
+from meshtrace.studies import convergence_study
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
 
 CLEAR = mt.Link(water=mt.Water(a=0.114, b=0.0), physics=mt.Physics(unresolved="none"))
@@ -83,7 +83,7 @@ def test_provenance_rebuilds_the_sea():
 
 def test_a_choppy_sea_is_no_reference_of_the_convergence_study():
     with pytest.raises(Refused, match=r"^reference: 'analytic for a choppy sea', allowed: None"):
-        convergence.convergence_study(CLEAR, STEEP, [0.4, 0.2, 0.1, 0.05], unresolved="none")
+        convergence_study(CLEAR, STEEP, [0.4, 0.2, 0.1, 0.05], unresolved="none")
 
 
 def test_link_file(tmp_path):

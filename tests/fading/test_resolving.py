@@ -15,7 +15,7 @@ from meshtrace import cli, fading
 from meshtrace.errors import Refused
 from meshtrace.results import load
 from meshtrace.scenario import Scenario
-from meshtrace.studies.convergence import FadingConvergence, fading_study
+from meshtrace.studies import FadingConvergence, fading_study
 from meshtrace.surfaces import Elfouhaily, FlatSea, JonswapSea, SpectralSea, resolved_sea
 
 SEA = SpectralSea(
@@ -59,7 +59,7 @@ def test_runs_store_the_number():
     assert run.provenance["surface"]["omega_max"] == number
     assert f"waves up to {number:.3g} rad/s" in run.summary()
     assert mt.simulate(Scenario.from_provenance(run.provenance)).gain == run.gain
-    series = mt.time_series(link, SEA, [0.0], photons=32, spacing=0.5)
+    series = mt.time_series(link, SEA, [0.0], photons=32, mesh=mt.Meshing(spacing=0.5))
     assert series.provenance["surface"]["omega_max"] == number
 
 
@@ -174,7 +174,13 @@ def test_study_of_the_fading(tmp_path):
 def test_study_measures():
     link = mt.Link(water=NO_SCATTERING.water, receiver=mt.Receiver(height=1.0))
     study = fading_study(
-        link, SEA, [2.0, 2.5, 3.0, 4.0], realizations=60, photons=32, seed=2, spacing=0.2
+        link,
+        SEA,
+        [2.0, 2.5, 3.0, 4.0],
+        realizations=60,
+        photons=32,
+        seed=2,
+        mesh=mt.Meshing(spacing=0.2),
     )
     assert (study.measured_stderr < 0.5 * study.measured).all()
     for i, omega_max in enumerate(study.omega_max):

@@ -28,8 +28,9 @@ from test_link_files import (
 )
 
 import meshtrace.scenario.seas
+from meshtrace.errors import Refused
 from meshtrace.optics.bubbles import HallNovarini
-from meshtrace.scenario import Scenario, ScenarioError, parse_setting
+from meshtrace.scenario import Scenario, parse_setting
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "default_link.toml"
 TEXTS = [EXAMPLE.read_text(), *SOUND, *(Scenario.from_toml(text).to_toml() for text in SOUND)]
@@ -94,7 +95,7 @@ def test_changes_of_the_command_line(key, value):
     """`--set key=value` is a scenario or one line, whatever the key and the value."""
     try:
         scenario = Scenario.from_toml("", changes=dict([parse_setting(f"{key}={value}")]))
-    except ScenarioError as error:
+    except Refused as error:
         assert str(error).splitlines() == [str(error)]
         assert "allowed: " in str(error)
     else:
@@ -131,7 +132,7 @@ def outcome(config):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return shortened(scenario).simulate()
-    except ScenarioError as error:
+    except Refused as error:
         assert str(error).splitlines() == [str(error)]
         assert "allowed: " in str(error)
         return None
@@ -201,7 +202,7 @@ def test_short_runs_give_finite_gains(small_meshes, config):
 )
 def test_found_before(compiled, changes):
     """What gave a gain of nan, a traceback or more than one line."""
-    with pytest.raises(ScenarioError) as refused:
+    with pytest.raises(Refused) as refused:
         shortened(Scenario.from_toml("", changes=changes)).simulate()
     assert str(refused.value).splitlines() == [str(refused.value)]
     assert str(refused.value).isprintable()

@@ -11,8 +11,8 @@ from test_link_files import damaged, examples, numbers, plausible, values
 
 pytest.importorskip("distributed")
 
-from meshtrace.scenario import ScenarioError
-from meshtrace.studies import sweep as batch
+from meshtrace.errors import Refused
+from meshtrace.studies import sweeps as batch
 
 KEYS = [
     "wind_speed",
@@ -71,7 +71,7 @@ def read(path, text):
     path.write_text(text, encoding="utf-8")
     try:
         return batch.sweep_file(path, progress=False)
-    except ScenarioError as error:
+    except Refused as error:
         assert str(error).splitlines() == [str(error)]
         assert "allowed: " in str(error)
         return None

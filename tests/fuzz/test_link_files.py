@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from meshtrace.engine.setup.options import Meshing, run_keys
+from meshtrace.errors import Refused
 from meshtrace.link import Aperture, Physics, Source
 from meshtrace.optics.bubbles import HallNovarini
 from meshtrace.optics.phase import PhaseFunction
 from meshtrace.optics.water import WATER_TYPES, Water
-from meshtrace.scenario import KEYS, Scenario, ScenarioError
+from meshtrace.scenario import KEYS, Scenario
 from meshtrace.surfaces import Spectrum, Spreading, Surface
 
 WORDS = [
@@ -97,7 +98,7 @@ def check_text(text):
     """Check that a text is a scenario that loads back, or an error of one line."""
     try:
         scenario = Scenario.from_toml(text, source="link.toml")
-    except ScenarioError as error:
+    except Refused as error:
         message = str(error)
     else:
         assert Scenario.from_toml(scenario.to_toml()) == scenario

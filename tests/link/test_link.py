@@ -54,7 +54,6 @@ def test_in_wind_and_at_depth():
     windy = link.in_wind(13.0)
     assert windy.bubbles == mt.HallNovarini(wind_speed=13.0, n_water=1.34, wavelength_nm=520.0)
     assert (windy.wind_speed, link.wind_speed, windy.in_wind(0.0)) == (13.0, None, link)
-    assert mt.in_wind(link, 13.0) == windy
     assert link.at_depth(7.0) == link.replace("transmitter.depth", 7.0)
 
 

@@ -22,7 +22,7 @@ SLOW = {
     "meshtrace.explorer.layout",
     "meshtrace.optics.mie",
     "meshtrace.studies.convergence.drivers",
-    "meshtrace.studies.duplex",
+    "meshtrace.studies.comparison",
     "meshtrace.studies.sensitivity.study",
 }
 

@@ -132,6 +132,8 @@ def test_every_public_name_is_there():
     import meshtrace
 
     assert all(hasattr(meshtrace, name) for name in meshtrace.__all__)
+    assert dir(meshtrace) == sorted(meshtrace.__all__)
+    assert len(meshtrace.__all__) <= 37
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)

@@ -24,7 +24,8 @@ FLAT = FlatSea()
 DAY = mt.Daylight(direct=1.42, diffuse=0.295)
 
 FEW = {"photons": 64, "seed": 5, "threads": 1}
-SMALL = {**FEW, "extent": 4.0, "spacing": 0.2}
+MESH = mt.Meshing(extent=4.0, spacing=0.2)
+SMALL = {**FEW, "mesh": MESH}
 ANALOG = {"estimator": "analog", "photons": 20_000, "seed": 5, "threads": 1}
 TIMES = np.arange(6) * 0.4
 FLIGHT = mt.Flight(mt.Uav(), mt.Dryden(wind_speed=8.0))
@@ -75,7 +76,7 @@ CASES = {
     "simulate beam": partial(mt.simulate, BEAM, WAVE, **SMALL),
     "simulate down": partial(mt.simulate, DOWN, SEA, **SMALL),
     "simulate wide": partial(mt.simulate, LINK.replace("receiver.fov_deg", 120.0), SEA, **SMALL),
-    "simulate bubbles": partial(mt.simulate, mt.in_wind(LINK, 10.0), SEA, **SMALL),
+    "simulate bubbles": partial(mt.simulate, LINK.in_wind(10.0), SEA, **SMALL),
     "simulate rtol": partial(mt.simulate, LINK, WAVE, rtol=0.02, **FEW),
     "impulse response": partial(still, LINK),
     "analog flat": partial(mt.simulate, LINK.replace("receiver.radius", 0.5), FLAT, **ANALOG),
@@ -93,9 +94,13 @@ CASES = {
     "series flight down": partial(mt.time_series, DOWN, WAVE, TIMES[:3], flight=FLIGHT, **SMALL),
     "ensemble": partial(mt.ensemble, LINK, 6, SEA, **SMALL),
     "ensemble one": partial(mt.ensemble, LINK, 1, SEA, **SMALL),
-    "ensemble receivers": partial(mt.ensemble, TWO, 5, BARE, normals="facet", **SMALL),
-    "ensemble at a time": partial(mt.ensemble, LINK, 3, SEA, time=2.5, **{**SMALL, "threads": 2}),
-    "ensemble scenario": partial(mt.ensemble, LIT, 3, extent=4.0, spacing=0.2, threads=1),
+    "ensemble receivers": partial(
+        mt.ensemble, TWO, 5, BARE, **{**SMALL, "mesh": MESH.replace(normals="facet")}
+    ),
+    "ensemble at a time": partial(
+        mt.ensemble, LINK, 3, SEA, **{**FEW, "threads": 2}, mesh=MESH.replace(time=2.5)
+    ),
+    "ensemble scenario": partial(mt.ensemble, LIT, 3, mesh=MESH, threads=1),
     "compare": partial(mt.compare, PAIR, SEA, **FEW),
     "compare seas": partial(mt.compare, PAIR, SEA, realizations=5, **{**FEW, "threads": 2}),
     "compare places": partial(
@@ -107,7 +112,7 @@ CASES = {
     ),
     "compare down": partial(mt.compare, {"a": DOWN, "b": DOWN.at_depth(8.0)}, WAVE, **FEW),
     "compare winds": partial(
-        mt.compare, {"calm": LINK, "windy": mt.in_wind(LINK, 10.0)}, realizations=2, **FEW
+        mt.compare, {"calm": LINK, "windy": LINK.in_wind(10.0)}, realizations=2, **FEW
     ),
     "compare lit": partial(mt.compare, {"lit": LIT, "deep": LIT.replace(link=DEEP)}, threads=1),
     "compare lit seas": partial(
@@ -133,23 +138,26 @@ CASES = {
     ),
     "performance flat": partial(mt.link_performance, LINK, FLAT, depths=(40.0, 50.0, 60.0), **FEW),
     "performance flight": partial(
-        mt.link_performance, DEEP, SEA, flight=FLIGHT, over=mt.Realizations(4, 5, 64), threads=1
+        mt.link_performance, DEEP, SEA, flight=FLIGHT, realizations=4, **FEW
     ),
     "performance coupled": partial(
-        mt.link_performance, DEEP, WAVE, flight=COUPLED, over=mt.Realizations(6, 5, 64),
-        daylight=DAY, threads=1,
+        mt.link_performance, DEEP, WAVE, flight=COUPLED, realizations=6,
+        daylight=DAY, **FEW,
     ),
     "convergence": partial(
         mt.convergence_study, LINK, WAVE, (1.0, 0.5, 0.25, 0.2), placements=2, reference=None, **FEW
     ),
     "convergence bands": partial(
-        mt.band_limit_study, LINK, SEA, (2.0, 3.0, 4.0, 5.0), realizations=2, spacing=0.5, **FEW
+        mt.band_limit_study, LINK, SEA, (2.0, 3.0, 4.0, 5.0), realizations=2,
+        mesh=mt.Meshing(spacing=0.5), **FEW
     ),
     "convergence steps": partial(
-        mt.time_step_study, LINK, WAVE, (0.8, 0.4, 0.2, 0.1), duration=1.6, spacing=0.2, **FEW
+        mt.time_step_study, LINK, WAVE, (0.8, 0.4, 0.2, 0.1), duration=1.6,
+        mesh=mt.Meshing(spacing=0.2), **FEW
     ),
     "convergence fading": partial(
-        fading_study, LINK, resolved_sea(5.0), (4.0, 8.0, 12.0, 16.0), realizations=2, spacing=0.2, **FEW
+        fading_study, LINK, resolved_sea(5.0), (4.0, 8.0, 12.0, 16.0), realizations=2,
+        mesh=mt.Meshing(spacing=0.2), **FEW
     ),
     "sensitivities": partial(
         mt.sensitivities, LINK, WAVE, ["water.a", "water.b", "receiver.height", "receiver.fov_deg"], **FEW
@@ -161,10 +169,11 @@ CASES = {
         mt.optimize, LINK, FLAT, {ANGLE: (3.0, 30.0)}, "gain", realizations=1, photons=64, threads=1
     ),
     "optimum hover": partial(
-        mt.optimize, LINK, SEA, {ANGLE: (8.0, 14.0)}, "outage", hover_std=(0.5, 0.5), uav=mt.Uav(),
+        mt.optimize, LINK, SEA, {ANGLE: (8.0, 14.0)}, "outage", hover_std=(0.5, 0.5),
+        flight=mt.Flight(),
         realizations=3, photons=64, threads=1,
     ),
     "inference": partial(
-        mt.infer, MEASURED, LINK, ["water.a", "water.b"], sea=FLAT, photons=64, threads=1
+        mt.infer, MEASURED, LINK, ["water.a", "water.b"], surface=FLAT, photons=64, threads=1
     ),
 }  # fmt: skip

@@ -17,9 +17,8 @@ from meshtrace.results import load
 from meshtrace.results.gain import bound_where_dark
 from meshtrace.results.provenance import _git_commit, environment
 from meshtrace.stored import FORMAT_VERSION, Stored, read_dataset, write_dataset
-from meshtrace.studies.convergence import Costs
-from meshtrace.studies.convergence.exact import Reference
 from meshtrace.studies.convergence.fading import fading_study
+from meshtrace.studies.convergence.measure import Reference
 from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.surfaces import FlatSea, resolved_sea
 
@@ -79,7 +78,9 @@ def results():
         scatter=1e-3 * ones,
         slope_variance=0.03 * ones,
         total_reflection=0.1 * ones,
-        costs=Costs(ones, 2.0 * ones, 3.0 * ones),
+        mesh_time=ones,
+        bvh_time=2.0 * ones,
+        evaluation_time=3.0 * ones,
         reference=Reference(1.0 + 1e-4 * rng.normal(size=32), 0.5, 1e-5, 0.03, 1),
     )
     found = {

@@ -12,7 +12,7 @@ from meshtrace.engine.setup.options import Estimator
 from meshtrace.errors import Refused
 from meshtrace.optics.phase import MixturePhase, Petzold
 from meshtrace.optics.water import Water
-from meshtrace.scenario import MeshFile, Scenario, ScenarioError, parse_setting
+from meshtrace.scenario import MeshFile, Scenario, parse_setting
 from meshtrace.surfaces import (
     Cos2sSpreading,
     Elfouhaily,
@@ -31,7 +31,7 @@ def read(text, **options):
 
 
 def problem(text):
-    with pytest.raises(ScenarioError) as caught:
+    with pytest.raises(Refused) as caught:
         read(text, source="link.toml")
     message = str(caught.value)
     assert "\n" not in message
@@ -321,7 +321,7 @@ def test_a_mesh_that_does_not_suit_the_link_is_refused(mesh_file, link, words):
     FlatSea(height=-0.05).mesh(extent=30.0, spacing=1.0).to_trimesh().export(mesh_file / "deep.ply")
     config = {"sea.mesh": "own.ply"} if "deep" not in link else {}
     scenario = read(link, folder=mesh_file, changes=config)
-    with pytest.raises(ScenarioError) as caught:
+    with pytest.raises(Refused) as caught:
         scenario.mesh()
     assert "\n" not in str(caught.value)
     assert all(word in str(caught.value) for word in [*words, "allowed: "])
@@ -331,14 +331,14 @@ def test_a_mesh_that_does_not_suit_the_link_is_refused(mesh_file, link, words):
 def test_a_file_that_is_no_mesh_is_refused(tmp_path, content):
     (tmp_path / "own.ply").write_bytes(content)
     scenario = read('[sea]\nmesh = "own.ply"', folder=tmp_path)
-    with pytest.raises(ScenarioError, match=r"^sea\.mesh: '.*own\.ply': .*allowed: ") as caught:
+    with pytest.raises(Refused, match=r"^sea\.mesh: '.*own\.ply': .*allowed: ") as caught:
         scenario.mesh()
     assert "\n" not in str(caught.value)
 
 
 def test_a_mesh_without_file_cannot_be_loaded_back():
     result = mt.simulate(mt.Link(), FlatSea().mesh(extent=60.0, spacing=5.0), photons=32)
-    with pytest.raises(ScenarioError, match="surface: 'mesh', allowed: "):
+    with pytest.raises(Refused, match="surface: 'mesh', allowed: "):
         Scenario.from_provenance(result.provenance)
 
 
@@ -435,10 +435,10 @@ def test_strange_keys_and_long_values_stay_on_one_short_line():
 
 
 def test_files_that_cannot_be_read(tmp_path):
-    with pytest.raises(ScenarioError, match=r"none\.toml: No such file or directory, allowed: "):
+    with pytest.raises(Refused, match=r"none\.toml: No such file or directory, allowed: "):
         Scenario.load(tmp_path / "none.toml")
     (tmp_path / "latin.toml").write_bytes(b"# \xe9")
-    with pytest.raises(ScenarioError, match=r"latin\.toml: .*allowed: a TOML file in UTF-8"):
+    with pytest.raises(Refused, match=r"latin\.toml: .*allowed: a TOML file in UTF-8"):
         Scenario.load(tmp_path / "latin.toml")
 
 
@@ -470,7 +470,7 @@ def test_the_mark_of_some_editors_is_no_text(tmp_path):
     ],
 )
 def test_surfaces_that_do_not_suit_are_refused_before_the_run(text, path):
-    with pytest.raises(ScenarioError) as caught:
+    with pytest.raises(Refused) as caught:
         read(text).simulate()
     assert str(caught.value).startswith(f"{path}: ")
     assert "allowed: " in str(caught.value)
@@ -481,7 +481,7 @@ def test_settings_are_read_as_toml_or_else_as_words():
     values = [("a.b", 20), ("c", "x"), ("d", "flat"), ("e", [1, 2]), ("f", True)]
     assert [parse_setting(setting) for setting in settings] == values
     for wrong in ("depth", "=3"):
-        with pytest.raises(ScenarioError, match="allowed: key=value"):
+        with pytest.raises(Refused, match="allowed: key=value"):
             parse_setting(wrong)
 
 
@@ -489,7 +489,7 @@ def test_changes_replace_values_and_make_tables():
     scenario = read("[sea]\nseed = 1", changes={"sea.seed": 2, "water.phase.mu": 3.6})
     assert scenario.surface.seed == 2
     assert scenario.link.water.phase.mu == 3.6
-    with pytest.raises(ScenarioError, match=r"^wind_speed\.x: 1, allowed: a key in a table"):
+    with pytest.raises(Refused, match=r"^wind_speed\.x: 1, allowed: a key in a table"):
         read("wind_speed = 5", changes={"wind_speed.x": 1})
 
 
@@ -504,7 +504,7 @@ def test_endless_and_huge_inputs_are_refused_at_once(tmp_path):
     (tmp_path / "huge.toml").write_bytes(b"#" * (17 * 2**20))
     started = time.perf_counter()
     for path in ("/dev/zero", tmp_path / "pipe.toml", tmp_path, tmp_path / "huge.toml"):
-        with pytest.raises(ScenarioError, match=r"(regular file|MB), allowed: "):
+        with pytest.raises(Refused, match=r"(regular file|MB), allowed: "):
             Scenario.load(path)
     for text in ("." * 200_000, "a." * 20_000 + "a = 1", "[" + "a." * 5000 + "a]",
                  "a = " + "[" * 1000 + "]" * 1000, "a = 1" + "0" * 5000, "a=" + "{a=" * 1000):  # fmt: skip

@@ -1,17 +1,22 @@
 """One loop over links and surfaces: labels, common meshes, errors, bounds."""
 
+import inspect
+
 import numpy as np
 import pytest
 import xarray as xr
 
 import meshtrace as mt
+from meshtrace.cli.made import sentences
+from meshtrace.engine.setup.options import RunOptions, StudyOptions
+from meshtrace.errors import Refused
 from meshtrace.studies import campaign as module
 from meshtrace.studies.campaign import campaign_of, mean, stderr
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 
 SEA = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
 WAVE = SinusoidalSea(amplitude=0.05, wavelength=3.0)
-FEW = {"photons": 64, "seed": 5, "extent": 4.0, "spacing": 0.2, "threads": 1}
+FEW = {"photons": 64, "seed": 5, "mesh": mt.Meshing(extent=4.0, spacing=0.2), "threads": 1}
 LINKS = {"a": mt.Link(), "b": mt.Link().replace("water.b", 0.1)}
 
 
@@ -43,7 +48,7 @@ def test_links_have_one_mesh_for_each_surface(monkeypatch):
     mt.duplex(mt.Link(), mt.Link().mirrored(), WAVE, np.arange(3.0), **FEW)
     assert len(made) == 3
     made.clear()
-    mt.compare({"a": LINKS["a"], "b": mt.in_wind(mt.Link(), 10.0)}, photons=64, threads=1)
+    mt.compare({"a": LINKS["a"], "b": mt.Link().in_wind(10.0)}, photons=64, threads=1)
     assert len(made) == 2  # over seas of their own
 
 
@@ -78,3 +83,58 @@ def test_errors_are_those_of_independent_samples():
     array = xr.DataArray(samples, dims=("realization", "shift"))
     expected = samples.std(axis=1, ddof=1) / np.sqrt(32.0)
     np.testing.assert_array_equal(stderr(array, "shift"), expected)
+
+
+# ---- options of a run ------------------------------------------------------------------------
+
+OWN = {"sweep", "sweep_file", "light_pattern", "swings"}  # with options of other meaning, or none
+
+
+def functions():
+    found = [getattr(mt.studies, name) for name in mt.studies.__all__]
+    return [one for one in found if inspect.isfunction(one)]
+
+
+@pytest.mark.parametrize("study", functions(), ids=lambda study: study.__name__)
+def test_studies_name_surface_and_options_alike(study):
+    given = inspect.signature(study).parameters
+    assert not {"sea", "n_realizations", "uav", "wind"} & given.keys()
+    if study.__name__ not in OWN:
+        assert not {"seed", "threads", "store", "progress", "spacing", "time"} & given.keys()
+        assert list(given)[-1] in ("run", "options")
+
+
+def test_every_option_of_a_run_is_documented():
+    assert StudyOptions.__annotations__.keys() <= sentences(mt.ensemble).keys()
+    assert RunOptions.__annotations__.keys() < StudyOptions.__annotations__.keys()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"fotons": 64}, "fotons: 64, no such key, did you mean photons"),
+        ({"spacing": 0.5}, r"spacing: 0\.5, allowed: mesh=Meshing\(spacing=\.\.\.\)"),
+        ({"mesh": 0.5}, "mesh: "),
+        ({"progress": 3, "rtol": 0.1}, "rtol: "),
+    ],
+)
+def test_other_options_are_refused(options, message):
+    with pytest.raises(Refused, match=message):
+        mt.ensemble(mt.Link(), 2, SEA, **options)
+
+
+def test_an_optimisation_has_no_workers():
+    with pytest.raises(Refused, match="workers: 2, no such key"):
+        mt.optimize(mt.Link(), SEA, {"receiver.fov_deg": (10.0, 60.0)}, workers=2)
+
+
+def test_a_meshing_is_that_of_the_study():
+    mesh = mt.Meshing(extent=4.0, spacing=0.2, normals="facet", time=1.5)
+    found = mt.ensemble(mt.Link(), 1, SEA, photons=64, mesh=mesh)
+    run = found.provenance["run"]
+    assert [run[name] for name in ("extent", "spacing", "normals", "time")] == [
+        4.0,
+        0.2,
+        "facet",
+        1.5,
+    ]

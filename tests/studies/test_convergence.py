@@ -16,17 +16,19 @@ from meshtrace.engine.chains.wave_sum import shape_at
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.convergence import (
+from meshtrace.studies import (
     ConvergenceStudy,
-    Costs,
     band_limit_study,
     convergence_study,
     time_step_study,
 )
-from meshtrace.studies.convergence.exact import waves_at
-from meshtrace.studies.convergence.fit import fit_law
-from meshtrace.studies.convergence.measure import CommonChains
-from meshtrace.studies.convergence.meshes import nested_mesh, placement_shifts
+from meshtrace.studies.convergence.measure import (
+    CommonChains,
+    nested_mesh,
+    placement_shifts,
+    waves_at,
+)
+from meshtrace.studies.convergence.study import fit_law
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 
 LINK = mt.Link()
@@ -185,7 +187,7 @@ def study_of_law(h, order, scatter=0.0):
     flat = np.zeros((1, len(h)))
     return ConvergenceStudy(
         "spacing", h, ("vertex",), samples, samples.mean(axis=3), flat + scatter * h, flat, flat,
-        Costs(flat, flat, flat),
+        *(flat, flat, flat),
     )  # fmt: skip
 
 
@@ -242,7 +244,10 @@ def test_slope_variance_is_approached(study):
 
 def test_random_slopes_stand_for_waves_left_out():
     # long waves alone bend light little: the slopes that they lack spread it out of the aperture
-    bands, few = (1.0, 1.2, 1.4, 1.6), {"photons": 2048, "realizations": 1, "spacing": 0.5}
+    bands, few = (
+        (1.0, 1.2, 1.4, 1.6),
+        {"photons": 2048, "realizations": 1, "mesh": mt.Meshing(spacing=0.5)},
+    )
     sea = JonswapSea(wind_speed=13.0, waves="paper")
     bare, rough = (
         band_limit_study(LINK, sea, bands, unresolved=word, **few) for word in ("none", "tilt")
@@ -290,7 +295,9 @@ def test_time_steps_converge():
     # a trapezoidal mean over a whole period of a smooth function leaves nothing
     period = 2.0 * math.pi / float(WAVE.components.omega[0])
     steps = [period / n for n in (4, 8, 16, 32)]
-    study = time_step_study(LINK, WAVE, steps, duration=period, photons=64, spacing=0.1)
+    study = time_step_study(
+        LINK, WAVE, steps, duration=period, photons=64, mesh=mt.Meshing(spacing=0.1)
+    )
     assert study.gain.shape == (1, 4)
     assert abs(study.gain[0, -2] / study.gain[0, -1] - 1.0) < 1e-4
     ratio = study.scatter[0, 1:-1] / study.scatter[0, 2:]
@@ -301,7 +308,7 @@ def test_time_steps_converge():
 def test_wider_bands_add_to_the_same_waves():
     sea = JonswapSea(wind_speed=5.0, waves="paper")
     study = band_limit_study(
-        LINK, sea, (2.0, 3.0, 4.0, 5.0), realizations=2, photons=64, spacing=0.5
+        LINK, sea, (2.0, 3.0, 4.0, 5.0), realizations=2, photons=64, mesh=mt.Meshing(spacing=0.5)
     )
     assert study.values.tolist() == [2.0, 3.0, 4.0, 5.0]
     assert (np.diff(study.slope_variance[0]) > 0.0).all()

@@ -13,7 +13,7 @@ DOWN = mt.Link().mirrored()
 BEAM = DOWN.replace(transmitter=mt.AirBeam(divergence_deg=2.0))
 HAT = DOWN.replace(transmitter=mt.AirTopHatBeam(divergence_deg=5.0))
 WAVE, SEA = SinusoidalSea(amplitude=0.05, wavelength=3.0), sea_in_wind(5.0)
-MESH = {"photons": 64, "extent": 4.0, "spacing": 0.3}
+MESH = {"photons": 64, "mesh": mt.Meshing(extent=4.0, spacing=0.3)}
 FLIGHT = mt.Flight(mt.Uav(), mt.Dryden(wind_speed=5.0))
 ROUTE = mt.Route(times=(0.0, 0.1), positions=((0.0, 0.0), (1.0, 0.0)))
 TIMES = [0.0, 0.1]
@@ -136,8 +136,8 @@ def test_an_aircraft_that_hovers_with_the_lamp():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = mt.optimize(DOWN, SEA, {"transmitter.height": (3.0, 10.0)}, "gain",
-                            hover_std=(0.3, 0.3), uav=mt.Uav(), **options)  # fmt: skip
+                            hover_std=(0.3, 0.3), flight=mt.Flight(), **options)  # fmt: skip
     assert 0.0 < found.value < mt.simulate(found.best, FlatSea(), photons=512).gain
     with pytest.raises(mt.Refused, match=r"^transmitter\.tilt_deg: 5"):
         mt.optimize(DOWN.replace("transmitter.tilt_deg", 5.0), SEA,
-                    {"transmitter.height": (3.0, 10.0)}, uav=mt.Uav(), **options)  # fmt: skip
+                    {"transmitter.height": (3.0, 10.0)}, flight=mt.Flight(), **options)  # fmt: skip

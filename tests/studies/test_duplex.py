@@ -24,7 +24,7 @@ depth = 8.0
 radius = 0.1
 fov_deg = 40.0
 """
-SMALL = {"photons": 64, "extent": 4.0, "spacing": 0.2}
+SMALL = {"photons": 64, "mesh": mt.Meshing(extent=4.0, spacing=0.2)}
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_a_duplex_is_stored(both, tmp_path):
         (UP, UP, WAVE, {"times": [0.0]}, "^down: 1 receivers, direction up"),
         (UP, DOWN, WAVE, {}, "^times: "),
         (UP, DOWN, WAVE, {"times": [0.0], "realizations": 2}, "^times: "),
-        (UP, DOWN, FlatSea(), {"realizations": 2}, "^sea: FlatSea"),
+        (UP, DOWN, FlatSea(), {"realizations": 2}, "^surface: FlatSea"),
     ],
 )
 def test_other_pairs_are_refused(up, down, sea, options, text):
@@ -82,7 +82,7 @@ def test_other_pairs_are_refused(up, down, sea, options, text):
 @pytest.mark.thorough
 def test_ensembles_and_flights_take_a_downlink():
     sea = sea_in_wind(5.0)
-    found = mt.ensemble(DOWN, 2, sea, photons=64, extent=6.0, spacing=0.3)
+    found = mt.ensemble(DOWN, 2, sea, photons=64, mesh=mt.Meshing(extent=6.0, spacing=0.3))
     assert (found.gain > 0.0).all()
     flight = mt.Flight(mt.Uav(), mt.Dryden(wind_speed=13.0))
     level = mt.time_series(DOWN, FlatSea(), [0.0, 1.0], photons=64)

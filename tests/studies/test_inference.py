@@ -1,7 +1,6 @@
 """Inference: planted water is found, degenerate measurements are reported, priors, files."""
 
 import math
-from collections import OrderedDict
 
 import numpy as np
 import pytest
@@ -194,14 +193,12 @@ def test_refusals(data, unknown, prior, message):
 
 
 @pytest.mark.slow
-def test_fits_over_a_mesh_keep_its_digest_and_no_more_chains_than_allowed(monkeypatch):
+def test_fits_over_a_mesh_keep_its_digest_and_do_not_depend_on_kept_chains(monkeypatch):
     mesh = FlatSea().mesh(extent=20.0, spacing=2.0)
     rows = [{"transmitter.depth": d, "gain": g, "stderr": 0.05 * g}
             for d, g in ((8.0, 1e-4), (12.0, 3.5e-5))]  # fmt: skip
-    kept = mt.infer(rows, mt.Link(), ["water.a"], sea=mesh, photons=256, threads=2)
+    kept = mt.infer(rows, mt.Link(), ["water.a"], surface=mesh, photons=256, threads=2)
     assert len(kept.provenance["surface"]["sha256"]) == 64
     monkeypatch.setattr(model, "_LARGEST", 0)
-    monkeypatch.setattr(model, "_kept", OrderedDict())
-    dropped = mt.infer(rows, mt.Link(), ["water.a"], sea=mesh, photons=256, threads=1)
-    assert not model._kept
+    dropped = mt.infer(rows, mt.Link(), ["water.a"], surface=mesh, photons=256, threads=1)
     assert dropped.value == kept.value

@@ -8,11 +8,11 @@ import pytest
 import meshtrace as mt
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.optimisation.objectives import weighted_quantile
-from meshtrace.studies.optimisation.sample import Aircraft, Sample
+from meshtrace.studies.optimisation.sample import Sample
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 ANGLE = "transmitter.half_angle_deg"
-STILL = Aircraft((0.0, 0.0), None, None)
+STILL = (0.0, 0.0), None
 
 
 def test_the_gain_on_the_axis_is_best_at_the_bound():
@@ -45,10 +45,10 @@ def test_the_start_at_the_optimum_is_not_improved():
 
 
 def test_field_of_view_from_one_run_is_that_of_its_own_run():
-    link, aircraft = mt.Link(), Aircraft((0.5, 0.5), None, None)
+    link, hovering = mt.Link(), ((0.5, 0.5), None)
     campaign = campaign_of(link.replace("receiver.fov_deg", 80.0), FlatSea(), photons=512)
-    quick = Sample(campaign, 6, aircraft, ("receiver.fov_deg", ANGLE))
-    slow = Sample(campaign, 6, aircraft, ())
+    quick = Sample(campaign, 6, *hovering, ("receiver.fov_deg", ANGLE))
+    slow = Sample(campaign, 6, *hovering, ())
     for fov in (25.0, 3.0, 1.0):  # at the narrow ones the edge of the view cuts facets in the light
         new = link.replace("receiver.fov_deg", fov).replace(ANGLE, 17.0)
         assert quick.gains(new) == pytest.approx(slow.gains(new), rel=2e-3)
@@ -103,8 +103,8 @@ def test_range():
 
 @pytest.mark.thorough
 def test_seas_and_tilts_are_common_and_fresh_ones_are_not():
-    sea, uav = JonswapSea(wind_speed=5.0), mt.Uav()
-    options = dict(realizations=2, photons=64, uav=uav, hover_std=(0.5, 0.5))
+    sea, flight = JonswapSea(wind_speed=5.0), mt.Flight()
+    options = dict(realizations=2, photons=64, flight=flight, hover_std=(0.5, 0.5))
     o = mt.optimize(mt.Link(), sea, {ANGLE: (8.0, 14.0)}, "gain", **options)
     again = mt.optimize(mt.Link(), sea, {ANGLE: (8.0, 14.0)}, "gain", threads=1, **options)
     assert np.array_equal(o.history, again.history)
@@ -121,7 +121,7 @@ def test_weighted_quantile():
 
 def test_strata_of_hover_errors_have_the_law_of_a_normal_place():
     campaign = campaign_of(mt.Link(), FlatSea(), photons=64)
-    sample = Sample(campaign, 400, Aircraft((1.0, 2.0), None, None), ())
+    sample = Sample(campaign, 400, (1.0, 2.0), None, ())
     assert sample.weights.sum() == pytest.approx(1.0)
     square = sample.weights @ np.square(sample._offsets)
     assert square == pytest.approx([1.0, 4.0], rel=0.05)

@@ -90,7 +90,7 @@ def test_flat_sea_ranges(preset, expected):
 def test_foam_and_bubbles_of_13_metres_per_second_cost_a_metre():
     still, windy = (
         mt.link_performance(
-            mt.in_wind(mt.Link(), wind), FlatSea(), depths=(50, 55, 60), photons=8192
+            mt.Link().in_wind(wind), FlatSea(), depths=(50, 55, 60), photons=8192
         ).range_at_ber()[0]
         for wind in (0.0, 13.0)
     )
@@ -118,10 +118,10 @@ def test_gain_at_13_over_5_metres_per_second_as_printed():
 
 
 def test_foam_follows_the_wind():
-    windy = mt.in_wind(mt.Link(), 13.0)
+    windy = mt.Link().in_wind(13.0)
     scenario = Scenario.from_config({"wind_speed": 13.0}).link
     assert (windy.whitecaps, windy.bubbles) == (scenario.whitecaps, scenario.bubbles)
-    assert mt.in_wind(windy, 0.0) == mt.Link()
+    assert windy.in_wind(0.0) == mt.Link()
 
 
 # --- averages over fading ------------------------------------------------------------------
@@ -170,7 +170,12 @@ def test_average_ber_equals_brute_force(ensemble_performance):
 @pytest.mark.thorough
 def test_tilts_are_averaged_as_brute_force_does():
     found = mt.link_performance(
-        at_depth(40.0), wind_speed=13.0, bit_rate=5e6, realizations=12, photons=256, uav=mt.Uav()
+        at_depth(40.0),
+        wind_speed=13.0,
+        bit_rate=5e6,
+        realizations=12,
+        photons=256,
+        flight=mt.Flight(),
     )
     ook, samples = found.ooks[0], found.fades[0].samples
     assert samples.shape == (12, 50)
@@ -182,7 +187,12 @@ def test_tilts_are_averaged_as_brute_force_does():
 def test_tilt_outage_is_that_of_the_law():
     uav, wind = mt.Uav(), mt.Dryden(wind_speed=13.0)
     found = mt.link_performance(
-        mt.Link(), FlatSea(), bit_rate=1e6, uav=uav, wind=wind, photons=256, realizations=400
+        mt.Link(),
+        FlatSea(),
+        bit_rate=1e6,
+        flight=mt.Flight(uav, wind),
+        photons=256,
+        realizations=400,
     )
     share = uav.tilt_law(wind).outage(FOV)
     n = found.fades[0].samples.size
@@ -195,7 +205,7 @@ def test_tilt_outage_is_that_of_the_law():
 def test_gimbal_takes_the_tilt_away():
     link, seas = at_depth(40.0), {"realizations": 4, "photons": 256, "wind_speed": 13.0}
     level = mt.link_performance(link, **seas).at()
-    held = mt.link_performance(link, uav=mt.Uav(gimbal=True), **seas).at()
+    held = mt.link_performance(link, flight=mt.Flight(mt.Uav(gimbal=True)), **seas).at()
     assert held.ber.value == pytest.approx(level.ber.value, rel=1e-9)
 
 
@@ -295,10 +305,8 @@ def test_coupled_performance_counts_correlated_times():
     found = mt.link_performance(
         mt.Link(),
         wind_speed=13.0,
-        uav=mt.Uav(),
-        coupled=True,
+        flight=mt.Flight(coupled=True, time_step=0.25),
         realizations=8,
-        time_step=0.25,
         photons=256,
     )
     fades = found.fades[0]
@@ -381,19 +389,19 @@ def test_eye_at_the_received_power():
         ({"limit": 0.5}, "limit"),
         ({"realizations": 1}, "realizations"),
         ({"confidence": 1.0}, "confidence"),
-        ({"coupled": True}, "coupled"),
+        ({"coupled": True}, "coupled: true, no such key"),
         ({"depths": (30.0, 20.0)}, "depths"),
         ({"depths": ()}, "depths"),
         ({"ook": "printed"}, "name"),
         ({"bit_rate": -1.0}, "bit_rate: -1.0, allowed: "),
         ({"bit_rate": 1e7, "ook": OokLink(window=1e-6)}, "window: 1e-06, allowed"),
         ({"depths": (-5.0, 5.0)}, "depth"),
-        ({"surface": FlatSea(), "uav": mt.Uav()}, "flight.wind"),
+        ({"surface": FlatSea(), "flight": mt.Flight()}, "flight.wind"),
         ({"sea": FlatSea()}, "sea: .*no such key"),
         ({"link": mt.Link(receiver=(mt.Receiver(), mt.Receiver()))}, "receiver"),
         ({"link": mt.Link(transmitter=(mt.Led(), mt.Led())), "depths": (9.0,)}, "transmitter"),
         (
-            {"link": at_depth(9.0, tilt_deg=5.0), "uav": mt.Uav(), "coupled": True},
+            {"link": at_depth(9.0, tilt_deg=5.0), "flight": mt.Flight(coupled=True)},
             "receiver.tilt_deg",
         ),
     ],
@@ -417,7 +425,7 @@ def test_figures_are_only_where_computed(place):
 @pytest.mark.slow
 @pytest.mark.parametrize("band", ["mean", "paper"])
 def test_waves_of_5_metres_per_second_do_not_cost_what_the_paper_prints(band):
-    options = {"bit_rate": 5e6, "depths": (35, 40, 45), "over": mt.Realizations(50)}
+    options = {"bit_rate": 5e6, "depths": (35, 40, 45), "realizations": 50}
     windy_link = mt.Link().in_wind(5.0)
     (still,) = mt.link_performance(mt.Link(), FlatSea(), **options).range_at_ber()
     sea = JonswapSea(wind_speed=5.0, waves=band)

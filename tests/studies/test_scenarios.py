@@ -17,7 +17,8 @@ SCENARIO = Scenario.from_config(
     }
 )
 LINK, SEA = SCENARIO.link, SCENARIO.surface
-OPTIONS = {"photons": 128, "seed": 4, "spacing": 0.3, "extent": 7.0, "normals": "facet"}
+MESH = mt.Meshing(spacing=0.3, extent=7.0, normals="facet")
+OPTIONS = {"photons": 128, "seed": 4, "mesh": MESH}
 
 
 def test_series_follows_the_scenario():
@@ -40,7 +41,7 @@ def test_map_follows_the_scenario():
     with pytest.warns(mt.DomainWarning):
         whole = mt.coverage_map(SCENARIO, **options)
     with pytest.warns(mt.DomainWarning):
-        parts = mt.coverage_map(LINK, mesh, seed=4, normals="facet", **options)
+        parts = mt.coverage_map(LINK, mesh, seed=4, mesh=MESH, **options)
     np.testing.assert_array_equal(whole.gain, parts.gain)
 
 
@@ -50,15 +51,13 @@ def test_performance_follows_the_scenario():
     gain = mt.ensemble(SCENARIO, 2).gain
     assert whole.at().gain.value == pytest.approx(gain.mean(), rel=1e-12)
     flown = SCENARIO.model_copy(update={"uav": mt.Uav()})
-    found = mt.link_performance(flown, over=mt.Realizations(2))
+    found = mt.link_performance(flown, realizations=2)
     assert found.provenance["wind"]["wind_speed"] == 7.0
     assert found.fades[0].h_alpha.shape == (2, 50)
 
 
 def test_depths_follow_the_scenario():
-    found = mt.depth_sweep(
-        SCENARIO, (10.0, 12.0), bit_rate=1e6, wind_speeds=(0.0,), over=mt.Realizations(2)
-    )
+    found = mt.depth_sweep(SCENARIO, (10.0, 12.0), bit_rate=1e6, wind_speeds=(0.0,), realizations=2)
     assert found.performances[0].ooks[0].model == "PC"
     assert found.performances[0].provenance["run"]["seed"] == 4
 

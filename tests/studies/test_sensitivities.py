@@ -427,7 +427,7 @@ def test_calls_of_the_design():
     assert s.predict({"water.a": 0.12}).value < s.value
     over = {"transmitter.half_angle_deg": (3, 30), "receiver.fov_deg": (6, 90)}
     o = mt.optimize(
-        link, sea, over=over, objective="gain", constraints=[], hover_std=(1.0, 1.0), uav=None,
+        link, sea, over=over, objective="gain", constraints=[], hover_std=(1.0, 1.0), flight=None,
         realizations=2, photons=64, method="auto", seed=1,
     )  # fmt: skip
     assert isinstance(o.best, mt.Link)
@@ -457,7 +457,11 @@ def test_calls_of_the_design():
         (["foo.bar"], {}, "no such continuous key, allowed: "),
         (["water.a", "water.a"], {}, "each name once"),
         (["water.bottom_albedo"], {}, "a value other than 0"),
-        (["receiver.height"], {"normals": "facet"}, "normals: 'facet', allowed: vertex"),
+        (
+            ["receiver.height"],
+            {"mesh": mt.Meshing(normals="facet")},
+            "normals: 'facet', allowed: vertex",
+        ),
         (["water.a"], {"realizations": 4}, "1 over a surface of kind flat"),
         (["water.a"], {"of": "gian"}, "did you mean gain"),
         (["water.a"], {"of": "ber", "ook": None}, "a transmission, for ber"),

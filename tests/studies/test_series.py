@@ -18,13 +18,13 @@ from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, resolved_sea
 
 SEA = JonswapSea(wind_speed=13.0, seed=3, mss="band", waves="paper")
 TILTED = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
-OPTIONS = {"photons": 1024, "seed": 5, "extent": 8.0, "spacing": 0.2}
+OPTIONS = {"photons": 1024, "seed": 5, "mesh": mt.Meshing(extent=8.0, spacing=0.2)}
 TIMES = (0.0, 0.7, 1.9, 2.0, 6.5)
 
 
 def meshes(link, sea, times):
     reach = crossing_reach(link)
-    still = mt.Meshing(extent=OPTIONS["extent"], spacing=OPTIONS["spacing"])
+    still = OPTIONS["mesh"]
     return [mesh_for(link, sea, still.replace(time=t), reach)[0] for t in times]
 
 
@@ -214,7 +214,7 @@ def test_times_must_be_finite_and_flat(bad):
 def test_ensemble_refuses_what_has_no_phases():
     with pytest.raises(ValueError, match="random phases"):
         mt.ensemble(mt.Link(), 3, FlatSea(), **OPTIONS)
-    with pytest.raises(ValueError, match="n_realizations"):
+    with pytest.raises(ValueError, match="realizations"):
         mt.ensemble(mt.Link(), 0, SEA, **OPTIONS)
 
 

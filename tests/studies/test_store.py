@@ -18,7 +18,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.errors import Refused
-from meshtrace.studies.convergence import fading_study
+from meshtrace.studies import fading_study
 from meshtrace.studies.store import Kept, Store, is_store, locked
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, resolved_sea
 
@@ -27,7 +27,7 @@ SEA = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
 WAVE = SinusoidalSea(amplitude=0.06, wavelength=4.0)
 DAY = mt.Daylight(direct=1.42, diffuse=0.295)
 FEW = {"photons": 64, "seed": 5, "threads": 1}
-SMALL = {**FEW, "extent": 4.0, "spacing": 0.2}
+SMALL = {**FEW, "mesh": mt.Meshing(extent=4.0, spacing=0.2)}
 TIMES = np.arange(4) * 0.4
 FLIGHT = mt.Flight(mt.Uav(), mt.Dryden(wind_speed=8.0))
 PAIR = {"clear": LINK, "far": LINK.at_depth(12.0), "waves": LINK.replace("water.b", 0.1)}
@@ -60,20 +60,22 @@ STUDIES = {
     ),
     "depths": partial(
         mt.depth_sweep, LINK, (20.0, 40.0), bit_rate=1e6, wind_speeds=(0.0, 5.0),
-        over=mt.Realizations(2, 5, 64), threads=1,
+        realizations=2, **FEW,
     ),
     "convergence": partial(
         mt.convergence_study, LINK, WAVE, (1.0, 0.5, 0.25, 0.2), placements=2, **FEW
     ),
     "bands": partial(
-        mt.band_limit_study, LINK, SEA, (2.0, 3.0, 4.0, 5.0), realizations=2, spacing=0.5, **FEW
+        mt.band_limit_study, LINK, SEA, (2.0, 3.0, 4.0, 5.0), realizations=2,
+        mesh=mt.Meshing(spacing=0.5), **FEW
     ),
     "steps": partial(
-        mt.time_step_study, LINK, WAVE, (0.8, 0.4, 0.2, 0.1), duration=0.8, spacing=0.2, **FEW
+        mt.time_step_study, LINK, WAVE, (0.8, 0.4, 0.2, 0.1), duration=0.8,
+        mesh=mt.Meshing(spacing=0.2), **FEW
     ),
     "fading": partial(
-        fading_study, LINK, resolved_sea(5.0), (4.0, 8.0, 12.0, 16.0), realizations=2, spacing=0.2,
-        **FEW,
+        fading_study, LINK, resolved_sea(5.0), (4.0, 8.0, 12.0, 16.0), realizations=2,
+        mesh=mt.Meshing(spacing=0.2), **FEW,
     ),
 }  # fmt: skip
 DEFAULT = ("ensemble", "compare", "optimize", "series")

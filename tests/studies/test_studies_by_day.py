@@ -86,7 +86,7 @@ def test_a_sweep_over_lights_and_a_study_file(address, tmp_path):
 
 
 def _file(path, address):
-    from meshtrace.studies.sweep import sweep_file
+    from meshtrace.studies.sweeps import sweep_file
 
     first = sweep_file(path, workers=address, progress=False)
     again = sweep_file(path, workers=address, progress=False)  # from the store
@@ -242,7 +242,7 @@ def test_the_background_of_a_flight_has_its_tilts():
 @pytest.mark.slow_but("True")
 def test_error_rates_of_a_flight_by_day(coupled):
     options = {"photons": 64, "realizations": 2, "wind_speed": 13.0}
-    flown = {"uav": mt.Uav(), "coupled": coupled}
+    flown = {"flight": mt.Flight(coupled=coupled)}
     sea = sea_in_wind(13.0)
     day = mt.link_performance(UP, sea, daylight=DAY, **flown, **options)
     still = mt.link_performance(UP, sea, daylight=DAY, **options)
@@ -252,8 +252,8 @@ def test_error_rates_of_a_flight_by_day(coupled):
     # the tilt of the aircraft turns its receiver to another part of the sea
     assert day.ooks[0].background_rate != still.ooks[0].background_rate
     assert day.light.startswith("daylight at zenith angle 30 deg")
-    held = mt.link_performance(UP, sea, daylight=DAY, **{**flown, "uav": mt.Uav(gimbal=True)},
-                               **options)  # fmt: skip
+    gimbal = mt.Flight(mt.Uav(gimbal=True), coupled=coupled)
+    held = mt.link_performance(UP, sea, daylight=DAY, flight=gimbal, **options)
     if not coupled:  # a gimbal keeps the receiver level over the same seas
         assert held.ooks[0].background_rate == still.ooks[0].background_rate
 
@@ -293,7 +293,7 @@ def test_a_downlink_by_day_from_an_aircraft():
     link = mt.Link(transmitter=mt.AirLed(), receiver=mt.WaterReceiver(fov_deg=20.0, depth=20.0))
     ook = mt.OokLink().replace("optics.filter_width_nm", 0.5)
     options = {"photons": 64, "realizations": 2, "ook": ook, "daylight": DAY, "wind_speed": 5.0}
-    flown = mt.link_performance(link, sea_in_wind(5.0), uav=mt.Uav(), coupled=True, **options)
+    flown = mt.link_performance(link, sea_in_wind(5.0), flight=mt.Flight(coupled=True), **options)
     assert 0.0 < flown.at().ber.value < 0.5
     series = mt.background_series(link, WAVE, DAY, [0.0, 0.5], photons=64, flight=FLIGHT)
     level = mt.background_series(link, WAVE, DAY, [0.0, 0.5], photons=64)

@@ -16,7 +16,7 @@ import meshtrace as mt
 from meshtrace import cli
 from meshtrace.scenario import Scenario
 from meshtrace.studies.cluster import Cluster
-from meshtrace.studies.sweep import BLOCK, Study, Task, read_store, store_of, sweep, sweep_file
+from meshtrace.studies.sweeps import BLOCK, Study, Task, read_store, store_of, sweep, sweep_file
 from meshtrace.surfaces import JonswapSea, MeshSequence, SinusoidalSea
 
 dask = pytest.importorskip("dask")

@@ -16,7 +16,7 @@ import pytest
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.studies.cluster import _checked, _environment, _portable_job
-from meshtrace.studies.sweep import sweep
+from meshtrace.studies.sweeps import sweep
 
 distributed = pytest.importorskip("distributed")
 

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from meshtrace import cli
 from meshtrace.scenario import Scenario
-from meshtrace.studies.sweep import Study, read_store, sweep
+from meshtrace.studies.sweeps import Study, read_store, sweep
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.process
@@ -26,7 +26,7 @@ PARAMETERS = {"transmitter.depth": [4.0 + i for i in range(12)], "wind_speed": [
 OPTIONS = {"rtol": None, "photons": PHOTONS, "progress": False}
 SCRIPT = f"""
 import sys
-from meshtrace.studies.sweep import sweep
+from meshtrace.studies.sweeps import sweep
 
 if __name__ == "__main__":
     sweep({LINK!r}, {PARAMETERS!r}, store=sys.argv[1], workers=1, **{OPTIONS!r})

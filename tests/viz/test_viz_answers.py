@@ -7,7 +7,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.studies.sensitivity import swings
+from meshtrace.studies import swings
 from meshtrace.surfaces import FlatSea
 
 

@@ -7,7 +7,8 @@ results: estimator, mesh and records.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from types import MappingProxyType
 from typing import (
     Annotated,
@@ -31,6 +32,17 @@ from meshtrace.models import Family, Finite, Model
 from meshtrace.parallel import default_threads
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces.bands import Band, MeshWaves
+
+__all__ = [
+    "Analog",
+    "Arrivals",
+    "Forced",
+    "IrradianceMap",
+    "Meshing",
+    "Run",
+    "RunOptions",
+    "StudyOptions",
+]
 
 BLOCK = 4096
 """Photons whose scores are added first: fixed, so that sums do not depend on the chunks."""
@@ -184,6 +196,44 @@ class Shortcuts(TypedDict, total=False):
     roulette: float | None
 
 
+class RunOptions(TypedDict, total=False):
+    """Options of a run as keywords of a study: `StudyOptions` without chains and workers."""
+
+    seed: int | None
+    mesh: Meshing | None
+    threads: int | None
+    store: str | Path | None
+    progress: Callable[[int], None] | None
+
+
+class StudyOptions(RunOptions, total=False):
+    """Options of a run as keywords of a study of many surfaces.
+
+    Those that are not given are those of the scenario, or else the defaults below.
+
+    Parameters
+    ----------
+    photons : int, optional
+        Chains, common to all surfaces; 2048 by default.
+    seed : int, optional
+        Seed of the random numbers; 1 by default. Realization i of a sea has the phases of
+        `numpy.random.SeedSequence([seed, i])`.
+    mesh : Meshing, optional
+        Time, resolution and waves of the surface.
+    threads : int, optional
+        Threads, all cores by default; the result does not depend on them.
+    store : path, optional
+        File that keeps finished steps: a second call with the same arguments resumes the first.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
+    progress : callable, optional
+        Called with 1 after each step.
+    """
+
+    photons: int | None
+    workers: int | str | None
+
+
 class Run(Model, frozen=True):
     """Estimator, number of photons, seed and threads of a run.
 
@@ -252,6 +302,13 @@ class Run(Model, frozen=True):
         rest = self.model_dump(mode="json", exclude={"estimator"})
         own = self.estimator.model_dump(mode="json")
         return {"estimator": own.pop("kind"), **rest, **own}
+
+
+def require_options(given: Mapping[str, Any], kind: type[RunOptions]) -> None:
+    """Refuse options of a study other than those of a kind."""
+    for name in Meshing.model_fields.keys() & given.keys():
+        raise Refused(name, given[name], f"mesh=Meshing({name}=...)")
+    require_keys(given, kind.__annotations__)
 
 
 def run_keys() -> list[str]:

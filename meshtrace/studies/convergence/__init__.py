@@ -9,33 +9,3 @@ Monte Carlo error of 1e-3. To the gains g at steps h it fits
 for the order p and the value g_0 at vanishing step (Richardson), and beside it stands the gain
 over the exact sum of waves, with the same chains.
 """
-
-from meshtrace.studies.convergence.drivers import (
-    DEFAULT_SPACINGS,
-    PLACEMENTS,
-    REALIZATIONS,
-    band_limit_study,
-    convergence_study,
-    time_step_study,
-)
-from meshtrace.studies.convergence.exact import Reference
-from meshtrace.studies.convergence.fading import FadingConvergence, fading_study
-from meshtrace.studies.convergence.fit import Fit
-from meshtrace.studies.convergence.meshes import Costs, Normals
-from meshtrace.studies.convergence.study import ConvergenceStudy
-
-__all__ = [
-    "DEFAULT_SPACINGS",
-    "PLACEMENTS",
-    "REALIZATIONS",
-    "ConvergenceStudy",
-    "Costs",
-    "FadingConvergence",
-    "Fit",
-    "Normals",
-    "Reference",
-    "band_limit_study",
-    "convergence_study",
-    "fading_study",
-    "time_step_study",
-]

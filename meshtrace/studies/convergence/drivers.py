@@ -5,32 +5,33 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from itertools import product
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.engine.setup.options import Meshing
+from meshtrace.engine.setup.options import Meshing, StudyOptions
 from meshtrace.errors import Described, Refused, require_whole, require_word
 from meshtrace.kernels.random import realization_seed
 from meshtrace.models import Floats
 from meshtrace.studies.campaign import Campaign, campaign_of
-from meshtrace.studies.convergence import meshes
-from meshtrace.studies.convergence.exact import Reference, wave_sum
-from meshtrace.studies.convergence.measure import CommonChains, Stacked, spread
-from meshtrace.studies.convergence.meshes import (
-    Costs,
+from meshtrace.studies.convergence.measure import (
+    CommonChains,
     Normals,
-    Progress,
+    Reference,
+    Stacked,
     Unresolved,
     crest_of,
+    descending,
+    multiple_of,
     nested_mesh,
+    normal_kinds,
     placement_shifts,
     positive,
+    spread,
+    wave_sum,
 )
 from meshtrace.studies.convergence.study import ConvergenceStudy
-from meshtrace.studies.store import Store
 
 if TYPE_CHECKING:
     from meshtrace.link import Link
@@ -53,37 +54,25 @@ def convergence_study(
     spacings: Sequence[float] = DEFAULT_SPACINGS,
     normals: Sequence[Normals] = ("vertex", "facet"),
     *,
-    photons: int = 2048,
-    seed: int | None = None,
-    time: float | None = None,
     placements: int = PLACEMENTS,
     reference: Literal["analytic"] | None = "analytic",
     tolerance: float = 1e-3,
     receiver: int = 0,
     unresolved: Unresolved = "none",
-    threads: int | None = None,
-    store: str | Path | None = None,
-    workers: int | str | None = None,
-    progress: Progress | None = None,
+    **run: Unpack[StudyOptions],
 ) -> ConvergenceStudy:
     """Study the dependence of the gain over a sea on the spacing of its mesh.
 
     Parameters
     ----------
     link : Link or Scenario
-        The link, or a scenario that also gives sea, seed, time and threads.
+        The link, or a scenario.
     surface : SurfaceModel, optional
         The sea, triangulated uniformly over all that light can cross to the receiver.
     spacings : sequence of float
         At least four mesh spacings [m].
     normals : sequence of {"vertex", "facet"}
         Normals of the mesh.
-    photons : int
-        Scattering chains, common to all meshes.
-    seed : int, optional
-        Key of the random numbers, 1 by default.
-    time : float, optional
-        Time of the sea [s].
     placements : int
         Meshes of each spacing, moved against the sea by parts of a cell. 1 keeps one mesh, whose
         lines go through the origin.
@@ -96,14 +85,8 @@ def convergence_study(
     unresolved : {"none", "tilt"}
         Slopes of the waves that each mesh leaves out. "none" studies the mesh itself, "tilt"
         whether the mean gain is free of it: normals tilt at random (`Physics.unresolved`).
-    threads : int, optional
-        Threads, all cores by default; the result does not depend on them.
-    store : path, optional
-        File that keeps finished meshes: a second call with the same arguments resumes the first.
-    workers : int or str, optional
-        Processes in place of threads, or the address or file of a running dask scheduler.
-    progress : callable, optional
-        Called with 1 after each mesh.
+    **run
+        Options of the run, see `StudyOptions`; of its `mesh` the time counts.
 
     Returns
     -------
@@ -133,25 +116,21 @@ def convergence_study(
     >>> 1.6 < study.fits["vertex"].order.value < 2.2
     True
     """
-    values = meshes.descending("spacings", spacings)
+    values = descending("spacings", spacings)
     positive("tolerance", tolerance)
     require_whole(placements, 1, 100_000, "placements")
     if reference not in ("analytic", None):
         raise Refused("reference", reference, "'analytic' or None")
     if unresolved == "tilt" and reference:
         raise Refused("reference", reference, "None beside random slopes")
-    campaign = campaign_of(
-        link, surface, photons=photons, seed=seed, time=time, threads=threads,
-        store=Store(store, "convergence_study"),
-        workers=workers,
-    )  # fmt: skip
+    campaign = campaign_of(link, surface, "convergence_study", **run)
     exact = wave_sum(campaign.sea) if reference else None
     chains = _chains(campaign, normals, receiver, unresolved)
     link, sea, at = campaign.link, campaign.sea, campaign.meshing.time
     pairs = product(values, placement_shifts(placements))
     cases = [partial(nested_mesh, link, sea, at, spacing, shift) for spacing, shift in pairs]
     recorded = {"spacings": values, "placements": placements, "unresolved": unresolved}
-    found = chains.over(campaign, cases, len(values), recorded, progress)
+    found = chains.over(campaign, cases, len(values), recorded)
     truth = chains.exact(exact, at, values[-1]) if exact else None
     scatter = spread(found.samples.mean(axis=3))
     return _study("spacing", values, campaign, chains, found, scatter, tolerance, truth, recorded)
@@ -164,24 +143,17 @@ def band_limit_study(
     *,
     realizations: int = REALIZATIONS,
     normals: Sequence[Normals] = ("vertex",),
-    photons: int = 2048,
-    seed: int | None = None,
-    time: float | None = None,
-    spacing: float | None = None,
     tolerance: float = 1e-2,
     receiver: int = 0,
     unresolved: Unresolved = "none",
-    threads: int | None = None,
-    store: str | Path | None = None,
-    workers: int | str | None = None,
-    progress: Progress | None = None,
+    **run: Unpack[StudyOptions],
 ) -> ConvergenceStudy:
     """Study the dependence of the mean gain over a random sea on its shortest waves.
 
     Parameters
     ----------
     link : Link or Scenario
-        The link, or a scenario that also gives sea, seed, time, spacing and threads.
+        The link, or a scenario.
     surface : SurfaceModel, optional
         A sea with `omega_max` and random phases.
     omega_max : sequence of float
@@ -189,10 +161,11 @@ def band_limit_study(
     realizations : int
         Seas of each band. Their phases are common to all limits: a wider band adds waves to those
         of a narrower one.
-    spacing : float, optional
-        Spacing of the mesh [m], 0.1 by default; a few to the shortest wave.
-    normals, photons, seed, time, tolerance, receiver, unresolved, threads, store, workers, progress
+    normals, tolerance, receiver, unresolved
         As in `convergence_study`.
+    **run
+        Options of the run, see `StudyOptions`. The spacing of its `mesh`, 0.1 m by default, should
+        be a few to the shortest wave.
 
     Returns
     -------
@@ -204,17 +177,14 @@ def band_limit_study(
     The mean square slope of a spectrum with an omega^-5 tail grows as log omega_max: without
     random slopes for the waves left out (`unresolved="tilt"`) this study has no limit.
     """
-    values = meshes.descending("omega_max", omega_max)[::-1]
+    values = descending("omega_max", omega_max)[::-1]
     positive("tolerance", tolerance)
     require_whole(realizations, 1, 100_000, "realizations")
-    campaign = campaign_of(
-        link, surface, photons=photons, seed=seed, time=time, spacing=spacing, threads=threads,
-        store=Store(store, "band_limit_study"), workers=workers,
-    )  # fmt: skip
+    campaign = campaign_of(link, surface, "band_limit_study", **run)
     sea: Any = campaign.sea
     if not {"omega_max", "seed"} <= set(getattr(type(sea), "model_fields", {})):
         raise Refused("surface", Described(type(sea).__name__), "a random sea with omega_max")
-    step = positive("spacing", campaign.meshing.spacing or 0.1)
+    step = campaign.meshing.spacing or 0.1
     widest = sea.model_copy(update={"omega_max": values[-1]})
     base, at, key = campaign.link, campaign.meshing.time, campaign.run.seed
     chains = _chains(campaign, normals, receiver, unresolved, widest)
@@ -226,7 +196,7 @@ def band_limit_study(
     cases = [partial(mesh, *pair) for pair in product(values, range(realizations))]
     recorded = {"omega_max": values, "realizations": realizations, "spacing": step,
                 "unresolved": unresolved}  # fmt: skip
-    found = chains.over(campaign, cases, len(values), recorded, progress)
+    found = chains.over(campaign, cases, len(values), recorded)
     gain = found.samples.mean(axis=3)
     scatter = spread(gain - gain[:, -1:])
     return _study("omega_max", values, campaign, chains, found, scatter, tolerance, None, recorded)
@@ -238,36 +208,27 @@ def time_step_study(
     steps: Sequence[float] = (),
     *,
     duration: float | None = None,
-    start: float | None = None,
     normals: Sequence[Normals] = ("vertex",),
-    photons: int = 2048,
-    seed: int | None = None,
-    spacing: float | None = None,
     tolerance: float = 1e-2,
     receiver: int = 0,
-    threads: int | None = None,
-    store: str | Path | None = None,
-    workers: int | str | None = None,
-    progress: Progress | None = None,
+    **run: Unpack[StudyOptions],
 ) -> ConvergenceStudy:
     """Study the dependence of the mean gain over a moving sea on the time step.
 
     Parameters
     ----------
     link : Link or Scenario
-        The link, or a scenario that also gives sea, seed, start, spacing and threads.
+        The link, or a scenario.
     surface : SurfaceModel, optional
         The sea.
     steps : sequence of float
         At least four time steps [s], all multiples of the shortest.
     duration : float, optional
         Length of the series [s], a multiple of every step; by default eight of the longest.
-    start : float, optional
-        Its beginning [s], by default 0 or the time of the scenario.
-    spacing : float, optional
-        Spacing of the mesh [m], by default that of `Link.footprint`.
-    normals, photons, seed, tolerance, receiver, threads, store, workers, progress
+    normals, tolerance, receiver
         As in `convergence_study`.
+    **run
+        Options of the run, see `StudyOptions`; the series begins at the time of its `mesh`.
 
     Returns
     -------
@@ -275,19 +236,16 @@ def time_step_study(
         `gain` is the mean over the series (trapezoidal rule), `scatter` the rms error of
         linear interpolation between its times.
     """
-    values = meshes.descending("steps", steps)
+    values = descending("steps", steps)
     positive("tolerance", tolerance)
     finest = 0.5 * values[-1]
-    strides = [meshes.multiple_of("steps", value / finest) for value in values]
+    strides = [multiple_of("steps", value / finest) for value in values]
     duration = 8.0 * values[0] if duration is None else positive("duration", duration)
-    n = meshes.multiple_of("duration", duration / finest)
+    n = multiple_of("duration", duration / finest)
     for value, stride in zip(values, strides, strict=True):
         if n % stride:
             raise Refused("duration", duration, f"multiples of the step {value:g} s")
-    campaign = campaign_of(
-        link, surface, photons=photons, seed=seed, time=start, spacing=spacing, threads=threads,
-        store=Store(store, "time_step_study"), workers=workers,
-    )  # fmt: skip
+    campaign = campaign_of(link, surface, "time_step_study", **run)
     chains = _chains(campaign, normals, receiver)
     begin, width, sea = campaign.meshing.time, campaign.meshing.spacing, campaign.sea
 
@@ -297,7 +255,7 @@ def time_step_study(
 
     cases = [partial(mesh, i) for i in range(n + 1)]
     recorded = {"start": begin, "duration": duration, "steps": values}
-    frames = chains.over(campaign, cases, 1, recorded, progress, photons=0)
+    frames = chains.over(campaign, cases, 1, recorded, photons=0)
     by_shift, ballistic = frames.samples[:, 0], frames.ballistic[:, 0]  # (kinds, frames, ...)
     each, shape = by_shift.mean(axis=2), (len(chains.kinds), len(values))
     found = Stacked(
@@ -305,7 +263,7 @@ def time_step_study(
         np.stack([_time_mean(ballistic, s) for s in strides], axis=1)[:, :, None],
         np.broadcast_to(frames.slope_variance, shape),
         np.broadcast_to(frames.total_reflection, shape),
-        Costs(*(np.broadcast_to(seconds, shape) for seconds in frames.costs)),
+        *(np.broadcast_to(seconds, shape) for seconds in frames[4:]),
     )
     scatter = np.stack([_interpolation_error(each, s) for s in strides], axis=1)
     return _study("time_step", values, campaign, chains, found, scatter, tolerance, None, recorded)
@@ -320,13 +278,13 @@ def _chains(
 ) -> CommonChains:
     """Return the chains of a study, for crests no higher than those of the highest sea."""
     require_word(unresolved, ("tilt", "none"), "unresolved")
-    kinds, run = meshes.normal_kinds(normals), campaign.run
+    kinds, run = normal_kinds(normals), campaign.run
     crest = crest_of(campaign.link, highest or campaign.sea, campaign.meshing.time)
     return CommonChains(campaign.link, run.photons, run.seed, kinds, receiver, crest, unresolved)
 
 
 def _study(
-    parameter: meshes.Parameter,
+    parameter: str,
     values: list[float],
     campaign: Campaign,
     chains: CommonChains,

@@ -5,25 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Unpack
 
 import numpy as np
 
+from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Refused, require_whole
 from meshtrace.fading.resolving import WITHIN, fading_band
 from meshtrace.fading.spectral import scintillation_of_spectrum
-from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.stored import Stored
+from meshtrace.stored import Stored, Variable
 from meshtrace.studies.campaign import Campaign, campaign_of
-from meshtrace.studies.convergence.meshes import Progress, descending, positive
+from meshtrace.studies.convergence.measure import descending, positive
 from meshtrace.studies.series import over_realizations
-from meshtrace.studies.store import Store
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from meshtrace.link import Link
     from meshtrace.mesh import SurfaceModel
     from meshtrace.scenario import Scenario
@@ -32,8 +28,6 @@ DEFAULT_BANDS = (4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 64.0, 128.0)
 """Highest frequencies of a study [rad s-1]."""
 
 _BOOTSTRAPS = 400
-_INDICES = ("with_tilts", "band_alone", "measured", "measured_stderr")
-_NUMBERS = ("all_waves", "tolerance", "recommended")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,18 +52,19 @@ class FadingConvergence(Stored):
         Versions, configuration and seeds.
     """
 
-    omega_max: Floats
-    with_tilts: Floats
-    band_alone: Floats
+    omega_max: Annotated[Floats, Variable("omega_max")]
+    with_tilts: Annotated[Floats, Variable("omega_max")]
+    band_alone: Annotated[Floats, Variable("omega_max")]
     all_waves: float
-    measured: Floats
-    measured_stderr: Floats
+    measured: Annotated[Floats, Variable("omega_max")]
+    measured_stderr: Annotated[Floats, Variable("omega_max")]
     tolerance: float
     recommended: float
     provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "fading-convergence"
     title: ClassVar[str] = "meshtrace fading over the band of waves"
+    _attributes: ClassVar[tuple[str, ...]] = ("all_waves", "tolerance", "recommended")
 
     def _headline(self) -> str:
         percent = 100.0 * self.tolerance
@@ -94,20 +89,6 @@ class FadingConvergence(Stored):
         lines.append(f"{'all waves':>18}{self.all_waves:>12.4g}{self.all_waves:>12.4g}")
         return "\n".join([*lines, self._headline()])
 
-    def _content(self) -> xr.Dataset:
-        import xarray as xr
-
-        index = attrs("scintillation_index")
-        variables = {name: ("omega_max", getattr(self, name), index) for name in _INDICES}
-        coordinates = {"omega_max": ("omega_max", self.omega_max, {"units": "rad s-1"})}
-        return xr.Dataset(variables, coordinates, {name: getattr(self, name) for name in _NUMBERS})
-
-    @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> FadingConvergence:
-        fields: dict[str, Any] = {name: data[name].to_numpy() for name in ("omega_max", *_INDICES)}
-        fields |= {name: float(data.attrs[name]) for name in _NUMBERS}
-        return cls(**fields, provenance=provenance)
-
 
 def fading_study(
     link: Link | Scenario,
@@ -115,14 +96,8 @@ def fading_study(
     omega_max: Sequence[float] = DEFAULT_BANDS,
     *,
     realizations: int = 0,
-    photons: int | None = None,
-    seed: int | None = None,
-    spacing: float | None = None,
     tolerance: float = WITHIN,
-    threads: int | None = None,
-    store: str | Path | None = None,
-    workers: int | str | None = None,
-    progress: Progress | None = None,
+    **run: Unpack[StudyOptions],
 ) -> FadingConvergence:
     """Study the dependence of the scintillation index on the shortest waves of a random sea.
 
@@ -137,12 +112,10 @@ def fading_study(
         At least four highest frequencies [rad s-1].
     realizations : int
         Seas of each band over which the index is measured as well; 0, the default, measures none.
-    photons, seed, threads, store, workers, progress
-        As in `ensemble`.
-    spacing : float, optional
-        Spacing of the meshes [m]; by default that of an ensemble.
     tolerance : float
         Relative error of the index at the recommended frequency.
+    **run
+        Options of the run, see `StudyOptions`.
 
     Returns
     -------
@@ -161,11 +134,7 @@ def fading_study(
     values = descending("omega_max", omega_max)[::-1]
     require_whole(realizations, 0, 1_000_000, "realizations")
     tolerance = positive("tolerance", tolerance)
-    campaign = campaign_of(
-        link, surface, photons=photons, seed=seed, spacing=spacing, threads=threads,
-        store=Store(store, "fading_study"),
-        workers=workers,
-    )  # fmt: skip
+    campaign = campaign_of(link, surface, "fading_study", **run)
     link = campaign.link
     sea = getattr(campaign.sea, "short_waves", campaign.sea)
     campaign = campaign._replace(surface=sea)
@@ -177,7 +146,7 @@ def fading_study(
         recommended = math.nan
     measured = np.full((len(values), 2), math.nan)
     for i, limit in enumerate(values if realizations else ()):
-        measured[i] = _measured(campaign, limit, realizations, progress)
+        measured[i] = _measured(campaign, limit, realizations)
     return FadingConvergence(
         omega_max=np.array(values),
         with_tilts=np.array(both[0]),
@@ -191,14 +160,12 @@ def fading_study(
     )
 
 
-def _measured(
-    campaign: Campaign, omega_max: float, realizations: int, progress: Progress | None
-) -> tuple[float, float]:
+def _measured(campaign: Campaign, omega_max: float, realizations: int) -> tuple[float, float]:
     """Return the index of unscattered light over an ensemble, and its standard error."""
     sea: Any = campaign.sea
     campaign = campaign.of(campaign.link, f"up to {omega_max!r} rad/s")
     campaign = campaign._replace(surface=sea.model_copy(update={"omega_max": omega_max}))
-    gain = over_realizations(campaign, realizations, progress).gain_ballistic
+    gain = over_realizations(campaign, realizations).gain_ballistic
     rng = np.random.default_rng(campaign.run.seed)
     drawn = rng.integers(0, realizations, (_BOOTSTRAPS, realizations))
     indices = [sample.var(ddof=1) / sample.mean() ** 2 for sample in (gain, *gain[drawn])]

@@ -1,30 +1,123 @@
-"""Gains over all surfaces of a study with one set of chains."""
+"""Gains over the meshes of a study and over the exact sum of waves, with one set of chains."""
 
 from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeGuard, cast
 
 import numpy as np
 
 from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.chains import wave_sum as analytic
+from meshtrace.engine.chains.sampling import Chains
+from meshtrace.engine.crossing import ROOT
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import run_analog
+from meshtrace.engine.setup.arrays import IDENTITY, Frame
 from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.errors import Described, Refused, require_whole
+from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_array,
+    require_between,
+    require_names,
+    require_whole,
+)
+from meshtrace.kernels.scene import Scene
+from meshtrace.mesh import SurfaceModel, WaveSum
 from meshtrace.models import Floats
 from meshtrace.results.gain import Fate
-from meshtrace.stored import SHIFTS
+from meshtrace.stored import SHIFTS, Variable, WithArrays
 from meshtrace.studies.campaign import Campaign
-from meshtrace.studies.convergence.exact import Reference, over_waves
-from meshtrace.studies.convergence.meshes import Costs, Normals, Progress, Unresolved, probes
 
 if TYPE_CHECKING:
     from meshtrace.link import Link
-    from meshtrace.mesh import TriangleMesh, WaveSum
+    from meshtrace.mesh import SurfaceModel, TriangleMesh, WaveSum
+
+
+_MARGIN = 2.0  # [m], mesh beyond the farthest crossing to the receiver
+_PROBES = 64  # per axis: where slopes are compared
+
+Normals = Literal["vertex", "facet"]
+Unresolved = Literal["tilt", "none"]
+UNITS = {"spacing": "m", "time_step": "s", "omega_max": "rad s-1"}
+
+
+def descending(name: str, values: Sequence[float]) -> list[float]:
+    """Return at least four different positive values from large to small."""
+    allowed = "at least four different values"
+    numbers = require_array(values, name, allowed)
+    if numbers.ndim != 1:
+        raise Refused(name, values, allowed)
+    given = sorted((positive(name, value) for value in numbers.tolist()), reverse=True)
+    if len(given) < 4 or len(set(given)) < len(given):
+        raise Refused(name, numbers.tolist(), allowed)
+    return given
+
+
+def normal_kinds(normals: Sequence[Normals]) -> tuple[Normals, ...]:
+    """Return the kinds of normals, each once."""
+    kinds = tuple(dict.fromkeys(require_names(normals, "normals")))
+    if not kinds or not set(kinds) <= {"vertex", "facet"}:
+        raise Refused("normals", normals, "vertex and facet")
+    return cast(tuple[Normals, ...], kinds)
+
+
+def positive(name: str, value: float) -> float:
+    """Return a number that is finite and > 0."""
+    return require_between(value, 0.0, math.inf, name)
+
+
+def multiple_of(name: str, ratio: float) -> int:
+    """Return the integer that a ratio equals up to rounding."""
+    if abs(ratio - round(ratio)) > 1e-9 * ratio:
+        raise Refused(name, f"{ratio:g} half-steps", "multiples of the shortest step")
+    return round(ratio)
+
+
+def nested_mesh(
+    link: Link, sea: SurfaceModel, time: float, spacing: float, shift: Floats
+) -> TriangleMesh:
+    """Return a uniform mesh over all crossings, `shift` in periods of its triangles off the origin.
+
+    Without a shift the lines lie at the multiples of the spacing, so that they nest when it halves.
+    """
+    cells = math.ceil((crossing_reach(link) + _MARGIN) / spacing) + 1
+    x, y = 2.0 * spacing * shift
+    mesh = sea.mesh(time, cells * spacing, spacing, center=(float(x), float(y)))
+    return mesh_for(link, mesh)[0]  # refuses one that does not suit the link
+
+
+def crest_of(link: Link, sea: SurfaceModel, time: float) -> float:
+    """Return the approximate height [m] of the sea in the region of the crossings."""
+    return float(nested_mesh(link, sea, time, 0.5, np.zeros(2)).bounds[1, 2])
+
+
+def probes(reach: float) -> tuple[Floats, Floats]:
+    """Return the points (x, y) for the comparison of slopes."""
+    axis = reach * ((2.0 * np.arange(_PROBES) + 1.0) / _PROBES - 1.0)
+    x, y = np.meshgrid(axis, axis, indexing="ij")
+    return x.ravel(), y.ravel()
+
+
+def placement_shifts(n: int) -> Floats:
+    """Return shifts of a mesh in periods of its triangles (two cells), (n, 2): a lattice.
+
+    The diagonals alternate: a shift by one cell along both axes gives the same triangles, so
+    that the lattice fills half a square of two cells.
+    """
+    if n == 1:
+        return np.zeros((1, 2))
+    step = next(a for a in range(round(n / 1.618), n + 1) if math.gcd(a, n) == 1)
+    k = np.arange(n)
+    along, across = (k + 0.5) / n, (step * k / n + 0.5 / n) % 1.0
+    return 0.5 * np.stack([along + across - 1.0, along - across], axis=1)
+
 
 Case = Callable[[], "TriangleMesh"]
 """Makes a mesh of a study."""
@@ -39,7 +132,9 @@ class Stacked(NamedTuple):
     ballistic: Floats  # (kinds, steps, repeats)
     slope_variance: Floats  # (kinds, steps)
     total_reflection: Floats  # (kinds, steps)
-    costs: Costs
+    mesh_time: Floats  # [s] of one surface (kinds, steps)
+    bvh_time: Floats
+    evaluation_time: Floats
 
 
 class CommonChains:
@@ -108,7 +203,6 @@ class CommonChains:
         cases: Iterable[Case],
         steps: int,
         recorded: dict[str, Any],
-        progress: Progress | None,
         photons: int = ANALOG_PHOTONS,
     ) -> Stacked:
         """Return the gains over the meshes of a study: as many repeats of each step, in order.
@@ -125,14 +219,14 @@ class CommonChains:
         chosen = {"kinds": list(self.kinds), "receiver": self.receiver}
         identity = {**recorded, **chosen, "physics": self.link.physics.model_dump(mode="json")}
         setup = partial(_measuring, self, jobs, photons)
-        rows = campaign.over(setup, range(len(jobs)), "meshes", identity, progress, "meshes")
+        rows = campaign.over(setup, range(len(jobs)), "meshes", identity, "meshes")
         by_case = np.stack(list(rows), axis=1)  # (kinds, cases, numbers)
         found = by_case.reshape(len(by_case), steps, -1, by_case.shape[-1])
         samples, (ballistic, *means) = found[..., :SHIFTS], np.moveaxis(found[..., SHIFTS:], -1, 0)
         if not samples.mean(axis=(2, 3)).all():
             raise Refused("gain", Described("no light received"), "light at every step")
         slopes, reflected, *seconds = (column.mean(axis=2) for column in means)
-        return Stacked(samples, ballistic, slopes, reflected, Costs(*seconds))
+        return Stacked(samples, ballistic, slopes, reflected, *seconds)
 
 
 def _measuring(chains: CommonChains, jobs: list[Case], photons: int) -> Callable[[int], Floats]:
@@ -177,3 +271,142 @@ def spread(gain: Floats) -> Floats:
     if gain.shape[-1] == 1:
         return np.full(gain.shape[:-1], math.nan)
     return gain.std(axis=-1, ddof=1)
+
+
+_QUADRATURE_ERROR = 1e-5  # relative, of the unscattered light through the exact surface
+
+
+@dataclass(frozen=True)
+class Reference(WithArrays):
+    """The gain over the exact surface, with the chains of the study.
+
+    Attributes
+    ----------
+    samples : ndarray, shape (shifts,)
+        Gain by shift of the chains.
+    ballistic, quadrature_error : float
+        Unscattered gain, and its error.
+    slope_variance : float
+        Mean square slope.
+    lost : int
+        Crossings of the mesh next to which Newton found none of the exact surface.
+    """
+
+    samples: Annotated[Floats, Variable("shift", name="exact_samples")]
+    ballistic: Annotated[float, Variable("", name="exact_gain_ballistic")]
+    quadrature_error: Annotated[float, Variable("", name="exact_quadrature_error")]
+    slope_variance: Annotated[float, Variable("", name="exact_mss")]
+    lost: Annotated[int, Variable("", name="exact_lost")]
+
+    @property
+    def gain(self) -> float:
+        """Gain over the exact surface."""
+        return float(self.samples.mean())
+
+
+def over_waves(forced: ForcedDetection, sea: WaveSum, time: float, spacing: float) -> Reference:
+    """Return the gain over the sum of waves, from crossings found on a mesh of some spacing.
+
+    The search of the chains has to be thorough.
+    """
+    link, mesh = forced.arrays, nested_mesh(forced.link, sea, time, spacing, np.zeros(2))
+    aimed, waves = forced.over(mesh), waves_at(sea, time, link.frame)
+    scattered, direct = np.zeros(SHIFTS), np.zeros(2)
+    counters = np.zeros(len(analytic.Moved), np.int64)
+    for source, power in enumerate(link.power):
+        scene = aimed.scene(link.emitters[source], link.targets[0])
+        for chains in forced.scattered_sets[source]:
+            _, arrivals = aimed.aim(source, 0, chains, keep=True)
+            score = np.zeros(len(chains.audit))
+            analytic.move_crossings(chains.chains, arrivals, waves, scene, score, counters)
+            scattered += power * score.reshape(SHIFTS, -1).mean(axis=1)
+        crossings = aimed.centroids[np.flatnonzero(aimed.facet_gains(source, 0))]
+        coarse, fine = (_direct(waves, scene, crossings, n) for n in (4, 8))
+        if abs(fine - coarse) > _QUADRATURE_ERROR * fine:  # a caustic lies on the aperture
+            coarse, fine = _finely_meshed(forced, sea, time, source, crossings, spacing)
+        direct += power * np.array([fine, abs(fine - coarse)])
+    slope_x, slope_y = sea.slopes(*probes(crossing_reach(forced.link)), time)
+    return Reference(
+        samples=direct[0] + scattered,
+        ballistic=float(direct[0]),
+        quadrature_error=float(direct[1]),
+        slope_variance=float(np.mean(slope_x**2 + slope_y**2)),
+        lost=int(counters[analytic.Moved.LOST]),
+    )
+
+
+def _finely_meshed(
+    forced: ForcedDetection,
+    sea: WaveSum,
+    time: float,
+    source: int,
+    crossings: Floats,
+    spacing: float,
+) -> tuple[float, float]:
+    """Return the unscattered gain of two meshes of the crossing region, extrapolated.
+
+    The image of a mesh adds up at a caustic, where the light on a point has no bound.
+    """
+    metres = forced.arrays.frame.metres(crossings)[:, :2]
+    low, high = metres.min(axis=0), metres.max(axis=0)
+    extent = 0.5 * float((high - low).max()) + 2.0 * spacing
+    center = tuple(0.5 * (low + high))
+    gains = []
+    for parts in (8, 16):
+        mesh = sea.mesh(time, extent, max(spacing / parts, extent / 500.0), center=center)
+        gains.append(float(forced.over(mesh).facet_gains(source, 0).sum()))
+    return gains[1], gains[1] + (gains[1] - gains[0]) / 3.0
+
+
+def _direct(waves: analytic.Waves, scene: Scene, crossings: Floats, rings: int) -> float:
+    """Return the unscattered gain by quadrature over the aperture."""
+    points = _aperture_points(rings)
+    score, room = np.zeros(len(points.weight)), np.empty(len(crossings), ROOT)
+    analytic.direct_light(points, crossings, waves, scene, room, score)
+    return float(score.sum())
+
+
+def _aperture_points(rings: int) -> Chains:
+    """Return points of the unit disk with weights that add to 1, as chains that never scatter.
+
+    Gauss-Legendre in the square of the radius, equal steps in azimuth.
+    """
+    node, weight = np.polynomial.legendre.leggauss(rings)
+    radius, azimuths = np.sqrt(0.5 * (1.0 + node)), 3 * rings
+    azimuth = 2.0 * math.pi * (np.arange(azimuths) + 0.5) / azimuths
+    disk = radius[:, None, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
+    n = rings * azimuths
+    return Chains(
+        vertex=np.zeros((n, 0, 3)),
+        kind=np.zeros((n, 0), np.int8),
+        last=np.zeros((n, 3)),
+        path=np.zeros(n),
+        weight=np.repeat(0.5 * weight / azimuths, azimuths),
+        disk=disk.reshape(n, 2),
+        tail=np.zeros((n, 3)),
+        tilt=np.zeros((n, 2)),
+    )
+
+
+def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> analytic.Waves:
+    """Return the waves of a sea at one instant as arrays for the kernels, in a local frame."""
+    waves = sea.components
+    return analytic.Waves(
+        np.ascontiguousarray(waves.amplitude) / frame.unit,
+        np.ascontiguousarray(waves.kx) * frame.unit,
+        np.ascontiguousarray(waves.ky) * frame.unit,
+        waves.omega * time + waves.phase - waves.kx * frame.x - waves.ky * frame.y,
+    )
+
+
+def is_wave_sum(sea: Any) -> TypeGuard[WaveSum]:
+    """Return whether the elevation of a sea is a sum of waves; that of a choppy sea is not."""
+    return isinstance(sea, WaveSum) and not getattr(sea, "choppy", False)
+
+
+def wave_sum(sea: SurfaceModel) -> WaveSum:
+    """Return a sea that is a sum of waves; refuse others."""
+    if not is_wave_sum(sea):
+        kind = "a choppy sea" if getattr(sea, "choppy", False) else type(sea).__name__
+        raise Refused("reference", f"analytic for {kind}", "None: not a sum of waves")
+    return sea

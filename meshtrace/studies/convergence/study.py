@@ -1,32 +1,139 @@
-"""Result of a convergence study: gains over a parameter of the discretisation."""
+"""Gains over a parameter of the discretisation: the fitted law and the result of a study."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
+from meshtrace.fading import Estimate
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.stored import Stored
-from meshtrace.studies.convergence.exact import Reference
-from meshtrace.studies.convergence.fit import Fit, fit_law, largest_step, stderr
-from meshtrace.studies.convergence.meshes import UNITS, Costs, Normals, Parameter, positive
+from meshtrace.stored import Stored, Variable
+from meshtrace.studies.convergence.measure import (
+    UNITS,
+    Normals,
+    Reference,
+    positive,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
 
-# fields of the reference in order: name in files after "exact_", registered name of its metadata
-_EXACT = {
-    "samples": ("samples", "gain"),
-    "ballistic": ("gain_ballistic", "gain_ballistic"),
-    "quadrature_error": ("quadrature_error", ""),
-    "slope_variance": ("mss", "mss"),
-    "lost": ("lost", ""),
-}
+
+_REPLICATES = 2000  # of the bootstrap
+_LEVEL = 0.95
+_REWEIGHTINGS = 4  # of the fit by its own misfit
+_ORDERS = np.linspace(0.5, 6.0, 1101)  # of the fit
+
+
+class Fit(NamedTuple):
+    """The law g_0 + C h^p fitted to a study."""
+
+    order: Estimate
+    gain: Estimate
+    coefficient: float
+
+
+def fit_law(step: Floats, differences: Floats, anchor: float, spread: Floats | None = None) -> Fit:
+    """Fit g_0 + C h^p to differences from an anchor, with 95 % intervals.
+
+    Parameters
+    ----------
+    step : ndarray, shape (n,)
+        Steps h, from coarse to fine, n >= 4.
+    differences : ndarray, shape (n, shifts)
+        Gains less the anchor, of each shift of the chains.
+    anchor : float
+        Reference of the differences.
+    spread : ndarray, shape (n,), optional
+        Further error of each mean, absolute and in proportion; by default the law leaves
+        out something in proportion to h^2.
+
+    Returns
+    -------
+    Fit
+    """
+    n, shifts = differences.shape
+    h = step / step[0]
+    y, noise = differences.mean(axis=1), stderr(differences)
+    shape, least = (h**2, 0.0) if spread is None else (spread, 1.0)
+    sigma = h**2
+    for _ in range(_REWEIGHTINGS):
+        order, offset, slope = _least_squares(h, y[None], sigma)
+        misfit = max(_misfit(y - offset - slope * h**order, noise, shape), least)
+        sigma = np.hypot(noise, misfit * shape) + 1e-300
+    order, offset, slope = _least_squares(h, y[None], sigma)
+    rng = np.random.default_rng(n * shifts)
+    resampled = differences[:, rng.integers(shifts, size=(_REPLICATES, shifts))].mean(axis=2).T
+    # a misfit that was fitted is itself known from n - 3 residuals only: Student's distribution
+    fitted = misfit > least
+    scale = np.sqrt((n - 3) / rng.chisquare(n - 3, (_REPLICATES, 1))) if fitted else 1.0
+    left = misfit * shape * scale * rng.standard_normal((_REPLICATES, n))
+    orders, offsets, _ = _least_squares(h, offset + slope * h**order + resampled - y + left, sigma)
+    tail = 0.5 * (1.0 - _LEVEL)
+    limits = np.quantile([orders, offsets], (tail, 1.0 - tail), axis=1)
+    return Fit(
+        Estimate(float(order[0]), *map(float, limits[:, 0])),
+        Estimate(anchor + float(offset[0]), *(anchor + float(v) for v in limits[:, 1])),
+        float(slope[0] * step[0] ** -order[0]),
+    )
+
+
+def _misfit(residual: Floats, noise: Floats, shape: Floats) -> float:
+    """Return the m >= 0 of errors hypot(noise, m shape) that the residuals of the fit have.
+
+    sum r^2 / (noise^2 + m^2 shape^2) = n - 3, as R. C. Paule and J. Mandel, J. Res. Natl.
+    Bur. Stand. 87, 377 (1982), doi:10.6028/jres.087.022: noise is not counted twice.
+    """
+    freedom = len(residual) - 3
+
+    def excess(m: float) -> float:
+        return float(np.sum(residual**2 / (noise**2 + (m * shape) ** 2 + 1e-300))) - freedom
+
+    most = math.sqrt(float(np.sum((residual / shape) ** 2)) / freedom)
+    if excess(0.0) <= 0.0 or excess(most) >= 0.0:
+        return 0.0 if excess(0.0) <= 0.0 else most
+    return float(brentq(excess, 0.0, most))
+
+
+def _least_squares(h: Floats, y: Floats, sigma: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return p, g_0 and C for each row of y (rows, n), errors in proportion to sigma.
+
+    For a given order the law is linear: the best order is looked up on a fine grid.
+    """
+    weight = (sigma / sigma.max()) ** -2
+    weight /= weight.sum()
+    power = h ** _ORDERS[:, None]
+    power_mean = power @ weight
+    power = power - power_mean[:, None]
+    mean = y @ weight
+    covariance = (weight * (y - mean[:, None])) @ power.T  # (rows, orders)
+    variance = (weight * power**2).sum(axis=1)
+    best = np.argmax(covariance**2 / variance, axis=1)
+    slope = covariance[np.arange(len(y)), best] / variance[best]
+    return _ORDERS[best], mean - slope * power_mean[best], slope
+
+
+def largest_step(step: Floats, error: Floats, limit: float) -> float:
+    """Return the largest step with all errors from there on below a limit, or nan."""
+    worst = np.maximum(np.maximum.accumulate(error[::-1])[::-1], 1e-300)
+    if not worst[-1] <= limit:
+        return math.nan
+    if worst[0] <= limit:
+        return float(step[0])
+    j = int(np.argmax(worst <= limit))
+    share = math.log(limit / worst[j]) / math.log(worst[j - 1] / worst[j])
+    return float(step[j] * (step[j - 1] / step[j]) ** share)
+
+
+def stderr(samples: Floats) -> Floats:
+    """Return the standard error of the mean over the shifts, the last axis."""
+    return samples.std(axis=-1, ddof=1) / math.sqrt(samples.shape[-1])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,8 +159,8 @@ class ConvergenceStudy(Stored):
     slope_variance, total_reflection : ndarray, shape (kinds, n)
         Mean square slope that light meets; share of the photons arriving from below that are
         totally reflected. nan unless requested.
-    costs : Costs
-        Seconds for mesh, BVH and gain of one surface.
+    mesh_time, bvh_time, evaluation_time : ndarray, shape (kinds, n)
+        Time for mesh, BVH and gain of one surface [s].
     reference : Reference or None
         The exact surface.
     tolerance : float
@@ -62,21 +169,24 @@ class ConvergenceStudy(Stored):
         Versions, configuration and seeds.
     """
 
-    parameter: Parameter
+    parameter: str
     values: Floats
-    normals: tuple[Normals, ...]
-    samples: Floats
-    ballistic: Floats
-    scatter: Floats
-    slope_variance: Floats
-    total_reflection: Floats
-    costs: Costs
+    normals: Annotated[tuple[Normals, ...], Variable("normals")]
+    samples: Annotated[Floats, Variable("normals {parameter} repeat shift")]
+    ballistic: Annotated[Floats, Variable("normals {parameter} repeat", name="samples_ballistic")]
+    scatter: Annotated[Floats, Variable("normals {parameter}")]
+    slope_variance: Annotated[Floats, Variable("normals {parameter}", name="mss")]
+    total_reflection: Annotated[Floats, Variable("normals {parameter}")]
+    mesh_time: Annotated[Floats, Variable("normals {parameter}")]
+    bvh_time: Annotated[Floats, Variable("normals {parameter}")]
+    evaluation_time: Annotated[Floats, Variable("normals {parameter}")]
     reference: Reference | None = None
     tolerance: float = 1e-3
     provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "convergence"
     title: ClassVar[str] = "meshtrace convergence"
+    _attributes: ClassVar[tuple[str, ...]] = ("parameter", "tolerance")
 
     @property
     def step(self) -> Floats:
@@ -175,62 +285,28 @@ class ConvergenceStudy(Stored):
         return dict(zip(self.normals, values, strict=True))
 
     def _content(self) -> xr.Dataset:
-        import xarray as xr
-
         dims, one = ("normals", self.parameter), {"units": "1"}
-        variables: dict[str, Any] = {
+        found: dict[str, Any] = {
             "gain": (dims, self.gain, attrs("gain")),
             "gain_stderr": (dims, self.gain_stderr, attrs("gain_stderr")),
             "gain_ballistic": (dims, self.ballistic.mean(axis=2), attrs("gain_ballistic")),
-            "mss": (dims, self.slope_variance, attrs("mss")),
-            "samples": ((*dims, "repeat", "shift"), self.samples, attrs("gain")),
-            "samples_ballistic": ((*dims, "repeat"), self.ballistic, attrs("gain_ballistic")),
             "recommended": ("normals", list(self.recommended().values())),
         }
-        for name in ("difference", "difference_stderr", "scatter", "error", "total_reflection"):
-            variables[name] = (dims, getattr(self, name), one)
-        for name, seconds in self.costs._asdict().items():
-            variables[f"{name}_time"] = (dims, seconds, {"units": "s"})
+        for name in ("difference", "difference_stderr", "error"):
+            found[name] = (dims, getattr(self, name), one)
         for name in ("order", "gain"):
             limits = np.array([getattr(self.fits[kind], name) for kind in self.normals])
-            variables[f"fitted_{name}"] = (("normals", "limit"), limits, one)
+            found[f"fitted_{name}"] = (("normals", "limit"), limits, one)
         if self.reference is not None:
-            variables["exact_gain"] = ((), self.reference.gain, attrs("gain"))
-            for name, (stored, registered) in _EXACT.items():
-                value = getattr(self.reference, name)
-                kind = attrs(registered) if registered else one
-                variables[f"exact_{stored}"] = ("shift" if np.ndim(value) else (), value, kind)
-        coordinates = {
-            "normals": list(self.normals),
-            "limit": ["value", "low", "high"],
-            self.parameter: (self.parameter, self.values, {"units": UNITS[self.parameter]}),
-        }
-        about = {"parameter": self.parameter, "tolerance": self.tolerance}
-        return xr.Dataset(variables, coordinates, about)
+            found["exact_gain"] = ((), self.reference.gain, attrs("gain"))
+        steps = (self.parameter, self.values, {"units": UNITS[self.parameter]})
+        known = {"limit": ["value", "low", "high"], self.parameter: steps}
+        return super()._content().assign(found).assign_coords(known)
 
     @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> ConvergenceStudy:
-        parameter, reference = data.attrs["parameter"], None
-        if "exact_samples" in data:
-            found = {name: data[f"exact_{stored}"] for name, (stored, _) in _EXACT.items()}
-            exact: dict[str, Any] = {
-                name: v.to_numpy() if v.dims else v.item() for name, v in found.items()
-            }
-            reference = Reference(**exact)
-        return cls(
-            parameter=parameter,
-            values=data[parameter].to_numpy(),
-            normals=tuple(data["normals"].values.tolist()),
-            samples=data["samples"].to_numpy(),
-            ballistic=data["samples_ballistic"].to_numpy(),
-            scatter=data["scatter"].to_numpy(),
-            slope_variance=data["mss"].to_numpy(),
-            total_reflection=data["total_reflection"].to_numpy(),
-            costs=Costs(*(data[f"{name}_time"].to_numpy() for name in Costs._fields)),
-            reference=reference,
-            tolerance=float(data.attrs["tolerance"]),
-            provenance=provenance,
-        )
+    def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
+        """Return the fields that a dataset holds."""
+        return super().arrays(data) | {"values": data[data.attrs["parameter"]].to_numpy()}
 
     def _headline(self) -> str:
         found = ", ".join(f"{kind} {self._recommended(kind)}" for kind in self.normals)
@@ -262,7 +338,11 @@ class ConvergenceStudy(Stored):
             ("total refl.", ">12", ".5f", self.total_reflection[k]),
             *(
                 (f"{name} s", ">8", ".3f", seconds[k])
-                for name, seconds in zip(("mesh", "BVH", "gain"), self.costs, strict=True)
+                for name, seconds in (
+                    ("mesh", self.mesh_time),
+                    ("BVH", self.bvh_time),
+                    ("gain", self.evaluation_time),
+                )
             ),
         ]
         lines = ["".join(format(head, width.replace("+", "")) for head, width, _, _ in columns)]

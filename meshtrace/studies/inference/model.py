@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,8 +12,6 @@ from numpy.typing import NDArray
 
 from meshtrace.engine.backward.view import only_aperture
 from meshtrace.engine.parts import Light
-from meshtrace.engine.setup.meshing import surface_config
-from meshtrace.engine.setup.options import Meshing
 from meshtrace.errors import Described, Refused, require_array, require_real
 from meshtrace.link import Link
 from meshtrace.models import Floats
@@ -28,7 +25,8 @@ WATER = ("water.a", "water.b")
 SCALE = "scale"
 """Unknown factor of all measurements: the calibration of the receiver."""
 
-_LARGEST = 64  # predicted measurements that are kept for further fits
+_LARGEST = 64  # measurements whose chains are kept
+_LIGHTS = 3  # of each: the base and the sides of a difference
 _STEP = 0.01  # of differences in the logarithm
 
 
@@ -125,7 +123,6 @@ class Model:
         self, campaign: Campaign, keys: list[dict[str, Any]], unknowns: list[Parameter]
     ) -> None:
         link, self._campaign, self._unknowns = campaign.link, campaign, unknowns
-        self._surface = repr(surface_config(campaign.surface))
         self._links = []
         for i, row in enumerate(keys):
             at = link
@@ -137,6 +134,9 @@ class Model:
             only_aperture(at)
             self._links.append(at)
         self._quick = has_moments(link)
+        alone = campaign.alone
+        self._near = lru_cache(_LARGEST)(lambda i: Neighbours(alone.of(self._links[i])))
+        self._light = lru_cache(_LIGHTS * _LARGEST)(self._lit)
         known = [link.model_dump(mode="json") for link in self._links]
         self._identity = {"measured": digest_of(known), "unknown": [p.name for p in unknowns]}
 
@@ -154,77 +154,53 @@ class Model:
     def _one(self, step: tuple[Any, ...]) -> Floats:
         """Return gains by shift and logarithmic slopes of one measurement."""
         number, *values = step
-        link, x = self._links[number], tuple(values)
-        gains = self._gains(link, x)
+        x = tuple(values)
+        gains = self._gains(number, x)
         slopes = []
         for i, p in enumerate(self._unknowns):
             if self._quick and p.name in WATER:
-                at, light = self._weighed(link, x)
+                at, light = self._weighed(number, x)
                 slope = float(moments(at, light)[p.name].mean() / gains.mean())
             else:
                 width = p.step if p.absolute else _STEP
                 sides = [
-                    self._gains(link, (*x[:i], x[i] + side * width, *x[i + 1 :])).mean()
+                    self._gains(number, (*x[:i], x[i] + side * width, *x[i + 1 :])).mean()
                     for side in (-1.0, 1.0)
                 ]
                 slope = math.log(sides[1] / sides[0]) / (2.0 * width)
             slopes.append(slope)
         return np.concatenate([gains, slopes])
 
-    def _gains(self, link: Link, x: tuple[float, ...]) -> Floats:
-        _, light = self._weighed(link, x)
+    def _gains(self, number: int, x: tuple[float, ...]) -> Floats:
+        _, light = self._weighed(number, x)
         gains = light.by_shift(np.ones(len(light.weight)))
         if not gains.mean() > 0.0:
             raise Refused("measurements", Described("a dark link"), "links with light")
         return gains
 
-    def _weighed(self, link: Link, x: tuple[float, ...]) -> tuple[Link, Light]:
-        """Return a link at a point of the unknowns, and its light.
+    def _weighed(self, number: int, x: tuple[float, ...]) -> tuple[Link, Light]:
+        """Return a measured link at a point of the unknowns, and its light.
 
         w' = w exp(-(a' - a + b' - b) L) (b' / b)^K
         """
-        setting = Setting(link, self._campaign.surface, None)
-        same = setting
-        for p, step in zip(self._unknowns, x, strict=True):
-            setting = p.at(setting, p.moved(step))
-            if not (self._quick and p.name in WATER):
-                same = p.at(same, p.moved(step))
-        light = self._predictor(link).light(same.link)
-        old, new = same.link.water, setting.link.water
+        quick = [self._quick and p.name in WATER for p in self._unknowns]
+        traced = tuple(None if q else step for q, step in zip(quick, x, strict=True))
+        link, light = self._at(number, x), self._light(number, traced)
+        old, new = self._at(number, traced).water, link.water
         if (old.a, old.b) != (new.a, new.b):
             factor = np.exp((old.a - new.a + old.b - new.b) * light.water)
             if new.b != old.b:
                 factor *= (new.b / old.b) ** light.order
             light = light._replace(weight=light.weight * factor)
-        return setting.link, light
+        return link, light
 
-    def _predictor(self, link: Link) -> _Predictor:
-        """Return the chains of a link; those of the last ones are kept between fits."""
-        run = self._campaign.run
-        key = link.model_dump_json(), self._surface, run.photons, run.seed
-        found = _kept.get(key)
-        if found is None:  # another thread may drop it again at once
-            found = _kept[key] = _Predictor(self._campaign.of(link).alone)
-            while len(_kept) > _LARGEST:
-                _kept.popitem(last=False)
-        return found
+    def _at(self, number: int, x: tuple[float | None, ...]) -> Link:
+        """Return a measured link with the unknowns that have a value."""
+        setting = Setting(self._links[number], self._campaign.surface, None)
+        for p, step in zip(self._unknowns, x, strict=True):
+            if step is not None:
+                setting = p.at(setting, p.moved(step))
+        return setting.link
 
-
-class _Predictor:
-    """Chains of one link and the light of its last neighbours."""
-
-    def __init__(self, campaign: Campaign) -> None:
-        self._near = Neighbours(campaign._replace(meshing=Meshing()))
-        self._lights: OrderedDict[str, Light] = OrderedDict()
-
-    def light(self, link: Link) -> Light:
-        """Return the light that a neighbouring link receives."""
-        key = link.model_dump_json()
-        if key not in self._lights:
-            while len(self._lights) >= 3:
-                self._lights.popitem(last=False)
-            self._lights[key] = self._near.light(link, 0)[0]
-        return self._lights[key]
-
-
-_kept: OrderedDict[tuple[Any, ...], _Predictor] = OrderedDict()
+    def _lit(self, number: int, x: tuple[float | None, ...]) -> Light:
+        return self._near(number).light(self._at(number, x), 0)[0]

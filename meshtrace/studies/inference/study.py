@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 
 from meshtrace.engine.setup.meshing import surface_config
+from meshtrace.engine.setup.options import RunOptions, require_options
 from meshtrace.errors import Refused, require_keys, require_names, require_pair
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
+from meshtrace.stored import Stored, Variable
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.inference.model import (
     SCALE,
@@ -24,10 +26,106 @@ from meshtrace.studies.inference.model import (
     Prediction,
     read_measurements,
 )
-from meshtrace.studies.inference.result import Inference
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
-from meshtrace.studies.store import Store
 from meshtrace.surfaces import FlatSea
+from meshtrace.tables import text_table
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Inference(Stored):
+    """Unknown parameters of a link from measured gains.
+
+    Attributes
+    ----------
+    unknown, unit : tuple of str
+        Names and units of the unknowns.
+    estimate, error : ndarray, shape (n,)
+        Values and standard errors; nan for unknowns with an error above 100 % without priors.
+    covariance : ndarray, shape (n, n)
+        Covariance of the logarithms (of offsets and angles themselves), priors included.
+    free_error : ndarray, shape (n,)
+        Relative standard errors without priors, at the start.
+    singular_values : ndarray, shape (n,)
+        Of the whitened sensitivities at the start: standard errors of the measurements per unit
+        of a combination of logarithms.
+    weakest : str
+        The combination that the measurements see least.
+    chi2 : float
+        Sum of the squared residuals, in standard errors.
+    degrees : int
+        Measurements and priors minus unknowns.
+    measured, predicted : ndarray, shape (m,)
+        Measurements, and the fit.
+    provenance : dict
+        Versions and configuration.
+    """
+
+    unknown: Annotated[tuple[str, ...], Variable("unknown")]
+    unit: Annotated[tuple[str, ...], Variable("unknown", name="inferred_unit")]
+    estimate: Annotated[Floats, Variable("unknown", name="inferred_value")]
+    error: Annotated[Floats, Variable("unknown", name="inferred_stderr")]
+    covariance: Annotated[Floats, Variable("unknown unknown_too", name="inferred_covariance")]
+    free_error: Annotated[Floats, Variable("unknown", name="inferred_free_error")]
+    singular_values: Annotated[Floats, Variable("direction", name="singular_value")]
+    weakest: str
+    chi2: float
+    degrees: int
+    measured: Annotated[Floats, Variable("measurement", name="measured_gain")]
+    predicted: Annotated[Floats, Variable("measurement", name="predicted_gain")]
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    kind: ClassVar[str] = "inference"
+    title: ClassVar[str] = "meshtrace inference"
+    _attributes: ClassVar[tuple[str, ...]] = ("weakest", "chi2", "degrees")
+
+    @property
+    def value(self) -> dict[str, float]:
+        """Values by name; nan for undetermined ones."""
+        return dict(zip(self.unknown, self.estimate.tolist(), strict=True))
+
+    @property
+    def stderr(self) -> dict[str, float]:
+        """Standard errors by name, in the units of the values."""
+        return dict(zip(self.unknown, self.error.tolist(), strict=True))
+
+    @property
+    def correlation(self) -> Floats:
+        """Correlation of the unknowns, shape (n, n)."""
+        std = np.sqrt(np.diag(self.covariance))
+        return self.covariance / np.outer(std, std)
+
+    def _headline(self) -> str:
+        return ", ".join(
+            f"{name} = {value:.4g} +- {error:.1g}"
+            for name, value, error in zip(self.unknown, self.estimate, self.error, strict=True)
+        )
+
+    def summary(self) -> str:
+        """Return values, errors and identifiability as text for a terminal."""
+        rows = [
+            (
+                name,
+                "not determined" if math.isnan(value) else f"{value:.5g}",
+                "-" if math.isnan(error) else f"{error:.2g}",
+                unit,
+                f"{100.0 * free:.3g} %",
+            )
+            for name, value, error, unit, free in zip(
+                self.unknown, self.estimate, self.error, self.unit, self.free_error, strict=True
+            )
+        ]
+        head = ("unknown", "value", "std. error", "unit", "without priors")
+        singular = ", ".join(f"{value:.3g}" for value in self.singular_values)
+        return "\n".join(
+            [
+                text_table(rows, head),
+                "",
+                f"chi2 {self.chi2:.3g} for {self.degrees} degrees of freedom",
+                f"singular values {singular}",
+                f"weakest: {self.weakest}",
+            ]
+        )
+
 
 DEFAULT_CHAINS = 4096
 """Chains of the prediction of each measurement."""
@@ -48,11 +146,9 @@ def infer(
     unknown: Sequence[str] = ("water.a", "water.b", SCALE),
     prior: Mapping[str, tuple[float, float]] | None = None,
     *,
-    sea: MeshSource | TriangleMesh | None = None,
+    surface: MeshSource | TriangleMesh | None = None,
     photons: int = DEFAULT_CHAINS,
-    seed: int = 1,
-    threads: int | None = None,
-    store: str | Path | None = None,
+    **run: Unpack[RunOptions],
 ) -> Inference:
     """Return unknown parameters of a link from measured gains.
 
@@ -68,16 +164,12 @@ def infer(
         Keys of the link, and "scale" for a common factor of all measurements.
     prior : mapping of str to (mean, std), optional
         Independent knowledge of unknowns.
-    sea : MeshSource or TriangleMesh, optional
+    surface : MeshSource or TriangleMesh, optional
         The surface; still water by default, or that of the scenario.
     photons : int
         Chains of each prediction.
-    seed : int
-        Seed, the same for all predictions.
-    threads : int, optional
-        Threads, all cores by default; the result does not depend on them.
-    store : path, optional
-        As in `ensemble`; it keeps predictions.
+    **run
+        Options of the run, see `RunOptions`: progress by prediction.
 
     Returns
     -------
@@ -120,10 +212,10 @@ def infer(
     '0.11'
     """
     data = read_measurements(measurements)
-    if sea is None and not isinstance(link, Scenario):
-        sea = FlatSea()
-    options: Any = {"photons": photons, "seed": seed, "threads": threads}
-    campaign = campaign_of(link, sea, several=False, store=Store(store, "infer"), **options)
+    if surface is None and not isinstance(link, Scenario):
+        surface = FlatSea()
+    require_options(run, RunOptions)
+    campaign = campaign_of(link, surface, "infer", several=False, photons=photons, **run)
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
     setting = Setting(campaign.link, campaign.surface, None)
@@ -135,10 +227,8 @@ def infer(
     unknowns = [_SCALE if name == SCALE else next(of_link) for name in names]
     fit = _Fit(data, names, unknowns, _priors(prior, names, unknowns))
     fit.model = Model(campaign, data.keys, found)
-    origin = provenance(
-        campaign.link, surface_config(campaign.surface), {"photons": photons, "seed": seed}
-    )
-    return fit.result(origin)
+    options = {"photons": photons, "seed": campaign.run.seed}
+    return fit.result(provenance(campaign.link, surface_config(campaign.surface), options))
 
 
 class _Prior(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,8 +19,7 @@ from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign, same
 from meshtrace.studies.neighbours import Neighbours
 from meshtrace.studies.store import digest_of
-from meshtrace.uav.airframe import Uav
-from meshtrace.uav.wind import Dryden
+from meshtrace.uav.airframe import Flight
 
 _POSITIONS = 12  # of the receiver over each of several seas
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # azimuths that fill a disk evenly
@@ -35,14 +34,6 @@ REWEIGHED = ("receiver.fov_deg", "transmitter.half_angle_deg")
 again."""
 
 
-class Aircraft(NamedTuple):
-    """Errors of the place of the end in the air and the airframe that tilts it."""
-
-    hover_std: tuple[float, float]  # [m], along x and y
-    uav: Uav | None
-    wind: Dryden | None
-
-
 class Sample:
     """Surfaces and receivers common to all candidates.
 
@@ -52,8 +43,10 @@ class Sample:
         The start, with the widest field of view of all candidates, its surface and options.
     realizations : int
         Seas, each with 12 places and tilts; over a surface without random phases, places.
-    aircraft : Aircraft
-        Errors of the receiver.
+    hover_std : (float, float)
+        Standard deviations of the place of the end in the air along x and y [m].
+    flight : Flight, optional
+        Aircraft that tilts it.
     turned : tuple of str
         Variables that only weigh the arrivals again, see `REWEIGHED`.
 
@@ -65,27 +58,36 @@ class Sample:
     """
 
     def __init__(
-        self, campaign: Campaign, realizations: int, aircraft: Aircraft, turned: tuple[str, ...]
+        self,
+        campaign: Campaign,
+        realizations: int,
+        hover_std: tuple[float, float],
+        flight: Flight | None,
+        turned: tuple[str, ...],
     ) -> None:
         link, self._seed = campaign.link, campaign.run.seed
-        self._aircraft, self._start, self._turned = aircraft, link, turned
+        self._flight, self._start, self._turned = flight, link, turned
         random = isinstance(campaign.surface, RandomSea)
         self._seas = realizations if random else 1
         self._places = 1
-        if aircraft.uav is not None or any(aircraft.hover_std):
+        if flight is not None or any(hover_std):
             self._places = _POSITIONS if random else realizations
-        self._draw()
+        self._draw(campaign, hover_std)
         self._near = Neighbours(
             campaign, self._seas, phases=random, fading=True,
             kept=self._seas, around=self._spread(link, 0),
         )  # fmt: skip
         self._lights = lru_cache(_CASES)(self._light)
-        flown = [repr(part) for part in aircraft]
-        self._identity = {"realizations": realizations, "aircraft": flown, "turned": list(turned)}
+        self._identity = {
+            "realizations": realizations,
+            "hover_std": hover_std,
+            "flight": flight and campaign.of_flight(flight),
+            "turned": list(turned),
+        }
 
-    def _draw(self) -> None:
+    def _draw(self, campaign: Campaign, hover_std: tuple[float, float]) -> None:
         """Draw places, their weights and the winds of all seas."""
-        aircraft, m = self._aircraft, self._places
+        flight, m = self._flight, self._places
         rng = np.random.default_rng([self._seed, 1])
         edges = (1.0 - np.arange(m + 1) / m) ** 2
         share = rng.random() if m == 1 else 0.5
@@ -93,24 +95,24 @@ class Sample:
         radius = np.sqrt(-2.0 * np.log(beyond)) if m > 1 else np.zeros(1)
         azimuth = 2.0 * math.pi * rng.random() + _GOLDEN * np.arange(m)
         places = radius[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
-        self._offsets = places * np.array(aircraft.hover_std)
+        self._offsets = places * np.array(hover_std)
         self.weights = np.tile(edges[:-1] - edges[1:], self._seas) / self._seas
         self._tilts = np.zeros((self._seas, m, 2))
-        if aircraft.uav is not None and aircraft.wind is not None:
-            winds = aircraft.wind.sample_wind(self._seas * m, realization_seed(self._seed, 0))
-            tilt = aircraft.uav.tilt(winds)
+        if flight is not None:
+            wind, seed = campaign.wind_of(flight), realization_seed(self._seed, 0)
+            tilt = flight.uav.tilt(wind.sample_wind(self._seas * m, seed))
             angles = np.degrees(np.stack([tilt.angle, tilt.azimuth], axis=1))
             self._tilts = angles.reshape(self._seas, m, 2)
 
     def _spread(self, link: Link, i: int) -> Link:
         """Return a link with its end in the air at all places over sea i."""
         name, end = link.air_end
-        if end.tilt_deg != 0.0 and self._aircraft.uav is not None:
+        if end.tilt_deg != 0.0 and self._flight is not None:
             raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the aircraft tilts it")
         ends = []
         for (x, y), (tilt, azimuth) in zip(self._offsets, self._tilts[i], strict=True):
             place = (end.position[0] + float(x), end.position[1] + float(y))
-            lean = {} if self._aircraft.uav is None else {
+            lean = {} if self._flight is None else {
                 "tilt_deg": float(tilt), "tilt_azimuth_deg": float(azimuth)
             }  # fmt: skip
             ends.append(end.replace(position=place, **lean))

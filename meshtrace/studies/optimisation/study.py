@@ -1,18 +1,18 @@
-"""Search for the best link: sample averages with common random numbers, by scipy."""
+"""Best link within bounds: sample averages with common random numbers, and its validation."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
-from typing import Any, Literal, get_args
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Unpack, get_args
 
 import numpy as np
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.ook_setup import Preset
 from meshtrace.engine.setup.meshing import surface_config
+from meshtrace.engine.setup.options import RunOptions, require_options
 from meshtrace.errors import (
     Described,
     Refused,
@@ -27,17 +27,129 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
+from meshtrace.stored import Stored, Variable
 from meshtrace.studies.background import held_light
-from meshtrace.studies.campaign import Campaign, campaign_of, wind_over
+from meshtrace.studies.campaign import DEFAULT_CHAINS, Campaign, campaign_of
 from meshtrace.studies.neighbours import error_of
 from meshtrace.studies.optimisation.objectives import Custom, Goal, Objective
-from meshtrace.studies.optimisation.result import Optimum, Validation
-from meshtrace.studies.optimisation.sample import REWEIGHED, Aircraft, Sample
+from meshtrace.studies.optimisation.sample import REWEIGHED, Sample
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.quantities import FADES
-from meshtrace.studies.store import Store
-from meshtrace.uav.airframe import Uav
-from meshtrace.uav.wind import Dryden
+from meshtrace.tables import text_table
+from meshtrace.uav.airframe import Flight
+
+
+class Validation(NamedTuple):
+    """Best link and start over fresh seas, hover errors and chains.
+
+    Attributes
+    ----------
+    best, start : float
+        The quantity of either.
+    difference, stderr : float
+        Cost of the start minus that of the best, and its standard error: logarithms, or m.
+    improved : bool
+        Whether the difference is at least two standard errors.
+    """
+
+    best: float
+    start: float
+    difference: float
+    stderr: float
+    improved: bool
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Optimum(Stored):
+    """Best link of an optimisation.
+
+    Attributes
+    ----------
+    objective : str
+        "gain", "outage", "range", "margin" or "custom".
+    value : float
+        The quantity of the best link over the common seas: mean gain, outage, range [m], margin
+        [dB]; of "custom" the minimum.
+    stderr : float
+        Standard error of the value; of an outage that of `cost`.
+    cost : float
+        What was minimised: -ln(gain), the quantile of -ln(gain / need), -range [m].
+    variables : tuple of str
+        Names of the variables.
+    values, start : ndarray, shape (n,)
+        Variables of the best link and of the start.
+    bounds, flatness : ndarray, shape (n, 2)
+        Bounds, and the interval of each variable in which the cost is within one standard error
+        of the best.
+    candidates, costs : ndarray, shape (m, n) and (m,)
+        Variables of all candidates in their order, and what was minimised.
+    validation : Validation
+        Comparison on fresh seeds.
+    notes : tuple of str
+        Variables at a bound, and whether there is an improvement.
+    provenance : dict
+        Versions and configuration, with the best link.
+    """
+
+    objective: str
+    value: Annotated[float, Variable("", name="quantity")]
+    stderr: Annotated[float, Variable("", name="quantity_stderr")]
+    cost: float
+    variables: Annotated[tuple[str, ...], Variable("variable", name="variable")]
+    values: Annotated[Floats, Variable("variable", name="optimum_value")]
+    start: Annotated[Floats, Variable("variable", name="optimum_start")]
+    bounds: Annotated[Floats, Variable("variable end", name="optimum_bounds")]
+    flatness: Annotated[Floats, Variable("variable end", name="optimum_flatness")]
+    candidates: Annotated[Floats, Variable("candidate variable", name="optimum_history")]
+    costs: Annotated[Floats, Variable("candidate", name="optimum_cost")]
+    validation: Validation
+    notes: tuple[str, ...] = ()
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    kind: ClassVar[str] = "optimum"
+    title: ClassVar[str] = "meshtrace optimum"
+    _attributes: ClassVar[tuple[str, ...]] = ("objective", "cost", "validation", "notes")
+
+    @property
+    def history(self) -> Floats:
+        """Variables and cost of all candidates, shape (m, n + 1)."""
+        return np.column_stack([self.candidates, self.costs])
+
+    @property
+    def best(self) -> Link:
+        """The best link."""
+        return Link.model_validate(self.provenance["best"])
+
+    def _headline(self) -> str:
+        shown = ", ".join(
+            f"{n} = {v:.4g}" for n, v in zip(self.variables, self.values, strict=True)
+        )
+        return f"{self.objective} {self.value:.4g} at {shown}"
+
+    def summary(self) -> str:
+        """Return variables, values and validation as text for a terminal."""
+        head = ("variable", "start", "best", "flat from", "to", "bounds")
+        rows = [
+            (name, f"{s:.4g}", f"{v:.4g}", f"{f[0]:.4g}", f"{f[1]:.4g}", f"{b[0]:g} .. {b[1]:g}")
+            for name, s, v, f, b in zip(
+                self.variables, self.start, self.values, self.flatness, self.bounds, strict=True
+            )
+        ]
+        check = self.validation
+        gained = f"{check.difference:.3g} +- {check.stderr:.1g}"
+        if self.objective in ("gain", "margin", "outage"):
+            decibels = 10.0 / math.log(10.0)
+            gained = f"{decibels * check.difference:.2f} +- {decibels * check.stderr:.2f} dB"
+        lines = [
+            f"{self.objective} {self.value:.4g} after {len(self.history)} candidates",
+            "",
+            text_table(rows, head),
+            "",
+            f"fresh seeds: best {check.best:.4g}, start {check.start:.4g}, gained {gained}",
+            *self.notes,
+        ]
+        return "\n".join(lines)
+
 
 Method = Literal["auto", "bounded", "cobyqa", "global"]
 
@@ -52,26 +164,21 @@ _FOV = "receiver.fov_deg"
 
 def optimize(
     link: Link | Scenario,
-    sea: MeshSource | TriangleMesh | None = None,
+    surface: MeshSource | TriangleMesh | None = None,
     over: Mapping[str, tuple[float, float]] | None = None,
     objective: Objective | Custom = "outage",
     constraints: Sequence[Callable[[Link], float]] = (),
     hover_std: tuple[float, float] = (0.0, 0.0),
-    uav: Uav | None = None,
-    realizations: int = 64,
-    photons: int = 2048,
-    method: Method = "auto",
-    seed: int | None = None,
     *,
-    wind: Dryden | None = None,
+    flight: Flight | None = None,
+    realizations: int = 64,
+    photons: int = DEFAULT_CHAINS,
+    method: Method = "auto",
     ook: OokLink | Preset | None = "physical",
     bit_rate: float | None = None,
     limit: float = 1e-3,
     quantile: float = 0.01,
-    threads: int | None = None,
-    store: str | Path | None = None,
-    progress: Callable[[int], None] | None = None,
-    **options: Any,
+    **run: Unpack[RunOptions],
 ) -> Optimum:
     """Return the best link within bounds.
 
@@ -79,10 +186,8 @@ def optimize(
     ----------
     link : Link or Scenario
         The start, with one receiver and, if that is in the water, one lamp.
-    sea : MeshSource or TriangleMesh, optional
-        The surface, by default as for `simulate`. For the outage and the range over several seas
-        one whose band is left open has all waves that make the light of the start fade
-        (`fading.resolve_band`); gain and margin are means and need none of them.
+    surface : MeshSource or TriangleMesh, optional
+        The surface, by default as for `simulate`.
     over : mapping of str to (low, high)
         Variables by their keys in a link file, such as receiver.fov_deg, with bounds.
     objective : {"outage", "gain", "range", "margin"} or callable
@@ -93,8 +198,8 @@ def optimize(
         Functions of the link that are >= 0 where it is allowed.
     hover_std : (float, float)
         Standard deviations of the place of the end in the air along x and y [m].
-    uav : Uav, optional
-        Airframe that tilts the end in the air; a fixed mount unless `uav.gimbal`.
+    flight : Flight, optional
+        Aircraft that tilts the end in the air; a fixed mount unless `uav.gimbal`.
     realizations : int
         Seas, each with 12 places; over a surface without random phases the number of places.
     photons : int
@@ -102,10 +207,6 @@ def optimize(
     method : {"auto", "bounded", "cobyqa", "global"}
         Method of the search. "bounded" takes one variable, "cobyqa" up to six, with constraints,
         "global" is differential evolution; "auto" is the first of them that fits.
-    seed : int, optional
-        Seed of seas, places, tilts and chains, 1 by default or that of the scenario.
-    wind : Dryden, optional
-        Wind at the aircraft, by default that over the sea.
     ook : OokLink or preset, optional
         Transmission, for all but the gain.
     bit_rate : float, optional
@@ -114,14 +215,9 @@ def optimize(
         Largest bit error rate of a working link.
     quantile : float
         Quantile of the gain for "outage".
-    threads : int, optional
-        Threads, all cores by default; the result does not depend on them.
-    store : path, optional
-        File that keeps the gains of candidates, which another objective uses again.
-    progress : callable, optional
-        Called with 1 after each candidate.
-    **options
-        Fields of `Meshing`.
+    **run
+        Options of the run, see `RunOptions`: progress by candidate. The store keeps the gains of
+        candidates, which another objective uses again.
 
     Returns
     -------
@@ -138,7 +234,9 @@ def optimize(
     so that the cost is a deterministic, nearly smooth function. The optimum of a sample is
     optimistic: `validation` compares it with the start on fresh ones. Fields of view come from
     the angles of arrival of one run, and half angles from its directions of emission. Under the
-    daylight of a scenario all candidates have the background of the start.
+    daylight of a scenario all candidates have the background of the start. Unless `waves` of the
+    meshing says otherwise, meshes hold all waves that make the light of the start fade for the
+    outage and the range over several seas; gain and margin need none of the short ones.
 
     Examples
     --------
@@ -149,21 +247,20 @@ def optimize(
     >>> o.notes[0]
     'transmitter.half_angle_deg is at the bound 3'
     """
-    given = {"photons": photons, "seed": seed, "threads": threads, **options}
+    require_options(run, RunOptions)
     fading = realizations > 1 and objective in FADES
-    campaign = campaign_of(
-        link, sea, fading, several=False, store=Store(store, "optimize"), **given
-    )
+    campaign = campaign_of(link, surface, "optimize", fading, several=False, photons=photons, **run)
     require_whole(realizations, 1, 100_000, "realizations")
     require_between(quantile, 0.0, 1.0, "quantile")
     require_between(limit, 0.0, 0.5, "limit")
-    require_kind(uav, Uav | None, "uav")
-    require_kind(wind, Dryden | None, "wind")
+    require_kind(flight, Flight | None, "flight")
+    if flight is None and isinstance(link, Scenario) and link.uav is not None:
+        flight = Flight(link.uav)
+    flight = flight and flight.checked()
     if not (isinstance(constraints, list | tuple) and all(map(callable, constraints))):
         raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")
-    if isinstance(link, Scenario):
-        uav = uav or link.uav
-        ook = link.detector if link.detector is not None and ook == "physical" else ook
+    if isinstance(link, Scenario) and link.detector is not None and ook == "physical":
+        ook = link.detector
     electronics = None
     if ook is not None:
         electronics = OokLink.of_link(campaign.link, ook, bit_rate)
@@ -174,20 +271,12 @@ def optimize(
         electronics, light = held_light(electronics, campaign.case, day, str(objective))
     goal = Goal(objective, quantile, electronics, limit)
     variables, bounds = _variables(campaign, over)
-    if uav is not None and wind is None:
-        wind = wind_over(campaign.surface, campaign.link, "wind")
-    aircraft = Aircraft(_stds(hover_std), uav, wind)
-    search = _Search(campaign, goal, variables, bounds, realizations, aircraft, progress)
+    spread = require_pair(hover_std, "hover_std", "two numbers >= 0 [m]")
+    if min(spread) < 0.0:
+        raise Refused("hover_std", hover_std, "two numbers >= 0 [m]")
+    search = _Search(campaign, goal, variables, bounds, (realizations, spread, flight))
     found = search.optimum(tuple(constraints), method)
     return replace(found, notes=(*found.notes, f"background light: {light}")) if light else found
-
-
-def _stds(hover_std: Any) -> tuple[float, float]:
-    """Return the checked standard deviations of the place."""
-    pair = require_pair(hover_std, "hover_std", "two numbers >= 0 [m]")
-    if min(pair) < 0.0:
-        raise Refused("hover_std", hover_std, "two numbers >= 0 [m]")
-    return pair
 
 
 def _variables(
@@ -219,12 +308,10 @@ class _Search:
         goal: Goal,
         variables: list[Parameter],
         bounds: Floats,
-        realizations: int,
-        aircraft: Aircraft,
-        progress: Callable[[int], None] | None,
+        sampled: tuple[int, tuple[float, float], Flight | None],
     ) -> None:
         self._campaign, self._goal, self._variables = campaign, goal, variables
-        self._bounds, self._progress = bounds, progress
+        self._bounds = bounds
         self._log = np.array([not p.absolute for p in variables]) & (bounds[:, 0] > 0.0)
         names = [p.name for p in variables]
         self._widest = float(bounds[names.index(_FOV), 1]) if _FOV in names else None
@@ -233,7 +320,7 @@ class _Search:
             turned = ()
         if campaign.link.direction == "down":  # facets are as wide as the spot of a lamp in the air
             turned = tuple(name for name in turned if name == _FOV)
-        self._options = realizations, aircraft, turned
+        self._options = *sampled, turned
         self._sample = self._new_sample(campaign.run.seed)
         self._history: dict[tuple[float, ...], Floats] = {}
         base = np.array([p.base for p in variables])
@@ -278,8 +365,8 @@ class _Search:
         key = tuple(values.tolist())
         if key not in self._history:
             self._history[key] = self._costs(values)
-            if self._progress is not None:
-                self._progress(1)
+            if self._campaign.progress is not None:
+                self._campaign.progress(1)
         return float(self._history[key][0])
 
     def optimum(self, constraints: tuple[Callable[[Link], float], ...], method: str) -> Optimum:
@@ -373,7 +460,7 @@ class _Search:
     def _result(self, best: Floats, cost: float, stderr: float) -> Optimum:
         """Return the optimum with its validation on fresh seeds."""
         campaign, goal, link = self._campaign, self._goal, self._link(best)
-        tried = np.array([[*k, v[0]] for k, v in self._history.items()])
+        tried = dict(self._history)  # those of the flat intervals come later
         flatness = self._flat(best, cost, stderr)
         fresh = self._new_sample((campaign.run.seed + _FRESH) % 2**64)
         notes, new, old = [], self._costs(best, fresh), self._costs(self._start, fresh)
@@ -392,8 +479,8 @@ class _Search:
         error_of_value = goal.error(cost, stderr)
         value = goal.quantity(link, cost, self._sample.groups)
         options = {**campaign.run.to_config(), **campaign.meshing.model_dump()}
+        origin = provenance(campaign.link, surface_config(campaign.surface), options)
         return Optimum(
-            best=link,
             objective=goal.name,
             value=value,
             stderr=stderr if math.isnan(error_of_value) else error_of_value,
@@ -403,8 +490,9 @@ class _Search:
             start=self._start,
             bounds=self._bounds,
             flatness=flatness,
-            history=tried,
+            candidates=np.array(list(tried)),
+            costs=np.array([found[0] for found in tried.values()]),
             validation=Validation(quantities[0], quantities[1], difference, error, improved),
             notes=tuple(notes),
-            provenance=provenance(campaign.link, surface_config(campaign.surface), options),
+            provenance=origin | {"best": link.model_dump(mode="json")},
         )

@@ -7,21 +7,20 @@ error rate over depth.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Unpack
 
 from meshtrace.comms.background import DARK, warn_of_background, with_background
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.ook_setup import Preset
 from meshtrace.daylight.light import Daylight
+from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
     Described,
     Refused,
     require_between,
     require_finite,
-    require_keys,
     require_kind,
     require_whole,
 )
@@ -31,19 +30,15 @@ from meshtrace.results.background import Background
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import background_over_seas, described, light_of
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.performance.operating_point import Ensemble, Realizations, operating_point
+from meshtrace.studies.performance.operating_point import Ensemble, operating_point
 from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
 from meshtrace.studies.series import closed_form
-from meshtrace.studies.store import Store
 from meshtrace.surfaces import sea_in_wind
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.wind import Dryden
 
 SWEEP_DEPTHS = tuple(float(d) for d in range(20, 95, 5))
 """Depths of `depth_sweep` [m]."""
-
-_SHORTCUTS = ("wind_speed", "realizations", "photons", "seed", "spacing", "uav", "wind", "coupled",
-              "time_step")  # fmt: skip
 
 
 def link_performance(
@@ -53,16 +48,13 @@ def link_performance(
     bit_rate: float | Sequence[float] | None = None,
     ook: OokLink | Preset | None = None,
     depths: Sequence[float] | None = None,
+    realizations: int = 200,
+    wind_speed: float | None = None,
     flight: Flight | None = None,
-    over: Realizations | None = None,
     daylight: Daylight | None = None,
     limit: float = 1e-3,
     confidence: float = 0.95,
-    threads: int | None = None,
-    store: str | Path | None = None,
-    workers: int | str | None = None,
-    progress: Callable[[int], None] | None = None,
-    **shortcuts: Any,
+    **run: Unpack[StudyOptions],
 ) -> LinkPerformance:
     """Return error rate, outage, margin and capacity of a link over a random sea.
 
@@ -74,9 +66,7 @@ def link_performance(
         The link, with one receiver. Bubbles and whitecaps are its own, see
         `Link.in_wind`. A scenario also gives the sea, the receiver and the aircraft.
     surface : SurfaceModel, optional
-        The sea; by default that of the link's wind. A sea whose band is left open has all waves
-        that make the light fade at the first depth (`fading.resolve_band`); a sea without random
-        phases is taken once.
+        The sea; by default that of the link's wind. A sea without random phases is taken once.
     bit_rate : float or sequence of float, optional
         Bit rates R_b [bit s-1], by default that of `ook`.
     ook : OokLink or {"physical", "paper", "paper-ranges"}, optional
@@ -85,10 +75,12 @@ def link_performance(
         (`LinkPerformance.status`): water.a is doubled.
     depths : sequence of float, optional
         Depths of the transmitter [m], rising, needed for the range; by default that of the link.
+    realizations : int
+        Independent seas, or times of a coupled flight, >= 2.
+    wind_speed : float, optional
+        Wind of the default sea and of a flight without one [m s-1].
     flight : Flight, optional
         Aircraft that carries the receiver, or the lamp of a downlink; none for an end at rest.
-    over : Realizations, optional
-        Number of seas, seed, chains and spacing of the mesh.
     daylight : Daylight, optional
         Light of sun and sky, moon or night, at the wavelength of the transmitter; by default that
         of a scenario, or none: every bit error rate is then that of the dark.
@@ -96,17 +88,8 @@ def link_performance(
         Largest bit error rate of a working link, before decoding. See `budget.FEC_LIMITS`.
     confidence : float
         Level of the intervals.
-    threads : int, optional
-        Threads, all cores by default; the result does not depend on them.
-    store : path, optional
-        File that keeps finished seas: a second call with the same arguments resumes the first.
-    workers : int or str, optional
-        Processes in place of threads, or the address or file of a running dask scheduler.
-    progress : callable, optional
-        Called with 1 after each sea.
-    **shortcuts
-        Fields of `over` (`realizations` for n, `photons`, `seed`, `spacing`) and of `flight`
-        (`uav`, `wind`, `coupled`, `time_step`); `wind_speed` of the default sea and wind [m s-1].
+    **run
+        Options of the run, see `StudyOptions`.
 
     Returns
     -------
@@ -141,7 +124,8 @@ def link_performance(
     tilts of a flight, whose error widens the intervals of the bit error rate; the flicker of glint
     within a sea does not.
 
-    All depths use the same phases and random numbers, so that curves are smooth.
+    All depths use the same phases and random numbers, so that curves are smooth. Unless `waves` of
+    the meshing says otherwise, meshes hold all waves that make the light fade at the first depth.
 
     Examples
     --------
@@ -150,33 +134,31 @@ def link_performance(
     >>> f"{performance.at().margin_optical_db.value:.0f} dB optical"
     '35 dB optical'
     """
-    require_keys(shortcuts, _SHORTCUTS)
-    require_kind(over, Realizations | None, "over")
     require_kind(flight, Flight | None, "flight")
-    over = _with(over or Realizations(), shortcuts | {"n": shortcuts.get("realizations")})
-    speed = shortcuts.get("wind_speed")
-    if surface is None and speed is not None:
-        surface = sea_in_wind(speed)
+    if surface is None and wind_speed is not None:
+        surface = sea_in_wind(wind_speed)
     campaign = campaign_of(
-        _shallowest(link, depths), surface, fading=True, photons=over.photons, seed=over.seed,
-        spacing=over.spacing, threads=threads,
-        store=Store(store, "link_performance"), workers=workers,
-    )  # fmt: skip
+        _shallowest(link, depths), surface, "link_performance", fading=True, **run
+    )
     link, scenario = campaign.link, campaign.scenario
-    wind = getattr(scenario, "wind_speed", None) if speed is None else speed
+    wind = getattr(scenario, "wind_speed", None) if wind_speed is None else wind_speed
     if wind is not None:  # one of several in a store
         campaign = campaign.of(link, f"wind of {wind!r} m/s")
     if scenario is not None:
         ook = scenario.detector if ook is None else ook
         flight = flight or (Flight(scenario.uav) if scenario.uav else None)
-    flight = _flight(flight, shortcuts, speed, link)
+    if flight is not None:
+        flight = flight.checked()
+        if flight.wind is None and wind_speed is not None:
+            wind_there = Dryden(wind_speed=wind_speed, height=link.air_end[1].height)
+            flight = flight._replace(wind=wind_there)
     require_between(limit, 0.0, 0.5, "limit")
-    require_whole(over.n, 2, 10_000_000, "realizations")
+    require_whole(realizations, 2, 10_000_000, "realizations")
     require_between(confidence, 0.0, 1.0, "confidence")
     rates = (None,) if bit_rate is None else require_finite(bit_rate, "bit_rate", "rates [bit s-1]")
     base = "physical" if ook is None else ook
     ooks = tuple(OokLink.of_link(link, base, rate) for rate in rates)
-    ensemble = Ensemble(campaign, over.n, flight, progress)
+    ensemble = Ensemble(campaign, realizations, flight)
     links = _links(ooks[0].channel(link), depths)
     fades = {depth: ensemble.samples(at) for depth, at in links.items()}
     day = light_of(campaign, daylight)
@@ -193,7 +175,7 @@ def link_performance(
         light = described(ooks[0], found)
         if link.direction == "down" and len(links) > 1:
             light += f", at {next(iter(links)):g} m"
-    seas = over.n if isinstance(campaign.surface, RandomSea) else 1
+    seas = realizations if isinstance(campaign.surface, RandomSea) else 1
     origin = {
         **closed_form(next(iter(links.values())), campaign.surface, seas, level=2),
         "ook": [one.model_dump(mode="json") for one in ooks],
@@ -219,27 +201,6 @@ def _lights(
             inputs = ensemble.at(link), day, ensemble.n, ensemble.flight
             found[link.receiver] = background_over_seas(*inputs)
     return {depth: found[link.receiver] for depth, link in links.items()}
-
-
-def _with(base: NamedTuple, shortcuts: dict[str, Any]) -> Any:
-    """Return a record with the fields that were given as keywords."""
-    given = {name: shortcuts[name] for name in base._fields if shortcuts.get(name) is not None}
-    return base._replace(**given)
-
-
-def _flight(
-    flight: Flight | None, shortcuts: dict[str, Any], wind_speed: float | None, link: Link
-) -> Flight | None:
-    """Return the flight, with the wind of the default sea unless it has one."""
-    if flight is None and shortcuts.get("uav") is None:
-        if shortcuts.get("coupled"):
-            raise Refused("coupled", True, "with an aircraft that tilts the receiver")
-        return None
-    flight = _with(flight or Flight(), shortcuts).checked()
-    if flight.wind is None and wind_speed is not None:
-        wind = Dryden(wind_speed=wind_speed, height=link.air_end[1].height)
-        return flight._replace(wind=wind)
-    return flight
 
 
 def _links(link: Link, depths: Sequence[float] | None) -> dict[float, Link]:
@@ -268,7 +229,7 @@ def depth_sweep(
     *,
     bit_rate: float | Sequence[float] = (1e6, 5e6, 1e7),
     wind_speeds: Sequence[float] = (0.0, 5.0, 13.0),
-    over: Realizations | None = None,
+    realizations: int = 50,
     **options: Any,
 ) -> DepthSweep:
     """Return the curves of the bit error rate over depth, each with its confidence band.
@@ -283,8 +244,8 @@ def depth_sweep(
         R_b [bit s-1].
     wind_speeds : sequence of float
         Winds at 10 m [m s-1]; 0 is a flat sea.
-    over : Realizations, optional
-        Seas at each depth, 50 by default.
+    realizations : int
+        Seas at each depth.
     **options
         As in `link_performance`: `ook`, `limit`, `flight`, `confidence`, ...
 
@@ -298,7 +259,6 @@ def depth_sweep(
     >>> f"{sweep.range_at_ber()[0, 0, 0]:.0f} m"
     '55 m'
     """
-    require_kind(over, Realizations | None, "over")
     if not isinstance(link, Link | Scenario):
         raise Refused("link", Described(type(link).__name__), "a Link or a Scenario")
     performances = []
@@ -311,7 +271,7 @@ def depth_sweep(
             at = link.in_wind(speed)
         found = link_performance(
             at, sea_in_wind(speed), wind_speed=speed, bit_rate=bit_rate, depths=depths,
-            over=over or Realizations(50), **options,
+            realizations=realizations, **options,
         )  # fmt: skip
         performances.append(found)
     return DepthSweep(tuple(speeds), tuple(performances))

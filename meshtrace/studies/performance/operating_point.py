@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -79,36 +78,12 @@ def independent(samples: Floats) -> Floats:
     return samples.mean(axis=1) if len(samples) > 1 else samples[0]
 
 
-class Realizations(NamedTuple):
-    """Number of surfaces for the average of a link, and options of their chains.
-
-    Options that are None are those of the scenario, or the defaults of `ensemble`.
-
-    Attributes
-    ----------
-    n : int
-        Independent seas, or times of a coupled flight, >= 2.
-    seed : int, optional
-        Seed of chains, phases, gusts and bootstrap.
-    photons : int, optional
-        Chains, common to all seas.
-    spacing : float, optional
-        Spacing of the mesh [m].
-    """
-
-    n: int = 200
-    seed: int | None = None
-    photons: int | None = None
-    spacing: float | None = None
-
-
 class Ensemble(NamedTuple):
     """Seas and tilts for the average of a link."""
 
     campaign: Campaign
     n: int
     flight: Flight | None
-    progress: Callable[[int], None] | None
 
     def provenance(self) -> dict[str, Any]:
         """Return the aircraft, its wind and the number of realizations."""
@@ -129,13 +104,13 @@ class Ensemble(NamedTuple):
         campaign, flight = self.at(link), self.flight
         if flight is not None and flight.coupled:
             times = flight.time_step * np.arange(self.n, dtype=np.float64)
-            series = over_times(campaign, times, flight, self.progress)
+            series = over_times(campaign, times, flight)
             n = effective_samples(series.gain) if np.ptp(series.gain) > 0.0 else float(self.n)
             return FadingSamples(series, np.ones((self.n, 1)), n)
         if isinstance(campaign.surface, RandomSea):
-            series = over_realizations(campaign, self.n, self.progress)
+            series = over_realizations(campaign, self.n)
         else:
-            series = over_times(campaign, np.array([campaign.meshing.time]), None, self.progress)
+            series = over_times(campaign, np.array([campaign.meshing.time]))
         seas = len(series.gain)
         if flight is None:
             return FadingSamples(series, np.ones((seas, 1)), float(seas))

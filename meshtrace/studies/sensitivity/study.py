@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import pairwise
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
@@ -16,7 +15,15 @@ from meshtrace.comms.ook import OokLink
 from meshtrace.comms.ook_setup import Preset
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.meshing import surface_config
-from meshtrace.errors import Described, Refused, require_between, require_whole
+from meshtrace.engine.setup.options import StudyOptions
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_between,
+    require_keys,
+    require_pair,
+    require_whole,
+)
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea, TriangleMesh
 from meshtrace.models import Floats
@@ -35,7 +42,6 @@ from meshtrace.studies.neighbours import (
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
 from meshtrace.studies.sensitivity.quantities import FADES, Of, Quantity
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
-from meshtrace.studies.store import Store
 
 DEFAULT_CHAINS = 8192
 """Chains of a study of sensitivities."""
@@ -52,22 +58,16 @@ _EDGE_STEP = 0.01  # relative, of the field of view, for unscattered light
 
 def sensitivities(
     link: Link | Scenario,
-    sea: MeshSource | TriangleMesh | None = None,
+    surface: MeshSource | TriangleMesh | None = None,
     wrt: Sequence[str] | None = None,
     of: Of = "gain",
     *,
     realizations: int = 1,
-    photons: int | None = None,
-    seed: int | None = None,
     ook: OokLink | Preset | None = "physical",
     step: float | None = None,
     limit: float = 1e-3,
     bit_rate: float | None = None,
-    threads: int | None = None,
-    store: str | Path | None = None,
-    workers: int | str | None = None,
-    progress: Callable[[int], None] | None = None,
-    **options: Any,
+    **run: Unpack[StudyOptions],
 ) -> Sensitivities:
     """Return the derivatives of a quantity of a link by its parameters.
 
@@ -76,10 +76,8 @@ def sensitivities(
     link : Link or Scenario
         The link; of several receivers the first counts. A scenario also gives the sea and, unless
         `ook` is another one, the electronics.
-    sea : MeshSource or TriangleMesh, optional
-        The surface, by default as for `simulate`. For the error rate, the outage and the range
-        over several seas one whose band is left open has all waves that make the light fade
-        (`fading.resolve_band`); gain and margin are means and need none of them.
+    surface : MeshSource or TriangleMesh, optional
+        The surface, by default as for `simulate`.
     wrt : sequence of str, optional
         Parameters by their keys in a link file, such as "water.a" and "receiver.position.0"; by
         default all continuous ones. Those are keys of the link, and of the sea if its band does
@@ -90,10 +88,6 @@ def sensitivities(
         `limit`; with `ook=None` it is the depth of the link, at a fixed gain.
     realizations : int
         Seas; 1 is the sea as it is, more have their own phases.
-    photons : int, optional
-        Chains, common to all evaluations, 8192 by default.
-    seed : int, optional
-        Seed, 1 by default.
     ook : OokLink or {"physical", "paper", "paper-ranges"}, optional
         Transmission, for all but the gain.
     step : float, optional
@@ -103,16 +97,8 @@ def sensitivities(
         Largest bit error rate of a working link.
     bit_rate : float, optional
         Bit rate R_b [bit s-1], by default that of the transmission.
-    threads : int, optional
-        Threads, all cores by default; the result does not depend on them.
-    store : path, optional
-        File that keeps finished gains: a second call with the same arguments resumes the first.
-    workers : int or str, optional
-        Processes in place of threads, or the address or file of a running dask scheduler.
-    progress : callable, optional
-        Called with 1 after each parameter.
-    **options
-        Fields of `Meshing`: `time`, `extent`, `spacing`, `normals`.
+    **run
+        Options of the run, see `StudyOptions`: 8192 chains by default, progress by parameter.
 
     Returns
     -------
@@ -143,7 +129,9 @@ def sensitivities(
     stretched with the depth. Over seas without random slopes the crossings of neighbours are
     searched on facets near those of the base, with the digits of the search of every facet. Light
     that the surface reflects back is not included. Under the daylight of a scenario all links have
-    the background of the first one.
+    the background of the first one. Unless `waves` of the meshing says otherwise, meshes hold
+    all waves that make the light fade for the error rate, the outage and the range over several
+    seas; gain and margin are means and need none of the short ones.
 
     Examples
     --------
@@ -153,13 +141,11 @@ def sensitivities(
     >>> [round(row.elasticity, 2) for row in s.table]
     [-1.14, -0.08]
     """
-    given = {"photons": photons, "seed": seed, "threads": threads, **options}
-    if photons is None and not isinstance(link, Scenario):
-        given["photons"] = DEFAULT_CHAINS
     fading = realizations > 1 and of in FADES and (of != "range" or ook is not None)
     require_whole(realizations, 1, 100_000, "realizations")
-    kept = Store(store, "sensitivities")
-    campaign = campaign_of(link, sea, fading, several=False, store=kept, workers=workers, **given)
+    campaign = campaign_of(
+        link, surface, "sensitivities", fading, several=False, chains=DEFAULT_CHAINS, **run
+    )
     if realizations > 1 and not isinstance(campaign.surface, RandomSea):
         kind = getattr(campaign.surface, "kind", type(campaign.surface).__name__)
         raise Refused("realizations", realizations, f"1 over a surface of kind {kind}")
@@ -182,7 +168,7 @@ def sensitivities(
         names += parameters(setting, [depth], None, normals)
     study = Study(setting, campaign, realizations, quantity, default)
     with np.errstate(divide="ignore"):
-        found = [study.derivatives(p, progress) for p in names]
+        found = [study.derivatives(p, campaign.progress) for p in names]
     return replace(_result(study, found, asked), light=light)
 
 
@@ -475,3 +461,126 @@ def _row(
         one.suspicious,
         one.notes,
     ), factor
+
+
+_DEPTH = "transmitter.depth"
+_DB = 10.0 / math.log(10.0)
+
+
+class Swing(NamedTuple):
+    """Change of a quantity at a lower and a higher value of a parameter.
+
+    Attributes
+    ----------
+    name, unit : str
+        Parameter and its unit.
+    values : (float, float)
+        The two values.
+    change, stderr : (float, float)
+        Change of the quantity [dB, or m for "range"] and its standard error.
+    """
+
+    name: str
+    unit: str
+    values: tuple[float, float]
+    change: tuple[float, float]
+    stderr: tuple[float, float]
+
+
+def swings(
+    s: Sensitivities, change: float | Mapping[str, tuple[float, float]] = 0.1
+) -> list[Swing]:
+    """Return the changes of the quantity of a study over given intervals of its parameters.
+
+    Parameters
+    ----------
+    s : Sensitivities
+        Its link, sea, chains and quantity are used again.
+    change : float or mapping of str to (low, high)
+        Relative change of all parameters to either side, or the values of some. Offsets and
+        angles change by `change` times depth plus height, and `change` times 10 deg.
+
+    Returns
+    -------
+    list of Swing
+        The largest first.
+
+    Notes
+    -----
+    Each end is a run, not a product of derivatives. For "range" the depth follows the change of
+    the light by the derivative by the depth, and a second run at the new depth corrects it.
+
+    Raises
+    ------
+    Refused
+        If a parameter is not in the table, or the study was one over a mesh.
+    """
+    if not isinstance(s, Sensitivities):
+        raise Refused("s", Described(type(s).__name__), "Sensitivities")
+    swing = _Swings(s)
+    names = [row.name for row in s.table]
+    if isinstance(change, Mapping):
+        require_keys(change, names)
+        ends = {
+            name: require_pair(pair, f"change.{name}", "(low, high)")
+            for name, pair in change.items()
+        }
+    else:
+        change = require_between(change, 0.0, 1.0, "change")
+        ends = {name: swing.ends(name, change) for name in names}
+    found = [swing.of(name, pair) for name, pair in ends.items()]
+    return sorted(found, key=lambda one: -max(map(abs, one.change)))
+
+
+class _Swings:
+    """Study of a result, set up again."""
+
+    def __init__(self, s: Sensitivities) -> None:
+        origin: dict[str, Any] = s.provenance
+        scenario = Scenario.from_provenance(origin)
+        ook = origin["ook"] and OokLink.model_validate(origin["ook"])
+        setting = Setting(scenario.link, scenario.surface, ook)
+        inputs: Any = scenario.surface, scenario.run, scenario.meshing
+        campaign = Campaign({"link": scenario.link}, *inputs)
+        self._quantity = Quantity(s.of, origin["limit"])  # type: ignore[arg-type]
+        self._study = Study(setting, campaign, origin["realizations"], self._quantity, {})
+        self._base = self._logs(setting)
+        names = [row.name for row in s.table]
+        found = parameters(setting, names, None, scenario.meshing.normals)
+        self._parameters = {p.name: p for p in found}
+        self._rate = 0.0
+        if s.of == "range":
+            p = parameters(setting, [_DEPTH], None, scenario.meshing.normals)[0]
+            sides = [self._logs(p.at(setting, p.shifted(k)))[0] for k in (-1.0, 1.0)]
+            self._rate = (sides[1] - sides[0]) / (2.0 * p.step * p.base)
+
+    def _logs(self, setting: Setting) -> Any:
+        """Return the logarithm of the quantity: of all gains, and of the groups."""
+        return self._quantity.logs(self._study.gains("gains", setting), setting.ook)
+
+    def ends(self, name: str, change: float) -> tuple[float, float]:
+        """Return the two values of a parameter."""
+        p = self._parameters[name]
+        if p.absolute:
+            far = change * p.step / (0.01 if p.unit == "m" else 0.1)
+            return p.base - far, p.base + far
+        return p.origin + p.scale * (1.0 - change), p.origin + p.scale * (1.0 + change)
+
+    def of(self, name: str, ends: tuple[float, float]) -> Swing:
+        """Return the swing of a parameter."""
+        p = self._parameters[name]
+        (low, low_error), (high, high_error) = (self._one(p, end) for end in ends)
+        return Swing(name, p.unit, ends, (low, high), (low_error, high_error))
+
+    def _one(self, p: Parameter, value: float) -> tuple[float, float]:
+        """Return the change of the quantity at one value, and its error."""
+        setting = p.at(self._study.setting, value)
+        off = self._logs(setting) - self._base
+        if self._quantity.of != "range":
+            return _DB * float(off[0]), _DB * error_of(off)
+        depth = float(setting.link.transmitters[0].depth)  # type: ignore[attr-defined]
+        moved = -off / self._rate
+        there = setting._replace(link=setting.link.at_depth(depth + float(moved[0])))
+        rest = self._logs(there) - self._base
+        moved = moved[0] - rest / self._rate
+        return float(moved[0]), error_of(moved)

@@ -184,7 +184,7 @@ def test_the_mean_gain_does_not_hang_on_band_and_spacing():
     for omega_max, spacing in ((3.0, 0.25), (3.0, 2.0), (6.0, 0.25), (9.0, 0.25)):
         e = mt.ensemble(
             link, 60, JonswapSea(wind_speed=13.0, omega_max=omega_max, waves="paper"), photons=1024,
-            spacing=spacing, extent=8.0,
+            mesh=mt.Meshing(spacing=spacing, extent=8.0),
         )  # fmt: skip
         mean.append(e.gain.mean())
         stderr.append(e.gain.std(ddof=1) / math.sqrt(60))
@@ -197,8 +197,7 @@ def test_the_mean_gain_does_not_hang_on_band_and_spacing():
         60,
         JonswapSea(wind_speed=13.0, waves="paper"),
         photons=1024,
-        spacing=0.25,
-        extent=8.0,
+        mesh=mt.Meshing(spacing=0.25, extent=8.0),
     )
     assert e.gain.mean() > 1.01 * mean[0]
 
@@ -240,7 +239,7 @@ def test_default_sea_has_the_closed_mean():
 
 
 def mean_over_seas(sea, link):
-    options = {"photons": 1024, "spacing": 0.25, "extent": 5.0}
+    options = {"photons": 1024, "mesh": mt.Meshing(spacing=0.25, extent=5.0)}
     batches = range(BATCHES)
     return np.array([mt.ensemble(link, SEAS, sea, seed=i, **options).gain.mean() for i in batches])
 
